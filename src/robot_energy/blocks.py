@@ -1,0 +1,307 @@
+"""Frozen records of numpy arrays that travel between the stages.
+
+A block holds ``N >= 1`` samples in time order. Arrays are ``(N,)`` or ``(N, n_joints)``
+with joints in the order of the model file. Stamps are integer nanoseconds of the
+instant that the sample describes. SI units without suffix; temperatures in degC.
+
+``segment`` counts the pieces of a recording that belong together: it grows by one at
+every gap and at every backward jump of the stamps. Nothing is integrated or
+differentiated across a change of segment.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from enum import IntEnum, IntFlag
+from typing import Self, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robot_energy.errors import ShapeError
+
+Float = NDArray[np.float64]
+Int = NDArray[np.int64]
+Bits = NDArray[np.uint32]
+
+NANOSECOND = 1e-9  # s
+
+
+class Quality(IntFlag):
+    """Bits that qualify one sample; the same values as ``ros2_energy_msgs/Quality``."""
+
+    OK = 0
+    TEMPERATURE_MISSING = 1
+    TEMPERATURE_STALE = 2
+    TEMPERATURE_IMPLAUSIBLE = 4
+    EXTRAPOLATED = 8
+    ACCELERATION_INCOMPLETE = 16
+    VELOCITY_DERIVED = 32
+    AFTER_GAP = 64
+    DRIVE_EXTRAPOLATED = 128
+    NOT_FINITE = 256
+
+
+class Phase(IntEnum):
+    """What the robot does at an instant (paper A, figure 1)."""
+
+    UNKNOWN = 0
+    HOLD = 1
+    MOTION = 2
+    GENERATING = 3
+
+
+class TemperatureSource(IntEnum):
+    """Where the temperature behind a friction coefficient comes from."""
+
+    UNKNOWN = 0
+    MEASURED = 1
+    FALLBACK = 2
+
+
+class MeterMeaning(IntEnum):
+    """What one sample of a power meter stands for."""
+
+    UNKNOWN = 0
+    INSTANTANEOUS = 1
+    MEAN_OVER_INTERVAL = 2
+    CUMULATIVE = 3
+
+
+class MeterLocation(IntEnum):
+    """Where in the supply a meter sits."""
+
+    UNKNOWN = 0
+    GRID = 1
+    DC_BUS = 2
+
+
+@dataclass(frozen=True)
+class Block:
+    """Base of all blocks: cutting and joining along the sample axis."""
+
+    stamp_ns: Int
+
+    def __len__(self) -> int:
+        return len(self.stamp_ns)
+
+    def __getitem__(self, rows: slice | NDArray[np.bool_] | Int) -> Self:
+        """Return the samples ``rows``; one-per-block entries (None) stay."""
+        return replace(self, **{
+            f.name: value[rows]
+            for f in fields(self)
+            if isinstance(value := getattr(self, f.name), np.ndarray)
+        })
+
+    @classmethod
+    def concatenate(cls, blocks: Sequence[Self]) -> Self:
+        """Join blocks in the order given.
+
+        Raises:
+            ShapeError: If there is nothing to join.
+        """
+        if not blocks:
+            raise ShapeError("no blocks to join", "at least one")
+        if len(blocks) == 1:
+            return blocks[0]
+        first = blocks[0]
+        return replace(first, **{
+            f.name: np.concatenate([cast(Float, getattr(b, f.name)) for b in blocks])
+            for f in fields(first)
+            if isinstance(getattr(first, f.name), np.ndarray)
+        })
+
+
+@dataclass(frozen=True)
+class JointBlock(Block):
+    """Joint states in model joint order, joint side.
+
+    Attributes:
+        stamp_ns: Measurement time, strictly increasing within a segment, shape (N,). [ns]
+        segment: Segment number, shape (N,).
+        quality: Quality bits, shape (N,).
+        joint_position: Shape (N, n). [rad] or [m]
+        joint_velocity: Shape (N, n). [rad/s] or [m/s] NaN in every joint where the robot
+            does not report it; the derivative stage fills it.
+        joint_acceleration: Shape (N, n). [rad/s^2] or [m/s^2] NaN until differentiated.
+    """
+
+    segment: Int
+    quality: Bits
+    joint_position: Float
+    joint_velocity: Float
+    joint_acceleration: Float
+
+
+@dataclass(frozen=True)
+class TorqueBlock(Block):
+    """Rigid-body torque at the instants of the joint states.
+
+    Attributes:
+        joint_position: Joint side, shape (N, n). [rad] or [m]
+        joint_velocity: Joint side, shape (N, n). [rad/s] or [m/s]
+        joint_acceleration: Joint side, shape (N, n). [rad/s^2] or [m/s^2]
+        joint_torque_rigid: Joint side without rotor inertia, shape (N, n). [N m] or [N]
+        motor_velocity: Motor side, shape (N, n). [rad/s]
+        motor_torque_rigid: Motor side with rotor inertia, shape (N, n). [N m]
+    """
+
+    segment: Int
+    quality: Bits
+    joint_position: Float
+    joint_velocity: Float
+    joint_acceleration: Float
+    joint_torque_rigid: Float
+    motor_velocity: Float
+    motor_torque_rigid: Float
+
+
+@dataclass(frozen=True)
+class TemperatureBlock(Block):
+    """Motor temperatures as they arrive; several sources may interleave.
+
+    Attributes:
+        motor_temperature_degc: Shape (N, n); NaN where a sample says nothing of a joint. [degC]
+    """
+
+    motor_temperature_degc: Float
+
+
+@dataclass(frozen=True)
+class FrictionBlock(Block):
+    """Friction coefficients, each row valid from its stamp onward, motor side.
+
+    Attributes:
+        stamp_ns: First instant of validity, shape (N,). [ns]
+        quality: Quality bits, shape (N,).
+        coulomb: Shape (N, n). [N m]
+        viscous: At the row's temperature, shape (N, n). [N m s/rad]
+        viscous_fallback: Used once the temperature is stale, shape (N, n). [N m s/rad]
+        motor_temperature_degc: NaN where never seen, shape (N, n). [degC]
+        temperature_stamp_ns: Stamp of that temperature, 0 where never seen, shape (N, n). [ns]
+        extrapolated: Whether the law was held at the edge of its range, shape (N, n).
+    """
+
+    quality: Bits
+    coulomb: Float
+    viscous: Float
+    viscous_fallback: Float
+    motor_temperature_degc: Float
+    temperature_stamp_ns: Int
+    extrapolated: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class MeterBlock(Block):
+    """Readings of the power meter, all of one meaning and location.
+
+    Attributes:
+        stamp_ns: Instant of the reading, or the end of its interval, shape (N,). [ns]
+        power: Positive from the supply towards the load, shape (N,); NaN if cumulative. [W]
+        energy: Counter reading, shape (N,); NaN unless cumulative. [J]
+        interval: Length of the interval that ends at the stamp, shape (N,); NaN unless
+            the reading is a mean over an interval. [s]
+        meaning: What a reading stands for.
+        location: Where in the supply the meter sits.
+    """
+
+    power: Float
+    energy: Float
+    interval: Float
+    meaning: MeterMeaning
+    location: MeterLocation
+
+
+@dataclass(frozen=True)
+class PowerBlock(Block):
+    """Where each watt goes at each instant. Positive = from grid towards load.
+
+    ``grid_power = sum_i(rigid + friction + drive_loss)_i + loss_dc + loss_grid
+    + brake_power + capacitor_power`` holds for every finite sample.
+
+    Attributes:
+        segment: Segment number, shape (N,).
+        quality: Quality bits, shape (N,).
+        phase: `Phase` values, shape (N,).
+        motor_velocity: Motor side, shape (N, n). [rad/s]
+        motor_torque: Rigid plus friction, motor side, shape (N, n). [N m]
+        rigid_power: Motor side, shape (N, n). [W]
+        friction_power: Motor side, >= 0, shape (N, n). [W]
+        drive_loss: Drive input minus shaft power, shape (N, n). [W]
+        coulomb: Coefficient used, motor side, shape (N, n). [N m]
+        viscous: Coefficient used, motor side, shape (N, n). [N m s/rad]
+        motor_temperature_degc: Temperature used, shape (N, n). [degC]
+        bus_power: Sum of the drive inputs (P_dc), shape (N,). [W]
+        loss_dc: Constant loss on the DC side, shape (N,). [W]
+        loss_grid: Constant loss on the grid side plus supply loss, shape (N,). [W]
+        brake_power: Dissipated in the brake resistor, >= 0, shape (N,). [W]
+        capacitor_power: Into the DC-link capacitor, signed, shape (N,). [W]
+        grid_power: Drawn from the grid; negative while a regenerative supply feeds
+            back, shape (N,). [W]
+    """
+
+    segment: Int
+    quality: Bits
+    phase: NDArray[np.uint8]
+    motor_velocity: Float
+    motor_torque: Float
+    rigid_power: Float
+    friction_power: Float
+    drive_loss: Float
+    coulomb: Float
+    viscous: Float
+    motor_temperature_degc: Float
+    bus_power: Float
+    loss_dc: Float
+    loss_grid: Float
+    brake_power: Float
+    capacitor_power: Float
+    grid_power: Float
+
+    @property
+    def shaft_power(self) -> Float:
+        """Shaft power per motor, rigid plus friction, shape (N, n). [W]"""
+        return self.rigid_power + self.friction_power
+
+    def power_at(self, location: MeterLocation) -> Float:
+        """Predicted power that a meter at ``location`` would see, shape (N,). [W]"""
+        if location is MeterLocation.DC_BUS:
+            return self.grid_power - self.loss_grid
+        return self.grid_power
+
+
+def sum_over_joints(values: Float) -> Float:
+    """Sum ``(N, n)`` over joints in a fixed order, so that it never depends on ``N``.
+
+    Args:
+        values: Any per-joint quantity, shape (N, n).
+
+    Returns:
+        The sum, shape (N,).
+    """
+    total = np.zeros(len(values))
+    for joint in range(values.shape[1]):
+        total += values[:, joint]
+    return total
+
+
+def check_shape(name: str, array: Float, shape: tuple[int, ...]) -> None:
+    """Refuse an array whose shape is not ``shape``.
+
+    Raises:
+        ShapeError: Names the array, found and expected shape.
+    """
+    if array.shape != shape:
+        raise ShapeError(f"{name} has shape {array.shape}", f"{shape}")
+
+
+def mark(quality: Bits, rows: NDArray[np.bool_], bit: Quality) -> None:
+    """Set a quality bit in place.
+
+    Args:
+        quality: Quality bits, shape (N,).
+        rows: Which samples, shape (N,).
+        bit: The bit.
+    """
+    quality[rows] |= np.uint32(bit)

@@ -1,0 +1,107 @@
+"""DC bus balance, brake resistor and grid power (paper A, section II).
+
+With the demand ``D = P_dc + P_l,dc`` on the DC bus:
+
+- ``D >= 0``: ``P_grid = D + P_l,grid``, ``P_brake = 0``
+- ``D < 0``: ``P_grid = P_l,grid``, ``P_brake = |D|``
+
+A regenerative supply returns the share ``eta`` of ``|D|`` to the grid and loses the
+rest, which is counted as loss on the grid side. A DC-link capacitor takes excess first
+and gives it back first. In every case
+``P_grid = P_dc + P_l,dc + P_l,grid + P_brake + P_capacitor``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from robot_energy.blocks import NANOSECOND, Float, Int
+from robot_energy.model_file.schema import Cabinet
+
+
+@dataclass(frozen=True)
+class Balance:
+    """Power flows at the cabinet, shape (N,) each. [W]
+
+    Attributes:
+        loss_dc: Constant loss on the DC side.
+        loss_grid: Constant loss on the grid side plus the loss of a regenerative supply.
+        brake_power: Into the brake resistor, >= 0.
+        capacitor_power: Into the capacitor, signed.
+        grid_power: From the grid; negative while a regenerative supply feeds back.
+    """
+
+    loss_dc: Float
+    loss_grid: Float
+    brake_power: Float
+    capacitor_power: Float
+    grid_power: Float
+
+
+class CabinetStage:
+    """Balances the bus sample by sample; stateful only with a capacitor.
+
+    Args:
+        cabinet: Entry of the model file.
+    """
+
+    def __init__(self, cabinet: Cabinet) -> None:
+        self._loss_dc = cabinet.loss_dc.value
+        self._loss_grid = cabinet.loss_grid.value
+        regeneration = cabinet.regeneration_efficiency
+        self._returned = None if regeneration is None else regeneration.value
+        self._swing = 0.0 if cabinet.capacitor is None else cabinet.capacitor.swing
+        self._stored = 0.0  # J above nominal voltage
+        self._last: tuple[int, int] | None = None  # stamp, segment
+
+    def step(self, stamp_ns: Int, segment: Int, bus_power: Float) -> Balance:
+        """Balance a block.
+
+        Args:
+            stamp_ns: Shape (N,). [ns]
+            segment: Shape (N,). The capacitor is empty at the start of a segment.
+            bus_power: P_dc, sum of the drive inputs, shape (N,); NaN gives NaN. [W]
+
+        Returns:
+            The flows.
+        """
+        demand = bus_power + self._loss_dc
+        capacitor = np.zeros_like(demand)
+        if self._swing > 0:
+            capacitor = self._charge(stamp_ns, segment, demand)
+        supplied = demand + capacitor
+        excess = np.maximum(-supplied, 0.0)
+        brake, loss_grid = excess, np.full_like(demand, self._loss_grid)
+        if self._returned is not None:
+            brake = excess * 0.0
+            loss_grid = self._loss_grid + excess * (1 - self._returned)
+        return Balance(
+            loss_dc=np.full_like(demand, self._loss_dc),
+            loss_grid=loss_grid,
+            brake_power=brake,
+            capacitor_power=capacitor,
+            grid_power=supplied + brake + loss_grid,
+        )
+
+    def _charge(self, stamp_ns: Int, segment: Int, demand: Float) -> Float:
+        """Power into the capacitor, taken as constant over the interval before a sample."""
+        flow = np.zeros_like(demand)
+        for row, (stamp, part, wanted) in enumerate(
+            zip(stamp_ns.tolist(), segment.tolist(), demand.tolist(), strict=True)
+        ):
+            last, self._last = self._last, (stamp, part)
+            if last is None or last[1] != part:
+                self._stored = 0.0
+                continue
+            duration = (stamp - last[0]) * NANOSECOND
+            if not np.isfinite(wanted):
+                continue
+            if wanted < 0:
+                energy = min(-wanted * duration, self._swing - self._stored)
+            else:
+                energy = -min(wanted * duration, self._stored)
+            self._stored += energy
+            flow[row] = energy / duration
+        return flow

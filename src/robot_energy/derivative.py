@@ -1,0 +1,208 @@
+"""Velocity and acceleration from irregular samples, at a fixed lag.
+
+A quadratic is fitted by least squares to the actual stamps in a window around each
+sample and its slope at that sample is reported. The window reaches ``lag`` seconds
+ahead, so a sample leaves once the stamps have passed it by ``lag``: the estimate is
+phase-true, and the same live and in replay. Lag 0 makes a causal fit.
+
+Where the window holds too few samples (slow drivers), it reaches to the nearest
+neighbours instead. It never crosses a change of segment.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robot_energy.blocks import NANOSECOND, Float, Int, JointBlock, Quality, mark
+
+
+class Derivative:
+    """Stage that fills in missing velocities and all accelerations.
+
+    Measured velocities pass unchanged, and the acceleration is their slope. Where the
+    robot reports no velocity, both come from the positions and the sample is flagged
+    ``VELOCITY_DERIVED``. Where the window is cut by the start, the end or a gap, the
+    sample is flagged ``ACCELERATION_INCOMPLETE``; with a single sample the result is NaN.
+
+    Args:
+        window: Length of the window. [s]
+        lag: How far the window reaches ahead; half of it by default. [s]
+        neighbours: Least number of samples in a full window.
+
+    Raises:
+        ValueError: If the lag is negative or longer than the window.
+    """
+
+    def __init__(
+        self, window: float = 0.02, lag: float | None = None, neighbours: int = 5
+    ) -> None:
+        lag = window / 2 if lag is None else lag
+        if not 0 <= lag <= window or window <= 0:
+            raise ValueError(f"lag {lag} s; expected between 0 and the window of {window} s")
+        if neighbours < 3:
+            raise ValueError(f"neighbours {neighbours}; expected at least 3 for a quadratic")
+        self._ahead_ns = round(lag / NANOSECOND)
+        self._behind_ns = round((window - lag) / NANOSECOND)
+        self._least_ahead = (neighbours - 1) // 2 if lag > 0 else 0
+        self._least_behind = neighbours - 1 - self._least_ahead
+        self._scale = window / 2
+        self._pending: JointBlock | None = None  # context behind plus samples not yet out
+        self._done = 0  # samples of _pending that are context only
+
+    def step(self, block: JointBlock) -> list[JointBlock]:
+        """Take samples and return those whose window is complete.
+
+        Args:
+            block: Joint states in time order.
+
+        Returns:
+            Completed samples, one block for each segment touched; may be empty.
+        """
+        out: list[JointBlock] = []
+        starts = np.flatnonzero(np.diff(block.segment)) + 1
+        for rows in np.split(np.arange(len(block)), starts):
+            if len(rows) == 0:
+                continue
+            part = block[slice(int(rows[0]), int(rows[-1]) + 1)]
+            if self._pending is not None and self._pending.segment[-1] != part.segment[0]:
+                out += self.flush()
+            if self._pending is not None:
+                part = JointBlock.concatenate([self._pending, part])
+            self._pending = part
+            out += self._emit(closing=False)
+        return out
+
+    def flush(self) -> list[JointBlock]:
+        """Return what still waits for its window, and forget the past."""
+        out = self._emit(closing=True)
+        self._pending, self._done = None, 0
+        return out
+
+    def _emit(self, closing: bool) -> list[JointBlock]:
+        buffer = self._pending
+        if buffer is None:
+            return []
+        stamp = buffer.stamp_ns
+        ready = len(buffer)
+        if not closing:
+            within = int(np.searchsorted(stamp, stamp[-1] - self._ahead_ns, side="right"))
+            ready = min(within, len(buffer) - self._least_ahead)
+        out: list[JointBlock] = []
+        if ready > self._done:
+            out.append(self._differentiate(buffer, self._done, ready))
+            self._done = ready
+        self._forget()
+        return out
+
+    def _forget(self) -> None:
+        """Drop samples that no later window reaches."""
+        buffer = self._pending
+        if buffer is None or self._done == 0:
+            return
+        oldest = buffer.stamp_ns[min(self._done, len(buffer) - 1)] - self._behind_ns
+        reach = int(np.searchsorted(buffer.stamp_ns, oldest, side="left"))
+        keep = max(0, min(reach, self._done - self._least_behind))
+        self._pending = buffer[slice(keep, None)]
+        self._done -= keep
+
+    def _differentiate(self, buffer: JointBlock, start: int, stop: int) -> JointBlock:
+        fit = _QuadraticFit(
+            buffer.stamp_ns, start, stop, self._behind_ns, self._ahead_ns,
+            self._least_behind, self._least_ahead, self._scale,
+        )
+        rows = slice(start, stop)
+        velocity = buffer.joint_velocity
+        quality = buffer.quality[rows].copy()
+        acceleration = fit.slope(velocity)
+        derived = ~np.isfinite(acceleration)
+        if derived.any():
+            slope, curvature = fit.slope(buffer.joint_position), fit.curvature(
+                buffer.joint_position
+            )
+            velocity = np.where(np.isfinite(velocity[rows]), velocity[rows], slope)
+            acceleration = np.where(derived, curvature, acceleration)
+            mark(quality, derived.any(axis=1), Quality.VELOCITY_DERIVED)
+        else:
+            velocity = velocity[rows]
+        mark(quality, fit.incomplete, Quality.ACCELERATION_INCOMPLETE)
+        return JointBlock(
+            stamp_ns=buffer.stamp_ns[rows],
+            segment=buffer.segment[rows],
+            quality=quality,
+            joint_position=buffer.joint_position[rows],
+            joint_velocity=velocity,
+            joint_acceleration=acceleration,
+        )
+
+
+class _QuadraticFit:
+    """Weights of a local quadratic through the samples around each row.
+
+    With ``u = (t - t_k) / scale`` and the moments ``S_p = sum u^p`` over the window, the
+    normal equations of ``y = c0 + c1 u + c2 u^2`` are solved by cofactors. Sums run over
+    the offsets in rising order, so a row gives the same bits in every block.
+    """
+
+    def __init__(
+        self, stamp: Int, start: int, stop: int, behind_ns: int, ahead_ns: int,
+        least_behind: int, least_ahead: int, scale: float,
+    ) -> None:  # fmt: skip
+        rows = np.arange(start, stop)
+        low = np.searchsorted(stamp, stamp[rows] - behind_ns, side="left")
+        high = np.searchsorted(stamp, stamp[rows] + ahead_ns, side="right") - 1
+        low = np.maximum(np.minimum(low, rows - least_behind), 0)
+        high = np.minimum(np.maximum(high, rows + least_ahead), len(stamp) - 1)
+        self.incomplete = (rows - least_behind < 0) | (rows + least_ahead >= len(stamp))
+        self._scale = scale
+        self._offsets: list[tuple[Int, Float, NDArray[np.bool_] | None]] = []
+        count = high - low + 1
+        everywhere = int(-(rows - low).min()), int((high - rows).min())
+        moments = np.zeros((5, len(rows)))
+        for offset in range(-int((rows - low).max()), int((high - rows).max()) + 1):
+            index = rows + offset
+            inside = None
+            if not everywhere[0] <= offset <= everywhere[1]:
+                inside = (index >= low) & (index <= high)
+                index = np.where(inside, index, rows)
+            u = (stamp[index] - stamp[rows]) * (NANOSECOND / scale)  # 0 outside the window
+            self._offsets.append((index, u, inside))
+            power = u
+            for order in range(1, 5):
+                moments[order] += power
+                power = power * u
+        moments[0] = count
+        s0, s1, s2, s3, s4 = moments
+        a, b, c = s2 * s4 - s3 * s3, s1 * s4 - s2 * s3, s1 * s3 - s2 * s2
+        determinant = s0 * a - s1 * b + s2 * c
+        d, e, f = s0 * s4 - s2 * s2, s0 * s3 - s1 * s2, s0 * s2 - s1 * s1
+        with np.errstate(divide="ignore", invalid="ignore"):
+            line = np.where(count >= 2, 1 / f, np.nan)
+            quadratic = count >= 3
+            self._slope = [
+                np.where(quadratic, -b / determinant, -s1 * line),
+                np.where(quadratic, d / determinant, s0 * line),
+                np.where(quadratic, -e / determinant, 0.0),
+            ]
+            bend = np.where(quadratic, 1 / determinant, np.nan)
+        self._curvature = [c * bend, -e * bend, f * bend]
+
+    def slope(self, values: Float) -> Float:
+        """Return the first derivative at each row, shape (rows, n). [unit/s]"""
+        return self._weigh(values, self._slope) / self._scale
+
+    def curvature(self, values: Float) -> Float:
+        """Return the second derivative at each row, shape (rows, n). [unit/s^2]"""
+        return self._weigh(values, self._curvature) * (2 / self._scale**2)
+
+    def _weigh(self, values: Float, coefficients: list[Float]) -> Float:
+        c0, c1, c2 = coefficients
+        result = np.zeros((len(c0), values.shape[1]))
+        for index, u, inside in self._offsets:
+            weight = c0 + (c1 + c2 * u) * u
+            if inside is None:
+                result += weight[:, None] * values[index[0] : index[-1] + 1]
+            else:
+                term = weight[:, None] * values[index]
+                result += np.where(inside[:, None], term, 0.0)
+        return result

@@ -1,0 +1,117 @@
+"""Motor side <-> joint side: gear ratios, wrist coupling, rotor inertia.
+
+``motor_velocity = C joint_velocity`` (paper A, eq. 4) with ``C`` the transmission
+matrix: gear ratios on the diagonal, wrist coupling beside it. Power is the same on both
+sides, ``motor_torque . motor_velocity = joint_torque . joint_velocity``, hence
+``motor_torque = C^-T joint_torque``.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from robot_energy.blocks import Float
+from robot_energy.errors import ModelFileError
+from robot_energy.model_file.schema import RobotModel
+
+MAX_CONDITION = 1e9
+
+
+class Drivetrain:
+    """Maps between joints and motors of one robot.
+
+    Args:
+        transmission: C, shape (n, n). [motor turns per joint turn]
+        rotor_inertia: Motor side, shape (n,). [kg m^2]
+
+    Raises:
+        ModelFileError: If C cannot be inverted.
+    """
+
+    def __init__(self, transmission: Float, rotor_inertia: Float) -> None:
+        self.transmission = transmission
+        self.rotor_inertia = rotor_inertia
+        if not np.linalg.cond(transmission) < MAX_CONDITION:
+            raise ModelFileError(
+                "gear ratios and coupling make a matrix that cannot be inverted",
+                "motors that move the joints independently",
+                "check the coupling ratios",
+            )
+        self._torque_map = np.linalg.inv(transmission).T
+
+    @classmethod
+    def from_model(cls, model: RobotModel) -> Drivetrain:
+        """Build the drivetrain that a model file describes."""
+        names = model.joint_names
+        transmission = np.diag([joint.gear_ratio.value for joint in model.joints])
+        for entry in model.coupling:
+            transmission[names.index(entry.motor), names.index(entry.joint)] += entry.ratio.value
+        inertia = np.asarray([joint.rotor_inertia.value for joint in model.joints])
+        return cls(transmission, inertia)
+
+    def motor_velocity_from_joint(self, joint_velocity: Float) -> Float:
+        """Return motor velocities; also serves accelerations, the map being constant.
+
+        Args:
+            joint_velocity: Shape (N, n). [rad/s] or [m/s]
+
+        Returns:
+            Shape (N, n). [rad/s]
+        """
+        return _apply(self.transmission, joint_velocity)
+
+    def joint_velocity_from_motor(self, motor_velocity: Float) -> Float:
+        """Return joint velocities.
+
+        Args:
+            motor_velocity: Shape (N, n). [rad/s]
+
+        Returns:
+            Shape (N, n). [rad/s] or [m/s]
+        """
+        return _apply(self._torque_map.T, motor_velocity)
+
+    def motor_torque_from_joint(self, joint_torque: Float) -> Float:
+        """Return the motor torque that balances a joint torque, without rotor inertia.
+
+        Args:
+            joint_torque: Shape (N, n). [N m] or [N]
+
+        Returns:
+            Shape (N, n). [N m]
+        """
+        return _apply(self._torque_map, joint_torque)
+
+    def joint_torque_from_motor(self, motor_torque: Float) -> Float:
+        """Return the joint torque that balances a motor torque, without rotor inertia.
+
+        Args:
+            motor_torque: Shape (N, n). [N m]
+
+        Returns:
+            Shape (N, n). [N m] or [N]
+        """
+        return _apply(self.transmission.T, motor_torque)
+
+    def rotor_torque(self, joint_acceleration: Float) -> Float:
+        """Return the torque that accelerates the rotors (not in paper A; ours).
+
+        Args:
+            joint_acceleration: Shape (N, n). [rad/s^2] or [m/s^2]
+
+        Returns:
+            Motor side, shape (N, n). [N m]
+        """
+        return _apply(self.transmission, joint_acceleration) * self.rotor_inertia
+
+
+def _apply(matrix: Float, values: Float) -> Float:
+    """Multiply each row by ``matrix`` in a fixed order of operations.
+
+    A matrix product of a library may sum in an order that depends on the number of rows;
+    this one does not, so a sample gives the same bits in every block.
+    """
+    result = values * np.diagonal(matrix)
+    for row, column in zip(*np.nonzero(matrix - np.diag(np.diagonal(matrix))), strict=True):
+        result[:, row] += matrix[row, column] * values[:, column]
+    return result

@@ -1,0 +1,62 @@
+"""Exceptions of the library: one base class, leaves that also inherit the fitting builtin.
+
+Every message is one sentence that says what was found, what was expected and what to do.
+"""
+
+from __future__ import annotations
+
+
+class RobotEnergyError(Exception):
+    """Base class of every error this library raises on purpose.
+
+    Args:
+        found: What was met, with its place (file, key, topic).
+        expected: What would have been right; may be empty when ``found`` says it.
+        remedy: What the user can do about it; may be empty.
+    """
+
+    def __init__(self, found: str, expected: str = "", remedy: str = "") -> None:
+        self.found = found
+        self.expected = expected
+        self.remedy = remedy
+        text = found
+        if expected:
+            text += f"; expected {expected}"
+        if remedy:
+            text += f". {remedy[0].upper()}{remedy[1:]}"
+        super().__init__(text.rstrip(".") + ".")
+
+
+class ModelFileError(RobotEnergyError, ValueError):
+    """A model file is missing, malformed or of another schema version."""
+
+
+class RobotDescriptionError(RobotEnergyError, ValueError):
+    """A URDF cannot be used: unreadable, without inertias, unsupported joints."""
+
+
+class UnknownJointError(RobotEnergyError, KeyError):
+    """A joint name is not in the model, or a joint of the model is nowhere in the data."""
+
+    def __str__(self) -> str:
+        return str(self.args[0])
+
+
+class ShapeError(RobotEnergyError, ValueError):
+    """An array has the wrong shape."""
+
+
+class BagError(RobotEnergyError, ValueError):
+    """A bag cannot be opened, read or written."""
+
+
+class MissingTopicError(RobotEnergyError, LookupError):
+    """A bag lacks a topic, or has it with another type."""
+
+
+class MessageTypeError(RobotEnergyError, TypeError):
+    """A message type is unknown or lacks a field."""
+
+
+class LogFormatError(RobotEnergyError, ValueError):
+    """A log (CSV) or its mapping cannot be imported."""

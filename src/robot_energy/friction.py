@@ -1,0 +1,194 @@
+"""Friction laws over speed, load and temperature, motor side.
+
+``motor_torque_friction = fc sgn(w) + fv(T) w`` (paper A, eq. 3 and 8): Coulomb friction
+does not know temperature, viscous friction follows it. Friction torque is what the
+drive must add, so it has the sign of the velocity and its power is never negative.
+
+Optional terms, off unless the model file has them: the smooth sign ``tanh(w/w0)``,
+a Stribeck term and Coulomb friction that grows with the load.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robot_energy.blocks import Float
+from robot_energy.model_file.schema import (
+    ConstantLaw,
+    ExponentialLaw,
+    JointFriction,
+    PositiveFigure,
+    RobotModel,
+    TableLaw,
+)
+
+
+@dataclass(frozen=True)
+class ViscousLaw:
+    """fv(T) of one axis with its range of validity.
+
+    Outside the range the value at the edge is held.
+
+    Attributes:
+        lower_degc: Lower end of the fitted range. [degC]
+        upper_degc: Upper end. [degC]
+    """
+
+    lower_degc: float
+    upper_degc: float
+    _formula: Callable[[Float], Float]
+
+    def viscous(self, motor_temperature_degc: Float | float) -> Float:
+        """Return the viscous coefficient.
+
+        Args:
+            motor_temperature_degc: Any shape. [degC]
+
+        Returns:
+            Same shape, motor side; NaN where the temperature is NaN. [N m s/rad]
+        """
+        inside = np.clip(
+            np.asarray(motor_temperature_degc, dtype=np.float64), self.lower_degc, self.upper_degc
+        )
+        return self._formula(inside)
+
+    def extrapolated(self, motor_temperature_degc: Float | float) -> NDArray[np.bool_]:
+        """Tell where the edge of the range is held, same shape."""
+        values = np.asarray(motor_temperature_degc, dtype=np.float64)
+        return (values < self.lower_degc) | (values > self.upper_degc)
+
+
+def viscous_law(entry: ConstantLaw | ExponentialLaw | TableLaw) -> ViscousLaw:
+    """Build the law that a model file names.
+
+    Args:
+        entry: The ``viscous`` entry of a joint.
+
+    Returns:
+        The law.
+    """
+    match entry:
+        case ConstantLaw():
+            value = entry.viscous.value
+            return ViscousLaw(-np.inf, np.inf, lambda t: np.where(np.isnan(t), t, value))
+        case ExponentialLaw():
+            a, b, c = entry.a.value, entry.b.value, entry.c.value
+            lower, upper = entry.fitted_degc
+            return ViscousLaw(lower, upper, lambda t: a + b * np.exp(-t / c))
+        case TableLaw():
+            from scipy.interpolate import PchipInterpolator  # monotone, heavy to import
+
+            points = entry.motor_temperature_degc
+            curve = PchipInterpolator(points, entry.viscous)
+            return ViscousLaw(points[0], points[-1], lambda t: np.asarray(curve(t)))
+
+
+class FrictionModel:
+    """Friction of all axes of one robot.
+
+    Args:
+        entries: One per joint, in model order.
+    """
+
+    def __init__(self, entries: list[JointFriction]) -> None:
+        self.laws = [viscous_law(entry.viscous) for entry in entries]
+        self.coulomb = np.asarray([entry.coulomb.value for entry in entries])
+        self._smooth = _values([entry.smooth_velocity for entry in entries])
+        self._load = _values([entry.load_coulomb for entry in entries])
+        stribeck = [entry.stribeck for entry in entries]
+        self._stribeck_torque = _values([s.torque if s else None for s in stribeck])
+        self._stribeck_velocity = np.asarray([s.velocity.value if s else 1.0 for s in stribeck])
+        self._stribeck_exponent = np.asarray([s.exponent if s else 1.0 for s in stribeck])
+
+    @classmethod
+    def from_model(cls, model: RobotModel) -> FrictionModel:
+        """Build the friction that a model file describes."""
+        return cls([joint.friction for joint in model.joints])
+
+    def viscous(self, motor_temperature_degc: Float) -> Float:
+        """Return viscous coefficients.
+
+        Args:
+            motor_temperature_degc: Shape (..., n). [degC]
+
+        Returns:
+            Motor side, same shape; NaN where the temperature is NaN. [N m s/rad]
+        """
+        columns = [
+            law.viscous(motor_temperature_degc[..., i]) for i, law in enumerate(self.laws)
+        ]
+        return np.stack(columns, axis=-1)
+
+    def extrapolated(self, motor_temperature_degc: Float) -> NDArray[np.bool_]:
+        """Tell where a law is held at the edge of its range, same shape."""
+        columns = [
+            law.extrapolated(motor_temperature_degc[..., i]) for i, law in enumerate(self.laws)
+        ]
+        return np.stack(columns, axis=-1)
+
+    def torque(
+        self,
+        motor_velocity: Float,
+        motor_torque_rigid: Float,
+        coulomb: Float,
+        viscous: Float,
+        standing: NDArray[np.bool_],
+    ) -> Float:
+        """Return the friction torque that the drive must overcome.
+
+        Args:
+            motor_velocity: w, shape (N, n). [rad/s]
+            motor_torque_rigid: Load, for load-dependent friction, shape (N, n). [N m]
+            coulomb: fc, shape (N, n). [N m]
+            viscous: fv at the present temperature, shape (N, n). [N m s/rad]
+            standing: Where the axis counts as standing still: torque 0, shape (N, n).
+
+        Returns:
+            Motor side, with the sign of w, shape (N, n). [N m]
+        """
+        constant = coulomb
+        if self._load.any():
+            constant = constant + self._load * np.abs(motor_torque_rigid)
+        if self._stribeck_torque.any():
+            ratio = np.abs(motor_velocity) / self._stribeck_velocity
+            constant = constant + self._stribeck_torque * np.exp(-(ratio**self._stribeck_exponent))
+        sign = np.sign(motor_velocity)
+        if self._smooth.any():
+            with np.errstate(divide="ignore", invalid="ignore"):
+                sign = np.where(self._smooth > 0, np.tanh(motor_velocity / self._smooth), sign)
+        torque = constant * sign + viscous * motor_velocity
+        torque[standing] = 0.0
+        return torque
+
+
+def with_fixed_friction(model: RobotModel, motor_temperature_degc: float) -> RobotModel:
+    """Return a model whose friction stays at one temperature.
+
+    This is the state of the art that paper A improves upon: coefficients of one
+    operating point, used at every temperature.
+
+    Args:
+        model: Any model.
+        motor_temperature_degc: The operating point. [degC]
+
+    Returns:
+        The same model with constant laws.
+    """
+    joints = list(model.joints)
+    for index, joint in enumerate(joints):
+        value = float(viscous_law(joint.friction.viscous).viscous(motor_temperature_degc))
+        figure = PositiveFigure(
+            value=value, tag="derived", source=f"law at {motor_temperature_degc:g} degC"
+        )
+        law = ConstantLaw(law="constant", viscous=figure)
+        friction = joint.friction.model_copy(update={"viscous": law})
+        joints[index] = joint.model_copy(update={"friction": friction})
+    return model.model_copy(update={"joints": joints}).with_urdf(model.urdf_xml, model.source)
+
+
+def _values(figures: list[PositiveFigure | None]) -> Float:
+    return np.asarray([0.0 if figure is None else figure.value for figure in figures])

@@ -1,0 +1,31 @@
+"""What became of every message: received = accepted + sum of rejected by reason."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+
+
+@dataclass
+class Accounting:
+    """Counts of one input.
+
+    Attributes:
+        received: Messages that arrived.
+        accepted: Messages that were used.
+        rejected: Messages that were not, by reason.
+    """
+
+    received: int = 0
+    accepted: int = 0
+    rejected: Counter[str] = field(default_factory=lambda: Counter[str]())
+
+    def reject(self, reason: str, count: int = 1) -> None:
+        """Count rejected messages."""
+        if count:
+            self.rejected[reason] += count
+
+    @property
+    def balanced(self) -> bool:
+        """Whether every message is accounted for."""
+        return self.received == self.accepted + sum(self.rejected.values())

@@ -1,0 +1,142 @@
+"""Joint states -> joint blocks: names, order, units, quality."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robot_energy.blocks import Float, Int, JointBlock, Quality, mark
+from robot_energy.ingest.accounting import Accounting
+from robot_energy.ingest.order import DUPLICATE, OLDER, StampOrder
+from robot_energy.wire.batch import RawBatch
+from robot_energy.wire.layout import Decoder, Run, stamp_ns
+
+JOINT_STATE = "sensor_msgs/msg/JointState"
+
+
+class JointStateIngest:
+    """Turns JointState messages into blocks in model joint order.
+
+    Joints are matched by name in every message; joints that the model does not know are
+    ignored and listed. A message that lacks a joint, has arrays of wrong length, a
+    position that is not finite, or a stamp that is zero or not newer, is rejected and
+    counted by reason. Missing or NaN velocity is left NaN for the derivative to fill.
+
+    Args:
+        joint_names: Modelled joints in model order.
+
+    Attributes:
+        account: Received, accepted and rejected messages.
+        order: Gaps and backward jumps of the stamps.
+        ignored_joints: Joints met that the model does not know.
+        missing_joints: Joints of the model that a rejected message lacked.
+    """
+
+    def __init__(self, joint_names: Sequence[str]) -> None:
+        self.account = Accounting()
+        self.order = StampOrder()
+        self.ignored_joints: set[str] = set()
+        self.missing_joints: set[str] = set()
+        self._names = tuple(joint_names)
+        self._decoder = Decoder(
+            JOINT_STATE,
+            ("header.stamp.sec", "header.stamp.nanosec", "name", "position", "velocity"),
+        )
+        self._columns: dict[tuple[str, ...], Int | str] = {}
+
+    def step(self, batch: RawBatch) -> JointBlock | None:
+        """Take messages in order of arrival.
+
+        Args:
+            batch: Serialised JointState messages.
+
+        Returns:
+            The accepted samples, or None if there are none.
+        """
+        size = len(batch)
+        self.account.received += size
+        decoded = self._decoder.decode(batch)
+        self.account.reject("malformed", len(decoded.malformed))
+        stamp = np.zeros(size, dtype=np.int64)
+        position = np.full((size, len(self._names)), np.nan)
+        velocity = np.full((size, len(self._names)), np.nan)
+        good = np.zeros(size, dtype=np.bool_)
+        for run in decoded.runs:
+            reason = self._place(run, stamp, position, velocity)
+            if reason:
+                self.account.reject(reason, len(run.rows))
+            else:
+                good[run.rows] = True
+        good = self._refuse("zero_stamp", good, stamp == 0)
+        good = self._refuse("not_finite", good, ~np.isfinite(position).all(axis=1)
+                            | np.isinf(velocity).any(axis=1))
+        rows = np.flatnonzero(good)
+        verdict = self.order.verdict(stamp[rows])
+        self.account.reject("duplicate_stamp", int((verdict == DUPLICATE).sum()))
+        self.account.reject("older_stamp", int((verdict == OLDER).sum()))
+        rows = rows[verdict == 0]
+        self.account.accepted += len(rows)
+        if not len(rows):
+            return None
+        whole = len(rows) == size
+        return self._block(
+            stamp if whole else stamp[rows],
+            position if whole else position[rows],
+            velocity if whole else velocity[rows],
+        )
+
+    def _block(self, stamp: Int, position: Float, velocity: Float) -> JointBlock:
+        before = self.order.gaps
+        segment = self.order.segments(stamp)
+        quality = np.zeros(len(stamp), dtype=np.uint32)
+        if self.order.gaps > before:
+            mark(quality, np.diff(segment, prepend=segment[0]) > 0, Quality.AFTER_GAP)
+        return JointBlock(
+            stamp_ns=stamp,
+            segment=segment,
+            quality=quality,
+            joint_position=position,
+            joint_velocity=velocity,
+            joint_acceleration=np.full_like(position, np.nan),
+        )
+
+    def _place(self, run: Run, stamp: Int, position: Float, velocity: Float) -> str:
+        """Copy a run into model order; return why it cannot be, or nothing."""
+        names = run.columns["name"]
+        positions, velocities = run.columns["position"], run.columns["velocity"]
+        if not isinstance(names, tuple) or isinstance(positions, str | tuple) or isinstance(
+            velocities, str | tuple
+        ):
+            return "malformed"
+        columns = self._columns.get(names)
+        if columns is None:
+            columns = self._columns[names] = self._match(names)
+        if isinstance(columns, str):
+            return columns
+        if positions.shape[1] != len(names) or velocities.shape[1] not in (0, len(names)):
+            return "wrong_length"
+        stamp[run.rows] = stamp_ns(run)
+        position[run.rows] = positions[:, columns]
+        if velocities.shape[1]:
+            velocity[run.rows] = velocities[:, columns]
+        return ""
+
+    def _match(self, names: tuple[str, ...]) -> Int | str:
+        """Columns of the model's joints in a message, or why there are none."""
+        self.ignored_joints |= set(names) - set(self._names)
+        missing = set(self._names) - set(names)
+        if missing:
+            self.missing_joints |= missing
+            return "missing_joint"
+        if len(set(names)) != len(names):
+            return "repeated_joint"
+        return np.asarray([names.index(name) for name in self._names], dtype=np.int64)
+
+    def _refuse(
+        self, reason: str, good: NDArray[np.bool_], bad: NDArray[np.bool_]
+    ) -> NDArray[np.bool_]:
+        refused = good & bad
+        self.account.reject(reason, int(refused.sum()))
+        return good & ~bad

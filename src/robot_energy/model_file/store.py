@@ -1,0 +1,191 @@
+"""Read, validate and write model files.
+
+A wrong file is refused with the path of the bad key, what was found and what was
+expected.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from importlib import resources
+from pathlib import Path
+from typing import Any, cast
+
+import yaml
+from pydantic import ValidationError
+
+from robot_energy.errors import ModelFileError
+from robot_energy.model_file.schema import SCHEMA_VERSION, RobotModel, Urdf
+
+MAX_BYTES = 8 * 1024 * 1024  # an embedded URDF and large maps fit; a bomb does not
+
+
+class _Loader(yaml.SafeLoader):
+    """Safe YAML that refuses repeated keys and aliases (alias bombs)."""
+
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        if self.check_event(yaml.AliasEvent):
+            raise ModelFileError(f"a YAML alias at line {self.peek_event().start_mark.line + 1}",
+                                 "plain values", "write the value out")
+        return super().compose_node(parent, index)
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
+        seen: set[str] = set()
+        for key, _ in node.value:
+            text = str(key.value)
+            if text in seen:
+                raise ModelFileError(
+                    f"the key '{text}' stands twice, again at line {key.start_mark.line + 1}",
+                    "each key once",
+                )
+            seen.add(text)
+        return super().construct_mapping(node, deep=deep)
+
+
+def parse_yaml(text: str, source: str) -> Any:
+    """Parse YAML safely: no tags, aliases, repeated keys, and a bounded size.
+
+    Args:
+        text: The document.
+        source: Its name, for messages.
+
+    Returns:
+        Plain Python values.
+
+    Raises:
+        ModelFileError: If it is not YAML, or too large.
+    """
+    if len(text) > MAX_BYTES:
+        raise ModelFileError(f"{source} has {len(text)} characters", f"at most {MAX_BYTES}")
+    try:
+        return yaml.load(text, Loader=_Loader)  # noqa: S506 - a SafeLoader subclass
+    except ModelFileError as error:
+        raise ModelFileError(f"{source}: {error.found}", error.expected, error.remedy) from None
+    except (yaml.YAMLError, RecursionError, ValueError) as error:
+        mark = getattr(error, "problem_mark", None)
+        where = f" at line {mark.line + 1}" if mark is not None else ""
+        problem = getattr(error, "problem", None) or type(error).__name__
+        raise ModelFileError(f"{source} is not valid YAML{where}: {problem}") from error
+
+
+def _describe(error: ValidationError, source: str) -> ModelFileError:
+    """Turn pydantic's report into one sentence about the first bad key."""
+    first = error.errors()[0]
+    skip = {"constant", "exponential", "table"}
+    path = ".".join(str(part) for part in first["loc"] if part not in skip) or "the file"
+    found = first.get("input")
+    shown = f"{found!r}" if isinstance(found, str | int | float | None) else type(found).__name__
+    kind = first["type"]
+    more = len(error.errors()) - 1
+    tail = f" ({more} more)" if more else ""
+    if kind == "missing":
+        return ModelFileError(f"{source}: key '{path}' is missing{tail}")
+    if kind == "extra_forbidden":
+        return ModelFileError(f"{source}: key '{path}' is unknown{tail}", "a key of the schema",
+                              "check its spelling")
+    text = first["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
+    return ModelFileError(f"{source}: key '{path}' is {shown}{tail}", text)
+
+
+def validate(data: object, source: str, urdf_xml: str | None = None) -> RobotModel:
+    """Validate plain values as a model.
+
+    Args:
+        data: What `parse_yaml` returned.
+        source: Its name, for messages; a relative URDF path starts at its folder.
+        urdf_xml: URDF text that replaces the one named in the file.
+
+    Returns:
+        The model with its URDF attached.
+
+    Raises:
+        ModelFileError: Naming the key, what was found and what was expected.
+    """
+    if not isinstance(data, dict):
+        raise ModelFileError(f"{source} holds {type(data).__name__}", "a mapping with "
+                             "schema_version, robot, urdf, joints, cabinet, temperature")
+    table = cast("dict[str, object]", data)
+    version = table.get("schema_version")
+    if version != SCHEMA_VERSION:
+        raise ModelFileError(f"{source} has schema_version {version!r}", f"{SCHEMA_VERSION}",
+                             "use the release that wrote the file, or write it anew")
+    try:
+        model = RobotModel.model_validate(table)
+    except ValidationError as error:
+        raise _describe(error, source) from error
+    if urdf_xml is None:
+        urdf_xml = _read_urdf(model.urdf, source)
+    return model.with_urdf(urdf_xml, source)
+
+
+def _read_urdf(urdf: Urdf, source: str) -> str:
+    if urdf.xml is not None:
+        return urdf.xml
+    path = Path(source).parent / str(urdf.path)
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            raise ModelFileError(f"{path} has over {MAX_BYTES} bytes", "a URDF without meshes")
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ModelFileError(
+            f"{source}: urdf.path '{urdf.path}' cannot be read",
+            "a URDF file beside the model file",
+            "correct the path or embed the text as urdf.xml",
+        ) from error
+
+
+def shipped_models() -> dict[str, Path]:
+    """Return the models that come with the library, by short name."""
+    folder = Path(str(resources.files("robot_energy") / "models"))
+    return {path.stem: path for path in sorted(folder.glob("*.yaml"))}
+
+
+def load(name: str | Path) -> RobotModel:
+    """Load a model file, or a shipped model by its short name.
+
+    Args:
+        name: Path of a YAML file, or a name such as ``kr16``.
+
+    Returns:
+        The validated model.
+
+    Raises:
+        ModelFileError: If there is no such file, or it is not a valid model.
+    """
+    path = Path(name)
+    if not path.exists() and str(name) in shipped_models():
+        path = shipped_models()[str(name)]
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            raise ModelFileError(f"{path} has over {MAX_BYTES} bytes", "a model file")
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        known = ", ".join(shipped_models())
+        raise ModelFileError(
+            f"no model file can be read at '{name}'",
+            "a YAML file or the name of a shipped model",
+            f"shipped models: {known}",
+        ) from error
+    return validate(parse_yaml(text, str(path)), str(path))
+
+
+def save(model: RobotModel, path: str | Path) -> None:
+    """Write a model file that `load` reads back equal, with its URDF embedded.
+
+    Args:
+        model: The model.
+        path: File to write; it is replaced whole or not at all.
+
+    Raises:
+        ModelFileError: If the file cannot be written.
+    """
+    data = model.model_dump(exclude_none=True, exclude_defaults=False, mode="json")
+    data["urdf"] = {**model.urdf.model_dump(exclude={"path", "xml"}), "xml": model.urdf_xml}
+    target = Path(path)
+    draft = target.with_suffix(target.suffix + ".part")
+    try:
+        draft.write_text(yaml.safe_dump(data, sort_keys=False, allow_unicode=True), "utf-8")
+        draft.replace(target)
+    except OSError as error:
+        raise ModelFileError(f"the model cannot be written to '{path}': {error.strerror}",
+                             "a writable folder") from error

@@ -1,0 +1,199 @@
+"""Means over short periods, for dashboards and for the bag that replay writes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from robot_energy.blocks import NANOSECOND, Bits, Block, Float, Int, PowerBlock
+from robot_energy.comparison import Compared
+from robot_energy.registers import CABINET_REGISTERS, JOINT_REGISTERS, Intervals
+
+HOLD_NS = 2_000_000_000  # a comparison older than this is no longer shown
+
+
+@dataclass(frozen=True)
+class MeanBlock(Block):
+    """Power averaged over periods; one row per period.
+
+    Attributes:
+        stamp_ns: Last sample of the period, shape (W,). [ns]
+        quality: All quality bits met, shape (W,).
+        phase: At the last sample, shape (W,).
+        period: Time integrated, shape (W,). [s]
+        coverage: Integrated share of the time since the last period, shape (W,). [-]
+        cabinet: Mean of each cabinet register's power, shape (W, 6). [W]
+        joints: Mean of each joint register's power, shape (W, 5, n). [W]
+        motor_velocity, motor_torque, coulomb, viscous, motor_temperature_degc: At the
+            last sample, shape (W, n).
+        measured_power: Mean over the newest compared intervals, shape (W,). [W]
+        predicted_power_at_meter: Mean over the same intervals, shape (W,). [W]
+        comparison_coverage: Compared share of the time they span, shape (W,). [-]
+        measurement_age: From the newest compared interval to the stamp, shape (W,). [s]
+    """
+
+    quality: Bits
+    phase: Int
+    period: Float
+    coverage: Float
+    cabinet: Float
+    joints: Float
+    motor_velocity: Float
+    motor_torque: Float
+    coulomb: Float
+    viscous: Float
+    motor_temperature_degc: Float
+    measured_power: Float
+    predicted_power_at_meter: Float
+    comparison_coverage: Float
+    measurement_age: Float
+
+    def mean(self, name: str) -> Float:
+        """Return the mean of a cabinet register's power, shape (W,). [W]"""
+        return self.cabinet[:, CABINET_REGISTERS.index(name)]
+
+    def joint_mean(self, name: str) -> Float:
+        """Return the mean of a joint register's power, shape (W, n). [W]"""
+        return self.joints[:, JOINT_REGISTERS.index(name)]
+
+
+@dataclass(frozen=True)
+class _Open:
+    """The period that has not ended yet."""
+
+    end: PowerBlock  # its last sample so far
+    energy: Float
+    duration_ns: np.int64
+    quality: np.uint32
+
+
+class Averager:
+    """Cuts power samples at the multiples of the period and averages each piece.
+
+    Args:
+        period: Length of a period. [s]
+    """
+
+    def __init__(self, period: float) -> None:
+        self._period_ns = round(period / NANOSECOND)
+        self._open: _Open | None = None
+        self._closed_ns: int | None = None  # stamp at which the last period ended
+        self._compared: list[Compared] = []
+        self._shown = (np.nan, np.nan, np.nan)  # measured, predicted, coverage
+        self._shown_ns: int | None = None
+
+    def step(self, block: PowerBlock, intervals: Intervals, compared: Compared) -> MeanBlock | None:
+        """Take samples and return the periods that ended.
+
+        Args:
+            block: Power samples.
+            intervals: Their intervals, from the registers.
+            compared: What became comparable with the meter.
+
+        Returns:
+            One row per ended period, or None.
+        """
+        self._compared.append(compared)
+        number = block.stamp_ns // self._period_ns
+        carried = self._open
+        previous = number[0] if carried is None else carried.end.stamp_ns[0] // self._period_ns
+        starts = np.flatnonzero(np.diff(number, prepend=previous))
+        bounds = starts if len(starts) and starts[0] == 0 else np.concatenate([[0], starts])
+        energy = np.add.reduceat(intervals.energy, bounds, axis=0)
+        duration_ns = np.add.reduceat(intervals.duration_ns, bounds)
+        quality = np.bitwise_or.reduceat(block.quality, bounds)
+        ends = block[np.append(bounds[1:], len(block)) - 1]
+        if carried is not None and len(starts) and starts[0] == 0:
+            energy = np.concatenate([carried.energy[None, :], energy])
+            duration_ns = np.append(carried.duration_ns, duration_ns)
+            quality = np.append(carried.quality, quality)
+            ends = PowerBlock.concatenate([carried.end, ends])
+        elif carried is not None:
+            energy[0] += carried.energy
+            duration_ns[0] += carried.duration_ns
+            quality[0] |= carried.quality
+        self._open = _Open(
+            ends[slice(-1, None)], energy[-1], duration_ns[-1], np.uint32(quality[-1])
+        )
+        if len(ends) == 1:
+            return None
+        return self._close(ends[slice(0, -1)], energy[:-1], duration_ns[:-1], quality[:-1])
+
+    def flush(self) -> MeanBlock | None:
+        """Return the period that is still open."""
+        carried, self._open = self._open, None
+        if carried is None or not carried.duration_ns:
+            return None
+        return self._close(
+            carried.end,
+            carried.energy[None, :],
+            np.array([carried.duration_ns]),
+            np.array([carried.quality]),
+        )
+
+    def _close(
+        self, last: PowerBlock, energy: Float, duration_ns: Int, quality: Bits
+    ) -> MeanBlock:
+        stamp = last.stamp_ns
+        before = np.concatenate(
+            [[stamp[0] - duration_ns[0] if self._closed_ns is None else self._closed_ns], stamp[:-1]]
+        )
+        self._closed_ns = int(stamp[-1])
+        duration = duration_ns * NANOSECOND
+        with np.errstate(divide="ignore", invalid="ignore"):
+            power = energy / duration[:, None]
+            power[duration == 0] = np.nan
+            coverage = np.clip(duration / ((stamp - before) * NANOSECOND), 0.0, 1.0)
+        split = len(CABINET_REGISTERS)
+        measured = self._show(stamp)
+        return MeanBlock(
+            stamp_ns=stamp,
+            quality=quality.astype(np.uint32),
+            phase=last.phase.astype(np.int64),
+            period=duration,
+            coverage=coverage,
+            cabinet=power[:, :split],
+            joints=power[:, split:].reshape(len(stamp), len(JOINT_REGISTERS), -1),
+            motor_velocity=last.motor_velocity,
+            motor_torque=last.motor_torque,
+            coulomb=last.coulomb,
+            viscous=last.viscous,
+            motor_temperature_degc=last.motor_temperature_degc,
+            measured_power=measured[:, 0],
+            predicted_power_at_meter=measured[:, 1],
+            comparison_coverage=measured[:, 2],
+            measurement_age=measured[:, 3],
+        )
+
+    def _show(self, stamp: Int) -> Float:
+        """Measured and predicted power known at each stamp, shape (W, 4)."""
+        available = np.concatenate([part.available_ns for part in self._compared])
+        table = np.stack(
+            [
+                np.concatenate([getattr(part, name) for part in self._compared]).astype(np.float64)
+                for name in ("measured", "predicted", "duration_ns")
+            ],
+            axis=1,
+        )
+        total = np.concatenate([np.zeros((1, 3)), np.cumsum(table, axis=0)])
+        upto = np.searchsorted(available, stamp, side="right")
+        rows = np.full((len(stamp), 4), np.nan)
+        done = 0
+        for index, (count, now) in enumerate(zip(upto.tolist(), stamp.tolist(), strict=True)):
+            if count > done:
+                measured, predicted, duration = (total[count] - total[done]).tolist()
+                newest = int(available[count - 1])
+                first = int(available[done]) if self._shown_ns is None else self._shown_ns
+                span = max(newest - first, duration)
+                seconds = duration * NANOSECOND
+                self._shown = (measured / seconds, predicted / seconds, duration / span)
+                self._shown_ns, done = newest, count
+            if self._shown_ns is not None and now - self._shown_ns <= HOLD_NS:
+                rows[index] = (*self._shown, (now - self._shown_ns) * NANOSECOND)
+        kept = Compared(available[done:], *(
+            np.concatenate([getattr(part, name) for part in self._compared])[done:]
+            for name in ("duration_ns", "measured", "predicted")
+        ))
+        self._compared = [kept]
+        return rows

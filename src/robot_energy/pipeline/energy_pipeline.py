@@ -1,0 +1,101 @@
+"""The whole chain in one object: the same for live, replay and prediction."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from robot_energy.blocks import (
+    FrictionBlock,
+    JointBlock,
+    MeterBlock,
+    PowerBlock,
+    TemperatureBlock,
+    TorqueBlock,
+)
+from robot_energy.model_file import RobotModel
+from robot_energy.pipeline.averaging import MeanBlock
+from robot_energy.pipeline.friction_stage import FrictionStage
+from robot_energy.pipeline.ledger import Ledger
+from robot_energy.pipeline.power_stage import PowerStage
+from robot_energy.pipeline.settings import Settings
+from robot_energy.pipeline.torque_stage import TorqueStage
+
+
+@dataclass(frozen=True)
+class Output:
+    """What one step of the pipeline gave; None where nothing was complete.
+
+    Attributes:
+        torque: Rigid-body torques.
+        friction: New friction coefficients.
+        power: Power samples.
+        means: Ended averaging periods.
+    """
+
+    torque: TorqueBlock | None = None
+    friction: FrictionBlock | None = None
+    power: PowerBlock | None = None
+    means: MeanBlock | None = None
+
+
+class EnergyPipeline:
+    """Torque, friction, power and the books, wired directly.
+
+    Any cutting of the same input into steps gives the same output.
+
+    Args:
+        model: The robot's model.
+        settings: Windows, waiting and averaging.
+
+    Raises:
+        RobotEnergyError: If the model cannot be used.
+    """
+
+    def __init__(self, model: RobotModel, settings: Settings | None = None) -> None:
+        settings = settings or Settings()
+        self.model = model
+        self.torque = TorqueStage(model, settings)
+        self.friction = FrictionStage(model)
+        self.power = PowerStage(model, settings)
+        self.ledger = Ledger(len(model.joints), settings)
+
+    def step(
+        self,
+        joints: JointBlock | None = None,
+        temperatures: TemperatureBlock | None = None,
+        meter: MeterBlock | None = None,
+    ) -> Output:
+        """Take what has arrived and return what became complete.
+
+        Args:
+            joints: Joint states in time order.
+            temperatures: Motor temperatures in order of their stamps.
+            meter: Meter readings in order of arrival.
+
+        Returns:
+            The completed samples of every stage.
+        """
+        friction = self.friction.step(temperatures) if temperatures is not None else None
+        if friction is not None:
+            self.power.friction(friction)
+        if meter is not None:
+            self.ledger.measure(meter)
+        torque = self.torque.step(joints) if joints is not None and len(joints) else None
+        power = self.power.step(torque) if torque is not None else None
+        means = self.ledger.step(power) if power is not None else None
+        return Output(torque, friction, power, means)
+
+    def flush(self) -> Output:
+        """Complete what still waits, as at the end of a bag."""
+        torque = self.torque.flush()
+        parts = [
+            self.power.step(torque) if torque is not None else None,
+            self.power.flush(),
+        ]
+        blocks = [part for part in parts if part is not None]
+        power = PowerBlock.concatenate(blocks) if blocks else None
+        means = [self.ledger.step(power) if power is not None else None, self.ledger.flush()]
+        ended = [mean for mean in means if mean is not None]
+        return Output(
+            torque, None, power, MeanBlock.concatenate(ended) if ended else None
+        )

@@ -1,0 +1,89 @@
+"""The books: registers, comparison with the meter, phases and short-term means."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+
+from robot_energy.blocks import MeterBlock, Phase, PowerBlock
+from robot_energy.comparison import Comparison
+from robot_energy.pipeline.averaging import Averager, MeanBlock
+from robot_energy.pipeline.settings import Settings
+from robot_energy.registers import CABINET_REGISTERS, ExactSum, Registers
+
+
+class Ledger:
+    """Integrates power and sets it beside the meter.
+
+    Args:
+        n_joints: Number of joints.
+        settings: Averaging period and the meter's longest gap.
+
+    Attributes:
+        registers: Energy registers.
+        comparison: Predicted beside measured energy.
+        peak_power: Highest predicted grid power, NaN before the first sample. [W]
+        quality: How many samples carried each quality bit.
+        samples: Number of power samples taken.
+    """
+
+    def __init__(self, n_joints: int, settings: Settings | None = None) -> None:
+        settings = settings or Settings()
+        self.registers = Registers(n_joints)
+        self.comparison = Comparison(settings.meter_max_gap)
+        self.peak_power = float("nan")
+        self.quality: Counter[int] = Counter()
+        self.samples = 0
+        self._phase_energy = ExactSum(len(Phase))
+        self._phase_ns = np.zeros(len(Phase), dtype=np.int64)
+        self._averager = Averager(settings.power_period)
+
+    def measure(self, block: MeterBlock) -> None:
+        """Take meter readings."""
+        self.comparison.measure(block)
+
+    def step(self, block: PowerBlock) -> MeanBlock | None:
+        """Book power samples.
+
+        Args:
+            block: Power samples in time order.
+
+        Returns:
+            Means of the periods that ended, or None.
+        """
+        intervals = self.registers.step(block)
+        power = block.power_at(self.comparison.location)
+        compared = self.comparison.predict(block.stamp_ns, block.segment, power)
+        self._book(block, intervals.energy[:, CABINET_REGISTERS.index("grid_import")],
+                   intervals.duration_ns)
+        return self._averager.step(block, intervals, compared)
+
+    def flush(self) -> MeanBlock | None:
+        """Return the mean of the period that is still open."""
+        return self._averager.flush()
+
+    def phase_energy(self, phase: Phase) -> float:
+        """Predicted energy drawn from the grid in a phase. [J]"""
+        return float(self._phase_energy.joule[phase])
+
+    def phase_time(self, phase: Phase) -> float:
+        """Observed time in a phase. [s]"""
+        return float(self._phase_ns[phase]) * 1e-9
+
+    def _book(self, block: PowerBlock, energy: np.ndarray, duration_ns: np.ndarray) -> None:
+        self.samples += len(block)
+        for bit in range(10):
+            count = int(((block.quality >> np.uint32(bit)) & np.uint32(1)).sum())
+            if count:
+                self.quality[1 << bit] += count
+        split = np.zeros((len(block), len(Phase)))
+        rows = np.arange(len(block))
+        split[rows, block.phase] = energy
+        self._phase_energy.add(split)
+        self._phase_ns += np.bincount(
+            block.phase, weights=duration_ns, minlength=len(Phase)
+        ).astype(np.int64)
+        finite = block.grid_power[np.isfinite(block.grid_power)]
+        if len(finite):
+            self.peak_power = float(np.fmax(self.peak_power, finite.max()))

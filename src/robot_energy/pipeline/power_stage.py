@@ -1,0 +1,157 @@
+"""Third stage: torque and friction -> power at the shafts, the bus and the grid."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from robot_energy.blocks import (
+    NANOSECOND,
+    Bits,
+    Float,
+    FrictionBlock,
+    Int,
+    Phase,
+    PowerBlock,
+    Quality,
+    TorqueBlock,
+    mark,
+    sum_over_joints,
+)
+from robot_energy.cabinet import CabinetStage
+from robot_energy.drive import drive_from_model
+from robot_energy.drivetrain import Drivetrain
+from robot_energy.friction import FrictionModel
+from robot_energy.model_file import RobotModel
+from robot_energy.pipeline.friction_stage import BACKWARD_JUMP_NS, FrictionStage
+from robot_energy.pipeline.settings import Settings
+
+
+class PowerStage:
+    """Joins torque with the friction valid at its stamp and follows the power chain.
+
+    Torque waits until the stamps have passed it by ``settle``, so that a temperature
+    which arrives a little late still counts from its own stamp. The result therefore
+    does not depend on the order in which topics were delivered.
+
+    Args:
+        model: The robot's model.
+        settings: The waiting time.
+    """
+
+    def __init__(self, model: RobotModel, settings: Settings | None = None) -> None:
+        settings = settings or Settings()
+        self._friction = FrictionModel.from_model(model)
+        self._drive = drive_from_model(model)
+        self._cabinet = CabinetStage(model.cabinet)
+        transmission = np.abs(Drivetrain.from_model(model).transmission)
+        still = np.asarray([joint.standstill_velocity for joint in model.joints])
+        self._standstill = transmission @ still
+        self._fallback_degc = model.temperature.fallback_degc
+        self._stale_ns = round(model.temperature.stale_after / NANOSECOND)
+        self._settle_ns = round(settings.settle / NANOSECOND)
+        self._timeline = FrictionStage(model).initial()
+        self._waiting: TorqueBlock | None = None
+
+    def friction(self, block: FrictionBlock) -> None:
+        """Take friction coefficients, each row valid from its stamp onward.
+
+        Args:
+            block: Rows in order of arrival.
+        """
+        for row in range(len(block)):
+            entry = block[slice(row, row + 1)]
+            newest = int(self._timeline.stamp_ns[-1])
+            stamp = int(entry.stamp_ns[0])
+            if stamp < newest - BACKWARD_JUMP_NS:
+                base = self._timeline[slice(-1, None)]
+                base.stamp_ns[:] = 0
+                self._timeline = FrictionBlock.concatenate([base, entry])
+            elif stamp >= newest:
+                self._timeline = FrictionBlock.concatenate([self._timeline, entry])
+
+    def step(self, block: TorqueBlock) -> PowerBlock | None:
+        """Take torques and return the power at those that have settled.
+
+        Args:
+            block: Torques in time order.
+
+        Returns:
+            Power samples, or None while every sample still waits.
+        """
+        if self._waiting is not None:
+            block = TorqueBlock.concatenate([self._waiting, block])
+        stamp = block.stamp_ns
+        backward = np.flatnonzero(np.diff(stamp) < 0)
+        epoch = int(backward[-1]) + 1 if len(backward) else 0
+        settled = np.searchsorted(stamp[epoch:], stamp[-1] - self._settle_ns, side="right")
+        ready = epoch + int(settled)
+        self._waiting = block[slice(ready, None)] if ready < len(block) else None
+        return self._power(block[slice(0, ready)]) if ready else None
+
+    def flush(self) -> PowerBlock | None:
+        """Return the power at what still waits, as at the end of a bag."""
+        block, self._waiting = self._waiting, None
+        return self._power(block) if block is not None else None
+
+    def _power(self, block: TorqueBlock) -> PowerBlock:
+        quality = block.quality.copy()
+        speed, rigid = block.motor_velocity, block.motor_torque_rigid
+        coulomb, viscous, measured_degc = self._coefficients(block.stamp_ns, quality)
+        standing = np.abs(speed) <= self._standstill
+        friction = self._friction.torque(speed, rigid, coulomb, viscous, standing)
+        torque = rigid + friction
+        rigid_power, friction_power = rigid * speed, friction * speed
+        shaft = rigid_power + friction_power
+        winding = np.where(np.isnan(measured_degc), self._fallback_degc, measured_degc)
+        electrical, extrapolated = self._drive.input_power(shaft, speed, torque, winding)
+        if extrapolated is not None:
+            mark(quality, extrapolated.any(axis=1), Quality.DRIVE_EXTRAPOLATED)
+        bus = sum_over_joints(electrical)
+        balance = self._cabinet.step(block.stamp_ns, block.segment, bus)
+        finite = np.isfinite(balance.grid_power)
+        mark(quality, ~finite, Quality.NOT_FINITE)
+        phase = np.full(len(block), Phase.MOTION, dtype=np.uint8)
+        phase[standing.all(axis=1)] = Phase.HOLD
+        phase[bus + balance.loss_dc < 0] = Phase.GENERATING
+        phase[~finite] = Phase.UNKNOWN
+        return PowerBlock(
+            stamp_ns=block.stamp_ns,
+            segment=block.segment,
+            quality=quality,
+            phase=phase,
+            motor_velocity=speed,
+            motor_torque=torque,
+            rigid_power=rigid_power,
+            friction_power=friction_power,
+            drive_loss=electrical - shaft,
+            coulomb=coulomb,
+            viscous=viscous,
+            motor_temperature_degc=measured_degc,
+            bus_power=bus,
+            loss_dc=balance.loss_dc,
+            loss_grid=balance.loss_grid,
+            brake_power=balance.brake_power,
+            capacitor_power=balance.capacitor_power,
+            grid_power=balance.grid_power,
+        )
+
+    def _coefficients(self, stamp_ns: Int, quality: Bits) -> tuple[Float, Float, Float]:
+        """Friction valid at each stamp; the temperature is NaN where missing or stale."""
+        line = self._timeline
+        row = np.searchsorted(line.stamp_ns, stamp_ns, side="right") - 1
+        row = np.maximum(row, 0)
+        seen = line.temperature_stamp_ns
+        coulomb, viscous = line.coulomb[row], line.viscous[row]
+        temperature = line.motor_temperature_degc[row]
+        mark(quality, np.isnan(line.motor_temperature_degc).any(axis=1)[row],
+             Quality.TEMPERATURE_MISSING)
+        mark(quality, line.extrapolated.any(axis=1)[row], Quality.EXTRAPOLATED)
+        deadline = np.where(seen > 0, seen + self._stale_ns, np.iinfo(np.int64).max)
+        if (stamp_ns > deadline.min(axis=1)[row]).any():
+            stale = stamp_ns[:, None] > deadline[row]
+            viscous = np.where(stale, line.viscous_fallback[row], viscous)
+            temperature = np.where(stale, np.nan, temperature)
+            mark(quality, stale.any(axis=1), Quality.TEMPERATURE_STALE)
+        if row[-1] > 0:
+            self._timeline = line[slice(int(row[-1]), None)]
+        return coulomb, viscous, temperature

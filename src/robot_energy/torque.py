@@ -1,0 +1,37 @@
+"""Rigid-body torque at joints and motors from joint motion (paper A, eq. 2)."""
+
+from __future__ import annotations
+
+from robot_energy.blocks import JointBlock, TorqueBlock
+from robot_energy.drivetrain import Drivetrain
+from robot_energy.robot import Robot
+
+
+def rigid_torque(block: JointBlock, robot: Robot, drivetrain: Drivetrain) -> TorqueBlock:
+    """Compute the torque that moves the bodies and rotors.
+
+    ``motor_torque_rigid = C^-T (M qdd + c + g) + rotor_inertia * motor_acceleration``.
+
+    Args:
+        block: Joint motion with accelerations.
+        robot: Rigid-body dynamics.
+        drivetrain: Motor side <-> joint side.
+
+    Returns:
+        Torques at the same instants; NaN where an input is NaN.
+    """
+    joint_torque = robot.joint_torque(
+        block.joint_position, block.joint_velocity, block.joint_acceleration
+    )
+    return TorqueBlock(
+        stamp_ns=block.stamp_ns,
+        segment=block.segment,
+        quality=block.quality,
+        joint_position=block.joint_position,
+        joint_velocity=block.joint_velocity,
+        joint_acceleration=block.joint_acceleration,
+        joint_torque_rigid=joint_torque,
+        motor_velocity=drivetrain.motor_velocity_from_joint(block.joint_velocity),
+        motor_torque_rigid=drivetrain.motor_torque_from_joint(joint_torque)
+        + drivetrain.rotor_torque(block.joint_acceleration),
+    )
