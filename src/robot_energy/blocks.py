@@ -174,13 +174,12 @@ class FrictionBlock(Block):
 
     Attributes:
         stamp_ns: First instant of validity, shape (N,). [ns]
-        quality: Quality bits, shape (N,).
+        quality: Whether a temperature is missing or a law extrapolated, shape (N,).
         coulomb: Shape (N, n). [N m]
         viscous: At the row's temperature, shape (N, n). [N m s/rad]
         viscous_fallback: Used once the temperature is stale, shape (N, n). [N m s/rad]
         motor_temperature_degc: NaN where never seen, shape (N, n). [degC]
         temperature_stamp_ns: Stamp of that temperature, 0 where never seen, shape (N, n). [ns]
-        extrapolated: Whether the law was held at the edge of its range, shape (N, n).
     """
 
     quality: Bits
@@ -189,7 +188,6 @@ class FrictionBlock(Block):
     viscous_fallback: Float
     motor_temperature_degc: Float
     temperature_stamp_ns: Int
-    extrapolated: NDArray[np.bool_]
 
 
 @dataclass(frozen=True)

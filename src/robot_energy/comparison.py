@@ -228,19 +228,17 @@ class Comparison:
             The elementary intervals that became comparable.
         """
         done: list[Compared] = []
-        jumps = np.flatnonzero(np.diff(stamp_ns) < 0) + 1
-        if self._last is not None and len(stamp_ns) and stamp_ns[0] < self._last[0]:
-            jumps = np.concatenate([[0], jumps])
-        bounds = [0, *jumps.tolist(), len(stamp_ns)]
-        for start, stop in zip(bounds, bounds[1:], strict=False):
-            rows = slice(start, stop)
-            if start in jumps:
-                self._last = None
+        previous = stamp_ns[0] if self._last is None else self._last[0]
+        jumps = np.flatnonzero(np.diff(stamp_ns, prepend=previous) < 0).tolist()
+        for start, stop in zip([0, *jumps], [*jumps, len(stamp_ns)], strict=True):
+            if stop > start:
+                rows = slice(start, stop)
+                self._extend(stamp_ns[rows], segment[rows], power[rows])
+            if stop < len(stamp_ns):
                 done.append(self._advance())
+                self._last = None
                 self._epochs.pop(self._predicted_epoch, None)
                 self._predicted_epoch += 1
-            if stop > start:
-                self._extend(stamp_ns[rows], segment[rows], power[rows])
         done.append(self._advance())
         return Compared(
             *(

@@ -106,6 +106,7 @@ class Derivative:
         self._pending = buffer[slice(keep, None)]
         self._done -= keep
 
+    @np.errstate(invalid="ignore", over="ignore")  # bad samples become NaN, nothing else
     def _differentiate(self, buffer: JointBlock, start: int, stop: int) -> JointBlock:
         fit = _QuadraticFit(
             buffer.stamp_ns, start, stop, self._behind_ns, self._ahead_ns,

@@ -60,3 +60,11 @@ class MessageTypeError(RobotEnergyError, TypeError):
 
 class LogFormatError(RobotEnergyError, ValueError):
     """A log (CSV) or its mapping cannot be imported."""
+
+
+class MotionError(RobotEnergyError, ValueError):
+    """A motion or program cannot be executed: limits, shapes, times."""
+
+
+class RigError(RobotEnergyError, ValueError):
+    """The virtual test rig cannot be set up or stepped as asked."""

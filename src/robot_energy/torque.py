@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from robot_energy.blocks import JointBlock, TorqueBlock
 from robot_energy.drivetrain import Drivetrain
 from robot_energy.robot import Robot
 
 
+@np.errstate(invalid="ignore", over="ignore")  # bad samples become NaN, nothing else
 def rigid_torque(block: JointBlock, robot: Robot, drivetrain: Drivetrain) -> TorqueBlock:
     """Compute the torque that moves the bodies and rotors.
 

@@ -94,5 +94,4 @@ class FrictionStage:
             viscous_fallback=self._fallback[None, :].copy(),
             motor_temperature_degc=temperature[None, :],
             temperature_stamp_ns=self._stamp[None, :].copy(),
-            extrapolated=extrapolated[None, :],
         )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from robot_energy.blocks import (
@@ -24,6 +26,8 @@ from robot_energy.friction import FrictionModel
 from robot_energy.model_file import RobotModel
 from robot_energy.pipeline.friction_stage import BACKWARD_JUMP_NS, FrictionStage
 from robot_energy.pipeline.settings import Settings
+
+HISTORY_NS = 60_000_000_000  # friction kept behind the newest sample, for recordings that loop
 
 
 class PowerStage:
@@ -63,8 +67,7 @@ class PowerStage:
             newest = int(self._timeline.stamp_ns[-1])
             stamp = int(entry.stamp_ns[0])
             if stamp < newest - BACKWARD_JUMP_NS:
-                base = self._timeline[slice(-1, None)]
-                base.stamp_ns[:] = 0
+                base = replace(self._timeline[slice(-1, None)], stamp_ns=np.zeros(1, np.int64))
                 self._timeline = FrictionBlock.concatenate([base, entry])
             elif stamp >= newest:
                 self._timeline = FrictionBlock.concatenate([self._timeline, entry])
@@ -93,6 +96,7 @@ class PowerStage:
         block, self._waiting = self._waiting, None
         return self._power(block) if block is not None else None
 
+    @np.errstate(invalid="ignore", over="ignore")  # bad samples become NaN, nothing else
     def _power(self, block: TorqueBlock) -> PowerBlock:
         quality = block.quality.copy()
         speed, rigid = block.motor_velocity, block.motor_torque_rigid
@@ -137,21 +141,26 @@ class PowerStage:
 
     def _coefficients(self, stamp_ns: Int, quality: Bits) -> tuple[Float, Float, Float]:
         """Friction valid at each stamp; the temperature is NaN where missing or stale."""
-        line = self._timeline
-        row = np.searchsorted(line.stamp_ns, stamp_ns, side="right") - 1
+        row = np.searchsorted(self._timeline.stamp_ns, stamp_ns, side="right") - 1
         row = np.maximum(row, 0)
+        first = int(row.min())
+        line = self._timeline[slice(first, int(row.max()) + 1)]
+        row -= first
         seen = line.temperature_stamp_ns
         coulomb, viscous = line.coulomb[row], line.viscous[row]
         temperature = line.motor_temperature_degc[row]
-        mark(quality, np.isnan(line.motor_temperature_degc).any(axis=1)[row],
-             Quality.TEMPERATURE_MISSING)
-        mark(quality, line.extrapolated.any(axis=1)[row], Quality.EXTRAPOLATED)
+        quality |= line.quality[row]
         deadline = np.where(seen > 0, seen + self._stale_ns, np.iinfo(np.int64).max)
         if (stamp_ns > deadline.min(axis=1)[row]).any():
             stale = stamp_ns[:, None] > deadline[row]
             viscous = np.where(stale, line.viscous_fallback[row], viscous)
             temperature = np.where(stale, np.nan, temperature)
             mark(quality, stale.any(axis=1), Quality.TEMPERATURE_STALE)
-        if row[-1] > 0:
-            self._timeline = line[slice(int(row[-1]), None)]
+        self._forget(int(stamp_ns[-1]) - HISTORY_NS)
         return coulomb, viscous, temperature
+
+    def _forget(self, oldest_ns: int) -> None:
+        """Drop friction that only a sample before ``oldest_ns`` would need."""
+        needed = int(np.searchsorted(self._timeline.stamp_ns, oldest_ns, side="right")) - 1
+        if needed > 0:
+            self._timeline = self._timeline[slice(needed, None)]

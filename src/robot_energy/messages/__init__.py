@@ -1,0 +1,15 @@
+"""The monitor's own messages: blocks <-> serialised ros2_energy_msgs."""
+
+from robot_energy.messages.friction import FrictionReader, FrictionWriter
+from robot_energy.messages.power import PowerStateWriter
+from robot_energy.messages.registers import RegistersWriter
+from robot_energy.messages.torque import TorqueReader, TorqueWriter
+
+__all__ = [
+    "FrictionReader",
+    "FrictionWriter",
+    "PowerStateWriter",
+    "RegistersWriter",
+    "TorqueReader",
+    "TorqueWriter",
+]

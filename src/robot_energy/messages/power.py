@@ -1,0 +1,75 @@
+"""Means of the power chain -> ``ros2_energy_msgs/PowerState``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robot_energy.blocks import MeterLocation, sum_over_joints
+from robot_energy.pipeline.averaging import MeanBlock
+from robot_energy.wire.layout import Encoder, stamp_columns
+
+POWER_STATE = "ros2_energy_msgs/msg/PowerState"
+
+
+class PowerStateWriter:
+    """Serialises means, one message per period.
+
+    Args:
+        joint_names: Joints in model order.
+        model_id: Identity of the model file.
+    """
+
+    def __init__(self, joint_names: Sequence[str], model_id: str) -> None:
+        self._encoder = Encoder(
+            POWER_STATE, {"model_id": model_id, "joints.name": tuple(joint_names)}
+        )
+
+    def encode(self, block: MeanBlock, location: MeterLocation) -> NDArray[np.uint8]:
+        """Return one serialised message per period, shape (W, size).
+
+        Args:
+            block: The means.
+            location: Where the meter sits.
+        """
+        rigid, friction = block.joint_mean("rigid"), block.joint_mean("friction")
+        loss = block.joint_mean("drive_loss")
+        shaft = rigid + friction
+        return self._encoder.encode(
+            {
+                **stamp_columns(block.stamp_ns),
+                "quality": block.quality,
+                "phase": block.phase.astype(np.uint8),
+                "period": block.period,
+                "coverage": block.coverage,
+                "predicted_grid_power": block.mean("grid_import") - block.mean("grid_return"),
+                "measured_power": block.measured_power,
+                "predicted_power_at_meter": block.predicted_power_at_meter,
+                "residual_power": block.measured_power - block.predicted_power_at_meter,
+                "comparison_coverage": block.comparison_coverage,
+                "measurement_age": block.measurement_age,
+                "meter_location": np.uint8(location),
+                "bus_power": sum_over_joints(shaft + loss),
+                "rigid_power": sum_over_joints(rigid),
+                "friction_power": sum_over_joints(friction),
+                "drive_loss": sum_over_joints(loss),
+                "loss_dc": block.mean("loss_dc"),
+                "loss_grid": block.mean("loss_grid"),
+                "brake_power": block.mean("brake"),
+                "capacitor_power": block.mean("capacitor"),
+                "returned_power": block.mean("grid_return"),
+                "joints.motor_velocity": block.motor_velocity,
+                "joints.motor_torque": block.motor_torque,
+                "joints.shaft_power": shaft,
+                "joints.rigid_power": rigid,
+                "joints.friction_power": friction,
+                "joints.drive_loss": loss,
+                "joints.drive_power": shaft + loss,
+                "joints.motor_temperature_degc": block.motor_temperature_degc,
+                "joints.coulomb": block.coulomb,
+                "joints.viscous": block.viscous,
+            },
+            len(block),
+        )

@@ -1,0 +1,67 @@
+"""The books -> ``ros2_energy_msgs/EnergyRegisters``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robot_energy.blocks import NANOSECOND
+from robot_energy.pipeline.ledger import Ledger
+from robot_energy.registers import JOINT_REGISTERS
+from robot_energy.wire.layout import Encoder, stamp_columns
+
+ENERGY_REGISTERS = "ros2_energy_msgs/msg/EnergyRegisters"
+JOINT_FIELDS = {
+    "shaft_positive": "shaft_energy_positive",
+    "shaft_negative": "shaft_energy_negative",
+    "rigid": "rigid_energy",
+    "friction": "friction_energy",
+    "drive_loss": "drive_loss_energy",
+}
+
+
+class RegistersWriter:
+    """Serialises the registers as they stand.
+
+    Args:
+        joint_names: Joints in model order.
+        model_id: Identity of the model file.
+    """
+
+    def __init__(self, joint_names: Sequence[str], model_id: str) -> None:
+        self._encoder = Encoder(
+            ENERGY_REGISTERS, {"model_id": model_id, "joints.name": tuple(joint_names)}
+        )
+
+    def encode(self, ledger: Ledger) -> NDArray[np.uint8] | None:
+        """Return one serialised message, shape (1, size); None before the first sample."""
+        registers, comparison = ledger.registers, ledger.comparison
+        time = registers.time
+        if time.start_ns is None or time.end_ns is None:
+            return None
+        compared = comparison.compared_ns > 0
+        return self._encoder.encode(
+            {
+                **stamp_columns(np.array([time.end_ns])),
+                **stamp_columns(np.array([time.start_ns]), "energy_start"),
+                "predicted_import_energy": registers.cabinet("grid_import"),
+                "predicted_return_energy": registers.cabinet("grid_return"),
+                "measured_energy": comparison.measured_energy if compared else np.nan,
+                "predicted_energy_at_meter": comparison.predicted_energy if compared else np.nan,
+                "brake_energy": registers.cabinet("brake"),
+                "loss_dc_energy": registers.cabinet("loss_dc"),
+                "loss_grid_energy": registers.cabinet("loss_grid"),
+                "capacitor_energy": registers.cabinet("capacitor"),
+                "observed_time": time.observed_ns * NANOSECOND,
+                "gap_time": time.gap_ns * NANOSECOND,
+                "comparison_time": comparison.compared_ns * NANOSECOND,
+                "gap_count": np.uint64(time.gap_count),
+                **{
+                    f"joints.{JOINT_FIELDS[name]}": registers.joints(name)[None, :]
+                    for name in JOINT_REGISTERS
+                },
+            },
+            1,
+        )

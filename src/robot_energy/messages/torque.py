@@ -1,0 +1,103 @@
+"""Torque blocks <-> ``ros2_energy_msgs/JointTorque``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robot_energy.blocks import TorqueBlock
+from robot_energy.ingest.accounting import Accounting
+from robot_energy.wire.batch import RawBatch
+from robot_energy.wire.layout import Decoder, Encoder, stamp_columns, stamp_ns
+
+JOINT_TORQUE = "ros2_energy_msgs/msg/JointTorque"
+ARRAYS = (
+    "joint_position",
+    "joint_velocity",
+    "joint_acceleration",
+    "joint_torque_rigid",
+    "motor_velocity",
+    "motor_torque_rigid",
+)
+
+
+class TorqueWriter:
+    """Serialises torque blocks, one message per sample.
+
+    Args:
+        joint_names: Joints in model order.
+        model_id: Identity of the model file.
+    """
+
+    def __init__(self, joint_names: Sequence[str], model_id: str) -> None:
+        self._encoder = Encoder(
+            JOINT_TORQUE,
+            {"model_id": model_id, "joint_names": tuple(joint_names)},
+            dict.fromkeys(ARRAYS, len(joint_names)),
+        )
+
+    def encode(self, block: TorqueBlock) -> NDArray[np.uint8]:
+        """Return one serialised message per sample, shape (N, size)."""
+        columns = {name: getattr(block, name) for name in ARRAYS}
+        return self._encoder.encode(
+            {
+                **stamp_columns(block.stamp_ns),
+                "quality": block.quality,
+                "segment": block.segment.astype(np.uint32),
+                **columns,
+            },
+            len(block),
+        )
+
+
+class TorqueReader:
+    """Reads torque messages of the same model back into blocks.
+
+    Args:
+        joint_names: Joints in model order.
+        model_id: Identity of the model file; messages of another model are rejected.
+
+    Attributes:
+        account: Received, accepted and rejected messages.
+    """
+
+    def __init__(self, joint_names: Sequence[str], model_id: str) -> None:
+        self.account = Accounting()
+        self._identity = (tuple(joint_names), model_id)
+        self._decoder = Decoder(
+            JOINT_TORQUE,
+            ("header.stamp.sec", "header.stamp.nanosec", "model_id", "quality", "segment",
+             "joint_names", *ARRAYS),
+        )
+
+    def decode(self, batch: RawBatch) -> TorqueBlock | None:
+        """Return the samples of a batch in order of arrival, or None if there are none."""
+        self.account.received += len(batch)
+        decoded = self._decoder.decode(batch)
+        self.account.reject("malformed", len(decoded.malformed))
+        blocks: list[TorqueBlock] = []
+        rows: list[NDArray[np.int64]] = []
+        n_joints = len(self._identity[0])
+        for run in decoded.runs:
+            arrays = {name: run.array(name) for name in ARRAYS}
+            if (run.columns["joint_names"], run.columns["model_id"]) != self._identity:
+                self.account.reject("other_model", len(run.rows))
+            elif any(array.shape[1] != n_joints for array in arrays.values()):
+                self.account.reject("wrong_length", len(run.rows))
+            else:
+                self.account.accepted += len(run.rows)
+                rows.append(run.rows)
+                blocks.append(
+                    TorqueBlock(
+                        stamp_ns=stamp_ns(run),
+                        segment=run.array("segment").astype(np.int64),
+                        quality=run.array("quality").astype(np.uint32),
+                        **arrays,
+                    )
+                )
+        if not blocks:
+            return None
+        block = TorqueBlock.concatenate(blocks)
+        return block if len(blocks) == 1 else block[np.argsort(np.concatenate(rows))]

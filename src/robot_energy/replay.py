@@ -1,0 +1,279 @@
+"""Replay of a bag through the same pipeline that runs live."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from robot_energy.bag import BagReader, BagWriter
+from robot_energy.blocks import Int, JointBlock
+from robot_energy.errors import BagError, MissingTopicError, UnknownJointError
+from robot_energy.ingest import JointStateIngest, MeterIngest, TemperatureIngest
+from robot_energy.ingest.joint_states import JOINT_STATE
+from robot_energy.messages import (
+    FrictionWriter,
+    PowerStateWriter,
+    RegistersWriter,
+    TorqueWriter,
+)
+from robot_energy.messages.friction import JOINT_FRICTION
+from robot_energy.messages.power import POWER_STATE
+from robot_energy.messages.registers import ENERGY_REGISTERS
+from robot_energy.messages.torque import JOINT_TORQUE
+from robot_energy.model_file import RobotModel
+from robot_energy.pipeline import EnergyPipeline, Ledger, Output, Settings
+from robot_energy.pipeline.averaging import MeanBlock
+from robot_energy.wire.batch import RawBatch
+
+SECOND_NS = 1_000_000_000
+Progress = Callable[[float], None]
+
+
+@dataclass(frozen=True)
+class Topics:
+    """Which topics of a bag to use; None means to find them by their type.
+
+    Attributes:
+        joint_states: The topic of the joint states.
+        temperatures: Topics of motor temperatures; empty for none.
+        meter: The topic of the power meter.
+    """
+
+    joint_states: str | None = None
+    temperatures: tuple[str, ...] | None = None
+    meter: str | None = None
+
+
+@dataclass
+class Replay:
+    """What a replay gave.
+
+    Attributes:
+        bag: The bag.
+        model: The model used.
+        topics: The topics used.
+        joint_states: Accounting and joints of the joint states.
+        temperatures: Accounting of the temperatures.
+        meter: Accounting of the meter.
+        pipeline: The pipeline with its books closed.
+        problems: What was wrong with the bag, one sentence each.
+        means: Means of every period, where they were asked for.
+    """
+
+    bag: Path
+    model: RobotModel
+    topics: Topics
+    joint_states: JointStateIngest
+    temperatures: TemperatureIngest
+    meter: MeterIngest
+    pipeline: EnergyPipeline
+    problems: list[str] = field(default_factory=list)
+    means: MeanBlock | None = None
+
+    @property
+    def ledger(self) -> Ledger:
+        """Registers, comparison, phases."""
+        return self.pipeline.ledger
+
+
+def find_topics(bag: BagReader, wanted: Topics) -> Topics:
+    """Find the topics to use in a bag.
+
+    Args:
+        bag: An open bag.
+        wanted: What the user named.
+
+    Returns:
+        The topics; ``meter`` stays None and ``temperatures`` empty where there are none.
+
+    Raises:
+        MissingTopicError: If a named topic is absent or of another type, or the joint
+            states or meter cannot be told without a name.
+    """
+    joints = _one(bag, wanted.joint_states, (JOINT_STATE,), "joint states", "--joint-states")
+    if joints is None:
+        raise MissingTopicError(
+            f"{bag.path} has no topic of joint states", f"a topic of type {JOINT_STATE}",
+            f"it has {', '.join(sorted(bag.topics)) or 'no topics'}",
+        )
+    if wanted.temperatures is None:
+        temperatures = tuple(
+            sorted(t for t, info in bag.topics.items() if info.msgtype in TemperatureIngest.types)
+        )
+    else:
+        temperatures = wanted.temperatures
+        for topic in temperatures:
+            bag.require(topic, TemperatureIngest.types)
+    meter = _one(bag, wanted.meter, MeterIngest.types, "a power meter", "--meter")
+    return Topics(joints, temperatures, meter)
+
+
+def _one(
+    bag: BagReader, name: str | None, types: tuple[str, ...], what: str, option: str
+) -> str | None:
+    if name is not None:
+        bag.require(name, types)
+        return name
+    found = sorted(topic for topic, info in bag.topics.items() if info.msgtype in types)
+    if len(found) > 1:
+        raise MissingTopicError(
+            f"{bag.path} has several topics of {what}: {', '.join(found)}", "one",
+            f"name it with {option}",
+        )
+    return found[0] if found else None
+
+
+def replay(
+    path: str | Path,
+    model: RobotModel,
+    topics: Topics | None = None,
+    settings: Settings | None = None,
+    out: str | Path | None = None,
+    overwrite: bool = False,
+    keep_means: bool = False,
+    progress: Progress | None = None,
+) -> Replay:
+    """Run a bag through the pipeline.
+
+    Args:
+        path: MCAP file or rosbag2 folder.
+        model: The robot's model.
+        topics: Topics to use where they cannot be told by type.
+        settings: Settings of the pipeline.
+        out: Folder of a new bag for the energy topics.
+        overwrite: Whether an existing ``out`` may be replaced.
+        keep_means: Whether to return the means of every period (memory grows with the bag).
+        progress: Called with the share done, 0 to 1.
+
+    Returns:
+        The closed books and the accounting of every input.
+
+    Raises:
+        BagError: If the bag cannot be read or holds no usable joint state.
+        MissingTopicError: If a topic is missing or ambiguous.
+        UnknownJointError: If the joint states lack joints of the model.
+        RobotEnergyError: If the model cannot be used.
+    """
+    pipeline = EnergyPipeline(model, settings)
+    with BagReader(path) as bag:
+        used = find_topics(bag, topics or Topics())
+        result = Replay(
+            bag=Path(path),
+            model=model,
+            topics=used,
+            joint_states=JointStateIngest(model.joint_names),
+            temperatures=TemperatureIngest(model.joint_names),
+            meter=MeterIngest(),
+            pipeline=pipeline,
+        )
+        means: list[MeanBlock] = []
+        writer = _Writer(out, overwrite, model) if out is not None else None
+        try:
+            for output in _outputs(bag, result, sliced=writer is not None, progress=progress):
+                if writer is not None:
+                    writer.write(output, pipeline.ledger)
+                if keep_means and output.means is not None:
+                    means.append(output.means)
+            result.problems += bag.problems
+            _require_samples(result)
+        finally:
+            if writer is not None:
+                writer.close()
+        result.means = MeanBlock.concatenate(means) if means else None
+    return result
+
+
+def _outputs(
+    bag: BagReader, result: Replay, sliced: bool, progress: Progress | None
+) -> Iterator[Output]:
+    used, pipeline = result.topics, result.pipeline
+    names = [name for name in (used.joint_states, *(used.temperatures or ()), used.meter) if name]
+    start, end = bag.start_ns, bag.end_ns
+    for part in bag.parts(names):
+        readings = [part[topic] for topic in used.temperatures or () if topic in part]
+        temperatures = result.temperatures.step(readings) if readings else None
+        meter = result.meter.step(part[used.meter]) if used.meter in part else None
+        batch: RawBatch | None = part.get(str(used.joint_states))
+        joints = result.joint_states.step(batch) if batch is not None else None
+        slices = [joints] if joints is None or not sliced else _by_second(joints)
+        for index, block in enumerate(slices):
+            first = index == 0
+            yield pipeline.step(block, temperatures if first else None, meter if first else None)
+        if progress is not None and batch is not None and start is not None and end is not None:
+            progress(min(1.0, (int(batch.log_time_ns[-1]) - start) / max(end - start, 1)))
+    yield pipeline.flush()
+    if progress is not None:
+        progress(1.0)
+
+
+def _by_second(block: JointBlock) -> list[JointBlock]:
+    """Cut at whole seconds, so that the registers are written once a second."""
+    second: Int = block.stamp_ns // SECOND_NS
+    cuts = [0, *(np.flatnonzero(np.diff(second)) + 1).tolist(), len(block)]
+    return [block[slice(a, b)] for a, b in zip(cuts, cuts[1:], strict=False)]
+
+
+def _require_samples(result: Replay) -> None:
+    """Refuse to report on a bag that gave not one usable joint state."""
+    ingest = result.joint_states
+    if ingest.account.accepted:
+        return
+    topic = result.topics.joint_states
+    if ingest.missing_joints:
+        raise UnknownJointError(
+            f"no message of {topic} has the joint(s) {', '.join(sorted(ingest.missing_joints))}",
+            f"the joints of the model, {', '.join(result.model.joint_names)}",
+            f"the messages name {', '.join(sorted(ingest.ignored_joints)) or 'fewer joints'}; "
+            "use the model of this robot",
+        )
+    if not ingest.account.received:
+        why = f"; {result.problems[0]}" if result.problems else ""
+        raise BagError(f"{result.bag} holds no message of {topic}{why}", "a recording in motion")
+    reasons = ", ".join(f"{count} {name}" for name, count in ingest.account.rejected.items())
+    raise BagError(
+        f"none of the {ingest.account.received} messages of {topic} can be used ({reasons})"
+    )
+
+
+class _Writer:
+    """Writes the energy topics of a replay into a new bag."""
+
+    TOPICS = {
+        "/energy/joint_torque": JOINT_TORQUE,
+        "/energy/joint_friction": JOINT_FRICTION,
+        "/energy/power": POWER_STATE,
+        "/energy/registers": ENERGY_REGISTERS,
+    }
+
+    def __init__(self, path: str | Path, overwrite: bool, model: RobotModel) -> None:
+        self._torque = TorqueWriter(model.joint_names, model.model_id)
+        self._friction = FrictionWriter(model)
+        self._power = PowerStateWriter(model.joint_names, model.model_id)
+        self._registers = RegistersWriter(model.joint_names, model.model_id)
+        self._booked: int | None = None
+        self._bag = BagWriter(path, overwrite=overwrite)
+        for topic, msgtype in self.TOPICS.items():
+            self._bag.add_topic(topic, msgtype, latched=topic == "/energy/joint_friction")
+
+    def write(self, output: Output, ledger: Ledger) -> None:
+        torque, friction, power, registers = self.TOPICS
+        if output.friction is not None:
+            rows = self._friction.encode(output.friction)
+            self._bag.write(friction, output.friction.stamp_ns, rows)
+        if output.torque is not None:
+            self._bag.write(torque, output.torque.stamp_ns, self._torque.encode(output.torque))
+        if output.means is not None:
+            rows = self._power.encode(output.means, ledger.comparison.location)
+            self._bag.write(power, output.means.stamp_ns, rows)
+        now = ledger.registers.time.end_ns
+        if now is not None and now != self._booked:
+            row = self._registers.encode(ledger)
+            if row is not None:
+                self._bag.write(registers, np.array([now]), row)
+            self._booked = now
+
+    def close(self) -> None:
+        self._bag.close()

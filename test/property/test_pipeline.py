@@ -1,0 +1,170 @@
+"""Laws of the whole chain, on random input."""
+
+from collections.abc import Callable
+
+import numpy as np
+import robots
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from robot_energy.blocks import (
+    JointBlock,
+    MeterBlock,
+    MeterLocation,
+    MeterMeaning,
+    PowerBlock,
+    TemperatureBlock,
+    sum_over_joints,
+)
+from robot_energy.drivetrain import Drivetrain
+from robot_energy.ingest.order import StampOrder
+from robot_energy.pipeline import EnergyPipeline
+from robot_energy.pipeline.averaging import MeanBlock
+
+MODEL = robots.two_link()
+
+
+def motion(seed: int, size: int = 400) -> JointBlock:
+    """Random smooth motion with jitter, a gap, a NaN, and a backward jump of the stamps."""
+    rng = np.random.default_rng(seed)
+    stamp = 50.0 + np.cumsum(rng.uniform(0.001, 0.004, size))
+    frequency, phase = rng.uniform(1, 8, (2, 3)), rng.uniform(0, 6, (2, 3))
+    angle = frequency * stamp[:, None, None] + phase
+    block = robots.joint_block(
+        stamp, np.sin(angle).sum(axis=2) / 2, (frequency * np.cos(angle)).sum(axis=2) / 2
+    )
+    gap, jump = sorted(rng.integers(1, size, 2))
+    block.stamp_ns[gap:] += 3 * 10**9
+    block.segment[gap:] += 1
+    block.stamp_ns[jump:] -= 20 * 10**9
+    block.segment[jump:] += 1
+    block.joint_velocity[rng.integers(size)] = np.nan
+    return block
+
+
+def readings(block: JointBlock, seed: int) -> tuple[TemperatureBlock, MeterBlock]:
+    rng = np.random.default_rng(seed)
+    first = int(block.stamp_ns[0])
+    stamp = first + np.sort(rng.integers(0, 10**9, 8))
+    temperature = TemperatureBlock(stamp, rng.uniform(10, 90, (8, 2)))
+    stamp = first + np.unique(rng.integers(0, 2 * 10**9, 40))
+    none = np.full(len(stamp), np.nan)
+    meter = MeterBlock(stamp, rng.uniform(0, 500, len(stamp)), none, none,
+                       MeterMeaning.INSTANTANEOUS, MeterLocation.GRID)
+    return temperature, meter
+
+
+def run(block: JointBlock, seed: int, cuts: list[int]):
+    pipeline = EnergyPipeline(MODEL)
+    temperature, meter = readings(block, seed)
+    outputs = [pipeline.step(temperatures=temperature, meter=meter)]
+    bounds = [0, *sorted(cuts), len(block)]
+    for start, stop in zip(bounds, bounds[1:], strict=False):
+        if stop > start:
+            outputs.append(pipeline.step(joints=block[slice(start, stop)]))
+    outputs.append(pipeline.flush())
+    power = PowerBlock.concatenate([out.power for out in outputs if out.power is not None])
+    means = MeanBlock.concatenate([out.means for out in outputs if out.means is not None])
+    return pipeline, power, means
+
+
+def same(a, b, equal: Callable[..., None]) -> None:
+    for name in a.__dataclass_fields__:
+        equal(getattr(a, name), getattr(b, name), err_msg=name)
+
+
+seeds = st.integers(0, 2**31)
+
+
+@settings(deadline=None, max_examples=40)
+@given(seed=seeds, cuts=st.lists(st.integers(0, 400), max_size=60))
+def test_any_cutting_gives_the_same_output(seed, cuts):
+    block = motion(seed)
+    whole, power, means = run(block, seed, [])
+    cut, power_cut, means_cut = run(block, seed, cuts)
+    same(power, power_cut, np.testing.assert_array_equal)
+    books, books_cut = whole.ledger, cut.ledger
+    np.testing.assert_array_equal(books.registers.microjoule, books_cut.registers.microjoule)
+    assert books.registers.time == books_cut.registers.time
+    assert books.comparison.compared_ns == books_cut.comparison.compared_ns
+    assert books.comparison.measured_energy == books_cut.comparison.measured_energy
+    assert books.comparison.predicted_energy == books_cut.comparison.predicted_energy
+    assert books.quality == books_cut.quality
+
+    def close(a, b, err_msg):
+        np.testing.assert_allclose(a, b, rtol=1e-12, atol=1e-9, err_msg=err_msg)
+
+    same(means, means_cut, close)
+
+
+@settings(deadline=None, max_examples=25)
+@given(seed=seeds)
+def test_breakdown_sums_and_friction_never_gives_power(seed):
+    pipeline, power, _ = run(motion(seed), seed, [])
+    total = sum_over_joints(power.rigid_power + power.friction_power + power.drive_loss)
+    total += power.loss_dc + power.loss_grid + power.brake_power + power.capacitor_power
+    np.testing.assert_allclose(total, power.grid_power, rtol=1e-12, atol=1e-9)
+    friction = power.friction_power[np.isfinite(power.friction_power)]
+    assert (friction >= 0).all()
+    assert (power.brake_power[np.isfinite(power.brake_power)] >= 0).all()
+    assert (power.grid_power[np.isfinite(power.grid_power)] >= 30.0 - 1e-9).all()
+    time = pipeline.ledger.registers.time
+    block = motion(seed)
+    elapsed = np.diff(block.stamp_ns)
+    assert time.observed_ns + time.gap_ns == int(elapsed[elapsed > 0].sum())
+
+
+@settings(deadline=None, max_examples=25)
+@given(seed=seeds)
+def test_order_of_joints_in_the_model_does_not_matter(seed):
+    data = robots.two_link_data()
+    data["joints"].reverse()
+    block = motion(seed)
+    temperature, _ = readings(block, seed)
+    straight, turned = EnergyPipeline(MODEL), EnergyPipeline(robots.two_link(**data))
+    swapped = JointBlock(
+        block.stamp_ns, block.segment, block.quality, block.joint_position[:, ::-1].copy(),
+        block.joint_velocity[:, ::-1].copy(), block.joint_acceleration[:, ::-1].copy(),
+    )
+    turned_temperature = TemperatureBlock(
+        temperature.stamp_ns, temperature.motor_temperature_degc[:, ::-1].copy()
+    )
+    straight.step(block, temperature)
+    turned.step(swapped, turned_temperature)
+    straight.flush()
+    turned.flush()
+    for name in ("grid_import", "brake", "loss_dc"):
+        a, b = straight.ledger.registers.cabinet(name), turned.ledger.registers.cabinet(name)
+        assert abs(a - b) <= 1e-9 * max(abs(a), 1)
+
+
+@given(seed=seeds)
+def test_power_is_the_same_on_both_sides_of_the_gears(seed):
+    rng = np.random.default_rng(seed)
+    drivetrain = Drivetrain.from_model(MODEL)
+    velocity, torque = rng.normal(size=(2, 5, 2)) * 10
+    joint = sum_over_joints(velocity * torque)
+    motor = sum_over_joints(
+        drivetrain.motor_velocity_from_joint(velocity) * drivetrain.motor_torque_from_joint(torque)
+    )
+    np.testing.assert_allclose(motor, joint, rtol=1e-10, atol=1e-9)
+
+
+@given(
+    stamps=st.lists(st.integers(0, 30 * 10**9), min_size=1, max_size=80),
+    cuts=st.lists(st.integers(0, 80), max_size=8),
+)
+def test_order_of_stamps_does_not_depend_on_the_cutting(stamps, cuts):
+    array = np.asarray(stamps, dtype=np.int64)
+
+    def judge(bounds):
+        order = StampOrder()
+        verdicts, segments = [], []
+        for start, stop in zip([0, *bounds], [*bounds, len(array)], strict=True):
+            verdict = order.verdict(array[start:stop])
+            verdicts.append(verdict)
+            segments.append(order.segments(array[start:stop][verdict == 0]))
+        return np.concatenate(verdicts), np.concatenate(segments), order.gaps, order.jumps
+
+    whole, cut = judge([]), judge(sorted(min(c, len(array)) for c in cuts))
+    for a, b in zip(whole, cut, strict=True):
+        np.testing.assert_array_equal(a, b)

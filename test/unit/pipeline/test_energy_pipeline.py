@@ -1,0 +1,199 @@
+import numpy as np
+import pytest
+import robots
+from robot_energy.blocks import (
+    MeterBlock,
+    MeterLocation,
+    MeterMeaning,
+    Phase,
+    PowerBlock,
+    Quality,
+    TemperatureBlock,
+    sum_over_joints,
+)
+from robot_energy.pipeline import EnergyPipeline
+from robots import figure
+
+
+def run(pipeline, *steps):
+    outputs = [pipeline.step(**step) for step in steps]
+    outputs.append(pipeline.flush())
+    return PowerBlock.concatenate([out.power for out in outputs if out.power is not None])
+
+
+def spin(velocity, seconds=1.0, rate=100.0, start=0.0):
+    stamp = start + np.arange(int(seconds * rate) + 1) / rate
+    speed = np.full((len(stamp), 1), velocity)
+    return robots.joint_block(stamp, speed * stamp[:, None], speed)
+
+
+def test_wheel_at_constant_speed_by_hand():
+    # motor 10 * 3 = 30 rad/s: (0.5 + 0.02 * 30) * 30 = 33 W friction, + 20 W DC + 30 W grid
+    pipeline = EnergyPipeline(robots.one_wheel())
+    power = run(pipeline, {"joints": spin(3.0)})
+    np.testing.assert_allclose(power.grid_power, 83.0, rtol=1e-12)
+    np.testing.assert_allclose(power.friction_power, 33.0, rtol=1e-12)
+    assert set(power.phase.tolist()) == {Phase.MOTION}
+    ledger = pipeline.ledger
+    assert ledger.registers.cabinet("grid_import") == pytest.approx(83.0, abs=1e-6)
+    assert ledger.phase_energy(Phase.MOTION) == pytest.approx(83.0, abs=1e-6)
+    assert ledger.registers.time.observed_ns == 10**9
+
+
+def test_standing_robot_draws_the_constant_losses_and_nothing_else():
+    power = run(EnergyPipeline(robots.two_link()), {"joints": robots.joint_block(
+        np.arange(50) / 100, np.full((50, 2), 0.4), np.zeros((50, 2)))})
+    np.testing.assert_array_equal(power.grid_power, 50.0)
+    assert set(power.phase.tolist()) == {Phase.HOLD}
+
+
+def test_braking_wheel_generates_by_hand():
+    # from 20 rad/s at -10 rad/s^2: motor torque (2 * -10)/10 - 0.01 * 100 = -3 N m
+    stamp = np.arange(101) / 100
+    velocity = (20 - 10 * stamp)[:, None]
+    pipeline = EnergyPipeline(robots.one_wheel())
+    power = run(pipeline, {"joints": robots.joint_block(stamp, velocity * 0, velocity)})
+    motor = 10 * velocity[:, 0]
+    shaft = (-3.0 + 0.5 + 0.02 * motor) * motor
+    middle = slice(5, -5)
+    demand = shaft + 20.0
+    np.testing.assert_allclose(power.shaft_power[middle, 0], shaft[middle], rtol=1e-9, atol=1e-9)
+    expected = np.where(demand < 0, 30.0, demand + 30.0)
+    np.testing.assert_allclose(power.grid_power[middle], expected[middle], rtol=1e-9)
+    np.testing.assert_allclose(power.brake_power[middle], np.maximum(-demand, 0)[middle], atol=1e-6)
+    generating = power.phase == Phase.GENERATING
+    np.testing.assert_array_equal(generating[middle], (demand < 0)[middle])
+
+
+def temperatures(stamp_s, values):
+    return TemperatureBlock(
+        np.rint(np.asarray(stamp_s) * 1e9).astype(np.int64), np.asarray(values, dtype=float)
+    )
+
+
+def warm_wheel():
+    joint = robots.one_wheel().joints[0].model_dump()
+    joint["friction"]["viscous"] = {
+        "law": "table", "motor_temperature_degc": [20.0, 40.0], "viscous": [0.04, 0.02],
+        "tag": "assumed",
+    }
+    return robots.one_wheel(
+        joints=[joint], temperature={"fallback_degc": 20.0, "stale_after": 2.0}
+    )
+
+
+def test_temperature_counts_from_its_stamp_onward():
+    power = run(
+        EnergyPipeline(warm_wheel()),
+        {"joints": spin(3.0, seconds=2.0), "temperatures": temperatures([1.0], [[40.0]])},
+    )
+    expected = np.where(power.stamp_ns < 10**9, 0.04, 0.02)
+    np.testing.assert_allclose(power.viscous[:, 0], expected)
+    missing = (power.quality & Quality.TEMPERATURE_MISSING) > 0
+    np.testing.assert_array_equal(missing, power.stamp_ns < 10**9)
+
+
+def test_stale_temperature_falls_back_with_a_flag_and_no_jump_to_zero():
+    power = run(
+        EnergyPipeline(warm_wheel()),
+        {"joints": spin(3.0, seconds=4.0, start=7.0), "temperatures": temperatures([7.0], [[40.0]])},
+    )
+    stale = power.stamp_ns > 9 * 10**9
+    np.testing.assert_allclose(power.viscous[:, 0], np.where(stale, 0.04, 0.02))
+    np.testing.assert_array_equal((power.quality & Quality.TEMPERATURE_STALE) > 0, stale)
+    np.testing.assert_array_equal(np.isnan(power.motor_temperature_degc[:, 0]), stale)
+    assert (power.grid_power > 50).all()
+
+
+def test_temperature_that_arrives_late_still_counts_from_its_stamp():
+    joints = spin(3.0, seconds=1.0)
+    late = run(
+        EnergyPipeline(warm_wheel()),
+        {"joints": joints[slice(0, 55)]},
+        {"joints": joints[slice(55, None)], "temperatures": temperatures([0.5], [[40.0]])},
+    )
+    np.testing.assert_allclose(late.viscous[:, 0], np.where(late.stamp_ns < 5 * 10**8, 0.04, 0.02))
+
+
+def test_bad_temperatures_change_nothing_and_are_counted():
+    pipeline = EnergyPipeline(warm_wheel())
+    power = run(
+        pipeline,
+        {"joints": spin(3.0), "temperatures": temperatures(
+            [0.0, 0.1, 0.2], [[40.0], [999.0], [np.nan]])},
+    )
+    np.testing.assert_allclose(power.viscous[:, 0], 0.02)
+    stage = pipeline.friction
+    assert stage.rejected["temperature_implausible"] == 1
+    assert stage.rejected["temperature_not_finite"] == 1
+    assert stage.received == stage.accepted + sum(stage.rejected.values())
+
+
+def test_nan_position_is_nan_power_not_zero_and_not_energy():
+    joints = spin(3.0)
+    joints.joint_velocity[50] = np.inf
+    pipeline = EnergyPipeline(robots.one_wheel())
+    power = run(pipeline, {"joints": joints})
+    bad = ~np.isfinite(power.grid_power)
+    assert bad[50]
+    assert (power.quality[bad] & Quality.NOT_FINITE).all()
+    assert (power.phase[bad] == Phase.UNKNOWN).all()
+    time = pipeline.ledger.registers.time
+    assert time.observed_ns + time.gap_ns == 10**9
+    assert time.gap_ns == (int(bad.sum()) + 1) * 10**7
+    assert time.gap_count == 1
+
+
+def test_breakdown_sums_to_the_grid_with_every_option_on():
+    data = robots.two_link_data()
+    for joint in data["joints"]:
+        joint["losses"] = {"constant": figure(1.0), "linear": figure(0.01),
+                           "quadratic": figure(1e-4), "copper": figure(5.0)}
+    data["cabinet"] |= {
+        "regeneration_efficiency": figure(0.8),
+        "capacitor": {"capacitance": figure(1e-4), "nominal_voltage": figure(560.0),
+                      "chopper_voltage": figure(600.0)},
+    }
+    data["drive"] = "loss_model"
+    model = robots.two_link(**data)
+    stamp = np.arange(800) / 200
+    phase = np.stack([8 * stamp, 13 * stamp], axis=1)
+    position, velocity = np.sin(phase), np.cos(phase) * [8, 13]
+    pipeline = EnergyPipeline(model)
+    power = run(pipeline, {"joints": robots.joint_block(stamp, position, velocity)})
+    total = sum_over_joints(power.rigid_power + power.friction_power + power.drive_loss)
+    total += power.loss_dc + power.loss_grid + power.brake_power + power.capacitor_power
+    np.testing.assert_allclose(total, power.grid_power, rtol=1e-12, atol=1e-9)
+    assert (power.grid_power < 0).any()
+    assert (power.capacitor_power != 0).any()
+    book = pipeline.ledger.registers
+    drawn = book.cabinet("grid_import") - book.cabinet("grid_return")
+    parts = sum(book.joints(name).sum() for name in ("rigid", "friction", "drive_loss"))
+    parts += sum(book.cabinet(name) for name in ("loss_dc", "loss_grid", "brake", "capacitor"))
+    assert drawn == pytest.approx(parts, abs=1e-4)
+
+
+def test_means_carry_what_the_meter_measured_over_the_same_time():
+    stamp = np.arange(0, 21) * 10**8
+    meter = MeterBlock(stamp, np.full(21, 90.0), np.full(21, np.nan), np.full(21, np.nan),
+                       MeterMeaning.INSTANTANEOUS, MeterLocation.GRID)
+    pipeline = EnergyPipeline(robots.one_wheel())
+    out = [pipeline.step(joints=spin(3.0, seconds=2.0), meter=meter), pipeline.flush()]
+    means = [part.means for part in out if part.means is not None]
+    shown = np.concatenate([mean.measured_power for mean in means])
+    beside = np.concatenate([mean.predicted_power_at_meter for mean in means])
+    assert np.isnan(shown[0])
+    np.testing.assert_allclose(shown[10:], 90.0)
+    np.testing.assert_allclose(beside[10:], 83.0)
+    age = np.concatenate([mean.measurement_age for mean in means])[10:]
+    assert ((age >= 0) & (age <= 0.1)).all()
+
+
+def test_meter_on_the_dc_bus_is_compared_without_the_grid_side_loss():
+    stamp = np.arange(0, 21) * 10**8
+    meter = MeterBlock(stamp, np.full(21, 50.0), np.full(21, np.nan), np.full(21, np.nan),
+                       MeterMeaning.INSTANTANEOUS, MeterLocation.DC_BUS)
+    pipeline = EnergyPipeline(robots.one_wheel())
+    run(pipeline, {"joints": spin(3.0, seconds=2.0), "meter": meter})
+    assert pipeline.ledger.comparison.predicted_energy == pytest.approx(53.0 * 2)
+    assert pipeline.ledger.comparison.measured_energy == pytest.approx(50.0 * 2)

@@ -1,0 +1,95 @@
+import numpy as np
+import pytest
+import robots
+from robot_energy.blocks import JointBlock, Quality
+from robot_energy.derivative import Derivative
+
+
+def differentiate(block, **settings):
+    stage = Derivative(**settings)
+    return JointBlock.concatenate([*stage.step(block), *stage.flush()])
+
+
+def jittered(size, period=0.002, seed=0):
+    rng = np.random.default_rng(seed)
+    return 100.0 + np.cumsum(rng.uniform(0.7 * period, 1.3 * period, size))
+
+
+def cubic(stamp):
+    t = stamp - stamp[0]
+    position = np.stack([1 + 2 * t + 3 * t**2, 0.5 * t], axis=1)
+    velocity = np.stack([2 + 6 * t, np.full_like(t, 0.5)], axis=1)
+    return position, velocity, np.stack([np.full_like(t, 6.0), np.zeros_like(t)], axis=1)
+
+
+def test_slope_of_a_measured_parabola_is_exact_on_jittered_stamps():
+    # velocity quadratic in time: the fit has no truncation error
+    stamp = np.rint(jittered(200) * 1e9) * 1e-9
+    t = (stamp - stamp[0])[:, None]
+    velocity = 1 + 2 * t + 3 * t**2
+    out = differentiate(robots.joint_block(stamp, velocity * 0, velocity))
+    np.testing.assert_allclose(out.joint_acceleration, 2 + 6 * t, rtol=1e-6, atol=1e-6)
+    np.testing.assert_array_equal(out.joint_velocity, velocity)
+
+
+def test_missing_velocity_comes_from_positions_and_is_flagged():
+    stamp = jittered(100)
+    position, velocity, acceleration = cubic(np.rint(stamp * 1e9) * 1e-9)
+    out = differentiate(robots.joint_block(stamp, position, np.full_like(velocity, np.nan)))
+    np.testing.assert_allclose(out.joint_velocity, velocity, rtol=1e-6, atol=1e-7)
+    np.testing.assert_allclose(out.joint_acceleration, acceleration, atol=1e-3)
+    assert (out.quality & Quality.VELOCITY_DERIVED).all()
+
+
+def test_estimate_has_no_phase_lag():
+    # a lag of half a period would show as an error of omega^2 * dt / 2 = 2 % here
+    stamp = np.arange(1000) * 0.002
+    omega = 10.0
+    velocity = np.sin(omega * stamp)[:, None]
+    out = differentiate(robots.joint_block(stamp, velocity * 0, velocity))
+    exact = omega * np.cos(omega * stamp)[:, None]
+    assert np.abs(out.joint_acceleration - exact)[10:-10].max() < 2e-3 * omega
+
+
+def test_samples_leave_when_the_stamps_have_passed_the_lag():
+    stage = Derivative(window=0.02, lag=0.01, neighbours=5)
+    stamp = np.arange(30) * 0.002
+    out = stage.step(robots.joint_block(stamp, stamp[:, None], stamp[:, None]))
+    assert out[0].stamp_ns[-1] == round((stamp[-1] - 0.01) * 1e9)
+
+
+def test_zero_lag_is_causal():
+    stage = Derivative(window=0.02, lag=0.0)
+    stamp = np.arange(30) * 0.002
+    (out,) = stage.step(robots.joint_block(stamp, stamp[:, None], 3 * stamp[:, None]))
+    assert len(out) == 30
+    np.testing.assert_allclose(out.joint_acceleration[2:], 3.0, rtol=1e-9)
+
+
+def test_slow_driver_uses_its_neighbours():
+    stamp = np.arange(20) * 0.04  # 25 Hz: a 20 ms window holds one sample
+    velocity = (5 * stamp)[:, None]
+    out = differentiate(robots.joint_block(stamp, velocity, velocity))
+    np.testing.assert_allclose(out.joint_acceleration, 5.0, rtol=1e-9)
+
+
+def test_nothing_is_fitted_across_a_gap():
+    stamp = np.concatenate([np.arange(20) * 0.002, 5 + np.arange(20) * 0.002])
+    velocity = np.where(stamp < 1, 1.0, 100.0)[:, None]
+    block = robots.joint_block(stamp, velocity, velocity)
+    block.segment[20:] = 1
+    out = differentiate(block)
+    np.testing.assert_allclose(out.joint_acceleration, 0.0, atol=1e-6)
+    flagged = (out.quality & Quality.ACCELERATION_INCOMPLETE) > 0
+    np.testing.assert_array_equal(np.flatnonzero(flagged), [0, 1, 18, 19, 20, 21, 38, 39])
+
+
+def test_single_sample_gives_nan_not_zero():
+    out = differentiate(robots.joint_block(np.array([1.0]), np.zeros((1, 1)), np.ones((1, 1))))
+    assert np.isnan(out.joint_acceleration).all()
+
+
+@pytest.mark.parametrize("settings", [{"lag": 0.03}, {"lag": -1.0}, {"neighbours": 2}])
+def test_impossible_settings_are_refused(settings):
+    with pytest.raises(ValueError, match="expected"):
+        Derivative(window=0.02, **settings)

@@ -1,0 +1,75 @@
+import numpy as np
+import pytest
+import robots
+from robot_energy.drive import EfficiencyMaps, Ideal, LossModel, drive_from_model
+from robot_energy.errors import ModelFileError
+from robot_energy.model_file.schema import EfficiencyMap, LossDrive
+from robots import figure
+
+
+def test_ideal_drive_loses_nothing():
+    power, extrapolated = Ideal().input_power(*[np.array([[-3.0]])] * 4)
+    assert power[0, 0] == -3.0
+    assert extrapolated is None
+
+
+def losses():
+    return LossDrive.model_validate(
+        {
+            "constant": figure(2.0),
+            "linear": figure(0.1),
+            "quadratic": figure(0.01),
+            "copper": figure(3.0),
+        }
+    )
+
+
+def test_loss_model_by_hand():
+    # w = -10, tau = 2, 70 degC: 2 + 1 + 1 + 3 (1 + 0.0039 * 50) 4 = 18.34; shaft -20
+    power, _ = LossModel([losses()]).input_power(
+        np.array([[-20.0]]), np.array([[-10.0]]), np.array([[2.0]]), np.array([[70.0]])
+    )
+    assert power[0, 0] == pytest.approx(-20 + 18.34, rel=1e-14)
+
+
+def test_holding_costs_copper_loss_where_an_efficiency_would_be_zero():
+    power, _ = LossModel([losses()]).input_power(
+        np.zeros((1, 1)), np.zeros((1, 1)), np.array([[5.0]]), np.array([[20.0]])
+    )
+    assert power[0, 0] == pytest.approx(2.0 + 75.0)
+
+
+def test_map_takes_the_nearest_point_in_standardised_distance():
+    rng = np.random.default_rng(4)
+    torque, speed = rng.normal(size=200) * 0.1, rng.normal(size=200) * 300
+    eta = rng.uniform(0.3, 1.4, 200)
+    maps = EfficiencyMaps(
+        [EfficiencyMap(motor_velocity=list(speed), motor_torque=list(torque),
+                       efficiency=list(eta), tag="identified", reach=0.3)]
+    )
+    query = rng.normal(size=(100, 2)) * [0.12, 350]
+    points = np.stack([torque, speed], axis=1)
+    scale = points.std(axis=0, ddof=1)
+    distance = np.linalg.norm((query[:, None, :] - points) / scale, axis=2)
+    shaft = query[:, :1] * query[:, 1:]
+    power, extrapolated = maps.input_power(shaft, query[:, 1:], query[:, :1], shaft)
+    np.testing.assert_allclose(power[:, 0], shaft[:, 0] / eta[distance.argmin(axis=1)])
+    np.testing.assert_array_equal(extrapolated[:, 0], distance.min(axis=1) > 0.3)
+
+
+def test_map_gives_nan_for_nan_and_does_not_raise():
+    maps = EfficiencyMaps(
+        [EfficiencyMap(motor_velocity=[1.0], motor_torque=[1.0], efficiency=[0.875],
+                       tag="assumed")]
+    )
+    power, _ = maps.input_power(
+        np.array([[np.nan], [7.0]]), np.ones((2, 1)), np.array([[np.nan], [7.0]]), np.ones((2, 1))
+    )
+    assert np.isnan(power[0, 0])
+    assert power[1, 0] == pytest.approx(8.0)
+
+
+def test_drive_without_its_figures_is_refused_at_load():
+    with pytest.raises(ModelFileError, match="'shoulder' has no losses"):
+        robots.two_link(drive="loss_model")
+    assert isinstance(drive_from_model(robots.two_link()), Ideal)

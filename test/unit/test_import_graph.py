@@ -1,0 +1,69 @@
+"""The direction of dependencies, as the blueprint draws it."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import robot_energy
+
+ROOT = Path(robot_energy.__file__).parent
+PHYSICS = {"robot", "drivetrain", "derivative", "torque", "friction", "drive", "cabinet",
+           "registers", "comparison"}
+ALLOWED = {
+    "errors": set(),
+    "blocks": {"errors"},
+    "model_file": {"errors"},
+    "wire": {"errors"},
+    **{name: {"errors", "blocks", "model_file", "robot", "drivetrain"} for name in PHYSICS},
+    "comparison": {"errors", "blocks", "registers"},
+    "pipeline": {"errors", "blocks", "model_file", *PHYSICS},
+    "ingest": {"errors", "blocks", "wire"},
+    "bag": {"errors", "wire"},
+    "messages": {"errors", "blocks", "model_file", "wire", "ingest", "pipeline", "registers"},
+}
+FOREIGN = {"rclpy", "std_msgs", "sensor_msgs", "ros2_energy_msgs", "ros2_energy_monitor",
+           "diagnostic_msgs", "builtin_interfaces", "ament_index_python"}
+
+
+def imports(path):
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.ImportFrom) and node.module:
+            yield node.module
+        elif isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+
+
+def modules():
+    for path in sorted(ROOT.rglob("*.py")):
+        yield path.relative_to(ROOT).with_suffix("").parts[0], path
+
+
+def test_modules_import_only_what_stands_before_them_in_the_chain():
+    for name, path in modules():
+        if name not in ALLOWED:
+            continue
+        used = {part.split(".")[1] for part in imports(path) if part.startswith("robot_energy.")}
+        assert used <= ALLOWED[name] | {name}, f"{path} imports {used - ALLOWED[name]}"
+
+
+def test_the_library_imports_no_ros():
+    for _, path in modules():
+        used = {part.split(".")[0] for part in imports(path)}
+        assert not used & FOREIGN, f"{path} imports {used & FOREIGN}"
+
+
+def test_only_robot_imports_pinocchio():
+    found = {path.relative_to(ROOT).as_posix() for _, path in modules()
+             if "pinocchio" in {part.split(".")[0] for part in imports(path)}}
+    assert found == {"robot.py"}
+
+
+@pytest.mark.parametrize("heavy", ["matplotlib", "scipy", "rich", "robot_energy.report"])
+def test_nothing_online_imports_what_only_reports_need(heavy):
+    code = (
+        "import sys, robot_energy.pipeline, robot_energy.ingest, robot_energy.messages;"
+        f"sys.exit('{heavy}' in sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
