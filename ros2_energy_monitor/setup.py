@@ -1,0 +1,36 @@
+"""Packaging of the nodes, their launch files and their configuration."""
+
+from glob import glob
+
+from setuptools import find_packages, setup
+
+NAME = "ros2_energy_monitor"
+EXECUTABLES = [
+    "torque_monitor",
+    "friction_monitor",
+    "power_monitor",
+    "energy_monitor",
+    "virtual_robot",
+    "console",
+]
+
+setup(
+    name=NAME,
+    version="0.1.0",
+    packages=find_packages(include=[NAME, f"{NAME}.*"]),
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+        (f"share/{NAME}/launch", sorted(glob("launch/*.launch.py"))),
+        (f"share/{NAME}/config", sorted(glob("config/*.yaml"))),
+    ],
+    entry_points={"console_scripts": [f"{name} = {NAME}.{name}:main" for name in EXECUTABLES]},
+    install_requires=["setuptools"],
+    # Not `tests_require`: with it newer setuptools make colcon find no tests.
+    extras_require={"test": ["pytest"]},
+    zip_safe=False,
+    maintainer="Robot energy maintainers",
+    maintainer_email="maintainers@robot-energy.invalid",
+    description="Nodes of the robot energy monitor.",
+    license="Apache-2.0",
+)
