@@ -1,0 +1,114 @@
+"""Every check of the project, in order, ending in one line with the number of tests.
+
+Runs inside the environment of `.venv/env.sh`. All stages run, whatever fails; the exit code
+is 1 if any did. `check.py --lint` stops after format, lint and types.
+"""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+import xml.etree.ElementTree as ET
+from collections import Counter
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+BUILD = ROOT / "build"
+SOURCES = ["src", "test", "ros2_energy_monitor", ".ci"]
+# A stage that takes longer than this hangs. [s]
+STAGE_LIMIT = 2400.0
+
+LINT = {
+    "format": [["ruff", "format", "--check", *SOURCES]],
+    "lint": [["ruff", "check", *SOURCES]],
+    "types": [
+        ["pyright", "-p", "src/pyproject.toml"],
+        ["pyright", "-p", "ros2_energy_monitor/pyrightconfig.json"],
+    ],
+}
+TESTS = {
+    "tests": ["-c", "test/pytest.ini", "test"],
+    "node tests": ["-c", "ros2_energy_monitor/setup.cfg", "ros2_energy_monitor/test"],
+}
+
+
+def main(arguments: list[str]) -> int:
+    """Run the stages, print the summary, return the exit code."""
+    started = time.monotonic()
+    words = []
+    for name, commands in LINT.items():
+        codes = [run(name, command) for command in commands]
+        words.append(f"{name} {'FAILED' if any(codes) else 'ok'}")
+    counts: Counter[str] = Counter()
+    if "--lint" not in arguments:
+        for position, (name, paths) in enumerate(TESTS.items()):
+            code, count = run_pytest(name, paths, domain=domain_id(position))
+            words.append(f"{name} {'FAILED' if code else 'ok'}")
+            counts += count
+    print(f"\n{', '.join(words)} in {time.monotonic() - started:.0f} s")
+    if "--lint" not in arguments:
+        skipped = f", {counts['skipped']} skipped" if counts["skipped"] else ""
+        print(f"{counts['passed']} passed, {counts['failed']} failed{skipped}")
+    return 1 if any(word.endswith("FAILED") for word in words) else 0
+
+
+def domain_id(position: int) -> int:
+    """Return a ROS domain of its own, 1 to 100, for each test process of each run."""
+    return (2 * os.getpid() + position) % 100 + 1
+
+
+def run_pytest(name: str, paths: list[str], domain: int) -> tuple[int, Counter[str]]:
+    """Run one pytest process; return its exit code and the counts of its report."""
+    report = BUILD / "test" / f"{name.replace(' ', '_')}.xml"
+    report.unlink(missing_ok=True)
+    code = run(
+        name,
+        [sys.executable, "-m", "pytest", *paths, f"--junitxml={report}"],
+        ROS_DOMAIN_ID=str(domain),
+        ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST",
+    )
+    try:
+        suites = list(ET.parse(report).getroot().iter("testsuite"))
+    except (OSError, ET.ParseError):
+        print(f"check: pytest of the {name} wrote no report; counted as one failure")
+        return code or 1, Counter(failed=1)
+    total, failed, skipped = (
+        sum(int(suite.get(key, 0)) for suite in suites for key in keys)
+        for keys in (("tests",), ("failures", "errors"), ("skipped",))
+    )
+    return code, Counter(passed=max(total - failed - skipped, 0), failed=failed, skipped=skipped)
+
+
+def run(name: str, command: list[str], **settings: str) -> int:
+    """Run one command with its output on the terminal; return its exit code."""
+    print(f"\n=== {name}: {' '.join(command).replace(f'{ROOT}/', '')}", flush=True)
+    # A session of its own, so that a hanging stage ends with all its children.
+    process = subprocess.Popen(command, cwd=ROOT, env=os.environ | settings, start_new_session=True)
+    try:
+        return process.wait(timeout=STAGE_LIMIT)
+    except subprocess.TimeoutExpired:
+        print(f"check: {name} took longer than {STAGE_LIMIT:.0f} s and was stopped", flush=True)
+        return 1
+    finally:
+        if process.poll() is None:
+            stop(process)
+
+
+def stop(process: subprocess.Popen[bytes]) -> None:
+    """Interrupt a stage and its children, and kill what is left after a while."""
+    os.killpg(process.pid, signal.SIGINT)
+    try:
+        process.wait(timeout=10.0)
+    except subprocess.TimeoutExpired:
+        os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+
+
+if __name__ == "__main__":
+    # Being terminated ends the stages as Ctrl-C does.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        sys.exit(main(sys.argv[1:]))
+    except KeyboardInterrupt:
+        sys.exit(130)
