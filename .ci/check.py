@@ -20,8 +20,8 @@ SOURCES = ["src", "test", "ros2_energy_monitor", ".ci"]
 STAGE_LIMIT = 2400.0
 
 LINT = {
-    "format": [["ruff", "format", "--check", *SOURCES]],
-    "lint": [["ruff", "check", *SOURCES]],
+    "format": [["ruff", "format", "--check", "--output-format=concise", *SOURCES]],
+    "lint": [["ruff", "check", "--output-format=concise", *SOURCES]],
     "types": [
         ["pyright", "-p", "src/pyproject.toml"],
         ["pyright", "-p", "ros2_energy_monitor/pyrightconfig.json"],
@@ -77,7 +77,9 @@ def run_pytest(name: str, paths: list[str], domain: int) -> tuple[int, Counter[s
         sum(int(suite.get(key, 0)) for suite in suites for key in keys)
         for keys in (("tests",), ("failures", "errors"), ("skipped",))
     )
-    return code, Counter(passed=max(total - failed - skipped, 0), failed=failed, skipped=skipped)
+    passed = max(total - failed - skipped, 0)
+    # A run that fails without a failed test (none found, crashed) is one failure too.
+    return code, Counter(passed=passed, failed=failed or int(code != 0), skipped=skipped)
 
 
 def run(name: str, command: list[str], **settings: str) -> int:
