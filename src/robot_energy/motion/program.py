@@ -1,0 +1,185 @@
+"""Programs: via configurations with dwell times, repeated in a loop."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from robot_energy.blocks import Float
+from robot_energy.errors import MotionError
+from robot_energy.motion.ptp import MotionLimits, Profile, Trajectory
+from robot_energy.robot import Robot
+
+MAX_TRIES = 10_000
+CHECKED_POINTS = 9  # along each move of a random program
+
+
+class Program:
+    """A loop of synchronised point-to-point motions.
+
+    It rests at the first via for its dwell time, moves to the second, and so on; after
+    the last via it moves back to the first and begins anew.
+
+    Args:
+        via: Configurations, joint side, shape (K, n), K >= 1. [rad] or [m]
+        limits: Limits kept throughout.
+        dwell: Rest at each via, one value or shape (K,), >= 0. [s]
+        override: Share of full speed, in (0, 1]. [-]
+
+    Attributes:
+        via: Shape (K, n). [rad] or [m]
+        period: Length of one loop. [s]
+
+    Raises:
+        MotionError: If a via breaks the limits, or nothing takes any time.
+    """
+
+    def __init__(
+        self,
+        via: Float,
+        limits: MotionLimits,
+        dwell: float | Sequence[float] | Float = 0.2,
+        override: float = 1.0,
+    ) -> None:
+        self.via = np.array(via, dtype=np.float64)
+        if self.via.ndim != 2 or len(self.via) == 0:
+            raise MotionError(
+                f"the via configurations have shape {self.via.shape}",
+                "(number of vias, number of joints)",
+            )
+        for index, configuration in enumerate(self.via):
+            limits.check(configuration, f"via {index + 1}")
+        rest = np.asarray(dwell, dtype=np.float64)
+        if rest.ndim > 1 or (rest.ndim == 1 and len(rest) != len(self.via)):
+            raise MotionError(
+                f"the dwell times have shape {rest.shape}", f"one value or {len(self.via)}"
+            )
+        if not ((rest >= 0) & np.isfinite(rest)).all():
+            raise MotionError(f"the dwell times are {rest.tolist()}", "finite times >= 0 s")
+        self.override = override
+        self._distance = np.roll(self.via, -1, axis=0) - self.via
+        self._profile = Profile(self._distance, limits.slowed(override))
+        self._dwell = np.broadcast_to(rest, len(self.via))
+        length = self._dwell + self._profile.duration
+        self.period = float(length.sum())
+        if not self.period > 0:
+            raise MotionError(
+                "the program neither moves nor rests", "vias that differ or a dwell time > 0 s"
+            )
+        self._begin = np.concatenate([[0.0], np.cumsum(length)[:-1]])
+
+    @property
+    def n_joints(self) -> int:
+        """Number of joints."""
+        return self.via.shape[1]
+
+    @property
+    def moves(self) -> int:
+        """Number of motions in one loop."""
+        return len(self.via)
+
+    def sample(self, time: Float) -> Trajectory:
+        """Evaluate the program.
+
+        Args:
+            time: Since the start of the first loop; before it the robot rests at the
+                first via, shape (N,). [s]
+
+        Returns:
+            Position, velocity and acceleration, joint side.
+        """
+        time = np.atleast_1d(np.asarray(time, dtype=np.float64))
+        phase = np.where(time > 0, np.remainder(time, self.period), 0.0)
+        move = np.searchsorted(self._begin, phase, side="right") - 1
+        local = phase - self._begin[move] - self._dwell[move]
+        value, velocity, acceleration = self._profile.sample(move, local)
+        distance = self._distance[move]
+        return Trajectory(
+            self.via[move] + value[:, None] * distance,
+            velocity[:, None] * distance,
+            acceleration[:, None] * distance,
+        )
+
+
+def random_program(
+    limits: MotionLimits,
+    seed: int,
+    moves: int = 20,
+    zone: float | Sequence[float] | Float = 0.8,
+    dwell: float = 0.2,
+    override: float = 1.0,
+    accept: Callable[[Float], bool] | None = None,
+) -> Program:
+    """Draw a program of random configurations, the same for the same seed.
+
+    Args:
+        limits: Position, velocity and acceleration limits.
+        seed: Any integer >= 0.
+        moves: Number of motions in a loop (paper A: 20).
+        zone: Share of each joint's range around its middle that may be used, one value
+            or shape (n,), in (0, 1]. [-]
+        dwell: Rest at each via. [s]
+        override: Share of full speed. [-]
+        accept: Whether a configuration, shape (n,), is allowed; asked at points along
+            every motion, the way back to the first via included. See `tool_above`.
+
+    Returns:
+        The program.
+
+    Raises:
+        MotionError: If the figures make no sense, or no allowed program is found.
+    """
+    share = np.broadcast_to(np.asarray(zone, dtype=np.float64), limits.lower.shape)
+    if not ((share > 0) & (share <= 1)).all():
+        raise MotionError(f"the zone is {zone}", "shares of the joint ranges in (0, 1]")
+    if moves < 2:
+        raise MotionError(f"a program of {moves} motions was asked for", "at least 2")
+    if not (np.isfinite(limits.lower).all() and np.isfinite(limits.upper).all()):
+        raise MotionError(
+            "a joint has no position limits",
+            "finite limits on every joint",
+            "give limits to continuous joints before drawing random motions",
+        )
+    generator = np.random.default_rng(seed)
+    middle = 0.5 * (limits.lower + limits.upper)
+    reach = 0.5 * share * (limits.upper - limits.lower)
+    via: list[Float] = []
+    for _ in range(MAX_TRIES):
+        candidate = middle + reach * generator.uniform(-1.0, 1.0, limits.n_joints)
+        last = len(via) == moves - 1
+        if accept is not None and not (
+            (not via or _clear(via[-1], candidate, accept))
+            and (not last or _clear(candidate, via[0], accept))
+            and accept(candidate)
+        ):
+            continue
+        via.append(candidate)
+        if last:
+            return Program(np.stack(via), limits, dwell, override)
+    raise MotionError(
+        f"only {len(via)} of {moves} allowed motions were found in {MAX_TRIES} tries",
+        "a zone in which most motions are allowed",
+        "reduce the zone or relax the condition",
+    )
+
+
+def tool_above(robot: Robot, link: str, height: float) -> Callable[[Float], bool]:
+    """Return a condition for `random_program`: a link stays above a height.
+
+    Args:
+        robot: The robot.
+        link: Link of the URDF, such as the flange.
+        height: In the base frame. [m]
+
+    Raises:
+        RobotDescriptionError: When asked, if there is no such link.
+    """
+    return lambda joint_position: bool(robot.link_position(joint_position, link)[2] >= height)
+
+
+def _clear(start: Float, goal: Float, accept: Callable[[Float], bool]) -> bool:
+    return all(
+        accept(start + share * (goal - start))
+        for share in np.linspace(0.0, 1.0, CHECKED_POINTS)[1:-1]
+    )

@@ -1,0 +1,284 @@
+"""Synchronised point-to-point motions in closed form.
+
+All joints follow one profile ``s(t)`` from 0 to 1, ``q = start + s (goal - start)``, so
+they start and stop together. The profile is a velocity trapezoid behind a moving average
+of length ``jerk_time``, which is how controllers smooth their commands: acceleration is
+continuous and jerk at most ``2 acceleration / jerk_time`` (half of it where every ramp
+lasts at least ``jerk_time``), no limit is ever exceeded because an average never is, and
+the motion lasts ``jerk_time`` longer. With ``jerk_time = 0`` it is the plain trapezoid.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from robot_energy.blocks import Float, Int
+from robot_energy.errors import MotionError
+from robot_energy.robot import Robot
+
+DEFAULT_JERK_TIME = 0.05  # s
+LIMIT_TOLERANCE = 1e-9  # rad
+LEAST_WAY = 1e-12  # rad; less is rounding and takes no time
+
+
+@dataclass(frozen=True)
+class MotionLimits:
+    """What a motion must keep to, joint side, shape (n,) each.
+
+    Attributes:
+        lower: Lower position limit. [rad] or [m]
+        upper: Upper position limit. [rad] or [m]
+        velocity: Greatest speed, > 0. [rad/s] or [m/s]
+        acceleration: Greatest acceleration, > 0. [rad/s^2] or [m/s^2]
+        jerk_time: Time over which acceleration builds up, >= 0. [s]
+
+    Raises:
+        MotionError: If shapes differ or a limit makes no sense.
+    """
+
+    lower: Float
+    upper: Float
+    velocity: Float
+    acceleration: Float
+    jerk_time: float = DEFAULT_JERK_TIME
+
+    def __post_init__(self) -> None:
+        shape = self.lower.shape
+        for name in ("upper", "velocity", "acceleration"):
+            found = getattr(self, name).shape
+            if found != shape or len(shape) != 1:
+                raise MotionError(f"the limit '{name}' has shape {found}", f"{shape} as 'lower'")
+        for name in ("velocity", "acceleration"):
+            values: Float = getattr(self, name)
+            if not ((values > 0) & np.isfinite(values)).all():
+                raise MotionError(
+                    f"the {name} limits are {values.tolist()}",
+                    "finite values > 0",
+                    "give the limits of the robot",
+                )
+        if not (self.lower < self.upper).all():
+            raise MotionError(
+                f"lower limits {self.lower.tolist()} reach upper limits {self.upper.tolist()}",
+                "lower < upper",
+            )
+        if not 0 <= self.jerk_time < np.inf:
+            raise MotionError(f"jerk_time is {self.jerk_time} s", "a time >= 0 s")
+
+    @classmethod
+    def of_robot(
+        cls, robot: Robot, acceleration: Float, jerk_time: float = DEFAULT_JERK_TIME
+    ) -> MotionLimits:
+        """Take positions and speeds from the URDF, which knows no accelerations.
+
+        Args:
+            robot: Any robot with velocity limits.
+            acceleration: Joint side, shape (n,). [rad/s^2] or [m/s^2]
+            jerk_time: Time over which acceleration builds up. [s]
+
+        Raises:
+            MotionError: If the URDF gives no finite velocity limit.
+        """
+        limits = robot.limits
+        return cls(limits.lower, limits.upper, limits.velocity, acceleration, jerk_time)
+
+    @property
+    def n_joints(self) -> int:
+        """Number of joints."""
+        return len(self.lower)
+
+    def check(self, joint_position: Float, name: str) -> None:
+        """Refuse a configuration outside the position limits.
+
+        Args:
+            joint_position: Shape (n,). [rad] or [m]
+            name: What it is, for the message.
+
+        Raises:
+            MotionError: Naming the joint, what was found and its range.
+        """
+        if joint_position.shape != self.lower.shape:
+            raise MotionError(
+                f"{name} has shape {joint_position.shape}",
+                f"one value for each of {self.n_joints} joints",
+            )
+        bad = ~(
+            (joint_position >= self.lower - LIMIT_TOLERANCE)
+            & (joint_position <= self.upper + LIMIT_TOLERANCE)
+        )
+        if bad.any():
+            joint = int(np.argmax(bad))
+            raise MotionError(
+                f"{name} puts joint {joint + 1} at {joint_position[joint]:.6g}",
+                f"{self.lower[joint]:.6g} to {self.upper[joint]:.6g}",
+            )
+
+    def slowed(self, override: float) -> MotionLimits:
+        """Return the limits of the same motions, slowed in time.
+
+        Velocity scales with the override, acceleration with its square and the jerk time
+        with its inverse, so that the path through position and time is only stretched.
+
+        Args:
+            override: Share of full speed, in (0, 1]. [-]
+
+        Raises:
+            MotionError: If it is outside (0, 1].
+        """
+        if not 0 < override <= 1:
+            raise MotionError(f"the speed override is {override}", "a share in (0, 1]")
+        return MotionLimits(
+            self.lower,
+            self.upper,
+            self.velocity * override,
+            self.acceleration * override**2,
+            self.jerk_time / override,
+        )
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """Joint motion at given times, joint side, shape (N, n) each.
+
+    Attributes:
+        joint_position: [rad] or [m]
+        joint_velocity: [rad/s] or [m/s]
+        joint_acceleration: [rad/s^2] or [m/s^2]
+    """
+
+    joint_position: Float
+    joint_velocity: Float
+    joint_acceleration: Float
+
+
+class Profile:
+    """Profiles ``s(t)`` of K moves under their limits, evaluated together.
+
+    Args:
+        distance: Signed way of every joint, shape (K, n). [rad] or [m]
+        limits: Velocity, acceleration and jerk time.
+
+    Attributes:
+        duration: Of each move; 0 where nothing moves, shape (K,). [s]
+    """
+
+    def __init__(self, distance: Float, limits: MotionLimits) -> None:
+        way = np.abs(distance)
+        moves = way.max(axis=1) > LEAST_WAY
+        with np.errstate(divide="ignore", over="ignore"):
+            speed = (limits.velocity / way).min(axis=1)
+            rise = (limits.acceleration / way).min(axis=1)
+        speed = np.where(moves, speed, 1.0)
+        rise = np.where(moves, rise, 1.0)
+        speed = np.minimum(speed, np.sqrt(rise))  # a short move never cruises
+        self._speed = speed
+        self._ramp = speed / rise
+        self._rise = rise
+        self._end = self._ramp + 1.0 / speed
+        self._jerk_time = limits.jerk_time
+        self.duration = np.where(moves, self._end + limits.jerk_time, 0.0)
+
+    def sample(self, move: Int, time: Float) -> tuple[Float, Float, Float]:
+        """Evaluate the profile.
+
+        Args:
+            move: Which of the K moves, shape (N,).
+            time: Since the start of that move; before it rests at 0 and after it at 1,
+                shape (N,). [s]
+
+        Returns:
+            s [-], its velocity [1/s] and its acceleration [1/s^2], shape (N,) each.
+        """
+        shape = (self._speed[move], self._rise[move], self._ramp[move], self._end[move])
+        smooth = self._jerk_time
+        value, velocity, acceleration, area = _trapezoid(time, *shape)
+        if smooth > 0:
+            value_0, velocity_0, _, area_0 = _trapezoid(time - smooth, *shape)
+            value, velocity, acceleration = (
+                (area - area_0) / smooth,
+                (value - value_0) / smooth,
+                (velocity - velocity_0) / smooth,
+            )
+        over = time >= self.duration[move]
+        value = np.where(over, 1.0, np.clip(value, 0.0, 1.0))
+        velocity = np.where(over, 0.0, velocity)
+        acceleration = np.where(over, 0.0, acceleration)
+        return value, velocity, acceleration
+
+
+def _trapezoid(
+    time: Float, speed: Float, rise: Float, ramp: Float, end: Float
+) -> tuple[Float, Float, Float, Float]:
+    """Way, velocity and acceleration of the velocity trapezoid, and the integral of the way."""
+    inside = np.clip(time, 0.0, end)
+    left = end - inside
+    begins, ends = inside < ramp, left < ramp
+    near = np.where(ends, left, inside)  # time to the nearer end
+    edge = 0.5 * rise * near * near
+    cubic = rise * near**3 / 6.0
+    cruised = inside - 0.5 * ramp
+    value = np.where(begins, edge, np.where(ends, 1.0 - edge, speed * cruised))
+    velocity = np.where(begins | ends, rise * near, speed)
+    acceleration = np.where(begins, rise, np.where(ends, -rise, 0.0))
+    acceleration = np.where((time < 0) | (time >= end), 0.0, acceleration)
+    # By symmetry the integral over the whole trapezoid is half its duration.
+    area = np.where(
+        begins,
+        cubic,
+        np.where(
+            ends,
+            0.5 * end - left + cubic,
+            speed * (ramp * ramp / 6.0 + 0.5 * (cruised * cruised - 0.25 * ramp * ramp)),
+        ),
+    )
+    return value, velocity, acceleration, area + np.maximum(time - end, 0.0)
+
+
+class PointToPoint:
+    """One synchronised motion between two configurations.
+
+    Args:
+        start: Joint side, shape (n,). [rad] or [m]
+        goal: Joint side, shape (n,). [rad] or [m]
+        limits: Limits kept throughout.
+        override: Share of full speed, in (0, 1]. [-]
+
+    Attributes:
+        duration: [s]
+
+    Raises:
+        MotionError: If start or goal break the limits, or the override makes no sense.
+    """
+
+    def __init__(
+        self, start: Float, goal: Float, limits: MotionLimits, override: float = 1.0
+    ) -> None:
+        self._start = np.array(start, dtype=np.float64)
+        goal = np.array(goal, dtype=np.float64)
+        limits.check(self._start, "the start")
+        limits.check(goal, "the goal")
+        self._distance = goal - self._start
+        self._goal = goal
+        self._profile = Profile(self._distance[None, :], limits.slowed(override))
+        self.duration = float(self._profile.duration[0])
+
+    def sample(self, time: Float) -> Trajectory:
+        """Evaluate the motion; it rests before its start and after its end.
+
+        Args:
+            time: Since the start, shape (N,). [s]
+
+        Returns:
+            Position, velocity and acceleration.
+        """
+        time = np.atleast_1d(np.asarray(time, dtype=np.float64))
+        move = np.zeros(len(time), dtype=np.int64)
+        value, velocity, acceleration = self._profile.sample(move, time)
+        position = self._start + value[:, None] * self._distance
+        position[value == 1.0] = self._goal
+        return Trajectory(
+            position,
+            velocity[:, None] * self._distance,
+            acceleration[:, None] * self._distance,
+        )
