@@ -1,0 +1,23 @@
+"""The virtual test rig: a plant that the monitored model does not know.
+
+Whatever is shown on the rig is labelled so; it proves the method, not a robot.
+"""
+
+from robot_energy.rig.config import RigConfig, Sensors
+from robot_energy.rig.lubricant import Lubricant
+from robot_energy.rig.output import RigJoints, RigOutput, Truth
+from robot_energy.rig.profile import PlantProfile, SupplyProfile, kr16_profile
+from robot_energy.rig.virtual_rig import VirtualRig
+
+__all__ = [
+    "Lubricant",
+    "PlantProfile",
+    "RigConfig",
+    "RigJoints",
+    "RigOutput",
+    "Sensors",
+    "SupplyProfile",
+    "Truth",
+    "VirtualRig",
+    "kr16_profile",
+]

@@ -1,0 +1,145 @@
+"""What the rig does: effects to switch, and its sensors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields, replace
+from math import isfinite
+
+from robot_energy.blocks import MeterMeaning
+from robot_energy.errors import RigError
+
+
+@dataclass(frozen=True)
+class Sensors:
+    """Figures of the sensors.
+
+    Attributes:
+        encoder_counts: Per motor turn. [1]
+        velocity_noise: Standard deviation, motor side. [rad/s]
+        torque_noise: Standard deviation of the reported motor torque. [N m]
+        stamp_jitter: Standard deviation of the stamps, cut at 3 of them. [s]
+        temperature_rate: Readings of the motor temperatures. [Hz]
+        temperature_resolution: Step of the readings. [K]
+        temperature_noise: Standard deviation before rounding. [K]
+        meter_rate: Readings of the grid meter. [Hz]
+        meter_meaning: MEAN_OVER_INTERVAL, INSTANTANEOUS or CUMULATIVE.
+        meter_class: Gain error is drawn once within +- this share (class 0.5: 0.005). [-]
+        meter_noise: Standard deviation of one reading, share of it. [-]
+    """
+
+    encoder_counts: int = 16384
+    velocity_noise: float = 0.05
+    torque_noise: float = 0.02
+    stamp_jitter: float = 50e-6
+    temperature_rate: float = 1.0
+    temperature_resolution: float = 1.0
+    temperature_noise: float = 0.2
+    meter_rate: float = 10.0
+    meter_meaning: MeterMeaning = MeterMeaning.MEAN_OVER_INTERVAL
+    meter_class: float = 0.005
+    meter_noise: float = 0.002
+
+    def __post_init__(self) -> None:
+        for name in ("encoder_counts", "temperature_rate", "temperature_resolution", "meter_rate"):
+            if not 0 < getattr(self, name) < float("inf"):
+                raise RigError(f"the sensors' {name} is {getattr(self, name)}", "a value > 0")
+        for name in (
+            "velocity_noise",
+            "torque_noise",
+            "stamp_jitter",
+            "temperature_noise",
+            "meter_class",
+            "meter_noise",
+        ):
+            if not 0 <= getattr(self, name) < float("inf"):
+                raise RigError(f"the sensors' {name} is {getattr(self, name)}", "a value >= 0")
+        if self.meter_meaning is MeterMeaning.UNKNOWN:
+            raise RigError("the meter's meaning is UNKNOWN", "a meter that says what it reports")
+
+
+@dataclass(frozen=True)
+class RigConfig:
+    """Every effect beyond rigid bodies, Coulomb and viscous friction, on or off.
+
+    Attributes:
+        stribeck: Friction rises towards standstill.
+        load_friction: Coulomb friction grows with the load.
+        lubricant_temperature: Viscous friction follows the oil; off: oil at 60 degC.
+        copper: Copper loss, holding against gravity included.
+        copper_temperature: Winding resistance rises with temperature.
+        iron: Iron loss, a drag on the motor.
+        inverter: Inverter loss.
+        demagnetisation: Warm magnets are weaker: more current for the same torque, and
+            the reported torque reads too high.
+        capacitor: DC link stores energy, the chopper has hysteresis; off: excess is
+            braked at once.
+        rectifier: Rectifier loss.
+        warming: Losses and ambient change the temperatures; off: they stay as started.
+        encoder: Positions are quantised.
+        velocity_noise: On or off.
+        torque_noise: On or off.
+        stamp_jitter: On or off.
+        temperature_sensor: Temperature readings are noisy and rounded.
+        meter_error: Meter has gain error and noise.
+        thermal_speedup: Factor on the speed of the temperatures alone, motion stays in
+            real time; for warming up fast. [-]
+        sensors: Figures of the sensors.
+    """
+
+    stribeck: bool = True
+    load_friction: bool = True
+    lubricant_temperature: bool = True
+    copper: bool = True
+    copper_temperature: bool = True
+    iron: bool = True
+    inverter: bool = True
+    demagnetisation: bool = True
+    capacitor: bool = True
+    rectifier: bool = True
+    warming: bool = True
+    encoder: bool = True
+    velocity_noise: bool = True
+    torque_noise: bool = True
+    stamp_jitter: bool = True
+    temperature_sensor: bool = True
+    meter_error: bool = True
+    thermal_speedup: float = 1.0
+    sensors: Sensors = field(default_factory=Sensors)
+
+    def __post_init__(self) -> None:
+        if not (self.thermal_speedup > 0 and isfinite(self.thermal_speedup)):
+            raise RigError(f"thermal_speedup is {self.thermal_speedup}", "a factor > 0")
+
+    @classmethod
+    def plain(cls) -> RigConfig:
+        """Everything off: rigid bodies, Coulomb and constant viscous friction, true sensors."""
+        return cls().without(*(f.name for f in fields(cls) if f.type == "bool"))
+
+    def without(self, *effects: str) -> RigConfig:
+        """Return a copy with the named effects off.
+
+        Args:
+            effects: Names of switches.
+
+        Raises:
+            RigError: If there is no such switch.
+        """
+        return self._switched(effects, on=False)
+
+    def having(self, *effects: str) -> RigConfig:
+        """Return a copy with the named effects on.
+
+        Args:
+            effects: Names of switches.
+
+        Raises:
+            RigError: If there is no such switch.
+        """
+        return self._switched(effects, on=True)
+
+    def _switched(self, effects: tuple[str, ...], *, on: bool) -> RigConfig:
+        switches = [f.name for f in fields(self) if f.type == "bool"]
+        for effect in effects:
+            if effect not in switches:
+                raise RigError(f"the rig has no effect '{effect}'", ", ".join(switches))
+        return replace(self, **dict.fromkeys(effects, on))

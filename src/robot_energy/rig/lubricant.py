@@ -1,0 +1,82 @@
+"""Viscosity of gear oil over temperature.
+
+Walther's law in the form of ASTM D341, ``log10 log10(nu + 0.7) = A - B log10(T)`` with
+the kinematic viscosity nu in mm^2/s and T in kelvin, fixed by the two figures of an
+oil's data sheet, nu at 40 and at 100 degC.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import log10
+
+import numpy as np
+
+from robot_energy.blocks import Float
+from robot_energy.errors import RigError
+
+KELVIN = 273.15  # K at 0 degC
+SHIFT = 0.7  # mm^2/s
+LEAST_DEGC, GREATEST_DEGC = -40.0, 200.0
+
+
+@dataclass(frozen=True)
+class Lubricant:
+    """One oil.
+
+    Attributes:
+        viscosity_40: Kinematic viscosity at 40 degC; an ISO VG grade is this figure
+            within 10 %. [mm^2/s]
+        viscosity_100: At 100 degC. [mm^2/s]
+
+    Raises:
+        RigError: If the oil does not thin with temperature.
+    """
+
+    viscosity_40: float
+    viscosity_100: float
+
+    def __post_init__(self) -> None:
+        if not 2.0 <= self.viscosity_100 < self.viscosity_40:
+            raise RigError(
+                f"an oil has {self.viscosity_40} mm^2/s at 40 degC and {self.viscosity_100} "
+                "at 100 degC",
+                "2 <= viscosity_100 < viscosity_40",
+            )
+
+    @property
+    def constants(self) -> tuple[float, float]:
+        """A and B of the law, for T in kelvin. [-]"""
+        cold = log10(log10(self.viscosity_40 + SHIFT))
+        hot = log10(log10(self.viscosity_100 + SHIFT))
+        slope = (cold - hot) / (log10(KELVIN + 100) - log10(KELVIN + 40))
+        return cold + slope * log10(KELVIN + 40), slope
+
+    def viscosity(self, gear_temperature_degc: Float | float) -> Float:
+        """Return the kinematic viscosity.
+
+        Args:
+            gear_temperature_degc: Of the oil, any shape; held at -40 and 200 degC. [degC]
+
+        Returns:
+            Same shape. [mm^2/s]
+        """
+        a, b = self.constants
+        degc = np.clip(np.asarray(gear_temperature_degc), LEAST_DEGC, GREATEST_DEGC)
+        return 10.0 ** (10.0 ** (a - b * np.log10(degc + KELVIN))) - SHIFT
+
+    def friction_factor(self, gear_temperature_degc: Float | float) -> Float:
+        """Return viscous friction relative to 40 degC, ``sqrt(nu / nu_40)``. [-]
+
+        The square root stands between churning (nu) and Coulomb-like contact (1): oil
+        thins 12 to 15 times from 20 to 80 degC while measured friction falls 3 to 4 times.
+
+        Args:
+            gear_temperature_degc: Of the oil, any shape. [degC]
+        """
+        return np.sqrt(self.viscosity(gear_temperature_degc) / self.viscosity_40)
+
+
+# Catalogue level of viscosity index about 97 (mineral) and 150 (synthetic).
+VG150_MINERAL = Lubricant(150.0, 14.7)
+VG220_SYNTHETIC = Lubricant(220.0, 25.8)

@@ -1,0 +1,124 @@
+"""Records that leave the rig."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from robot_energy.blocks import Block, Float, JointBlock, MeterBlock, TemperatureBlock
+
+
+@dataclass(frozen=True)
+class RigJoints(Block):
+    """Joint states as the controller reports them.
+
+    Attributes:
+        joint_position: Joint side, shape (N, n). [rad]
+        joint_velocity: Joint side, shape (N, n). [rad/s]
+        measured_motor_torque: Motor side, from current and name-plate torque constant,
+            shape (N, n). [N m]
+    """
+
+    joint_position: Float
+    joint_velocity: Float
+    measured_motor_torque: Float
+
+    def joint_block(self) -> JointBlock:
+        """Return what the pipeline takes: one segment of good samples."""
+        rows = len(self)
+        return JointBlock(
+            stamp_ns=self.stamp_ns,
+            segment=np.zeros(rows, dtype=np.int64),
+            quality=np.zeros(rows, dtype=np.uint32),
+            joint_position=self.joint_position,
+            joint_velocity=self.joint_velocity,
+            joint_acceleration=np.full_like(self.joint_velocity, np.nan),
+        )
+
+
+@dataclass(frozen=True)
+class Truth(Block):
+    """What really happens in the plant, at the true instants of the samples.
+
+    ``grid_power = sum_i(rigid_power + friction_power + iron_loss + copper_loss
+    + inverter_loss)_i + loss_dc + loss_grid + rectifier_loss + brake_power
+    + capacitor_power`` at every sample.
+
+    Attributes:
+        joint_position: Shape (N, n). [rad]
+        joint_velocity: Shape (N, n). [rad/s]
+        joint_acceleration: Shape (N, n). [rad/s^2]
+        motor_velocity: Shape (N, n). [rad/s]
+        motor_torque: At the shaft, shape (N, n). [N m]
+        motor_torque_friction: Shape (N, n). [N m]
+        motor_temperature_degc: Winding and magnets, shape (N, n). [degC]
+        gear_temperature_degc: Oil, shape (N, n). [degC]
+        rigid_power: Shape (N, n). [W]
+        friction_power: >= 0, shape (N, n). [W]
+        iron_loss: Shape (N, n). [W]
+        copper_loss: Shape (N, n). [W]
+        inverter_loss: Shape (N, n). [W]
+        loss_dc: Shape (N,). [W]
+        loss_grid: Shape (N,). [W]
+        rectifier_loss: Shape (N,). [W]
+        brake_power: Shape (N,). [W]
+        capacitor_power: Signed, shape (N,). [W]
+        bus_voltage: Shape (N,). [V]
+        grid_power: Shape (N,). [W]
+    """
+
+    joint_position: Float
+    joint_velocity: Float
+    joint_acceleration: Float
+    motor_velocity: Float
+    motor_torque: Float
+    motor_torque_friction: Float
+    motor_temperature_degc: Float
+    gear_temperature_degc: Float
+    rigid_power: Float
+    friction_power: Float
+    iron_loss: Float
+    copper_loss: Float
+    inverter_loss: Float
+    loss_dc: Float
+    loss_grid: Float
+    rectifier_loss: Float
+    brake_power: Float
+    capacitor_power: Float
+    bus_voltage: Float
+    grid_power: Float
+
+
+@dataclass(frozen=True)
+class RigOutput:
+    """What one step of the rig gave.
+
+    Attributes:
+        joints: Joint states.
+        temperatures: Motor temperatures, None if none was due.
+        meter: Readings of the grid meter, None if none was due.
+        truth: For tests and studies; a monitor never sees it.
+    """
+
+    joints: RigJoints
+    temperatures: TemperatureBlock | None
+    meter: MeterBlock | None
+    truth: Truth
+
+    @classmethod
+    def concatenate(cls, outputs: Sequence[RigOutput]) -> RigOutput:
+        """Join outputs in the order given.
+
+        Raises:
+            ShapeError: If there is nothing to join.
+        """
+        temperatures = [o.temperatures for o in outputs if o.temperatures is not None]
+        meters = [o.meter for o in outputs if o.meter is not None]
+        return cls(
+            RigJoints.concatenate([o.joints for o in outputs]),
+            TemperatureBlock.concatenate(temperatures) if temperatures else None,
+            MeterBlock.concatenate(meters) if meters else None,
+            Truth.concatenate([o.truth for o in outputs]),
+        )

@@ -1,0 +1,131 @@
+"""Friction and drives of the plant, sample by sample; nothing here has state."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from robot_energy.blocks import Float
+from robot_energy.rig.config import RigConfig
+from robot_energy.rig.profile import PlantProfile
+
+REFERENCE_DEGC = 20.0  # of resistances and torque constants
+OIL_DEGC = 60.0  # of the oil while its temperature is switched off
+
+
+@dataclass(frozen=True)
+class DriveFlows:
+    """What the drives do, shape (N, n) each.
+
+    Attributes:
+        iron_loss: >= 0. [W]
+        copper_loss: >= 0. [W]
+        inverter_loss: >= 0. [W]
+        measured_motor_torque: Current times the torque constant on the name plate. [N m]
+    """
+
+    iron_loss: Float
+    copper_loss: Float
+    inverter_loss: Float
+    measured_motor_torque: Float
+
+
+class PlantFriction:
+    """Coulomb, load, Stribeck and lubricant friction, motor side.
+
+    Args:
+        profile: The plant.
+        config: Which terms act.
+    """
+
+    def __init__(self, profile: PlantProfile, config: RigConfig) -> None:
+        self._profile = profile
+        self._load = profile.load_coulomb * config.load_friction
+        self._stribeck = profile.stribeck * config.stribeck
+        self._follows_oil = config.lubricant_temperature
+
+    def viscous(self, gear_temperature_degc: Float) -> Float:
+        """Return the viscous coefficient.
+
+        Args:
+            gear_temperature_degc: Of the oil, shape (n,). [degC]
+
+        Returns:
+            Motor side, shape (n,). [N m s/rad]
+        """
+        degc = (
+            gear_temperature_degc
+            if self._follows_oil
+            else np.full(self._profile.n_joints, OIL_DEGC)
+        )
+        factor = [
+            float(oil.friction_factor(value))
+            for oil, value in zip(self._profile.lubricant, degc.tolist(), strict=True)
+        ]
+        return self._profile.viscous_40 * np.asarray(factor)
+
+    def torque(
+        self, motor_velocity: Float, motor_torque_rigid: Float, gear_temperature_degc: Float
+    ) -> Float:
+        """Return what the drive must add against friction; none at standstill.
+
+        Args:
+            motor_velocity: Shape (N, n). [rad/s]
+            motor_torque_rigid: The load, shape (N, n). [N m]
+            gear_temperature_degc: Shape (n,). [degC]
+
+        Returns:
+            Motor side, with the sign of the velocity, shape (N, n). [N m]
+        """
+        speed = np.abs(motor_velocity)
+        dry = self._profile.coulomb + self._load * np.abs(motor_torque_rigid)
+        if self._stribeck.any():
+            dry = dry + self._stribeck * np.exp(-((speed / self._profile.stribeck_velocity) ** 2))
+        viscous = self.viscous(gear_temperature_degc)
+        return np.sign(motor_velocity) * dry + viscous * motor_velocity
+
+
+class PlantDrives:
+    """Motors and inverters.
+
+    Args:
+        profile: The plant.
+        config: Which losses act.
+    """
+
+    def __init__(self, profile: PlantProfile, config: RigConfig) -> None:
+        self._constant = profile.torque_constant
+        self._fall = profile.torque_constant_fall * config.demagnetisation
+        self._resistance = profile.resistance * config.copper
+        self._rise = profile.resistance_rise * config.copper_temperature
+        self._hysteresis = profile.hysteresis_torque * config.iron
+        self._eddy = profile.eddy_viscous * config.iron
+        self._linear = profile.inverter_linear * config.inverter
+        self._square = profile.inverter_square * config.inverter
+
+    def flows(
+        self, motor_velocity: Float, motor_torque: Float, motor_temperature_degc: Float
+    ) -> DriveFlows:
+        """Return losses and the reported torque.
+
+        Args:
+            motor_velocity: Shape (N, n). [rad/s]
+            motor_torque: At the shaft, shape (N, n). [N m]
+            motor_temperature_degc: Winding and magnets, shape (n,). [degC]
+
+        Returns:
+            The flows.
+        """
+        warmer = motor_temperature_degc - REFERENCE_DEGC
+        drag = self._hysteresis * np.sign(motor_velocity) + self._eddy * motor_velocity
+        constant = self._constant * (1.0 - self._fall * warmer)
+        current = (motor_torque + drag) / constant
+        magnitude, square = np.abs(current), current * current
+        resistance = self._resistance * (1.0 + self._rise * warmer)
+        return DriveFlows(
+            iron_loss=drag * motor_velocity,
+            copper_loss=3.0 * resistance * square,
+            inverter_loss=self._linear * magnitude + self._square * square,
+            measured_motor_torque=current * self._constant,
+        )

@@ -1,0 +1,215 @@
+"""Record the rig to a bag, as a robot's own topics would be recorded."""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robot_energy.bag import SENSOR_QOS, BagWriter
+from robot_energy.blocks import NANOSECOND, Int, MeterBlock, TemperatureBlock
+from robot_energy.errors import RigError
+from robot_energy.rig.output import RigJoints, RigOutput
+from robot_energy.rig.virtual_rig import VirtualRig
+from robot_energy.wire import Encoder, stamp_columns
+
+JOINT_STATES = "/joint_states"
+MOTOR_TEMPERATURES = "/motor_temperatures"
+POWER_METER = "/power_meter"
+
+STEP = 1.0  # s of samples written at once
+JOINT_DELAY_NS = 500_000  # from measurement to log
+TEMPERATURE_DELAY_NS = 5_000_000
+METER_DELAY_NS = 20_000_000
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What was written.
+
+    Attributes:
+        path: Folder of the bag.
+        messages: Number of messages by topic.
+        energy: True energy drawn from the grid. [J]
+    """
+
+    path: Path
+    messages: dict[str, int]
+    energy: float
+
+
+class RigEncoder:
+    """Serializes the output of a rig to ROS 2 messages.
+
+    ``/joint_states`` has motor torque in ``effort``, as reported by the drives.
+
+    Args:
+        joint_names: Names in the order of the rig's arrays.
+    """
+
+    def __init__(self, joint_names: tuple[str, ...]) -> None:
+        n_joints = len(joint_names)
+        self._names = tuple(joint_names)
+        self._joints = Encoder(
+            "sensor_msgs/msg/JointState",
+            {"name": self._names},
+            {"position": n_joints, "velocity": n_joints, "effort": n_joints},
+        )
+        self._temperatures = Encoder(
+            "ros2_energy_msgs/msg/MotorTemperatures",
+            {"joint_names": self._names},
+            {"temperature_degc": n_joints},
+        )
+        self._meter = Encoder("ros2_energy_msgs/msg/PowerReading")
+
+    def joint_states(self, block: RigJoints) -> NDArray[np.uint8]:
+        """Return sensor_msgs/JointState messages, shape (N, size)."""
+        return self._joints.encode(
+            {
+                **stamp_columns(block.stamp_ns),
+                "position": block.joint_position,
+                "velocity": block.joint_velocity,
+                "effort": block.measured_motor_torque,
+            },
+            len(block),
+        )
+
+    def temperatures(self, block: TemperatureBlock) -> NDArray[np.uint8]:
+        """Return ros2_energy_msgs/MotorTemperatures messages, shape (N, size)."""
+        return self._temperatures.encode(
+            {
+                **stamp_columns(block.stamp_ns),
+                "temperature_degc": block.motor_temperature_degc,
+            },
+            len(block),
+        )
+
+    def meter(self, block: MeterBlock) -> NDArray[np.uint8]:
+        """Return ros2_energy_msgs/PowerReading messages, shape (N, size)."""
+        return self._meter.encode(
+            {
+                **stamp_columns(block.stamp_ns),
+                "meaning": np.uint8(block.meaning),
+                "location": np.uint8(block.location),
+                "power": block.power,
+                "energy": block.energy,
+                "interval": block.interval,
+            },
+            len(block),
+        )
+
+
+class _Queue:
+    """Messages waiting to be written in the order of their log times."""
+
+    def __init__(self) -> None:
+        self._waiting: list[tuple[int, str, bytes]] = []
+
+    def add(self, topic: str, time_ns: Int, rows: NDArray[np.uint8]) -> None:
+        self._waiting += [
+            (time, topic, row.tobytes()) for time, row in zip(time_ns.tolist(), rows, strict=True)
+        ]
+
+    def write(self, bag: BagWriter, before_ns: int | None) -> None:
+        """Write what is logged before an instant, or everything."""
+        self._waiting.sort(key=lambda message: message[0])
+        ready = len(self._waiting)
+        if before_ns is not None:
+            ready = bisect_left(self._waiting, before_ns, key=lambda message: message[0])
+        for time, topic, data in self._waiting[:ready]:
+            bag.write(topic, [time], [data])
+        del self._waiting[:ready]
+
+
+def outputs(rig: VirtualRig, duration: float, step: float = STEP) -> Iterator[RigOutput]:
+    """Run a rig for a while, one piece at a time.
+
+    Args:
+        rig: The rig, at any point of its program.
+        duration: [s]
+        step: Length of a piece. [s]
+
+    Yields:
+        The pieces.
+
+    Raises:
+        RigError: If less than one sample was asked for.
+    """
+    if not (duration > 0 and step > 0 and np.isfinite(duration)):
+        raise RigError(f"a run of {duration} s in steps of {step} s was asked for", "times > 0 s")
+    last = rig.stamp_ns + round(duration / NANOSECOND) - 1  # the end itself is not included
+    piece = max(round(step / NANOSECOND), 1)
+    end = rig.stamp_ns - 1
+    while end < last:
+        end = min(end + piece, last)
+        output = rig.step_until(end)
+        if output is not None:
+            yield output
+
+
+def record(
+    rig: VirtualRig,
+    duration: float,
+    path: str | Path,
+    compression: Literal["zstd", "none"] = "zstd",
+    overwrite: bool = False,
+) -> Recording:
+    """Run a rig and write its topics to a bag.
+
+    ``/joint_states`` (sensor_msgs/JointState, effort = motor torque),
+    ``/motor_temperatures`` (ros2_energy_msgs/MotorTemperatures) and ``/power_meter``
+    (ros2_energy_msgs/PowerReading), logged a small delay after their stamps.
+
+    Args:
+        rig: The rig, at any point of its program.
+        duration: [s]
+        path: Folder of the bag, made here.
+        compression: Of the chunks.
+        overwrite: Replace a bag that is there.
+
+    Returns:
+        What was written.
+
+    Raises:
+        RigError: If the duration makes no sense.
+        BagError: If the bag cannot be written.
+    """
+    pieces = outputs(rig, duration)
+    first = next(pieces, None)
+    if first is None:
+        raise RigError(f"a run of {duration} s holds no sample", "a longer duration")
+    encoder = RigEncoder(rig.joint_names)
+    counts: dict[str, int] = {JOINT_STATES: 0, MOTOR_TEMPERATURES: 0, POWER_METER: 0}
+    energy = 0.0
+    queue = _Queue()
+    with BagWriter(path, compression, overwrite) as bag:
+        bag.add_topic(JOINT_STATES, "sensor_msgs/msg/JointState", SENSOR_QOS)
+        bag.add_topic(MOTOR_TEMPERATURES, "ros2_energy_msgs/msg/MotorTemperatures")
+        bag.add_topic(POWER_METER, "ros2_energy_msgs/msg/PowerReading")
+        output: RigOutput | None = first
+        while output is not None:
+            for topic, time_ns, rows in _messages(encoder, output):
+                queue.add(topic, time_ns, rows)
+                counts[topic] += len(rows)
+            energy += float(output.truth.grid_power.sum()) * rig.period
+            queue.write(bag, int(output.truth.stamp_ns[-1]))
+            output = next(pieces, None)
+        queue.write(bag, None)
+    return Recording(Path(path), counts, energy)
+
+
+def _messages(
+    encoder: RigEncoder, output: RigOutput
+) -> Iterator[tuple[str, Int, NDArray[np.uint8]]]:
+    joints = output.joints
+    yield JOINT_STATES, joints.stamp_ns + JOINT_DELAY_NS, encoder.joint_states(joints)
+    if output.temperatures is not None:
+        stamp = output.temperatures.stamp_ns + TEMPERATURE_DELAY_NS
+        yield MOTOR_TEMPERATURES, stamp, encoder.temperatures(output.temperatures)
+    if output.meter is not None:
+        yield POWER_METER, output.meter.stamp_ns + METER_DELAY_NS, encoder.meter(output.meter)

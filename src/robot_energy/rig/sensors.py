@@ -1,0 +1,216 @@
+"""Sensors of the rig: encoders, stamps, thermometers, the grid meter.
+
+Each has a random stream of its own, so that switching one effect never changes another.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+import numpy as np
+
+from robot_energy.blocks import (
+    NANOSECOND,
+    Float,
+    Int,
+    MeterBlock,
+    MeterLocation,
+    MeterMeaning,
+    TemperatureBlock,
+)
+from robot_energy.drivetrain import Drivetrain
+from robot_energy.rig.config import RigConfig
+
+TURN = 2.0 * np.pi  # rad
+JITTER_SPREAD = 3.0  # standard deviations at which the jitter is cut
+MAX_JITTER = 0.4  # of the sample period, so that stamps always rise
+
+
+class Stream(IntEnum):
+    """Purposes of random numbers; the order must not change."""
+
+    VELOCITY = 0
+    TORQUE = 1
+    STAMP = 2
+    TEMPERATURE = 3
+    METER = 4
+
+
+def stream(seed: int, purpose: Stream) -> np.random.Generator:
+    """Return the random stream of one purpose."""
+    return np.random.Generator(
+        np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(int(purpose),)))
+    )
+
+
+class JointSensors:
+    """What the controller reports of the joints.
+
+    Args:
+        config: Switches and figures.
+        drivetrain: Encoders sit on the motors.
+        seed: Of the rig.
+        period_ns: Between samples. [ns]
+    """
+
+    def __init__(
+        self, config: RigConfig, drivetrain: Drivetrain, seed: int, period_ns: int
+    ) -> None:
+        self._config = config
+        self._drivetrain = drivetrain
+        self._velocity = stream(seed, Stream.VELOCITY)
+        self._torque = stream(seed, Stream.TORQUE)
+        self._stamp = stream(seed, Stream.STAMP)
+        self._period_ns = period_ns
+
+    def stamp(self, stamp_ns: Int) -> Int:
+        """Return the stamps that the driver writes, strictly increasing, shape (N,). [ns]"""
+        sigma = self._config.sensors.stamp_jitter / NANOSECOND
+        if not self._config.stamp_jitter or sigma == 0:
+            return stamp_ns
+        bound = min(JITTER_SPREAD * sigma, MAX_JITTER * self._period_ns)
+        error = np.clip(sigma * self._stamp.standard_normal(len(stamp_ns)), -bound, bound)
+        return stamp_ns + np.rint(error).astype(np.int64)
+
+    def position(self, joint_position: Float) -> Float:
+        """Return positions in steps of the encoders, joint side, shape (N, n). [rad]"""
+        if not self._config.encoder:
+            return joint_position
+        step = TURN / self._config.sensors.encoder_counts
+        motor = self._drivetrain.motor_velocity_from_joint(joint_position)
+        return self._drivetrain.joint_velocity_from_motor(np.rint(motor / step) * step)
+
+    def velocity(self, joint_velocity: Float) -> Float:
+        """Return noisy velocities, joint side, shape (N, n). [rad/s]"""
+        if not self._config.velocity_noise:
+            return joint_velocity
+        noise = self._velocity.standard_normal(joint_velocity.shape)
+        noise *= self._config.sensors.velocity_noise
+        return joint_velocity + self._drivetrain.joint_velocity_from_motor(noise)
+
+    def torque(self, measured_motor_torque: Float) -> Float:
+        """Return noisy torques, motor side, shape (N, n). [N m]"""
+        if not self._config.torque_noise:
+            return measured_motor_torque
+        noise = self._torque.standard_normal(measured_motor_torque.shape)
+        return measured_motor_torque + noise * self._config.sensors.torque_noise
+
+
+class TemperatureSensor:
+    """Motor thermometers with their own rate.
+
+    Args:
+        config: Switches and figures.
+        seed: Of the rig.
+        start_stamp_ns: Of the first reading. [ns]
+    """
+
+    def __init__(self, config: RigConfig, seed: int, start_stamp_ns: int) -> None:
+        self._noisy = config.temperature_sensor
+        self._sensors = config.sensors
+        self._random = stream(seed, Stream.TEMPERATURE)
+        self._start_ns = start_stamp_ns
+        self._period_ns = round(1.0 / (config.sensors.temperature_rate * NANOSECOND))
+        self._next = 0
+
+    def read(
+        self, begin_ns: int, end_ns: int, begin_degc: Float, end_degc: Float
+    ) -> TemperatureBlock:
+        """Return the readings in ``[begin, end)``.
+
+        Args:
+            begin_ns: Since the start. [ns]
+            end_ns: Since the start. [ns]
+            begin_degc: Motor temperatures at ``begin``, shape (n,). [degC]
+            end_degc: And at ``end``, straight between, shape (n,). [degC]
+
+        Returns:
+            A block, possibly empty.
+        """
+        last = -(-end_ns // self._period_ns)  # first reading at or after the end
+        since = np.arange(self._next, max(last, self._next), dtype=np.int64) * self._period_ns
+        self._next += len(since)
+        share = ((since - begin_ns) / (end_ns - begin_ns))[:, None]
+        degc = begin_degc + share * (end_degc - begin_degc)
+        if self._noisy:
+            step = self._sensors.temperature_resolution
+            degc = degc + self._sensors.temperature_noise * self._random.standard_normal(degc.shape)
+            degc = np.rint(degc / step) * step
+        return TemperatureBlock(since + self._start_ns, degc)
+
+
+class GridMeter:
+    """A power meter on the mains supply with its own rate.
+
+    Each sample of the true power stands for half a sample period before and after it.
+
+    Args:
+        config: Switches and figures.
+        seed: Of the rig.
+        start_stamp_ns: The first interval begins here. [ns]
+        period_ns: Between samples of the true power. [ns]
+    """
+
+    def __init__(self, config: RigConfig, seed: int, start_stamp_ns: int, period_ns: int) -> None:
+        sensors = config.sensors
+        self._random = stream(seed, Stream.METER)
+        gain = float(self._random.uniform(-1.0, 1.0)) * sensors.meter_class
+        self.gain = 1.0 + gain if config.meter_error else 1.0
+        self._noise = sensors.meter_noise if config.meter_error else 0.0
+        self._meaning = sensors.meter_meaning
+        self._start_ns = start_stamp_ns
+        self._sample_ns = period_ns
+        self._period_ns = round(1.0 / (sensors.meter_rate * NANOSECOND))
+        self._next = 0
+        self._energy = 0.0  # J up to the end of the last block
+        self._last = 0.0  # J at the last reading
+
+    def read(self, first: int, grid_power: Float) -> MeterBlock:
+        """Take the true power of consecutive samples and return the readings they complete.
+
+        Args:
+            first: Index of the first sample.
+            grid_power: Shape (N,). [W]
+
+        Returns:
+            A block, possibly empty.
+        """
+        samples = first + np.arange(len(grid_power) + 1) - 0.5
+        edge = samples * self._sample_ns  # ns since the start
+        energy = (
+            np.concatenate([[0.0], np.cumsum(grid_power * (self._sample_ns * NANOSECOND))])
+            + self._energy
+        )
+        self._energy = float(energy[-1])
+        stop = int(edge[-1] // self._period_ns) + 1
+        index = np.arange(self._next, max(stop, self._next), dtype=np.int64)
+        self._next += len(index)
+        since = index * self._period_ns
+        counter = np.interp(since, edge, energy)
+        before = np.concatenate([[self._last], counter[:-1]])
+        if len(index):
+            self._last = float(counter[-1])
+        row = np.clip(np.searchsorted(edge, since, side="right") - 1, 0, len(grid_power) - 1)
+        block = self._reading(since, grid_power[row], counter, counter - before)
+        # At index 0 the first interval only begins.
+        return block[index > 0] if self._meaning is not MeterMeaning.INSTANTANEOUS else block
+
+    def _reading(self, since: Int, power: Float, counter: Float, used: Float) -> MeterBlock:
+        unknown = np.full(len(since), np.nan)
+        interval, energy = unknown, unknown
+        if self._meaning is MeterMeaning.CUMULATIVE:
+            power, energy = unknown, counter * self.gain
+        else:
+            if self._meaning is MeterMeaning.MEAN_OVER_INTERVAL:
+                interval = np.full(len(since), self._period_ns * NANOSECOND)
+                power = used / interval
+            noise = 1.0 + self._noise * self._random.standard_normal(len(since))
+            power = power * self.gain * noise
+        return MeterBlock(
+            stamp_ns=since + self._start_ns,
+            power=power,
+            energy=energy,
+            interval=interval,
+            meaning=self._meaning,
+            location=MeterLocation.GRID,
+        )

@@ -1,0 +1,291 @@
+"""The virtual test rig: a plant of the KR 16 class that runs a program.
+
+Independent of the monitored model: both share rigid bodies and drivetrain, nothing else.
+The robot follows its program exactly.
+
+Inside, the rig works in blocks of a fixed number of samples (about one second, less when
+the temperatures are sped up) and hands them out in any cut, so that the cut changes no
+bit of the output. Temperatures are held over a block and then advanced by its mean heat.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from robot_energy.blocks import (
+    NANOSECOND,
+    Float,
+    Int,
+    MeterBlock,
+    TemperatureBlock,
+    sum_over_joints,
+)
+from robot_energy.errors import RigError
+from robot_energy.motion import Program
+from robot_energy.rig.config import RigConfig
+from robot_energy.rig.output import RigJoints, RigOutput, Truth
+from robot_energy.rig.plant import DriveFlows, PlantDrives, PlantFriction
+from robot_energy.rig.profile import PlantProfile
+from robot_energy.rig.sensors import GridMeter, JointSensors, TemperatureSensor
+from robot_energy.rig.supply import Supply
+from robot_energy.rig.thermal import ThermalNetwork, longest_step
+
+BLOCK = 1.0  # s of samples computed at once, at most
+EPOCH_NS = 1_000_000_000 * 1_000_000_000  # an arbitrary instant in 2001
+PLAUSIBLE_DEGC = (-20.0, 150.0)
+
+
+class VirtualRig:
+    """Plays one robot with its cabinet, thermometers and grid meter.
+
+    Args:
+        profile: The plant.
+        program: What the robot does, from its first via onward.
+        config: Effects and sensors; everything on by default.
+        seed: The same seed gives the same bytes.
+        start_temperature_degc: Of motors and gears at the start, one value or (n,). [degC]
+        ambient_degc: [degC]
+        start_stamp_ns: Stamp of the first sample. [ns]
+        rate_hz: Of the joint states. [Hz]
+
+    Attributes:
+        joint_names: Names, in the order of every array.
+        samples: How many samples were handed out.
+
+    Raises:
+        RigError: If the figures make no sense together.
+        ModelFileError: If the profile's body is not a model.
+    """
+
+    def __init__(
+        self,
+        profile: PlantProfile,
+        program: Program,
+        config: RigConfig | None = None,
+        seed: int = 0,
+        start_temperature_degc: float | Float = 20.0,
+        ambient_degc: float = 20.0,
+        start_stamp_ns: int = EPOCH_NS,
+        rate_hz: float = 250.0,
+    ) -> None:
+        config = config or RigConfig()
+        start = _start(profile, program, start_temperature_degc, ambient_degc, rate_hz)
+        self.profile = profile
+        self.samples = 0
+        self._program = program
+        self._robot, self._drivetrain = profile.mechanics()
+        self.joint_names = self._robot.joint_names
+        self._start_ns = int(start_stamp_ns)
+        self._period_ns = round(1.0 / (rate_hz * NANOSECOND))
+        self._block = _block_samples(profile, config, self.period)
+        self._warming = config.warming
+        self._friction = PlantFriction(profile, config)
+        self._drives = PlantDrives(profile, config)
+        self._supply = Supply(profile, config, self.period)
+        self._thermal = ThermalNetwork(
+            profile, self._block * self.period * config.thermal_speedup, start, start, ambient_degc
+        )
+        self._joint_sensors = JointSensors(config, self._drivetrain, seed, self._period_ns)
+        self._thermometer = TemperatureSensor(config, seed, self._start_ns)
+        self._meter = GridMeter(config, seed, self._start_ns, self._period_ns)
+        self._computed = 0
+        self._ready: tuple[RigJoints, Truth] | None = None
+        self._temperatures = TemperatureBlock(
+            np.empty(0, dtype=np.int64), np.empty((0, profile.n_joints))
+        )
+        self._readings: MeterBlock | None = None
+
+    @property
+    def period(self) -> float:
+        """Time between samples. [s]"""
+        return self._period_ns * NANOSECOND
+
+    @property
+    def stamp_ns(self) -> int:
+        """True instant of the next sample. [ns]"""
+        return self._start_ns + self.samples * self._period_ns
+
+    def step_until(self, stamp_ns: int) -> RigOutput | None:
+        """Return the samples up to an instant, as a live rig does at every tick.
+
+        Args:
+            stamp_ns: The last sample is at or before it. [ns]
+
+        Returns:
+            What became due, or None if no sample did.
+        """
+        due = (stamp_ns - self.stamp_ns) // self._period_ns + 1
+        return self.step(due) if due > 0 else None
+
+    def step(self, n_samples: int) -> RigOutput:
+        """Run the rig.
+
+        Temperatures and meter readings come with the first step whose last sample is not
+        before their stamp.
+
+        Args:
+            n_samples: How many samples, >= 1.
+
+        Returns:
+            The samples and the readings due by then.
+
+        Raises:
+            RigError: If ``n_samples`` is not positive.
+        """
+        if n_samples < 1:
+            raise RigError(f"a step of {n_samples} samples was asked for", "at least 1")
+        joints: list[RigJoints] = []
+        truth: list[Truth] = []
+        left = n_samples
+        while left:
+            if self._ready is None:
+                self._ready = self._compute()
+            ready = self._ready
+            used = min(left, len(ready[0]))
+            joints.append(ready[0][slice(0, used)])
+            truth.append(ready[1][slice(0, used)])
+            rest = slice(used, None)
+            self._ready = (ready[0][rest], ready[1][rest]) if used < len(ready[0]) else None
+            left -= used
+        self.samples += n_samples
+        return RigOutput(
+            RigJoints.concatenate(joints),
+            self._due_temperatures(),
+            self._due_readings(),
+            Truth.concatenate(truth),
+        )
+
+    def _due_temperatures(self) -> TemperatureBlock | None:
+        waiting = self._temperatures
+        due = int(np.searchsorted(waiting.stamp_ns, self.stamp_ns - self._period_ns, "right"))
+        self._temperatures = waiting[slice(due, None)]
+        return waiting[slice(0, due)] if due else None
+
+    def _due_readings(self) -> MeterBlock | None:
+        waiting = self._readings
+        if waiting is None:
+            return None
+        due = int(np.searchsorted(waiting.stamp_ns, self.stamp_ns - self._period_ns, "right"))
+        self._readings = waiting[slice(due, None)]
+        return waiting[slice(0, due)] if due else None
+
+    def _compute(self) -> tuple[RigJoints, Truth]:
+        """Advance by one block."""
+        first, rows = self._computed, self._block
+        self._computed += rows
+        since_ns = np.arange(first, first + rows, dtype=np.int64) * self._period_ns
+        truth, drives = self._plant(since_ns)
+        motor_before = self._thermal.motor_temperature_degc
+        if self._warming:
+            self._heat(truth)
+        readings = self._meter.read(first, truth.grid_power)
+        self._readings = (
+            readings
+            if self._readings is None
+            else MeterBlock.concatenate([self._readings, readings])
+        )
+        temperatures = self._thermometer.read(
+            first * self._period_ns,
+            (first + rows) * self._period_ns,
+            motor_before,
+            self._thermal.motor_temperature_degc,
+        )
+        self._temperatures = TemperatureBlock.concatenate([self._temperatures, temperatures])
+        sensors = self._joint_sensors
+        joints = RigJoints(
+            stamp_ns=sensors.stamp(truth.stamp_ns),
+            joint_position=sensors.position(truth.joint_position),
+            joint_velocity=sensors.velocity(truth.joint_velocity),
+            measured_motor_torque=sensors.torque(drives.measured_motor_torque),
+        )
+        return joints, truth
+
+    def _plant(self, since_ns: Int) -> tuple[Truth, DriveFlows]:
+        time: Float = since_ns.astype(np.float64) * NANOSECOND
+        motion = self._program.sample(time)
+        position, velocity = motion.joint_position, motion.joint_velocity
+        acceleration = motion.joint_acceleration
+        motor_degc = self._thermal.motor_temperature_degc
+        gear_degc = self._thermal.gear_temperature_degc
+        speed = self._drivetrain.motor_velocity_from_joint(velocity)
+        rigid = self._drivetrain.motor_torque_from_joint(
+            self._robot.joint_torque(position, velocity, acceleration)
+        ) + self._drivetrain.rotor_torque(acceleration)
+        friction = self._friction.torque(speed, rigid, gear_degc)
+        torque = rigid + friction
+        drives = self._drives.flows(speed, torque, motor_degc)
+        rigid_power, friction_power = rigid * speed, friction * speed
+        losses = drives.iron_loss + drives.copper_loss + drives.inverter_loss
+        supply = self._supply.step(sum_over_joints(rigid_power + friction_power + losses))
+        rows = len(since_ns)
+        truth = Truth(
+            stamp_ns=since_ns + self._start_ns,
+            joint_position=position,
+            joint_velocity=velocity,
+            joint_acceleration=acceleration,
+            motor_velocity=speed,
+            motor_torque=torque,
+            motor_torque_friction=friction,
+            motor_temperature_degc=np.tile(motor_degc, (rows, 1)),
+            gear_temperature_degc=np.tile(gear_degc, (rows, 1)),
+            rigid_power=rigid_power,
+            friction_power=friction_power,
+            iron_loss=drives.iron_loss,
+            copper_loss=drives.copper_loss,
+            inverter_loss=drives.inverter_loss,
+            loss_dc=np.full(rows, self.profile.supply.loss_dc),
+            loss_grid=np.full(rows, self.profile.supply.loss_grid),
+            rectifier_loss=supply.rectifier_loss,
+            brake_power=supply.brake_power,
+            capacitor_power=supply.capacitor_power,
+            bus_voltage=supply.bus_voltage,
+            grid_power=supply.grid_power,
+        )
+        return truth, drives
+
+    def _heat(self, truth: Truth) -> None:
+        friction = truth.friction_power.mean(axis=0)
+        motor = (truth.iron_loss + truth.copper_loss).mean(axis=0)
+        share = self.profile.friction_to_motor
+        self._thermal.step(motor + share * friction, (1.0 - share) * friction)
+
+
+def _start(
+    profile: PlantProfile,
+    program: Program,
+    start_temperature_degc: float | Float,
+    ambient_degc: float,
+    rate_hz: float,
+) -> Float:
+    """Check the arguments and return the start temperatures, shape (n,). [degC]"""
+    if program.n_joints != profile.n_joints:
+        raise RigError(
+            f"the program moves {program.n_joints} joints", f"{profile.n_joints} as the profile"
+        )
+    if not 1 <= rate_hz <= 10_000:
+        raise RigError(f"the rate is {rate_hz} Hz", "1 to 10000 Hz")
+    given = np.asarray(start_temperature_degc, dtype=np.float64)
+    if given.shape not in ((), (profile.n_joints,)):
+        raise RigError(
+            f"the start temperatures have shape {given.shape}",
+            f"one value or {profile.n_joints}",
+        )
+    start = np.array(np.broadcast_to(given, profile.n_joints))
+    low, high = PLAUSIBLE_DEGC
+    for name, values in (("start temperature", start), ("ambient", np.array([ambient_degc]))):
+        if not ((values >= low) & (values <= high)).all():
+            raise RigError(f"the {name} is {values.tolist()} degC", f"{low:g} to {high:g} degC")
+    return start
+
+
+def _block_samples(profile: PlantProfile, config: RigConfig, period: float) -> int:
+    """How many samples to hold the temperatures for."""
+    wanted = round(BLOCK / period)
+    allowed = longest_step(profile) / (period * config.thermal_speedup)
+    if config.warming and allowed < 1:
+        raise RigError(
+            f"thermal_speedup is {config.thermal_speedup:g}",
+            f"at most {longest_step(profile) / period:.4g} at this rate",
+            "reduce it: temperatures would run ahead of the samples",
+        )
+    return max(1, min(wanted, int(min(allowed, wanted))))
