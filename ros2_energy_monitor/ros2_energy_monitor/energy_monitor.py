@@ -1,0 +1,109 @@
+"""Node: the three monitors in one process, wired directly."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from sensor_msgs.msg import JointState
+
+from robot_energy.ingest import JointStateIngest, MeterIngest, TemperatureIngest
+from robot_energy.messages import FrictionWriter, TorqueWriter
+from robot_energy.pipeline import EnergyPipeline, Ledger, Output
+from ros2_energy_monitor.diagnostics import energy_source, joint_state_source, temperature_source
+from ros2_energy_monitor.drain import Inbox
+from ros2_energy_monitor.inputs import drain_all, meter_inbox, temperature_inboxes
+from ros2_energy_monitor.monitor_node import MonitorNode
+from ros2_energy_monitor.node_parameters import EnergyParameters
+from ros2_energy_monitor.publishers import (
+    BooksPublisher,
+    best_effort,
+    friction_publisher,
+    torque_publisher,
+)
+from ros2_energy_monitor.settings import settings_of
+from ros2_energy_monitor.shell import run
+
+
+class EnergyMonitor(MonitorNode[EnergyParameters]):
+    """Publishes what the three monitors publish; ``energy/joint_torque`` only if asked.
+
+    Args:
+        options: Options of `rclpy.node.Node`.
+
+    Raises:
+        RobotEnergyError: If a parameter or the model cannot be used.
+    """
+
+    NAME = "energy_monitor"
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(self.NAME, EnergyParameters, **options)
+        names, depth = self.model.joint_names, self.parameters.joint_state_depth
+        self.ingest = JointStateIngest(names)
+        self._temperature = TemperatureIngest(names)
+        self._meter = MeterIngest()
+        self._pipeline = EnergyPipeline(self.model, settings_of(self.parameters))
+        self._torque_writer = TorqueWriter(names, self.model.model_id)
+        self._friction_writer = FrictionWriter(self.model)
+        self._torque = torque_publisher(self, depth) if self.parameters.publish_torque else None
+        self._friction = friction_publisher(self)
+        self._friction.publish(self._friction_writer.encode(self._pipeline.friction.initial()))
+        self._books = BooksPublisher(self, self.model, self.ledger)
+        self.joint_states = Inbox(self, JointState, "joint_states", best_effort(depth))
+        self.temperatures = temperature_inboxes(self, self.parameters)
+        self.readings = meter_inbox(self)
+        self.begin([
+            joint_state_source(self.joint_states, self.ingest, self.parameters.input_timeout),
+            temperature_source(
+                self.temperatures, self._temperature, self._pipeline.friction, self.model
+            ),
+            energy_source(
+                self.ledger, self.readings, self._meter, self.parameters.meter_max_gap
+            ),
+        ])  # fmt: skip
+
+    @property
+    def ledger(self) -> Ledger:
+        """The books."""
+        return self._pipeline.ledger
+
+    def tick(self) -> None:
+        """Drain all inputs, run the pipeline once and publish.
+
+        Joint states come first: the temperatures and readings drained after them are then
+        never older than what they belong to.
+        """
+        states = self.joint_states.drain()
+        temperatures = self._temperature.step(drain_all(self.temperatures))
+        readings = self.readings.drain()
+        joints = self.ingest.step(states) if states is not None else None
+        meter = self._meter.step(readings) if readings is not None else None
+        self._publish(self._pipeline.step(joints, temperatures, meter))
+
+    def report(self) -> None:
+        """Publish the registers and the diagnostics."""
+        self._books.registers()
+        super().report()
+
+    def close(self) -> None:
+        """Book and publish what still waits."""
+        self.tick()
+        self._publish(self._pipeline.flush())
+        self._books.registers()
+
+    def _publish(self, output: Output) -> None:
+        if output.torque is not None and self._torque is not None:
+            self._torque.publish(self._torque_writer.encode(output.torque))
+        if output.friction is not None:
+            self._friction.publish(self._friction_writer.encode(output.friction))
+        self._books.power(output.means)
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the node until it is interrupted."""
+    return run(EnergyMonitor, args)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

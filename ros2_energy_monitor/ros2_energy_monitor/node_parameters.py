@@ -1,0 +1,267 @@
+"""Parameters of the nodes: one frozen dataclass each, declared with type, range and meaning.
+
+All are read-only: a running monitor does not change what its figures mean.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+from dataclasses import MISSING, Field, dataclass, field, fields
+from typing import TYPE_CHECKING, Any, TypeVar, cast, get_type_hints
+
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.exceptions import (
+    InvalidParameterTypeException,
+    InvalidParameterValueException,
+    ParameterUninitializedException,
+)
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from robot_energy.errors import RobotEnergyError
+from robot_energy.ingest.temperatures import MOTOR_TEMPERATURES, TEMPERATURE
+
+TYPES: dict[Any, tuple[Parameter.Type, str]] = {
+    bool: (Parameter.Type.BOOL, "true or false"),
+    int: (Parameter.Type.INTEGER, "an integer"),
+    float: (Parameter.Type.DOUBLE, "a number"),
+    str: (Parameter.Type.STRING, "a text"),
+    tuple[str, ...]: (Parameter.Type.STRING_ARRAY, "a list of texts"),
+}
+# Overrides that rclpy itself declares or reads.
+OF_RCLPY = ("use_sim_time", "start_type_description_service", "qos_overrides")
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+P = TypeVar("P", bound="DataclassInstance")
+
+
+class ParameterError(RobotEnergyError, ValueError):
+    """A parameter of a node is missing, of a wrong type or out of its range."""
+
+
+def parameter(
+    description: str,
+    default: Any = MISSING,
+    low: float | None = None,
+    high: float | None = None,
+    choices: tuple[str, ...] = (),
+) -> Any:
+    """Describe one parameter; without a default it is required.
+
+    Args:
+        description: What it means, with its unit in brackets.
+        default: Value where none is given.
+        low: Least value allowed.
+        high: Greatest value allowed.
+        choices: The texts allowed; empty for any.
+    """
+    metadata = {"description": description, "low": low, "high": high, "choices": choices}
+    return field(default=default, metadata=metadata)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Common:
+    """What every monitor needs."""
+
+    model: str = parameter("Model file of the robot, or the name of a shipped model, e.g. kr16.")
+    tick_rate: float = parameter(
+        "How often queued messages are taken and results published [1/s].", 50.0, 1.0, 1000.0
+    )
+    input_timeout: float = parameter(
+        "Silence of an input beyond which diagnostics call it missing [s].", 1.0, 0.05, 3600.0
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class TorqueParameters(Common):
+    """Parameters of the torque monitor."""
+
+    joint_state_depth: int = parameter(
+        "Messages that can wait between two ticks; at least 0.5 s of joint states [messages].",
+        2000, 1, 100_000,
+    )  # fmt: skip
+    derivative_window: float = parameter(
+        "Length of the window over which acceleration is estimated [s].", 0.02, 0.001, 1.0
+    )
+    derivative_lag: float = parameter(
+        "How far that window reaches ahead of the sample; -1 for half the window [s].",
+        -1.0, -1.0, 1.0,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrictionParameters(Common):
+    """Parameters of the friction monitor."""
+
+    temperature_topics: tuple[str, ...] = parameter(
+        "Topics of motor temperatures; all of one type.", ("motor_temperatures",)
+    )
+    temperature_type: str = parameter(
+        "Type of those topics; sensor_msgs/msg/Temperature names its joint in frame_id.",
+        MOTOR_TEMPERATURES, choices=(MOTOR_TEMPERATURES, TEMPERATURE),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Books(Common):
+    """What the nodes that keep the books share."""
+
+    power_rate: float = parameter(
+        "Rate of energy/power, whose powers are means over its period [1/s].", 50.0, 0.1, 1000.0
+    )
+    settle: float = parameter(
+        "How long torque waits for a temperature that arrives late [s].", 0.1, 0.0, 10.0
+    )
+    meter_max_gap: float = parameter(
+        "Longest time between two meter readings that is bridged [s].", 2.0, 0.01, 3600.0
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class PowerParameters(_Books):
+    """Parameters of the power monitor."""
+
+    joint_torque_depth: int = parameter(
+        "Messages that can wait between two ticks; at least 0.5 s of torques [messages].",
+        2000, 1, 100_000,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class EnergyParameters(TorqueParameters, FrictionParameters, _Books):
+    """Parameters of the energy monitor, the three monitors in one process."""
+
+    publish_torque: bool = parameter(
+        "Whether energy/joint_torque is published, at the full rate of the joint states.", False
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobotParameters:
+    """Parameters of the virtual robot."""
+
+    seed: int = parameter("Seed of the noise of all sensors.", 1, 0, 2**31 - 1)
+    program: int = parameter(
+        "Seed of the random program; the same number gives the same motions.", 1, 0, 2**31 - 1
+    )
+    speed: float = parameter("Speed of the program, as a share of the limits [-].", 1.0, 0.05, 1.0)
+    rate: float = parameter("Rate of the joint states [1/s].", 250.0, 10.0, 4000.0)
+    tick_rate: float = parameter(
+        "How often the samples that are due are published, as a burst [1/s].", 50.0, 1.0, 1000.0
+    )
+    start_temperature_degc: float = parameter(
+        "Temperature of all motors and gears at the start [degC].", 20.0, -20.0, 120.0
+    )
+    ambient_degc: float = parameter("Temperature of the hall [degC].", 20.0, -20.0, 60.0)
+    thermal_speedup: float = parameter(
+        "How many times faster than nature the robot warms up [-].", 1.0, 0.01, 10_000.0
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ConsoleParameters:
+    """Parameters of the console."""
+
+    refresh_rate: float = parameter(
+        "How often the table is drawn on a terminal [1/s].", 4.0, 0.1, 20.0
+    )
+    line_period: float = parameter(
+        "How often a line is printed where there is no terminal [s].", 5.0, 0.5, 3600.0
+    )
+
+
+def declare(node: Node, cls: type[P]) -> P:
+    """Declare the parameters of a node and return their values.
+
+    Unknown overrides are logged as a warning, with the name that was probably meant.
+
+    Args:
+        node: The node.
+        cls: Dataclass of its parameters.
+
+    Returns:
+        The values.
+
+    Raises:
+        ParameterError: If a required parameter is missing, or a value has a wrong type or
+            is out of its range.
+    """
+    given = cast("dict[str, Parameter]", getattr(node, "_parameter_overrides", {}))
+    hints = get_type_hints(cls)
+    names = [entry.name for entry in fields(cls)]
+    _warn_of_unknown(node, given, names)
+    return cls(**{
+        entry.name: _declare_one(node, entry, hints[entry.name], given) for entry in fields(cls)
+    })  # fmt: skip
+
+
+def _declare_one(node: Node, entry: Field[Any], kind: Any, given: dict[str, Parameter]) -> Any:
+    name, override = entry.name, given.get(entry.name)
+    if kind is float and override is not None and override.type_ == Parameter.Type.INTEGER:
+        given[name] = Parameter(name, value=float(cast(int, override.value)))  # 50 for 50.0
+    if kind == tuple[str, ...] and override is not None and not override.value:
+        given[name] = Parameter(name, Parameter.Type.STRING_ARRAY, [])
+    default = entry.default
+    if isinstance(default, tuple):
+        default = list(default)
+    expected = _expected(entry, TYPES[kind][1])
+    missing = ParameterError(
+        f"{node.get_name()} was started without its parameter '{name}'",
+        f"{expected}: {entry.metadata['description'].rstrip('.')}",
+        f"add it to the parameter file or start with -p {name}:=...",
+    )
+    try:
+        start = TYPES[kind][0] if default is MISSING else default
+        node.declare_parameter(name, start, _descriptor(entry, kind))
+        value: Any = node.get_parameter(name).value
+    except ParameterUninitializedException:
+        raise missing from None
+    except (InvalidParameterTypeException, InvalidParameterValueException) as error:
+        raise _wrong(node, name, given, expected) from error
+    choices = entry.metadata["choices"]
+    if (choices and value not in choices) or (kind is float and not math.isfinite(value)):
+        raise _wrong(node, name, given, expected)
+    if entry.default is MISSING and value in (None, ""):
+        raise missing
+    return tuple(value) if kind == tuple[str, ...] else value
+
+
+def _wrong(node: Node, name: str, given: dict[str, Parameter], expected: str) -> ParameterError:
+    found = given[name].value if name in given else "?"
+    return ParameterError(f"parameter '{name}' of {node.get_name()} is {found!r}", expected)
+
+
+def _expected(entry: Field[Any], kind: str) -> str:
+    low, high, choices = (entry.metadata[key] for key in ("low", "high", "choices"))
+    if choices:
+        return "one of " + ", ".join(choices)
+    return kind if low is None else f"{kind} from {low} to {high}"
+
+
+def _descriptor(entry: Field[Any], kind: Any) -> ParameterDescriptor:
+    low, high, choices = (entry.metadata[key] for key in ("low", "high", "choices"))
+    descriptor = ParameterDescriptor(
+        name=entry.name,
+        description=entry.metadata["description"],
+        additional_constraints="one of " + ", ".join(choices) if choices else "",
+        read_only=True,
+    )
+    if low is not None and kind is float:
+        descriptor.floating_point_range = [
+            FloatingPointRange(from_value=float(low), to_value=float(high))
+        ]
+    elif low is not None:
+        descriptor.integer_range = [IntegerRange(from_value=int(low), to_value=int(high), step=1)]
+    return descriptor
+
+
+def _warn_of_unknown(node: Node, given: dict[str, Parameter], names: list[str]) -> None:
+    for name in given:
+        if name in names or name.split(".")[0] in OF_RCLPY:
+            continue
+        near = difflib.get_close_matches(name, names, n=1)
+        hint = f"did you mean '{near[0]}'?" if near else f"it has {', '.join(names)}"
+        node.get_logger().warning(f"{node.get_name()} has no parameter '{name}'; {hint}")

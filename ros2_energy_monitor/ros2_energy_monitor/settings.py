@@ -1,0 +1,37 @@
+"""Node parameters -> settings of the pipeline, the same in every node."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from robot_energy.pipeline import Settings
+from ros2_energy_monitor.node_parameters import (
+    Common,
+    EnergyParameters,
+    PowerParameters,
+    TorqueParameters,
+)
+
+
+def settings_of(parameters: Common) -> Settings:
+    """Return the settings that a node's parameters mean; others keep their defaults.
+
+    Args:
+        parameters: Parameters of a monitor.
+    """
+    settings = Settings()
+    if isinstance(parameters, TorqueParameters):
+        lag = parameters.derivative_lag
+        settings = replace(
+            settings,
+            derivative_window=parameters.derivative_window,
+            derivative_lag=None if lag < 0 else lag,
+        )
+    if isinstance(parameters, PowerParameters | EnergyParameters):
+        settings = replace(
+            settings,
+            settle=parameters.settle,
+            power_period=1.0 / parameters.power_rate,
+            meter_max_gap=parameters.meter_max_gap,
+        )
+    return settings

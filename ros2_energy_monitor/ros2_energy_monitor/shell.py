@@ -1,0 +1,136 @@
+"""The shared main of the nodes: start, spin, stop cleanly, report errors in one sentence."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from types import FrameType
+from typing import Protocol
+
+import rclpy
+from rclpy.context import Context
+from rclpy.exceptions import InvalidHandle
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.logging import get_logger
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+
+from robot_energy.errors import RobotEnergyError
+
+EXIT_BAD_SETUP = 2
+PATIENCE = 0.2  # longest time until a signal is noticed [s]
+
+
+class Closable(Protocol):
+    """A node that hands out what still waits when it is told to stop."""
+
+    def close(self) -> None:
+        """Publish what still waits."""
+        ...
+
+
+class StopSignal:
+    """Notes SIGINT and SIGTERM; any number of them asks for one clean stop.
+
+    Attributes:
+        received: Whether one has arrived.
+    """
+
+    def __init__(self) -> None:
+        self.received = False
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._note)
+
+    def _note(self, number: int, frame: FrameType | None) -> None:
+        self.received = True
+
+    def ignore(self) -> None:
+        """Ignore further signals, also while the interpreter ends."""
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.SIG_IGN)
+
+
+@contextmanager
+def ros(args: Sequence[str] | None = None) -> Iterator[Context]:
+    """Start and end ROS communication; signals stay with Python.
+
+    Args:
+        args: Command line; None for that of the process.
+
+    Yields:
+        The context of the nodes.
+    """
+    context = Context()
+    rclpy.init(
+        args=None if args is None else list(args),
+        context=context,
+        signal_handler_options=SignalHandlerOptions.NO,
+    )
+    try:
+        yield context
+    finally:
+        context.try_shutdown()
+
+
+def spin(node: Node, context: Context, stopped: Callable[[], bool]) -> None:
+    """Execute a node until it is told to stop or its context is shut down.
+
+    Args:
+        node: The node.
+        context: Its context.
+        stopped: Asked after every callback, at least every 0.2 s.
+    """
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    try:
+        while context.ok() and not stopped():
+            executor.spin_once(timeout_sec=PATIENCE)
+    except (ExternalShutdownException, InvalidHandle):
+        if context.ok():
+            raise
+    finally:
+        executor.shutdown(timeout_sec=1.0)
+
+
+def run(make_node: Callable[..., Node], args: Sequence[str] | None = None) -> int:
+    """Run one node as a process.
+
+    Args:
+        make_node: Constructor of the node; called with its ``context``.
+        args: Command line; None for that of the process.
+
+    Returns:
+        Exit code: 0 after SIGINT, SIGTERM or a shutdown from outside; 2 if the node could
+        not be set up, after one sentence in the log.
+    """
+    stop = StopSignal()
+    name = getattr(make_node, "NAME", "robot_energy")
+    try:
+        with ros(args) as context:
+            node = make_node(context=context)
+            try:
+                spin(node, context, lambda: stop.received)
+                if context.ok():
+                    _close(node)
+            finally:
+                stop.ignore()
+                node.destroy_node()
+    except RobotEnergyError as error:
+        get_logger(name).fatal(str(error))
+        return EXIT_BAD_SETUP
+    except (rclpy_implementation.UnknownROSArgsError, rclpy_implementation.RCLError) as error:
+        get_logger(name).fatal(f"ROS could not be started: {str(error).splitlines()[0]}")
+        return EXIT_BAD_SETUP
+    except KeyboardInterrupt:  # a signal before the handlers were in place
+        return 0
+    finally:
+        stop.ignore()
+    return 0
+
+
+def _close(node: Node | Closable) -> None:
+    close = getattr(node, "close", None)
+    if callable(close):
+        close()

@@ -1,0 +1,69 @@
+"""Node: joint states in, rigid-body torque of every joint out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from sensor_msgs.msg import JointState
+
+from robot_energy.blocks import TorqueBlock
+from robot_energy.ingest import JointStateIngest
+from robot_energy.messages import TorqueWriter
+from robot_energy.pipeline import TorqueStage
+from ros2_energy_monitor.diagnostics import joint_state_source
+from ros2_energy_monitor.drain import Inbox
+from ros2_energy_monitor.monitor_node import MonitorNode
+from ros2_energy_monitor.node_parameters import TorqueParameters
+from ros2_energy_monitor.publishers import best_effort, torque_publisher
+from ros2_energy_monitor.settings import settings_of
+from ros2_energy_monitor.shell import run
+
+
+class TorqueMonitor(MonitorNode[TorqueParameters]):
+    """Publishes ``energy/joint_torque`` for every accepted message of ``joint_states``.
+
+    Args:
+        options: Options of `rclpy.node.Node`.
+
+    Raises:
+        RobotEnergyError: If a parameter or the model cannot be used.
+    """
+
+    NAME = "torque_monitor"
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(self.NAME, TorqueParameters, **options)
+        depth = self.parameters.joint_state_depth
+        self.ingest = JointStateIngest(self.model.joint_names)
+        self._stage = TorqueStage(self.model, settings_of(self.parameters))
+        self._writer = TorqueWriter(self.model.joint_names, self.model.model_id)
+        self._publisher = torque_publisher(self, depth)
+        self.joint_states = Inbox(self, JointState, "joint_states", best_effort(depth))
+        timeout = self.parameters.input_timeout
+        self.begin([joint_state_source(self.joint_states, self.ingest, timeout)])
+
+    def tick(self) -> None:
+        """Drain the joint states and publish the torques that became complete."""
+        batch = self.joint_states.drain()
+        joints = self.ingest.step(batch) if batch is not None else None
+        if joints is not None:
+            self._publish(self._stage.step(joints))
+
+    def close(self) -> None:
+        """Publish the last torques, whose window will not fill any more."""
+        self.tick()
+        self._publish(self._stage.flush())
+
+    def _publish(self, torque: TorqueBlock | None) -> None:
+        if torque is not None:
+            self._publisher.publish(self._writer.encode(torque))
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the node until it is interrupted."""
+    return run(TorqueMonitor, args)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

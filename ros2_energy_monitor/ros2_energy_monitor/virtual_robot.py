@@ -1,0 +1,105 @@
+"""Node: the virtual rig, live. It plays a robot of the KR 16 class with its power meter."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.node import Node
+from ros2_energy_msgs.msg import MotorTemperatures, PowerReading
+from sensor_msgs.msg import JointState
+
+from robot_energy.motion import random_program, tool_above
+from robot_energy.rig import RigConfig, VirtualRig, kr16_profile
+from robot_energy.rig.record import RigEncoder
+from ros2_energy_monitor.node_parameters import RobotParameters, declare
+from ros2_energy_monitor.publishers import RowPublisher, best_effort
+from ros2_energy_monitor.shell import run
+
+CLEARANCE = 0.3  # height that the flange keeps above the base [m]
+
+
+def make_rig(parameters: RobotParameters, start_stamp_ns: int) -> VirtualRig:
+    """Set up the rig with a random program.
+
+    Args:
+        parameters: Of the virtual robot.
+        start_stamp_ns: Stamp of the first sample. [ns]
+
+    Raises:
+        RigError: If the figures make no sense together.
+    """
+    profile = kr16_profile()
+    robot, _ = profile.mechanics()
+    program = random_program(
+        profile.motion_limits(robot),
+        parameters.program,
+        override=parameters.speed,
+        accept=tool_above(robot, "flange", CLEARANCE),
+    )
+    return VirtualRig(
+        profile,
+        program,
+        RigConfig(thermal_speedup=parameters.thermal_speedup),
+        seed=parameters.seed,
+        start_temperature_degc=parameters.start_temperature_degc,
+        ambient_degc=parameters.ambient_degc,
+        start_stamp_ns=start_stamp_ns,
+        rate_hz=parameters.rate,
+    )
+
+
+class VirtualRobot(Node):
+    """Publishes ``joint_states``, ``motor_temperatures`` and ``power_meter``.
+
+    Every tick publishes, as a burst with exact stamps, the samples that are due. Stamps
+    are those of the node's clock at the start plus the time of the rig. ``effort`` is the
+    motor torque that the drives report.
+
+    Args:
+        options: Options of `rclpy.node.Node`.
+
+    Raises:
+        RobotEnergyError: If a parameter or the rig cannot be used.
+    """
+
+    NAME = "virtual_robot"
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(self.NAME, **options)
+        self.parameters = declare(self, RobotParameters)
+        self.rig = make_rig(self.parameters, self.get_clock().now().nanoseconds)
+        self._encoder = RigEncoder(self.rig.joint_names)
+        depth = 2 * round(self.parameters.rate)
+        self._joints = RowPublisher(self, JointState, "joint_states", best_effort(depth))
+        self._temperatures = RowPublisher(
+            self, MotorTemperatures, "motor_temperatures", best_effort(10)
+        )
+        self._meter = RowPublisher(self, PowerReading, "power_meter", best_effort(100))
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(1.0 / self.parameters.tick_rate, self.tick, clock=steady)
+        self.get_logger().info(
+            f"the virtual rig plays a robot of the KR 16 class at {self.parameters.rate:g} Hz"
+        )
+
+    def tick(self) -> None:
+        """Publish what became due since the last tick."""
+        output = self.rig.step_until(self.get_clock().now().nanoseconds)
+        if output is None:
+            return
+        if output.temperatures is not None:
+            self._temperatures.publish(self._encoder.temperatures(output.temperatures))
+        if output.meter is not None:
+            self._meter.publish(self._encoder.meter(output.meter))
+        self._joints.publish(self._encoder.joint_states(output.joints))
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the node until it is interrupted."""
+    return run(VirtualRobot, args)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
