@@ -27,13 +27,14 @@ class StampOrder:
     Attributes:
         jumps: Backward jumps met.
         gaps: Gaps met.
+        segment: Number of the running segment.
     """
 
     def __init__(self) -> None:
         self.jumps = 0
         self.gaps = 0
+        self.segment = 0
         self._last: int | None = None
-        self._segment = 0
         self._periods: Int = np.empty(0, dtype=np.int64)
 
     def verdict(self, stamp_ns: Int) -> Int:
@@ -83,8 +84,8 @@ class StampOrder:
             if elapsed[row] > self._longest(periods[max(0, index - HISTORY) : index]):
                 new[row] = True
                 self.gaps += 1
-        segment = self._segment + np.cumsum(new)
-        self._segment = int(segment[-1])
+        segment = self.segment + np.cumsum(new)
+        self.segment = int(segment[-1])
         self._last = int(stamp_ns[-1])
         self._periods = periods[-HISTORY:]
         return segment
@@ -96,5 +97,3 @@ class StampOrder:
             return LONGEST_GAP_NS
         median = float(np.median(positive))
         return int(np.clip(GAP_PERIODS * median, LEAST_GAP_NS, LONGEST_GAP_NS))
-
-

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import TorqueBlock
+from robot_energy.blocks import Quality, TorqueBlock, mark
 from robot_energy.ingest.accounting import Accounting
+from robot_energy.ingest.order import ACCEPTED, DUPLICATE, OLDER, StampOrder
 from robot_energy.wire.batch import RawBatch
 from robot_energy.wire.layout import Decoder, Encoder, stamp_columns, stamp_ns
 
@@ -55,16 +57,25 @@ class TorqueWriter:
 class TorqueReader:
     """Reads torque messages of the same model back into blocks.
 
+    Segments are numbered anew: one ends where the writer says so, and wherever the stamps
+    show a gap, because a restarted writer begins again at segment 0 and because messages
+    may be lost on the way. Samples that are not newer than the last one are rejected, as
+    they are for joint states (two writers, one sample twice).
+
     Args:
         joint_names: Joints in model order.
         model_id: Identity of the model file; messages of another model are rejected.
 
     Attributes:
         account: Received, accepted and rejected messages.
+        order: Gaps and backward jumps of the stamps.
     """
 
     def __init__(self, joint_names: Sequence[str], model_id: str) -> None:
         self.account = Accounting()
+        self.order = StampOrder()
+        self._written: int | None = None  # segment number of the last sample, as written
+        self._breaks = 0  # segments that ended by the writer's word alone
         self._identity = (tuple(joint_names), model_id)
         self._decoder = Decoder(
             JOINT_TORQUE,
@@ -87,7 +98,6 @@ class TorqueReader:
             elif any(array.shape[1] != n_joints for array in arrays.values()):
                 self.account.reject("wrong_length", len(run.rows))
             else:
-                self.account.accepted += len(run.rows)
                 rows.append(run.rows)
                 blocks.append(
                     TorqueBlock(
@@ -100,4 +110,25 @@ class TorqueReader:
         if not blocks:
             return None
         block = TorqueBlock.concatenate(blocks)
-        return block if len(blocks) == 1 else block[np.argsort(np.concatenate(rows))]
+        if len(blocks) > 1:
+            block = block[np.argsort(np.concatenate(rows))]
+        verdict = self.order.verdict(block.stamp_ns)
+        self.account.reject("duplicate_stamp", int((verdict == DUPLICATE).sum()))
+        self.account.reject("older_stamp", int((verdict == OLDER).sum()))
+        accepted = block[verdict == ACCEPTED]
+        self.account.accepted += len(accepted)
+        return self._renumbered(accepted) if len(accepted) else None
+
+    def _renumbered(self, block: TorqueBlock) -> TorqueBlock:
+        """Number the segments by the writer's word and by the stamps."""
+        written = block.segment
+        before = self.order.segment
+        seen = self.order.segments(block.stamp_ns)
+        by_stamps = np.diff(seen, prepend=before) > 0
+        by_writer = np.diff(written, prepend=written[0] if self._written is None
+                            else self._written) != 0
+        breaks = self._breaks + np.cumsum(by_writer & ~by_stamps)
+        self._breaks, self._written = int(breaks[-1]), int(written[-1])
+        quality = block.quality.copy()
+        mark(quality, by_stamps, Quality.AFTER_GAP)
+        return replace(block, segment=seen + breaks, quality=quality)

@@ -59,18 +59,27 @@ class PowerStage:
     def friction(self, block: FrictionBlock) -> None:
         """Take friction coefficients, each row valid from its stamp onward.
 
+        Rows of stamp zero, what holds before any temperature, are known here already; a
+        restarted friction monitor repeats them, which must not undo what came later.
+
         Args:
             block: Rows in order of arrival.
         """
-        for row in range(len(block)):
-            entry = block[slice(row, row + 1)]
+        block = block[block.stamp_ns != 0]
+        while len(block):
             newest = int(self._timeline.stamp_ns[-1])
-            stamp = int(entry.stamp_ns[0])
-            if stamp < newest - BACKWARD_JUMP_NS:
-                base = replace(self._timeline[slice(-1, None)], stamp_ns=np.zeros(1, np.int64))
-                self._timeline = FrictionBlock.concatenate([base, entry])
-            elif stamp >= newest:
-                self._timeline = FrictionBlock.concatenate([self._timeline, entry])
+            if int(block.stamp_ns[0]) < newest - BACKWARD_JUMP_NS:
+                self._timeline = replace(
+                    self._timeline[slice(-1, None)], stamp_ns=np.zeros(1, dtype=np.int64)
+                )
+                newest = 0
+            falls = np.flatnonzero(np.diff(block.stamp_ns, prepend=newest) < 0)
+            rising = int(falls[0]) if len(falls) else len(block)
+            taken = block[slice(0, rising)]
+            if rising:
+                self._timeline = FrictionBlock.concatenate([self._timeline, taken])
+            late = rising == 0  # a little older than what is known: superseded
+            block = block[slice(rising + late, None)]
 
     def step(self, block: TorqueBlock) -> PowerBlock | None:
         """Take torques and return the power at those that have settled.
