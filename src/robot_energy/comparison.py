@@ -64,6 +64,13 @@ class Pieces:
             np.concatenate([self.end_power, later.end_power]),
         )
 
+    @property
+    def edges(self) -> Int:
+        """Every start and end, those that touch only once. [ns]"""
+        apart = np.diff(self.start_ns, prepend=0)  # any difference at the first piece
+        apart[1:] = self.start_ns[1:] - self.end_ns[:-1]
+        return np.concatenate([self.start_ns[apart != 0], self.end_ns])
+
     def index(self, start_ns: Int, end_ns: Int) -> tuple[Int, NDArray[np.bool_]]:
         """Return which piece holds each interval, and whether one does."""
         if not len(self):
@@ -279,10 +286,9 @@ class Comparison:
         return result
 
     def _integrate(self, predicted: Pieces, measured: Pieces, start: int, until: int) -> Compared:
-        edges = np.concatenate(
-            [predicted.start_ns, predicted.end_ns, measured.start_ns, measured.end_ns]
-        )
-        edges = np.unique(np.clip(edges, start, until))
+        edges = np.concatenate([predicted.edges, measured.edges, [start, until]])
+        edges = np.sort(edges[(edges >= start) & (edges <= until)], kind="stable")
+        edges = edges[np.diff(edges, prepend=start - 1) > 0]
         low, high = edges[:-1], edges[1:]
         row_p, in_p = predicted.index(low, high)
         row_m, in_m = measured.index(low, high)

@@ -11,6 +11,8 @@ neighbours instead. It never crosses a change of segment.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -156,22 +158,26 @@ class _QuadraticFit:
         high = np.minimum(np.maximum(high, rows + least_ahead), len(stamp) - 1)
         self.incomplete = (rows - least_behind < 0) | (rows + least_ahead >= len(stamp))
         self._scale = scale
-        self._offsets: list[tuple[Int, Float, NDArray[np.bool_] | None]] = []
+        self._rows = rows
+        self._size = len(stamp)
+        self._offsets: list[tuple[int, Float, NDArray[np.bool_] | None]] = []
         count = high - low + 1
-        everywhere = int(-(rows - low).min()), int((high - rows).min())
+        behind, ahead = rows - low, high - rows
         moments = np.zeros((5, len(rows)))
-        for offset in range(-int((rows - low).max()), int((high - rows).max()) + 1):
-            index = rows + offset
+        instants = stamp[rows]
+        for offset in range(-int(behind.max()), int(ahead.max()) + 1):
+            u = (self._shifted(stamp, offset) - instants) * (NANOSECOND / scale)
+            reach = behind if offset < 0 else ahead
             inside = None
-            if not everywhere[0] <= offset <= everywhere[1]:
-                inside = (index >= low) & (index <= high)
-                index = np.where(inside, index, rows)
-            u = (stamp[index] - stamp[rows]) * (NANOSECOND / scale)  # 0 outside the window
-            self._offsets.append((index, u, inside))
+            if reach.min() < abs(offset):
+                inside = reach >= abs(offset)
+                u = np.where(inside, u, 0.0)
+            self._offsets.append((offset, u, inside))
             power = u
             for order in range(1, 5):
                 moments[order] += power
-                power = power * u
+                if order < 4:
+                    power = power * u
         moments[0] = count
         s0, s1, s2, s3, s4 = moments
         a, b, c = s2 * s4 - s3 * s3, s1 * s4 - s2 * s3, s1 * s3 - s2 * s2
@@ -199,11 +205,17 @@ class _QuadraticFit:
     def _weigh(self, values: Float, coefficients: list[Float]) -> Float:
         c0, c1, c2 = coefficients
         result = np.zeros((len(c0), values.shape[1]))
-        for index, u, inside in self._offsets:
+        for offset, u, inside in self._offsets:
             weight = c0 + (c1 + c2 * u) * u
-            if inside is None:
-                result += weight[:, None] * values[index[0] : index[-1] + 1]
-            else:
-                term = weight[:, None] * values[index]
-                result += np.where(inside[:, None], term, 0.0)
+            term = weight[:, None] * self._shifted(values, offset)
+            if inside is not None:
+                term[~inside] = 0.0
+            result += term
         return result
+
+    def _shifted(self, values: NDArray[Any], offset: int) -> NDArray[Any]:
+        """Return the samples ``offset`` rows from each row; any sample beyond the ends."""
+        start, stop = int(self._rows[0]) + offset, int(self._rows[-1]) + 1 + offset
+        if start >= 0 and stop <= self._size:
+            return values[start:stop]
+        return values[np.clip(self._rows + offset, 0, self._size - 1)]

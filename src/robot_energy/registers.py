@@ -1,7 +1,7 @@
 """Energy registers: exact, gap-aware sums of power over time.
 
 Each interval between two finite samples of one segment adds its trapezoid (paper A,
-eq. 7). Sums are integers: microjoules, and a remainder in units of 2^-48 microjoule
+eq. 7). Sums are integers: microjoules, and a remainder in units of 2^-40 microjoule
 that is carried. Integer sums do not depend on how the input is cut into blocks, and a
 year at 1 kHz loses nothing. Time is counted in ns: ``span = observed + gap``.
 """
@@ -15,9 +15,11 @@ from numpy.typing import NDArray
 
 from robot_energy.blocks import NANOSECOND, Float, Int, PowerBlock
 
-MICROJOULE = 1e-6  # J
-REMAINDER = 1 << 48  # units in one microjoule
-BLOCK = 1 << 13  # rows that can be summed before the remainder could overflow
+PER_JOULE = 1e6  # microjoules
+REMAINDER_BITS = 40  # the remainder counts units of 2^-40 microjoule
+BLOCK = 1 << 12  # rows whose remainders add up exactly in a float
+ROUND_WHOLE = 1.5 * 2.0**52  # adding and subtracting this rounds to an integer,
+ROUND_REMAINDER = 1.5 * 2.0 ** (52 - REMAINDER_BITS)  # and this to the remainder's unit
 
 CABINET_REGISTERS = ("grid_import", "grid_return", "brake", "loss_dc", "loss_grid", "capacitor")
 JOINT_REGISTERS = ("shaft_positive", "shaft_negative", "rigid", "friction", "drive_loss")
@@ -37,23 +39,29 @@ class ExactSum:
     def add(self, energy: Float) -> None:
         """Add the energies of intervals.
 
+        Whole microjoules and remainders are rounded to multiples of their units, whose
+        sums are exact in floats as well, whatever the order.
+
         Args:
-            energy: Finite, shape (N, size). [J]
+            energy: Finite, below 2 MJ each, shape (N, size). [J]
         """
         for start in range(0, len(energy), BLOCK):
-            scaled = energy[start : start + BLOCK] / MICROJOULE
-            whole = np.floor(scaled)
-            scaled -= whole
-            scaled *= REMAINDER
-            self.microjoule += whole.astype(np.int64).sum(axis=0)
-            self._remainder += np.rint(scaled).astype(np.int64).sum(axis=0)
-            self.microjoule += self._remainder >> 48
-            self._remainder &= REMAINDER - 1
+            rest = energy[start : start + BLOCK] * PER_JOULE
+            whole = rest + ROUND_WHOLE
+            whole -= ROUND_WHOLE
+            rest -= whole
+            rest += ROUND_REMAINDER
+            rest -= ROUND_REMAINDER
+            ones = np.ones(len(rest))
+            self.microjoule += (ones @ whole).astype(np.int64)
+            self._remainder += (ones @ rest * 2.0**REMAINDER_BITS).astype(np.int64)
+            self.microjoule += self._remainder >> REMAINDER_BITS
+            self._remainder &= (1 << REMAINDER_BITS) - 1
 
     @property
     def joule(self) -> Float:
         """The sums, shape (size,). [J]"""
-        return self.microjoule * MICROJOULE
+        return self.microjoule / PER_JOULE
 
 
 @dataclass
@@ -92,12 +100,10 @@ class Intervals:
     """The intervals that end at the samples of a block.
 
     Attributes:
-        duration: Shape (N,); 0 where the interval is a gap or a jump. [s]
-        duration_ns: The same, shape (N,). [ns]
+        duration_ns: Shape (N,); 0 where the interval is a gap or a jump. [ns]
         energy: Energy of each interval, 0 across gaps, shape (N, R). [J]
     """
 
-    duration: Float
     duration_ns: Int
     energy: Float
 
@@ -114,34 +120,37 @@ class Trapezoid:
     _last: tuple[int, int, Float] | None = None
     _in_gap: bool = False
 
+    @np.errstate(invalid="ignore", over="ignore")  # bad samples are gaps
     def step(self, stamp_ns: Int, segment: Int, power: Float) -> Intervals:
         """Take samples and return the intervals that end at them.
 
         Args:
             stamp_ns: Shape (N,). [ns]
             segment: Shape (N,).
-            power: Shape (N, R). [W]
+            power: Shape (N, R); a sample is finite in all columns or a gap. [W]
 
         Returns:
             One interval per sample.
         """
         if self._last is None:
-            self._last = (int(stamp_ns[0]), int(segment[0]), power[0])
+            self._last = (int(stamp_ns[0]), int(segment[0]), power[0].copy())
             self.time.start_ns = int(stamp_ns[0])
-        stamp = np.concatenate([[self._last[0]], stamp_ns])
-        part = np.concatenate([[self._last[1]], segment])
-        values = np.concatenate([self._last[2][None, :], power])
-        self._last = (int(stamp_ns[-1]), int(segment[-1]), power[-1])
-        elapsed = np.diff(stamp)
-        finite = np.isfinite(values).all(axis=1)
-        observed = (np.diff(part) == 0) & finite[1:] & finite[:-1] & (elapsed >= 0)
+        elapsed = np.diff(stamp_ns, prepend=self._last[0])
+        same = np.diff(segment, prepend=self._last[1]) == 0
+        energy = np.empty_like(power)
+        np.add(power[1:], power[:-1], out=energy[1:])
+        np.add(power[0], self._last[2], out=energy[0])
+        observed = same & (elapsed >= 0)
+        if not bool(np.isfinite(np.ones(len(energy)) @ energy).all()):
+            finite = np.isfinite(energy).all(axis=1)
+            energy[~finite] = 0.0
+            observed &= finite
         duration_ns = np.where(observed, elapsed, 0)
-        duration = duration_ns * NANOSECOND
-        values = np.where(finite[:, None], values, 0.0)
-        energy = (values[1:] + values[:-1]) * (0.5 * duration)[:, None]
+        energy *= (duration_ns * (0.5 * NANOSECOND))[:, None]
         self._account(elapsed, observed)
+        self._last = (int(stamp_ns[-1]), int(segment[-1]), power[-1].copy())
         self.time.end_ns = int(stamp_ns[-1])
-        return Intervals(duration, duration_ns, energy)
+        return Intervals(duration_ns, energy)
 
     def _account(self, elapsed: Int, observed: NDArray[np.bool_]) -> None:
         time = self.time
@@ -177,6 +186,7 @@ class Registers:
         """All registers as integers: cabinet ones, then each joint register. [uJ]"""
         return self._sum.microjoule
 
+    @np.errstate(invalid="ignore")
     def step(self, block: PowerBlock) -> Intervals:
         """Integrate a block.
 
@@ -202,25 +212,21 @@ class Registers:
 
 def _columns(block: PowerBlock) -> Float:
     """Power behind each register, shape (N, R). [W]"""
-    shaft = block.shaft_power
-    return np.concatenate(
-        [
-            np.stack(
-                [
-                    np.maximum(block.grid_power, 0.0),
-                    np.maximum(-block.grid_power, 0.0),
-                    block.brake_power,
-                    block.loss_dc,
-                    block.loss_grid,
-                    block.capacitor_power,
-                ],
-                axis=1,
-            ),
-            np.maximum(shaft, 0.0),
-            np.maximum(-shaft, 0.0),
-            block.rigid_power,
-            block.friction_power,
-            block.drive_loss,
-        ],
-        axis=1,
+    grid, n_joints = block.grid_power, block.rigid_power.shape[1]
+    first = len(CABINET_REGISTERS)
+    columns = np.empty((len(block), first + len(JOINT_REGISTERS) * n_joints))
+    columns[:, 0] = np.maximum(grid, 0.0)
+    columns[:, 1] = np.maximum(-grid, 0.0)
+    columns[:, 2] = block.brake_power
+    columns[:, 3] = block.loss_dc
+    columns[:, 4] = block.loss_grid
+    columns[:, 5] = block.capacitor_power
+    positive, negative, rigid, friction, loss = (
+        columns[:, first + index * n_joints : first + (index + 1) * n_joints]
+        for index in range(len(JOINT_REGISTERS))
     )
+    rigid[:], friction[:], loss[:] = block.rigid_power, block.friction_power, block.drive_loss
+    shaft = block.shaft_power
+    np.maximum(shaft, 0.0, out=positive)
+    np.subtract(positive, shaft, out=negative)
+    return columns

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
-from robot_energy.bag import BagReader, BagWriter
-from robot_energy.blocks import Int, JointBlock
+from robot_energy.bag import DEFAULT_QOS, LATCHED_QOS, BagReader, BagWriter
+from robot_energy.blocks import JointBlock
+from robot_energy.comparison import Compared
 from robot_energy.errors import BagError, MissingTopicError, UnknownJointError
 from robot_energy.ingest import JointStateIngest, MeterIngest, TemperatureIngest
 from robot_energy.ingest.joint_states import JOINT_STATE
@@ -29,6 +30,7 @@ from robot_energy.pipeline.averaging import MeanBlock
 from robot_energy.wire.batch import RawBatch
 
 SECOND_NS = 1_000_000_000
+ROWS = 1600  # samples in one step: their arrays stay in the processor's caches
 Progress = Callable[[float], None]
 
 
@@ -61,6 +63,8 @@ class Replay:
         pipeline: The pipeline with its books closed.
         problems: What was wrong with the bag, one sentence each.
         means: Means of every period, where they were asked for.
+        compared: What became comparable with the meter in each step, where means were
+            asked for; their sums are those of the comparison.
     """
 
     bag: Path
@@ -70,8 +74,9 @@ class Replay:
     temperatures: TemperatureIngest
     meter: MeterIngest
     pipeline: EnergyPipeline
-    problems: list[str] = field(default_factory=list)
+    problems: list[str] = field(default_factory=list[str])
     means: MeanBlock | None = None
+    compared: list[Compared] = field(default_factory=list[Compared])
 
     @property
     def ledger(self) -> Ledger:
@@ -145,7 +150,8 @@ def replay(
         settings: Settings of the pipeline.
         out: Folder of a new bag for the energy topics.
         overwrite: Whether an existing ``out`` may be replaced.
-        keep_means: Whether to return the means of every period (memory grows with the bag).
+        keep_means: Whether to return the means of every period and what was compared
+            (memory grows with the bag).
         progress: Called with the share done, 0 to 1.
 
     Returns:
@@ -157,32 +163,39 @@ def replay(
         UnknownJointError: If the joint states lack joints of the model.
         RobotEnergyError: If the model cannot be used.
     """
+    settings = settings or Settings()
+    if out is None and not keep_means:
+        settings = replace(settings, power_period=None)  # nobody would see the means
     pipeline = EnergyPipeline(model, settings)
-    with BagReader(path) as bag:
-        used = find_topics(bag, topics or Topics())
-        result = Replay(
-            bag=Path(path),
-            model=model,
-            topics=used,
-            joint_states=JointStateIngest(model.joint_names),
-            temperatures=TemperatureIngest(model.joint_names),
-            meter=MeterIngest(),
-            pipeline=pipeline,
-        )
-        means: list[MeanBlock] = []
-        writer = _Writer(out, overwrite, model) if out is not None else None
-        try:
-            for output in _outputs(bag, result, sliced=writer is not None, progress=progress):
-                if writer is not None:
-                    writer.write(output, pipeline.ledger)
-                if keep_means and output.means is not None:
-                    means.append(output.means)
-            result.problems += bag.problems
-            _require_samples(result)
-        finally:
+    bag = BagReader(path)
+    used = find_topics(bag, topics or Topics())
+    result = Replay(
+        bag=Path(path),
+        model=model,
+        topics=used,
+        joint_states=JointStateIngest(model.joint_names),
+        temperatures=TemperatureIngest(model.joint_names),
+        meter=MeterIngest(),
+        pipeline=pipeline,
+    )
+    means: list[MeanBlock] = []
+    compared: list[Compared] = []
+    if keep_means:
+        pipeline.ledger.on_compared = compared.append
+    writer = _Writer(out, overwrite, model) if out is not None else None
+    try:
+        for output in _outputs(bag, result, sliced=writer is not None, progress=progress):
             if writer is not None:
-                writer.close()
-        result.means = MeanBlock.concatenate(means) if means else None
+                writer.write(output, pipeline.ledger)
+            if keep_means and output.means is not None:
+                means.append(output.means)
+        result.problems += bag.problems
+        _require_samples(result)
+    finally:
+        if writer is not None:
+            writer.close()
+    result.means = MeanBlock.concatenate(means) if means else None
+    result.compared = compared
     return result
 
 
@@ -198,8 +211,7 @@ def _outputs(
         meter = result.meter.step(part[used.meter]) if used.meter in part else None
         batch: RawBatch | None = part.get(str(used.joint_states))
         joints = result.joint_states.step(batch) if batch is not None else None
-        slices = [joints] if joints is None or not sliced else _by_second(joints)
-        for index, block in enumerate(slices):
+        for index, block in enumerate(_slices(joints, sliced)):
             first = index == 0
             yield pipeline.step(block, temperatures if first else None, meter if first else None)
         if progress is not None and batch is not None and start is not None and end is not None:
@@ -209,11 +221,15 @@ def _outputs(
         progress(1.0)
 
 
-def _by_second(block: JointBlock) -> list[JointBlock]:
-    """Cut at whole seconds, so that the registers are written once a second."""
-    second: Int = block.stamp_ns // SECOND_NS
-    cuts = [0, *(np.flatnonzero(np.diff(second)) + 1).tolist(), len(block)]
-    return [block[slice(a, b)] for a, b in zip(cuts, cuts[1:], strict=False)]
+def _slices(block: JointBlock | None, by_second: bool) -> list[JointBlock] | list[None]:
+    """Cut into blocks that fit the caches, or at whole seconds for the registers' rate."""
+    if block is None:
+        return [None]
+    cuts = np.arange(ROWS, len(block), ROWS)
+    if by_second:
+        cuts = np.flatnonzero(np.diff(block.stamp_ns // SECOND_NS)) + 1
+    bounds = [0, *cuts.tolist(), len(block)]
+    return [block[slice(start, stop)] for start, stop in zip(bounds, bounds[1:], strict=False)]
 
 
 def _require_samples(result: Replay) -> None:
@@ -256,7 +272,8 @@ class _Writer:
         self._booked: int | None = None
         self._bag = BagWriter(path, overwrite=overwrite)
         for topic, msgtype in self.TOPICS.items():
-            self._bag.add_topic(topic, msgtype, latched=topic == "/energy/joint_friction")
+            qos = LATCHED_QOS if msgtype == JOINT_FRICTION else DEFAULT_QOS
+            self._bag.add_topic(topic, msgtype, qos)
 
     def write(self, output: Output, ledger: Ledger) -> None:
         torque, friction, power, registers = self.TOPICS

@@ -59,19 +59,9 @@ class JointStateIngest:
         self.account.received += size
         decoded = self._decoder.decode(batch)
         self.account.reject("malformed", len(decoded.malformed))
-        stamp = np.zeros(size, dtype=np.int64)
-        position = np.full((size, len(self._names)), np.nan)
-        velocity = np.full((size, len(self._names)), np.nan)
-        good = np.zeros(size, dtype=np.bool_)
-        for run in decoded.runs:
-            reason = self._place(run, stamp, position, velocity)
-            if reason:
-                self.account.reject(reason, len(run.rows))
-            else:
-                good[run.rows] = True
+        stamp, position, velocity, good = self._gather(decoded.runs, size)
         good = self._refuse("zero_stamp", good, stamp == 0)
-        good = self._refuse("not_finite", good, ~np.isfinite(position).all(axis=1)
-                            | np.isinf(velocity).any(axis=1))
+        good = self._refuse("not_finite", good, _bad(position, velocity))
         rows = np.flatnonzero(good)
         verdict = self.order.verdict(stamp[rows])
         self.account.reject("duplicate_stamp", int((verdict == DUPLICATE).sum()))
@@ -80,19 +70,38 @@ class JointStateIngest:
         self.account.accepted += len(rows)
         if not len(rows):
             return None
-        whole = len(rows) == size
-        return self._block(
-            stamp if whole else stamp[rows],
-            position if whole else position[rows],
-            velocity if whole else velocity[rows],
-        )
+        if len(rows) == size:
+            return self._block(stamp, position, velocity)
+        return self._block(stamp[rows], position[rows], velocity[rows])
+
+    def _gather(
+        self, runs: Sequence[Run], size: int
+    ) -> tuple[Int, Float, Float, NDArray[np.bool_]]:
+        """Put the runs in order of arrival; the last result tells which rows are usable."""
+        placed: list[tuple[Int, Int, Float, Float]] = []
+        for run in runs:
+            part = self._place(run)
+            if isinstance(part, str):
+                self.account.reject(part, len(run.rows))
+            else:
+                placed.append((run.rows, *part))
+        if len(placed) == 1 and len(placed[0][0]) == size:
+            return *placed[0][1:], np.ones(size, dtype=np.bool_)
+        shape = (size, len(self._names))
+        stamp = np.zeros(size, dtype=np.int64)
+        position, velocity = np.full(shape, np.nan), np.full(shape, np.nan)
+        good = np.zeros(size, dtype=np.bool_)
+        for rows, stamps, positions, velocities in placed:
+            stamp[rows], position[rows], velocity[rows] = stamps, positions, velocities
+            good[rows] = True
+        return stamp, position, velocity, good
 
     def _block(self, stamp: Int, position: Float, velocity: Float) -> JointBlock:
-        before = self.order.gaps
+        before = self.order.segment
         segment = self.order.segments(stamp)
         quality = np.zeros(len(stamp), dtype=np.uint32)
-        if self.order.gaps > before:
-            mark(quality, np.diff(segment, prepend=segment[0]) > 0, Quality.AFTER_GAP)
+        if self.order.segment > before:
+            mark(quality, np.diff(segment, prepend=before) > 0, Quality.AFTER_GAP)
         return JointBlock(
             stamp_ns=stamp,
             segment=segment,
@@ -102,8 +111,8 @@ class JointStateIngest:
             joint_acceleration=np.full_like(position, np.nan),
         )
 
-    def _place(self, run: Run, stamp: Int, position: Float, velocity: Float) -> str:
-        """Copy a run into model order; return why it cannot be, or nothing."""
+    def _place(self, run: Run) -> tuple[Int, Float, Float] | str:
+        """Return stamps, positions and velocities in model order, or why there are none."""
         names = run.columns["name"]
         positions, velocities = run.columns["position"], run.columns["velocity"]
         if not isinstance(names, tuple) or isinstance(positions, str | tuple) or isinstance(
@@ -117,11 +126,10 @@ class JointStateIngest:
             return columns
         if positions.shape[1] != len(names) or velocities.shape[1] not in (0, len(names)):
             return "wrong_length"
-        stamp[run.rows] = stamp_ns(run)
-        position[run.rows] = positions[:, columns]
+        position = positions[:, columns].astype(np.float64)
         if velocities.shape[1]:
-            velocity[run.rows] = velocities[:, columns]
-        return ""
+            return stamp_ns(run), position, velocities[:, columns].astype(np.float64)
+        return stamp_ns(run), position, np.full_like(position, np.nan)
 
     def _match(self, names: tuple[str, ...]) -> Int | str:
         """Columns of the model's joints in a message, or why there are none."""
@@ -140,3 +148,10 @@ class JointStateIngest:
         refused = good & bad
         self.account.reject(reason, int(refused.sum()))
         return good & ~bad
+
+
+def _bad(position: Float, velocity: Float) -> NDArray[np.bool_]:
+    """Which samples have a position that is not finite or an infinite velocity."""
+    if bool(np.isfinite(position.sum() + velocity.sum())):
+        return np.zeros(len(position), dtype=np.bool_)
+    return ~np.isfinite(position).all(axis=1) | np.isinf(velocity).any(axis=1)

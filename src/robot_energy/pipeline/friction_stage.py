@@ -6,12 +6,15 @@ from collections import Counter
 
 import numpy as np
 
-from robot_energy.blocks import Float, FrictionBlock, Int, Quality, TemperatureBlock
+from robot_energy.blocks import Float, FrictionBlock, Int, Quality, TemperatureBlock, mark
 from robot_energy.friction import FrictionModel
 from robot_energy.model_file import RobotModel
 
 PLAUSIBLE_DEGC = (-40.0, 200.0)
 BACKWARD_JUMP_NS = 1_000_000_000  # older stamps than this are a new epoch, not late ones
+
+
+_State = tuple[int, Float, Int, bool]  # stamp, temperatures, their stamps, any implausible
 
 
 class FrictionStage:
@@ -31,6 +34,7 @@ class FrictionStage:
         self._fallback = self._friction.viscous(fallback)
         self._temperature: Float = np.full(n_joints, np.nan)
         self._stamp: Int = np.zeros(n_joints, dtype=np.int64)
+        self._implausible = np.zeros(n_joints, dtype=np.bool_)  # the motor's last reading was
         self._newest = 0
         self.received = 0
         self.accepted = 0
@@ -38,7 +42,12 @@ class FrictionStage:
 
     def initial(self) -> FrictionBlock:
         """Return the friction before any temperature is known, valid from the start."""
-        return self._row(0, Quality.TEMPERATURE_MISSING)
+        none = np.full_like(self._temperature, np.nan)
+        return self._rows([(0, none, np.zeros_like(self._stamp), False)])
+
+    def latest(self) -> FrictionBlock:
+        """Return the friction as of the newest temperature, one row."""
+        return self._rows([self._state()])
 
     def step(self, block: TemperatureBlock) -> FrictionBlock | None:
         """Take temperatures and return the friction from each of them onward.
@@ -49,15 +58,14 @@ class FrictionStage:
         Returns:
             One row per reading that changed something, or None.
         """
-        rows: list[FrictionBlock] = []
-        for stamp, values in zip(
-            block.stamp_ns.tolist(), block.motor_temperature_degc, strict=True
-        ):
-            if self._take(int(stamp), values):
-                missing = np.isnan(self._temperature).any()
-                quality = Quality.TEMPERATURE_MISSING if missing else Quality.OK
-                rows.append(self._row(self._newest, quality))
-        return FrictionBlock.concatenate(rows) if rows else None
+        states = [
+            self._state()
+            for stamp, values in zip(
+                block.stamp_ns.tolist(), block.motor_temperature_degc, strict=True
+            )
+            if self._take(int(stamp), values)
+        ]
+        return self._rows(states) if states else None
 
     def _take(self, stamp: int, values: Float) -> bool:
         """Store one reading; each motor's value is received, accepted or rejected."""
@@ -77,21 +85,30 @@ class FrictionStage:
         self._temperature[newer] = values[newer]
         self._stamp[newer] = stamp
         self._newest = max(self._newest, stamp)
-        return bool(newer.any())
+        implausible = np.where(given, ~plausible, self._implausible)
+        turned = bool((implausible != self._implausible).any())
+        self._implausible = implausible
+        return turned or bool(newer.any())
 
-    def _row(self, stamp: int, quality: Quality) -> FrictionBlock:
-        temperature = self._temperature.copy()
+    def _state(self) -> _State:
+        implausible = bool(self._implausible.any())
+        return self._newest, self._temperature.copy(), self._stamp.copy(), implausible
+
+    def _rows(self, states: list[_State]) -> FrictionBlock:
+        """Evaluate the laws for every state at once."""
+        temperature = np.stack([state[1] for state in states])
         known = ~np.isnan(temperature)
-        viscous = np.where(known, self._friction.viscous(temperature), self._fallback)
         extrapolated = known & self._friction.extrapolated(temperature)
-        if extrapolated.any():
-            quality |= Quality.EXTRAPOLATED
+        quality = np.zeros(len(states), dtype=np.uint32)
+        mark(quality, ~known.all(axis=1), Quality.TEMPERATURE_MISSING)
+        mark(quality, extrapolated.any(axis=1), Quality.EXTRAPOLATED)
+        mark(quality, np.array([state[3] for state in states]), Quality.TEMPERATURE_IMPLAUSIBLE)
         return FrictionBlock(
-            stamp_ns=np.array([stamp], dtype=np.int64),
-            quality=np.array([quality], dtype=np.uint32),
-            coulomb=self._friction.coulomb[None, :].copy(),
-            viscous=viscous[None, :],
-            viscous_fallback=self._fallback[None, :].copy(),
-            motor_temperature_degc=temperature[None, :],
-            temperature_stamp_ns=self._stamp[None, :].copy(),
+            stamp_ns=np.array([state[0] for state in states], dtype=np.int64),
+            quality=quality,
+            coulomb=np.tile(self._friction.coulomb, (len(states), 1)),
+            viscous=np.where(known, self._friction.viscous(temperature), self._fallback),
+            viscous_fallback=np.tile(self._fallback, (len(states), 1)),
+            motor_temperature_degc=temperature,
+            temperature_stamp_ns=np.stack([state[2] for state in states]),
         )

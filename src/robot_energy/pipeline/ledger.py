@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 
 import numpy as np
 
-from robot_energy.blocks import MeterBlock, Phase, PowerBlock
-from robot_energy.comparison import Comparison
+from robot_energy.blocks import Float, Int, MeterBlock, Phase, PowerBlock, Quality
+from robot_energy.comparison import Compared, Comparison
 from robot_energy.pipeline.averaging import Averager, MeanBlock
 from robot_energy.pipeline.settings import Settings
 from robot_energy.registers import CABINET_REGISTERS, ExactSum, Registers
@@ -26,6 +27,7 @@ class Ledger:
         peak_power: Highest predicted grid power, NaN before the first sample. [W]
         quality: How many samples carried each quality bit.
         samples: Number of power samples taken.
+        on_compared: Called with what became comparable in each step, for plots.
     """
 
     def __init__(self, n_joints: int, settings: Settings | None = None) -> None:
@@ -35,9 +37,11 @@ class Ledger:
         self.peak_power = float("nan")
         self.quality: Counter[int] = Counter()
         self.samples = 0
+        self.on_compared: Callable[[Compared], None] | None = None
         self._phase_energy = ExactSum(len(Phase))
         self._phase_ns = np.zeros(len(Phase), dtype=np.int64)
-        self._averager = Averager(settings.power_period)
+        period = settings.power_period
+        self._averager = None if period is None else Averager(period)
 
     def measure(self, block: MeterBlock) -> None:
         """Take meter readings."""
@@ -55,13 +59,17 @@ class Ledger:
         intervals = self.registers.step(block)
         power = block.power_at(self.comparison.location)
         compared = self.comparison.predict(block.stamp_ns, block.segment, power)
+        if self.on_compared is not None:
+            self.on_compared(compared)
         self._book(block, intervals.energy[:, CABINET_REGISTERS.index("grid_import")],
                    intervals.duration_ns)
+        if self._averager is None:
+            return None
         return self._averager.step(block, intervals, compared)
 
     def flush(self) -> MeanBlock | None:
         """Return the mean of the period that is still open."""
-        return self._averager.flush()
+        return None if self._averager is None else self._averager.flush()
 
     def phase_energy(self, phase: Phase) -> float:
         """Predicted energy drawn from the grid in a phase. [J]"""
@@ -71,12 +79,12 @@ class Ledger:
         """Observed time in a phase. [s]"""
         return float(self._phase_ns[phase]) * 1e-9
 
-    def _book(self, block: PowerBlock, energy: np.ndarray, duration_ns: np.ndarray) -> None:
+    def _book(self, block: PowerBlock, energy: Float, duration_ns: Int) -> None:
         self.samples += len(block)
-        for bit in range(10):
-            count = int(((block.quality >> np.uint32(bit)) & np.uint32(1)).sum())
-            if count:
-                self.quality[1 << bit] += count
+        met = int(np.bitwise_or.reduce(block.quality))
+        for bit in Quality:
+            if met & bit:
+                self.quality[bit] += int(((block.quality & np.uint32(bit)) > 0).sum())
         split = np.zeros((len(block), len(Phase)))
         rows = np.arange(len(block))
         split[rows, block.phase] = energy

@@ -14,7 +14,7 @@ class Settings:
         derivative_lag: How far it reaches ahead; None: half the window. [s]
         derivative_neighbours: Least number of samples in the window.
         settle: How long torque waits for temperatures that arrive late. [s]
-        power_period: Averaging period of the power states. [s]
+        power_period: Averaging period of the power states; None makes no means. [s]
         meter_max_gap: Longest time between meter readings that is bridged. [s]
     """
 
@@ -22,5 +22,5 @@ class Settings:
     derivative_lag: float | None = None
     derivative_neighbours: int = 5
     settle: float = 0.1
-    power_period: float = 0.02
+    power_period: float | None = 0.02
     meter_max_gap: float = 2.0

@@ -119,10 +119,12 @@ def test_bad_temperatures_change_nothing_and_are_counted():
     pipeline = EnergyPipeline(warm_wheel())
     power = run(
         pipeline,
-        {"joints": spin(3.0), "temperatures": temperatures(
-            [0.0, 0.1, 0.2], [[40.0], [999.0], [np.nan]])},
+        {"joints": spin(3.0, start=1.0), "temperatures": temperatures(
+            [1.0, 1.1, 1.2], [[40.0], [999.0], [np.nan]])},
     )
     np.testing.assert_allclose(power.viscous[:, 0], 0.02)
+    refused = (power.quality & Quality.TEMPERATURE_IMPLAUSIBLE) > 0
+    np.testing.assert_array_equal(refused, power.stamp_ns >= 11 * 10**8)
     stage = pipeline.friction
     assert stage.rejected["temperature_implausible"] == 1
     assert stage.rejected["temperature_not_finite"] == 1
@@ -131,7 +133,7 @@ def test_bad_temperatures_change_nothing_and_are_counted():
 
 def test_nan_position_is_nan_power_not_zero_and_not_energy():
     joints = spin(3.0)
-    joints.joint_velocity[50] = np.inf
+    joints.joint_position[50] = np.nan
     pipeline = EnergyPipeline(robots.one_wheel())
     power = run(pipeline, {"joints": joints})
     bad = ~np.isfinite(power.grid_power)

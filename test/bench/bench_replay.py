@@ -1,0 +1,80 @@
+"""Replay of a 10-minute bag, beside the loop a user would write."""
+
+from __future__ import annotations
+
+import json
+import statistics
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+from recording import record
+from rich.table import Table
+
+HERE = Path(__file__).parent
+RATE = 500
+
+
+def measure(script: str, *arguments: str) -> dict[str, float]:
+    """Run a script in its own process; wall time after imports, peak memory, its figures."""
+    code = (
+        "import json, resource, runpy, sys, time\n"
+        f"sys.path.insert(0, {str(HERE)!r})\n"
+        f"import {script}\n"
+        f"begin = time.perf_counter(); out = {script}.main(*{list(arguments)!r}) or {{}}\n"
+        "wall = time.perf_counter() - begin\n"
+        "peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024\n"
+        "print(json.dumps({'wall': wall, 'peak_mb': peak, **out}))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    lines = done.stdout.strip().splitlines()
+    return json.loads(lines[-1])
+
+
+def medians(script: str, repeats: int, *arguments: str) -> dict[str, float]:
+    """Medians over repeated processes."""
+    runs = [measure(script, *arguments) for _ in range(repeats)]
+    return {key: statistics.median(run[key] for run in runs) for key in runs[0]}
+
+
+def run(folder: Path, quick: bool) -> tuple[Table, dict[str, object], dict[str, bool]]:
+    """Measure replay and the alternative on both kinds of bag."""
+    seconds = 60 if quick else 600
+    messages = seconds * RATE
+    table = Table(title=f"replay of {seconds} s, {RATE} Hz, 6 joints, one thread")
+    for column in ("bag", "program", "wall s", "us/message", "x real time", "ratio", "peak MB",
+                   "reading", "dynamics", "rest"):
+        table.add_column(column, justify="left" if column in ("bag", "program") else "right")
+    figures: dict[str, object] = {"seconds": seconds, "messages": messages}
+    goals: dict[str, bool] = {}
+    for compression in ("zstd", "none"):
+        bag = str(record(folder / f"{seconds}s_{compression}", seconds, compression))
+        short = str(record(folder / f"{seconds // 5}s_{compression}", seconds // 5, compression))
+        ours = medians("ours", 5, bag, "kr16")
+        naive = medians("naive", 1 if quick else 3, bag, "kr16")
+        brief = medians("ours", 1, short, "kr16")
+        ratio, speed = naive["wall"] / ours["wall"], seconds / ours["wall"]
+        for name, result in (("robot-energy replay", ours), ("AnyReader + pin.rnea", naive)):
+            shares = [f"{result[key]:.0%}" if key in result else "" for key in
+                      ("reading", "dynamics", "rest")]
+            table.add_row(
+                compression, name, f"{result['wall']:.2f}", f"{result['wall'] / messages * 1e6:.2f}",
+                f"{seconds / result['wall']:.0f}",
+                f"{ratio:.1f}" if result is ours else "1.0", f"{result['peak_mb']:.0f}", *shares,
+            )
+        figures[compression] = {"replay": ours, "naive": naive, "ratio": ratio,
+                                "recorded_seconds_per_second": speed,
+                                "peak_mb_of_a_fifth": brief["peak_mb"]}
+        goals[f"{compression}: at least 10 times faster than the loop: {ratio:.1f}"] = ratio >= 10
+        goals[f"{compression}: at least 400 recorded s per s: {speed:.0f}"] = speed >= 400
+        goals[f"{compression}: peak below 300 MB: {ours['peak_mb']:.0f}"] = ours["peak_mb"] < 300
+        growth = ours["peak_mb"] - brief["peak_mb"]
+        goals[f"{compression}: memory independent of length: {growth:+.0f} MB for 5 times the bag"
+              ] = growth < 10
+    return table, figures, goals
+
+
+if __name__ == "__main__":
+    begin = time.perf_counter()
+    print(run(Path("build/bench"), quick=True)[1], time.perf_counter() - begin)

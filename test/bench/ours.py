@@ -1,0 +1,41 @@
+"""`robot-energy replay` without printing, and where its time goes."""
+
+from __future__ import annotations
+
+import time
+
+from robot_energy.bag import BagReader
+from robot_energy.ingest import JointStateIngest
+from robot_energy.model_file import load
+from robot_energy.replay import replay
+from robot_energy.robot import Robot
+
+
+def main(bag: str, model_name: str) -> dict[str, float]:
+    """Replay, then time the reading and the dynamics of the same samples alone."""
+    model = load(model_name)
+    begin = time.perf_counter()
+    result = replay(bag, model)
+    total = time.perf_counter() - begin
+
+    ingest, robot = JointStateIngest(model.joint_names), Robot.from_model(model)
+    reading = dynamics = 0.0
+    parts = BagReader(bag).parts(["/joint_states", "/motor_temperatures", "/power_meter"])
+    while True:
+        begin = time.perf_counter()
+        part = next(parts, None)
+        if part is None:
+            break
+        block = ingest.step(part["/joint_states"])
+        reading += time.perf_counter() - begin
+        if block is not None:
+            begin = time.perf_counter()
+            robot.joint_torque(block.joint_position, block.joint_velocity, block.joint_velocity)
+            dynamics += time.perf_counter() - begin
+    return {
+        "wall": total,
+        "reading": reading / total,
+        "dynamics": dynamics / total,
+        "rest": 1 - (reading + dynamics) / total,
+        "energy": result.ledger.registers.cabinet("grid_import"),
+    }
