@@ -126,6 +126,5 @@ def joint_block(
         quality=np.zeros(size, dtype=np.uint32),
         joint_position=position,
         joint_velocity=velocity,
-        joint_acceleration=np.full_like(position, np.nan)
-        if acceleration is None else acceleration,
+        joint_acceleration=np.full_like(position, np.nan) if acceleration is None else acceleration,
     )

@@ -14,14 +14,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from enum import IntEnum, IntFlag
-from typing import Self, cast
+from typing import Any, Self, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.errors import ShapeError
 
-Float = NDArray[np.float64]
+Float = NDArray[np.floating[Any]]  # float64 throughout; numpy types many results this wide
 Int = NDArray[np.int64]
 Bits = NDArray[np.uint32]
 
@@ -88,11 +88,14 @@ class Block:
 
     def __getitem__(self, rows: slice | NDArray[np.bool_] | Int) -> Self:
         """Return the samples ``rows``; one-per-block entries (None) stay."""
-        return replace(self, **{
-            f.name: value[rows]
-            for f in fields(self)
-            if isinstance(value := getattr(self, f.name), np.ndarray)
-        })
+        return replace(
+            self,
+            **{
+                f.name: value[rows]
+                for f in fields(self)
+                if isinstance(value := getattr(self, f.name), np.ndarray)
+            },
+        )
 
     @classmethod
     def concatenate(cls, blocks: Sequence[Self]) -> Self:
@@ -106,11 +109,14 @@ class Block:
         if len(blocks) == 1:
             return blocks[0]
         first = blocks[0]
-        return replace(first, **{
-            f.name: np.concatenate([cast(Float, getattr(b, f.name)) for b in blocks])
-            for f in fields(first)
-            if isinstance(getattr(first, f.name), np.ndarray)
-        })
+        return replace(
+            first,
+            **{
+                f.name: np.concatenate([cast(Float, getattr(b, f.name)) for b in blocks])
+                for f in fields(first)
+                if isinstance(getattr(first, f.name), np.ndarray)
+            },
+        )
 
 
 @dataclass(frozen=True)
@@ -292,6 +298,18 @@ def check_shape(name: str, array: Float, shape: tuple[int, ...]) -> None:
     """
     if array.shape != shape:
         raise ShapeError(f"{name} has shape {array.shape}", f"{shape}")
+
+
+def in_any_joint(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Reduce a mask over joints: which samples have it set for any joint.
+
+    Args:
+        mask: Shape (N, n).
+
+    Returns:
+        Shape (N,).
+    """
+    return np.asarray(mask.any(axis=1), dtype=np.bool_)
 
 
 def mark(quality: Bits, rows: NDArray[np.bool_], bit: Quality) -> None:

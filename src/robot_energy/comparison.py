@@ -269,7 +269,8 @@ class Comparison:
     def _advance(self) -> Compared:
         epoch = self._epochs.setdefault(self._predicted_epoch, _Epoch())
         predicted, measured = epoch.predicted, epoch.measured
-        result = Compared(*([np.empty(0, dtype=np.int64)] * 2), *([np.empty(0)] * 2))
+        none, nothing = np.empty(0, dtype=np.int64), np.empty(0)
+        result = Compared(none, none, nothing, nothing)
         if len(predicted) and len(measured):
             until = int(min(predicted.end_ns[-1], measured.end_ns[-1]))
             start = int(max(predicted.start_ns[0], measured.start_ns[0]))

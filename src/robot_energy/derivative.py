@@ -11,12 +11,13 @@ neighbours instead. It never crosses a change of segment.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import NANOSECOND, Float, Int, JointBlock, Quality, mark
+from robot_energy.blocks import NANOSECOND, Float, Int, JointBlock, Quality, in_any_joint, mark
 
 
 class Derivative:
@@ -36,9 +37,7 @@ class Derivative:
         ValueError: If the lag is negative or longer than the window.
     """
 
-    def __init__(
-        self, window: float = 0.02, lag: float | None = None, neighbours: int = 5
-    ) -> None:
+    def __init__(self, window: float = 0.02, lag: float | None = None, neighbours: int = 5) -> None:
         lag = window / 2 if lag is None else lag
         if not 0 <= lag <= window or window <= 0:
             raise ValueError(f"lag {lag} s; expected between 0 and the window of {window} s")
@@ -88,7 +87,8 @@ class Derivative:
         stamp = buffer.stamp_ns
         ready = len(buffer)
         if not closing:
-            within = int(np.searchsorted(stamp, stamp[-1] - self._ahead_ns, side="right"))
+            newest = int(stamp[-1]) - self._ahead_ns
+            within = int(np.searchsorted(stamp, newest, side="right"))
             ready = min(within, len(buffer) - self._least_ahead)
         out: list[JointBlock] = []
         if ready > self._done:
@@ -102,7 +102,7 @@ class Derivative:
         buffer = self._pending
         if buffer is None or self._done == 0:
             return
-        oldest = buffer.stamp_ns[min(self._done, len(buffer) - 1)] - self._behind_ns
+        oldest = int(buffer.stamp_ns[min(self._done, len(buffer) - 1)]) - self._behind_ns
         reach = int(np.searchsorted(buffer.stamp_ns, oldest, side="left"))
         keep = max(0, min(reach, self._done - self._least_behind))
         self._pending = buffer[slice(keep, None)]
@@ -111,8 +111,14 @@ class Derivative:
     @np.errstate(invalid="ignore", over="ignore")  # bad samples become NaN, nothing else
     def _differentiate(self, buffer: JointBlock, start: int, stop: int) -> JointBlock:
         fit = _QuadraticFit(
-            buffer.stamp_ns, start, stop, self._behind_ns, self._ahead_ns,
-            self._least_behind, self._least_ahead, self._scale,
+            buffer.stamp_ns,
+            start,
+            stop,
+            self._behind_ns,
+            self._ahead_ns,
+            self._least_behind,
+            self._least_ahead,
+            self._scale,
         )
         rows = slice(start, stop)
         velocity = buffer.joint_velocity
@@ -120,12 +126,13 @@ class Derivative:
         acceleration = fit.slope(velocity)
         derived = ~np.isfinite(acceleration)
         if derived.any():
-            slope, curvature = fit.slope(buffer.joint_position), fit.curvature(
-                buffer.joint_position
+            slope, curvature = (
+                fit.slope(buffer.joint_position),
+                fit.curvature(buffer.joint_position),
             )
             velocity = np.where(np.isfinite(velocity[rows]), velocity[rows], slope)
             acceleration = np.where(derived, curvature, acceleration)
-            mark(quality, derived.any(axis=1), Quality.VELOCITY_DERIVED)
+            mark(quality, in_any_joint(derived), Quality.VELOCITY_DERIVED)
         else:
             velocity = velocity[rows]
         mark(quality, fit.incomplete, Quality.ACCELERATION_INCOMPLETE)
@@ -202,7 +209,7 @@ class _QuadraticFit:
         """Return the second derivative at each row, shape (rows, n). [unit/s^2]"""
         return self._weigh(values, self._curvature) * (2 / self._scale**2)
 
-    def _weigh(self, values: Float, coefficients: list[Float]) -> Float:
+    def _weigh(self, values: Float, coefficients: Sequence[Float]) -> Float:
         c0, c1, c2 = coefficients
         result = np.zeros((len(c0), values.shape[1]))
         for offset, u, inside in self._offsets:

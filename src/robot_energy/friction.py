@@ -118,9 +118,7 @@ class FrictionModel:
         Returns:
             Motor side, same shape; NaN where the temperature is NaN. [N m s/rad]
         """
-        columns = [
-            law.viscous(motor_temperature_degc[..., i]) for i, law in enumerate(self.laws)
-        ]
+        columns = [law.viscous(motor_temperature_degc[..., i]) for i, law in enumerate(self.laws)]
         return np.stack(columns, axis=-1)
 
     def extrapolated(self, motor_temperature_degc: Float) -> NDArray[np.bool_]:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 
@@ -101,7 +103,8 @@ def find_topics(bag: BagReader, wanted: Topics) -> Topics:
     joints = _one(bag, wanted.joint_states, (JOINT_STATE,), "joint states", "--joint-states")
     if joints is None:
         raise MissingTopicError(
-            f"{bag.path} has no topic of joint states", f"a topic of type {JOINT_STATE}",
+            f"{bag.path} has no topic of joint states",
+            f"a topic of type {JOINT_STATE}",
             f"it has {', '.join(sorted(bag.topics)) or 'no topics'}",
         )
     if wanted.temperatures is None:
@@ -125,7 +128,8 @@ def _one(
     found = sorted(topic for topic, info in bag.topics.items() if info.msgtype in types)
     if len(found) > 1:
         raise MissingTopicError(
-            f"{bag.path} has several topics of {what}: {', '.join(found)}", "one",
+            f"{bag.path} has several topics of {what}: {', '.join(found)}",
+            "one",
             f"name it with {option}",
         )
     return found[0] if found else None
@@ -229,7 +233,7 @@ def _slices(block: JointBlock | None, by_second: bool) -> list[JointBlock] | lis
     if by_second:
         cuts = np.flatnonzero(np.diff(block.stamp_ns // SECOND_NS)) + 1
     bounds = [0, *cuts.tolist(), len(block)]
-    return [block[slice(start, stop)] for start, stop in zip(bounds, bounds[1:], strict=False)]
+    return [block[slice(start, stop)] for start, stop in pairwise(bounds)]
 
 
 def _require_samples(result: Replay) -> None:
@@ -257,7 +261,7 @@ def _require_samples(result: Replay) -> None:
 class _Writer:
     """Writes the energy topics of a replay into a new bag."""
 
-    TOPICS = {
+    TOPICS: ClassVar = {
         "/energy/joint_torque": JOINT_TORQUE,
         "/energy/joint_friction": JOINT_FRICTION,
         "/energy/power": POWER_STATE,

@@ -210,7 +210,8 @@ def _check(
             )
         if joints[name].find("mimic") is not None:
             raise RobotDescriptionError(
-                f"joint '{name}' mimics another joint", "independent joints",
+                f"joint '{name}' mimics another joint",
+                "independent joints",
                 "leave it out of the model file; it is then locked",
             )
     without = sorted(

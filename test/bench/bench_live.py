@@ -44,14 +44,18 @@ def measure(case: str, rate: int, seconds: float, domain: int) -> dict[str, floa
     plain = case.startswith("plain")
     started = [
         subprocess.Popen(
-            [*command, *([] if plain else MODEL)], env=environment,
-            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+            [*command, *([] if plain else MODEL)],
+            env=environment,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
         )
         for command in CASES[case]
     ]
     probe = subprocess.Popen(
         [sys.executable, str(HERE / "load.py"), str(rate), str(seconds), "no" if plain else "yes"],
-        env=environment, stdout=subprocess.PIPE, text=True,
+        env=environment,
+        stdout=subprocess.PIPE,
+        text=True,
     )
     try:
         assert probe.stdout is not None
@@ -62,8 +66,7 @@ def measure(case: str, rate: int, seconds: float, domain: int) -> dict[str, floa
             raise RuntimeError(f"{case} did not last")
         elapsed = time.monotonic() - begin
         used = sum(
-            cpu_seconds(process.pid) - start
-            for process, start in zip(started, before, strict=True)
+            cpu_seconds(process.pid) - start for process, start in zip(started, before, strict=True)
         )
         rest = json.loads(probe.stdout.readline())
         return {"cpu": used / elapsed, **rest}
@@ -99,8 +102,9 @@ def run(folder: Path, quick: bool) -> tuple[Table, dict[str, object], dict[str, 
         plain = medians["plain callback subscriber"]["cpu"]
         for case, result in medians.items():
             latency = [f"{result[key]:.0f}" if key in result else "" for key in ("p50", "p99")]
-            table.add_row(str(rate), case, f"{result['cpu']:.1%}", f"{result['cpu'] / plain:.2f}",
-                          *latency)
+            table.add_row(
+                str(rate), case, f"{result['cpu']:.1%}", f"{result['cpu'] / plain:.2f}", *latency
+            )
         figures[str(rate)] = medians
         if rate == 1000:
             one = medians["energy_monitor"]["cpu"] / plain

@@ -34,7 +34,11 @@ def run(folder: Path, quick: bool) -> tuple[Table, dict[str, object], dict[str, 
     size = 4096 * (1 if quick else 8)
     stamp, position, velocity = motion(size, 1000.0)
     whole = JointBlock(
-        stamp, np.zeros(size, np.int64), np.zeros(size, np.uint32), position, velocity,
+        stamp,
+        np.zeros(size, np.int64),
+        np.zeros(size, np.uint32),
+        position,
+        velocity,
         np.full_like(position, np.nan),
     )
     robot = pin.buildModelFromXML(model.urdf_xml)
@@ -61,7 +65,10 @@ def run(folder: Path, quick: bool) -> tuple[Table, dict[str, object], dict[str, 
     for block, samples in ((1, 512), (20, 4096), (4096, size)):
         cost = per_sample(pipeline(block, samples), samples)
         figures[f"block_{block}_us"] = cost
-        what = {1: "blocks of 1", 20: "blocks of 20 (live: 50 Hz ticks of a 1 kHz stream)",
-                4096: "blocks of 4096 (replay)"}[block]
+        what = {
+            1: "blocks of 1",
+            20: "blocks of 20 (live: 50 Hz ticks of a 1 kHz stream)",
+            4096: "blocks of 4096 (replay)",
+        }[block]
         table.add_row(what, f"{cost:.2f}", f"{cost / rnea:.1f}")
     return table, figures, {}

@@ -43,8 +43,18 @@ def run(folder: Path, quick: bool) -> tuple[Table, dict[str, object], dict[str, 
     seconds = 60 if quick else 600
     messages = seconds * RATE
     table = Table(title=f"replay of {seconds} s, {RATE} Hz, 6 joints, one thread")
-    for column in ("bag", "program", "wall s", "us/message", "x real time", "ratio", "peak MB",
-                   "reading", "dynamics", "rest"):
+    for column in (
+        "bag",
+        "program",
+        "wall s",
+        "us/message",
+        "x real time",
+        "ratio",
+        "peak MB",
+        "reading",
+        "dynamics",
+        "rest",
+    ):
         table.add_column(column, justify="left" if column in ("bag", "program") else "right")
     figures: dict[str, object] = {"seconds": seconds, "messages": messages}
     goals: dict[str, bool] = {}
@@ -56,22 +66,34 @@ def run(folder: Path, quick: bool) -> tuple[Table, dict[str, object], dict[str, 
         brief = medians("ours", 1, short, "kr16")
         ratio, speed = naive["wall"] / ours["wall"], seconds / ours["wall"]
         for name, result in (("robot-energy replay", ours), ("AnyReader + pin.rnea", naive)):
-            shares = [f"{result[key]:.0%}" if key in result else "" for key in
-                      ("reading", "dynamics", "rest")]
+            shares = [
+                f"{result[key]:.0%}" if key in result else ""
+                for key in ("reading", "dynamics", "rest")
+            ]
             table.add_row(
-                compression, name, f"{result['wall']:.2f}", f"{result['wall'] / messages * 1e6:.2f}",
+                compression,
+                name,
+                f"{result['wall']:.2f}",
+                f"{result['wall'] / messages * 1e6:.2f}",
                 f"{seconds / result['wall']:.0f}",
-                f"{ratio:.1f}" if result is ours else "1.0", f"{result['peak_mb']:.0f}", *shares,
+                f"{ratio:.1f}" if result is ours else "1.0",
+                f"{result['peak_mb']:.0f}",
+                *shares,
             )
-        figures[compression] = {"replay": ours, "naive": naive, "ratio": ratio,
-                                "recorded_seconds_per_second": speed,
-                                "peak_mb_of_a_fifth": brief["peak_mb"]}
+        figures[compression] = {
+            "replay": ours,
+            "naive": naive,
+            "ratio": ratio,
+            "recorded_seconds_per_second": speed,
+            "peak_mb_of_a_fifth": brief["peak_mb"],
+        }
         goals[f"{compression}: at least 10 times faster than the loop: {ratio:.1f}"] = ratio >= 10
         goals[f"{compression}: at least 400 recorded s per s: {speed:.0f}"] = speed >= 400
         goals[f"{compression}: peak below 300 MB: {ours['peak_mb']:.0f}"] = ours["peak_mb"] < 300
         growth = ours["peak_mb"] - brief["peak_mb"]
-        goals[f"{compression}: memory independent of length: {growth:+.0f} MB for 5 times the bag"
-              ] = growth < 10
+        goals[
+            f"{compression}: memory independent of length: {growth:+.0f} MB for 5 times the bag"
+        ] = growth < 10
     return table, figures, goals
 
 

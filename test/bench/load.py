@@ -13,9 +13,10 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
 from recording import JOINTS, motion
-from robot_energy.wire.layout import Encoder, stamp_columns
 from ros2_energy_msgs.msg import PowerState
 from sensor_msgs.msg import JointState
+
+from robot_energy.wire.layout import Encoder, stamp_columns
 
 WARM_UP = 2.0  # s
 
@@ -76,8 +77,11 @@ def main() -> None:
     print("measured", flush=True)
     figures = {}
     if latencies:
-        figures = {"p50": float(np.percentile(latencies, 50)),
-                   "p99": float(np.percentile(latencies, 99)), "states": len(latencies)}
+        figures = {
+            "p50": float(np.percentile(latencies, 50)),
+            "p99": float(np.percentile(latencies, 99)),
+            "states": len(latencies),
+        }
     print(json.dumps(figures), flush=True)
 
 

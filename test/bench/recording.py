@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+
 from robot_energy.bag import BagWriter
 from robot_energy.blocks import Float, Int
 from robot_energy.wire.layout import Encoder, stamp_columns
@@ -48,13 +49,18 @@ def record(path: Path, seconds: float, compression: str, rate: float = 500.0) ->
             rows = slice(begin, begin + second)
             at = stamp[rows]
             columns = {"position": position[rows], "velocity": velocity[rows], "effort": np.nan}
-            bag.write("/joint_states", at, joint_state.encode(
-                {**stamp_columns(at), **columns}, len(at)))
+            bag.write(
+                "/joint_states", at, joint_state.encode({**stamp_columns(at), **columns}, len(at))
+            )
             warm = np.full((1, 6), 20 + 40 * begin / len(stamp))
-            bag.write("/motor_temperatures", at[:1], temperature.encode(
-                {**stamp_columns(at[:1]), "temperature_degc": warm}, 1))
+            bag.write(
+                "/motor_temperatures",
+                at[:1],
+                temperature.encode({**stamp_columns(at[:1]), "temperature_degc": warm}, 1),
+            )
             at = at[:: second // 10]
             power = 1000 + rng.normal(size=len(at))
-            bag.write("/power_meter", at, reading.encode(
-                {**stamp_columns(at), "power": power}, len(at)))
+            bag.write(
+                "/power_meter", at, reading.encode({**stamp_columns(at), "power": power}, len(at))
+            )
     return path

@@ -16,10 +16,10 @@ from pathlib import Path
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-import bench_live  # noqa: E402 - after the thread limits
-import bench_pipeline  # noqa: E402
-import bench_replay  # noqa: E402
-from rich.console import Console  # noqa: E402
+import bench_live
+import bench_pipeline
+import bench_replay
+from rich.console import Console
 
 BENCHES = {"pipeline": bench_pipeline, "replay": bench_replay, "live": bench_live}
 BUILD = Path(__file__).resolve().parents[2] / "build"

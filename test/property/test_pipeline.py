@@ -1,11 +1,13 @@
 """Laws of the whole chain, on random input."""
 
 from collections.abc import Callable
+from itertools import pairwise
 
 import numpy as np
-import robots
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
+import robots
 from robot_energy.blocks import (
     JointBlock,
     MeterBlock,
@@ -48,8 +50,14 @@ def readings(block: JointBlock, seed: int) -> tuple[TemperatureBlock, MeterBlock
     temperature = TemperatureBlock(stamp, rng.uniform(10, 90, (8, 2)))
     stamp = first + np.unique(rng.integers(0, 2 * 10**9, 40))
     none = np.full(len(stamp), np.nan)
-    meter = MeterBlock(stamp, rng.uniform(0, 500, len(stamp)), none, none,
-                       MeterMeaning.INSTANTANEOUS, MeterLocation.GRID)
+    meter = MeterBlock(
+        stamp,
+        rng.uniform(0, 500, len(stamp)),
+        none,
+        none,
+        MeterMeaning.INSTANTANEOUS,
+        MeterLocation.GRID,
+    )
     return temperature, meter
 
 
@@ -58,7 +66,7 @@ def run(block: JointBlock, seed: int, cuts: list[int]):
     temperature, meter = readings(block, seed)
     outputs = [pipeline.step(temperatures=temperature, meter=meter)]
     bounds = [0, *sorted(cuts), len(block)]
-    for start, stop in zip(bounds, bounds[1:], strict=False):
+    for start, stop in pairwise(bounds):
         if stop > start:
             outputs.append(pipeline.step(joints=block[slice(start, stop)]))
     outputs.append(pipeline.flush())
@@ -122,8 +130,12 @@ def test_order_of_joints_in_the_model_does_not_matter(seed):
     temperature, _ = readings(block, seed)
     straight, turned = EnergyPipeline(MODEL), EnergyPipeline(robots.two_link(**data))
     swapped = JointBlock(
-        block.stamp_ns, block.segment, block.quality, block.joint_position[:, ::-1].copy(),
-        block.joint_velocity[:, ::-1].copy(), block.joint_acceleration[:, ::-1].copy(),
+        block.stamp_ns,
+        block.segment,
+        block.quality,
+        block.joint_position[:, ::-1].copy(),
+        block.joint_velocity[:, ::-1].copy(),
+        block.joint_acceleration[:, ::-1].copy(),
     )
     turned_temperature = TemperatureBlock(
         temperature.stamp_ns, temperature.motor_temperature_degc[:, ::-1].copy()

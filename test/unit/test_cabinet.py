@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+
 from robot_energy.cabinet import CabinetStage
 from robot_energy.model_file.schema import Cabinet
 from robots import figure
@@ -29,8 +30,11 @@ def test_regenerative_supply_returns_its_share():
     assert balance.brake_power[0] == 0.0
 
 
-CAPACITOR = {"capacitance": figure(2e-3), "nominal_voltage": figure(560.0),
-             "chopper_voltage": figure(700.0)}  # swing 0.5 * 2e-3 * (490000 - 313600) = 176.4 J
+CAPACITOR = {
+    "capacitance": figure(2e-3),
+    "nominal_voltage": figure(560.0),
+    "chopper_voltage": figure(700.0),
+}  # swing 0.5 * 2e-3 * (490000 - 313600) = 176.4 J
 
 
 def test_capacitor_takes_excess_first_and_gives_it_back_first():

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+
 from robot_energy.blocks import MeterBlock, MeterLocation, MeterMeaning
 from robot_energy.comparison import Comparison
 
@@ -47,9 +48,7 @@ def test_breakpoints_of_either_curve_are_met_between_the_others_samples():
 
 def test_mean_over_interval_is_a_step_that_ends_at_the_stamp():
     comparison = Comparison()
-    comparison.measure(
-        meter([1.0, 2.0], [5.0, 7.0], MeterMeaning.MEAN_OVER_INTERVAL, interval=1.0)
-    )
+    comparison.measure(meter([1.0, 2.0], [5.0, 7.0], MeterMeaning.MEAN_OVER_INTERVAL, interval=1.0))
     predict(comparison, [0.0, 0.5, 2.0], [1.0, 1.0, 1.0])
     assert comparison.measured_energy == pytest.approx(12.0)
     assert comparison.compared_ns == 2 * SECOND
@@ -57,8 +56,9 @@ def test_mean_over_interval_is_a_step_that_ends_at_the_stamp():
 
 def test_counter_gives_mean_power_and_a_fall_is_no_negative_energy():
     comparison = Comparison()
-    comparison.measure(meter([0.0, 1.0, 2.0, 3.0], [100.0, 130.0, 5.0, 25.0],
-                             MeterMeaning.CUMULATIVE))
+    comparison.measure(
+        meter([0.0, 1.0, 2.0, 3.0], [100.0, 130.0, 5.0, 25.0], MeterMeaning.CUMULATIVE)
+    )
     predict(comparison, [0.0, 3.0], [1.0, 1.0])
     assert comparison.measured_energy == pytest.approx(50.0)
     assert comparison.predicted_energy == pytest.approx(2.0)

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+
 import robots
 from robot_energy.blocks import JointBlock, Quality
 from robot_energy.derivative import Derivative

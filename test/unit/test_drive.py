@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+
 import robots
 from robot_energy.drive import EfficiencyMaps, Ideal, LossModel, drive_from_model
 from robot_energy.errors import ModelFileError
@@ -44,8 +45,15 @@ def test_map_takes_the_nearest_point_in_standardised_distance():
     torque, speed = rng.normal(size=200) * 0.1, rng.normal(size=200) * 300
     eta = rng.uniform(0.3, 1.4, 200)
     maps = EfficiencyMaps(
-        [EfficiencyMap(motor_velocity=list(speed), motor_torque=list(torque),
-                       efficiency=list(eta), tag="identified", reach=0.3)]
+        [
+            EfficiencyMap(
+                motor_velocity=list(speed),
+                motor_torque=list(torque),
+                efficiency=list(eta),
+                tag="identified",
+                reach=0.3,
+            )
+        ]
     )
     query = rng.normal(size=(100, 2)) * [0.12, 350]
     points = np.stack([torque, speed], axis=1)
@@ -59,8 +67,7 @@ def test_map_takes_the_nearest_point_in_standardised_distance():
 
 def test_map_gives_nan_for_nan_and_does_not_raise():
     maps = EfficiencyMaps(
-        [EfficiencyMap(motor_velocity=[1.0], motor_torque=[1.0], efficiency=[0.875],
-                       tag="assumed")]
+        [EfficiencyMap(motor_velocity=[1.0], motor_torque=[1.0], efficiency=[0.875], tag="assumed")]
     )
     power, _ = maps.input_power(
         np.array([[np.nan], [7.0]]), np.ones((2, 1)), np.array([[np.nan], [7.0]]), np.ones((2, 1))

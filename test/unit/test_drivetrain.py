@@ -1,10 +1,11 @@
 import numpy as np
 import pytest
+
 import robots
 from robot_energy.drivetrain import Drivetrain
 from robot_energy.errors import ModelFileError
-from robot_energy.torque import rigid_torque
 from robot_energy.robot import Robot
+from robot_energy.torque import rigid_torque
 
 
 def test_coupling_turns_the_coupled_motor():

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+
 import robots
 from robot_energy.friction import FrictionModel, viscous_law, with_fixed_friction
 from robot_energy.model_file.schema import ExponentialLaw, JointFriction, TableLaw
@@ -11,8 +12,14 @@ def law(kind, **entries):
 
 
 def exponential():
-    return law(ExponentialLaw, law="exponential", a=figure(2.0), b=figure(8.0), c=figure(20.0),
-               fitted_degc=[20, 80])
+    return law(
+        ExponentialLaw,
+        law="exponential",
+        a=figure(2.0),
+        b=figure(8.0),
+        c=figure(20.0),
+        fitted_degc=[20, 80],
+    )
 
 
 def test_exponential_law_by_hand():
@@ -31,8 +38,9 @@ def test_outside_the_fitted_range_the_edge_is_held_and_flagged():
 
 def test_table_law_meets_its_points_and_never_overshoots():
     points, values = [20.0, 30.0, 40.0, 80.0], [10.0, 6.0, 5.9, 3.0]
-    curve = law(TableLaw, law="table", motor_temperature_degc=points, viscous=values,
-                tag="identified")
+    curve = law(
+        TableLaw, law="table", motor_temperature_degc=points, viscous=values, tag="identified"
+    )
     np.testing.assert_allclose(curve.viscous(np.array(points)), values, rtol=1e-14)
     between = curve.viscous(np.linspace(20, 80, 500))
     assert (np.diff(between) <= 1e-12).all()
@@ -51,8 +59,11 @@ def friction(**entries):
 def torque(model, velocity, rigid=0.0):
     shape = (len(velocity), 1)
     return model.torque(
-        np.reshape(velocity, shape), np.full(shape, rigid), np.full(shape, 0.5),
-        np.full(shape, 0.02), np.zeros(shape, dtype=bool),
+        np.reshape(velocity, shape),
+        np.full(shape, rigid),
+        np.full(shape, 0.5),
+        np.full(shape, 0.02),
+        np.zeros(shape, dtype=bool),
     )[:, 0]
 
 
@@ -75,7 +86,10 @@ def test_optional_terms_by_hand():
 
 def test_standing_axis_has_no_friction_torque():
     result = friction().torque(
-        np.array([[1e-3]]), np.zeros((1, 1)), np.full((1, 1), 0.5), np.full((1, 1), 0.02),
+        np.array([[1e-3]]),
+        np.zeros((1, 1)),
+        np.full((1, 1), 0.5),
+        np.full((1, 1), 0.02),
         np.ones((1, 1), dtype=bool),
     )
     assert result[0, 0] == 0.0

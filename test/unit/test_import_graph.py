@@ -6,11 +6,21 @@ import sys
 from pathlib import Path
 
 import pytest
+
 import robot_energy
 
 ROOT = Path(robot_energy.__file__).parent
-PHYSICS = {"robot", "drivetrain", "derivative", "torque", "friction", "drive", "cabinet",
-           "registers", "comparison"}
+PHYSICS = {
+    "robot",
+    "drivetrain",
+    "derivative",
+    "torque",
+    "friction",
+    "drive",
+    "cabinet",
+    "registers",
+    "comparison",
+}
 ALLOWED = {
     "errors": set(),
     "blocks": {"errors"},
@@ -23,8 +33,16 @@ ALLOWED = {
     "bag": {"errors", "wire"},
     "messages": {"errors", "blocks", "model_file", "wire", "ingest", "pipeline", "registers"},
 }
-FOREIGN = {"rclpy", "std_msgs", "sensor_msgs", "ros2_energy_msgs", "ros2_energy_monitor",
-           "diagnostic_msgs", "builtin_interfaces", "ament_index_python"}
+FOREIGN = {
+    "rclpy",
+    "std_msgs",
+    "sensor_msgs",
+    "ros2_energy_msgs",
+    "ros2_energy_monitor",
+    "diagnostic_msgs",
+    "builtin_interfaces",
+    "ament_index_python",
+}
 
 
 def imports(path):
@@ -55,8 +73,11 @@ def test_the_library_imports_no_ros():
 
 
 def test_only_robot_imports_pinocchio():
-    found = {path.relative_to(ROOT).as_posix() for _, path in modules()
-             if "pinocchio" in {part.split(".")[0] for part in imports(path)}}
+    found = {
+        path.relative_to(ROOT).as_posix()
+        for _, path in modules()
+        if "pinocchio" in {part.split(".")[0] for part in imports(path)}
+    }
     assert found == {"robot.py"}
 
 

@@ -1,6 +1,7 @@
 import pytest
-import robots
 import yaml
+
+import robots
 from robot_energy.errors import ModelFileError, RobotEnergyError
 from robot_energy.model_file import load, parse_yaml, save, validate
 from robots import figure

@@ -1,6 +1,7 @@
 from fractions import Fraction
 
 import numpy as np
+
 from robot_energy.registers import ExactSum, Trapezoid
 
 

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+
 import robots
 from robot_energy.errors import RobotDescriptionError, UnknownJointError
 from robot_energy.model_file.schema import Payload
@@ -90,12 +91,21 @@ def test_payload_adds_its_weight_at_its_lever():
         ("<!DOCTYPE x><robot/>", RobotDescriptionError, "DOCTYPE"),
         ("<sdf/>", RobotDescriptionError, "root 'sdf'"),
         ("<robot name='r'><link name='base'/></robot>", UnknownJointError, "shoulder"),
-        (robots.TWO_LINK_URDF.replace('<mass value="2.0"/>', '<mass value="0"/>'),
-         RobotDescriptionError, "no mass to the moving link.*fore"),
-        (robots.TWO_LINK_URDF.replace('type="revolute"', 'type="floating"'),
-         RobotDescriptionError, "type 'floating'"),
-        (robots.TWO_LINK_URDF.replace('<mass value="2.0"/>', '<mass value="heavy"/>'),
-         RobotDescriptionError, "mass 'heavy'"),
+        (
+            robots.TWO_LINK_URDF.replace('<mass value="2.0"/>', '<mass value="0"/>'),
+            RobotDescriptionError,
+            "no mass to the moving link.*fore",
+        ),
+        (
+            robots.TWO_LINK_URDF.replace('type="revolute"', 'type="floating"'),
+            RobotDescriptionError,
+            "type 'floating'",
+        ),
+        (
+            robots.TWO_LINK_URDF.replace('<mass value="2.0"/>', '<mass value="heavy"/>'),
+            RobotDescriptionError,
+            "mass 'heavy'",
+        ),
     ],
 )
 def test_unusable_urdf_is_refused_in_one_sentence(urdf, error, words):

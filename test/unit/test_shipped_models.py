@@ -251,9 +251,7 @@ def test_centres_of_mass_equal_published_dh(name: str) -> None:
     to_base = np.linalg.inv(frames["base"])
     expected = [
         (pose @ np.array([*centre, 1.0]))[:3]
-        for pose, centre in zip(
-            _dh_frames(name, joint_position), DH_CENTRES[name], strict=True
-        )
+        for pose, centre in zip(_dh_frames(name, joint_position), DH_CENTRES[name], strict=True)
     ]
     found = [
         (to_base @ frames[str(link.get("name"))] @ np.array([*_numbers(origin.get("xyz")), 1.0]))[

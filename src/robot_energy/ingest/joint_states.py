@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import Float, Int, JointBlock, Quality, mark
+from robot_energy.blocks import Float, Int, JointBlock, Quality, in_any_joint, mark
 from robot_energy.ingest.accounting import Accounting
 from robot_energy.ingest.order import DUPLICATE, OLDER, StampOrder
 from robot_energy.wire.batch import RawBatch
@@ -115,8 +115,10 @@ class JointStateIngest:
         """Return stamps, positions and velocities in model order, or why there are none."""
         names = run.columns["name"]
         positions, velocities = run.columns["position"], run.columns["velocity"]
-        if not isinstance(names, tuple) or isinstance(positions, str | tuple) or isinstance(
-            velocities, str | tuple
+        if (
+            not isinstance(names, tuple)
+            or isinstance(positions, str | tuple)
+            or isinstance(velocities, str | tuple)
         ):
             return "malformed"
         columns = self._columns.get(names)
@@ -154,4 +156,4 @@ def _bad(position: Float, velocity: Float) -> NDArray[np.bool_]:
     """Which samples have a position that is not finite or an infinite velocity."""
     if bool(np.isfinite(position.sum() + velocity.sum())):
         return np.zeros(len(position), dtype=np.bool_)
-    return ~np.isfinite(position).all(axis=1) | np.isinf(velocity).any(axis=1)
+    return in_any_joint(~np.isfinite(position) | np.isinf(velocity))

@@ -75,8 +75,9 @@ class StampOrder:
         elapsed = np.diff(stamp_ns, prepend=before)
         known = len(self._periods)
         first = known + (1 if self._last is None else 0)  # the first sample has no period
-        periods = np.concatenate([self._periods, elapsed if self._last is not None
-                                  else elapsed[1:]])
+        periods = np.concatenate(
+            [self._periods, elapsed if self._last is not None else elapsed[1:]]
+        )
         new = elapsed < 0
         self.jumps += int(new.sum())
         for row in np.flatnonzero(elapsed > LEAST_GAP_NS).tolist():

@@ -67,8 +67,16 @@ class FrictionReader:
         self._identity = (model.joint_names, model.model_id)
         self._decoder = Decoder(
             JOINT_FRICTION,
-            ("header.stamp.sec", "header.stamp.nanosec", "model_id", "quality", "joint_names",
-             "temperature_stamp.sec", "temperature_stamp.nanosec", *ARRAYS),
+            (
+                "header.stamp.sec",
+                "header.stamp.nanosec",
+                "model_id",
+                "quality",
+                "joint_names",
+                "temperature_stamp.sec",
+                "temperature_stamp.nanosec",
+                *ARRAYS,
+            ),
         )
 
     def decode(self, batch: RawBatch) -> FrictionBlock | None:

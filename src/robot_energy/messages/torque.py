@@ -79,8 +79,15 @@ class TorqueReader:
         self._identity = (tuple(joint_names), model_id)
         self._decoder = Decoder(
             JOINT_TORQUE,
-            ("header.stamp.sec", "header.stamp.nanosec", "model_id", "quality", "segment",
-             "joint_names", *ARRAYS),
+            (
+                "header.stamp.sec",
+                "header.stamp.nanosec",
+                "model_id",
+                "quality",
+                "segment",
+                "joint_names",
+                *ARRAYS,
+            ),
         )
 
     def decode(self, batch: RawBatch) -> TorqueBlock | None:
@@ -125,8 +132,9 @@ class TorqueReader:
         before = self.order.segment
         seen = self.order.segments(block.stamp_ns)
         by_stamps = np.diff(seen, prepend=before) > 0
-        by_writer = np.diff(written, prepend=written[0] if self._written is None
-                            else self._written) != 0
+        by_writer = (
+            np.diff(written, prepend=written[0] if self._written is None else self._written) != 0
+        )
         breaks = self._breaks + np.cumsum(by_writer & ~by_stamps)
         self._breaks, self._written = int(breaks[-1]), int(written[-1])
         quality = block.quality.copy()

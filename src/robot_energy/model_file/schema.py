@@ -7,6 +7,7 @@ published number from an assumed one. Motor side unless the name says ``joint_``
 from __future__ import annotations
 
 import hashlib
+from itertools import pairwise
 from typing import Annotated, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PrivateAttr, model_validator
@@ -114,7 +115,7 @@ class TableLaw(Entry):
             raise ValueError(
                 f"{len(temperature)} temperatures but {len(self.viscous)} viscous values"
             )
-        if any(a >= b for a, b in zip(temperature, temperature[1:], strict=False)):
+        if any(a >= b for a, b in pairwise(temperature)):
             raise ValueError("motor_temperature_degc must rise strictly")
         if self.std is not None and len(self.std) != len(self.viscous):
             raise ValueError(f"{len(self.viscous)} viscous values but {len(self.std)} std")
@@ -261,7 +262,7 @@ class Payload(Entry):
     link: str
     mass: Annotated[Number, Field(ge=0)]
     centre_of_mass: tuple[Number, Number, Number] = (0.0, 0.0, 0.0)
-    inertia: tuple[Number, Number, Number, Number, Number, Number] = (0.0,) * 6
+    inertia: tuple[Number, Number, Number, Number, Number, Number] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     tag: Tag
     source: str = ""
 

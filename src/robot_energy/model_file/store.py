@@ -25,8 +25,7 @@ class _Loader(yaml.SafeLoader):
 
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
         if self.check_event(yaml.AliasEvent):
-            raise ModelFileError(f"a YAML alias at line {self.peek_event().start_mark.line + 1}",
-                                 "plain values", "write the value out")
+            raise ModelFileError("a YAML alias (*name)", "plain values", "write the value out")
         return super().compose_node(parent, index)
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
@@ -58,7 +57,7 @@ def parse_yaml(text: str, source: str) -> Any:
     if len(text) > MAX_BYTES:
         raise ModelFileError(f"{source} has {len(text)} characters", f"at most {MAX_BYTES}")
     try:
-        return yaml.load(text, Loader=_Loader)  # noqa: S506 - a SafeLoader subclass
+        return yaml.load(text, Loader=_Loader)
     except ModelFileError as error:
         raise ModelFileError(f"{source}: {error.found}", error.expected, error.remedy) from None
     except (yaml.YAMLError, RecursionError, ValueError) as error:
@@ -81,8 +80,9 @@ def _describe(error: ValidationError, source: str) -> ModelFileError:
     if kind == "missing":
         return ModelFileError(f"{source}: key '{path}' is missing{tail}")
     if kind == "extra_forbidden":
-        return ModelFileError(f"{source}: key '{path}' is unknown{tail}", "a key of the schema",
-                              "check its spelling")
+        return ModelFileError(
+            f"{source}: key '{path}' is unknown{tail}", "a key of the schema", "check its spelling"
+        )
     text = first["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
     return ModelFileError(f"{source}: key '{path}' is {shown}{tail}", text)
 
@@ -102,13 +102,18 @@ def validate(data: object, source: str, urdf_xml: str | None = None) -> RobotMod
         ModelFileError: Naming the key, what was found and what was expected.
     """
     if not isinstance(data, dict):
-        raise ModelFileError(f"{source} holds {type(data).__name__}", "a mapping with "
-                             "schema_version, robot, urdf, joints, cabinet, temperature")
+        raise ModelFileError(
+            f"{source} holds {type(data).__name__}",
+            "a mapping with schema_version, robot, urdf, joints, cabinet, temperature",
+        )
     table = cast("dict[str, object]", data)
     version = table.get("schema_version")
     if version != SCHEMA_VERSION:
-        raise ModelFileError(f"{source} has schema_version {version!r}", f"{SCHEMA_VERSION}",
-                             "use the release that wrote the file, or write it anew")
+        raise ModelFileError(
+            f"{source} has schema_version {version!r}",
+            f"{SCHEMA_VERSION}",
+            "use the release that wrote the file, or write it anew",
+        )
     try:
         model = RobotModel.model_validate(table)
     except ValidationError as error:
@@ -153,7 +158,7 @@ def load(name: str | Path) -> RobotModel:
         ModelFileError: If there is no such file, or it is not a valid model.
     """
     path = Path(name)
-    if not path.exists() and str(name) in shipped_models():
+    if not path.is_file() and str(name) in shipped_models():
         path = shipped_models()[str(name)]
     try:
         if path.stat().st_size > MAX_BYTES:
@@ -187,5 +192,6 @@ def save(model: RobotModel, path: str | Path) -> None:
         draft.write_text(yaml.safe_dump(data, sort_keys=False, allow_unicode=True), "utf-8")
         draft.replace(target)
     except OSError as error:
-        raise ModelFileError(f"the model cannot be written to '{path}': {error.strerror}",
-                             "a writable folder") from error
+        raise ModelFileError(
+            f"the model cannot be written to '{path}': {error.strerror}", "a writable folder"
+        ) from error

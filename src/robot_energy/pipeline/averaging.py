@@ -132,12 +132,13 @@ class Averager:
             np.array([carried.quality]),
         )
 
-    def _close(
-        self, last: PowerBlock, energy: Float, duration_ns: Int, quality: Bits
-    ) -> MeanBlock:
+    def _close(self, last: PowerBlock, energy: Float, duration_ns: Int, quality: Bits) -> MeanBlock:
         stamp = last.stamp_ns
         before = np.concatenate(
-            [[stamp[0] - duration_ns[0] if self._closed_ns is None else self._closed_ns], stamp[:-1]]
+            [
+                [stamp[0] - duration_ns[0] if self._closed_ns is None else self._closed_ns],
+                stamp[:-1],
+            ]
         )
         self._closed_ns = int(stamp[-1])
         duration = duration_ns * NANOSECOND
@@ -191,9 +192,12 @@ class Averager:
                 self._shown_ns, done = newest, count
             if self._shown_ns is not None and now - self._shown_ns <= HOLD_NS:
                 rows[index] = (*self._shown, (now - self._shown_ns) * NANOSECOND)
-        kept = Compared(available[done:], *(
-            np.concatenate([getattr(part, name) for part in self._compared])[done:]
-            for name in ("duration_ns", "measured", "predicted")
-        ))
+        kept = Compared(
+            available[done:],
+            *(
+                np.concatenate([getattr(part, name) for part in self._compared])[done:]
+                for name in ("duration_ns", "measured", "predicted")
+            ),
+        )
         self._compared = [kept]
         return rows

@@ -96,6 +96,4 @@ class EnergyPipeline:
         power = PowerBlock.concatenate(blocks) if blocks else None
         means = [self.ledger.step(power) if power is not None else None, self.ledger.flush()]
         ended = [mean for mean in means if mean is not None]
-        return Output(
-            torque, None, power, MeanBlock.concatenate(ended) if ended else None
-        )
+        return Output(torque, None, power, MeanBlock.concatenate(ended) if ended else None)

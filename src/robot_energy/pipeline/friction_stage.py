@@ -6,7 +6,7 @@ from collections import Counter
 
 import numpy as np
 
-from robot_energy.blocks import Float, FrictionBlock, Int, Quality, TemperatureBlock, mark
+from robot_energy.blocks import Float, FrictionBlock, Int, Quality, TemperatureBlock, in_any_joint, mark
 from robot_energy.friction import FrictionModel
 from robot_energy.model_file import RobotModel
 
@@ -100,8 +100,8 @@ class FrictionStage:
         known = ~np.isnan(temperature)
         extrapolated = known & self._friction.extrapolated(temperature)
         quality = np.zeros(len(states), dtype=np.uint32)
-        mark(quality, ~known.all(axis=1), Quality.TEMPERATURE_MISSING)
-        mark(quality, extrapolated.any(axis=1), Quality.EXTRAPOLATED)
+        mark(quality, in_any_joint(~known), Quality.TEMPERATURE_MISSING)
+        mark(quality, in_any_joint(extrapolated), Quality.EXTRAPOLATED)
         mark(quality, np.array([state[3] for state in states]), Quality.TEMPERATURE_IMPLAUSIBLE)
         return FrictionBlock(
             stamp_ns=np.array([state[0] for state in states], dtype=np.int64),

@@ -61,8 +61,11 @@ class Ledger:
         compared = self.comparison.predict(block.stamp_ns, block.segment, power)
         if self.on_compared is not None:
             self.on_compared(compared)
-        self._book(block, intervals.energy[:, CABINET_REGISTERS.index("grid_import")],
-                   intervals.duration_ns)
+        self._book(
+            block,
+            intervals.energy[:, CABINET_REGISTERS.index("grid_import")],
+            intervals.duration_ns,
+        )
         if self._averager is None:
             return None
         return self._averager.step(block, intervals, compared)

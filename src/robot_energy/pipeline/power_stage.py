@@ -16,6 +16,7 @@ from robot_energy.blocks import (
     PowerBlock,
     Quality,
     TorqueBlock,
+    in_any_joint,
     mark,
     sum_over_joints,
 )
@@ -95,8 +96,8 @@ class PowerStage:
         stamp = block.stamp_ns
         backward = np.flatnonzero(np.diff(stamp) < 0)
         epoch = int(backward[-1]) + 1 if len(backward) else 0
-        settled = np.searchsorted(stamp[epoch:], stamp[-1] - self._settle_ns, side="right")
-        ready = epoch + int(settled)
+        until = int(stamp[-1]) - self._settle_ns
+        ready = epoch + int(np.searchsorted(stamp[epoch:], until, side="right"))
         self._waiting = block[slice(ready, None)] if ready < len(block) else None
         return self._power(block[slice(0, ready)]) if ready else None
 
@@ -118,7 +119,7 @@ class PowerStage:
         winding = np.where(np.isnan(measured_degc), self._fallback_degc, measured_degc)
         electrical, extrapolated = self._drive.input_power(shaft, speed, torque, winding)
         if extrapolated is not None:
-            mark(quality, extrapolated.any(axis=1), Quality.DRIVE_EXTRAPOLATED)
+            mark(quality, in_any_joint(extrapolated), Quality.DRIVE_EXTRAPOLATED)
         bus = sum_over_joints(electrical)
         balance = self._cabinet.step(block.stamp_ns, block.segment, bus)
         finite = np.isfinite(balance.grid_power)
@@ -164,7 +165,7 @@ class PowerStage:
             stale = stamp_ns[:, None] > deadline[row]
             viscous = np.where(stale, line.viscous_fallback[row], viscous)
             temperature = np.where(stale, np.nan, temperature)
-            mark(quality, stale.any(axis=1), Quality.TEMPERATURE_STALE)
+            mark(quality, in_any_joint(stale), Quality.TEMPERATURE_STALE)
         self._forget(int(stamp_ns[-1]) - HISTORY_NS)
         return coulomb, viscous, temperature
 

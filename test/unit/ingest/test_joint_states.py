@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+
 from robot_energy.blocks import Quality
 from robot_energy.ingest import JointStateIngest
 from robot_energy.wire.batch import RawBatch
@@ -35,10 +36,14 @@ def take(ingest, messages):
 
 def test_joints_are_matched_by_name_in_every_message():
     ingest = JointStateIngest(NAMES)
-    block = take(ingest, [
-        message(1.0), message(1.1, ("b", "a"), (2.0, 1.0), (4.0, 3.0)),
-        message(1.2, ("x", "b", "a"), (9.0, 2.0, 1.0), (9.0, 4.0, 3.0)),
-    ])
+    block = take(
+        ingest,
+        [
+            message(1.0),
+            message(1.1, ("b", "a"), (2.0, 1.0), (4.0, 3.0)),
+            message(1.2, ("x", "b", "a"), (9.0, 2.0, 1.0), (9.0, 4.0, 3.0)),
+        ],
+    )
     np.testing.assert_array_equal(block.joint_position, [[1.0, 2.0]] * 3)
     np.testing.assert_array_equal(block.joint_velocity, [[3.0, 4.0]] * 3)
     assert ingest.ignored_joints == {"x"}
@@ -70,8 +75,9 @@ def test_stamps_must_be_set_and_newer():
 
 
 def test_missing_velocity_stays_nan_for_the_derivative():
-    block = take(JointStateIngest(NAMES), [message(1.0, velocity=()),
-                                           message(1.1, velocity=(np.nan, 4.0))])
+    block = take(
+        JointStateIngest(NAMES), [message(1.0, velocity=()), message(1.1, velocity=(np.nan, 4.0))]
+    )
     np.testing.assert_array_equal(np.isnan(block.joint_velocity), [[True, True], [True, False]])
 
 

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+
 import robots
 from robot_energy.blocks import (
     MeterBlock,
@@ -41,8 +42,14 @@ def test_wheel_at_constant_speed_by_hand():
 
 
 def test_standing_robot_draws_the_constant_losses_and_nothing_else():
-    power = run(EnergyPipeline(robots.two_link()), {"joints": robots.joint_block(
-        np.arange(50) / 100, np.full((50, 2), 0.4), np.zeros((50, 2)))})
+    power = run(
+        EnergyPipeline(robots.two_link()),
+        {
+            "joints": robots.joint_block(
+                np.arange(50) / 100, np.full((50, 2), 0.4), np.zeros((50, 2))
+            )
+        },
+    )
     np.testing.assert_array_equal(power.grid_power, 50.0)
     assert set(power.phase.tolist()) == {Phase.HOLD}
 
@@ -74,12 +81,12 @@ def temperatures(stamp_s, values):
 def warm_wheel():
     joint = robots.one_wheel().joints[0].model_dump()
     joint["friction"]["viscous"] = {
-        "law": "table", "motor_temperature_degc": [20.0, 40.0], "viscous": [0.04, 0.02],
+        "law": "table",
+        "motor_temperature_degc": [20.0, 40.0],
+        "viscous": [0.04, 0.02],
         "tag": "assumed",
     }
-    return robots.one_wheel(
-        joints=[joint], temperature={"fallback_degc": 20.0, "stale_after": 2.0}
-    )
+    return robots.one_wheel(joints=[joint], temperature={"fallback_degc": 20.0, "stale_after": 2.0})
 
 
 def test_temperature_counts_from_its_stamp_onward():
@@ -96,7 +103,10 @@ def test_temperature_counts_from_its_stamp_onward():
 def test_stale_temperature_falls_back_with_a_flag_and_no_jump_to_zero():
     power = run(
         EnergyPipeline(warm_wheel()),
-        {"joints": spin(3.0, seconds=4.0, start=7.0), "temperatures": temperatures([7.0], [[40.0]])},
+        {
+            "joints": spin(3.0, seconds=4.0, start=7.0),
+            "temperatures": temperatures([7.0], [[40.0]]),
+        },
     )
     stale = power.stamp_ns > 9 * 10**9
     np.testing.assert_allclose(power.viscous[:, 0], np.where(stale, 0.04, 0.02))
@@ -119,8 +129,10 @@ def test_bad_temperatures_change_nothing_and_are_counted():
     pipeline = EnergyPipeline(warm_wheel())
     power = run(
         pipeline,
-        {"joints": spin(3.0, start=1.0), "temperatures": temperatures(
-            [1.0, 1.1, 1.2], [[40.0], [999.0], [np.nan]])},
+        {
+            "joints": spin(3.0, start=1.0),
+            "temperatures": temperatures([1.0, 1.1, 1.2], [[40.0], [999.0], [np.nan]]),
+        },
     )
     np.testing.assert_allclose(power.viscous[:, 0], 0.02)
     refused = (power.quality & Quality.TEMPERATURE_IMPLAUSIBLE) > 0
@@ -149,12 +161,19 @@ def test_nan_position_is_nan_power_not_zero_and_not_energy():
 def test_breakdown_sums_to_the_grid_with_every_option_on():
     data = robots.two_link_data()
     for joint in data["joints"]:
-        joint["losses"] = {"constant": figure(1.0), "linear": figure(0.01),
-                           "quadratic": figure(1e-4), "copper": figure(5.0)}
+        joint["losses"] = {
+            "constant": figure(1.0),
+            "linear": figure(0.01),
+            "quadratic": figure(1e-4),
+            "copper": figure(5.0),
+        }
     data["cabinet"] |= {
         "regeneration_efficiency": figure(0.8),
-        "capacitor": {"capacitance": figure(1e-4), "nominal_voltage": figure(560.0),
-                      "chopper_voltage": figure(600.0)},
+        "capacitor": {
+            "capacitance": figure(1e-4),
+            "nominal_voltage": figure(560.0),
+            "chopper_voltage": figure(600.0),
+        },
     }
     data["drive"] = "loss_model"
     model = robots.two_link(**data)
@@ -177,8 +196,14 @@ def test_breakdown_sums_to_the_grid_with_every_option_on():
 
 def test_means_carry_what_the_meter_measured_over_the_same_time():
     stamp = np.arange(0, 21) * 10**8
-    meter = MeterBlock(stamp, np.full(21, 90.0), np.full(21, np.nan), np.full(21, np.nan),
-                       MeterMeaning.INSTANTANEOUS, MeterLocation.GRID)
+    meter = MeterBlock(
+        stamp,
+        np.full(21, 90.0),
+        np.full(21, np.nan),
+        np.full(21, np.nan),
+        MeterMeaning.INSTANTANEOUS,
+        MeterLocation.GRID,
+    )
     pipeline = EnergyPipeline(robots.one_wheel())
     out = [pipeline.step(joints=spin(3.0, seconds=2.0), meter=meter), pipeline.flush()]
     means = [part.means for part in out if part.means is not None]
@@ -193,8 +218,14 @@ def test_means_carry_what_the_meter_measured_over_the_same_time():
 
 def test_meter_on_the_dc_bus_is_compared_without_the_grid_side_loss():
     stamp = np.arange(0, 21) * 10**8
-    meter = MeterBlock(stamp, np.full(21, 50.0), np.full(21, np.nan), np.full(21, np.nan),
-                       MeterMeaning.INSTANTANEOUS, MeterLocation.DC_BUS)
+    meter = MeterBlock(
+        stamp,
+        np.full(21, 50.0),
+        np.full(21, np.nan),
+        np.full(21, np.nan),
+        MeterMeaning.INSTANTANEOUS,
+        MeterLocation.DC_BUS,
+    )
     pipeline = EnergyPipeline(robots.one_wheel())
     run(pipeline, {"joints": spin(3.0, seconds=2.0), "meter": meter})
     assert pipeline.ledger.comparison.predicted_energy == pytest.approx(53.0 * 2)
