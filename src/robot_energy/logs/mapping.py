@@ -1,0 +1,271 @@
+"""Mapping of a CSV log: which column means what, in which unit. Validated by pydantic."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Annotated, Literal, cast
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from robot_energy.errors import LogFormatError, ModelFileError
+from robot_energy.model_file import parse_yaml
+
+PLACEHOLDER = "{joint}"
+DEGREE = 0.017453292519943295  # rad
+POSITION_UNITS = {"rad": 1.0, "deg": DEGREE, "m": 1.0, "mm": 1e-3}
+VELOCITY_UNITS = {"rad_per_s": 1.0, "deg_per_s": DEGREE, "m_per_s": 1.0, "mm_per_s": 1e-3}
+EFFORT_UNITS = {"newton_metre": 1.0, "newton": 1.0, "ampere": 1.0, "milliampere": 1e-3}
+TEMPERATURE_OFFSETS = {"celsius": 0.0, "kelvin": -273.15}
+POWER_UNITS = {"W": 1.0, "kW": 1e3, "mW": 1e-3}
+ENERGY_UNITS = {"J": 1.0, "kJ": 1e3, "Wh": 3.6e3, "kWh": 3.6e6}
+VOLTAGE_UNITS = {"V": 1.0, "mV": 1e-3}
+CURRENT_UNITS = {"A": 1.0, "mA": 1e-3}
+
+Text = Annotated[str, Field(min_length=1)]
+
+
+class Entry(BaseModel):
+    """Base of all parts: unknown keys are refused."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Time(Entry):
+    """When each row was measured: a column, or a rate where there is none.
+
+    Attributes:
+        column: Column of the time.
+        unit: Its unit.
+        rate: Rows per second, where the log has no time. [Hz]
+        start: Added to every time; needed where times count from zero. Without zone: UTC.
+    """
+
+    column: Text | None = None
+    unit: Literal["s", "ms", "us", "ns"] = "s"
+    rate: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
+    start: datetime | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Time:
+        if (self.column is None) == (self.rate is None):
+            raise ValueError("either column or rate, not both")
+        if self.rate is not None and self.start is None:
+            raise ValueError("a start beside rate")
+        return self
+
+    @property
+    def start_ns(self) -> int:
+        """The start, 0 where there is none. [ns]"""
+        if self.start is None:
+            return 0
+        start = self.start if self.start.tzinfo else self.start.replace(tzinfo=UTC)
+        elapsed = start - datetime(1970, 1, 1, tzinfo=UTC)
+        return (elapsed.days * 86400 + elapsed.seconds) * 10**9 + elapsed.microseconds * 1000
+
+
+class Columns(Entry):
+    """Columns of one quantity of every joint: a pattern, or one name per joint.
+
+    Attributes:
+        column: Pattern in which ``{joint}`` stands for the joint's key.
+        columns: One column per joint, in their order.
+    """
+
+    column: Text | None = None
+    columns: Annotated[list[Text], Field(min_length=1)] | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Columns:
+        if (self.column is None) == (self.columns is None):
+            raise ValueError("either column or columns, not both")
+        if self.column is not None and PLACEHOLDER not in self.column:
+            raise ValueError(f"a pattern with {PLACEHOLDER}, found '{self.column}'")
+        return self
+
+    def names(self, keys: list[str]) -> list[str]:
+        """Return the column of every joint."""
+        if self.columns is not None:
+            return self.columns
+        return [str(self.column).replace(PLACEHOLDER, key) for key in keys]
+
+
+class Position(Columns):
+    """Joint positions, joint side."""
+
+    unit: Literal["rad", "deg", "m", "mm"]
+
+
+class Velocity(Columns):
+    """Joint velocities, joint side."""
+
+    unit: Literal["rad_per_s", "deg_per_s", "m_per_s", "mm_per_s"]
+
+
+class Effort(Columns):
+    """Torque or current, kept as it is; the monitor does not use it."""
+
+    unit: Literal["newton_metre", "newton", "ampere", "milliampere"]
+
+
+class Temperature(Columns):
+    """Motor temperatures."""
+
+    unit: Literal["celsius", "kelvin"]
+
+
+class Joints(Entry):
+    """The joints and their columns.
+
+    Attributes:
+        names: As in the model file, from the base on.
+        keys: What stands for ``{joint}`` in patterns; default the names.
+        signs: 1 or -1 per joint, where the log counts the other way than the URDF.
+    """
+
+    names: Annotated[list[Text], Field(min_length=1)]
+    keys: list[Text] | None = None
+    signs: list[Literal[1, -1]] | None = None
+    position: Position
+    velocity: Velocity | None = None
+    effort: Effort | None = None
+    temperature: Temperature | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Joints:
+        if len(set(self.names)) != len(self.names):
+            raise ValueError("each joint name once")
+        for what in ("keys", "signs"):
+            entries = getattr(self, what)
+            if entries is not None and len(entries) != len(self.names):
+                raise ValueError(
+                    f"as many {what} as names: {len(self.names)}, found {len(entries)}"
+                )
+        for what in ("position", "velocity", "effort", "temperature"):
+            group = getattr(self, what)
+            if group is not None and group.columns and len(group.columns) != len(self.names):
+                raise ValueError(
+                    f"as many columns for {what} as names: {len(self.names)}, "
+                    f"found {len(group.columns)}"
+                )
+        return self
+
+    def columns(self, group: Columns | None) -> list[str]:
+        """Return the columns of a quantity; none where the log lacks it."""
+        return [] if group is None else group.names(self.keys or self.names)
+
+
+class PowerColumn(Entry):
+    """Measured power or energy in one column."""
+
+    column: Text
+    unit: Literal["W", "kW", "mW", "J", "kJ", "Wh", "kWh"]
+
+
+class VoltageColumn(Entry):
+    """Measured voltage."""
+
+    column: Text
+    unit: Literal["V", "mV"]
+
+
+class CurrentColumn(Entry):
+    """Measured current."""
+
+    column: Text
+    unit: Literal["A", "mA"]
+
+
+class Power(Entry):
+    """The power meter: one column, or voltage and current of a DC supply.
+
+    Attributes:
+        location: Where the meter sits: ``grid`` or ``dc_bus``.
+        meaning: ``instantaneous``, ``mean_over_interval`` or ``cumulative`` (energy).
+        interval: Length of the interval that ends at each row, for a mean. [s]
+    """
+
+    location: Literal["grid", "dc_bus"]
+    meaning: Literal["instantaneous", "mean_over_interval", "cumulative"]
+    interval: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
+    reading: PowerColumn | None = None
+    voltage: VoltageColumn | None = None
+    current: CurrentColumn | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Power:
+        pair = [self.voltage is not None, self.current is not None]
+        if (self.reading is not None) == any(pair) or any(pair) != all(pair):
+            raise ValueError("either reading, or both voltage and current")
+        if (self.meaning == "mean_over_interval") != (self.interval is not None):
+            raise ValueError("interval for mean_over_interval, and only for it")
+        energy = self.reading is not None and self.reading.unit in ENERGY_UNITS
+        if energy != (self.meaning == "cumulative"):
+            raise ValueError("an energy unit (J, kJ, Wh, kWh) for cumulative, and only for it")
+        return self
+
+
+class LogMapping(Entry):
+    """What the columns of a log mean."""
+
+    schema_version: Literal[1]
+    description: str = ""
+    delimiter: Annotated[str, Field(min_length=1, max_length=1)] | None = None
+    time: Time
+    joints: Joints
+    power: Power | None = None
+
+
+def load_mapping(path: str | Path) -> LogMapping:
+    """Load the mapping of a log.
+
+    Args:
+        path: A YAML file.
+
+    Returns:
+        The validated mapping.
+
+    Raises:
+        LogFormatError: Naming the bad key, what was found and what was expected.
+    """
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise LogFormatError(
+            f"no mapping can be read at '{path}'",
+            "a YAML file",
+            "see src/examples/mappings for two of them",
+        ) from error
+    try:
+        data = parse_yaml(text, str(path))
+    except ModelFileError as error:
+        raise LogFormatError(error.found, error.expected, error.remedy) from error
+    if not isinstance(data, dict):
+        raise LogFormatError(
+            f"{path} holds {type(cast('object', data)).__name__}",
+            "a mapping with schema_version, time and joints",
+        )
+    try:
+        return LogMapping.model_validate(data)
+    except ValidationError as error:
+        raise _describe(error, path) from error
+
+
+def _describe(error: ValidationError, path: str | Path) -> LogFormatError:
+    """One sentence about the first bad key."""
+    first = error.errors()[0]
+    key = ".".join(str(part) for part in first["loc"]) or "the file"
+    more = len(error.errors()) - 1
+    tail = f" ({more} more)" if more else ""
+    found = first.get("input")
+    shown = f"{found!r}" if isinstance(found, str | int | float | None) else type(found).__name__
+    if first["type"] == "missing":
+        return LogFormatError(f"{path}: key '{key}' is missing{tail}")
+    if first["type"] == "extra_forbidden":
+        return LogFormatError(
+            f"{path}: key '{key}' is unknown{tail}", "a key of the schema", "check its spelling"
+        )
+    text = first["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
+    if first["type"] == "value_error":
+        return LogFormatError(f"{path}: key '{key}' does not fit together{tail}", text)
+    return LogFormatError(f"{path}: key '{key}' is {shown}{tail}", text)

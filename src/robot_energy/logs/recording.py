@@ -1,0 +1,269 @@
+"""What a log holds, in blocks, and the bag that it becomes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from robot_energy.bag import SENSOR_QOS, BagWriter
+from robot_energy.blocks import Block, Float, MeterLocation, MeterMeaning
+from robot_energy.errors import LogFormatError
+from robot_energy.ingest.accounting import Accounting
+from robot_energy.ingest.joint_states import JOINT_STATE
+from robot_energy.ingest.meter import POWER_READING
+from robot_energy.ingest.temperatures import MOTOR_TEMPERATURES
+from robot_energy.wire import Encoder, stamp_columns
+
+JOINT_STATES_TOPIC = "/joint_states"
+TEMPERATURES_TOPIC = "/motor_temperatures"
+METER_TOPIC = "/power_meter"
+INTERLEAVED_ROWS = 16  # replay waits only a little for temperatures that come late
+LATEST_NS = (2**31 - 1) * 1_000_000_000  # the stamps of ROS 2 end in 2038
+
+
+@dataclass(frozen=True)
+class LogBlock(Block):
+    """Rows of a log in SI units; NaN where the log says nothing.
+
+    Attributes:
+        joint_position: Joint side, shape (N, n). [rad] or [m]
+        joint_velocity: Joint side, shape (N, n). [rad/s] or [m/s]
+        effort: As the log has it: torque or motor current, shape (N, n). [N m] or [A]
+        motor_temperature_degc: Shape (N, n). [degC]
+        reading: Power or, of a counter, energy, shape (N,). [W] or [J]
+    """
+
+    joint_position: Float
+    joint_velocity: Float
+    effort: Float
+    motor_temperature_degc: Float
+    reading: Float
+
+
+@dataclass(frozen=True)
+class Contents:
+    """What the bag of a log holds beside positions.
+
+    Attributes:
+        joint_names: Joints, in the order of the arrays.
+        velocity: Whether the log has velocities.
+        effort: Whether it has efforts.
+        temperatures: Whether it has motor temperatures.
+        meaning: What a meter reading stands for; UNKNOWN: there is no meter.
+        location: Where the meter sits.
+        interval: Length of a mean's interval; NaN for other meanings. [s]
+    """
+
+    joint_names: tuple[str, ...]
+    velocity: bool
+    effort: bool
+    temperatures: bool
+    meaning: MeterMeaning = MeterMeaning.UNKNOWN
+    location: MeterLocation = MeterLocation.UNKNOWN
+    interval: float = float("nan")
+
+
+@dataclass
+class FileAccount(Accounting):
+    """What became of the rows of one file: received = accepted + rejected.
+
+    Attributes:
+        path: The file.
+        first_line: Line number of the first row rejected for each reason.
+    """
+
+    path: Path = Path()
+    first_line: dict[str, int] = field(default_factory=dict[str, int])
+
+    def reject_line(self, reason: str, line: int) -> None:
+        """Count one rejected row and remember where the first one stands."""
+        self.first_line.setdefault(reason, line)
+        self.reject(reason)
+
+
+@dataclass
+class ImportReport:
+    """What an import wrote.
+
+    Attributes:
+        bag: The bag.
+        contents: Joints and quantities in it.
+        files: Account of the rows of every file, in time order.
+        start_ns: First stamp. [ns]
+        end_ns: Last stamp. [ns]
+        joint_states: Messages written.
+        temperatures: Messages written; rows without any temperature give none.
+        readings: Meter readings written; rows without one give none.
+        notes: What a reader of the bag should know, one sentence each.
+    """
+
+    bag: Path
+    contents: Contents
+    files: list[FileAccount] = field(default_factory=list[FileAccount])
+    start_ns: int | None = None
+    end_ns: int | None = None
+    joint_states: int = 0
+    temperatures: int = 0
+    readings: int = 0
+    notes: list[str] = field(default_factory=list[str])
+
+
+class _Encoders:
+    def __init__(self, contents: Contents) -> None:
+        n_joints = len(contents.joint_names)
+        self.contents = contents
+        lengths = {
+            "position": n_joints,
+            "velocity": n_joints if contents.velocity else 0,
+            "effort": n_joints if contents.effort else 0,
+        }
+        self.joint_states = Encoder(JOINT_STATE, {"name": contents.joint_names}, lengths)
+        self.temperatures = Encoder(
+            MOTOR_TEMPERATURES,
+            {"joint_names": contents.joint_names},
+            {"temperature_degc": n_joints},
+        )
+        self.readings = Encoder(
+            POWER_READING,
+            {
+                "meaning": int(contents.meaning),
+                "location": int(contents.location),
+                "interval": contents.interval,
+            },
+        )
+
+    def write(self, bag: BagWriter, block: LogBlock, report: ImportReport) -> None:
+        """Write all topics, interleaved as a recorder would."""
+        contents, none = self.contents, np.empty((len(block), 0))
+        rows = self.joint_states.encode(
+            {
+                **stamp_columns(block.stamp_ns),
+                "position": block.joint_position,
+                "velocity": block.joint_velocity if contents.velocity else none,
+                "effort": block.effort if contents.effort else none,
+            },
+            len(block),
+        )
+        given = np.isfinite(block.motor_temperature_degc).any(axis=1)
+        warm = np.asarray(given & contents.temperatures)
+        warm_rows = self.temperatures.encode(
+            {
+                **stamp_columns(block.stamp_ns),
+                "temperature_degc": block.motor_temperature_degc,
+            },
+            len(block),
+        )
+        has_meter = contents.meaning is not MeterMeaning.UNKNOWN
+        metered = np.asarray(np.isfinite(block.reading) & has_meter)
+        nothing = np.full(len(block), np.nan)
+        counter = contents.meaning is MeterMeaning.CUMULATIVE
+        metered_rows = self.readings.encode(
+            {
+                **stamp_columns(block.stamp_ns),
+                "power": nothing if counter else block.reading,
+                "energy": block.reading if counter else nothing,
+            },
+            len(block),
+        )
+        every = np.ones(len(block), dtype=np.bool_)
+        streams = (
+            (TEMPERATURES_TOPIC, warm, warm_rows),
+            (METER_TOPIC, metered, metered_rows),
+            (JOINT_STATES_TOPIC, every, rows),
+        )
+        for start in range(0, len(block), INTERLEAVED_ROWS):
+            piece = slice(start, start + INTERLEAVED_ROWS)
+            for topic, chosen, messages in streams:
+                if chosen[piece].any():
+                    stamps = block.stamp_ns[piece][chosen[piece]]
+                    bag.write(topic, stamps, messages[piece][chosen[piece]])
+        report.joint_states += len(block)
+        report.temperatures += int(warm.sum())
+        report.readings += int(metered.sum())
+
+
+def write_bag(
+    path: str | Path,
+    contents: Contents,
+    blocks: Iterable[LogBlock],
+    files: list[FileAccount],
+    overwrite: bool = False,
+) -> ImportReport:
+    """Write blocks of a log into a new bag; nothing is left behind if that fails.
+
+    Args:
+        path: Folder of the bag.
+        contents: What the log holds.
+        blocks: Its rows in time order.
+        files: The accounts that ``blocks`` fills while it is read.
+        overwrite: Whether an existing bag may be replaced.
+
+    Returns:
+        What was written.
+
+    Raises:
+        LogFormatError: If no row can be used, or a row cannot be read.
+        BagError: If the bag cannot be written.
+    """
+    report = ImportReport(Path(path), contents, files)
+    encoders = _Encoders(contents)
+    bag = BagWriter(path, overwrite=overwrite)
+    try:
+        with bag:
+            bag.add_topic(JOINT_STATES_TOPIC, JOINT_STATE, SENSOR_QOS)
+            if contents.temperatures:
+                bag.add_topic(TEMPERATURES_TOPIC, MOTOR_TEMPERATURES)
+            if contents.meaning is not MeterMeaning.UNKNOWN:
+                bag.add_topic(METER_TOPIC, POWER_READING)
+            for block in blocks:
+                if not len(block):
+                    continue
+                if report.start_ns is None:
+                    report.start_ns = int(block.stamp_ns[0])
+                report.end_ns = int(block.stamp_ns[-1])
+                _check_time(report.start_ns, report.end_ns, files)
+                encoders.write(bag, block, report)
+        if report.start_ns is None:
+            raise LogFormatError(*_nothing(files))
+    except BaseException:
+        _discard(bag.path)
+        raise
+    if not report.readings and contents.meaning is not MeterMeaning.UNKNOWN:
+        report.notes.append("no row has a meter reading")
+    if not report.temperatures and contents.temperatures:
+        report.notes.append("no row has a motor temperature")
+    return report
+
+
+def _check_time(start_ns: int, end_ns: int, files: Sequence[FileAccount]) -> None:
+    if start_ns <= 0 or end_ns > LATEST_NS:
+        raise LogFormatError(
+            f"the stamps of {files[0].path} run from {start_ns * 1e-9:g} s to {end_ns * 1e-9:g} s "
+            "after 1970-01-01",
+            "times between 1970 and 2038, not zero",
+            "check the unit of time, and give the start of the recording where its times count "
+            "from zero",
+        )
+
+
+def _nothing(files: Sequence[FileAccount]) -> tuple[str, str]:
+    received = sum(account.received for account in files)
+    reasons = [
+        f"{count} {reason} from line {account.first_line.get(reason, 0)} of {account.path.name}"
+        for account in files
+        for reason, count in account.rejected.items()
+    ]
+    names = ", ".join(str(account.path) for account in files)
+    why = f" ({'; '.join(reasons)})" if reasons else ""
+    return f"none of the {received} rows of {names} can be used{why}", "rows of numbers"
+
+
+def _discard(folder: Path) -> None:
+    """Remove the half-written bag."""
+    for file in [*folder.glob("*.mcap"), folder / "metadata.yaml"]:
+        file.unlink(missing_ok=True)
+    if folder.is_dir() and not any(folder.iterdir()):
+        folder.rmdir()

@@ -1,0 +1,256 @@
+"""CSV files -> blocks of numbers, with an account of every row."""
+
+from __future__ import annotations
+
+import csv
+import gzip
+import io
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from decimal import Decimal, InvalidOperation
+from difflib import get_close_matches
+from itertools import islice
+from pathlib import Path
+from typing import TextIO
+
+import numpy as np
+
+from robot_energy.blocks import Float, Int
+from robot_energy.errors import LogFormatError
+from robot_energy.logs.recording import FileAccount
+
+BLOCK_ROWS = 8192
+SHOWN_COLUMNS = 12
+DIGITS = {"s": 9, "ms": 6, "us": 3, "ns": 0}
+PARQUET = {".parquet", ".pq"}
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Usable rows of a table.
+
+    Attributes:
+        line: Line in the file, shape (N,).
+        time_ns: Shape (N,). [ns]
+        values: The columns asked for, in their order, shape (N, K); NaN where a cell is empty.
+    """
+
+    line: Int
+    time_ns: Int
+    values: Float
+
+
+class LogTable:
+    """One CSV file, plain or gzip.
+
+    Args:
+        path: The file.
+        delimiter: Between cells; None: told from the header.
+
+    Attributes:
+        columns: Names in the header.
+        account: What became of the rows read so far.
+
+    Raises:
+        LogFormatError: If the file cannot be read or has no header.
+    """
+
+    def __init__(self, path: str | Path, delimiter: str | None = None) -> None:
+        self.path = Path(path)
+        self.account = FileAccount(path=self.path)
+        if self.path.suffix.lower() in PARQUET:
+            raise LogFormatError(
+                f"{self.path} is a Parquet file",
+                "CSV, plain or gzip",
+                "convert it, for example with pandas: "
+                "pd.read_parquet('log.parquet').to_csv('log.csv', index=False)",
+            )
+        with self._open() as file:
+            try:
+                header = file.readline()
+            except (OSError, EOFError, UnicodeDecodeError) as error:
+                raise self._unreadable(error) from error
+        if not header.strip():
+            raise LogFormatError(f"{self.path} is empty", "a line with the names of the columns")
+        self.delimiter = delimiter or max(",;\t ", key=header.count)
+        names = next(csv.reader([header], delimiter=self.delimiter, skipinitialspace=True))
+        self.columns = tuple(name.strip() for name in names)
+
+    def require(self, name: str, owner: str = "") -> str:
+        """Return the name of a column that must be there once.
+
+        Args:
+            name: The column.
+            owner: Who asks for it, for the message.
+
+        Raises:
+            LogFormatError: If it is absent or there twice; the text names near ones.
+        """
+        count = self.columns.count(name)
+        if count == 1:
+            return name
+        asked = f" that {owner} names" if owner else ""
+        if count:
+            raise LogFormatError(
+                f"{self.path} has the column '{name}'{asked} {count} times", "each column once"
+            )
+        near = get_close_matches(name, self.columns, SHOWN_COLUMNS, 0.5)
+        shown = near or list(self.columns[:SHOWN_COLUMNS])
+        more = len(self.columns) - len(shown)
+        tail = f" ({more} more)" if more > 0 else ""
+        raise LogFormatError(
+            f"{self.path} has no column '{name}'{asked}",
+            f"a column of the file, such as {', '.join(shown)}{tail}",
+        )
+
+    def first(self, names: Sequence[str]) -> list[str]:
+        """Return cells of the first row; empty where it lacks them."""
+        for _, cells in islice(self._rows(), 1):
+            return [
+                cells[self.columns.index(n)] if self.columns.index(n) < len(cells) else ""
+                for n in names
+            ]
+        return [""] * len(names)
+
+    def blocks(
+        self,
+        names: Sequence[str],
+        required: int,
+        time: str | None,
+        unit: str = "s",
+        rate: float = float("nan"),
+    ) -> Iterator[Rows]:
+        """Yield the usable rows and account for the others.
+
+        A row is rejected as ``wrong_length``, ``not_numeric`` (a cell used holds text),
+        ``not_finite`` (a required cell is empty, NaN or infinite) or ``bad_time``.
+
+        Args:
+            names: Columns wanted.
+            required: How many of them, from the first, must hold a number.
+            time: Column of the time; None: rows are counted at ``rate``.
+            unit: Unit of that column.
+            rate: Rows per second. [Hz]
+
+        Yields:
+            At most 8192 rows at a time, in the order of the file.
+
+        Raises:
+            LogFormatError: If the file cannot be read to its end.
+        """
+        pick = [self.columns.index(name) for name in names]
+        clock = None if time is None else self.columns.index(time)
+        rows = self._rows()
+        done = 0
+        while part := list(islice(rows, BLOCK_ROWS)):
+            self.account.received += len(part)
+            if clock is None:
+                instants: list[int | None] = [
+                    round((done + row) * 1e9 / rate) for row in range(len(part))
+                ]
+            else:
+                instants = [_nanoseconds(cells, clock, unit) for _, cells in part]
+            done += len(part)
+            yield self._numbers(part, instants, pick, required)
+
+    def _numbers(
+        self,
+        part: list[tuple[int, list[str]]],
+        instants: list[int | None],
+        pick: list[int],
+        required: int,
+    ) -> Rows:
+        lines: list[int] = []
+        times: list[int] = []
+        table: list[list[float]] = []
+        width = len(self.columns)
+        for (line, cells), instant in zip(part, instants, strict=True):
+            if len(cells) != width:
+                self.account.reject_line("wrong_length", line)
+                continue
+            try:
+                values = [float(cells[i]) if cells[i].strip() else np.nan for i in pick]
+            except ValueError:
+                self.account.reject_line("not_numeric", line)
+                continue
+            if instant is None:
+                self.account.reject_line("bad_time", line)
+                continue
+            lines.append(line)
+            times.append(instant)
+            table.append(values)
+        values = np.asarray(table, dtype=np.float64).reshape(len(table), len(pick))
+        bad = ~np.isfinite(values[:, :required]).all(axis=1) | np.isinf(values).any(axis=1)
+        for row in np.flatnonzero(bad).tolist():
+            self.account.reject_line("not_finite", lines[row])
+        return Rows(
+            np.asarray(lines, dtype=np.int64)[~bad],
+            np.asarray(times, dtype=np.int64)[~bad],
+            values[~bad],
+        )
+
+    def _rows(self) -> Iterator[tuple[int, list[str]]]:
+        """Yield line number and cells of every row that is not blank."""
+        with self._open() as file:
+            reader = csv.reader(file, delimiter=self.delimiter, skipinitialspace=True)
+            try:
+                next(reader)
+                for cells in reader:
+                    if cells and (len(cells) > 1 or cells[0].strip()):
+                        yield reader.line_num, cells
+            except (csv.Error, OSError, EOFError, UnicodeDecodeError) as error:
+                raise self._unreadable(error, reader.line_num) from error
+
+    def _open(self) -> TextIO:
+        try:
+            raw = self.path.open("rb")
+            if raw.read(2) == b"\x1f\x8b":
+                raw.close()
+                return io.TextIOWrapper(
+                    gzip.open(self.path, "rb"),
+                    encoding="utf-8-sig",
+                    newline="",
+                )
+            raw.close()
+            return self.path.open(encoding="utf-8-sig", newline="")
+        except OSError as error:
+            raise self._unreadable(error) from error
+
+    def _unreadable(self, error: Exception, line: int | None = None) -> LogFormatError:
+        where = f" after line {line}" if line else ""
+        what = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+        if isinstance(error, UnicodeDecodeError):
+            what = "it is not UTF-8 text"
+        return LogFormatError(
+            f"{self.path} cannot be read{where} ({what})", "a CSV file, plain or gzip"
+        )
+
+
+def _nanoseconds(cells: list[str], column: int, unit: str) -> int | None:
+    """Return an instant, exact to the last digit written; None if it is none. [ns]"""
+    try:
+        instant = Decimal(cells[column].strip()).scaleb(DIGITS[unit])
+        return int(instant.to_integral_value()) if abs(instant) < 2**63 else None
+    except (InvalidOperation, ValueError, OverflowError, IndexError):
+        return None
+
+
+def newer_than(rows: Rows, last_ns: int | None, account: FileAccount) -> tuple[Rows, int | None]:
+    """Drop rows whose time does not advance, counted as ``not_newer``.
+
+    Args:
+        rows: Usable rows.
+        last_ns: Time of the last row kept, None before the first. [ns]
+        account: Where to count.
+
+    Returns:
+        The rows kept, which are counted as accepted, and the time of the last of them.
+    """
+    keep = np.zeros(len(rows.line), dtype=np.bool_)
+    for row, instant in enumerate(rows.time_ns.tolist()):
+        if last_ns is None or instant > last_ns:
+            keep[row], last_ns = True, instant
+        else:
+            account.reject_line("not_newer", int(rows.line[row]))
+    account.accepted += int(keep.sum())
+    return Rows(rows.line[keep], rows.time_ns[keep], rows.values[keep]), last_ns

@@ -1,0 +1,158 @@
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from logbook import WHEEL_MAPPING, mapping, read_bag, wheel_csv, write_csv
+from robot_energy.blocks import MeterLocation, MeterMeaning
+from robot_energy.errors import BagError, LogFormatError
+from robot_energy.logs import import_csv, load_mapping
+
+EXAMPLES = Path(__file__).parents[3] / "src" / "examples" / "mappings"
+DATA = os.environ.get("ROBOT_ENERGY_DATA", "")
+
+
+def test_units_signs_and_meter_reach_the_bag_in_si(tmp_path: Path) -> None:
+    log = write_csv(
+        tmp_path / "log.csv",
+        "ms,q1,q2,v1,v2,i1,i2,k1,k2,e",
+        [
+            "0,180,90,18,9,100,200,293.15,300.15,1",
+            "10,181,91,18,9,100,200,,301.15,2",
+            "20,182,92,18,9,100,200,,,",
+        ],
+    )
+    joints = {
+        "names": ["one", "two"],
+        "keys": ["1", "2"],
+        "signs": [1, -1],
+        "position": {"column": "q{joint}", "unit": "deg"},
+        "velocity": {"columns": ["v1", "v2"], "unit": "deg_per_s"},
+        "effort": {"column": "i{joint}", "unit": "milliampere"},
+        "temperature": {"column": "k{joint}", "unit": "kelvin"},
+    }
+    meter = {
+        "location": "dc_bus",
+        "meaning": "cumulative",
+        "reading": {"column": "e", "unit": "Wh"},
+    }
+    time = {"column": "ms", "unit": "ms", "start": "2024-05-06T07:08:09"}
+    report = import_csv(log, mapping(time=time, joints=joints, power=meter), tmp_path / "bag")
+    block, temperatures, readings = read_bag(tmp_path / "bag", ("one", "two"))
+    assert block.stamp_ns[0] == 1714979289_000_000_000  # without zone: UTC
+    np.testing.assert_array_equal(np.diff(block.stamp_ns), 10_000_000)
+    np.testing.assert_allclose(block.joint_position[0], [np.pi, -np.pi / 2])
+    np.testing.assert_allclose(block.joint_velocity[0], [np.pi / 10, -np.pi / 20])
+    assert temperatures is not None
+    assert readings is not None
+    np.testing.assert_allclose(temperatures.motor_temperature_degc, [[20.0, 27.0], [np.nan, 28.0]])
+    np.testing.assert_allclose(readings.energy, [3600.0, 7200.0])
+    assert readings.meaning is MeterMeaning.CUMULATIVE
+    assert readings.location is MeterLocation.DC_BUS
+    assert (report.joint_states, report.temperatures, report.readings) == (3, 2, 2)
+
+
+def test_voltage_times_current_is_power(tmp_path: Path) -> None:
+    log = write_csv(tmp_path / "log.csv", "t,q_axle,w_axle,u,i", ["0,0,0,48,500", "1,0,0,50,"])
+    meter = {
+        "location": "dc_bus",
+        "meaning": "mean_over_interval",
+        "interval": 0.5,
+        "voltage": {"column": "u", "unit": "V"},
+        "current": {"column": "i", "unit": "mA"},
+    }
+    import_csv(log, mapping(power=meter), tmp_path / "bag")
+    _, _, readings = read_bag(tmp_path / "bag", ("axle",))
+    assert readings is not None
+    assert readings.power.tolist() == [24.0]
+    assert readings.interval.tolist() == [0.5]
+
+
+def test_times_from_zero_need_a_start(tmp_path: Path) -> None:
+    with pytest.raises(LogFormatError, match="give the start of the recording"):
+        import_csv(wheel_csv(tmp_path / "l.csv"), mapping(time={"column": "t"}), tmp_path / "bag")
+    assert not (tmp_path / "bag").exists()  # nothing half-written stays
+
+
+def test_a_log_without_usable_rows_leaves_no_bag(tmp_path: Path) -> None:
+    log = write_csv(tmp_path / "log.csv", "t,q_axle,w_axle,p", ["a,b,c,d", "1,2"])
+    with pytest.raises(LogFormatError, match=r"none of the 2 rows.*1 not_numeric from line 2"):
+        import_csv(log, mapping(), tmp_path / "bag")
+    assert not (tmp_path / "bag").exists()
+
+
+def test_an_existing_bag_is_replaced_only_when_asked(tmp_path: Path) -> None:
+    log = wheel_csv(tmp_path / "log.csv", seconds=1.0)
+    import_csv(log, mapping(), tmp_path / "bag")
+    with pytest.raises(BagError, match="exists"):
+        import_csv(log, mapping(), tmp_path / "bag")
+    assert import_csv(log, mapping(), tmp_path / "bag", overwrite=True).joint_states == 101
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "text"),
+    [
+        (("schema_version",), 2, "schema_version"),
+        (("time", "column"), None, "either column or rate"),
+        (("time", "unit"), "h", r"key 'time.unit' is 'h'; expected 's', 'ms', 'us' or 'ns'"),
+        (("joints", "position", "column"), "q", r"a pattern with \{joint\}"),
+        (("joints", "position", "unit"), "degree", r"joints.position.unit' is 'degree'"),
+        (("joints", "keys"), ["a", "b"], "as many keys as names"),
+        (("joints", "names"), [], "joints.names"),
+        (("joints", "speed"), {}, r"key 'joints.speed' is unknown"),
+        (("joints", "position"), None, r"key 'joints.position' is missing"),
+        (("power", "interval"), 1.0, "interval for mean_over_interval"),
+        (("power", "meaning"), "cumulative", "an energy unit"),
+        (("power", "voltage"), {"column": "u", "unit": "V"}, "either reading, or both"),
+    ],
+)
+def test_a_wrong_key_is_named_with_its_path(
+    tmp_path: Path, path: tuple[str, ...], value: Any, text: str
+) -> None:
+    data = yaml.safe_load(yaml.safe_dump(WHEEL_MAPPING))
+    entry = data
+    for key in path[:-1]:
+        entry = entry[key]
+    if value is None:
+        entry.pop(path[-1])
+    else:
+        entry[path[-1]] = value
+    file = tmp_path / "mapping.yaml"
+    file.write_text(yaml.safe_dump(data))
+    with pytest.raises(LogFormatError, match=text) as caught:
+        load_mapping(file)
+    assert "\n" not in str(caught.value)
+
+
+def test_files_that_are_no_mapping_are_refused(tmp_path: Path) -> None:
+    file = tmp_path / "mapping.yaml"
+    for content, text in (("- 1", "holds list"), ("a: [", "not valid YAML"), ("", "NoneType")):
+        file.write_text(content)
+        with pytest.raises(LogFormatError, match=text):
+            load_mapping(file)
+    with pytest.raises(LogFormatError, match="no mapping can be read"):
+        load_mapping(tmp_path / "none.yaml")
+
+
+@pytest.mark.parametrize("example", sorted(EXAMPLES.glob("*.yaml")), ids=lambda path: path.stem)
+def test_the_shipped_examples_are_valid(example: Path) -> None:
+    assert load_mapping(example).joints.names
+
+
+@pytest.mark.skipif(not DATA, reason="no data folder")
+def test_a_recorded_kr300_is_imported_whole(tmp_path: Path) -> None:
+    log = Path(DATA) / "kr300" / "recorded_A.csv.gz"
+    report = import_csv(log, load_mapping(EXAMPLES / "kr300.yaml"), tmp_path / "bag")
+    assert report.joint_states == report.files[0].received == 2501
+    block, _, _ = read_bag(tmp_path / "bag", report.contents.joint_names)
+    # The velocity is that of the position: their difference over 10 s says so.
+    elapsed = np.diff(block.stamp_ns) * 1e-9
+    mean = 0.5 * (block.joint_velocity[1:] + block.joint_velocity[:-1])
+    moved = block.joint_position[-1] - block.joint_position[0]
+    np.testing.assert_allclose((mean * elapsed[:, None]).sum(axis=0), moved, atol=2e-3)
+    assert (np.ptp(block.joint_position, axis=0) > 0.4).all()

@@ -1,0 +1,102 @@
+from __future__ import annotations
+
+import gzip
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from logbook import write_csv
+from robot_energy.errors import LogFormatError
+from robot_energy.logs.table import LogTable, newer_than
+
+
+def test_every_row_is_accounted_for_with_the_first_line_of_each_reason(tmp_path: Path) -> None:
+    log = write_csv(
+        tmp_path / "log.csv",
+        "t,a,b",
+        [
+            "0,1,2",
+            "0.1,oops,2",
+            "0.2,1",
+            "0.3,,2",
+            "0.4,nan,2",
+            "later,1,2",
+            "",
+            "0.5,3,",
+            "0.6,1,inf",
+            "0.7,4,5",
+        ],
+    )
+    table = LogTable(log)
+    rows = next(table.blocks(["a", "b"], required=1, time="t"))
+    assert table.account.received == 9  # the blank line is no row
+    assert dict(table.account.rejected) == {
+        "not_numeric": 1,
+        "wrong_length": 1,
+        "not_finite": 3,
+        "bad_time": 1,
+    }
+    assert table.account.first_line == {
+        "not_numeric": 3,
+        "wrong_length": 4,
+        "not_finite": 5,
+        "bad_time": 7,
+    }
+    np.testing.assert_array_equal(rows.values, [[1.0, 2.0], [3.0, np.nan], [4.0, 5.0]])
+    kept, last = newer_than(rows, 0, table.account)  # the first row is not newer than 0 ns
+    assert (len(kept.line), last) == (2, 700_000_000)
+    assert table.account.rejected["not_newer"] == 1
+    assert table.account.balanced
+
+
+def test_times_are_exact_to_the_last_digit_written(tmp_path: Path) -> None:
+    log = write_csv(tmp_path / "log.csv", "t,a", ["1633435693.122408123,1", "1.7e9,2"])
+    rows = next(LogTable(log).blocks(["a"], 1, "t"))
+    assert rows.time_ns.tolist() == [1633435693122408123, 1_700_000_000_000_000_000]
+
+
+def test_rows_without_time_are_counted_at_a_rate(tmp_path: Path) -> None:
+    log = write_csv(tmp_path / "log.csv", "a", ["1", "x", "3"])
+    rows = next(LogTable(log, ",").blocks(["a"], 1, None, rate=250.0))
+    assert rows.time_ns.tolist() == [0, 8_000_000]  # a bad row still takes its time
+
+
+@pytest.mark.parametrize("delimiter", [",", ";", "\t", " "])
+def test_the_delimiter_is_told_from_the_header(tmp_path: Path, delimiter: str) -> None:
+    log = tmp_path / "log.csv"
+    log.write_text(f"\ufefft{delimiter}a\n1{delimiter}2\n", encoding="utf-8")
+    assert LogTable(log).columns == ("t", "a")
+
+
+def test_gzip_is_told_by_its_content(tmp_path: Path) -> None:
+    log = tmp_path / "log.csv"
+    log.write_bytes(gzip.compress(b"t,a\n1,2\n"))
+    assert next(LogTable(log).blocks(["a"], 1, "t")).values.tolist() == [[2.0]]
+
+
+def test_files_that_are_no_log_are_refused_in_one_sentence(tmp_path: Path) -> None:
+    empty, binary, cut = tmp_path / "empty", tmp_path / "binary", tmp_path / "cut.csv.gz"
+    empty.write_text("\n")
+    binary.write_bytes(b"t,a\n\xff\xfe\x00,2\n")
+    whole = gzip.compress(b"t,a\n" + b"".join(b"%d,%d\n" % (i, i * 7919) for i in range(9999)))
+    cut.write_bytes(whole[: len(whole) // 2])
+    for path, text in (
+        (empty, "is empty"),
+        (tmp_path / "none.csv", "cannot be read"),
+        (tmp_path / "log.parquet", "Convert it"),
+    ):
+        with pytest.raises(LogFormatError, match=text):
+            LogTable(path)
+    with pytest.raises(LogFormatError, match="UTF-8"):
+        list(LogTable(binary).blocks(["a"], 1, "t"))
+    with pytest.raises(LogFormatError, match="cannot be read after line"):
+        list(LogTable(cut).blocks(["a"], 1, "t"))
+
+
+def test_a_missing_column_is_named_beside_near_ones(tmp_path: Path) -> None:
+    table = LogTable(write_csv(tmp_path / "log.csv", "t,position_a1,position_a2,x,x", ["1"]))
+    with pytest.raises(LogFormatError, match=r"'position_a3' that joints.position names.*_a2"):
+        table.require("position_a3", "joints.position")
+    with pytest.raises(LogFormatError, match="2 times"):
+        table.require("x")

@@ -1,0 +1,86 @@
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from logbook import read_bag, write_csv
+from robot_energy.errors import LogFormatError
+from robot_energy.logs import UR_JOINTS, import_ur_rtde
+
+DATA = os.environ.get("ROBOT_ENERGY_DATA", "")
+GROUPS = ("actual_q", "actual_qd", "actual_current", "joint_temperatures")
+HEADER = ",".join(
+    [
+        "time",
+        "timestamp",
+        *(f"{group}_{i}" for group in GROUPS for i in range(6)),
+        "actual_robot_voltage",
+        "actual_robot_current",
+    ]
+)
+
+
+def row(clock: float, wall: str = "2021:10:05:12:08:13.5") -> list[object]:
+    """Axis i stands at i, turns at 0.1 i, draws i A and has 30 + i degC; 48 V, 0.5 A."""
+    axes = range(6)
+    return [wall, clock, *axes, *(0.1 * i for i in axes), *axes, *(30 + i for i in axes), 48, 0.5]
+
+
+def test_all_quantities_reach_the_bag(tmp_path: Path) -> None:
+    log = write_csv(tmp_path / "log.csv", HEADER, [row(1000.01), row(1000.05), row(1000.09)])
+    report = import_ur_rtde([log], tmp_path / "bag")
+    block, temperatures, readings = read_bag(tmp_path / "bag", UR_JOINTS)
+    start = 1633435693_500_000_000  # 2021-10-05 12:08:13.5 UTC
+    assert block.stamp_ns.tolist() == [start, start + 40_000_000, start + 80_000_000]
+    np.testing.assert_array_equal(block.joint_position[0], np.arange(6))
+    np.testing.assert_allclose(block.joint_velocity[2], 0.1 * np.arange(6))
+    assert temperatures is not None
+    assert readings is not None
+    np.testing.assert_array_equal(temperatures.motor_temperature_degc[1], 30 + np.arange(6))
+    np.testing.assert_array_equal(readings.power, 24.0)
+    assert any("taken as UTC" in note for note in report.notes)
+
+
+def test_files_are_joined_in_the_order_of_their_time(tmp_path: Path) -> None:
+    first = write_csv(tmp_path / "z.csv", HEADER, [row(10.0), row(10.04), row(10.08)])
+    second = write_csv(tmp_path / "a.csv", HEADER, [row(10.08, "x"), row(10.12), "1,2"])
+    report = import_ur_rtde([second, first], tmp_path / "bag", [f"left_{n}" for n in UR_JOINTS])
+    assert [account.path.name for account in report.files] == ["z.csv", "a.csv"]
+    assert dict(report.files[1].rejected) == {"wrong_length": 1, "not_newer": 1}
+    assert all(account.balanced for account in report.files)
+    assert report.joint_states == 4
+    assert report.contents.joint_names[0] == "left_shoulder_pan_joint"
+
+
+def test_a_recording_of_positions_alone_is_enough(tmp_path: Path) -> None:
+    header = " ".join(["timestamp", *(f"actual_q_{i}" for i in range(6))])
+    log = write_csv(tmp_path / "log.csv", header, ["5.0 0 1 2 3 4 5", "5.1 0 1 2 3 4 5"])
+    report = import_ur_rtde([log], tmp_path / "bag")
+    block, temperatures, readings = read_bag(tmp_path / "bag", UR_JOINTS)
+    assert np.isnan(block.joint_velocity).all()
+    assert temperatures is None
+    assert readings is None
+    assert sum("the recording has no" in note for note in report.notes) == 4
+    assert any("controller's own clock" in note for note in report.notes)
+
+
+def test_what_is_no_ur_recording_is_refused(tmp_path: Path) -> None:
+    log = write_csv(tmp_path / "log.csv", "time,actual_q_0", ["1,2"])
+    with pytest.raises(LogFormatError, match="no column 'timestamp' that a UR RTDE recording"):
+        import_ur_rtde([log], tmp_path / "bag")
+    with pytest.raises(LogFormatError, match="six different names"):
+        import_ur_rtde([log], tmp_path / "bag", ["a"] * 6)
+
+
+@pytest.mark.skipif(not DATA, reason="no data folder")
+def test_the_recorded_ur3e_is_one_whole(tmp_path: Path) -> None:
+    logs = sorted(Path(DATA).glob("rad_ur3e/*.csv"), reverse=True)
+    report = import_ur_rtde(logs, tmp_path / "bag")
+    assert (report.joint_states, report.temperatures, report.readings) == (134, 134, 134)
+    block, _, readings = read_bag(tmp_path / "bag", UR_JOINTS)
+    np.testing.assert_array_equal(np.diff(block.stamp_ns), 40_000_000)  # across the files too
+    assert readings is not None
+    assert 30.0 < float(readings.power.min()) < float(readings.power.max()) < 70.0
