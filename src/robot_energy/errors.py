@@ -68,3 +68,7 @@ class MotionError(RobotEnergyError, ValueError):
 
 class RigError(RobotEnergyError, ValueError):
     """The virtual test rig cannot be set up or stepped as asked."""
+
+
+class ReportError(RobotEnergyError, ValueError):
+    """A report or figure cannot be made or written."""

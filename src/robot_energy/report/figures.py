@@ -1,0 +1,177 @@
+"""Figures of a replay. The only module that imports matplotlib.
+
+Measured and predicted have the same colours in every figure; the same input gives the
+same bytes.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from robot_energy.blocks import Float
+from robot_energy.errors import ReportError, ShapeError
+from robot_energy.report.series import Series
+
+Axes = Any  # the annotations of matplotlib are partly unknown
+
+COLOURS = {"measured": "#1a1a1a", "predicted": "#0072b2", "fixed": "#d55e00"}
+LINES = {"measured": "-", "predicted": "-", "fixed": "--"}
+FORMATS = {".png", ".svg", ".pdf"}
+MINUTE = 60.0  # s
+LONG = 600.0  # s, from here on the axis counts minutes
+STYLE = {
+    "font.size": 9.0,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.color": "#e4e4e4",
+    "grid.linewidth": 0.6,
+    "axes.axisbelow": True,
+    "legend.frameon": False,
+    "lines.linewidth": 1.3,
+    "svg.hashsalt": "robot_energy",
+    "figure.dpi": 100.0,
+}
+
+
+def power_and_energy(
+    series: Sequence[Series], path: str | Path, title: str = "", place: str = "the grid"
+) -> None:
+    """Draw power, residual and energy over time, below each other.
+
+    The residual, measured minus predicted, is drawn where a measured curve is among the
+    series; without one there is no such panel.
+
+    Args:
+        series: Curves of one recording; at most one of them measured.
+        path: File to write: PNG, SVG or PDF by its suffix. It is replaced whole.
+        title: Above the figure.
+        place: Where the power flows, for the axis.
+
+    Raises:
+        ShapeError: If there are no curves, or several measured ones.
+        ReportError: If the suffix is none of these, or the file cannot be written.
+    """
+    measured = [curve for curve in series if curve.role == "measured"]
+    if not series or len(measured) > 1:
+        raise ShapeError(
+            f"{len(series)} curves, {len(measured)} of them measured",
+            "at least one curve, and at most one measured",
+        )
+    target = Path(path)
+    check_format(target)
+    from matplotlib import style
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    with style.context(["default", STYLE]):
+        rows = 3 if measured else 2
+        heights = [3.0, 1.3, 2.2] if measured else [3.0, 2.2]
+        figure: Any = Figure(figsize=(8.0, 6.6 if measured else 5.4), layout="constrained")
+        FigureCanvasAgg(figure)
+        axes: Any = figure.subplots(rows, 1, sharex=True, height_ratios=heights)
+        longest = max(float(curve.energy_time.max()) for curve in series)
+        unit, second = ("min", MINUTE) if longest > LONG else ("s", 1.0)
+        _power(axes[0], series, second, place)
+        if measured:
+            _residual(axes[1], measured[0], series, second)
+        _energy(axes[-1], series, second, place)
+        axes[-1].set_xlabel(f"time since the start of the recording [{unit}]")
+        axes[-1].set_xlim(0.0, longest / second)
+        figure.align_ylabels(axes)
+        if title:
+            figure.suptitle(title, fontsize=10, x=0.02, ha="left")
+        _save(figure, target)
+
+
+def _power(axes: Axes, series: Sequence[Series], second: float, place: str) -> None:
+    for curve in series:
+        axes.plot(
+            curve.time / second,
+            curve.power,
+            LINES[curve.role],
+            color=COLOURS[curve.role],
+            label=curve.label,
+        )
+    finite = np.concatenate([curve.power[np.isfinite(curve.power)] for curve in series])
+    if finite.min() >= 0:
+        axes.set_ylim(bottom=0.0)
+    axes.set_ylabel(f"power at {place} [W]")
+    axes.margins(y=0.12)
+    axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=len(series))
+
+
+def _residual(axes: Axes, measured: Series, series: Sequence[Series], second: float) -> None:
+    axes.axhline(0.0, color="#9a9a9a", linewidth=0.8)
+    for curve in series:
+        if curve.role != "measured":
+            axes.plot(
+                curve.time / second,
+                _at(measured, curve.time) - curve.power,
+                LINES[curve.role],
+                color=COLOURS[curve.role],
+                linewidth=1.0,
+            )
+    axes.set_ylabel("measured -\npredicted [W]")
+
+
+def _at(measured: Series, time: Float) -> Float:
+    """Measured power at the points of another curve, NaN off its own pieces. [W]"""
+    if np.array_equal(measured.time, time, equal_nan=True):
+        return measured.power
+    known = np.isfinite(measured.time)
+    return np.interp(time, measured.time[known], measured.power[known], left=np.nan, right=np.nan)
+
+
+def _energy(axes: Axes, series: Sequence[Series], second: float, place: str) -> None:
+    last = max(abs(float(curve.energy[-1])) for curve in series)
+    unit, joule = next(((u, f) for u, f in (("MJ", 1e6), ("kJ", 1e3)) if last >= f), ("J", 1.0))
+    for curve in series:
+        end = float(curve.energy[-1]) / joule
+        axes.plot(
+            curve.energy_time / second,
+            curve.energy / joule,
+            LINES[curve.role],
+            color=COLOURS[curve.role],
+            label=f"{end:.4g} {unit}",
+        )
+    axes.legend(loc="upper left")
+    axes.set_ylabel(f"energy at {place} [{unit}]")
+    if all(float(curve.energy.min()) >= 0 for curve in series):
+        axes.set_ylim(bottom=0.0)
+
+
+def check_format(path: Path) -> None:
+    """Refuse a file that is no picture.
+
+    Raises:
+        ReportError: If the suffix is not one of the formats.
+    """
+    if path.suffix.lower() not in FORMATS:
+        raise ReportError(
+            f"the figure '{path}' has no known format",
+            f"a name that ends in {', '.join(sorted(FORMATS))}",
+        )
+
+
+def _save(figure: Any, target: Path) -> None:
+    """Write without dates and versions, whole or not at all."""
+    kind = target.suffix.lower().removeprefix(".")
+    metadata: dict[str, Any] = {
+        "png": {"Software": None},
+        "svg": {"Date": None, "Creator": None},
+        "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
+    }[kind]
+    draft = target.with_name(target.name + ".part")
+    try:
+        figure.savefig(draft, format=kind, dpi=150, metadata=metadata)
+        os.replace(draft, target)
+    except OSError as error:
+        raise ReportError(
+            f"the figure '{target}' cannot be written ({error.strerror})", "a writable folder"
+        ) from error

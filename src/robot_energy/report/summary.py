@@ -1,0 +1,270 @@
+"""A replay as plain values: every figure that tables, JSON and figures show.
+
+Energies in J, powers in W, times in s; integer times in ns end in ``_ns``, temperatures in
+``_degc``. What was not measured is None, never 0.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from robot_energy import __version__
+from robot_energy.blocks import NANOSECOND, MeterLocation, Phase, Quality
+from robot_energy.registers import CABINET_REGISTERS, JOINT_REGISTERS, PER_JOULE
+from robot_energy.replay import Replay
+from robot_energy.report.model_summary import count_tags
+
+SUMMARY_VERSION = 1
+BALANCE_RELATIVE = 1e-9
+JOINT_KEYS = {
+    "shaft_positive": "shaft_energy_positive",
+    "shaft_negative": "shaft_energy_negative",
+    "rigid": "rigid_energy",
+    "friction": "friction_energy",
+    "drive_loss": "drive_loss_energy",
+}
+
+
+def summarise(result: Replay, settings_note: str | None = None) -> dict[str, Any]:
+    """Return all figures of a replay.
+
+    Args:
+        result: A finished replay.
+        settings_note: What was changed about the model, for example fixed friction.
+
+    Returns:
+        Plain values that JSON can hold; NaN became None.
+    """
+    energy = _energy(result)
+    summary = {
+        "summary_version": SUMMARY_VERSION,
+        "tool_version": __version__,
+        "bag": str(result.bag),
+        "model": _model(result, settings_note),
+        "topics": {
+            "joint_states": result.topics.joint_states,
+            "temperatures": list(result.topics.temperatures or ()),
+            "meter": result.topics.meter,
+        },
+        "time": _time(result),
+        "comparison": _comparison(result),
+        "energy": energy,
+        "power": _power(result),
+        "phases": {
+            phase.name.lower(): {
+                "time": result.ledger.phase_time(phase),
+                "grid_import_energy": result.ledger.phase_energy(phase),
+            }
+            for phase in Phase
+        },
+        "joints": _joints(result, energy["grid_import"] - energy["grid_return"]),
+        "inputs": _inputs(result),
+        "quality": {
+            "samples": result.ledger.samples,
+            "counts": {
+                str(Quality(bit).name).lower(): result.ledger.quality[bit]
+                for bit in sorted(result.ledger.quality)
+            },
+        },
+        "problems": _problems(result, energy),
+        "notes": _notes(result),
+    }
+    return _plain(summary)
+
+
+def _model(result: Replay, note: str | None) -> dict[str, Any]:
+    model = result.model
+    return {
+        "model_id": model.model_id,
+        "source": model.source,
+        "robot": model.robot.type,
+        "serial": model.robot.serial or None,
+        "drive": model.drive,
+        "fallback_temperature_degc": model.temperature.fallback_degc,
+        "figures": count_tags(model),
+        "change": note,
+        "notes": model.provenance.notes or None,
+    }
+
+
+def _time(result: Replay) -> dict[str, Any]:
+    time = result.ledger.registers.time
+    return {
+        "start_ns": time.start_ns,
+        "end_ns": time.end_ns,
+        "span_ns": time.span_ns,
+        "observed_ns": time.observed_ns,
+        "gap_ns": time.gap_ns,
+        "gap_count": time.gap_count,
+        "backward_jumps": time.jumps,
+        "coverage": time.coverage,
+        "observed_time": time.observed_ns * NANOSECOND,
+    }
+
+
+def _comparison(result: Replay) -> dict[str, Any]:
+    """Predicted beside measured, over the same intervals; None where nothing was measured."""
+    comparison = result.ledger.comparison
+    observed_ns = result.ledger.registers.time.observed_ns
+    compared = comparison.compared_ns > 0
+    seconds = comparison.compared_ns * NANOSECOND
+    predicted = comparison.predicted_energy if compared else math.nan
+    measured = comparison.measured_energy if compared else math.nan
+    known = comparison.location is not MeterLocation.UNKNOWN
+    constant = _constant_power(result)
+    beyond = measured - constant * seconds
+    return {
+        "meter_location": comparison.location.name.lower() if known else None,
+        "compared_ns": comparison.compared_ns,
+        "compared_time": seconds,
+        "coverage": comparison.compared_ns / observed_ns if observed_ns else math.nan,
+        "predicted_energy_at_meter": predicted,
+        "measured_energy": measured,
+        "predicted_minus_measured_energy": predicted - measured,
+        "predicted_minus_measured_relative": (
+            (predicted - measured) / abs(measured) if compared and measured else math.nan
+        ),
+        "predicted_mean_power_at_meter": predicted / seconds if compared else math.nan,
+        "measured_mean_power": measured / seconds if compared else math.nan,
+        "constant_power_at_meter": constant,
+        "predicted_energy_beyond_constant": predicted - constant * seconds,
+        "measured_energy_beyond_constant": beyond,
+        "beyond_constant_relative": (
+            (predicted - measured) / abs(beyond) if compared and beyond else math.nan
+        ),
+    }
+
+
+def _constant_power(result: Replay) -> float:
+    """Losses of the model that flow through the meter whether the robot moves or not. [W]
+
+    They can hide how well motion is predicted: a figure of the model file meets the
+    standstill of the robot, and the longer it stands the smaller the relative error.
+    """
+    model, cabinet = result.model, result.model.cabinet
+    drives = [joint.losses.constant.value for joint in model.joints if joint.losses]
+    constant = cabinet.loss_dc.value + (math.fsum(drives) if model.drive == "loss_model" else 0.0)
+    at_grid = result.ledger.comparison.location is not MeterLocation.DC_BUS
+    return constant + (cabinet.loss_grid.value if at_grid else 0.0)
+
+
+def _energy(result: Replay) -> dict[str, Any]:
+    """The breakdown, and whether it sums to what the grid gave."""
+    registers = result.ledger.registers
+    cabinet = {name: registers.cabinet(name) for name in CABINET_REGISTERS}
+    joints = {
+        name: math.fsum(registers.joints(name).tolist())
+        for name in ("rigid", "friction", "drive_loss")
+    }
+    losses = ("loss_dc", "loss_grid", "brake", "capacitor")
+    parts = (*joints.values(), *(cabinet[name] for name in losses))
+    total = math.fsum(parts)
+    net = cabinet["grid_import"] - cabinet["grid_return"]
+    rounding = (len(CABINET_REGISTERS) + len(JOINT_REGISTERS) * registers.n_joints) / PER_JOULE
+    turnover = math.fsum(abs(part) for part in parts)
+    return {
+        **cabinet,
+        **joints,
+        "sum_of_parts": total,
+        "balance_residual": net - total,
+        "balanced": abs(net - total) <= rounding + BALANCE_RELATIVE * turnover,
+    }
+
+
+def _power(result: Replay) -> dict[str, Any]:
+    registers = result.ledger.registers
+    seconds = registers.time.observed_ns * NANOSECOND
+    net = registers.cabinet("grid_import") - registers.cabinet("grid_return")
+    return {
+        "predicted_peak_grid_power": result.ledger.peak_power,
+        "predicted_mean_grid_power": net / seconds if seconds else math.nan,
+    }
+
+
+def _joints(result: Replay, net: float) -> list[dict[str, Any]]:
+    registers = result.ledger.registers
+    columns = {key: registers.joints(name).tolist() for name, key in JOINT_KEYS.items()}
+    temperature = result.pipeline.friction.latest().motor_temperature_degc[0].tolist()
+    rows: list[dict[str, Any]] = []
+    for index, name in enumerate(result.model.joint_names):
+        row = {key: values[index] for key, values in columns.items()}
+        drawn = row["rigid_energy"] + row["friction_energy"] + row["drive_loss_energy"]
+        rows.append(
+            {
+                "name": name,
+                **row,
+                "drive_input_energy": drawn,
+                "share_of_grid": drawn / net if net > 0 else math.nan,
+                "last_motor_temperature_degc": temperature[index],
+            }
+        )
+    return rows
+
+
+def _inputs(result: Replay) -> dict[str, Any]:
+    """Account of every input: received = accepted + sum of rejected by reason."""
+    friction, curve = result.pipeline.friction, result.ledger.comparison.curve
+    accounts = {
+        "joint_state_messages": result.joint_states.account,
+        "temperature_messages": result.temperatures.account,
+        "temperature_values": friction,
+        "meter_messages": result.meter.account,
+        "meter_readings": curve,
+    }
+    table: dict[str, Any] = {}
+    for name, account in accounts.items():
+        rejected = {reason: count for reason, count in sorted(account.rejected.items()) if count}
+        table[name] = {
+            "received": account.received,
+            "accepted": account.accepted,
+            "rejected": rejected,
+            "balanced": account.received == account.accepted + sum(rejected.values()),
+        }
+    return table
+
+
+def _problems(result: Replay, energy: dict[str, Any]) -> list[str]:
+    problems = list(result.problems)
+    if not energy["balanced"]:
+        problems.append(
+            "the parts of the energy do not sum to the grid: "
+            f"{energy['balance_residual']:g} J are left"
+        )
+    for name, account in _inputs(result).items():
+        if not account["balanced"]:
+            problems.append(f"the account of {name.replace('_', ' ')} does not balance")
+    return problems
+
+
+def _notes(result: Replay) -> list[str]:
+    """What a reader should know before trusting the figures."""
+    notes: list[str] = []
+    ledger, topics = result.ledger, result.topics
+    if not topics.meter:
+        notes.append("the bag has no power meter: nothing was measured")
+    elif not ledger.comparison.compared_ns:
+        notes.append("no reading of the power meter covers any of the predicted time")
+    if not topics.temperatures:
+        notes.append(
+            "no motor temperatures: friction at the model's fallback of "
+            f"{result.model.temperature.fallback_degc:g} degC"
+        )
+    ignored = result.joint_states.ignored_joints
+    if ignored:
+        notes.append(f"joints that the model does not know: {', '.join(sorted(ignored))}")
+    jumps = ledger.registers.time.jumps
+    if jumps:
+        notes.append(f"stamps jumped back {jumps} times; no energy counts across a jump")
+    return notes
+
+
+def _plain(value: Any) -> Any:
+    """Replace NaN and infinities by None, which JSON can hold."""
+    if isinstance(value, dict):
+        return {str(key): _plain(entry) for key, entry in value.items()}  # pyright: ignore
+    if isinstance(value, list):
+        return [_plain(entry) for entry in value]  # pyright: ignore
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

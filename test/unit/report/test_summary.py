@@ -1,0 +1,168 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from logbook import FRICTION, GRID, LOSS_DC, LOSS_GRID, mapping, wheel_bag
+from robot_energy.errors import MissingTopicError
+from robot_energy.friction import with_fixed_friction
+from robot_energy.logs import import_csv
+from robot_energy.replay import Replay, Topics, replay
+from robot_energy.report import headline, summarise
+from robot_energy.report.model_summary import count_tags
+from robot_energy.report.series import compared_series, predicted_series
+from robot_energy.report.tables import beyond_constant
+from robots import figure, one_wheel, two_link
+
+SECONDS = 10.0
+
+
+def run(folder: Path, **shape: Any) -> Replay:
+    return replay(wheel_bag(folder, **shape), one_wheel(), keep_means=True)
+
+
+def test_a_wheel_at_constant_speed_as_worked_out_by_hand(tmp_path: Path) -> None:
+    """68 W from the grid (see logbook), the meter says 80 W: -15 %, for 10 s."""
+    summary = summarise(run(tmp_path))
+    energy, compared = summary["energy"], summary["comparison"]
+    expected = {
+        "grid_import": GRID * SECONDS,
+        "grid_return": 0.0,
+        "rigid": 0.0,
+        "friction": FRICTION * SECONDS,
+        "drive_loss": 0.0,
+        "loss_dc": LOSS_DC * SECONDS,
+        "loss_grid": LOSS_GRID * SECONDS,
+        "brake": 0.0,
+        "capacitor": 0.0,
+        "sum_of_parts": GRID * SECONDS,
+    }
+    assert {key: energy[key] for key in expected} == pytest.approx(expected, abs=2e-5)
+    assert energy["balanced"]
+    assert abs(energy["balance_residual"]) < 2e-5
+    assert compared["predicted_energy_at_meter"] == pytest.approx(680.0)
+    assert compared["measured_energy"] == pytest.approx(800.0)
+    assert compared["predicted_minus_measured_energy"] == pytest.approx(-120.0)
+    assert compared["predicted_minus_measured_relative"] == pytest.approx(-0.15)
+    assert compared["compared_ns"] == summary["time"]["observed_ns"] == 10_000_000_000
+    # Beyond the 50 W that flow in any case: 180 J beside 300 J.
+    assert compared["constant_power_at_meter"] == 50.0
+    assert compared["beyond_constant_relative"] == pytest.approx(-0.4)
+    joint = summary["joints"][0]
+    assert joint["shaft_energy_positive"] == pytest.approx(180.0)
+    assert joint["shaft_energy_negative"] == pytest.approx(0.0, abs=1e-5)
+    assert joint["share_of_grid"] == pytest.approx(180.0 / 680.0)
+    assert joint["last_motor_temperature_degc"] is None
+    assert summary["power"]["predicted_peak_grid_power"] == pytest.approx(GRID)
+    assert summary["phases"]["motion"] == pytest.approx({"time": 10.0, "grid_import_energy": 680.0})
+    assert summary["phases"]["hold"]["time"] == 0.0
+    assert headline(summary) == (
+        "predicted 680 J beside measured 800 J at the grid: -15.0 % over 10.0 s compared"
+    )
+    assert beyond_constant(summary) == (
+        "beyond the model's constant losses of 50 W: predicted 180 J beside measured 300 J: -40.0 %"
+    )
+
+
+def test_a_meter_on_the_dc_bus_is_compared_there(tmp_path: Path) -> None:
+    """38 W predicted on the bus beside 40 W measured: 380 J, 400 J, -5 %."""
+    compared = summarise(run(tmp_path, power=40.0, location="dc_bus"))["comparison"]
+    assert compared["meter_location"] == "dc_bus"
+    assert compared["predicted_energy_at_meter"] == pytest.approx(380.0)
+    assert compared["predicted_minus_measured_relative"] == pytest.approx(-0.05)
+    assert compared["constant_power_at_meter"] == 20.0
+
+
+def test_what_is_not_measured_is_null_and_said(tmp_path: Path) -> None:
+    result = run(tmp_path, power=None)
+    summary = summarise(result)
+    compared = summary["comparison"]
+    assert compared["measured_energy"] is None
+    assert compared["measured_mean_power"] is None
+    assert compared["predicted_minus_measured_relative"] is None
+    assert compared["meter_location"] is None
+    assert "nothing measured (no meter)" in headline(summary)
+    assert "the bag has no power meter: nothing was measured" in summary["notes"]
+    assert "NaN" not in json.dumps(summary, allow_nan=False)
+    assert compared_series(result) is None
+
+
+def test_json_keys_are_stable(tmp_path: Path) -> None:
+    """Scripts depend on these; a change of meaning needs another summary_version."""
+    summary = summarise(run(tmp_path, seconds=1.0), "friction fixed at 20 degC")
+    assert list(summary) == [
+        "summary_version",
+        "tool_version",
+        "bag",
+        "model",
+        "topics",
+        "time",
+        "comparison",
+        "energy",
+        "power",
+        "phases",
+        "joints",
+        "inputs",
+        "quality",
+        "problems",
+        "notes",
+    ]
+    assert summary["summary_version"] == 1
+    assert summary["model"]["change"] == "friction fixed at 20 degC"
+    assert summary["model"]["figures"]["assumed"] == 6
+    assert list(summary["inputs"]) == [
+        "joint_state_messages",
+        "temperature_messages",
+        "temperature_values",
+        "meter_messages",
+        "meter_readings",
+    ]
+    assert all(account["balanced"] for account in summary["inputs"].values())
+    assert summary["inputs"]["joint_state_messages"]["received"] == 101
+    assert set(summary["topics"]) == {"joint_states", "temperatures", "meter"}
+
+
+def test_a_gap_is_time_without_energy(tmp_path: Path) -> None:
+    bag = wheel_bag(tmp_path, seconds=10.0)
+    log = tmp_path / "wheel.csv"
+    lines = log.read_text().splitlines()
+    log.write_text("\n".join([*lines[:402], *lines[602:]]) + "\n")  # 4.00 s to 6.01 s
+
+    import_csv(log, mapping(), bag, overwrite=True)
+    time = summarise(replay(bag, one_wheel()))["time"]
+    assert time["span_ns"] == time["observed_ns"] + time["gap_ns"] == 10_000_000_000
+    assert (time["gap_count"], time["gap_ns"]) == (1, 2_010_000_000)
+
+
+def test_series_end_at_the_energies_of_the_books(tmp_path: Path) -> None:
+    result = run(tmp_path, rate=1000.0)  # more points than a plot takes
+    pair = compared_series(result)
+    assert pair is not None
+    for curve, energy in zip(pair, (800.0, 680.0), strict=True):
+        assert len(curve.time) <= 2000
+        assert curve.energy[0] == 0.0
+        assert curve.energy[-1] == pytest.approx(energy)
+        assert curve.power.mean() == pytest.approx(energy / SECONDS)
+    alone = predicted_series(result)
+    assert alone is not None
+    assert alone.energy[-1] == pytest.approx(680.0)
+
+
+def test_figures_are_counted_by_how_they_are_known() -> None:
+    data = one_wheel().model_dump(exclude_none=True)
+    assert sum(count_tags(one_wheel()).values()) == 6
+    assert data["cabinet"]["loss_dc"]["tag"] == "assumed"
+    known = one_wheel(
+        cabinet={"loss_grid": {**figure(1.0), "tag": "published"}, "loss_dc": figure(1.0)}
+    )
+    assert count_tags(known) == {"published": 1, "identified": 0, "derived": 0, "assumed": 5}
+    fixed = with_fixed_friction(two_link(), 30.0)
+    assert count_tags(fixed)["derived"] == 2
+
+
+def test_a_second_topic_of_a_kind_must_be_named(tmp_path: Path) -> None:
+    with pytest.raises(MissingTopicError, match="has no /other"):
+        replay(wheel_bag(tmp_path), one_wheel(), Topics(joint_states="/other"))
