@@ -1,0 +1,247 @@
+"""`robot-energy replay`: run a bag through the model and say where its energy went."""
+
+from __future__ import annotations
+
+import json
+from argparse import ArgumentParser, ArgumentTypeError, Namespace, RawDescriptionHelpFormatter
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from robot_energy.cli.terminal import (
+    add_debug,
+    check_writable,
+    console,
+    progress,
+    write_text,
+)
+from robot_energy.errors import ReportError
+
+if TYPE_CHECKING:
+    from robot_energy.model_file import RobotModel
+    from robot_energy.replay import Replay
+
+AT_FALLBACK = "fallback"
+NONE = "none"
+DAMAGED = 3
+
+DESCRIPTION = """\
+Run a recorded bag through the model of its robot and print where the energy went:
+predicted beside measured over the same time, per joint, per loss, per phase, with what
+was left out and why.
+
+Topics are found by their type: sensor_msgs/JointState, MotorTemperatures or
+sensor_msgs/Temperature (frame_id = joint), PowerReading. Name them where there are several.
+"""
+EPILOG = """\
+examples:
+  robot-energy replay bag --model kr16
+  robot-energy replay bag --model my_robot.yaml --out bag_energy --json energy.json
+  robot-energy replay bag --model ur3e --compare --plot power.png
+  robot-energy replay bag --model ur3e --compare 20 --temperatures /driver/temperatures
+  robot-energy replay bag --model ur3e --json - | jq .comparison
+"""
+
+
+def add_parser(commands: Any) -> None:
+    """Add the sub-command."""
+    parser: ArgumentParser = commands.add_parser(
+        "replay",
+        help="where the energy of a recorded bag went",
+        description=DESCRIPTION,
+        epilog=EPILOG,
+        formatter_class=RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("bag", help="MCAP file, or rosbag2 folder (MCAP or sqlite3)")
+    parser.add_argument(
+        "--model",
+        required=True,
+        metavar="FILE|NAME",
+        help="model file, or name of a shipped model (see: robot-energy models)",
+    )
+    outputs = parser.add_argument_group("outputs")
+    outputs.add_argument(
+        "--out", metavar="BAG", help="write the energy topics (/energy/...) into a new bag"
+    )
+    outputs.add_argument("--overwrite", action="store_true", help="replace the bag of --out")
+    outputs.add_argument(
+        "--json",
+        metavar="FILE",
+        help="write all figures as JSON; - for standard output, without tables",
+    )
+    outputs.add_argument(
+        "--plot", metavar="FILE", help="draw power and energy over time (.png, .svg, .pdf)"
+    )
+    topics = parser.add_argument_group("topics")
+    topics.add_argument("--joint-states", metavar="TOPIC")
+    topics.add_argument(
+        "--temperatures",
+        metavar="TOPIC",
+        nargs="+",
+        help="topics of motor temperatures; 'none' to use none of the bag's",
+    )
+    topics.add_argument("--meter", metavar="TOPIC")
+    friction = parser.add_argument_group("friction").add_mutually_exclusive_group()
+    friction.add_argument(
+        "--fixed-friction",
+        metavar="DEGC",
+        type=_degc,
+        help="keep friction at its value at this temperature, whatever was measured",
+    )
+    friction.add_argument(
+        "--compare",
+        metavar="DEGC",
+        nargs="?",
+        const=AT_FALLBACK,
+        type=_degc,
+        help="run a second time with friction fixed at this temperature (default: the "
+        "model's fallback temperature) and set both side by side",
+    )
+    settings = parser.add_argument_group("settings, seldom needed")
+    settings.add_argument(
+        "--derivative-window",
+        type=_positive,
+        metavar="S",
+        help="window behind an acceleration (default 0.02 s)",
+    )
+    settings.add_argument(
+        "--settle",
+        type=_positive,
+        metavar="S",
+        help="how long torque waits for late temperatures (default 0.1 s)",
+    )
+    settings.add_argument(
+        "--power-period",
+        type=_positive,
+        metavar="S",
+        help="averaging period of /energy/power (default 0.02 s)",
+    )
+    settings.add_argument(
+        "--meter-max-gap",
+        type=_positive,
+        metavar="S",
+        help="longest time between meter readings that is bridged (default 2 s)",
+    )
+    add_debug(parser)
+    parser.set_defaults(run=run)
+
+
+def _degc(text: str) -> float | str:
+    if text == AT_FALLBACK:
+        return text
+    try:
+        value = float(text)
+    except ValueError:
+        value = float("nan")
+    if not -60.0 <= value <= 250.0:
+        raise ArgumentTypeError(f"'{text}' is no temperature in degC (-60 to 250)")
+    return value
+
+
+def _positive(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = float("nan")
+    if not 0.0 < value < 1e6:
+        raise ArgumentTypeError(f"'{text}' is no time in s (above 0)")
+    return value
+
+
+def run(args: Namespace) -> int:
+    """Replay and report.
+
+    Args:
+        args: Of the sub-command.
+
+    Returns:
+        0, or 3 if the bag is damaged and was read in part.
+
+    Raises:
+        RobotEnergyError: If model, bag or outputs cannot be used.
+    """
+    from robot_energy.friction import with_fixed_friction
+    from robot_energy.model_file import load
+    from robot_energy.report import print_replay, summarise
+
+    check_writable(args.json, "the JSON report")
+    check_writable(args.plot, "the figure")
+    if args.plot is not None:
+        from robot_energy.report.figures import check_format
+
+        check_format(Path(args.plot))
+    if args.out is not None and Path(args.out).resolve() == Path(args.bag).resolve():
+        raise ReportError(f"the bag {args.bag} is also named as --out", "another folder")
+    model, change = load(args.model), None
+    degc = args.fixed_friction
+    if degc is not None:
+        degc = model.temperature.fallback_degc if degc == AT_FALLBACK else degc
+        model, change = with_fixed_friction(model, degc), f"friction fixed at {degc:g} degC"
+    first = _replay(args, model, "replaying", out=args.out)
+    summary = summarise(first, change)
+    second = other = None
+    if args.compare is not None:
+        fallback = model.temperature.fallback_degc
+        degc = fallback if args.compare == AT_FALLBACK else args.compare
+        second = _replay(args, with_fixed_friction(model, degc), "with fixed friction", out=None)
+        other = summarise(second, f"friction fixed at {degc:g} degC")
+    if args.json != "-":
+        print_replay(summary, console(), other)
+    if args.json is not None:
+        document = summary if other is None else {**summary, "compared_with": other}
+        write_text(args.json, json.dumps(document, indent=2, allow_nan=False) + "\n")
+    if args.plot is not None:
+        _plot(args.plot, first, second, change, other)
+    return DAMAGED if first.problems else 0
+
+
+def _replay(args: Namespace, model: RobotModel, label: str, out: str | None) -> Replay:
+    from robot_energy.pipeline import Settings
+    from robot_energy.replay import Topics, replay
+
+    named = args.temperatures
+    temperatures = None if named is None else tuple(topic for topic in named if topic != NONE)
+    names = ("derivative_window", "settle", "power_period", "meter_max_gap")
+    given = {name: getattr(args, name) for name in names if getattr(args, name) is not None}
+    with progress(label) as report:
+        return replay(
+            args.bag,
+            model,
+            topics=Topics(args.joint_states, temperatures, args.meter),
+            settings=Settings(**given),
+            out=out,
+            overwrite=args.overwrite,
+            keep_means=args.plot is not None,
+            progress=report,
+        )
+
+
+def _plot(
+    path: str,
+    first: Replay,
+    second: Replay | None,
+    change: str | None,
+    other: dict[str, Any] | None,
+) -> None:
+    from robot_energy.blocks import MeterLocation
+    from robot_energy.report.figures import power_and_energy
+    from robot_energy.report.series import Role, Series, compared_series, predicted_series
+
+    runs: list[tuple[Replay, str, Role]] = [(first, "predicted", "predicted")]
+    if change:
+        runs[0] = (first, f"predicted, {change}", "fixed")
+    if second is not None and other is not None:
+        runs[0] = (first, "predicted, friction by temperature", "predicted")
+        runs.append((second, f"predicted, {other['model']['change']}", "fixed"))
+    curves: list[Series] = []
+    for result, label, role in runs:
+        pair = compared_series(result, label, role)
+        if pair is not None:
+            curves += pair[1 if curves else 0 :]
+        elif (curve := predicted_series(result, label, role)) is not None:
+            curves.append(curve)
+    if not curves:
+        raise ReportError(f"{first.bag} gave no two samples in a row", "something to plot")
+    measured = curves[0].role == "measured"
+    at_bus = measured and first.ledger.comparison.location is MeterLocation.DC_BUS
+    title = f"{first.model.robot.type}, model {first.model.model_id}, {first.bag.name}"
+    power_and_energy(curves, path, title, "the DC bus" if at_bus else "the grid")
