@@ -1,0 +1,228 @@
+"""Encode numpy columns to serialized messages of one layout."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from struct import pack
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from robot_energy.errors import MessageTypeError, ShapeError
+from robot_energy.wire.plan import Plan, View, make_plan, nested, plan_shape, write
+from robot_energy.wire.schema import (
+    Many,
+    Node,
+    Number,
+    Record,
+    Text,
+    compile_schema,
+    leaf,
+    leaf_paths,
+    tree,
+)
+from robot_energy.wire.types import typestore as default_typestore
+from robot_energy.wire.walk import HEADER_SIZE, walk
+
+if TYPE_CHECKING:
+    from rosbags.typesys.store import Typestore
+
+_FITTING = {"f": "fiub", "i": "iub", "u": "iub"}
+"""Kinds of numpy array that may be written to a field of each kind."""
+
+
+class Encoder:
+    """Encodes messages of one type that share their strings and lengths.
+
+    Args:
+        msgtype: Message type.
+        constants: What is the same in every message, by field path: str for a string (default
+            empty), tuple of str for a string sequence or for the string of each element of an
+            array of messages (which also fixes the length), number or tuple of numbers for a
+            numeric field.
+        lengths: Length of every other sequence, by field path.
+        typestore: Definitions; default those of ROS 2 Jazzy and ros2_energy_msgs.
+
+    Attributes:
+        size: Bytes of one message.
+        fields: Paths of the numeric fields that ``encode`` needs.
+
+    Raises:
+        MessageTypeError: If the type or a path is unknown, or a constant does not fit its field.
+        ShapeError: If a sequence has no length, or a constant another length than its sequence.
+    """
+
+    def __init__(
+        self,
+        msgtype: str,
+        constants: Mapping[str, Any] | None = None,
+        lengths: Mapping[str, int] | None = None,
+        typestore: Typestore | None = None,
+    ) -> None:
+        self.msgtype = msgtype
+        self._constants = dict(constants or {})
+        self._lengths = dict(lengths or {})
+        schema = compile_schema(msgtype, default_typestore() if typestore is None else typestore)
+        paths = leaf_paths(schema)
+        for path in self._constants:
+            leaf(schema, path, msgtype)
+        self._check_lengths(paths)
+        template = bytearray(b"\x00\x01\x00\x00")
+        self._build(schema, "", (), template)
+        numeric = [path for path in paths if isinstance(leaf(schema, path, msgtype)[0], Number)]
+        found = walk(schema, bytes(template), tree(numeric))
+        plans: dict[str, Plan] = {}
+        for path in numeric:
+            node, axes = leaf(schema, path, msgtype)
+            if isinstance(node, Number):
+                value = nested(found.values, path.split("."), list)
+                plans[path] = make_plan(value, node, axes, found.order)
+        self._template = np.frombuffer(template, dtype=np.uint8).copy()
+        self.size = len(template)
+        row = self._template.reshape(1, -1)
+        for path in [path for path in numeric if path in self._constants]:
+            plan = plans.pop(path)
+            shape = plan_shape(plan)
+            values = np.asarray(self._constants[path])
+            self._write(path, plan, row, values[None] if values.shape == shape != () else values)
+        self._plans = plans
+        self.fields = tuple(plans)
+
+    def encode(self, columns: Mapping[str, ArrayLike], n: int) -> NDArray[np.uint8]:
+        """Encode ``n`` messages.
+
+        Args:
+            columns: Every path of ``fields``: array (n, ...) with one axis more per array passed,
+                or one number for all of them. NaN where a quantity is unmeasured.
+            n: Number of messages.
+
+        Returns:
+            Complete serialized messages, uint8, shape (n, size), little endian.
+
+        Raises:
+            MessageTypeError: If a field is missing or unknown, or values do not fit its type.
+            ShapeError: If a column has another shape than its field.
+        """
+        if columns.keys() != self._plans.keys():
+            missing = [path for path in self._plans if path not in columns]
+            unknown = [path for path in columns if path not in self._plans]
+            raise MessageTypeError(
+                f"columns for {self.msgtype} lack {missing} and have unknown {unknown}",
+                f"exactly {list(self._plans)}",
+                "give NaN for what is unmeasured",
+            )
+        rows = np.empty((n, self.size), dtype=np.uint8)
+        rows[:] = self._template
+        for path, plan in self._plans.items():
+            self._write(path, plan, rows, np.asarray(columns[path]))
+        return rows
+
+    def _write(self, path: str, plan: Plan, rows: NDArray[np.uint8], values: NDArray[Any]) -> None:
+        shape = plan_shape(plan)
+        if values.ndim and (shape is None or values.shape != (len(rows), *shape)):
+            expected = "one number" if shape is None else f"{(len(rows), *shape)} or one number"
+            raise ShapeError(f"{path} of {self.msgtype} got shape {values.shape}", expected)
+        part = plan
+        while not isinstance(part, View):
+            part = part.parts[0]
+        _check_kind(f"{path} of {self.msgtype}", values, part)
+        write(plan, rows, values)
+
+    def _check_lengths(self, paths: list[str]) -> None:
+        groups = {".".join(p.split(".")[: i + 1]) for p in paths for i in range(p.count(".") + 1)}
+        for path in self._lengths:
+            if path not in groups:
+                raise MessageTypeError(
+                    f"a length is given for {path}, which {self.msgtype} does not have",
+                    f"one of {', '.join(sorted(groups))}",
+                )
+
+    def _build(self, node: Node, path: str, index: tuple[int, ...], out: bytearray) -> None:
+        if isinstance(node, Number):
+            _pad(out, node.size)
+            out += bytes(node.size)
+        elif isinstance(node, Text):
+            value = _pick(self._constants.get(path, ""), index)
+            if not isinstance(value, str):
+                raise MessageTypeError(f"{path} of {self.msgtype} got {value!r}", "a string")
+            data = value.encode() + b"\x00"
+            _pad(out, 4)
+            out += pack("<I", len(data)) + data
+        elif isinstance(node, Record):
+            for name, field in node.fields:
+                self._build(field, f"{path}.{name}" if path else name, index, out)
+        else:
+            count = self._count(node, path, index)
+            if node.count is None:
+                _pad(out, 4)
+                out += pack("<I", count)
+            for i in range(count):
+                self._build(node.item, path, (*index, i), out)
+
+    def _count(self, node: Many, path: str, index: tuple[int, ...]) -> int:
+        stated: list[int] = [] if node.count is None else [node.count]
+        if path in self._lengths:
+            stated.append(int(self._lengths[path]))
+        for name, constant in self._constants.items():
+            inside = name == path or (name.startswith(path + ".") and isinstance(node.item, Record))
+            value = _pick(constant, index) if inside else None
+            if isinstance(value, tuple | list | np.ndarray):
+                stated.append(len(value))  # pyright: ignore[reportUnknownArgumentType]
+        if not stated:
+            raise ShapeError(
+                f"the length of {path} of {self.msgtype} is not given",
+                "a length (0 for empty) or a constant",
+            )
+        if len(set(stated)) > 1 or stated[0] < 0:
+            raise ShapeError(
+                f"{path} of {self.msgtype} is given the lengths {stated}", "one length"
+            )
+        return stated[0]
+
+
+def _pad(out: bytearray, size: int) -> None:
+    out += bytes(-(len(out) - HEADER_SIZE) % size)
+
+
+def _pick(value: Any, index: tuple[int, ...]) -> Any:
+    for i in index:
+        if not isinstance(value, tuple | list | np.ndarray) or i >= len(value):  # pyright: ignore
+            return value  # pyright: ignore[reportUnknownVariableType]
+        value = value[i]  # pyright: ignore[reportUnknownVariableType]
+    return value  # pyright: ignore[reportUnknownVariableType]
+
+
+def _check_kind(where: str, values: NDArray[Any], view: View) -> None:
+    target = view.native
+    if values.dtype == target:
+        return
+    if values.dtype.kind not in _FITTING[target.kind]:
+        raise MessageTypeError(f"{where} got values of type {values.dtype}", str(target))
+    if target.kind != "f" and values.size and values.dtype.kind != "b":
+        limits = np.iinfo(target)
+        low, high = int(values.min()), int(values.max())
+        if low < limits.min or high > limits.max:
+            raise MessageTypeError(f"{where} got {low} to {high}", f"what fits {target}")
+
+
+def stamp_columns(
+    stamp_ns: NDArray[np.int64], path: str = "header.stamp"
+) -> dict[str, NDArray[np.int32] | NDArray[np.uint32]]:
+    """Return the two columns of a builtin_interfaces/Time field.
+
+    Args:
+        stamp_ns: Time since the epoch, int64, shape (n, ...). [ns]
+        path: Path of the field.
+
+    Returns:
+        ``<path>.sec`` (int32) and ``<path>.nanosec`` (uint32), same shape.
+
+    Raises:
+        ShapeError: If a time is beyond what 32-bit seconds hold (year 2038).
+    """
+    seconds, rest = np.divmod(np.asarray(stamp_ns, dtype=np.int64), 1_000_000_000)
+    narrow = seconds.astype(np.int32)
+    if (narrow != seconds).any():
+        raise ShapeError("a stamp is outside the years 1901 to 2038", "32-bit seconds")
+    return {f"{path}.sec": narrow, f"{path}.nanosec": rest.astype(np.uint32)}

@@ -1,0 +1,290 @@
+"""Decode serialized messages to numpy columns, one layout at a time.
+
+Messages of one publisher differ only in their numbers: names and lengths stay. So one message is
+walked by its schema; the bytes that decide the layout (byte order, lengths, strings) are kept, and
+every message whose bytes agree there is decoded with the same strided views, thousands at a time.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robot_energy.errors import MessageTypeError
+from robot_energy.wire.batch import RawBatch
+from robot_energy.wire.encode import Encoder, stamp_columns
+from robot_energy.wire.plan import Column, Plan, make_plan, nested, read
+from robot_energy.wire.schema import Number, Record, Text, compile_schema, leaf, tree
+from robot_energy.wire.types import typestore as default_typestore
+from robot_energy.wire.walk import HEADER_SIZE, MAX_TRAILING, Malformed, Walk, walk
+
+if TYPE_CHECKING:
+    from rosbags.typesys.store import Typestore
+
+__all__ = ["Decoded", "Decoder", "Encoder", "Run", "stamp_columns", "stamp_ns"]
+
+MAX_LAYOUTS = 32
+"""Layouts a decoder remembers; the one unused for longest goes first."""
+_MAX_LONELY = 8
+"""New layouts in a row that fit one message only, before the rest is walked one by one."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Run:
+    """Messages of one layout.
+
+    Attributes:
+        rows: Their indices in the batch, ascending, int64, shape (m,).
+        columns: Per field path: number (m,), numbers (m, k), one more axis per array of messages
+            passed; str or (nested) tuple of str for strings, the same for the whole run; a tuple
+            of arrays where inner arrays differ in length.
+    """
+
+    rows: NDArray[np.int64]
+    columns: dict[str, Column]
+
+    def array(self, path: str) -> NDArray[Any]:
+        """Return a numeric column.
+
+        Args:
+            path: Field path.
+
+        Returns:
+            The array, shape (m, ...).
+
+        Raises:
+            MessageTypeError: If the column is a string or ragged.
+        """
+        column = self.columns[path]
+        if not isinstance(column, np.ndarray):
+            raise MessageTypeError(f"the field {path} is no numeric array", "a numeric field")
+        return column
+
+    def names(self, path: str) -> tuple[str, ...]:
+        """Return a column of strings.
+
+        Args:
+            path: Path of a string sequence.
+
+        Returns:
+            The strings, the same for all rows of the run.
+
+        Raises:
+            MessageTypeError: If the column is numeric or a single string.
+        """
+        column = self.columns[path]
+        if not isinstance(column, tuple) or not all(isinstance(item, str) for item in column):
+            raise MessageTypeError(f"the field {path} is no list of strings", "a string sequence")
+        return column
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Decoded:
+    """A decoded batch.
+
+    Attributes:
+        runs: Runs in the order of their first row; each row of the batch is in one run at most.
+        malformed: Rows that do not follow the message definition, ascending, int64.
+    """
+
+    runs: list[Run]
+    malformed: NDArray[np.int64]
+
+
+class _Layout:
+    """One arrangement of bytes: what must agree, and where the wanted values lie."""
+
+    def __init__(self, found: Walk, key: bytes, data: bytes, columns: dict[str, Column | Plan]):
+        self.key = key
+        self.size = found.end
+        self.columns = columns
+        self._row = np.dtype((np.void, found.end))
+        self._spans = [self._part(data, start, stop) for start, stop in found.spans]
+        self._constants = [self._part(data, start, stop) for start, stop in found.constants]
+
+    @staticmethod
+    def _part(data: bytes, start: int, stop: int) -> tuple[int, NDArray[np.void]]:
+        return start, np.frombuffer(data[start:stop], dtype=np.dtype((np.void, stop - start)))
+
+    def gather(self, buffer: NDArray[np.uint8], offset: NDArray[np.int64]) -> NDArray[np.uint8]:
+        """Return the messages at ``offset`` as rows (m, size); all must lie inside the buffer."""
+        starts = np.ndarray((len(buffer) - self.size + 1,), self._row, buffer, 0, (1,))
+        return starts[offset].view(np.uint8).reshape(len(offset), self.size)
+
+    def agree(self, rows: NDArray[np.uint8]) -> NDArray[np.bool_] | None:
+        """Return which rows have this layout; None for all of them."""
+        if all(self._equal(rows, start, part).all() for start, part in self._spans):
+            return None
+        equal = np.ones(len(rows), dtype=np.bool_)
+        for start, part in self._constants:
+            equal &= self._equal(rows, start, part)
+        return None if equal.all() else equal
+
+    def _equal(self, rows: NDArray[np.uint8], start: int, part: NDArray[np.void]) -> Any:
+        return np.ndarray((len(rows),), part.dtype, rows, start, (self.size,)) == part
+
+    def run(self, index: NDArray[np.int64], rows: NDArray[np.uint8]) -> Run:
+        """Return the columns of rows that agree."""
+        columns: dict[str, Column] = {}
+        for path, column in self.columns.items():
+            constant = isinstance(column, str | tuple)
+            columns[path] = column if constant else read(column, rows)  # pyright: ignore
+        return Run(index, columns)
+
+
+class Decoder:
+    """Decodes chosen fields of one message type.
+
+    Keeps the layouts it has met, so that messages like earlier ones cost no walk. Not for use by
+    several threads at once.
+
+    Args:
+        msgtype: Message type, such as ``sensor_msgs/msg/JointState``.
+        fields: Dotted paths of the wanted fields: ``name``, ``header.stamp.sec``,
+            ``temperature_stamp.sec`` (a field of each element of an array of messages).
+        typestore: Definitions; default those of ROS 2 Jazzy and ros2_energy_msgs.
+
+    Raises:
+        MessageTypeError: If the type is unknown or a path names no single field.
+    """
+
+    def __init__(
+        self, msgtype: str, fields: Iterable[str], typestore: Typestore | None = None
+    ) -> None:
+        self.msgtype = msgtype
+        self.fields = tuple(dict.fromkeys(fields))
+        store = default_typestore() if typestore is None else typestore
+        self._schema: Record = compile_schema(msgtype, store)
+        self._leaves: dict[str, tuple[Number | Text, int]] = {
+            path: leaf(self._schema, path, msgtype) for path in self.fields
+        }
+        self._wanted = tree(self.fields)
+        self._layouts: OrderedDict[bytes, _Layout] = OrderedDict()
+
+    def decode(self, batch: RawBatch) -> Decoded:
+        """Decode a batch.
+
+        Args:
+            batch: Messages of this decoder's type.
+
+        Returns:
+            Columns by layout, and the rows that could not be decoded. A message is malformed when
+            it lies outside the buffer, is too short, has more than three bytes after its end, an
+            encapsulation other than CDR, or strings that are not closed or not UTF-8.
+
+        Raises:
+            MessageTypeError: If the batch is of another type.
+        """
+        if batch.msgtype != self.msgtype:
+            raise MessageTypeError(f"a batch of {batch.msgtype} on {batch.topic}", self.msgtype)
+        room = len(batch.buffer) - batch.length
+        inside = (batch.length >= HEADER_SIZE) & (batch.offset >= 0) & (batch.offset <= room)
+        pending = np.flatnonzero(inside)
+        malformed: list[int] = []
+        if len(pending) < len(batch):
+            malformed = np.flatnonzero(~inside).tolist()
+        runs: list[Run] = []
+        for layout in reversed(list(self._layouts.values())):
+            if not len(pending):
+                break
+            pending = self._take(layout, batch, pending, runs)
+        lonely = 0
+        while len(pending) and lonely < _MAX_LONELY:
+            layout = self._walk(batch.row(int(pending[0])))
+            if layout is None:
+                malformed.append(int(pending[0]))
+                pending = pending[1:]
+                continue
+            before = len(pending)
+            pending = self._take(layout, batch, pending, runs)
+            lonely = lonely + 1 if before - len(pending) == 1 else 0
+        if len(pending):
+            self._walk_each(batch, pending, runs, malformed)
+        runs.sort(key=_first_row)
+        return Decoded(runs, np.array(sorted(malformed), dtype=np.int64))
+
+    def _take(
+        self, layout: _Layout, batch: RawBatch, pending: NDArray[np.int64], runs: list[Run]
+    ) -> NDArray[np.int64]:
+        """Decode the pending rows that have this layout; return the others."""
+        whole = len(pending) == len(batch)
+        length = batch.length if whole else batch.length[pending]
+        fits = (length >= layout.size) & (length <= layout.size + MAX_TRAILING)
+        every = bool(fits.all())
+        index = pending if every else pending[fits]
+        if not len(index):
+            return pending
+        rows = layout.gather(batch.buffer, batch.offset if whole and every else batch.offset[index])
+        agree = layout.agree(rows)
+        if agree is not None:
+            index, rows = index[agree], rows[agree]
+            if not len(index):
+                return pending
+        runs.append(layout.run(index, rows))
+        self._layouts[layout.key] = layout
+        self._layouts.move_to_end(layout.key)
+        if len(self._layouts) > MAX_LAYOUTS:
+            self._layouts.popitem(last=False)
+        if every and agree is None:
+            return pending[:0]
+        return np.setdiff1d(pending, index, assume_unique=True)
+
+    def _walk(self, data: bytes) -> _Layout | None:
+        """Return the layout of one message; None if it is malformed."""
+        try:
+            found = walk(self._schema, data, self._wanted)
+        except Malformed:
+            return None
+        key = bytearray(found.end)
+        for start, stop in found.constants:
+            key[start:stop] = data[start:stop]
+        known = self._layouts.get(bytes(key))
+        if known is not None:
+            return known
+        columns: dict[str, Column | Plan] = {}
+        for path, (node, axes) in self._leaves.items():
+            names = path.split(".")
+            if isinstance(node, Text):
+                columns[path] = nested(found.values, names, tuple)
+            else:
+                value = nested(found.values, names, list)
+                columns[path] = make_plan(value, node, axes, found.order)
+        return _Layout(found, bytes(key), data, columns)
+
+    def _walk_each(
+        self, batch: RawBatch, pending: NDArray[np.int64], runs: list[Run], malformed: list[int]
+    ) -> None:
+        """Walk every pending row: for messages whose strings change all the time."""
+        groups: dict[bytes, tuple[_Layout, list[int]]] = {}
+        for row in pending.tolist():
+            layout = self._walk(batch.row(row))
+            if layout is None:
+                malformed.append(row)
+            else:
+                groups.setdefault(layout.key, (layout, []))[1].append(row)
+        for layout, members in groups.values():
+            index = np.array(members, dtype=np.int64)
+            runs.append(layout.run(index, layout.gather(batch.buffer, batch.offset[index])))
+
+
+def _first_row(run: Run) -> int:
+    return int(run.rows[0])
+
+
+def stamp_ns(run: Run, path: str = "header.stamp") -> NDArray[np.int64]:
+    """Return stamps of a run whose ``sec`` and ``nanosec`` were decoded.
+
+    Args:
+        run: A run with the columns ``<path>.sec`` and ``<path>.nanosec``.
+        path: Path of the builtin_interfaces/Time field.
+
+    Returns:
+        Time since the epoch, int64, shape (m, ...). [ns]
+    """
+    seconds = run.array(f"{path}.sec").astype(np.int64)
+    return seconds * 1_000_000_000 + run.array(f"{path}.nanosec")

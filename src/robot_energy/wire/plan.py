@@ -1,0 +1,155 @@
+"""Where the values of a column lie in messages of one layout, as numpy views."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robot_energy.wire.schema import Number
+from robot_energy.wire.walk import Slot
+
+Column: TypeAlias = "NDArray[Any] | str | tuple[Any, ...]"
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """Values at regular distances: a strided view of the rows.
+
+    Attributes:
+        offset: First byte in the row.
+        shape: Axes beside the row axis.
+        strides: Distance along each of them. [bytes]
+        dtype: Type and byte order in the row.
+        native: Type handed out.
+        is_bool: Whether the number means a truth value.
+    """
+
+    offset: int
+    shape: tuple[int, ...]
+    strides: tuple[int, ...]
+    dtype: np.dtype[Any]
+    native: np.dtype[Any]
+    is_bool: bool
+
+    def of(self, rows: NDArray[np.uint8]) -> NDArray[Any]:
+        """Return the view of rows (m, row size), shape (m, ...), with the byte order of the row."""
+        shape = (len(rows), *self.shape)
+        if not rows.size:
+            return np.empty(shape, self.dtype)
+        return np.ndarray(
+            shape,
+            self.dtype,
+            rows,
+            self.offset,
+            (rows.strides[0], *self.strides),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Stack:
+    """Values at irregular distances: one plan per element of an array of messages."""
+
+    parts: tuple[View | Stack, ...]
+
+
+Plan: TypeAlias = View | Stack
+
+
+def make_plan(value: Any, number: Number, axes: int, order: str) -> Plan:
+    """Return how to reach the numbers a walk found for one field.
+
+    Args:
+        value: Slot, or nested lists of slots.
+        number: Kind of the number.
+        axes: Axes of the field beside the message axis.
+        order: Byte order, ``<`` or ``>``.
+
+    Returns:
+        One view when the places are regular, else a stack of them.
+    """
+    dtype, native = np.dtype(order + number.code), np.dtype(number.code)
+    if isinstance(value, Slot):
+        shape = () if value.count is None else (value.count,)
+        strides = () if value.count is None else (number.size,)
+        return View(value.offset, shape, strides, dtype, native, number.is_bool)
+    parts = tuple(make_plan(item, number, axes - 1, order) for item in value)
+    if not parts:
+        return View(0, (0,) * axes, (0,) * axes, dtype, native, number.is_bool)
+    views = [part for part in parts if isinstance(part, View)]
+    first = views[0] if views else None
+    if first is None or len(views) < len(parts):
+        return Stack(parts)
+    steps = {after.offset - before.offset for before, after in pairwise(views)}
+    regular = len(steps) <= 1 and all(
+        view.shape == first.shape and view.strides == first.strides for view in views
+    )
+    if not regular:
+        return Stack(parts)
+    step = steps.pop() if steps else 0
+    shape, strides = (len(views), *first.shape), (step, *first.strides)
+    return View(first.offset, shape, strides, dtype, native, number.is_bool)
+
+
+def plan_shape(plan: Plan) -> tuple[int, ...] | None:
+    """Return the axes of a column beside the row axis; None if its parts differ in length."""
+    if isinstance(plan, View):
+        return plan.shape
+    shapes = {plan_shape(part) for part in plan.parts}
+    shape = shapes.pop()
+    return None if shapes or shape is None else (len(plan.parts), *shape)
+
+
+def read(plan: Plan, rows: NDArray[np.uint8]) -> Column:
+    """Return a column of its own memory in native byte order.
+
+    Args:
+        plan: Where the values lie.
+        rows: Messages, uint8, shape (m, row size).
+
+    Returns:
+        Array (m, ...); a tuple of arrays where the parts differ in length.
+    """
+    if isinstance(plan, View):
+        view = plan.of(rows)
+        return view != 0 if plan.is_bool else view.astype(plan.native)
+    parts = [read(part, rows) for part in plan.parts]
+    if plan_shape(plan) is None:
+        return tuple(parts)
+    return np.stack([np.asarray(part) for part in parts], axis=1)
+
+
+def write(plan: Plan, rows: NDArray[np.uint8], values: NDArray[Any]) -> None:
+    """Put values into messages.
+
+    Args:
+        plan: Where the values lie.
+        rows: Messages, uint8, shape (m, row size); changed in place.
+        values: Array that broadcasts to (m, ...).
+    """
+    if isinstance(plan, View):
+        plan.of(rows)[...] = values
+        return
+    for j, part in enumerate(plan.parts):
+        write(part, rows, values[:, j] if values.ndim else values)
+
+
+def nested(value: Any, names: list[str], leaf: Callable[[Any], Any]) -> Any:
+    """Return one field out of a tree of values, keeping the nesting of arrays.
+
+    Args:
+        value: Tree of a walk.
+        names: Remaining names of the path.
+        leaf: What to do with a list at an array of messages (``list`` or ``tuple``).
+
+    Returns:
+        The value at the leaf, in ``leaf`` containers for every array of messages passed.
+    """
+    if isinstance(value, list):
+        items: list[Any] = value  # pyright: ignore[reportUnknownVariableType]
+        return leaf(nested(item, names, leaf) for item in items)
+    return nested(value[names[0]], names[1:], leaf) if names else value

@@ -1,0 +1,63 @@
+"""Message definitions: shared store, and those a bag brings along."""
+
+from pathlib import Path
+
+import pytest
+
+import robot_energy.wire
+from robot_energy.errors import MessageTypeError
+from robot_energy.wire import Decoder, typestore
+from robot_energy.wire.types import extended
+
+
+def test_every_interface_file_is_known():
+    folder = Path(robot_energy.wire.__file__).parent / "msg"
+    names = {f"ros2_energy_msgs/msg/{path.stem}" for path in folder.glob("*.msg")}
+    assert "ros2_energy_msgs/msg/JointTorque" in names
+    assert names <= typestore().fielddefs.keys()
+
+
+def test_the_hash_is_the_one_ros_computes():
+    """Published with every ROS 2 Jazzy: type description hash of std_msgs/String."""
+    assert typestore().hash_rihs01("std_msgs/msg/String") == (
+        "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
+    )
+
+
+def test_known_definitions_need_no_new_store():
+    text = "std_msgs/Header header\nfloat64 temperature\nfloat64 variance\n"
+    definitions = {"sensor_msgs/msg/Temperature": ("ros2msg", text)}
+    assert extended(typestore(), definitions) is typestore()
+
+
+def test_unknown_definitions_are_added_to_a_copy():
+    definitions = {"my_msgs/msg/Volt": ("ros2msg", "std_msgs/Header header\nfloat32 volt\n")}
+    store = extended(typestore(), definitions)
+    Decoder("my_msgs/msg/Volt", ["volt", "header.stamp.sec"], store)
+    assert "my_msgs/msg/Volt" not in typestore().fielddefs
+
+
+def test_the_definition_a_bag_brings_is_preferred_where_it_differs():
+    text = "std_msgs/Header header\nfloat32 temperature\n"
+    store = extended(typestore(), {"sensor_msgs/msg/Temperature": ("ros2msg", text)})
+    with pytest.raises(MessageTypeError):
+        Decoder("sensor_msgs/msg/Temperature", ["variance"], store)
+    Decoder("sensor_msgs/msg/Temperature", ["variance"])
+    old = store.types["sensor_msgs/msg/Temperature"]
+    header = store.types["std_msgs/msg/Header"](
+        store.types["builtin_interfaces/msg/Time"](1, 2), ""
+    )
+    data = store.serialize_cdr(old(header, 2.5), "sensor_msgs/msg/Temperature")
+    assert store.deserialize_cdr(data, "sensor_msgs/msg/Temperature").temperature == 2.5
+
+
+@pytest.mark.parametrize("encoding", ["ros2msg", "ros2idl"])
+def test_a_definition_that_cannot_be_parsed_is_named(encoding):
+    with pytest.raises(MessageTypeError, match="definition of a/msg/B stored in the bag"):
+        extended(typestore(), {"a/msg/B": (encoding, "float64 = = x\n!!")})
+
+
+def test_wide_strings_are_refused():
+    store = extended(typestore(), {"a/msg/W": ("ros2msg", "wstring text\n")})
+    with pytest.raises(MessageTypeError, match="type a/msg/wstring is unknown"):
+        Decoder("a/msg/W", ["text"], store)
