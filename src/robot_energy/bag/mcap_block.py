@@ -1,0 +1,166 @@
+"""Find the messages in a block of MCAP records: by its index if that is right, else by walking."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from struct import Struct
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robot_energy.bag.mcap_records import CHANNEL, FRAME, MESSAGE, SCHEMA
+
+_MESSAGE_FRAME = np.dtype(
+    [("op", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("log", "<u8"),
+     ("publish", "<u8")]
+)  # fmt: skip
+_HEAD = _MESSAGE_FRAME.itemsize
+_FIXED = _HEAD - FRAME.size
+_MESSAGE_HEAD = Struct("<HIQ")
+
+OnRecord = Callable[[int, memoryview], None]
+"""Called with opcode and content of each Schema and Channel record on the way."""
+
+
+@dataclass(frozen=True, slots=True)
+class Messages:
+    """Messages of one channel in file order: log time [ns], first byte and length, each (n,)."""
+
+    log_time_ns: NDArray[np.int64]
+    offset: NDArray[np.int64]
+    length: NDArray[np.int64]
+
+
+@dataclass(slots=True)
+class Block:
+    """A block of records that was looked through.
+
+    Attributes:
+        buffer: The bytes, uint8.
+        messages: Messages by channel id.
+        end: First byte after the last whole record that belongs here.
+        count: Number of messages.
+        verified: Whether a checksum covered the bytes.
+    """
+
+    buffer: NDArray[np.uint8]
+    messages: dict[int, Messages] = field(default_factory=dict[int, Messages])
+    end: int = 0
+    count: int = 0
+    verified: bool = False
+
+
+def indexed_block(
+    data: bytes | memoryview, index: Mapping[int, NDArray[np.uint64]], on_record: OnRecord
+) -> Block | None:
+    """Find the messages of a chunk through its MessageIndex records.
+
+    The index is believed only if every entry meets a message record of that channel and time, and
+    the records met, together with the schemas and channels between them, fill the chunk.
+
+    Args:
+        data: Unpacked chunk.
+        index: Per channel pairs of log time [ns] and offset, uint64, shape (n, 2).
+        on_record: Takes the Schema and Channel records.
+
+    Returns:
+        The block; None if the index is not right.
+    """
+    buffer = np.frombuffer(data, dtype=np.uint8)
+    if not index or len(buffer) < _HEAD:
+        return None
+    pairs = np.concatenate(list(index.values()))
+    owner = np.repeat(
+        np.fromiter(index, dtype=np.uint16, count=len(index)), [len(p) for p in index.values()]
+    )
+    if not len(pairs) or int(pairs[:, 1].max()) > len(buffer) - _HEAD:
+        return None
+    start = pairs[:, 1].astype(np.int64)
+    if (start[1:] < start[:-1]).any():
+        order = np.argsort(start, kind="stable")
+        pairs, owner, start = pairs[order], owner[order], start[order]
+    heads = np.ndarray((len(buffer) - _HEAD + 1,), _MESSAGE_FRAME, buffer, 0, (1,))[start]
+    size = heads["length"]
+    if (
+        (heads["op"] != MESSAGE).any()
+        or (heads["channel"] != owner).any()
+        or (heads["log"] != pairs[:, 0]).any()
+        or (size < _FIXED).any()
+        or (size > len(buffer)).any()
+    ):
+        return None
+    end = start + FRAME.size + size.astype(np.int64)
+    if not _filled(memoryview(data), start, end, on_record):
+        return None
+    block = Block(buffer, end=len(buffer), count=len(start))
+    for channel in index:
+        mine = owner == channel
+        whole = bool(mine.all())
+        first = start if whole else start[mine]
+        last = end if whole else end[mine]
+        times = (pairs[:, 0] if whole else pairs[mine, 0]).astype(np.int64)
+        block.messages[channel] = Messages(times, first + _HEAD, last - first - _HEAD)
+    return block
+
+
+def _filled(
+    data: memoryview, start: NDArray[np.int64], end: NDArray[np.int64], on_record: OnRecord
+) -> bool:
+    """Return whether nothing but other whole records lies between the messages."""
+    before = np.concatenate(([0], end))
+    after = np.concatenate((start, [len(data)]))
+    for gap in np.flatnonzero(before != after).tolist():
+        pos, stop = int(before[gap]), int(after[gap])
+        while pos < stop:
+            if stop - pos < FRAME.size:
+                return False
+            opcode, length = FRAME.unpack_from(data, pos)
+            following = pos + FRAME.size + length
+            if opcode == MESSAGE or following > stop:
+                return False
+            if opcode in (SCHEMA, CHANNEL):
+                on_record(opcode, data[pos + FRAME.size : following])
+            pos = following
+        if pos != stop:
+            return False
+    return True
+
+
+def walked_block(data: bytes | memoryview, on_record: OnRecord, limit: int | None = None) -> Block:
+    """Find the messages of a block of records one after another.
+
+    Args:
+        data: Unpacked chunk, or a part of the file that begins with a record.
+        on_record: Takes the Schema and Channel records.
+        limit: Most messages to take; None for all.
+
+    Returns:
+        The block; its ``end`` is where a record begins that is cut off, is no Schema, Channel or
+        Message, or is beyond the limit.
+    """
+    view = memoryview(data)
+    times: dict[int, list[int]] = {}
+    places: dict[int, list[tuple[int, int]]] = {}
+    pos, count = 0, 0
+    while len(view) - pos >= FRAME.size and (limit is None or count < limit):
+        opcode, length = FRAME.unpack_from(view, pos)
+        body = pos + FRAME.size
+        if opcode not in (MESSAGE, SCHEMA, CHANNEL) or length > len(view) - body:
+            break
+        if opcode == MESSAGE:
+            if length < _FIXED:
+                break
+            channel, _, log = _MESSAGE_HEAD.unpack_from(view, body)
+            times.setdefault(channel, []).append(log)
+            places.setdefault(channel, []).append((body + _FIXED, length - _FIXED))
+            count += 1
+        else:
+            on_record(opcode, view[body : body + length])
+        pos = body + length
+    block = Block(np.frombuffer(data, dtype=np.uint8), end=pos, count=count)
+    for channel, log_times in times.items():
+        place = np.array(places[channel], dtype=np.int64)
+        log_time = np.array(log_times, dtype=np.uint64).astype(np.int64)
+        block.messages[channel] = Messages(log_time, place[:, 0], place[:, 1])
+    return block

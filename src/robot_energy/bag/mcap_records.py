@@ -1,0 +1,216 @@
+"""MCAP records as far as a reader of ROS 2 bags needs them (https://mcap.dev/spec)."""
+
+from __future__ import annotations
+
+import zlib
+from dataclasses import dataclass
+from struct import Struct, unpack_from
+from struct import error as struct_error
+from typing import Any, cast
+
+MAGIC = b"\x89MCAP0\r\n"
+HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX, CHUNK_INDEX = range(1, 9)
+STATISTICS = 0x0B
+DATA_END = 0x0F
+FIRST_PRIVATE = 0x80
+
+FRAME = Struct("<BQ")
+"""Start of every record: opcode, length of the rest."""
+FOOTER_SIZE = FRAME.size + 20
+SIZE_LIMIT = 256 * 2**20
+"""Largest record, and largest unpacked chunk, that is read. [bytes]"""
+
+
+class RecordError(Exception):
+    """A record does not hold what its opcode says; never leaves this package."""
+
+
+@dataclass(frozen=True, slots=True)
+class Schema:
+    """A message definition: its name, its encoding (``ros2msg``) and its text."""
+
+    name: str
+    encoding: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """One publisher's stream on a topic."""
+
+    id: int
+    schema_id: int
+    topic: str
+    encoding: str
+
+
+@dataclass(frozen=True, slots=True)
+class Chunk:
+    """A block of records; ``data`` is packed as ``compression`` says. Times in [ns]."""
+
+    size: int
+    crc: int
+    compression: str
+    data: memoryview
+
+
+@dataclass(frozen=True, slots=True)
+class ChunkIndex:
+    """Where a chunk lies in the file, what follows it, and which channels it holds."""
+
+    start: int
+    end: int
+    channels: frozenset[int]
+
+
+@dataclass(frozen=True, slots=True)
+class Statistics:
+    """Counts of the whole file. Times in [ns]."""
+
+    message_count: int
+    start_ns: int
+    end_ns: int
+    channel_counts: dict[int, int]
+
+
+class _Cursor:
+    """Reads little-endian values one after another."""
+
+    def __init__(self, data: memoryview) -> None:
+        self.data = data
+        self.pos = 0
+
+    def take(self, count: int) -> memoryview:
+        part = self.data[self.pos : self.pos + count]
+        if len(part) != count:
+            raise RecordError("a length beyond the end of the record")
+        self.pos += count
+        return part
+
+    def number(self, size: int) -> int:
+        return int.from_bytes(self.take(size), "little")
+
+    def sized(self, size: int = 4) -> memoryview:
+        return self.take(self.number(size))
+
+    def text(self) -> str:
+        try:
+            return str(self.sized(), "utf-8")
+        except UnicodeDecodeError:
+            raise RecordError("a text that is not UTF-8") from None
+
+
+def parse_schema(data: memoryview) -> tuple[int, Schema]:
+    """Return the id and content of a Schema record."""
+    cursor = _Cursor(data)
+    schema_id = cursor.number(2)
+    name, encoding = cursor.text(), cursor.text()
+    return schema_id, Schema(ros_type(name), encoding, str(cursor.sized(), "utf-8", "replace"))
+
+
+def parse_channel(data: memoryview) -> Channel:
+    """Return the content of a Channel record."""
+    cursor = _Cursor(data)
+    channel_id, schema_id = cursor.number(2), cursor.number(2)
+    return Channel(channel_id, schema_id, cursor.text(), cursor.text())
+
+
+def parse_chunk(data: memoryview) -> Chunk:
+    """Return the content of a Chunk record."""
+    cursor = _Cursor(data)
+    cursor.take(16)
+    size, crc = cursor.number(8), cursor.number(4)
+    return Chunk(size, crc, cursor.text(), cursor.sized(8))
+
+
+def parse_message_index(data: memoryview) -> tuple[int, memoryview]:
+    """Return the channel of a MessageIndex record and its pairs of time and offset (uint64)."""
+    cursor = _Cursor(data)
+    channel, pairs = cursor.number(2), cursor.sized()
+    if len(pairs) % 16:
+        raise RecordError("half an index entry")
+    return channel, pairs
+
+
+def parse_chunk_index(data: memoryview) -> ChunkIndex:
+    """Return the content of a ChunkIndex record."""
+    cursor = _Cursor(data)
+    cursor.take(16)
+    start, length = cursor.number(8), cursor.number(8)
+    offsets = cursor.sized()
+    channels = frozenset(
+        unpack_from("<H", offsets, i)[0] for i in range(0, len(offsets) // 10 * 10, 10)
+    )
+    return ChunkIndex(start, start + length + cursor.number(8), channels)
+
+
+def parse_statistics(data: memoryview) -> Statistics:
+    """Return the content of a Statistics record."""
+    try:
+        count, _, _, _, _, _, start, end = unpack_from("<QHIIIIQQ", data)
+    except struct_error:
+        raise RecordError("a short record of statistics") from None
+    cursor = _Cursor(data)
+    cursor.take(42)
+    pairs = cursor.sized()
+    counts = dict(unpack_from("<HQ", pairs, i) for i in range(0, len(pairs) // 10 * 10, 10))
+    return Statistics(count, start, end, counts)
+
+
+def ros_type(name: str) -> str:
+    """Return a message type with its ``msg`` part, which some writers leave out."""
+    parts = name.split("/")
+    return f"{parts[0]}/msg/{parts[1]}" if len(parts) == 2 else name
+
+
+def unpack_chunk(chunk: Chunk) -> bytes | memoryview:
+    """Return the records of a chunk, without ever unpacking more than it declares.
+
+    Args:
+        chunk: The chunk.
+
+    Returns:
+        Its records.
+
+    Raises:
+        RecordError: If the size is beyond the limit, the packing unknown or damaged, the size not
+            the declared one, or the checksum (when there is one) wrong.
+    """
+    if chunk.size > SIZE_LIMIT:
+        raise RecordError(f"{chunk.size} bytes unpacked, more than the limit of {SIZE_LIMIT}")
+    if chunk.compression == "":
+        data = chunk.data
+    elif chunk.compression == "zstd":
+        data = _unpack_zstd(chunk)
+    elif chunk.compression == "lz4":
+        data = _unpack_lz4(chunk)
+    else:
+        raise RecordError(f"the unknown compression {chunk.compression!r}")
+    if len(data) != chunk.size:
+        raise RecordError(f"other than the {chunk.size} bytes it declares")
+    if chunk.crc and zlib.crc32(data) != chunk.crc:
+        raise RecordError("bytes that do not match its checksum")
+    return data
+
+
+def _unpack_zstd(chunk: Chunk) -> bytes:
+    import zstandard
+
+    try:
+        declared = zstandard.frame_content_size(chunk.data)
+        if declared == chunk.size:
+            return zstandard.ZstdDecompressor().decompress(chunk.data)
+        reader = zstandard.ZstdDecompressor().stream_reader(chunk.data, read_across_frames=True)
+        return reader.read(chunk.size + 1)
+    except zstandard.ZstdError as error:
+        raise RecordError(f"damaged zstd data ({error})") from None
+
+
+def _unpack_lz4(chunk: Chunk) -> bytes:
+    import lz4.frame
+
+    try:
+        unpacker = cast("Any", lz4.frame.LZ4FrameDecompressor())
+        return bytes(unpacker.decompress(chunk.data, max_length=chunk.size + 1))
+    except (RuntimeError, EOFError, ValueError) as error:
+        raise RecordError(f"damaged lz4 data ({error})") from None

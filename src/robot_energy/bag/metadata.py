@@ -1,0 +1,155 @@
+"""The metadata.yaml of a rosbag2 folder, as Jazzy's ``ros2 bag`` writes it."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path, PurePath
+from typing import Any, cast
+
+from robot_energy.errors import BagError
+
+FILE_NAME = "metadata.yaml"
+_FOREVER = "\n    sec: 9223372036\n    nsec: 854775807"
+
+
+@dataclass(frozen=True, slots=True)
+class Qos:
+    """Quality of service a topic was published with.
+
+    Attributes:
+        reliable: Whether lost messages are sent again.
+        latched: Whether late subscribers get the last messages (transient local).
+        depth: Length of the publisher's queue. [messages]
+    """
+
+    reliable: bool = True
+    latched: bool = False
+    depth: int = 10
+
+
+DEFAULT_QOS = Qos()
+SENSOR_QOS = Qos(reliable=False, depth=5)
+LATCHED_QOS = Qos(latched=True, depth=1)
+
+
+@dataclass(frozen=True, slots=True)
+class TopicEntry:
+    """A topic as the metadata lists it."""
+
+    name: str
+    msgtype: str
+    qos: Qos
+    type_hash: str
+    message_count: int
+
+
+@dataclass(frozen=True, slots=True)
+class FolderInfo:
+    """What is needed from metadata.yaml to read a folder."""
+
+    storage: str
+    compression_mode: str
+    files: tuple[str, ...]
+
+
+def qos_yaml(qos: Qos) -> str:
+    """Return one offered QoS profile in YAML, version 9 of the metadata."""
+    return (
+        "- history: keep_last\n"
+        f"  depth: {qos.depth}\n"
+        f"  reliability: {'reliable' if qos.reliable else 'best_effort'}\n"
+        f"  durability: {'transient_local' if qos.latched else 'volatile'}\n"
+        f"  deadline:{_FOREVER}\n"
+        f"  lifespan:{_FOREVER}\n"
+        "  liveliness: automatic\n"
+        f"  liveliness_lease_duration:{_FOREVER}\n"
+        "  avoid_ros_namespace_conventions: false\n"
+    )
+
+
+def metadata_yaml(
+    topics: Sequence[TopicEntry], file: str | None, start_ns: int, duration_ns: int, count: int
+) -> str:
+    """Return the text of metadata.yaml.
+
+    Args:
+        topics: Topics of the bag.
+        file: Name of the one bag file; None for the copy inside that file.
+        start_ns: Log time of the first message. [ns]
+        duration_ns: Time from the first to the last message. [ns]
+        count: Number of messages.
+
+    Returns:
+        YAML.
+    """
+    span = (
+        f"starting_time:\n  nanoseconds_since_epoch: {start_ns}\n"
+        f"duration:\n  nanoseconds: {duration_ns}\n"
+        f"message_count: {count}\n"
+    )
+    lines = ["version: 9\nstorage_identifier: mcap\n", span]
+    lines.append("topics_with_message_count:\n" if topics else "topics_with_message_count: []\n")
+    for topic in topics:
+        lines.append(
+            "  - topic_metadata:\n"
+            f"      name: {_scalar(topic.name)}\n"
+            f"      type: {_scalar(topic.msgtype)}\n"
+            "      serialization_format: cdr\n"
+            f"      offered_qos_profiles:\n{_indent(qos_yaml(topic.qos), 8)}"
+            f"      type_description_hash: {_scalar(topic.type_hash)}\n"
+            f"    message_count: {topic.message_count}\n"
+        )
+    lines.append('compression_format: ""\ncompression_mode: ""\n')
+    if file is None:
+        lines.append("relative_file_paths: []\nfiles: []\n")
+    else:
+        entry = _indent(f"path: {_scalar(file)}\n{span}", 4)
+        lines.append(f"relative_file_paths:\n  - {_scalar(file)}\nfiles:\n  - {entry.lstrip()}")
+    lines.append("custom_data: ~\nros_distro: jazzy\n")
+    return "rosbag2_bagfile_information:\n" + _indent("".join(lines), 2)
+
+
+def read_folder_info(folder: Path) -> FolderInfo:
+    """Read metadata.yaml.
+
+    Args:
+        folder: Folder that has one.
+
+    Returns:
+        Storage, compression mode and files, in the order recorded.
+
+    Raises:
+        BagError: If it cannot be read or lacks what a bag's metadata holds.
+    """
+    from ruamel.yaml import YAML
+    from ruamel.yaml.error import YAMLError
+
+    path = folder / FILE_NAME
+    try:
+        text = path.read_text(encoding="utf-8")
+        content = cast("Any", YAML(typ="safe", pure=True)).load(text)
+        info = cast("Mapping[str, Any]", content["rosbag2_bagfile_information"])
+        mode = str(info.get("compression_mode") or "").lower()
+        return FolderInfo(
+            str(info["storage_identifier"]),
+            "" if mode == "none" else mode,
+            tuple(PurePath(str(name)).name for name in info["relative_file_paths"]),
+        )
+    except (OSError, UnicodeDecodeError, YAMLError, ValueError) as error:
+        raise BagError(f"{path} cannot be read ({str(error).splitlines()[0]})") from error
+    except (KeyError, TypeError, AttributeError) as error:
+        raise BagError(f"{path} is no bag metadata: {error!r} is missing or misplaced") from error
+
+
+def _scalar(text: str) -> str:
+    plain = re.fullmatch(r"[A-Za-z/_][\w/.~-]*", text) and text.lower() not in {
+        "null", "true", "false", "yes", "no", "on", "off", "y", "n",
+    }  # fmt: skip
+    return text if plain else json.dumps(text)
+
+
+def _indent(text: str, by: int) -> str:
+    return "".join(f"{' ' * by}{line}\n" for line in text.splitlines())

@@ -1,0 +1,171 @@
+"""Read recorded bags in constant memory: MCAP files and rosbag2 folders."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Iterator
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from robot_energy.bag.metadata import FILE_NAME, read_folder_info
+from robot_energy.bag.sources import Contents, McapSource, RosbagsSource, TopicInfo
+from robot_energy.errors import BagError, MissingTopicError
+from robot_energy.wire.batch import RawBatch
+from robot_energy.wire.types import extended, typestore
+
+if TYPE_CHECKING:
+    from rosbags.typesys.store import Typestore
+
+__all__ = ["BagReader", "TopicInfo"]
+
+
+class BagReader:
+    """Reads one bag.
+
+    Damage found on the way does not raise: what is whole is delivered, and ``problems`` says what
+    was not.
+
+    Args:
+        path: An MCAP file, or a rosbag2 folder with MCAP or sqlite3 files.
+
+    Attributes:
+        path: The bag.
+        topics: Topics by name.
+        start_ns: Earliest log time; None if unknown or the bag is empty. [ns]
+        end_ns: Latest log time; None if unknown or the bag is empty. [ns]
+        message_count: Messages in the bag; None if it does not say.
+        problems: What was found wrong so far, one sentence each.
+
+    Raises:
+        BagError: If there is no bag, or it cannot be read at all.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        self.problems: list[str] = []
+        self._sources = self._find()
+        contents = Contents()
+        for source in self._sources:
+            contents.add(source.contents(), self._report)
+        self._contents = contents
+        self.topics: dict[str, TopicInfo] = dict(sorted(contents.topics.items()))
+        self.start_ns = contents.start_ns
+        self.end_ns = contents.end_ns
+        self.message_count = contents.message_count
+
+    @cached_property
+    def typestore(self) -> Typestore:
+        """Message definitions for this bag: the known ones, and the bag's own where they differ.
+
+        Raises:
+            MessageTypeError: If a definition in the bag cannot be parsed.
+        """
+        return extended(typestore(), self._contents.definitions)
+
+    @property
+    def unverified_count(self) -> int:
+        """Messages delivered so far that no checksum in the bag covers."""
+        return sum(source.unverified_count for source in self._sources)
+
+    def require(self, topic: str, msgtypes: str | Collection[str]) -> TopicInfo:
+        """Return a topic that must be there with one of some types.
+
+        Args:
+            topic: Name of the topic.
+            msgtypes: Accepted message type or types.
+
+        Returns:
+            The topic.
+
+        Raises:
+            MissingTopicError: If it is absent, has another type or is not serialized as CDR; the
+                text names the topics of the bag that would do.
+        """
+        accepted = [msgtypes] if isinstance(msgtypes, str) else list(msgtypes)
+        info = self.topics.get(topic)
+        if info and info.msgtype in accepted and info.encoding == "cdr":
+            return info
+        fitting = [
+            name
+            for name, other in self.topics.items()
+            if other.msgtype in accepted and other.encoding == "cdr"
+        ]
+        have = f"has {topic} as {info.msgtype} ({info.encoding})" if info else f"has no {topic}"
+        remedy = (
+            f"topics of that type in the bag: {', '.join(fitting)}"
+            if fitting
+            else "the bag has no topic of that type"
+        )
+        raise MissingTopicError(f"{self.path} {have}", f"type {' or '.join(accepted)}", remedy)
+
+    def parts(self, topics: Collection[str]) -> Iterator[dict[str, RawBatch]]:
+        """Yield the messages of some topics in file order.
+
+        Each part holds one chunk of the bag, or at most 8192 messages. Inside a batch the order
+        is by log time, equal times in file order; from part to part log times may step back.
+
+        Args:
+            topics: Names of topics.
+
+        Yields:
+            One batch per topic that has messages in the part; never an empty part.
+
+        Raises:
+            MissingTopicError: If the bag lacks a topic, or it is not serialized as CDR.
+        """
+        wanted = {name: self._readable(name).msgtype for name in dict.fromkeys(topics)}
+        return self._parts(wanted)
+
+    def _parts(self, wanted: dict[str, str]) -> Iterator[dict[str, RawBatch]]:
+        if wanted:
+            for source in self._sources:
+                yield from source.parts(wanted)
+
+    def _readable(self, topic: str) -> TopicInfo:
+        info = self.topics.get(topic)
+        if info is None:
+            raise MissingTopicError(
+                f"{self.path} has no {topic}", f"one of {', '.join(self.topics) or 'none'}"
+            )
+        return self.require(topic, info.msgtype)
+
+    def _report(self, sentence: str) -> None:
+        if sentence not in self.problems:
+            self.problems.append(sentence)
+
+    def _find(self) -> list[McapSource | RosbagsSource]:
+        if not self.path.exists():
+            raise BagError(f"{self.path} does not exist", "an MCAP file or a rosbag2 folder")
+        if not self.path.is_dir():
+            if self.path.suffix == ".db3":
+                return [RosbagsSource(self.path, self._report)]
+            return [McapSource(self.path, self._report)]
+        if (self.path / FILE_NAME).exists():
+            info = None
+            try:
+                info = read_folder_info(self.path)
+            except BagError as error:
+                self._report(str(error))
+            if info and (info.storage != "mcap" or info.compression_mode):
+                return [RosbagsSource(self.path, self._report)]
+            if info:
+                files = [self.path / name for name in info.files]
+                for missing in [file for file in files if not file.exists()]:
+                    self._report(f"{missing.name} is in {FILE_NAME} but not in the folder")
+                if present := [file for file in files if file.exists()]:
+                    return [McapSource(file, self._report) for file in present]
+        found = sorted(self.path.glob("*.mcap"), key=_natural)
+        if found:
+            return [McapSource(file, self._report) for file in found]
+        databases = sorted(self.path.glob("*.db3"), key=_natural)
+        if databases:
+            return [RosbagsSource(file, self._report) for file in databases]
+        raise BagError(
+            f"{self.path} holds no bag", "a folder with .mcap or .db3 files", "check the path"
+        )
+
+
+def _natural(path: Path) -> list[tuple[int, str]]:
+    """Sort key that puts ``bag_10`` after ``bag_9``."""
+    return [(int(part or 0), text) for text, part in re.findall(r"(\D*)(\d*)", path.name)]

@@ -1,0 +1,275 @@
+"""BagReader on damaged and hostile files: the whole part is delivered, the rest is named."""
+
+import re
+import struct
+import time
+import tracemalloc
+
+import numpy as np
+import pytest
+import zstandard
+
+from robot_energy.bag import BagReader
+from robot_energy.bag.mcap_records import CHUNK, FRAME, MAGIC, MESSAGE_INDEX
+from robot_energy.errors import BagError
+
+
+def records(data):
+    """Yield opcode, first byte of the content and its length of every record of a file."""
+    pos = len(MAGIC)
+    while pos < len(data) - len(MAGIC):
+        opcode, length = FRAME.unpack_from(data, pos)
+        yield opcode, pos + FRAME.size, length
+        pos += FRAME.size + length
+
+
+def test_a_bag_cut_anywhere_gives_what_is_whole_before(tmp_path, bags):
+    file = bags.write_bag(tmp_path / "bag", n=2000, compression="zstd", block=50)
+    data = file.read_bytes()
+    whole, _ = bags.read_all(file)
+    ends = [body + length for _, body, length in records(data)]
+    near = [cut + i for cut in ends for i in (-1, 0, 1) if cut + i < len(data)]
+    path = tmp_path / "cut.mcap"
+    counts = []
+    for cut in sorted({*range(8, len(data), 5000), *near, *range(len(data) - 60, len(data))}):
+        path.write_bytes(data[:cut])
+        found, reader = bags.read_all(path)
+        assert found == whole[: len(found)]
+        assert len(reader.problems) == 1, (cut, reader.problems)
+        text = reader.problems[0]
+        counts.append(len(found))
+        if number := re.search(r"(\d+) messages before it were read", text):
+            assert int(number[1]) == len(found)
+            assert reader.message_count == len(found)
+        else:
+            assert "closing part" in text
+            assert found == whole
+    assert counts == sorted(counts)
+    assert counts[0] == 0
+    assert counts[-1] == len(whole)
+
+
+def test_a_cut_says_where(tmp_path, bags):
+    file = bags.write_bag(tmp_path / "bag", n=20_000)
+    data = file.read_bytes()
+    chunks = [body - FRAME.size for opcode, body, _ in records(data) if opcode == CHUNK]
+    assert len(chunks) >= 3
+    path = tmp_path / "cut.mcap"
+    path.write_bytes(data[: chunks[2] + 1000])
+    found, reader = bags.read_all(path)
+    assert reader.problems == [
+        f"cut.mcap: the file ends inside a chunk at byte {chunks[2]} of {chunks[2] + 1000}; "
+        f"{len(found)} messages before it were read"
+    ]
+    assert len(found) > 5000
+
+
+def test_a_cut_file_of_loose_messages_gives_the_whole_ones(tmp_path, bags):
+    path = tmp_path / "loose.mcap"
+    rows = [row.tobytes() for row in bags.temperature_rows(np.arange(100))]
+    with bags.foreign_mcap(path, use_chunking=False) as writer:
+        for i, row in enumerate(rows):
+            writer.add_message(writer.heat, i, row, i)
+    data = path.read_bytes()
+    path.write_bytes(data[: data.index(rows[60]) + 5])
+    found, reader = bags.read_all(path)
+    assert [row for _, _, row in found] == rows[:60]
+    assert "ends inside a record" in reader.problems[0]
+
+
+@pytest.mark.parametrize("compression", ["none", "zstd"])
+def test_a_flipped_bit_is_never_silent(tmp_path, bags, compression):
+    """Either all messages are as written, or a sentence says what is not."""
+    file = bags.write_bag(tmp_path / "bag", n=400, compression=compression, block=20)
+    data = file.read_bytes()
+    whole, _ = bags.read_all(file)
+    path = tmp_path / "flip.mcap"
+    random = np.random.default_rng(1)
+    frames = [8 * (body - FRAME.size) + i for _, body, _ in records(data) for i in range(0, 72, 5)]
+    bits = [*frames, *random.integers(0, 8 * len(data), 400).tolist()]
+    for bit in bits:
+        damaged = bytearray(data)
+        damaged[bit // 8] ^= 1 << bit % 8
+        path.write_bytes(damaged)
+        try:
+            found, reader = bags.read_all(path)
+        except BagError:
+            continue
+        assert reader.problems or sorted(found) == sorted(whole), bit
+        assert set(found) <= set(whole), bit
+
+
+def test_random_bytes_after_the_magic_never_raise_anything_else(tmp_path, bags):
+    path = tmp_path / "noise.mcap"
+    random = np.random.default_rng(2)
+    for size in range(0, 400, 4):
+        body = random.integers(0, 256, size, dtype=np.uint8)
+        body[::9] = random.integers(0, 16, len(body[::9]))
+        path.write_bytes(MAGIC + body.tobytes())
+        _, reader = bags.read_all(path)
+        assert reader.problems
+
+
+def test_a_damaged_chunk_is_left_out_and_the_rest_read(tmp_path, bags):
+    file = bags.write_bag(tmp_path / "bag", n=20_000)
+    whole, _ = bags.read_all(file)
+    data = bytearray(file.read_bytes())
+    chunk = [(body, length) for op, body, length in records(data) if op == CHUNK][1]
+    data[chunk[0] + 5000] ^= 1
+    file.write_bytes(data)
+    found, reader = bags.read_all(file)
+    assert 0 < len(whole) - len(found) < 8000
+    kept = set(found)
+    assert found == [item for item in whole if item in kept]
+    sentence = f"the chunk at byte {chunk[0] - 9} was left out: it holds bytes that do not match"
+    assert sentence in reader.problems[0]
+
+
+def test_a_lost_chunk_is_found_through_the_summary(tmp_path, bags):
+    """A chunk whose length is damaged is passed over; the next ones are read."""
+    file = bags.write_bag(tmp_path / "bag", n=20_000)
+    whole, _ = bags.read_all(file)
+    data = bytearray(file.read_bytes())
+    bodies = [body for opcode, body, _ in records(data) if opcode == CHUNK]
+    data[bodies[1] - 1] ^= 0x40
+    file.write_bytes(data)
+    found, reader = bags.read_all(file)
+    assert 0 < len(whole) - len(found) < 8000
+    assert f"bytes {bodies[1] - 9} to {bodies[2] - 9} were left out" in reader.problems[0]
+
+
+def test_a_lost_chunk_is_found_though_others_are_passed_over(tmp_path, bags):
+    path = tmp_path / "mixed.mcap"
+    rows = [row.tobytes() for row in bags.temperature_rows(np.arange(3))]
+    with bags.foreign_mcap(path, chunk_size=1000) as writer:
+        for i, row in enumerate(rows):
+            writer.add_message(writer.joints, i, bytes(2000), i)
+            writer.add_message(writer.heat, i, row * 30, i)
+    assert len(bags.read_all(path, ["/heat"])[0]) == 3
+    data = bytearray(path.read_bytes())
+    chunks = [body - FRAME.size for opcode, body, _ in records(data) if opcode == CHUNK]
+    assert len(chunks) == 6
+    data[chunks[3]] = 0x0C  # now it calls itself metadata
+    path.write_bytes(data)
+    found, reader = bags.read_all(path, ["/heat"])
+    assert len(found) == 2
+    assert "no chunk, though the summary lists one" in reader.problems[0]
+
+
+@pytest.mark.parametrize(
+    "lie", ["time", "offset", "channel", "swap", "twice", "drop", "far", "length"]
+)
+def test_a_wrong_message_index_is_not_believed(tmp_path, bags, lie):
+    """The index carries no checksum: the records of the chunk decide."""
+    file = bags.write_bag(tmp_path / "bag", n=200)
+    whole, _ = bags.read_all(file)
+    data = bytearray(file.read_bytes())
+    body, length = next((b, n) for op, b, n in records(data) if op == MESSAGE_INDEX)
+    entry = body + 6 + 16 * 3
+    if lie == "time":
+        data[entry] ^= 1
+    elif lie == "offset":
+        data[entry + 8] ^= 1
+    elif lie == "swap":
+        for op, place, _ in list(records(data)):
+            if op == MESSAGE_INDEX:
+                data[place] ^= 3
+    elif lie == "channel":
+        data[body] ^= 3
+    elif lie == "twice":
+        data[entry : entry + 16] = data[entry + 16 : entry + 32]
+    elif lie == "far":
+        data[entry + 15] = 0x7F
+    elif lie == "length":
+        data[body + 2] ^= 16
+    else:  # drop the last entry: a private record takes its place
+        pair = FRAME.pack(MESSAGE_INDEX, length - 32)
+        data[body - 9 : body] = pair
+        data[body + 2 : body + 6] = struct.pack("<I", length - 38)
+        data[body + length - 32 : body + length] = FRAME.pack(0x80, 23) + bytes(23)
+    file.write_bytes(data)
+    found, reader = bags.read_all(file)
+    assert sorted(found) == sorted(whole)
+    assert reader.problems == []
+
+
+def chunk_file(path, declared, packed, compression=b"zstd", crc=0):
+    """Write an MCAP file of one chunk with these sizes."""
+    head = struct.pack("<QQQI", 0, 0, declared, crc)
+    name = struct.pack("<I", len(compression)) + compression
+    body = head + name + struct.pack("<Q", len(packed)) + packed
+    header = FRAME.pack(1, 8) + bytes(8)
+    end = FRAME.pack(15, 4) + bytes(4) + FRAME.pack(2, 20) + bytes(20) + MAGIC
+    path.write_bytes(MAGIC + header + FRAME.pack(CHUNK, len(body)) + body + end)
+
+
+@pytest.mark.parametrize("known_size", [True, False])
+@pytest.mark.parametrize("declared", [1000, 2**20])
+def test_a_chunk_that_unpacks_to_more_than_it_declares_is_left_out(tmp_path, known_size, declared):
+    """8 kB of zstd that unpack to 256 MiB: refused at once, without the memory."""
+    path = tmp_path / "bomb.mcap"
+    packer = zstandard.ZstdCompressor(write_content_size=known_size)
+    chunk_file(path, declared, packer.compress(bytes(256 * 2**20)))
+    refused(path, declared)
+
+
+def refused(path, declared):
+    tracemalloc.start()
+    start = time.perf_counter()
+    reader = BagReader(path)
+    duration, peak = time.perf_counter() - start, tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert reader.topics == {}
+    assert len(reader.problems) == 1
+    assert f"other than the {declared} bytes it declares" in reader.problems[0]
+    assert duration < 1
+    assert peak < 8 * 2**20
+
+
+def test_a_packed_lz4_bomb_is_left_out(tmp_path):
+    import lz4.frame
+
+    path = tmp_path / "bomb.mcap"
+    chunk_file(path, 1000, lz4.frame.compress(bytes(64 * 2**20)), b"lz4")
+    refused(path, 1000)
+
+
+@pytest.mark.parametrize(
+    ("declared", "packed", "compression", "text"),
+    [
+        (2**40, b"", b"zstd", "more than the limit"),
+        (2**63, b"", b"", "more than the limit"),
+        (10, b"abc", b"", "other than the 10 bytes"),
+        (10, b"abc", b"zstd", "damaged zstd data"),
+        (10, b"abc" * 10, b"lz4", "damaged lz4 data"),
+        (3, b"abc", b"bz2", "unknown compression 'bz2'"),
+        (3, b"abc", b"\xff\xfe", "not UTF-8"),
+    ],
+)
+def test_a_chunk_that_cannot_be_unpacked_is_named(tmp_path, declared, packed, compression, text):
+    path = tmp_path / "odd.mcap"
+    chunk_file(path, declared, packed, compression)
+    reader = BagReader(path)
+    assert len(reader.problems) == 1
+    assert text in reader.problems[0]
+
+
+def test_a_damaged_database_is_an_error_or_a_problem(tmp_path, bags):
+    from rosbags.rosbag2 import Writer
+
+    from robot_energy.wire import typestore
+
+    with Writer(tmp_path / "bag", version=9) as writer:
+        connection = writer.add_connection("/heat", bags.TEMPERATURE, typestore=typestore())
+        for i in range(2000):
+            writer.write(connection, i, bags.temperature_rows(np.array([i]))[0].tobytes())
+    (file,) = (tmp_path / "bag").glob("*.db3")
+    data = file.read_bytes()
+    whole, _ = bags.read_all(tmp_path / "bag")
+    for cut in range(0, len(data), len(data) // 15):
+        file.write_bytes(data[:cut])
+        try:
+            found, reader = bags.read_all(tmp_path / "bag")
+        except BagError:
+            continue
+        assert reader.problems or found == whole

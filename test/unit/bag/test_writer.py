@@ -1,0 +1,216 @@
+"""BagWriter: bags that other readers find whole."""
+
+import resource
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap.stream_reader import StreamReader
+from rosbags.rosbag2 import Reader
+from ruamel.yaml import YAML
+
+from robot_energy.bag import LATCHED_QOS, SENSOR_QOS, BagReader, BagWriter
+from robot_energy.errors import BagError, MessageTypeError, MissingTopicError, ShapeError
+from robot_energy.wire import typestore
+
+
+@pytest.mark.parametrize("compression", ["zstd", "none"])
+def test_rosbags_reads_what_was_written(tmp_path, bags, compression):
+    bags.write_bag(tmp_path / "bag", n=9000, compression=compression)
+    expected, _ = bags.read_all(tmp_path / "bag")
+    with Reader(tmp_path / "bag") as reader:
+        found = [(c.topic, time, bytes(data)) for c, time, data in reader.messages()]
+        assert reader.message_count == 9090
+        assert reader.ros_distro == "jazzy"
+        assert reader.start_time == 10**15
+        assert reader.duration == 8999 * 10**6 + 1
+        assert {c.topic: c.msgcount for c in reader.connections} == {"/joints": 9000, "/heat": 90}
+        connection = next(c for c in reader.connections if c.topic == "/heat")
+        assert connection.digest == typestore().hash_rihs01(bags.TEMPERATURE)
+        assert "float64 temperature" in connection.msgdef.data
+    assert sorted(found) == sorted(expected)
+    assert [time for _, time, _ in found] == sorted(time for _, time, _ in found)
+
+
+@pytest.mark.parametrize("compression", ["zstd", "none"])
+def test_the_mcap_library_finds_summary_indexes_and_checksums_right(tmp_path, bags, compression):
+    file = bags.write_bag(tmp_path / "bag", n=9000, compression=compression)
+    expected, _ = bags.read_all(tmp_path / "bag")
+    with file.open("rb") as stream:
+        reader = make_reader(stream, validate_crcs=True)
+        assert reader.get_header().profile == "ros2"
+        summary = reader.get_summary()
+        assert summary.statistics.message_count == 9090
+        assert summary.statistics.chunk_count == len(summary.chunk_indexes) >= 2
+        assert summary.statistics.message_start_time == 10**15
+        assert sorted(summary.statistics.channel_message_counts.values()) == [90, 9000]
+        assert {s.encoding for s in summary.schemas.values()} == {"ros2msg"}
+        found = [(c.topic, m.log_time, m.data) for _, c, m in reader.iter_messages()]
+        assert sorted(found) == sorted(expected)
+        channel = next(c for c in summary.channels.values() if c.topic == "/heat")
+        assert channel.metadata["topic_type_hash"].startswith("RIHS01_")
+        assert [m.name for m in reader.iter_metadata()] == ["rosbag2"]
+        stream.seek(0)
+        assert sum(1 for _ in StreamReader(stream, validate_crcs=True).records) > 4
+
+
+def test_the_metadata_is_what_ros2_bag_writes(tmp_path, bags):
+    with BagWriter(tmp_path / "bag") as bag:
+        bag.add_topic("/joints", bags.JOINT_STATE, SENSOR_QOS)
+        bag.add_topic("/energy/joint_friction", "ros2_energy_msgs/msg/JointFriction", LATCHED_QOS)
+        bag.write("/joints", [5, 25], bags.joint_rows(np.array([5, 25])))
+    text = (tmp_path / "bag" / "metadata.yaml").read_text()
+    info = YAML(typ="safe", pure=True).load(text)["rosbag2_bagfile_information"]
+    topics = info.pop("topics_with_message_count")
+    assert info == {
+        "version": 9,
+        "storage_identifier": "mcap",
+        "duration": {"nanoseconds": 20},
+        "starting_time": {"nanoseconds_since_epoch": 5},
+        "message_count": 2,
+        "compression_format": "",
+        "compression_mode": "",
+        "relative_file_paths": ["bag_0.mcap"],
+        "files": [
+            {
+                "path": "bag_0.mcap",
+                "starting_time": {"nanoseconds_since_epoch": 5},
+                "duration": {"nanoseconds": 20},
+                "message_count": 2,
+            }
+        ],
+        "custom_data": None,
+        "ros_distro": "jazzy",
+    }
+    assert [topic["message_count"] for topic in topics] == [2, 0]
+    forever = {"sec": 9223372036, "nsec": 854775807}
+    assert topics[1]["topic_metadata"] == {
+        "name": "/energy/joint_friction",
+        "type": "ros2_energy_msgs/msg/JointFriction",
+        "serialization_format": "cdr",
+        "offered_qos_profiles": [
+            {
+                "history": "keep_last",
+                "depth": 1,
+                "reliability": "reliable",
+                "durability": "transient_local",
+                "deadline": forever,
+                "lifespan": forever,
+                "liveliness": "automatic",
+                "liveliness_lease_duration": forever,
+                "avoid_ros_namespace_conventions": False,
+            }
+        ],
+        "type_description_hash": typestore().hash_rihs01("ros2_energy_msgs/msg/JointFriction"),
+    }
+    sensor = topics[0]["topic_metadata"]["offered_qos_profiles"][0]
+    assert (sensor["reliability"], sensor["durability"]) == ("best_effort", "volatile")
+    with Reader(tmp_path / "bag") as reader:
+        assert [c.ext.offered_qos_profiles[0].durability.name for c in reader.connections] == [
+            "VOLATILE",
+            "TRANSIENT_LOCAL",
+        ]
+
+
+def test_equal_input_gives_equal_bytes(tmp_path, bags):
+    files = [bags.write_bag(tmp_path / part / "bag", compression="zstd") for part in ("a", "b")]
+    assert files[0].read_bytes() == files[1].read_bytes()
+    texts = [(file.parent / "metadata.yaml").read_bytes() for file in files]
+    assert texts[0] == texts[1]
+
+
+def test_byte_strings_of_unequal_length_are_written(tmp_path, bags):
+    rows = [b"\x00\x01\x00\x00" + bytes(size) for size in (8, 20, 3)]
+    with BagWriter(tmp_path / "bag") as bag:
+        bag.add_topic("/heat", bags.TEMPERATURE)
+        bag.write("/heat", [3, 2, 2], rows)
+        bag.write("/heat", [], [])
+    found, reader = bags.read_all(tmp_path / "bag")
+    assert [(time, row) for _, time, row in found] == [(2, rows[1]), (2, rows[2]), (3, rows[0])]
+    assert (reader.start_ns, reader.end_ns) == (2, 3)
+
+
+def test_an_error_in_the_block_leaves_a_whole_bag(tmp_path, bags):
+    def record():
+        with BagWriter(tmp_path / "bag") as bag:
+            bag.add_topic("/heat", bags.TEMPERATURE)
+            bag.write("/heat", [1], bags.temperature_rows(np.array([1])))
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        record()
+    found, reader = bags.read_all(tmp_path / "bag")
+    assert len(found) == 1
+    assert reader.problems == []
+
+
+def test_a_full_disk_raises_and_keeps_what_was_written(tmp_path, bags):
+    """A limit on the size of files stands for a full disk: the system refuses the write."""
+    stamps = np.arange(5000)
+    rows = bags.joint_rows(stamps)
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    bag = BagWriter(tmp_path / "bag", "none")
+    bag.add_topic("/joints", bags.JOINT_STATE)
+
+    def fill():
+        for i in range(20):
+            bag.write("/joints", stamps + 5000 * i, rows)
+
+    try:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (5 * 2**20, limits[1]))
+        with pytest.raises(BagError, match=r"bag_0.mcap cannot be written any further"):
+            fill()
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    with pytest.raises(BagError, match="is closed"):
+        bag.write("/joints", stamps, rows)
+    bag.close()
+    found, reader = bags.read_all(tmp_path / "bag")
+    assert len(found) > 10_000
+    assert [time for _, time, _ in found] == list(range(len(found)))
+    assert "the file ends" in reader.problems[0]
+
+
+def test_a_bag_is_not_overwritten_unless_asked(tmp_path, bags):
+    bags.write_bag(tmp_path / "bag", n=10)
+    with pytest.raises(BagError, match="exists; expected a new folder"):
+        BagWriter(tmp_path / "bag")
+    with BagWriter(tmp_path / "bag", overwrite=True):
+        pass
+    assert BagReader(tmp_path / "bag").message_count == 0
+    (tmp_path / "bag" / "thesis.tex").write_text("dear")
+    with pytest.raises(BagError, match=r"holds \['thesis.tex'\]"):
+        BagWriter(tmp_path / "bag", overwrite=True)
+    assert (tmp_path / "bag" / "thesis.tex").exists()
+    assert (tmp_path / "bag" / "bag_0.mcap").exists()
+
+
+def test_wrong_use_is_refused(tmp_path, bags):
+    with pytest.raises(BagError, match="unknown compression 'rar'"):
+        BagWriter(tmp_path / "rar", "rar")
+    (tmp_path / "file").write_text("")
+    with pytest.raises(BagError, match="cannot be made"):
+        BagWriter(tmp_path / "file" / "bag")
+    bag = BagWriter(tmp_path / "bag")
+    rows = bags.temperature_rows(np.arange(2))
+    with pytest.raises(MissingTopicError, match="/heat was not added"):
+        bag.write("/heat", [0, 1], rows)
+    with pytest.raises(MessageTypeError, match="x/msg/Y is unknown"):
+        bag.add_topic("/heat", "x/msg/Y")
+    bag.add_topic("/heat", bags.TEMPERATURE)
+    with pytest.raises(BagError, match="a second time"):
+        bag.add_topic("/heat", bags.TEMPERATURE)
+    for times, messages in [([0], rows), ([0, -1], rows), ([0, 1], rows[0]), ([0, 1], rows * 1.0)]:
+        with pytest.raises(ShapeError):
+            bag.write("/heat", times, messages)
+    bag.close()
+    bag.close()
+    with pytest.raises(BagError, match="is closed"):
+        bag.add_topic("/other", bags.TEMPERATURE)
+
+
+def test_a_bag_path_may_end_with_a_dot_or_slash(tmp_path, bags, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with BagWriter("bag/"):
+        pass
+    assert (tmp_path / "bag" / "bag_0.mcap").exists()
