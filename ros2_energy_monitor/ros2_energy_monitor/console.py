@@ -1,0 +1,93 @@
+"""Node: a live table of the monitors' topics on the terminal, plain lines without one."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.node import Node
+from rich.console import Console as Terminal
+from rich.live import Live
+from ros2_energy_msgs.msg import EnergyRegisters, JointFriction, PowerState
+
+from ros2_energy_monitor.board import Board
+from ros2_energy_monitor.node_parameters import ConsoleParameters, declare
+from ros2_energy_monitor.publishers import best_effort, latched
+from ros2_energy_monitor.shell import run
+
+
+class Console(Node):
+    """Shows predicted and measured power and energy, and every joint.
+
+    Args:
+        write: Prints a line where there is no terminal; None for the standard output.
+        options: Options of `rclpy.node.Node`.
+
+    Raises:
+        ParameterError: If a parameter cannot be used.
+    """
+
+    NAME = "console"
+
+    def __init__(self, write: Callable[[str], None] | None = None, **options: Any) -> None:
+        super().__init__(self.NAME, **options)
+        parameters = declare(self, ConsoleParameters)
+        self.board = Board()
+        self._write = write or _print
+        self.create_subscription(PowerState, "energy/power", self._take_power, best_effort(50))
+        self.create_subscription(
+            EnergyRegisters, "energy/registers", self._take_registers, best_effort(10)
+        )
+        self.create_subscription(
+            JointFriction, "energy/joint_friction", self._take_friction, latched(1)
+        )
+        self.create_subscription(
+            DiagnosticArray, "/diagnostics", self.board.take_diagnostics, best_effort(50)
+        )
+        terminal = Terminal()
+        self._live = Live(console=terminal, auto_refresh=False) if terminal.is_terminal else None
+        if self._live is not None:
+            self._live.start()
+        period = 1.0 / parameters.refresh_rate if self._live else parameters.line_period
+        self.create_timer(period, self.show, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def show(self) -> None:
+        """Draw the table anew, or print the next line."""
+        now = time.monotonic()
+        if self._live is not None:
+            self._live.update(self.board.table(now), refresh=True)
+        else:
+            self._write(self.board.line(now))
+
+    def close(self) -> None:
+        """Draw a last time and leave the terminal as it was found."""
+        self.show()
+        if self._live is not None:
+            self._live.stop()
+
+    def _take_power(self, message: PowerState) -> None:
+        self.board.take_power(message, time.monotonic())
+
+    def _take_registers(self, message: EnergyRegisters) -> None:
+        self.board.registers = message
+
+    def _take_friction(self, message: JointFriction) -> None:
+        self.board.friction = message
+
+
+def _print(line: str) -> None:
+    print(line, file=sys.stdout, flush=True)
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the node until it is interrupted."""
+    return run(Console, args)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

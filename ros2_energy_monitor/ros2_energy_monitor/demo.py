@@ -1,0 +1,118 @@
+"""The demonstration behind `make demo`: a virtual robot warms up under its monitors.
+
+First live: the virtual robot and the three monitors run as processes of an own ROS domain
+on this machine, and the console shows predicted beside measured power. Then from bags: a
+cold and a warm recording, with friction that knows the temperature and with friction that
+does not. Ends by itself and leaves no process behind.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from rclpy.executors import SingleThreadedExecutor
+
+from robot_energy.errors import RobotEnergyError
+from ros2_energy_monitor.console import Console
+from ros2_energy_monitor.demo_replay import show_bags
+from ros2_energy_monitor.processes import Children
+from ros2_energy_monitor.shell import StopSignal, ros
+
+MODEL = "kr16"
+MONITORS = ("torque_monitor", "friction_monitor", "power_monitor")
+WARM_UP = 8000.0  # thermal time that takes the robot from 20 to over 60 degC [s]
+START_LIMIT = 30.0  # for all topics to arrive [s]
+
+
+def live(seconds: float, folder: Path, stop: StopSignal) -> bool:
+    """Run the virtual robot under its monitors and show the console.
+
+    Args:
+        seconds: How long to show it. [s]
+        folder: For the logs of the nodes.
+        stop: Ends it early.
+
+    Returns:
+        Whether all nodes ran until the end and ended cleanly.
+    """
+    environment = {
+        "ROS_DOMAIN_ID": str(os.getpid() % 100 + 1),
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4",  # nothing stays in /dev/shm
+    }
+    os.environ.update(environment)
+    print(f"Live for {seconds:g} s: a virtual robot that warms up, not a real one", flush=True)
+    with Children(folder, dict(os.environ)) as children:
+        children.start("virtual_robot", thermal_speedup=WARM_UP / max(seconds, 1.0))
+        for name in MONITORS:
+            children.start(name, model=MODEL)
+        with ros([]) as context:
+            console = Console(context=context)
+            executor = SingleThreadedExecutor(context=context)
+            executor.add_node(console)
+            limit = time.monotonic() + START_LIMIT
+            end: float | None = None
+            while not stop.received and not children.ended():
+                executor.spin_once(timeout_sec=0.1)
+                now = time.monotonic()
+                if end is None and console.board.complete:
+                    end = now + seconds
+                if now > (limit if end is None else end):
+                    break
+            console.close()
+            executor.shutdown()
+            console.destroy_node()
+        return _verdict(children, started=end is not None, stopped=stop.received)
+
+
+def _verdict(children: Children, *, started: bool, stopped: bool) -> bool:
+    """Stop the nodes and say what went wrong, if anything did."""
+    early = [] if stopped else children.ended()
+    codes = children.stop()
+    for name in early:
+        lines = children.log(name).read_text(errors="replace").splitlines()
+        print(f"{name} ended by itself: {lines[-1] if lines else 'without a word'}", flush=True)
+    if not started and not early and not stopped:
+        print(f"the monitors published nothing within {START_LIMIT:g} s", flush=True)
+    bad = [name for name, code in codes.items() if code and name not in early]
+    for name in bad:
+        print(f"{name} ended with code {codes[name]}; see {children.log(name)}", flush=True)
+    return not (early or bad) and (started or stopped)
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the demonstration.
+
+    Args:
+        args: Command line without the program; None for that of the process.
+
+    Returns:
+        Exit code: 0 if all went well, 1 if a node failed, 2 if a bag cannot be replayed,
+        130 if it was interrupted.
+    """
+    parser = argparse.ArgumentParser(
+        prog="demo", description="A virtual robot warms up under its monitors; then two bags."
+    )
+    parser.add_argument("--seconds", type=float, default=40.0, help="live part [s]")
+    parser.add_argument("--out", type=Path, default=Path("build/demo"), help="folder to write to")
+    parser.add_argument("--bags", type=Path, default=Path("bags"), help="folder of the bags")
+    options = parser.parse_args(args)
+    stop = StopSignal()
+    well = live(options.seconds, options.out, stop) if options.seconds > 0 else True
+    if stop.received:
+        print("interrupted; all nodes are stopped", flush=True)
+        return 130
+    try:
+        show_bags(options.bags, options.out, MODEL)
+    except RobotEnergyError as error:
+        print(error, flush=True)
+        return 2
+    return 0 if well else 1
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,102 @@
+"""Second half of the demonstration: replay of bags, with and without temperature."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from rich.console import Console as Terminal
+from rich.table import Table
+from rich.text import Text
+
+from robot_energy.errors import BagError
+from robot_energy.friction import with_fixed_friction
+from robot_energy.model_file import RobotModel, load
+from robot_energy.replay import Replay, replay
+
+BAGS = ("kr16_cold", "kr16_warm")
+JOULE_PER_WH = 3600.0
+
+
+@dataclass(frozen=True)
+class Row:
+    """One bag.
+
+    Attributes:
+        bag: Its name.
+        measured: Energy by the meter. [J]
+        aware: Predicted with friction that follows the temperature. [J]
+        fixed: Predicted with friction of one temperature. [J]
+        figure: Power and energy over time.
+    """
+
+    bag: str
+    measured: float
+    aware: float
+    fixed: float
+    figure: Path
+
+
+def show_bags(bags: Path, out: Path, model_name: str) -> list[Row]:
+    """Replay the bundled bags, print a table and write the figures.
+
+    Args:
+        bags: Folder of the bags.
+        out: Folder for the figures.
+        model_name: Model of the robot in the bags.
+
+    Returns:
+        One row per bag.
+
+    Raises:
+        BagError: If a bag is not there or cannot be read.
+        RobotEnergyError: If it cannot be replayed.
+    """
+    missing = [name for name in BAGS if not (bags / name).exists()]
+    if missing:
+        raise BagError(
+            f"the bag {missing[0]} is not in {bags.resolve()}",
+            "the bags of the repository",
+            "start the demonstration at the top of the repository or name --bags",
+        )
+    model = load(model_name)
+    degc = model.temperature.fallback_degc
+    fixed = with_fixed_friction(model, degc)
+    out.mkdir(parents=True, exist_ok=True)
+    rows = [_row(bags / name, model, fixed, degc, out) for name in BAGS]
+    table = Table(title="Energy from the grid, recorded bags of the virtual rig")
+    for heading in ("bag", "measured [Wh]", "friction of", "predicted [Wh]", "error"):
+        table.add_column(Text(heading), justify="left" if heading == "bag" else "right")
+    for row in rows:
+        for kind, energy in (("the temperature", row.aware), (f"{degc:g} degC", row.fixed)):
+            table.add_row(
+                row.bag,
+                f"{row.measured / JOULE_PER_WH:.2f}",
+                kind,
+                f"{energy / JOULE_PER_WH:.2f}",
+                f"{100.0 * (energy / row.measured - 1.0):+.1f} %",
+            )
+    Terminal().print(table)
+    for row in rows:
+        print(f"figure: {row.figure}", flush=True)
+    return rows
+
+
+def _row(bag: Path, model: RobotModel, fixed: RobotModel, degc: float, out: Path) -> Row:
+    # Matplotlib is slow to import and of no use to the live part.
+    from robot_energy.report.figures import power_and_energy
+    from robot_energy.report.series import compared_series
+
+    results = [replay(bag, each, keep_means=True) for each in (model, fixed)]
+    aware = compared_series(results[0], "predicted, friction of the temperature")
+    other = compared_series(results[1], f"predicted, friction of {degc:g} degC", "fixed")
+    if aware is None or other is None:
+        raise BagError(f"{bag} has no meter reading to compare with", "a recording with a meter")
+    figure = out / f"{bag.name}.png"
+    power_and_energy([*aware, other[1]], figure, f"{bag.name}: virtual rig, KR 16 class")
+    measured = results[0].ledger.comparison.measured_energy
+    return Row(bag.name, measured, _predicted(results[0]), _predicted(results[1]), figure)
+
+
+def _predicted(result: Replay) -> float:
+    return result.ledger.comparison.predicted_energy

@@ -1,0 +1,89 @@
+"""Nodes as child processes that end with their parent, whatever happens to it."""
+
+from __future__ import annotations
+
+import ctypes
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+PR_SET_PDEATHSIG = 1
+GRACE = 5.0  # time to end after SIGINT, before SIGKILL [s]
+
+
+class Children:
+    """Starts nodes of this package and stops them at the end of the `with` block.
+
+    Args:
+        log_folder: Each node's output goes to a file there.
+        environment: Environment of the nodes.
+    """
+
+    def __init__(self, log_folder: Path, environment: dict[str, str]) -> None:
+        self._folder = log_folder
+        self._environment = environment
+        self._running: dict[str, subprocess.Popen[bytes]] = {}
+
+    def start(self, name: str, **parameters: object) -> None:
+        """Start a node.
+
+        Args:
+            name: Executable of this package.
+            parameters: Its parameters.
+        """
+        self._folder.mkdir(parents=True, exist_ok=True)
+        words = [f"{key}:={value}" for key, value in parameters.items()]
+        options = ["--ros-args", *(word for pair in words for word in ("-p", pair))]
+        with self.log(name).open("wb") as log:
+            self._running[name] = subprocess.Popen(
+                [sys.executable, "-m", f"ros2_energy_monitor.{name}", *options],
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                env=self._environment,
+                preexec_fn=_end_with_parent,
+            )
+
+    def log(self, name: str) -> Path:
+        """Return the file with a node's output."""
+        return self._folder / f"{name}.log"
+
+    def ended(self) -> list[str]:
+        """Return the nodes that have ended, which they should not by themselves."""
+        return [name for name, child in self._running.items() if child.poll() is not None]
+
+    def stop(self) -> dict[str, int]:
+        """Interrupt every node, kill what does not end, and return the exit codes."""
+        for child in self._running.values():
+            if child.poll() is None:
+                child.send_signal(signal.SIGINT)
+        deadline = time.monotonic() + GRACE
+        for child in self._running.values():
+            try:
+                child.wait(timeout=max(0.0, deadline - time.monotonic()))
+            except subprocess.TimeoutExpired:
+                child.kill()
+                child.wait()
+        codes = {name: child.returncode for name, child in self._running.items()}
+        self._running.clear()
+        return codes
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.stop()
+
+
+def _end_with_parent() -> None:
+    """Have the kernel end this child when its parent dies without stopping it (Linux)."""
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
