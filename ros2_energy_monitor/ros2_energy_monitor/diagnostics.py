@@ -185,25 +185,15 @@ def temperature_source(
         topics = ", ".join(inbox.topic for inbox in inboxes) or "any topic"
         fallback = f"friction is taken at {model.temperature.fallback_degc:g} degC"
         latest = stage.latest()
+        degc = dict(zip(model.joint_names, latest.motor_temperature_degc[0].tolist(), strict=True))
+        unknown = [name for name, value in degc.items() if math.isnan(value)]
         found.values |= {
             "input_age": min(ages, default=math.nan),
             "input_publishers": sum(inbox.publishers for inbox in inboxes),
             **accounting(ingest.account),
             **{f"readings_{key}": value for key, value in _readings(stage).items()},
-            **{
-                f"motor_temperature_degc.{name}": value
-                for name, value in zip(
-                    model.joint_names, latest.motor_temperature_degc[0].tolist(), strict=True
-                )
-            },
+            **{f"motor_temperature_degc.{name}": value for name, value in degc.items()},
         }
-        unknown = [
-            name
-            for name, value in zip(
-                model.joint_names, latest.motor_temperature_degc[0].tolist(), strict=True
-            )
-            if math.isnan(value)
-        ]
         if unknown and ingest.account.rejected and not ingest.account.accepted:
             worst = ingest.account.rejected.most_common(1)[0][0]
             found.add(WARN, f"every message on {topics} is rejected as {worst}; {fallback}")
@@ -213,7 +203,10 @@ def temperature_source(
             found.add(STALE, f"no motor temperature for {min(ages):.1f} s on {topics}; {fallback}")
         elif unknown:
             found.add(WARN, f"no motor temperature of {', '.join(unknown)}; there {fallback}")
-        if Quality.EXTRAPOLATED & Quality(int(latest.quality[0])):
+        quality = Quality(int(latest.quality[0]))
+        if quality & Quality.TEMPERATURE_IMPLAUSIBLE:
+            found.add(WARN, "the last reading of a motor temperature is implausible")
+        if quality & Quality.EXTRAPOLATED:
             found.add(WARN, "a motor temperature lies outside the range its friction was fitted in")
         return found
 
@@ -221,9 +214,12 @@ def temperature_source(
 
 
 def energy_source(
-    ledger: Ledger, meter: Inbox, readings: MeterIngest, meter_timeout: float,
+    ledger: Ledger,
+    meter: Inbox,
+    readings: MeterIngest,
+    meter_timeout: float,
     inputs: Callable[[Findings], None] = lambda found: None,
-) -> Source:  # fmt: skip
+) -> Source:
     """Judge the books and the meter.
 
     Args:

@@ -116,8 +116,9 @@ class Inbox:
     def _take(self) -> Iterator[bytes]:
         """Yield from the queue of the middleware, at most as many as it holds."""
         yield from self._popped()
+        handle = self._subscription.handle
         try:
-            with self._subscription.handle as handle:
+            with handle:
                 for _ in range(self._depth):
                     taken = handle.take_message(self._type, True)
                     if taken is None:
@@ -141,7 +142,8 @@ class Inbox:
             asks_the_group: Callable[..., bool] = Executor.can_execute
             if asks_the_group(None, self._subscription) is not False:
                 return False
-            with self._subscription.handle as handle:
+            handle = self._subscription.handle
+            with handle:
                 taken = handle.take_message(self._type, True)
             if taken is not None:
                 if not isinstance(taken[0], bytes):

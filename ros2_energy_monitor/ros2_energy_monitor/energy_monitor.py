@@ -53,15 +53,17 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
         self.joint_states = Inbox(self, JointState, "joint_states", best_effort(depth))
         self.temperatures = temperature_inboxes(self, self.parameters)
         self.readings = meter_inbox(self)
-        self.begin([
-            joint_state_source(self.joint_states, self.ingest, self.parameters.input_timeout),
-            temperature_source(
-                self.temperatures, self._temperature, self._pipeline.friction, self.model
-            ),
-            energy_source(
-                self.ledger, self.readings, self._meter, self.parameters.meter_max_gap
-            ),
-        ])  # fmt: skip
+        self.begin(
+            [
+                joint_state_source(self.joint_states, self.ingest, self.parameters.input_timeout),
+                temperature_source(
+                    self.temperatures, self._temperature, self._pipeline.friction, self.model
+                ),
+                energy_source(
+                    self.ledger, self.readings, self._meter, self.parameters.meter_max_gap
+                ),
+            ]
+        )
 
     @property
     def ledger(self) -> Ledger:

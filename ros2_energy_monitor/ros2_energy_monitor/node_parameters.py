@@ -81,15 +81,19 @@ class TorqueParameters(Common):
 
     joint_state_depth: int = parameter(
         "Messages that can wait between two ticks; at least 0.5 s of joint states [messages].",
-        2000, 1, 100_000,
-    )  # fmt: skip
+        2000,
+        1,
+        100_000,
+    )
     derivative_window: float = parameter(
         "Length of the window over which acceleration is estimated [s].", 0.02, 0.001, 1.0
     )
     derivative_lag: float = parameter(
         "How far that window reaches ahead of the sample; -1 for half the window [s].",
-        -1.0, -1.0, 1.0,
-    )  # fmt: skip
+        -1.0,
+        -1.0,
+        1.0,
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,8 +105,9 @@ class FrictionParameters(Common):
     )
     temperature_type: str = parameter(
         "Type of those topics; sensor_msgs/msg/Temperature names its joint in frame_id.",
-        MOTOR_TEMPERATURES, choices=(MOTOR_TEMPERATURES, TEMPERATURE),
-    )  # fmt: skip
+        MOTOR_TEMPERATURES,
+        choices=(MOTOR_TEMPERATURES, TEMPERATURE),
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,8 +131,10 @@ class PowerParameters(_Books):
 
     joint_torque_depth: int = parameter(
         "Messages that can wait between two ticks; at least 0.5 s of torques [messages].",
-        2000, 1, 100_000,
-    )  # fmt: skip
+        2000,
+        1,
+        100_000,
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -193,9 +200,9 @@ def declare(node: Node, cls: type[P]) -> P:
     hints = get_type_hints(cls)
     names = [entry.name for entry in fields(cls)]
     _warn_of_unknown(node, given, names)
-    return cls(**{
-        entry.name: _declare_one(node, entry, hints[entry.name], given) for entry in fields(cls)
-    })  # fmt: skip
+    return cls(
+        **{entry.name: _declare_one(node, entry, hints[entry.name], given) for entry in fields(cls)}
+    )
 
 
 def _declare_one(node: Node, entry: Field[Any], kind: Any, given: dict[str, Parameter]) -> Any:

@@ -50,10 +50,17 @@ class PowerMonitor(MonitorNode[PowerParameters]):
         self.readings = meter_inbox(self)
         timeout = self.parameters.input_timeout
         torque = InputWatch("joint torque", self.torques, self._torque.account, timeout)
-        self.begin([
-            energy_source(self.ledger, self.readings, self._meter,
-                          self.parameters.meter_max_gap, torque.judge),
-        ])  # fmt: skip
+        self.begin(
+            [
+                energy_source(
+                    self.ledger,
+                    self.readings,
+                    self._meter,
+                    self.parameters.meter_max_gap,
+                    torque.judge,
+                ),
+            ]
+        )
 
     def tick(self) -> None:
         """Drain all inputs and publish the periods that ended.

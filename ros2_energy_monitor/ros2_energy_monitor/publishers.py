@@ -101,9 +101,7 @@ class BooksPublisher:
     def power(self, means: MeanBlock | None) -> None:
         """Publish the periods that ended."""
         if means is not None:
-            self._power.publish(
-                self._power_writer.encode(means, self._ledger.comparison.location)
-            )
+            self._power.publish(self._power_writer.encode(means, self._ledger.comparison.location))
 
     def registers(self) -> None:
         """Publish the registers as they stand, if there are any yet."""

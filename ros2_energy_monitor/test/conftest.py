@@ -1,0 +1,159 @@
+"""Nodes in one process, isolated from every network; waiting is always for a condition."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.signals import SignalHandlerOptions
+
+from robot_energy.bag import BagReader, BagWriter
+from robot_energy.rig.record import RigEncoder
+from ros2_energy_monitor.drain import Inbox
+from ros2_energy_monitor.node_parameters import RobotParameters
+from ros2_energy_monitor.publishers import reliable
+from ros2_energy_monitor.virtual_robot import make_rig
+
+PATIENCE = 30.0  # s, on a machine that does much else
+
+
+class Bench:
+    """Nodes of one test with their executor."""
+
+    def __init__(self) -> None:
+        self.context = Context()
+        rclpy.init(
+            args=[], context=self.context, signal_handler_options=SignalHandlerOptions.NO
+        )
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.nodes: list[Node] = []
+        self.tester = self.add(Node, "tester")
+
+    def add(self, node_type: Callable[..., Any], *args: Any, **parameters: Any) -> Any:
+        overrides = [Parameter(name, value=value) for name, value in parameters.items()]
+        node = node_type(*args, context=self.context, parameter_overrides=overrides)
+        self.executor.add_node(node)
+        self.nodes.append(node)
+        return node
+
+    def remove(self, node: Node) -> None:
+        self.executor.remove_node(node)
+        self.nodes.remove(node)
+        node.destroy_node()
+
+    def inbox(self, message_type: type[Any], topic: str, qos: Any = None) -> Inbox:
+        return Inbox(self.tester, message_type, topic, qos or reliable(20_000))
+
+    def publisher(self, message_type: type[Any], topic: str, subscribers: int = 1) -> Any:
+        """Return a publisher that all its subscribers have found."""
+        publisher = self.tester.create_publisher(message_type, topic, reliable(20_000))
+        self.spin_until(lambda: publisher.get_subscription_count() >= subscribers, topic)
+        return publisher
+
+    def spin_until(self, condition: Callable[[], Any], what: str) -> Any:
+        limit = time.monotonic() + PATIENCE
+        while not (result := condition()):
+            assert time.monotonic() < limit, f"waited {PATIENCE} s in vain for {what}"
+            self.executor.spin_once(timeout_sec=0.05)
+        return result
+
+    def latest(self, message_type: type[Any], topic: str) -> Callable[[], Any]:
+        """Subscribe a topic and return a function that gives its latest message."""
+        received: list[Any] = []
+        self.tester.create_subscription(message_type, topic, received.append, 100)
+        return lambda: received[-1] if received else None
+
+    def close(self) -> None:
+        for node in list(self.nodes):
+            self.remove(node)
+        self.executor.shutdown()
+        self.context.try_shutdown()
+
+
+@pytest.fixture
+def bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")
+    bench = Bench()
+    yield bench
+    bench.close()
+
+
+@pytest.fixture
+def child_environment() -> dict[str, str]:
+    """Environment of processes that may be killed, in the domain of this test run."""
+    return {
+        **os.environ,
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4",  # nothing stays in /dev/shm
+        "PYTHONUNBUFFERED": "1",
+    }
+
+
+@pytest.fixture(scope="session")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Eight seconds of the rig, with a gap of half a second and one sample sent twice."""
+    path = tmp_path_factory.mktemp("bags") / "rig"
+    output = make_rig(RobotParameters(thermal_speedup=200.0), 1_700_000_000 * 10**9).step(2000)
+    encoder = RigEncoder(JOINTS)
+    rows = np.concatenate([np.arange(0, 800), [799], np.arange(925, 2000)])
+    joints = output.joints[rows]
+    assert output.temperatures is not None
+    assert output.meter is not None
+    with BagWriter(path) as bag:
+        for topic, msgtype, stamp, messages in (
+            (
+                "/motor_temperatures",
+                "ros2_energy_msgs/msg/MotorTemperatures",
+                output.temperatures.stamp_ns,
+                encoder.temperatures(output.temperatures),
+            ),
+            (
+                "/power_meter",
+                "ros2_energy_msgs/msg/PowerReading",
+                output.meter.stamp_ns,
+                encoder.meter(output.meter),
+            ),
+            (
+                "/joint_states",
+                "sensor_msgs/msg/JointState",
+                joints.stamp_ns,
+                encoder.joint_states(joints),
+            ),
+        ):
+            bag.add_topic(topic, msgtype)
+            bag.write(topic, np.sort(stamp), messages)
+    return path
+
+
+JOINTS = tuple(f"joint_a{axis}" for axis in range(1, 7))
+
+
+def messages_of(bag: Path) -> dict[str, list[bytes]]:
+    """Return the serialised messages of every topic in order."""
+    found: dict[str, list[bytes]] = {}
+    reader = BagReader(bag)
+    for part in reader.parts(list(reader.topics)):
+        for topic, batch in part.items():
+            found.setdefault(topic, []).extend(batch.row(i) for i in range(len(batch)))
+    return found
+
+
+@pytest.fixture(scope="session")
+def messages(recording: Path) -> dict[str, list[bytes]]:
+    """Serialised messages of the recording by topic."""
+    return messages_of(recording)
+
+
+@pytest.fixture
+def read_bag() -> Callable[[Path], dict[str, list[bytes]]]:
+    return messages_of

@@ -1,0 +1,148 @@
+"""Three nodes, one node and a replay of the same messages give the same figures."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from ros2_energy_msgs.msg import EnergyRegisters, MotorTemperatures, PowerReading, PowerState
+from sensor_msgs.msg import JointState
+
+from robot_energy.model_file import load
+from robot_energy.replay import replay
+from robot_energy.wire.batch import RawBatch
+from robot_energy.wire.layout import Decoder
+from ros2_energy_monitor.energy_monitor import EnergyMonitor
+from ros2_energy_monitor.friction_monitor import FrictionMonitor
+from ros2_energy_monitor.power_monitor import PowerMonitor
+from ros2_energy_monitor.torque_monitor import TorqueMonitor
+
+BURST = 300  # messages published at once, far less than a queue holds
+STAMP = ("header.stamp.sec", "header.stamp.nanosec")
+POWER_FIELDS = (
+    *STAMP, "quality", "phase", "period", "coverage", "predicted_grid_power", "measured_power",
+    "predicted_power_at_meter", "residual_power", "comparison_coverage", "measurement_age",
+    "meter_location", "bus_power", "rigid_power", "friction_power", "drive_loss", "loss_dc",
+    "loss_grid", "brake_power", "capacitor_power", "returned_power", "joints.motor_velocity",
+    "joints.motor_torque", "joints.shaft_power", "joints.drive_power",
+    "joints.motor_temperature_degc", "joints.coulomb", "joints.viscous",
+)  # fmt: skip
+EXACT = {*STAMP, "quality", "phase", "meter_location", "period", "coverage"}
+
+
+def decode(msgtype: str, fields: tuple[str, ...], rows: list[bytes]) -> dict[str, np.ndarray]:
+    batch = RawBatch.from_messages("/topic", msgtype, [0] * len(rows), rows)
+    decoded = Decoder(msgtype, fields).decode(batch)
+    assert len(decoded.runs) == 1
+    assert not len(decoded.malformed)
+    return {name: decoded.runs[0].array(name) for name in fields}
+
+
+class Collected:
+    """What a wiring published."""
+
+    def __init__(self, bench) -> None:
+        self._power = bench.inbox(PowerState, "energy/power")
+        self._registers = bench.inbox(EnergyRegisters, "energy/registers")
+        self.power: list[bytes] = []
+        self.registers: list[bytes] = []
+
+    def take(self) -> None:
+        for inbox, rows in ((self._power, self.power), (self._registers, self.registers)):
+            batch = inbox.drain()
+            if batch is not None:
+                rows.extend(batch.row(i) for i in range(len(batch)))
+
+
+@pytest.fixture
+def offline(recording, tmp_path, read_bag):
+    result = replay(recording, load("kr16"), out=tmp_path / "out")
+    found = read_bag(tmp_path / "out")
+    return result, found["/energy/power"], found["/energy/registers"]
+
+
+def publish_all(bench, messages, slow_inputs_taken, states_taken) -> None:
+    """Publish what the recording holds, the slow topics first, as fast as it is taken."""
+    temperatures = bench.publisher(MotorTemperatures, "motor_temperatures")
+    meter = bench.publisher(PowerReading, "power_meter")
+    states = bench.publisher(JointState, "joint_states")
+    for publisher, topic in ((temperatures, "/motor_temperatures"), (meter, "/power_meter")):
+        for message in messages[topic]:
+            publisher.publish(message)
+    bench.spin_until(slow_inputs_taken, "temperatures and readings")
+    rows = messages["/joint_states"]
+    for start in range(0, len(rows), BURST):
+        for message in rows[start : start + BURST]:
+            states.publish(message)
+        sent = min(start + BURST, len(rows))
+        bench.spin_until(lambda sent=sent: states_taken() >= sent, f"{sent} joint states")
+
+
+def compare(collected: Collected, offline, ledger) -> None:
+    result, power, registers = offline
+    live = decode("ros2_energy_msgs/msg/PowerState", POWER_FIELDS, collected.power)
+    expected = decode("ros2_energy_msgs/msg/PowerState", POWER_FIELDS, power)
+    assert len(live["period"]) == len(expected["period"]) > 300
+    for name in POWER_FIELDS:
+        if name in EXACT:
+            assert np.array_equal(live[name], expected[name]), name
+        else:
+            np.testing.assert_allclose(
+                live[name], expected[name], rtol=1e-12, atol=1e-9, err_msg=name
+            )
+    assert collected.registers[-1] == registers[-1]
+    assert np.array_equal(ledger.registers.microjoule, result.ledger.registers.microjoule)
+    assert ledger.registers.time == result.ledger.registers.time
+    assert ledger.registers.time.gap_count == 1
+    assert ledger.registers.time.gap_ns == pytest.approx(0.5e9, rel=0.02)
+    assert ledger.comparison.compared_ns == result.ledger.comparison.compared_ns > 0
+    assert ledger.comparison.measured_energy == result.ledger.comparison.measured_energy
+    assert ledger.comparison.predicted_energy == result.ledger.comparison.predicted_energy
+    assert ledger.quality == result.ledger.quality
+
+
+def test_energy_monitor_equals_replay(bench, messages, offline):
+    node = bench.add(EnergyMonitor, model="kr16")
+    collected = Collected(bench)
+    publish_all(
+        bench,
+        messages,
+        lambda: node.temperatures[0].received == len(messages["/motor_temperatures"])
+        and node.readings.received == len(messages["/power_meter"]),
+        lambda: node.joint_states.received,
+    )
+    node.close()
+    bench.spin_until(
+        lambda: collected.take() or len(collected.power) >= len(offline[1]), "all power states"
+    )
+    bench.spin_until(
+        lambda: collected.take() or offline[2][-1] in collected.registers, "the last registers"
+    )
+    compare(collected, offline, node.ledger)
+
+
+def test_three_nodes_equal_replay(bench, messages, offline):
+    torque = bench.add(TorqueMonitor, model="kr16")
+    friction = bench.add(FrictionMonitor, model="kr16")
+    power = bench.add(PowerMonitor, model="kr16")
+    collected = Collected(bench)
+    bench.spin_until(lambda: power.torques.publishers and power.frictions.publishers, "matching")
+    rows = 1 + len(messages["/motor_temperatures"])
+    publish_all(
+        bench,
+        messages,
+        lambda: power.frictions.received == rows
+        and power.readings.received == len(messages["/power_meter"]),
+        lambda: torque.joint_states.received,
+    )
+    torque.close()
+    accepted = torque.ingest.account.accepted
+    bench.spin_until(lambda: power.torques.received == accepted, "all torques")
+    friction.close()
+    power.close()
+    bench.spin_until(
+        lambda: collected.take() or len(collected.power) >= len(offline[1]), "all power states"
+    )
+    bench.spin_until(
+        lambda: collected.take() or offline[2][-1] in collected.registers, "the last registers"
+    )
+    compare(collected, offline, power.ledger)
