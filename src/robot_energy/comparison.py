@@ -205,6 +205,11 @@ class Comparison:
         self._last: tuple[int, int, float] | None = None  # stamp, segment, power
 
     @property
+    def patience_ns(self) -> int:
+        """How long predicted power waits for the meter. [ns]"""
+        return self._patience_ns
+
+    @property
     def measured_energy(self) -> float:
         """Measured energy over the compared intervals. [J]"""
         return float(self._sum.joule[0])

@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable
 
 import numpy as np
 
-from robot_energy.blocks import Float, Int, MeterBlock, Phase, PowerBlock, Quality
+from robot_energy.blocks import (
+    Float,
+    Int,
+    MeterBlock,
+    MeterLocation,
+    Phase,
+    PowerBlock,
+    Quality,
+)
 from robot_energy.comparison import Compared, Comparison
 from robot_energy.pipeline.averaging import Averager, MeanBlock
 from robot_energy.pipeline.settings import Settings
@@ -38,6 +46,7 @@ class Ledger:
         self.quality: Counter[int] = Counter()
         self.samples = 0
         self.on_compared: Callable[[Compared], None] | None = None
+        self._unplaced: deque[PowerBlock] = deque()
         self._phase_energy = ExactSum(len(Phase))
         self._phase_ns = np.zeros(len(Phase), dtype=np.int64)
         period = settings.power_period
@@ -57,8 +66,7 @@ class Ledger:
             Means of the periods that ended, or None.
         """
         intervals = self.registers.step(block)
-        power = block.power_at(self.comparison.location)
-        compared = self.comparison.predict(block.stamp_ns, block.segment, power)
+        compared = self._compare(block)
         if self.on_compared is not None:
             self.on_compared(compared)
         self._book(
@@ -69,6 +77,22 @@ class Ledger:
         if self._averager is None:
             return None
         return self._averager.step(block, intervals, compared)
+
+    def _compare(self, block: PowerBlock) -> Compared:
+        """Compare as far as possible; power waits until it is known where the meter sits."""
+        location = self.comparison.location
+        if location is MeterLocation.UNKNOWN:
+            self._unplaced.append(block)
+            now = int(block.stamp_ns[-1])
+            oldest = now - self.comparison.patience_ns
+            while not oldest <= int(self._unplaced[0].stamp_ns[-1]) <= now:
+                self._unplaced.popleft()
+            none = np.empty(0, dtype=np.int64)
+            return Compared(none, none, np.empty(0), np.empty(0))
+        if self._unplaced:
+            block = PowerBlock.concatenate([*self._unplaced, block])
+            self._unplaced.clear()
+        return self.comparison.predict(block.stamp_ns, block.segment, block.power_at(location))
 
     def flush(self) -> MeanBlock | None:
         """Return the mean of the period that is still open."""

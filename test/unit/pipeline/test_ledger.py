@@ -1,0 +1,36 @@
+"""The books, where the meter shows up late."""
+
+import numpy as np
+import pytest
+
+from robot_energy.blocks import MeterBlock, MeterLocation, MeterMeaning
+from robot_energy.pipeline import EnergyPipeline
+from robots import joint_block, one_wheel
+
+# The wheel at 2 rad/s draws 38 W on the DC bus and 68 W from the grid (see logbook).
+TIME = 1.7e9 + np.arange(3001) / 100.0  # 30 s
+END_NS = round(TIME[-1] * 1e9)
+READING = MeterBlock(
+    np.array([END_NS]),
+    np.array([40.0]),
+    np.array([np.nan]),
+    np.array([30.0]),
+    MeterMeaning.MEAN_OVER_INTERVAL,
+    MeterLocation.DC_BUS,
+)
+
+
+@pytest.mark.parametrize("pieces", [1, 3, 30])
+def test_a_first_reading_that_comes_late_is_compared_at_its_own_place(pieces: int) -> None:
+    """One mean over the whole run, at its end: what was predicted before must be bus power."""
+    pipeline = EnergyPipeline(one_wheel())
+    parts = np.array_split(np.arange(len(TIME)), pieces)
+    position = 2.0 * (TIME - TIME[0])[:, None]
+    block = joint_block(TIME, position, np.full_like(position, 2.0))
+    for rows in parts:
+        pipeline.step(block[rows], meter=READING if rows is parts[-1] else None)
+    pipeline.flush()
+    books = pipeline.ledger.comparison
+    assert books.compared_ns == pytest.approx(30e9, abs=1e3)
+    assert books.predicted_energy == pytest.approx(38.0 * 30.0, rel=1e-6)
+    assert books.measured_energy == pytest.approx(40.0 * 30.0, rel=1e-6)
