@@ -12,6 +12,7 @@ from typing import Any, cast
 from robot_energy.errors import BagError
 
 FILE_NAME = "metadata.yaml"
+ORIGIN_KEY = "origin"
 _FOREVER = "\n    sec: 9223372036\n    nsec: 854775807"
 
 
@@ -53,6 +54,7 @@ class FolderInfo:
     storage: str
     compression_mode: str
     files: tuple[str, ...]
+    origin: str
 
 
 def qos_yaml(qos: Qos) -> str:
@@ -71,7 +73,12 @@ def qos_yaml(qos: Qos) -> str:
 
 
 def metadata_yaml(
-    topics: Sequence[TopicEntry], file: str | None, start_ns: int, duration_ns: int, count: int
+    topics: Sequence[TopicEntry],
+    file: str | None,
+    start_ns: int,
+    duration_ns: int,
+    count: int,
+    origin: str = "",
 ) -> str:
     """Return the text of metadata.yaml.
 
@@ -81,6 +88,7 @@ def metadata_yaml(
         start_ns: Log time of the first message. [ns]
         duration_ns: Time from the first to the last message. [ns]
         count: Number of messages.
+        origin: Where the recording comes from, in words; empty if not said.
 
     Returns:
         YAML.
@@ -108,7 +116,8 @@ def metadata_yaml(
     else:
         entry = _indent(f"path: {_scalar(file)}\n{span}", 4)
         lines.append(f"relative_file_paths:\n  - {_scalar(file)}\nfiles:\n  - {entry.lstrip()}")
-    lines.append("custom_data: ~\nros_distro: jazzy\n")
+    custom = f"\n  {ORIGIN_KEY}: {json.dumps(origin)}" if origin else " ~"
+    lines.append(f"custom_data:{custom}\nros_distro: jazzy\n")
     return "rosbag2_bagfile_information:\n" + _indent("".join(lines), 2)
 
 
@@ -132,11 +141,13 @@ def read_folder_info(folder: Path) -> FolderInfo:
         text = path.read_text(encoding="utf-8")
         content = cast("Any", YAML(typ="safe", pure=True)).load(text)
         info = cast("Mapping[str, Any]", content["rosbag2_bagfile_information"])
+        custom = cast("Mapping[str, Any]", info.get("custom_data") or {})
         mode = str(info.get("compression_mode") or "").lower()
         return FolderInfo(
             str(info["storage_identifier"]),
             "" if mode == "none" else mode,
             tuple(PurePath(str(name)).name for name in info["relative_file_paths"]),
+            str(custom.get(ORIGIN_KEY) or ""),
         )
     except (OSError, UnicodeDecodeError, YAMLError, ValueError) as error:
         raise BagError(f"{path} cannot be read ({str(error).splitlines()[0]})") from error

@@ -35,6 +35,7 @@ class BagReader:
         start_ns: Earliest log time; None if unknown or the bag is empty. [ns]
         end_ns: Latest log time; None if unknown or the bag is empty. [ns]
         message_count: Messages in the bag; None if it does not say.
+        origin: Where the recording comes from, as its writer said; empty if it did not.
         problems: What was found wrong so far, one sentence each.
 
     Raises:
@@ -44,6 +45,7 @@ class BagReader:
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
         self.problems: list[str] = []
+        self.origin = ""
         self._sources = self._find()
         contents = Contents()
         for source in self._sources:
@@ -145,6 +147,7 @@ class BagReader:
             info = None
             try:
                 info = read_folder_info(self.path)
+                self.origin = info.origin
             except BagError as error:
                 self._report(str(error))
             if info and (info.storage != "mcap" or info.compression_mode):

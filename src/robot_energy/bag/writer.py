@@ -39,6 +39,7 @@ class BagWriter:
         compression: ``zstd`` or ``none``.
         overwrite: Replace a bag that is there.
         typestore: Definitions; default those of ROS 2 Jazzy and ros2_energy_msgs.
+        origin: Where the recording comes from, in words, noted with the bag.
 
     Raises:
         BagError: If the folder exists (without ``overwrite``), holds other things than a bag, or
@@ -51,6 +52,7 @@ class BagWriter:
         compression: Literal["zstd", "none"] = "zstd",
         overwrite: bool = False,
         typestore: Typestore | None = None,
+        origin: str = "",
     ) -> None:
         from mcap.writer import CompressionType, Writer
 
@@ -58,6 +60,7 @@ class BagWriter:
         if compression not in kinds:
             raise BagError(f"unknown compression {compression!r}", "zstd or none")
         self.path = Path(path)
+        self._origin = origin
         self._store = default_typestore() if typestore is None else typestore
         self._topics: dict[str, TopicEntry] = {}
         self._channels: dict[str, int] = {}
@@ -182,7 +185,8 @@ class BagWriter:
         ]
         start = self._first or 0
         span = (self._last or 0) - start
-        return metadata_yaml(topics, file, start, span, sum(self._counts.values()))
+        count = sum(self._counts.values())
+        return metadata_yaml(topics, file, start, span, count, self._origin)
 
     def _failed(self, error: OSError) -> BagError:
         """Close the file after a refusal of the disk, keeping what reached it."""

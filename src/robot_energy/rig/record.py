@@ -22,6 +22,7 @@ JOINT_STATES = "/joint_states"
 MOTOR_TEMPERATURES = "/motor_temperatures"
 POWER_METER = "/power_meter"
 
+ORIGIN = "virtual rig: simulated, nothing in it was measured on a robot"
 STEP = 1.0  # s of samples written at once
 JOINT_DELAY_NS = 500_000  # from measurement to log
 TEMPERATURE_DELAY_NS = 5_000_000
@@ -187,7 +188,7 @@ def record(
     counts: dict[str, int] = {JOINT_STATES: 0, MOTOR_TEMPERATURES: 0, POWER_METER: 0}
     energy = 0.0
     queue = _Queue()
-    with BagWriter(path, compression, overwrite) as bag:
+    with BagWriter(path, compression, overwrite, origin=ORIGIN) as bag:
         bag.add_topic(JOINT_STATES, "sensor_msgs/msg/JointState", SENSOR_QOS)
         bag.add_topic(MOTOR_TEMPERATURES, "ros2_energy_msgs/msg/MotorTemperatures")
         bag.add_topic(POWER_METER, "ros2_energy_msgs/msg/PowerReading")

@@ -214,3 +214,14 @@ def test_a_bag_path_may_end_with_a_dot_or_slash(tmp_path, bags, monkeypatch):
     with BagWriter("bag/"):
         pass
     assert (tmp_path / "bag" / "bag_0.mcap").exists()
+
+
+def test_origin_is_noted_where_stock_tools_leave_it_alone(tmp_path):
+    with BagWriter(tmp_path / "bag", origin='virtual rig: "simulated"') as bag:
+        bag.add_topic("/a", "std_msgs/msg/Float64")
+    assert BagReader(tmp_path / "bag").origin == 'virtual rig: "simulated"'
+    with Reader(tmp_path / "bag") as reader:
+        assert reader.metadata["custom_data"] == {"origin": 'virtual rig: "simulated"'}
+    with BagWriter(tmp_path / "plain") as bag:
+        bag.add_topic("/a", "std_msgs/msg/Float64")
+    assert BagReader(tmp_path / "plain").origin == ""
