@@ -169,7 +169,9 @@ class MeterCurve:
             return Pieces(previous, stamp, before, power)[keep]
         if block.meaning is MeterMeaning.CUMULATIVE:
             rising = known & (power >= before)
-            self.rejected["meter_counter_fell"] += int((known & ~rising).sum())
+            fell = int((known & ~rising).sum())  # the counter was reset: it starts anew here
+            self.rejected["meter_counter_fell"] += fell
+            self.accepted -= fell
             mean = (power - before) / ((stamp - previous) * NANOSECOND)
             keep = rising & (stamp - previous <= self._max_gap_ns)
             return Pieces(previous, stamp, mean, mean)[keep]

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from logbook import FRICTION, GRID, LOSS_DC, LOSS_GRID, mapping, wheel_bag
+from logbook import FRICTION, GRID, LOSS_DC, LOSS_GRID, mapping, wheel_bag, write_csv
 from robot_energy.errors import MissingTopicError
 from robot_energy.friction import with_fixed_friction
 from robot_energy.logs import import_csv
@@ -166,3 +166,22 @@ def test_figures_are_counted_by_how_they_are_known() -> None:
 def test_a_second_topic_of_a_kind_must_be_named(tmp_path: Path) -> None:
     with pytest.raises(MissingTopicError, match="has no /other"):
         replay(wheel_bag(tmp_path), one_wheel(), Topics(joint_states="/other"))
+
+
+def test_a_meter_that_was_reset_leaves_the_account_balanced(tmp_path: Path) -> None:
+    """A counter at 68 W, reset after 5 s: one interval is lost, the rest is compared."""
+    rows = [(i / 100, 2.0 * i / 100, 2.0, 0.68 * (i % 501)) for i in range(1001)]
+    log = write_csv(tmp_path / "log.csv", "t,q_axle,w_axle,p", rows)
+    meter = {
+        "location": "grid",
+        "meaning": "cumulative",
+        "reading": {"column": "p", "unit": "J"},
+    }
+    import_csv(log, mapping(power=meter), tmp_path / "bag")
+    summary = summarise(replay(tmp_path / "bag", one_wheel()))
+    readings = summary["inputs"]["meter_readings"]
+    assert readings["rejected"] == {"meter_counter_fell": 1}
+    assert readings["balanced"]
+    assert summary["problems"] == []
+    assert summary["comparison"]["compared_ns"] == 9_990_000_000
+    assert summary["comparison"]["predicted_minus_measured_relative"] == pytest.approx(0, abs=1e-6)
