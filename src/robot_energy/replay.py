@@ -67,6 +67,7 @@ class Replay:
         means: Means of every period, where they were asked for.
         compared: What became comparable with the meter in each step, where means were
             asked for; their sums are those of the comparison.
+        origin: Where the recording comes from, as its writer said; empty if it did not.
     """
 
     bag: Path
@@ -79,6 +80,7 @@ class Replay:
     problems: list[str] = field(default_factory=list[str])
     means: MeanBlock | None = None
     compared: list[Compared] = field(default_factory=list[Compared])
+    origin: str = ""
 
     @property
     def ledger(self) -> Ledger:
@@ -181,12 +183,13 @@ def replay(
         temperatures=TemperatureIngest(model.joint_names),
         meter=MeterIngest(),
         pipeline=pipeline,
+        origin=bag.origin,
     )
     means: list[MeanBlock] = []
     compared: list[Compared] = []
     if keep_means:
         pipeline.ledger.on_compared = compared.append
-    writer = _Writer(out, overwrite, model) if out is not None else None
+    writer = _Writer(out, overwrite, model, bag.origin) if out is not None else None
     try:
         for output in _outputs(bag, result, sliced=writer is not None, progress=progress):
             if writer is not None:
@@ -268,13 +271,13 @@ class _Writer:
         "/energy/registers": ENERGY_REGISTERS,
     }
 
-    def __init__(self, path: str | Path, overwrite: bool, model: RobotModel) -> None:
+    def __init__(self, path: str | Path, overwrite: bool, model: RobotModel, origin: str) -> None:
         self._torque = TorqueWriter(model.joint_names, model.model_id)
         self._friction = FrictionWriter(model)
         self._power = PowerStateWriter(model.joint_names, model.model_id)
         self._registers = RegistersWriter(model.joint_names, model.model_id)
         self._booked: int | None = None
-        self._bag = BagWriter(path, overwrite=overwrite)
+        self._bag = BagWriter(path, overwrite=overwrite, origin=origin)
         for topic, msgtype in self.TOPICS.items():
             qos = LATCHED_QOS if msgtype == JOINT_FRICTION else DEFAULT_QOS
             self._bag.add_topic(topic, msgtype, qos)

@@ -54,7 +54,7 @@ def run(args: Namespace) -> int:
         (name, info.msgtype, "?" if counts[name] is None else str(counts[name]), _use(info.msgtype))
         for name, info in bag.topics.items()
     ]
-    print_bag(str(args.bag), span, rows, bag.problems, console())
+    print_bag(str(args.bag), span, rows, bag.problems, bag.origin, console())
     return DAMAGED if bag.problems else 0
 
 

@@ -244,4 +244,6 @@ def _plot(
     measured = curves[0].role == "measured"
     at_bus = measured and first.ledger.comparison.location is MeterLocation.DC_BUS
     title = f"{first.model.robot.type}, model {first.model.model_id}, {first.bag.name}"
+    if first.origin:
+        title = f"{title}\n{first.origin}"
     power_and_energy(curves, path, title, "the DC bus" if at_bus else "the grid")

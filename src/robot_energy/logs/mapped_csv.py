@@ -61,7 +61,8 @@ def import_csv(
         power.interval if power and power.interval else float("nan"),
     )
     blocks = _blocks(table, mapping, groups)
-    report = write_bag(out, contents, blocks, [table.account], overwrite)
+    origin = ": ".join(text for text in (mapping.description, table.path.name) if text)
+    report = write_bag(out, contents, blocks, [table.account], overwrite, origin)
     if joints.effort is not None:
         report.notes.append(
             f"the effort of /joint_states is the log's, in {joints.effort.unit.replace('_', ' ')}"

@@ -191,6 +191,7 @@ def write_bag(
     blocks: Iterable[LogBlock],
     files: list[FileAccount],
     overwrite: bool = False,
+    origin: str = "",
 ) -> ImportReport:
     """Write blocks of a log into a new bag; nothing is left behind if that fails.
 
@@ -200,6 +201,7 @@ def write_bag(
         blocks: Its rows in time order.
         files: The accounts that ``blocks`` fills while it is read.
         overwrite: Whether an existing bag may be replaced.
+        origin: Where the recording comes from, in words, noted with the bag.
 
     Returns:
         What was written.
@@ -210,7 +212,7 @@ def write_bag(
     """
     report = ImportReport(Path(path), contents, files)
     encoders = _Encoders(contents)
-    bag = BagWriter(path, overwrite=overwrite)
+    bag = BagWriter(path, overwrite=overwrite, origin=origin)
     try:
         with bag:
             bag.add_topic(JOINT_STATES_TOPIC, JOINT_STATE, SENSOR_QOS)

@@ -82,7 +82,8 @@ def import_ur_rtde(
         MeterLocation.DC_BUS if supply else MeterLocation.UNKNOWN,
     )
     accounts = [table.account for table in tables]
-    report = write_bag(out, contents, _blocks(tables, offset_ns), accounts, overwrite)
+    origin = f"UR RTDE recording: {', '.join(table.path.name for table in tables)}"
+    report = write_bag(out, contents, _blocks(tables, offset_ns), accounts, overwrite, origin)
     report.notes.append(note)
     if effort:
         report.notes.append("the effort of /joint_states is the motor current [A]")

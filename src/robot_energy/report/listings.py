@@ -88,6 +88,7 @@ def print_bag(
     span: str | None,
     topics: Sequence[tuple[str, str, str, str]],
     problems: Sequence[str],
+    origin: str,
     console: Console,
 ) -> None:
     """Print what a bag holds.
@@ -97,9 +98,12 @@ def print_bag(
         span: Its time in words; None if it holds no message.
         topics: Topic, type, count and use of each.
         problems: What is wrong with it.
+        origin: Where it comes from; empty if it does not say.
         console: Where to.
     """
     line(console, f"{name}: {span or 'no messages'}", style="bold")
+    if origin:
+        line(console, f"origin: {origin}")
     for problem in problems:
         line(console, f"problem: {problem}", style="bold red")
     grid = Table(box=box.SIMPLE_HEAD, pad_edge=False)

@@ -41,6 +41,7 @@ def summarise(result: Replay, settings_note: str | None = None) -> dict[str, Any
         "summary_version": SUMMARY_VERSION,
         "tool_version": __version__,
         "bag": str(result.bag),
+        "origin": result.origin or None,
         "model": _model(result, settings_note),
         "topics": {
             "joint_states": result.topics.joint_states,

@@ -106,6 +106,8 @@ def print_replay(summary: Summary, console: Console, other: Summary | None = Non
         line(console, beyond)
     if other is not None:
         line(console, f"with {other['model']['change']}: {headline(other)}")
+    if summary["origin"]:
+        line(console, f"origin: {summary['origin']}")
     for problem in summary["problems"]:
         line(console, f"problem: {problem}", style="bold red")
     for note in summary["notes"]:

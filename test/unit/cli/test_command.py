@@ -222,7 +222,11 @@ def test_simulate_records_a_bag_that_replays(
     assert main(["simulate", "--duration", "3", "--out", bag, "--start-temperature", "30"]) == 0
     assert "virtual rig" in capsys.readouterr().out
     assert main(["replay", bag, "--model", "kr16"]) == 0
-    assert "beside measured" in capsys.readouterr().out
+    text = capsys.readouterr().out
+    assert "beside measured" in text
+    assert "origin" in text  # results on the rig are labelled so
+    assert main(["info", bag]) == 0
+    assert "origin: virtual" in capsys.readouterr().out
     assert "seed" in refused(capsys, "simulate", "--out", tmp_path / "x", "--seed", "-1")
 
 

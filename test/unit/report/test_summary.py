@@ -97,6 +97,7 @@ def test_json_keys_are_stable(tmp_path: Path) -> None:
         "summary_version",
         "tool_version",
         "bag",
+        "origin",
         "model",
         "topics",
         "time",
