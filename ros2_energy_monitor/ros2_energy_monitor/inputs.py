@@ -35,7 +35,6 @@ def temperature_inboxes(
     return [
         Inbox(node, message_type, topic, best_effort(SLOW_DEPTH))
         for topic in parameters.temperature_topics
-        if topic
     ]
 
 

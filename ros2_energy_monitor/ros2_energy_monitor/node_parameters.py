@@ -210,7 +210,7 @@ def _declare_one(node: Node, entry: Field[Any], kind: Any, given: dict[str, Para
     if kind is float and override is not None and override.type_ == Parameter.Type.INTEGER:
         given[name] = Parameter(name, value=float(cast(int, override.value)))  # 50 for 50.0
     if kind == tuple[str, ...] and override is not None and not override.value:
-        given[name] = Parameter(name, Parameter.Type.STRING_ARRAY, [])
+        given[name] = Parameter(name, value=[""])  # an empty list has no type
     default = entry.default
     if isinstance(default, tuple):
         default = list(default)
@@ -233,7 +233,7 @@ def _declare_one(node: Node, entry: Field[Any], kind: Any, given: dict[str, Para
         raise _wrong(node, name, given, expected)
     if entry.default is MISSING and value in (None, ""):
         raise missing
-    return tuple(value) if kind == tuple[str, ...] else value
+    return tuple(text for text in value if text) if kind == tuple[str, ...] else value
 
 
 def _wrong(node: Node, name: str, given: dict[str, Parameter], expected: str) -> ParameterError:

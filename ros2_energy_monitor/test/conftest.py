@@ -21,7 +21,7 @@ from robot_energy.bag import BagReader, BagWriter
 from robot_energy.rig.record import RigEncoder
 from ros2_energy_monitor.drain import Inbox
 from ros2_energy_monitor.node_parameters import RobotParameters
-from ros2_energy_monitor.publishers import reliable
+from ros2_energy_monitor.publishers import best_effort, reliable
 from ros2_energy_monitor.virtual_robot import make_rig
 
 PATIENCE = 30.0  # s, on a machine that does much else
@@ -32,9 +32,7 @@ class Bench:
 
     def __init__(self) -> None:
         self.context = Context()
-        rclpy.init(
-            args=[], context=self.context, signal_handler_options=SignalHandlerOptions.NO
-        )
+        rclpy.init(args=[], context=self.context, signal_handler_options=SignalHandlerOptions.NO)
         self.executor = SingleThreadedExecutor(context=self.context)
         self.nodes: list[Node] = []
         self.tester = self.add(Node, "tester")
@@ -70,7 +68,9 @@ class Bench:
     def latest(self, message_type: type[Any], topic: str) -> Callable[[], Any]:
         """Subscribe a topic and return a function that gives its latest message."""
         received: list[Any] = []
-        self.tester.create_subscription(message_type, topic, received.append, 100)
+        self.tester.create_subscription(
+            message_type, topic, lambda message: received.append(message), best_effort(1000)
+        )
         return lambda: received[-1] if received else None
 
     def close(self) -> None:

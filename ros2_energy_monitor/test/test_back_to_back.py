@@ -106,8 +106,10 @@ def test_energy_monitor_equals_replay(bench, messages, offline):
     publish_all(
         bench,
         messages,
-        lambda: node.temperatures[0].received == len(messages["/motor_temperatures"])
-        and node.readings.received == len(messages["/power_meter"]),
+        lambda: (
+            node.temperatures[0].received == len(messages["/motor_temperatures"])
+            and node.readings.received == len(messages["/power_meter"])
+        ),
         lambda: node.joint_states.received,
     )
     node.close()
@@ -130,8 +132,10 @@ def test_three_nodes_equal_replay(bench, messages, offline):
     publish_all(
         bench,
         messages,
-        lambda: power.frictions.received == rows
-        and power.readings.received == len(messages["/power_meter"]),
+        lambda: (
+            power.frictions.received == rows
+            and power.readings.received == len(messages["/power_meter"])
+        ),
         lambda: torque.joint_states.received,
     )
     torque.close()

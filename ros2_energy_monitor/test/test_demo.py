@@ -1,0 +1,90 @@
+"""The demonstration ends by itself, draws its figures and leaves no process behind."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from robot_energy.rig.record import record
+from ros2_energy_monitor.node_parameters import RobotParameters
+from ros2_energy_monitor.virtual_robot import make_rig
+
+LIMIT = 90.0  # s
+
+
+@pytest.fixture(scope="module")
+def bags(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Short stand-ins for the bundled bags."""
+    folder = tmp_path_factory.mktemp("bundled")
+    for name, degc in (("kr16_cold", 20.0), ("kr16_warm", 60.0)):
+        rig = make_rig(RobotParameters(start_temperature_degc=degc), 1_700_000_000 * 10**9)
+        record(rig, 10.0, folder / name)
+    return folder
+
+
+def demo(child_environment, *options: str) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-m", "ros2_energy_monitor.demo", *options],
+        env=child_environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
+    )
+
+
+def processes_of_session(session: int) -> list[str]:
+    found = []
+    for entry in Path("/proc").iterdir():
+        try:
+            fields = (entry / "stat").read_text().rpartition(")")[2].split()
+        except OSError:
+            continue
+        if entry.name.isdigit() and int(fields[3]) == session and fields[0] != "Z":
+            found.append(entry.name)
+    return found
+
+
+def test_demo_runs_through(child_environment, bags, tmp_path):
+    out = tmp_path / "out"
+    process = demo(child_environment, "--seconds=2", f"--bags={bags}", f"--out={out}")
+    try:
+        output, _ = process.communicate(timeout=LIMIT)
+    finally:
+        process.kill()
+    assert process.returncode == 0, output
+    assert "Wh measured" in output
+    assert "kr16_warm" in output
+    for name in ("kr16_cold", "kr16_warm"):
+        assert (out / f"{name}.png").read_bytes().startswith(b"\x89PNG")
+    assert not processes_of_session(process.pid)
+
+
+def test_interrupted_demo_leaves_nothing_running(child_environment, bags, tmp_path):
+    process = demo(child_environment, "--seconds=60", f"--bags={bags}", f"--out={tmp_path}")
+    assert process.stdout is not None
+    try:
+        for line in process.stdout:
+            if line.startswith("predicted"):
+                break
+        assert len(processes_of_session(process.pid)) == 5
+        os.killpg(process.pid, signal.SIGINT)
+        output, _ = process.communicate(timeout=LIMIT)
+    finally:
+        process.kill()
+    assert process.returncode == 130, output
+    assert "Traceback" not in output
+    assert not processes_of_session(process.pid)
+
+
+def test_missing_bags_are_explained(child_environment, tmp_path):
+    process = demo(child_environment, "--seconds=0", f"--bags={tmp_path}", f"--out={tmp_path}")
+    output, _ = process.communicate(timeout=LIMIT)
+    assert process.returncode == 2
+    assert output.startswith("the bag kr16_cold is not in")
+    assert len(output.splitlines()) == 1

@@ -1,0 +1,294 @@
+"""Each monitor alone, in process: what it publishes and what it says about itself."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from ros2_energy_msgs.msg import (
+    EnergyRegisters,
+    JointFriction,
+    JointTorque,
+    MotorTemperatures,
+    PowerReading,
+    PowerState,
+)
+from sensor_msgs.msg import JointState, Temperature
+
+from robot_energy.blocks import Quality
+from robot_energy.errors import ModelFileError
+from ros2_energy_monitor.energy_monitor import EnergyMonitor
+from ros2_energy_monitor.friction_monitor import FrictionMonitor
+from ros2_energy_monitor.power_monitor import PowerMonitor
+from ros2_energy_monitor.publishers import latched
+from ros2_energy_monitor.torque_monitor import TorqueMonitor
+
+JOINTS = [f"joint_a{axis}" for axis in range(1, 7)]
+MONITORS = [TorqueMonitor, FrictionMonitor, PowerMonitor, EnergyMonitor]
+
+
+def joint_state(second: int, names=JOINTS) -> JointState:
+    message = JointState(name=list(names), position=[0.0] * len(names))
+    message.header.stamp.sec = second
+    return message
+
+
+def temperatures(second: int, degc: float = 30.0) -> MotorTemperatures:
+    message = MotorTemperatures(joint_names=JOINTS, temperature_degc=[degc] * 6)
+    message.header.stamp.sec = second
+    return message
+
+
+class Diagnosed:
+    """Latest status of a name."""
+
+    def __init__(self, bench) -> None:
+        self._bench = bench
+        self._latest: dict[str, DiagnosticStatus] = {}
+        bench.tester.create_subscription(DiagnosticArray, "/diagnostics", self._take, 100)
+
+    def _take(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            self._latest[status.name] = status
+
+    def wait(self, name: str, words: str) -> DiagnosticStatus:
+        self._bench.spin_until(
+            lambda: words in getattr(self._latest.get(name), "message", ""), f"{name}: {words}"
+        )
+        return self._latest[name]
+
+    @staticmethod
+    def values(status: DiagnosticStatus) -> dict[str, float]:
+        return {pair.key: float(pair.value) for pair in status.values}
+
+
+@pytest.mark.parametrize("monitor", MONITORS)
+def test_unknown_model_is_refused(bench, monitor):
+    with pytest.raises(ModelFileError, match="no model file can be read at 'kr17'"):
+        bench.add(monitor, model="kr17")
+
+
+def test_torque_monitor_publishes_one_torque_per_state(bench, messages):
+    node = bench.add(TorqueMonitor, model="kr16")
+    torques = bench.inbox(JointTorque, "energy/joint_torque")
+    publisher = bench.publisher(JointState, "joint_states")
+    for message in messages["/joint_states"][:300]:
+        publisher.publish(message)
+    bench.spin_until(lambda: node.joint_states.received == 300, "joint states")
+    node.close()
+    taken = 0
+
+    def all_taken() -> bool:
+        nonlocal taken
+        taken += len(torques.drain() or ())
+        return taken >= 300
+
+    bench.spin_until(all_taken, "torques")
+    assert taken == node.ingest.account.accepted == 300
+
+
+def test_friction_reaches_those_who_come_late(bench):
+    bench.add(FrictionMonitor, model="kr16")
+    publisher = bench.publisher(MotorTemperatures, "motor_temperatures")
+    early = bench.latest(JointFriction, "energy/joint_friction")
+    publisher.publish(temperatures(5, 40.0))
+    bench.spin_until(lambda: early() and early().header.stamp.sec == 5, "friction at 40 degC")
+    received: list[JointFriction] = []
+    bench.tester.create_subscription(
+        JointFriction, "energy/joint_friction", lambda m: received.append(m), latched(100)
+    )
+    bench.spin_until(lambda: len(received) >= 2, "friction from before")
+    initial, warm = received
+    assert initial.header.stamp.sec == 0
+    assert initial.quality & Quality.TEMPERATURE_MISSING
+    assert list(initial.temperature_source) == [JointFriction.SOURCE_FALLBACK] * 6
+    assert list(warm.motor_temperature_degc) == [40.0] * 6
+    assert list(warm.temperature_source) == [JointFriction.SOURCE_MEASURED] * 6
+    assert all(np.less(warm.viscous, initial.viscous))  # initial: at 22 degC
+
+
+def test_single_temperatures_of_several_topics(bench):
+    node = bench.add(
+        FrictionMonitor,
+        model="kr16",
+        temperature_topics=["one", "two"],
+        temperature_type="sensor_msgs/msg/Temperature",
+    )
+    latest = bench.latest(JointFriction, "energy/joint_friction")
+    for topic, joint, degc in (("one", "joint_a1", 31.0), ("two", "joint_a6", 36.0)):
+        publisher = bench.publisher(Temperature, topic)
+        message = Temperature(temperature=degc)
+        message.header.frame_id = joint
+        message.header.stamp.sec = 7
+        publisher.publish(message)
+    bench.spin_until(lambda: node.ingest.account.accepted == 2, "both temperatures")
+    bench.spin_until(
+        lambda: latest() and np.isfinite(latest().motor_temperature_degc).sum() == 2, "both"
+    )
+    assert latest().motor_temperature_degc[0] == 31.0
+    assert latest().motor_temperature_degc[5] == 36.0
+
+
+def test_energy_monitor_publishes_torque_only_if_asked(bench):
+    silent = bench.add(EnergyMonitor, model="kr16")
+    assert silent.count_publishers("energy/joint_torque") == 0
+    bench.remove(silent)
+    node = bench.add(EnergyMonitor, model="kr16", publish_torque=True)
+    bench.spin_until(lambda: node.count_publishers("energy/joint_torque") == 1, "publisher")
+
+
+def test_energy_monitor_reports_powers_and_registers(bench, messages):
+    node = bench.add(EnergyMonitor, model="kr16", power_rate=10.0)
+    power = bench.latest(PowerState, "energy/power")
+    registers = bench.latest(EnergyRegisters, "energy/registers")
+    slow = [
+        (bench.publisher(MotorTemperatures, "motor_temperatures"), "/motor_temperatures"),
+        (bench.publisher(PowerReading, "power_meter"), "/power_meter"),
+    ]
+    for publisher, topic in slow:
+        for message in messages[topic]:
+            publisher.publish(message)
+    bench.spin_until(
+        lambda: (
+            node.readings.received == len(messages["/power_meter"])
+            and node.temperatures[0].received == len(messages["/motor_temperatures"])
+        ),
+        "slow topics",
+    )
+    states = bench.publisher(JointState, "joint_states")
+    for message in messages["/joint_states"][:750]:
+        states.publish(message)
+    bench.spin_until(lambda: registers() and registers().observed_time > 2.5, "registers")
+    bench.spin_until(lambda: power() and np.isfinite(power().measured_power), "measured power")
+    state = power()
+    assert state.model_id == node.model.model_id
+    assert state.period == pytest.approx(0.1, abs=0.01)
+    assert [joint.name for joint in state.joints] == JOINTS
+    parts = (
+        state.rigid_power + state.friction_power + state.drive_loss + state.loss_dc
+        + state.loss_grid + state.brake_power + state.capacitor_power
+    )  # fmt: skip
+    assert state.predicted_grid_power == pytest.approx(parts, rel=1e-9)
+    assert registers().measured_energy == pytest.approx(
+        registers().predicted_energy_at_meter, rel=0.15
+    )
+
+
+def test_restarted_torque_monitor_leaves_a_gap(bench, messages):
+    power = bench.add(PowerMonitor, model="kr16")
+    rows = messages["/joint_states"]
+    total = 0
+    for start in (0, 400):  # 0.8 s pass while the torque monitor is away
+        torque = bench.add(TorqueMonitor, model="kr16")
+        publisher = bench.publisher(JointState, "joint_states")
+        for message in rows[start : start + 200]:
+            publisher.publish(message)
+        bench.spin_until(lambda node=torque: node.joint_states.received == 200, "states")
+        torque.close()
+        total += 200
+        bench.spin_until(lambda wanted=total: power.torques.received == wanted, "torques")
+        bench.tester.destroy_publisher(publisher)
+        bench.remove(torque)
+    power.close()
+    time = power.ledger.registers.time
+    assert time.gap_count == 1
+    assert time.gap_ns == pytest.approx(0.804e9, rel=0.01)
+    assert time.observed_ns == pytest.approx(2 * 0.796e9, rel=0.01)
+
+
+def test_restarted_friction_monitor_does_not_forget(bench, messages):
+    power = bench.add(PowerMonitor, model="kr16")
+    for degc in (40.0, None):
+        friction = bench.add(FrictionMonitor, model="kr16")
+        if degc is not None:
+            publisher = bench.publisher(MotorTemperatures, "motor_temperatures")
+            publisher.publish(temperatures(1_699_999_999, degc))
+            bench.spin_until(lambda: power.frictions.received == 2, "friction")
+            bench.remove(friction)
+    bench.spin_until(lambda: power.frictions.received == 3, "friction of the restarted node")
+    torque = bench.add(TorqueMonitor, model="kr16")
+    states = bench.publisher(JointState, "joint_states")
+    latest = bench.latest(PowerState, "energy/power")
+    for message in messages["/joint_states"][:200]:
+        states.publish(message)
+    bench.spin_until(lambda: torque.joint_states.received == 200, "joint states")
+    bench.spin_until(latest, "power")
+    assert [joint.motor_temperature_degc for joint in latest().joints] == [40.0] * 6
+    assert not power.ledger.quality[Quality.TEMPERATURE_MISSING]
+
+
+def test_silence_is_diagnosed(bench):
+    bench.add(TorqueMonitor, model="kr16", input_timeout=0.1)
+    diagnosed = Diagnosed(bench)
+    name = "torque_monitor: joint states"
+    status = diagnosed.wait(name, "no joint state has arrived on /joint_states, which has no")
+    assert status.level == DiagnosticStatus.ERROR
+    assert np.isnan(diagnosed.values(status)["input_age"])
+    publisher = bench.publisher(JointState, "joint_states")
+    publisher.publish(joint_state(1))
+    status = diagnosed.wait(name, "no joint state for ")
+    assert status.level == DiagnosticStatus.STALE
+    assert status.message.endswith("s on /joint_states")
+    assert diagnosed.values(status)["accepted"] == 1
+
+
+def test_missing_joint_is_named(bench):
+    bench.add(TorqueMonitor, model="kr16")
+    diagnosed = Diagnosed(bench)
+    publisher = bench.publisher(JointState, "joint_states")
+    publisher.publish(joint_state(1, JOINTS[:5]))
+    status = diagnosed.wait(
+        "torque_monitor: joint states", "the joint names of /joint_states lack joint_a6"
+    )
+    assert status.level == DiagnosticStatus.ERROR
+    assert diagnosed.values(status)["rejected.missing_joint"] == 1
+
+
+def test_rejected_messages_are_counted_by_reason(bench):
+    bench.add(TorqueMonitor, model="kr16")
+    diagnosed = Diagnosed(bench)
+    publisher = bench.publisher(JointState, "joint_states")
+    for second in (1, 1, 1, 2):
+        publisher.publish(joint_state(second))
+    status = diagnosed.wait("torque_monitor: joint states", "2 of 4 messages on /joint_states")
+    assert status.level == DiagnosticStatus.WARN
+    assert "duplicate_stamp" in status.message
+    values = diagnosed.values(status)
+    assert values["received"] == values["accepted"] + values["rejected.duplicate_stamp"] == 4
+
+
+def test_missing_temperature_is_diagnosed_until_it_comes(bench):
+    bench.add(FrictionMonitor, model="kr16")
+    diagnosed = Diagnosed(bench)
+    name = "friction_monitor: motor temperatures"
+    status = diagnosed.wait(name, "no motor temperature has arrived on /motor_temperatures")
+    assert status.level == DiagnosticStatus.WARN
+    assert "friction is taken at 22 degC" in status.message
+    publisher = bench.publisher(MotorTemperatures, "motor_temperatures")
+    publisher.publish(temperatures(1))
+    status = diagnosed.wait(name, "all is well")
+    assert status.level == DiagnosticStatus.OK
+    assert diagnosed.values(status)["motor_temperature_degc.joint_a6"] == 30.0
+    publisher.publish(temperatures(2, 95.0))
+    assert diagnosed.wait(name, "outside the range").level == DiagnosticStatus.WARN
+
+
+def test_power_monitor_diagnoses_torque_and_meter(bench):
+    bench.add(PowerMonitor, model="kr16", meter_max_gap=0.1)
+    diagnosed = Diagnosed(bench)
+    name = "power_monitor: energy"
+    status = diagnosed.wait(name, "no joint torque has arrived on /energy/joint_torque")
+    assert status.level == DiagnosticStatus.ERROR
+    assert {"coverage", "gaps", "residual_energy", "extrapolated_share"} <= set(
+        diagnosed.values(status)
+    )
+
+
+def test_silent_meter_is_diagnosed(bench, messages):
+    bench.add(EnergyMonitor, model="kr16", meter_max_gap=0.1)
+    diagnosed = Diagnosed(bench)
+    name = "energy_monitor: energy"
+    assert diagnosed.wait(name, "all is well").level == DiagnosticStatus.OK  # no meter at all
+    publisher = bench.publisher(PowerReading, "power_meter")
+    publisher.publish(messages["/power_meter"][0])
+    assert diagnosed.wait(name, "no meter reading for").level == DiagnosticStatus.STALE

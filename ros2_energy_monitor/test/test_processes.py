@@ -1,0 +1,131 @@
+"""Nodes as processes: they start, end cleanly when told to, and refuse in one sentence."""
+
+from __future__ import annotations
+
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+LIMIT = 30.0  # s; then the process is killed and the test fails
+MONITORS = ["torque_monitor", "friction_monitor", "power_monitor", "energy_monitor"]
+
+
+def command(name: str, *parameters: str) -> list[str]:
+    options = [word for parameter in parameters for word in ("-p", parameter)]
+    arguments = ["--ros-args", *options] if options else []
+    return [sys.executable, "-m", f"ros2_energy_monitor.{name}", *arguments]
+
+
+@pytest.fixture
+def start(child_environment) -> Iterator:
+    running: list[subprocess.Popen[str]] = []
+
+    def start_one(*words: str) -> subprocess.Popen[str]:
+        process = subprocess.Popen(
+            command(*words),
+            env=child_environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+        running.append(process)
+        return process
+
+    yield start_one
+    for process in running:
+        process.kill()
+        process.communicate()
+
+
+def read_until(process: subprocess.Popen[str], words: str) -> None:
+    assert process.stdout is not None
+    for line in process.stdout:
+        if words in line:
+            return
+    pytest.fail(f"the process ended without saying '{words}'")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("name", MONITORS)
+def test_a_signal_ends_a_monitor_cleanly(start, name, number):
+    process = start(name, "model:=kr16")
+    read_until(process, "is monitored")
+    process.send_signal(number)
+    output, _ = process.communicate(timeout=LIMIT)
+    assert process.returncode == 0, output
+    assert "Traceback" not in output
+
+
+@pytest.mark.parametrize("name", ["energy_monitor", "virtual_robot"])
+def test_many_signals_end_a_node_as_cleanly_as_one(start, name):
+    process = start(name, *(["model:=kr16"] if name == "energy_monitor" else []))
+    read_until(process, "is monitored" if name == "energy_monitor" else "virtual rig plays")
+    while process.poll() is None:
+        for number in (signal.SIGINT, signal.SIGTERM):
+            process.send_signal(number)
+        time.sleep(0.002)  # between signals, not for a condition
+    output, _ = process.communicate(timeout=LIMIT)
+    assert process.returncode == 0, output
+    assert "Traceback" not in output
+
+
+@pytest.mark.parametrize(
+    ("parameters", "words"),
+    [
+        ((), "torque_monitor was started without its parameter 'model'"),
+        (("model:=kr17",), "no model file can be read at 'kr17'"),
+        (("model:=kr16", "tick_rate:=-1.0"), "parameter 'tick_rate' of torque_monitor is -1.0"),
+    ],
+)
+def test_a_wrong_start_says_so_in_one_line(start, parameters, words):
+    process = start("torque_monitor", *parameters)
+    output, _ = process.communicate(timeout=LIMIT)
+    assert process.returncode == 2, output
+    assert words in output
+    assert len(output.splitlines()) == 1, output
+
+
+def test_a_broken_model_file_is_named(start, tmp_path: Path):
+    broken = tmp_path / "robot.yaml"
+    broken.write_text("schema_version: 1\njoints: []\n")
+    process = start("energy_monitor", f"model:={broken}")
+    output, _ = process.communicate(timeout=LIMIT)
+    assert process.returncode == 2, output
+    assert str(broken) in output
+    assert len(output.splitlines()) == 1, output
+
+
+def test_wrong_ros_arguments_are_refused(child_environment):
+    result = subprocess.run(
+        [sys.executable, "-m", "ros2_energy_monitor.torque_monitor", "--ros-args", "-p", "model"],
+        env=child_environment,
+        capture_output=True,
+        text=True,
+        timeout=LIMIT,
+        check=False,
+    )
+    assert result.returncode == 2, result.stderr
+    assert "ROS could not be started" in result.stderr
+    assert "Traceback" not in result.stderr
+
+
+def test_console_prints_lines_without_a_terminal(start):
+    robot = start("virtual_robot")
+    monitor = start("energy_monitor", "model:=kr16")
+    console = start("console", "line_period:=0.5")
+    assert console.stdout is not None
+    for line in console.stdout:
+        if re.search(r"predicted \d+ W, measured \d+ W.* Wh predicted, .* Wh measured", line):
+            break
+    else:
+        pytest.fail("the console ended")
+    for process in (console, monitor, robot):
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=LIMIT)
+        assert process.returncode == 0

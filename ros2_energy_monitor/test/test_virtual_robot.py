@@ -1,0 +1,52 @@
+"""The virtual robot publishes what a robot with thermometers and a meter would."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from ros2_energy_msgs.msg import MotorTemperatures, PowerReading
+from sensor_msgs.msg import JointState
+
+from robot_energy.errors import RigError
+from ros2_energy_monitor.node_parameters import RobotParameters
+from ros2_energy_monitor.publishers import best_effort
+from ros2_energy_monitor.virtual_robot import VirtualRobot, make_rig
+
+
+def test_all_topics_with_stamps_of_the_clock(bench):
+    states = bench.inbox(JointState, "joint_states", best_effort(1000))
+    degc = bench.latest(MotorTemperatures, "motor_temperatures")
+    meter = bench.latest(PowerReading, "power_meter")
+    before = bench.tester.get_clock().now().nanoseconds
+    robot = bench.add(VirtualRobot, start_temperature_degc=35.0, rate=500.0)
+    bench.spin_until(lambda: degc() and meter(), "temperatures and readings")
+    batch = bench.spin_until(states.drain, "joint states")
+    assert robot.rig.period == pytest.approx(0.002)
+    assert len(batch) > 1
+    stamp = robot.rig.stamp_ns
+    assert before < stamp <= bench.tester.get_clock().now().nanoseconds + 2_000_000
+    assert list(degc().joint_names) == list(robot.rig.joint_names)
+    assert np.allclose(degc().temperature_degc, 35.0, atol=2.0)
+    assert meter().meaning == PowerReading.MEANING_MEAN_OVER_INTERVAL
+    assert meter().power > 100.0
+
+
+def test_effort_is_the_motor_torque(bench):
+    latest = bench.latest(JointState, "joint_states")
+    bench.add(VirtualRobot)
+    bench.spin_until(latest, "a joint state")
+    message = latest()
+    assert len(message.name) == len(message.position) == len(message.velocity) == 6
+    assert np.isfinite(message.effort).all()
+
+
+def test_same_seeds_same_bytes():
+    one, again = (make_rig(RobotParameters(), 10**18).step(100).joints for _ in range(2))
+    other = make_rig(RobotParameters(program=2), 10**18).step(500).joints
+    assert np.array_equal(one.joint_position, again.joint_position)
+    assert not np.array_equal(one.joint_position[-1], other.joint_position[-1])
+
+
+def test_an_impossible_warm_up_is_refused():
+    with pytest.raises(RigError, match="thermal_speedup"):
+        make_rig(RobotParameters(thermal_speedup=1e6), 10**18)
