@@ -184,13 +184,13 @@ def run(args: Namespace) -> int:
         degc = fallback if args.compare == AT_FALLBACK else args.compare
         second = _replay(args, with_fixed_friction(model, degc), "with fixed friction", out=None)
         other = summarise(second, f"friction fixed at {degc:g} degC")
-    if args.json != "-":
-        print_replay(summary, console(), other)
     if args.json is not None:
         document = summary if other is None else {**summary, "compared_with": other}
         write_text(args.json, json.dumps(document, indent=2, allow_nan=False) + "\n")
     if args.plot is not None:
         _plot(args.plot, first, second, change, other)
+    if args.json != "-":  # last: the reader of a pipe may close it early
+        print_replay(summary, console(), other)
     return DAMAGED if first.problems else 0
 
 
