@@ -1,0 +1,102 @@
+"""Torque messages: what arrives is what was written, whatever happens to the writer."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from robot_energy.blocks import Quality, TorqueBlock
+from robot_energy.messages import TorqueReader, TorqueWriter
+from robot_energy.wire.batch import RawBatch
+
+NAMES = ("a", "b")
+PERIOD_NS = 4_000_000
+
+
+def torques(first: int, count: int, segment: int = 0) -> TorqueBlock:
+    stamp = 10**18 + np.arange(first, first + count, dtype=np.int64) * PERIOD_NS
+    values = np.arange(2.0 * count).reshape(count, 2)
+    return TorqueBlock(
+        stamp_ns=stamp,
+        segment=np.full(count, segment, dtype=np.int64),
+        quality=np.zeros(count, dtype=np.uint32),
+        joint_position=values,
+        joint_velocity=values + 0.1,
+        joint_acceleration=values + 0.2,
+        joint_torque_rigid=values + 0.3,
+        motor_velocity=values + 0.4,
+        motor_torque_rigid=values + 0.5,
+    )
+
+
+def batch(block: TorqueBlock) -> RawBatch:
+    rows = TorqueWriter(NAMES, "id").encode(block)
+    return RawBatch.from_messages(
+        "/t", "ros2_energy_msgs/msg/JointTorque", block.stamp_ns, [row.tobytes() for row in rows]
+    )
+
+
+def read(reader: TorqueReader, block: TorqueBlock) -> TorqueBlock:
+    found = reader.decode(batch(block))
+    assert found is not None
+    return found
+
+
+def test_blocks_survive_the_wire_bit_by_bit():
+    sent = torques(0, 50)
+    found = read(TorqueReader(NAMES, "id"), sent)
+    for name in ("stamp_ns", "segment", "quality", "motor_velocity", "motor_torque_rigid"):
+        assert np.array_equal(getattr(found, name), getattr(sent, name))
+
+
+def test_restarted_writer_begins_a_new_segment_although_it_counts_from_zero():
+    reader = TorqueReader(NAMES, "id")
+    before = read(reader, torques(0, 50))
+    after = read(reader, torques(300, 50))  # 1 s later, segment 0 again
+    assert before.segment[-1] == 0
+    assert (after.segment == 1).all()
+    assert list(np.flatnonzero(after.quality & Quality.AFTER_GAP)) == [0]
+    assert reader.order.gaps == 1
+
+
+def test_messages_lost_on_the_way_are_a_gap():
+    reader = TorqueReader(NAMES, "id")
+    block = torques(0, 200)
+    kept = block[np.concatenate([np.arange(50), np.arange(150, 200)])]
+    found = read(reader, kept)
+    assert list(found.segment) == [0] * 50 + [1] * 50
+
+
+def test_the_writer_s_own_segments_are_kept_and_counted_once():
+    reader = TorqueReader(NAMES, "id")
+    first, second = torques(0, 50, segment=3), torques(50, 50, segment=4)
+    third = torques(400, 50, segment=5)  # told by the writer and seen in the stamps
+    found = read(reader, TorqueBlock.concatenate([first, second, third]))
+    assert list(found.segment) == [0] * 50 + [1] * 50 + [2] * 50
+
+
+def test_cut_changes_nothing():
+    whole = TorqueBlock.concatenate(
+        [torques(0, 60), torques(60, 40, segment=1), torques(300, 40), torques(340, 20)]
+    )
+    once = read(TorqueReader(NAMES, "id"), whole)
+    reader = TorqueReader(NAMES, "id")
+    parts = [read(reader, whole[slice(start, start + 7)]) for start in range(0, len(whole), 7)]
+    pieces = TorqueBlock.concatenate(parts)
+    assert np.array_equal(once.segment, pieces.segment)
+    assert np.array_equal(once.quality, pieces.quality)
+
+
+def test_two_writers_do_not_count_twice():
+    reader = TorqueReader(NAMES, "id")
+    doubled = torques(0, 50)[np.repeat(np.arange(50), 2)]
+    found = read(reader, doubled)
+    assert len(found) == 50
+    assert reader.account.rejected == {"duplicate_stamp": 50}
+    assert reader.account.balanced
+
+
+def test_torque_of_another_model_is_refused():
+    reader = TorqueReader(NAMES, "other")
+    assert reader.decode(batch(torques(0, 5))) is None
+    assert reader.account.rejected == {"other_model": 5}
+    assert reader.account.balanced
