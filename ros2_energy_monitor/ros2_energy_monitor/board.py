@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rich import box
 from rich.table import Table
 from rich.text import Text
 from ros2_energy_msgs.msg import EnergyRegisters, JointFriction, PowerState
@@ -99,12 +100,19 @@ class Board:
 
     def _totals(self, power: PowerState, silent: bool) -> Table:
         state = "[red]no news[/red]" if silent else f"robot {PHASES[power.phase]}"
-        table = Table(title=f"{state}, coverage {_number(power.coverage, 3)}", expand=False)
+        table = _new_table()
+        table.title = f"{state}, coverage {_number(power.coverage, 3)}"
         table.add_column("cabinet")
-        for heading in ("predicted", "measured", "residual"):
+        for heading in (
+            "predicted",
+            "measured",
+            "residual",
+            "friction",
+            "drives",
+            "supply",
+            "brake",
+        ):
             table.add_column(heading, justify="right")
-        for heading in ("friction", "drives", "supply", "brake"):
-            table.add_column(Text(f"{heading} [W]"), justify="right")
         table.add_row(
             Text("power [W]"),
             self._watts("predicted_power"),
@@ -126,14 +134,14 @@ class Board:
         return table
 
     def _joints(self, power: PowerState) -> Table:
-        table = Table(expand=False)
+        table = _new_table()
         table.add_column("joint")
         for heading in (
             "drive [W]",
             "friction [W]",
-            "motor [degC]",
+            "[degC]",
             "coulomb [N m]",
-            "viscous [mN m s/rad]",
+            "viscous [mN m s]",
         ):
             table.add_column(Text(heading), justify="right")
         degc: dict[str, Any] = {}
@@ -157,6 +165,10 @@ class Board:
     def _trouble(self) -> str:
         bad = [status for status in self._status.values() if status.level != DiagnosticStatus.OK]
         return "; ".join(f"{status.name}: {status.message}" for status in bad)
+
+
+def _new_table() -> Table:
+    return Table(box=box.SIMPLE_HEAD, pad_edge=False, expand=False)
 
 
 def _powers(message: PowerState) -> Iterator[tuple[str, float]]:

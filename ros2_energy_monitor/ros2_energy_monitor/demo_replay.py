@@ -65,10 +65,13 @@ def show_bags(bags: Path, out: Path, model_name: str) -> list[Row]:
     out.mkdir(parents=True, exist_ok=True)
     rows = [_row(bags / name, model, fixed, degc, out) for name in BAGS]
     table = Table(title="Energy from the grid, recorded bags of the virtual rig")
-    for heading in ("bag", "measured [Wh]", "friction of", "predicted [Wh]", "error"):
+    for heading in ("bag", "measured [Wh]", "friction", "predicted [Wh]", "error"):
         table.add_column(Text(heading), justify="left" if heading == "bag" else "right")
     for row in rows:
-        for kind, energy in (("the temperature", row.aware), (f"{degc:g} degC", row.fixed)):
+        for kind, energy in (
+            ("follows temperature", row.aware),
+            (f"fixed at {degc:g} degC", row.fixed),
+        ):
             table.add_row(
                 row.bag,
                 f"{row.measured / JOULE_PER_WH:.2f}",
@@ -88,8 +91,8 @@ def _row(bag: Path, model: RobotModel, fixed: RobotModel, degc: float, out: Path
     from robot_energy.report.series import compared_series
 
     results = [replay(bag, each, keep_means=True) for each in (model, fixed)]
-    aware = compared_series(results[0], "predicted, friction of the temperature")
-    other = compared_series(results[1], f"predicted, friction of {degc:g} degC", "fixed")
+    aware = compared_series(results[0], "predicted, friction follows temperature")
+    other = compared_series(results[1], f"predicted, friction fixed at {degc:g} degC", "fixed")
     if aware is None or other is None:
         raise BagError(f"{bag} has no meter reading to compare with", "a recording with a meter")
     figure = out / f"{bag.name}.png"
