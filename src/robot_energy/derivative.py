@@ -11,7 +11,6 @@ neighbours instead. It never crosses a change of segment.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -61,11 +60,11 @@ class Derivative:
             Completed samples, one block for each segment touched; may be empty.
         """
         out: list[JointBlock] = []
-        starts = np.flatnonzero(np.diff(block.segment)) + 1
-        for rows in np.split(np.arange(len(block)), starts):
-            if len(rows) == 0:
+        starts = (np.flatnonzero(np.diff(block.segment)) + 1).tolist()
+        for start, stop in zip([0, *starts], [*starts, len(block)], strict=True):
+            if start == stop:
                 continue
-            part = block[slice(int(rows[0]), int(rows[-1]) + 1)]
+            part = block[slice(start, stop)] if starts else block
             if self._pending is not None and self._pending.segment[-1] != part.segment[0]:
                 out += self.flush()
             if self._pending is not None:
@@ -124,8 +123,8 @@ class Derivative:
         velocity = buffer.joint_velocity
         quality = buffer.quality[rows].copy()
         acceleration = fit.slope(velocity)
-        derived = ~np.isfinite(acceleration)
-        if derived.any():
+        if not bool(np.isfinite(acceleration.sum())):
+            derived = ~np.isfinite(acceleration)
             slope, curvature = (
                 fit.slope(buffer.joint_position),
                 fit.curvature(buffer.joint_position),
@@ -159,47 +158,47 @@ class _QuadraticFit:
         least_behind: int, least_ahead: int, scale: float,
     ) -> None:  # fmt: skip
         rows = np.arange(start, stop)
-        low = np.searchsorted(stamp, stamp[rows] - behind_ns, side="left")
-        high = np.searchsorted(stamp, stamp[rows] + ahead_ns, side="right") - 1
-        low = np.maximum(np.minimum(low, rows - least_behind), 0)
-        high = np.minimum(np.maximum(high, rows + least_ahead), len(stamp) - 1)
+        instants = stamp[rows]
+        low = np.searchsorted(stamp, instants - behind_ns, side="left")
+        high = np.searchsorted(stamp, instants + ahead_ns, side="right") - 1
+        behind = rows - np.maximum(np.minimum(low, rows - least_behind), 0)
+        ahead = np.minimum(np.maximum(high, rows + least_ahead), len(stamp) - 1) - rows
         self.incomplete = (rows - least_behind < 0) | (rows + least_ahead >= len(stamp))
         self._scale = scale
         self._rows = rows
         self._size = len(stamp)
-        self._offsets: list[tuple[int, Float, NDArray[np.bool_] | None]] = []
-        count = high - low + 1
-        behind, ahead = rows - low, high - rows
-        moments = np.zeros((5, len(rows)))
-        instants = stamp[rows]
-        for offset in range(-int(behind.max()), int(ahead.max()) + 1):
-            u = (self._shifted(stamp, offset) - instants) * (NANOSECOND / scale)
+        self._offsets = range(-int(behind.max()), int(ahead.max()) + 1)
+        # u and the weights are (offsets, rows), so that every operation runs along the rows
+        self._u = np.empty((len(self._offsets), len(rows)))
+        self._outside: dict[int, NDArray[np.bool_]] = {}
+        for index, offset in enumerate(self._offsets):
+            np.multiply(
+                self._shifted(stamp, offset) - instants, NANOSECOND / scale, out=self._u[index]
+            )
             reach = behind if offset < 0 else ahead
-            inside = None
             if reach.min() < abs(offset):
-                inside = reach >= abs(offset)
-                u = np.where(inside, u, 0.0)
-            self._offsets.append((offset, u, inside))
-            power = u
-            for order in range(1, 5):
-                moments[order] += power
-                if order < 4:
-                    power = power * u
-        moments[0] = count
-        s0, s1, s2, s3, s4 = moments
+                self._outside[index] = reach < abs(offset)
+                self._u[index][self._outside[index]] = 0.0
+        self._solve(behind + ahead + 1)
+
+    def _solve(self, count: Int) -> None:
+        """Solve the normal equations of every row."""
+        u, squared = self._u, self._u * self._u
+        s0, s1, s2 = count.astype(np.float64), _sum_rows(u), _sum_rows(squared)
+        s3, s4 = _sum_rows(squared * u), _sum_rows(squared * squared)
         a, b, c = s2 * s4 - s3 * s3, s1 * s4 - s2 * s3, s1 * s3 - s2 * s2
         determinant = s0 * a - s1 * b + s2 * c
         d, e, f = s0 * s4 - s2 * s2, s0 * s3 - s1 * s2, s0 * s2 - s1 * s1
         with np.errstate(divide="ignore", invalid="ignore"):
             line = np.where(count >= 2, 1 / f, np.nan)
             quadratic = count >= 3
-            self._slope = [
+            self._slope = (
                 np.where(quadratic, -b / determinant, -s1 * line),
                 np.where(quadratic, d / determinant, s0 * line),
                 np.where(quadratic, -e / determinant, 0.0),
-            ]
+            )
             bend = np.where(quadratic, 1 / determinant, np.nan)
-        self._curvature = [c * bend, -e * bend, f * bend]
+        self._curvature = (c * bend, -e * bend, f * bend)
 
     def slope(self, values: Float) -> Float:
         """Return the first derivative at each row, shape (rows, n). [unit/s]"""
@@ -209,20 +208,33 @@ class _QuadraticFit:
         """Return the second derivative at each row, shape (rows, n). [unit/s^2]"""
         return self._weigh(values, self._curvature) * (2 / self._scale**2)
 
-    def _weigh(self, values: Float, coefficients: Sequence[Float]) -> Float:
+    def _weigh(self, values: Float, coefficients: tuple[Float, Float, Float]) -> Float:
         c0, c1, c2 = coefficients
-        result = np.zeros((len(c0), values.shape[1]))
-        for offset, u, inside in self._offsets:
-            weight = c0 + (c1 + c2 * u) * u
-            term = weight[:, None] * self._shifted(values, offset)
-            if inside is not None:
-                term[~inside] = 0.0
+        weight = c2 * self._u
+        weight += c1
+        weight *= self._u
+        weight += c0
+        columns = np.ascontiguousarray(values.T)
+        result = np.zeros((len(columns), len(self._rows)))
+        term = np.empty_like(result)
+        for index, offset in enumerate(self._offsets):
+            np.multiply(weight[index], self._shifted(columns, offset), out=term)
+            if index in self._outside:
+                term[:, self._outside[index]] = 0.0
             result += term
-        return result
+        return np.ascontiguousarray(result.T)
 
     def _shifted(self, values: NDArray[Any], offset: int) -> NDArray[Any]:
-        """Return the samples ``offset`` rows from each row; any sample beyond the ends."""
+        """Return the samples ``offset`` from each row, last axis; any beyond the ends."""
         start, stop = int(self._rows[0]) + offset, int(self._rows[-1]) + 1 + offset
         if start >= 0 and stop <= self._size:
-            return values[start:stop]
-        return values[np.clip(self._rows + offset, 0, self._size - 1)]
+            return values[..., start:stop]
+        return values[..., np.clip(self._rows + offset, 0, self._size - 1)]
+
+
+def _sum_rows(values: Float) -> Float:
+    """Sum over the first axis in rising order, whatever the length of the second."""
+    total = np.zeros(values.shape[1])
+    for row in values:
+        total += row
+    return total

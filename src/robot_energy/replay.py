@@ -32,7 +32,7 @@ from robot_energy.pipeline.averaging import MeanBlock
 from robot_energy.wire.batch import RawBatch
 
 SECOND_NS = 1_000_000_000
-ROWS = 1600  # samples in one step: their arrays stay in the processor's caches
+ROWS = 4096  # samples in one step at most
 Progress = Callable[[float], None]
 
 

@@ -19,12 +19,13 @@ RATE = 500
 def measure(script: str, *arguments: str) -> dict[str, float]:
     """Run a script in its own process; wall time after imports, peak memory, its figures."""
     code = (
-        "import json, resource, runpy, sys, time\n"
+        "import json, re, sys, time\n"
         f"sys.path.insert(0, {str(HERE)!r})\n"
         f"import {script}\n"
         f"begin = time.perf_counter(); out = {script}.main(*{list(arguments)!r}) or {{}}\n"
         "wall = time.perf_counter() - begin\n"
-        "peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024\n"
+        "status = open('/proc/self/status').read()\n"
+        "peak = int(re.search(r'VmHWM:\\s+(\\d+)', status)[1]) / 1024\n"
         "print(json.dumps({'wall': wall, 'peak_mb': peak, **out}))\n"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -32,9 +33,8 @@ def measure(script: str, *arguments: str) -> dict[str, float]:
     return json.loads(lines[-1])
 
 
-def medians(script: str, repeats: int, *arguments: str) -> dict[str, float]:
-    """Medians over repeated processes."""
-    runs = [measure(script, *arguments) for _ in range(repeats)]
+def median(runs: list[dict[str, float]]) -> dict[str, float]:
+    """Median of each figure."""
     return {key: statistics.median(run[key] for run in runs) for key in runs[0]}
 
 
@@ -61,9 +61,13 @@ def run(folder: Path, quick: bool) -> tuple[Table, dict[str, object], dict[str, 
     for compression in ("zstd", "none"):
         bag = str(record(folder / f"{seconds}s_{compression}", seconds, compression))
         short = str(record(folder / f"{seconds // 5}s_{compression}", seconds // 5, compression))
-        ours = medians("ours", 5, bag, "kr16")
-        naive = medians("naive", 1 if quick else 3, bag, "kr16")
-        brief = medians("ours", 1, short, "kr16")
+        runs: dict[str, list[dict[str, float]]] = {"ours": [], "naive": []}
+        for turn in range(1 if quick else 5):  # interleaved, so that noise meets both alike
+            runs["ours"].append(measure("ours", bag, "kr16"))
+            if turn % 2 == 0:
+                runs["naive"].append(measure("naive", bag, "kr16"))
+        ours, naive = median(runs["ours"]), median(runs["naive"])
+        brief = measure("ours", short, "kr16")
         ratio, speed = naive["wall"] / ours["wall"], seconds / ours["wall"]
         for name, result in (("robot-energy replay", ours), ("AnyReader + pin.rnea", naive)):
             shares = [

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 
 from robot_energy.bag import BagReader
+from robot_energy.cli.memory import keep_freed_memory
 from robot_energy.ingest import JointStateIngest
 from robot_energy.model_file import load
 from robot_energy.replay import replay
@@ -13,6 +14,7 @@ from robot_energy.robot import Robot
 
 def main(bag: str, model_name: str) -> dict[str, float]:
     """Replay, then time the reading and the dynamics of the same samples alone."""
+    keep_freed_memory()  # as the command does
     model = load(model_name)
     begin = time.perf_counter()
     result = replay(bag, model)

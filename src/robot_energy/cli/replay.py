@@ -7,6 +7,7 @@ from argparse import ArgumentParser, ArgumentTypeError, Namespace, RawDescriptio
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from robot_energy.cli.memory import keep_freed_memory
 from robot_energy.cli.terminal import (
     add_debug,
     check_writable,
@@ -198,6 +199,7 @@ def _replay(args: Namespace, model: RobotModel, label: str, out: str | None) -> 
     from robot_energy.pipeline import Settings
     from robot_energy.replay import Topics, replay
 
+    keep_freed_memory()
     named = args.temperatures
     temperatures = None if named is None else tuple(topic for topic in named if topic != NONE)
     names = ("derivative_window", "settle", "power_period", "meter_max_gap")

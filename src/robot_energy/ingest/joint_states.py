@@ -44,7 +44,7 @@ class JointStateIngest:
             JOINT_STATE,
             ("header.stamp.sec", "header.stamp.nanosec", "name", "position", "velocity"),
         )
-        self._columns: dict[tuple[str, ...], Int | str] = {}
+        self._columns: dict[tuple[str, ...], Int | slice | str] = {}
 
     def step(self, batch: RawBatch) -> JointBlock | None:
         """Take messages in order of arrival.
@@ -128,12 +128,12 @@ class JointStateIngest:
             return columns
         if positions.shape[1] != len(names) or velocities.shape[1] not in (0, len(names)):
             return "wrong_length"
-        position = positions[:, columns].astype(np.float64)
+        position = positions.astype(np.float64)[:, columns]
         if velocities.shape[1]:
-            return stamp_ns(run), position, velocities[:, columns].astype(np.float64)
+            return stamp_ns(run), position, velocities.astype(np.float64)[:, columns]
         return stamp_ns(run), position, np.full_like(position, np.nan)
 
-    def _match(self, names: tuple[str, ...]) -> Int | str:
+    def _match(self, names: tuple[str, ...]) -> Int | slice | str:
         """Columns of the model's joints in a message, or why there are none."""
         self.ignored_joints |= set(names) - set(self._names)
         missing = set(self._names) - set(names)
@@ -142,6 +142,8 @@ class JointStateIngest:
             return "missing_joint"
         if len(set(names)) != len(names):
             return "repeated_joint"
+        if names == self._names:
+            return slice(None)  # nothing to copy
         return np.asarray([names.index(name) for name in self._names], dtype=np.int64)
 
     def _refuse(

@@ -3,10 +3,19 @@
 from __future__ import annotations
 
 from collections import Counter
+from typing import NamedTuple
 
 import numpy as np
 
-from robot_energy.blocks import Float, FrictionBlock, Int, Quality, TemperatureBlock, in_any_joint, mark
+from robot_energy.blocks import (
+    Float,
+    FrictionBlock,
+    Int,
+    Quality,
+    TemperatureBlock,
+    in_any_joint,
+    mark,
+)
 from robot_energy.friction import FrictionModel
 from robot_energy.model_file import RobotModel
 
@@ -14,7 +23,13 @@ PLAUSIBLE_DEGC = (-40.0, 200.0)
 BACKWARD_JUMP_NS = 1_000_000_000  # older stamps than this are a new epoch, not late ones
 
 
-_State = tuple[int, Float, Int, bool]  # stamp, temperatures, their stamps, any implausible
+class _State(NamedTuple):
+    """What is known of the temperatures at one stamp."""
+
+    stamp_ns: int
+    temperature_degc: Float
+    temperature_stamp_ns: Int
+    implausible: bool  # the last reading of some motor
 
 
 class FrictionStage:
@@ -43,7 +58,7 @@ class FrictionStage:
     def initial(self) -> FrictionBlock:
         """Return the friction before any temperature is known, valid from the start."""
         none = np.full_like(self._temperature, np.nan)
-        return self._rows([(0, none, np.zeros_like(self._stamp), False)])
+        return self._rows([_State(0, none, np.zeros_like(self._stamp), False)])
 
     def latest(self) -> FrictionBlock:
         """Return the friction as of the newest temperature, one row."""
@@ -58,14 +73,30 @@ class FrictionStage:
         Returns:
             One row per reading that changed something, or None.
         """
-        states = [
-            self._state()
-            for stamp, values in zip(
-                block.stamp_ns.tolist(), block.motor_temperature_degc, strict=True
-            )
-            if self._take(int(stamp), values)
-        ]
+        values, stamp = block.motor_temperature_degc, block.stamp_ns
+        plausible = (values >= PLAUSIBLE_DEGC[0]) & (values <= PLAUSIBLE_DEGC[1])
+        newer = np.diff(stamp, prepend=self._newest) >= 0
+        if bool(plausible.all()) and bool(newer.all()) and not self._implausible.any():
+            states = self._take_all(stamp, values)
+        else:
+            states = [
+                self._state()
+                for at, row in zip(stamp.tolist(), values, strict=True)
+                if self._take(int(at), row)
+            ]
         return self._rows(states) if states else None
+
+    def _take_all(self, stamp: Int, values: Float) -> list[_State]:
+        """Store readings of every motor that are all in order: what `_take` does, at once."""
+        self.received += values.size
+        self.accepted += values.size
+        self._newest = int(stamp[-1])
+        self._temperature[:] = values[-1]
+        self._stamp[:] = stamp[-1]
+        return [
+            _State(at, row, np.full_like(self._stamp, at), False)
+            for at, row in zip(stamp.tolist(), values, strict=True)
+        ]
 
     def _take(self, stamp: int, values: Float) -> bool:
         """Store one reading; each motor's value is received, accepted or rejected."""
@@ -92,23 +123,27 @@ class FrictionStage:
 
     def _state(self) -> _State:
         implausible = bool(self._implausible.any())
-        return self._newest, self._temperature.copy(), self._stamp.copy(), implausible
+        return _State(self._newest, self._temperature.copy(), self._stamp.copy(), implausible)
 
     def _rows(self, states: list[_State]) -> FrictionBlock:
         """Evaluate the laws for every state at once."""
-        temperature = np.stack([state[1] for state in states])
+        temperature = np.stack([state.temperature_degc for state in states])
         known = ~np.isnan(temperature)
         extrapolated = known & self._friction.extrapolated(temperature)
         quality = np.zeros(len(states), dtype=np.uint32)
         mark(quality, in_any_joint(~known), Quality.TEMPERATURE_MISSING)
         mark(quality, in_any_joint(extrapolated), Quality.EXTRAPOLATED)
-        mark(quality, np.array([state[3] for state in states]), Quality.TEMPERATURE_IMPLAUSIBLE)
+        mark(
+            quality,
+            np.array([state.implausible for state in states]),
+            Quality.TEMPERATURE_IMPLAUSIBLE,
+        )
         return FrictionBlock(
-            stamp_ns=np.array([state[0] for state in states], dtype=np.int64),
+            stamp_ns=np.array([state.stamp_ns for state in states], dtype=np.int64),
             quality=quality,
             coulomb=np.tile(self._friction.coulomb, (len(states), 1)),
             viscous=np.where(known, self._friction.viscous(temperature), self._fallback),
             viscous_fallback=np.tile(self._fallback, (len(states), 1)),
             motor_temperature_degc=temperature,
-            temperature_stamp_ns=np.stack([state[2] for state in states]),
+            temperature_stamp_ns=np.stack([state.temperature_stamp_ns for state in states]),
         )
