@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -80,6 +81,20 @@ def test_interrupted_demo_leaves_nothing_running(child_environment, bags, tmp_pa
     assert process.returncode == 130, output
     assert "Traceback" not in output
     assert not processes_of_session(process.pid)
+
+
+def test_killed_demo_takes_its_nodes_along(child_environment, tmp_path):
+    process = demo(child_environment, "--seconds=60", f"--out={tmp_path}")
+    assert process.stdout is not None
+    for line in process.stdout:
+        if line.startswith("predicted"):
+            break
+    process.kill()
+    process.communicate(timeout=LIMIT)
+    limit = time.monotonic() + 20.0
+    while processes_of_session(process.pid):
+        assert time.monotonic() < limit, "nodes outlived the demonstration"
+        time.sleep(0.05)
 
 
 def test_missing_bags_are_explained(child_environment, tmp_path):
