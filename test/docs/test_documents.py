@@ -1,0 +1,126 @@
+"""What the documents say is what the code does."""
+
+import re
+import shlex
+import subprocess
+import sys
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from robot_energy.blocks import MeterLocation, MeterMeaning, Phase, Quality, TemperatureSource
+from robot_energy.ingest.order import BACKWARD_JUMP_NS
+
+ROOT = Path(__file__).resolve().parents[2]
+README = (ROOT / "README.md").read_text()
+NOMENCLATURE = (ROOT / "src/doc/nomenclature.md").read_text()
+
+
+def readme_commands():
+    """Every `robot-energy` command of the README, as it stands there."""
+    found = re.findall(r"`(robot-energy [^`]+)`", README)
+    found += re.findall(r"^(robot-energy .+)$", README, flags=re.MULTILINE)
+    return sorted(set(found))
+
+
+# Commands of the README that need a file of the reader's own.
+OWN_FILES = ("log.csv", "my_robot.yaml", "mapping.yaml")
+
+
+def test_readme_has_commands():
+    assert len(readme_commands()) >= 8
+
+
+@pytest.mark.parametrize("command", readme_commands())
+def test_readme_command_runs(command, tmp_path):
+    words = shlex.split(command)[1:]
+    if any(name in command for name in OWN_FILES):
+        words = [*words[:2], "--help"] if words[0] in ("import", "model") else words
+    words = [str(tmp_path / word[6:]) if word.startswith("build/") else word for word in words]
+    done = subprocess.run(
+        [sys.executable, "-m", "robot_energy", *words],
+        cwd=ROOT, capture_output=True, text=True, check=False, timeout=120,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert done.stdout
+
+
+@pytest.mark.parametrize(
+    "target", sorted(set(re.findall(r"(?:`|^)make ([a-z]+)", README, flags=re.MULTILINE)))
+)
+def test_make_target_of_the_readme_exists(target):
+    assert re.search(rf"^{target}:", (ROOT / "Makefile").read_text(), flags=re.MULTILINE)
+
+
+@pytest.mark.parametrize(
+    "document",
+    [
+        "README.md",
+        *(path.relative_to(ROOT).as_posix() for path in sorted((ROOT / "src/doc").glob("**/*.md"))),
+    ],
+)
+def test_links_lead_somewhere(document):
+    path = ROOT / document
+    for link in re.findall(r"\]\(([^)#]+)", path.read_text()):
+        if not link.startswith("http"):
+            assert (path.parent / link).exists(), f"{document} links to {link}"
+
+
+def constants(message):
+    text = (ROOT / f"ros2_energy_msgs/msg/{message}.msg").read_text()
+    return {
+        name: int(value)
+        for name, value in re.findall(r"^u?int\d+ ([A-Z_]+) *= *(\d+)", text, flags=re.MULTILINE)
+    }
+
+
+@pytest.mark.parametrize(
+    ("message", "prefix", "enumeration"),
+    [
+        ("Quality", "", Quality),
+        ("PowerState", "PHASE_", Phase),
+        ("PowerState", "LOCATION_", MeterLocation),
+        ("PowerReading", "LOCATION_", MeterLocation),
+        ("PowerReading", "MEANING_", MeterMeaning),
+        ("JointFriction", "SOURCE_", TemperatureSource),
+    ],
+)
+def test_constants_of_messages_and_code_are_the_same(message, prefix, enumeration):
+    found = {
+        name.removeprefix(prefix): value
+        for name, value in constants(message).items()
+        if name.startswith(prefix)
+    }
+    expected = {name: int(member) for name, member in enumeration.__members__.items()}
+    assert found == expected
+
+
+def test_nomenclature_names_every_quality_bit_and_reason():
+    for bit in Quality:
+        assert f"| {int(bit)} | `{bit.name}` |" in NOMENCLATURE
+    sources = [
+        *(ROOT / "src/robot_energy/ingest").glob("*.py"),
+        *(ROOT / "src/robot_energy/messages").glob("*.py"),
+    ]
+    reasons = {
+        reason
+        for path in sources
+        for reason in re.findall(r'(?:reject|_refuse)\(\s*"([a-z_]+)"', path.read_text())
+    }
+    assert reasons
+    for reason in reasons:
+        assert f"`{reason}`" in NOMENCLATURE, f"the nomenclature lacks the reason {reason}"
+    assert BACKWARD_JUMP_NS == 10**9  # "more than 1 s older" in the nomenclature
+
+
+@pytest.mark.parametrize(
+    "message", sorted(path.stem for path in (ROOT / "ros2_energy_msgs/msg").glob("*.msg"))
+)
+def test_every_field_of_every_message_is_explained(message):
+    lines = (ROOT / f"ros2_energy_msgs/msg/{message}.msg").read_text().splitlines()
+    assert lines[0].startswith("#")
+    lines = [line for line in lines if "=" not in line or line.startswith("#")]  # constants
+    for before, line in pairwise(lines):
+        if re.match(r"^[a-z]\S*(\[\])? [a-z_]+$", line):
+            assert before.startswith("#"), f"{message}: '{line}' has no comment above it"
