@@ -24,7 +24,7 @@ from ros2_energy_monitor.shell import StopSignal, ros
 
 MODEL = "kr16"
 MONITORS = ("torque_monitor", "friction_monitor", "power_monitor")
-WARM_UP = 8000.0  # thermal time that takes the robot from 20 to over 60 degC [s]
+WARM_UP = 6000.0  # thermal time from 20 to over 60 degC, inside the fitted range [s]
 FASTEST = 400.0  # times nature; a short demonstration warms up less
 START_LIMIT = 30.0  # for all topics to arrive [s]
 
