@@ -15,7 +15,15 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import NANOSECOND, Float, Int, MeterBlock, MeterLocation, MeterMeaning
+from robot_energy.blocks import (
+    NANOSECOND,
+    Float,
+    Int,
+    MeterBlock,
+    MeterLocation,
+    MeterMeaning,
+    differences,
+)
 from robot_energy.registers import ExactSum
 
 SECOND_NS = 1_000_000_000
@@ -67,7 +75,7 @@ class Pieces:
     @property
     def edges(self) -> Int:
         """Every start and end, those that touch only once. [ns]"""
-        apart = np.diff(self.start_ns, prepend=0)  # any difference at the first piece
+        apart = np.ones(len(self), dtype=np.int64)  # the first piece touches none
         apart[1:] = self.start_ns[1:] - self.end_ns[:-1]
         return np.concatenate([self.start_ns[apart != 0], self.end_ns])
 
@@ -243,7 +251,7 @@ class Comparison:
         """
         done: list[Compared] = []
         previous = stamp_ns[0] if self._last is None else self._last[0]
-        jumps = np.flatnonzero(np.diff(stamp_ns, prepend=previous) < 0).tolist()
+        jumps = np.flatnonzero(differences(stamp_ns, int(previous)) < 0).tolist()
         for start, stop in zip([0, *jumps], [*jumps, len(stamp_ns)], strict=True):
             if stop > start:
                 rows = slice(start, stop)
@@ -296,7 +304,7 @@ class Comparison:
     def _integrate(self, predicted: Pieces, measured: Pieces, start: int, until: int) -> Compared:
         edges = np.concatenate([predicted.edges, measured.edges, [start, until]])
         edges = np.sort(edges[(edges >= start) & (edges <= until)], kind="stable")
-        edges = edges[np.diff(edges, prepend=start - 1) > 0]
+        edges = edges[differences(edges, start - 1) > 0]
         low, high = edges[:-1], edges[1:]
         row_p, in_p = predicted.index(low, high)
         row_m, in_m = measured.index(low, high)

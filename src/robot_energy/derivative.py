@@ -14,6 +14,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from robot_energy.blocks import NANOSECOND, Float, Int, JointBlock, Quality, in_any_joint, mark
@@ -165,20 +166,13 @@ class _QuadraticFit:
         ahead = np.minimum(np.maximum(high, rows + least_ahead), len(stamp) - 1) - rows
         self.incomplete = (rows - least_behind < 0) | (rows + least_ahead >= len(stamp))
         self._scale = scale
-        self._rows = rows
-        self._size = len(stamp)
-        self._offsets = range(-int(behind.max()), int(ahead.max()) + 1)
+        offsets = np.arange(-int(behind.max()), int(ahead.max()) + 1)
+        self._first, self._last = start + int(offsets[0]), stop + int(offsets[-1])
         # u and the weights are (offsets, rows), so that every operation runs along the rows
-        self._u = np.empty((len(self._offsets), len(rows)))
-        self._outside: dict[int, NDArray[np.bool_]] = {}
-        for index, offset in enumerate(self._offsets):
-            np.multiply(
-                self._shifted(stamp, offset) - instants, NANOSECOND / scale, out=self._u[index]
-            )
-            reach = behind if offset < 0 else ahead
-            if reach.min() < abs(offset):
-                self._outside[index] = reach < abs(offset)
-                self._u[index][self._outside[index]] = 0.0
+        around = sliding_window_view(self._part(stamp), len(rows))
+        self._u = (around - instants) * (NANOSECOND / scale)
+        self._outside = (offsets[:, None] < -behind) | (offsets[:, None] > ahead)
+        self._u[self._outside] = 0.0
         self._solve(behind + ahead + 1)
 
     def _solve(self, count: Int) -> None:
@@ -214,22 +208,27 @@ class _QuadraticFit:
         weight += c1
         weight *= self._u
         weight += c0
-        columns = np.ascontiguousarray(values.T)
-        result = np.zeros((len(columns), len(self._rows)))
+        weight[self._outside] = 0.0
+        part = np.ascontiguousarray(self._part(values.T))
+        clean = bool(np.isfinite(part.sum()))
+        size = weight.shape[1]
+        result = np.zeros((len(part), size))
         term = np.empty_like(result)
-        for index, offset in enumerate(self._offsets):
-            np.multiply(weight[index], self._shifted(columns, offset), out=term)
-            if index in self._outside:
+        for index, row in enumerate(weight):
+            np.multiply(row, part[:, index : index + size], out=term)
+            if not clean:  # NaN times a weight of 0 would still be NaN
                 term[:, self._outside[index]] = 0.0
             result += term
         return np.ascontiguousarray(result.T)
 
-    def _shifted(self, values: NDArray[Any], offset: int) -> NDArray[Any]:
-        """Return the samples ``offset`` from each row, last axis; any beyond the ends."""
-        start, stop = int(self._rows[0]) + offset, int(self._rows[-1]) + 1 + offset
-        if start >= 0 and stop <= self._size:
-            return values[..., start:stop]
-        return values[..., np.clip(self._rows + offset, 0, self._size - 1)]
+    def _part(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Return all samples that some row meets, last axis; any number beyond the ends."""
+        size = values.shape[-1]
+        part = values[..., max(self._first, 0) : min(self._last, size)]
+        if self._first < 0 or self._last > size:
+            ends = (max(-self._first, 0), max(self._last - size, 0))
+            part = np.pad(part, [(0, 0)] * (values.ndim - 1) + [ends])
+        return part
 
 
 def _sum_rows(values: Float) -> Float:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import NANOSECOND, Float, Int, PowerBlock
+from robot_energy.blocks import NANOSECOND, Float, Int, PowerBlock, differences
 
 PER_JOULE = 1e6  # microjoules
 REMAINDER_BITS = 40  # the remainder counts units of 2^-40 microjoule
@@ -135,8 +135,8 @@ class Trapezoid:
         if self._last is None:
             self._last = (int(stamp_ns[0]), int(segment[0]), power[0].copy())
             self.time.start_ns = int(stamp_ns[0])
-        elapsed = np.diff(stamp_ns, prepend=self._last[0])
-        same = np.diff(segment, prepend=self._last[1]) == 0
+        elapsed = differences(stamp_ns, self._last[0])
+        same = differences(segment, self._last[1]) == 0
         energy = np.empty_like(power)
         np.add(power[1:], power[:-1], out=energy[1:])
         np.add(power[0], self._last[2], out=energy[0])

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import Float, Int, JointBlock, Quality, in_any_joint, mark
+from robot_energy.blocks import Float, Int, JointBlock, Quality, differences, in_any_joint, mark
 from robot_energy.ingest.accounting import Accounting
 from robot_energy.ingest.order import DUPLICATE, OLDER, StampOrder
 from robot_energy.wire.batch import RawBatch
@@ -101,7 +101,7 @@ class JointStateIngest:
         segment = self.order.segments(stamp)
         quality = np.zeros(len(stamp), dtype=np.uint32)
         if self.order.segment > before:
-            mark(quality, np.diff(segment, prepend=before) > 0, Quality.AFTER_GAP)
+            mark(quality, differences(segment, before) > 0, Quality.AFTER_GAP)
         return JointBlock(
             stamp_ns=stamp,
             segment=segment,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from robot_energy.blocks import Int
+from robot_energy.blocks import Int, differences
 
 SECOND_NS = 1_000_000_000
 BACKWARD_JUMP_NS = SECOND_NS  # older than this starts a new epoch, less is a late sample
@@ -72,7 +72,7 @@ class StampOrder:
         if not len(stamp_ns):
             return np.empty(0, dtype=np.int64)
         before = stamp_ns[0] if self._last is None else self._last
-        elapsed = np.diff(stamp_ns, prepend=before)
+        elapsed = differences(stamp_ns, int(before))
         known = len(self._periods)
         first = known + (1 if self._last is None else 0)  # the first sample has no period
         periods = np.concatenate(

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import Quality, TorqueBlock, mark
+from robot_energy.blocks import Quality, TorqueBlock, differences, mark
 from robot_energy.ingest.accounting import Accounting
 from robot_energy.ingest.order import ACCEPTED, DUPLICATE, OLDER, StampOrder
 from robot_energy.wire.batch import RawBatch
@@ -131,7 +131,7 @@ class TorqueReader:
         written = block.segment
         before = self.order.segment
         seen = self.order.segments(block.stamp_ns)
-        by_stamps = np.diff(seen, prepend=before) > 0
+        by_stamps = differences(seen, before) > 0
         by_writer = (
             np.diff(written, prepend=written[0] if self._written is None else self._written) != 0
         )

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robot_energy.blocks import NANOSECOND, Bits, Block, Float, Int, PowerBlock
+from robot_energy.blocks import NANOSECOND, Bits, Block, Float, Int, PowerBlock, differences
 from robot_energy.comparison import Compared
 from robot_energy.registers import CABINET_REGISTERS, JOINT_REGISTERS, Intervals
 
@@ -98,7 +98,7 @@ class Averager:
         number = block.stamp_ns // self._period_ns
         carried = self._open
         previous = number[0] if carried is None else carried.end.stamp_ns[0] // self._period_ns
-        starts = np.flatnonzero(np.diff(number, prepend=previous))
+        starts = np.flatnonzero(differences(number, int(previous)))
         bounds = starts if len(starts) and starts[0] == 0 else np.concatenate([[0], starts])
         energy = np.add.reduceat(intervals.energy, bounds, axis=0)
         duration_ns = np.add.reduceat(intervals.duration_ns, bounds)

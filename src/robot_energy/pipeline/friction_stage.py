@@ -13,6 +13,7 @@ from robot_energy.blocks import (
     Int,
     Quality,
     TemperatureBlock,
+    differences,
     in_any_joint,
     mark,
 )
@@ -75,7 +76,7 @@ class FrictionStage:
         """
         values, stamp = block.motor_temperature_degc, block.stamp_ns
         plausible = (values >= PLAUSIBLE_DEGC[0]) & (values <= PLAUSIBLE_DEGC[1])
-        newer = np.diff(stamp, prepend=self._newest) >= 0
+        newer = differences(stamp, self._newest) >= 0
         if bool(plausible.all()) and bool(newer.all()) and not self._implausible.any():
             states = self._take_all(stamp, values)
         else:

@@ -16,6 +16,7 @@ from robot_energy.blocks import (
     PowerBlock,
     Quality,
     TorqueBlock,
+    differences,
     in_any_joint,
     mark,
     sum_over_joints,
@@ -74,7 +75,7 @@ class PowerStage:
                     self._timeline[slice(-1, None)], stamp_ns=np.zeros(1, dtype=np.int64)
                 )
                 newest = 0
-            falls = np.flatnonzero(np.diff(block.stamp_ns, prepend=newest) < 0)
+            falls = np.flatnonzero(differences(block.stamp_ns, newest) < 0)
             rising = int(falls[0]) if len(falls) else len(block)
             taken = block[slice(0, rising)]
             if rising:
