@@ -68,7 +68,7 @@ class Common:
 
     model: str = parameter("Model file of the robot, or the name of a shipped model, e.g. kr16.")
     tick_rate: float = parameter(
-        "How often queued messages are taken and results published [1/s].", 50.0, 1.0, 1000.0
+        "How often queued messages are taken and results published [1/s].", 25.0, 1.0, 1000.0
     )
     input_timeout: float = parameter(
         "Silence of an input beyond which diagnostics call it missing [s].", 1.0, 0.05, 3600.0

@@ -224,10 +224,12 @@ class _QuadraticFit:
     def _part(self, values: NDArray[Any]) -> NDArray[Any]:
         """Return all samples that some row meets, last axis; any number beyond the ends."""
         size = values.shape[-1]
-        part = values[..., max(self._first, 0) : min(self._last, size)]
-        if self._first < 0 or self._last > size:
-            ends = (max(-self._first, 0), max(self._last - size, 0))
-            part = np.pad(part, [(0, 0)] * (values.ndim - 1) + [ends])
+        inside = values[..., max(self._first, 0) : min(self._last, size)]
+        if self._first >= 0 and self._last <= size:
+            return inside
+        part = np.zeros((*values.shape[:-1], self._last - self._first), dtype=values.dtype)
+        begin = max(-self._first, 0)
+        part[..., begin : begin + inside.shape[-1]] = inside
         return part
 
 

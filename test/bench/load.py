@@ -4,6 +4,7 @@ Prints ``running`` once a subscriber is there and warm, ``measured`` after the t
 for, then the latencies as JSON. Usage: ``load.py RATE SECONDS yes|no(wait for power)``.
 """
 
+import contextlib
 import json
 import sys
 import time
@@ -85,4 +86,5 @@ def main() -> None:
     print(json.dumps(figures), flush=True)
 
 
-main()
+with contextlib.suppress(KeyboardInterrupt):
+    main()

@@ -21,6 +21,8 @@ from robot_energy.pipeline.averaging import Averager, MeanBlock
 from robot_energy.pipeline.settings import Settings
 from robot_energy.registers import CABINET_REGISTERS, ExactSum, Registers
 
+BITS = tuple(int(bit) for bit in Quality)
+
 
 class Ledger:
     """Integrates power and sets it beside the meter.
@@ -109,7 +111,7 @@ class Ledger:
     def _book(self, block: PowerBlock, energy: Float, duration_ns: Int) -> None:
         self.samples += len(block)
         met = int(np.bitwise_or.reduce(block.quality))
-        for bit in Quality:
+        for bit in BITS if met else ():
             if met & bit:
                 self.quality[bit] += int(((block.quality & np.uint32(bit)) > 0).sum())
         split = np.zeros((len(block), len(Phase)))
