@@ -14,7 +14,8 @@ from robot_energy.friction import with_fixed_friction
 from robot_energy.model_file import RobotModel, load
 from robot_energy.replay import Replay, replay
 
-BAGS = ("kr16_cold", "kr16_warm")
+COLD_DEGC, WARM_DEGC = 22.0, 60.0  # where a fixed model would have been identified
+BAGS = {"kr16_cold": WARM_DEGC, "kr16_warm": COLD_DEGC}  # the fixed model in its figure
 JOULE_PER_WH = 3600.0
 
 
@@ -26,14 +27,14 @@ class Row:
         bag: Its name.
         measured: Energy by the meter. [J]
         aware: Predicted with friction that follows the temperature. [J]
-        fixed: Predicted with friction of one temperature. [J]
+        fixed: Predicted with friction of one temperature, by that temperature. [J by degC]
         figure: Power and energy over time.
     """
 
     bag: str
     measured: float
     aware: float
-    fixed: float
+    fixed: dict[float, float]
     figure: Path
 
 
@@ -60,17 +61,15 @@ def show_bags(bags: Path, out: Path, model_name: str) -> list[Row]:
             "start the demonstration at the top of the repository or name --bags",
         )
     model = load(model_name)
-    degc = model.temperature.fallback_degc
-    fixed = with_fixed_friction(model, degc)
     out.mkdir(parents=True, exist_ok=True)
-    rows = [_row(bags / name, model, fixed, degc, out) for name in BAGS]
+    rows = [_row(bags / name, model, out) for name in BAGS]
     table = Table(title="Energy from the grid, recorded bags of the virtual rig")
     for heading in ("bag", "measured [Wh]", "friction", "predicted [Wh]", "error"):
         table.add_column(Text(heading), justify="left" if heading == "bag" else "right")
     for row in rows:
         for kind, energy in (
             ("follows temperature", row.aware),
-            (f"fixed at {degc:g} degC", row.fixed),
+            *((f"fixed at {degc:g} degC", energy) for degc, energy in row.fixed.items()),
         ):
             table.add_row(
                 row.bag,
@@ -85,20 +84,30 @@ def show_bags(bags: Path, out: Path, model_name: str) -> list[Row]:
     return rows
 
 
-def _row(bag: Path, model: RobotModel, fixed: RobotModel, degc: float, out: Path) -> Row:
+def _row(bag: Path, model: RobotModel, out: Path) -> Row:
     # Matplotlib is slow to import and of no use to the live part.
     from robot_energy.report.figures import power_and_energy
     from robot_energy.report.series import compared_series
 
-    results = [replay(bag, each, keep_means=True) for each in (model, fixed)]
-    aware = compared_series(results[0], "predicted, friction follows temperature")
-    other = compared_series(results[1], f"predicted, friction fixed at {degc:g} degC", "fixed")
+    first = replay(bag, model, keep_means=True)
+    fixed = {
+        degc: replay(bag, with_fixed_friction(model, degc), keep_means=True)
+        for degc in (COLD_DEGC, WARM_DEGC)
+    }
+    shown = BAGS[bag.name]
+    aware = compared_series(first, "predicted, friction follows temperature")
+    other = compared_series(fixed[shown], f"predicted, friction fixed at {shown:g} degC", "fixed")
     if aware is None or other is None:
         raise BagError(f"{bag} has no meter reading to compare with", "a recording with a meter")
     figure = out / f"{bag.name}.png"
     power_and_energy([*aware, other[1]], figure, f"{bag.name}: virtual rig, KR 16 class")
-    measured = results[0].ledger.comparison.measured_energy
-    return Row(bag.name, measured, _predicted(results[0]), _predicted(results[1]), figure)
+    return Row(
+        bag.name,
+        first.ledger.comparison.measured_energy,
+        _predicted(first),
+        {degc: _predicted(result) for degc, result in fixed.items()},
+        figure,
+    )
 
 
 def _predicted(result: Replay) -> float:
