@@ -43,7 +43,7 @@ def generate_launch_description() -> LaunchDescription:
     return LaunchDescription(
         [
             DeclareLaunchArgument(
-                "model", default_value="kr16", description="Model file, or name of a shipped model"
+                "model", description="Model file of the robot, or name of a shipped model"
             ),
             DeclareLaunchArgument(
                 "namespace", default_value="", description="Namespace of the nodes"

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from robot_energy.blocks import Float
 from robot_energy.errors import ModelFileError
-from robot_energy.model_file.schema import EfficiencyMap, LossDrive, RobotModel
+from robot_energy.model_file.joint import EfficiencyMap, LossDrive
+from robot_energy.model_file.schema import RobotModel
 
 
 class Drive(Protocol):

@@ -17,14 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.blocks import Float
-from robot_energy.model_file.schema import (
-    ConstantLaw,
-    ExponentialLaw,
-    JointFriction,
-    PositiveFigure,
-    RobotModel,
-    TableLaw,
-)
+from robot_energy.model_file.figure import PositiveFigure
+from robot_energy.model_file.joint import ConstantLaw, ExponentialLaw, JointFriction, TableLaw
+from robot_energy.model_file.schema import RobotModel
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ import pytest
 import robots
 from robot_energy.drive import EfficiencyMaps, Ideal, LossModel, drive_from_model
 from robot_energy.errors import ModelFileError
-from robot_energy.model_file.schema import EfficiencyMap, LossDrive
+from robot_energy.model_file.joint import EfficiencyMap, LossDrive
 from robots import figure
 
 

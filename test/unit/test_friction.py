@@ -3,7 +3,7 @@ import pytest
 
 import robots
 from robot_energy.friction import FrictionModel, viscous_law, with_fixed_friction
-from robot_energy.model_file.schema import ExponentialLaw, JointFriction, TableLaw
+from robot_energy.model_file.joint import ExponentialLaw, JointFriction, TableLaw
 from robots import figure
 
 

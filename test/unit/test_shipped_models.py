@@ -17,7 +17,8 @@ import pinocchio as pin
 import pytest
 
 from robot_energy.model_file import RobotModel, load, shipped_models
-from robot_energy.model_file.schema import ExponentialLaw, Figure
+from robot_energy.model_file.figure import Figure
+from robot_energy.model_file.joint import ExponentialLaw
 
 Float = npt.NDArray[np.float64]
 

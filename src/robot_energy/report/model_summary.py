@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterable
 from typing import Any, cast, get_args
 
 from robot_energy.model_file import RobotModel
-from robot_energy.model_file.schema import Tag
+from robot_energy.model_file.figure import Tag
 from robot_energy.robot import Robot
 
 TAGS: tuple[str, ...] = get_args(Tag)
@@ -37,8 +38,8 @@ def _count(value: object, counts: Counter[str]) -> None:
             counts[tag] += 1
         for entry in entries.values():
             _count(entry, counts)
-    elif isinstance(value, list):
-        for entry in cast("list[object]", value):
+    elif isinstance(value, list | tuple):
+        for entry in cast("Iterable[object]", value):
             _count(entry, counts)
 
 

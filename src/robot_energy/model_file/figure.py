@@ -1,0 +1,46 @@
+"""What every entry of a model file is made of: tagged figures."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+
+Tag = Literal["published", "identified", "derived", "assumed"]
+
+
+def _not_boolean(value: object) -> object:
+    if isinstance(value, bool):
+        raise ValueError("expected a number, not true/false")
+    return value
+
+
+Number = Annotated[float, BeforeValidator(_not_boolean), Field(allow_inf_nan=False)]
+
+
+class Entry(BaseModel):
+    """Base of all parts: unknown keys are refused, values cannot be changed."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Figure(Entry):
+    """One number and how it is known.
+
+    Attributes:
+        value: In the unit that the owning key documents.
+        tag: How the value is known.
+        std: Standard deviation in the same unit, where identification gave one.
+        source: Where it comes from, in words.
+    """
+
+    value: Number
+    tag: Tag
+    std: Annotated[float, Field(ge=0)] | None = None
+    source: str = ""
+
+
+class PositiveFigure(Figure):
+    """A figure that must be >= 0."""
+
+    value: Annotated[Number, Field(ge=0)]
