@@ -71,7 +71,7 @@ def measure(case: str, rate: int, seconds: float, domain: int) -> dict[str, floa
         rest = json.loads(probe.stdout.readline())
         return {"cpu": used / elapsed, **rest}
     finally:
-        for process in (*started, probe):
+        for process in started:
             process.send_signal(signal.SIGINT)
         for process in (*started, probe):
             try:

@@ -9,10 +9,13 @@ from dataclasses import dataclass
 from pathlib import Path, PurePath
 from typing import Any, cast
 
+import yaml
+
 from robot_energy.errors import BagError
 
 FILE_NAME = "metadata.yaml"
 ORIGIN_KEY = "origin"
+Loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # ten times quicker, where there is one
 _FOREVER = "\n    sec: 9223372036\n    nsec: 854775807"
 
 
@@ -133,13 +136,10 @@ def read_folder_info(folder: Path) -> FolderInfo:
     Raises:
         BagError: If it cannot be read or lacks what a bag's metadata holds.
     """
-    from ruamel.yaml import YAML
-    from ruamel.yaml.error import YAMLError
-
     path = folder / FILE_NAME
     try:
         text = path.read_text(encoding="utf-8")
-        content = cast("Any", YAML(typ="safe", pure=True)).load(text)
+        content: Any = yaml.load(text, Loader=Loader)
         info = cast("Mapping[str, Any]", content["rosbag2_bagfile_information"])
         custom = cast("Mapping[str, Any]", info.get("custom_data") or {})
         mode = str(info.get("compression_mode") or "").lower()
@@ -149,7 +149,7 @@ def read_folder_info(folder: Path) -> FolderInfo:
             tuple(PurePath(str(name)).name for name in info["relative_file_paths"]),
             str(custom.get(ORIGIN_KEY) or ""),
         )
-    except (OSError, UnicodeDecodeError, YAMLError, ValueError) as error:
+    except (OSError, UnicodeDecodeError, yaml.YAMLError, ValueError) as error:
         raise BagError(f"{path} cannot be read ({str(error).splitlines()[0]})") from error
     except (KeyError, TypeError, AttributeError) as error:
         raise BagError(f"{path} is no bag metadata: {error!r} is missing or misplaced") from error
