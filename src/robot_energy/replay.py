@@ -11,7 +11,7 @@ from typing import ClassVar
 import numpy as np
 
 from robot_energy.bag import DEFAULT_QOS, LATCHED_QOS, BagReader, BagWriter
-from robot_energy.blocks import JointBlock
+from robot_energy.blocks import FrictionBlock, JointBlock
 from robot_energy.comparison import Compared
 from robot_energy.errors import BagError, MissingTopicError, UnknownJointError
 from robot_energy.ingest import JointStateIngest, MeterIngest, TemperatureIngest
@@ -262,7 +262,7 @@ def _require_samples(result: Replay) -> None:
 
 
 class _Writer:
-    """Writes the energy topics of a replay into a new bag."""
+    """Writes the energy topics of a replay into a new bag, made at the first torque."""
 
     TOPICS: ClassVar = {
         "/energy/joint_torque": JOINT_TORQUE,
@@ -277,27 +277,41 @@ class _Writer:
         self._power = PowerStateWriter(model.joint_names, model.model_id)
         self._registers = RegistersWriter(model.joint_names, model.model_id)
         self._booked: int | None = None
-        self._bag = BagWriter(path, overwrite=overwrite, origin=origin)
-        for topic, msgtype in self.TOPICS.items():
-            qos = LATCHED_QOS if msgtype == JOINT_FRICTION else DEFAULT_QOS
-            self._bag.add_topic(topic, msgtype, qos)
+        self._made = (path, overwrite, origin)
+        self._bag: BagWriter | None = None
+        self._frictions: list[FrictionBlock] = []
 
     def write(self, output: Output, ledger: Ledger) -> None:
         torque, friction, power, registers = self.TOPICS
         if output.friction is not None:
-            rows = self._friction.encode(output.friction)
-            self._bag.write(friction, output.friction.stamp_ns, rows)
+            self._frictions.append(output.friction)
+        if self._bag is None and output.torque is None:
+            return  # no joint state was of use yet, and perhaps none will be
+        for block in self._frictions:
+            self._open().write(friction, block.stamp_ns, self._friction.encode(block))
+        self._frictions.clear()
         if output.torque is not None:
-            self._bag.write(torque, output.torque.stamp_ns, self._torque.encode(output.torque))
+            rows = self._torque.encode(output.torque)
+            self._open().write(torque, output.torque.stamp_ns, rows)
         if output.means is not None:
             rows = self._power.encode(output.means, ledger.comparison.location)
-            self._bag.write(power, output.means.stamp_ns, rows)
+            self._open().write(power, output.means.stamp_ns, rows)
         now = ledger.registers.time.end_ns
         if now is not None and now != self._booked:
             row = self._registers.encode(ledger)
             if row is not None:
-                self._bag.write(registers, np.array([now]), row)
+                self._open().write(registers, np.array([now]), row)
             self._booked = now
 
     def close(self) -> None:
-        self._bag.close()
+        if self._bag is not None:
+            self._bag.close()
+
+    def _open(self) -> BagWriter:
+        if self._bag is None:
+            path, overwrite, origin = self._made
+            self._bag = BagWriter(path, overwrite=overwrite, origin=origin)
+            for topic, msgtype in self.TOPICS.items():
+                qos = LATCHED_QOS if msgtype == JOINT_FRICTION else DEFAULT_QOS
+                self._bag.add_topic(topic, msgtype, qos)
+        return self._bag

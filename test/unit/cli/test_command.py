@@ -112,9 +112,11 @@ def test_a_model_that_cannot_be_used(tmp_path: Path, capsys: pytest.CaptureFixtu
 def test_joints_that_do_not_match(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     joints = {**WHEEL_MAPPING["joints"], "names": ["hub"], "keys": ["axle"]}
     import_csv(wheel_csv(tmp_path / "l.csv"), mapping(joints=joints), tmp_path / "bag")
-    text = refused(capsys, "replay", tmp_path / "bag", "--model", wheel_model(tmp_path))
+    options = ("--model", wheel_model(tmp_path), "--out", tmp_path / "energy")
+    text = refused(capsys, "replay", tmp_path / "bag", *options)
     assert "has the joint(s) axle" in text
     assert "name hub" in text
+    assert not (tmp_path / "energy").exists()
 
 
 def test_bags_that_cannot_be_used(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
