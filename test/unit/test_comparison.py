@@ -110,3 +110,15 @@ def test_looped_recording_counts_twice_and_nothing_in_between():
         predict(comparison, np.arange(5.0), np.ones(5))
     assert comparison.compared_ns == 8 * SECOND
     assert comparison.measured_energy == pytest.approx(80.0)
+
+
+def test_overlapping_intervals_of_a_mean_are_counted_once():
+    # each reading says it covers 1.5 s, but they come every second
+    comparison = Comparison()
+    readings = meter(
+        [1.5, 2.5, 3.5], [4.0, 4.0, 4.0], MeterMeaning.MEAN_OVER_INTERVAL, interval=1.5
+    )
+    comparison.measure(readings)
+    predict(comparison, np.arange(5.0), np.ones(5))
+    assert comparison.compared_ns == 3.5 * SECOND
+    assert comparison.measured_energy == pytest.approx(14.0)

@@ -230,3 +230,16 @@ def test_meter_on_the_dc_bus_is_compared_without_the_grid_side_loss():
     run(pipeline, {"joints": spin(3.0, seconds=2.0), "meter": meter})
     assert pipeline.ledger.comparison.predicted_energy == pytest.approx(53.0 * 2)
     assert pipeline.ledger.comparison.measured_energy == pytest.approx(50.0 * 2)
+
+
+def test_temperature_older_than_the_last_of_its_motor_is_counted_and_left():
+    pipeline = EnergyPipeline(warm_wheel())
+    power = run(
+        pipeline,
+        {
+            "joints": spin(3.0, start=1.0),
+            "temperatures": temperatures([1.5, 1.2, 1.6], [[40.0], [20.0], [40.0]]),
+        },
+    )
+    np.testing.assert_allclose(power.viscous[power.stamp_ns >= 15 * 10**8, 0], 0.02)
+    assert pipeline.friction.rejected["temperature_older"] == 1

@@ -1,0 +1,88 @@
+"""What the dashboards read is what the books say, field by field."""
+
+import numpy as np
+import pytest
+
+import robots
+from robot_energy.blocks import MeterBlock, MeterLocation, MeterMeaning, Phase
+from robot_energy.messages import PowerStateWriter, RegistersWriter
+from robot_energy.pipeline import EnergyPipeline
+from robot_energy.registers import CABINET_REGISTERS, JOINT_REGISTERS
+from robot_energy.wire.types import typestore
+
+
+@pytest.fixture(scope="module")
+def run():
+    """The two-link arm swinging under a meter that reads 200 W, with its last means."""
+    pipeline = EnergyPipeline(robots.two_link())
+    stamp = 10.0 + np.arange(400) / 200
+    phase = np.stack([8 * stamp, 13 * stamp], axis=1)
+    joints = robots.joint_block(stamp, np.sin(phase), np.cos(phase) * [8, 13])
+    reading = joints.stamp_ns[::20]
+    nothing = np.full(len(reading), np.nan)
+    meter = MeterBlock(reading, np.full(len(reading), 200.0), nothing, nothing,
+                       MeterMeaning.INSTANTANEOUS, MeterLocation.GRID)  # fmt: skip
+    means = pipeline.step(joints, meter=meter).means
+    pipeline.flush()
+    return pipeline, means
+
+
+def decode(rows, msgtype):
+    return typestore().deserialize_cdr(rows[-1].tobytes(), f"ros2_energy_msgs/msg/{msgtype}")
+
+
+def test_power_state(run):
+    pipeline, means = run
+    model = pipeline.model
+    rows = PowerStateWriter(model.joint_names, model.model_id).encode(means, MeterLocation.GRID)
+    state = decode(rows, "PowerState")
+    assert state.model_id == model.model_id
+    assert state.header.stamp.sec * 10**9 + state.header.stamp.nanosec == means.stamp_ns[-1]
+    assert state.phase in (Phase.MOTION, Phase.GENERATING)
+    assert state.meter_location == MeterLocation.GRID
+    assert state.measured_power == pytest.approx(200.0)
+    assert state.residual_power == pytest.approx(200.0 - state.predicted_power_at_meter)
+    parts = state.rigid_power + state.friction_power + state.drive_loss
+    assert state.bus_power == pytest.approx(parts)
+    total = parts + state.loss_dc + state.loss_grid + state.brake_power + state.capacitor_power
+    assert state.predicted_grid_power == pytest.approx(total)
+    assert state.loss_dc == pytest.approx(20.0)
+    assert state.loss_grid == pytest.approx(30.0)
+    assert [joint.name for joint in state.joints] == ["shoulder", "elbow"]
+    assert sum(joint.friction_power for joint in state.joints) == pytest.approx(
+        state.friction_power
+    )
+    for joint, expected in zip(state.joints, means.joint_mean("rigid")[-1], strict=True):
+        assert joint.rigid_power == expected
+        assert joint.shaft_power == pytest.approx(joint.rigid_power + joint.friction_power)
+        assert joint.drive_power == pytest.approx(joint.shaft_power + joint.drive_loss)
+        assert np.isnan(joint.motor_temperature_degc)
+    assert state.joints[0].coulomb == 0.1
+
+
+def test_energy_registers(run):
+    pipeline, _ = run
+    model, ledger = pipeline.model, pipeline.ledger
+    found = decode(
+        RegistersWriter(model.joint_names, model.model_id).encode(ledger), "EnergyRegisters"
+    )
+    fields = {"grid_import": "predicted_import_energy", "grid_return": "predicted_return_energy"}
+    values = {name: getattr(found, fields.get(name, f"{name}_energy"))
+              for name in CABINET_REGISTERS}  # fmt: skip
+    assert values == {name: ledger.registers.cabinet(name) for name in CABINET_REGISTERS}
+    assert len({*values.values()}) >= 4  # no field shows another's register
+    assert found.energy_start.sec == 10
+    assert found.measured_energy == pytest.approx(200.0 * found.comparison_time)
+    assert found.predicted_energy_at_meter == ledger.comparison.predicted_energy
+    assert found.observed_time == pytest.approx(399 / 200)
+    names = {"shaft_positive": "shaft_energy_positive", "shaft_negative": "shaft_energy_negative"}
+    for index, joint in enumerate(found.joints):
+        for name in JOINT_REGISTERS:
+            field = names.get(name, f"{name}_energy")
+            assert getattr(joint, field) == ledger.registers.joints(name)[index]
+
+
+def test_no_registers_before_the_first_sample():
+    model = robots.two_link()
+    writer = RegistersWriter(model.joint_names, model.model_id)
+    assert writer.encode(EnergyPipeline(model).ledger) is None
