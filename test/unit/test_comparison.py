@@ -112,13 +112,18 @@ def test_looped_recording_counts_twice_and_nothing_in_between():
     assert comparison.measured_energy == pytest.approx(80.0)
 
 
-def test_overlapping_intervals_of_a_mean_are_counted_once():
-    # each reading says it covers 1.5 s, but they come every second
-    comparison = Comparison()
-    readings = meter(
-        [1.5, 2.5, 3.5], [4.0, 4.0, 4.0], MeterMeaning.MEAN_OVER_INTERVAL, interval=1.5
-    )
-    comparison.measure(readings)
-    predict(comparison, np.arange(5.0), np.ones(5))
-    assert comparison.compared_ns == 3.5 * SECOND
-    assert comparison.measured_energy == pytest.approx(14.0)
+def test_overlapping_intervals_of_a_mean_count_once_and_never_rewrite_the_past():
+    # each reading says it covers 1.5 s, but they come every second: 6 J, then 8 J, then 4 J
+    stamps, values = [1.5, 2.5, 3.5], [4.0, 8.0, 4.0]
+    options = (MeterMeaning.MEAN_OVER_INTERVAL, 1.5)
+    whole, stepwise = Comparison(), Comparison()
+    whole.measure(meter(stamps, values, *options))
+    predict(whole, np.arange(5.0), np.ones(5))
+    for index in range(5):
+        if index < 3:
+            part = slice(index, index + 1)
+            stepwise.measure(meter(stamps[part], values[part], *options))
+        predict(stepwise, [float(index)], [1.0])
+    assert whole.compared_ns == stepwise.compared_ns == 3.5 * SECOND
+    assert whole.measured_energy == pytest.approx(6.0 + 8.0 + 4.0)
+    assert stepwise.measured_energy == whole.measured_energy
