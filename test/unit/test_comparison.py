@@ -113,8 +113,8 @@ def test_looped_recording_counts_twice_and_nothing_in_between():
 
 
 def test_overlapping_intervals_of_a_mean_count_once_and_never_rewrite_the_past():
-    # each reading says it covers 1.5 s, but they come every second: 6 J, then 8 J, then 4 J
-    stamps, values = [1.5, 2.5, 3.5], [4.0, 8.0, 4.0]
+    # each reading says it covers 1.5 s, but they come every second: 6 J, then 8 J, then 2 J
+    stamps, values = [1.5, 2.5, 3.5], [4.0, 8.0, 2.0]
     options = (MeterMeaning.MEAN_OVER_INTERVAL, 1.5)
     whole, stepwise = Comparison(), Comparison()
     whole.measure(meter(stamps, values, *options))
@@ -125,5 +125,5 @@ def test_overlapping_intervals_of_a_mean_count_once_and_never_rewrite_the_past()
             stepwise.measure(meter(stamps[part], values[part], *options))
         predict(stepwise, [float(index)], [1.0])
     assert whole.compared_ns == stepwise.compared_ns == 3.5 * SECOND
-    assert whole.measured_energy == pytest.approx(6.0 + 8.0 + 4.0)
+    assert whole.measured_energy == pytest.approx(6.0 + 8.0 + 2.0)
     assert stepwise.measured_energy == whole.measured_energy
