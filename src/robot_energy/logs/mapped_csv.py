@@ -21,7 +21,7 @@ from robot_energy.logs.mapping import (
     Power,
 )
 from robot_energy.logs.recording import Contents, ImportReport, LogBlock, write_bag
-from robot_energy.logs.table import LogTable, newer_than
+from robot_energy.logs.table import Clock, LogTable, newer_than
 
 
 def import_csv(
@@ -46,6 +46,8 @@ def import_csv(
     joints, power = mapping.joints, mapping.power
     if mapping.time.column is not None:
         table.require(mapping.time.column, "time.column")
+    if mapping.time.run is not None:
+        table.require(mapping.time.run, "time.run")
     groups: list[list[str]] = []
     for key in ("position", "velocity", "effort", "temperature"):
         names = joints.columns(getattr(joints, key))
@@ -88,7 +90,8 @@ def _blocks(table: LogTable, mapping: LogMapping, groups: list[list[str]]) -> It
     effort = signs * (EFFORT_UNITS[joints.effort.unit] if joints.effort else 1.0)
     offset = TEMPERATURE_OFFSETS[joints.temperature.unit] if joints.temperature else 0.0
     last: int | None = None
-    parts = table.blocks(columns, n_joints, time.column, time.unit, time.rate or float("nan"))
+    clock = Clock(time.column, time.unit, time.rate or float("nan"), time.run, time.apart)
+    parts = table.blocks(columns, n_joints, clock)
     for rows in parts:
         kept, last = newer_than(rows, last, table.account)
         position, velocity, torque, temperature, meter = np.split(kept.values, cuts, axis=1)

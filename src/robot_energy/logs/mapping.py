@@ -39,12 +39,16 @@ class Time(Entry):
         unit: Its unit.
         rate: Rows per second, where the log has no time. [Hz]
         start: Added to every time; needed where times count from zero. Without zone: UTC.
+        run: Column whose change begins another run, where each run counts from zero.
+        apart: How long after the end of a run the next one is set. [s]
     """
 
     column: Text | None = None
     unit: Literal["s", "ms", "us", "ns"] = "s"
     rate: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
     start: datetime | None = None
+    run: Text | None = None
+    apart: Annotated[float, Field(gt=1, allow_inf_nan=False)] = 10.0
 
     @model_validator(mode="after")
     def _check(self) -> Time:

@@ -40,6 +40,25 @@ class Rows:
     values: Float
 
 
+@dataclass(frozen=True)
+class Clock:
+    """How the rows of a table tell their time.
+
+    Attributes:
+        column: Column of the time; None: rows are counted at ``rate``.
+        unit: Unit of that column.
+        rate: Rows per second. [Hz]
+        run: Column whose change begins another run; None: the file is one run.
+        apart: How long after the end of a run the next one is set. [s]
+    """
+
+    column: str | None
+    unit: str = "s"
+    rate: float = float("nan")
+    run: str | None = None
+    apart: float = 10.0
+
+
 class LogTable:
     """One CSV file, plain or gzip.
 
@@ -116,9 +135,7 @@ class LogTable:
         self,
         names: Sequence[str],
         required: int,
-        time: str | None,
-        unit: str = "s",
-        rate: float = float("nan"),
+        clock: Clock,
     ) -> Iterator[Rows]:
         """Yield the usable rows and account for the others.
 
@@ -128,9 +145,7 @@ class LogTable:
         Args:
             names: Columns wanted.
             required: How many of them, from the first, must hold a number.
-            time: Column of the time; None: rows are counted at ``rate``.
-            unit: Unit of that column.
-            rate: Rows per second. [Hz]
+            clock: How rows tell their time.
 
         Yields:
             At most 8192 rows at a time, in the order of the file.
@@ -139,17 +154,23 @@ class LogTable:
             LogFormatError: If the file cannot be read to its end.
         """
         pick = [self.columns.index(name) for name in names]
-        clock = None if time is None else self.columns.index(time)
+        column = None if clock.column is None else self.columns.index(clock.column)
+        runs = _Runs(self.columns.index(clock.run), clock.apart) if clock.run else None
         rows = self._rows()
         done = 0
         while part := list(islice(rows, BLOCK_ROWS)):
             self.account.received += len(part)
-            if clock is None:
+            if column is None:
                 instants: list[int | None] = [
-                    round((done + row) * 1e9 / rate) for row in range(len(part))
+                    round((done + row) * 1e9 / clock.rate) for row in range(len(part))
                 ]
             else:
-                instants = [_nanoseconds(cells, clock, unit) for _, cells in part]
+                instants = [_nanoseconds(cells, column, clock.unit) for _, cells in part]
+            if runs is not None:
+                instants = [
+                    runs.place(cells, instant)
+                    for (_, cells), instant in zip(part, instants, strict=True)
+                ]
             done += len(part)
             yield self._numbers(part, instants, pick, required)
 
@@ -224,6 +245,35 @@ class LogTable:
         return LogFormatError(
             f"{self.path} cannot be read{where} ({what})", "a CSV file, plain or gzip"
         )
+
+
+class _Runs:
+    """Sets runs that each count their own time one after the other.
+
+    Args:
+        column: Index of the column that names the run.
+        apart: From the end of a run to the start of the next. [s]
+    """
+
+    def __init__(self, column: int, apart: float) -> None:
+        self._column = column
+        self._apart_ns = round(apart * 1e9)
+        self._label: str | None = None
+        self._shift_ns = 0
+        self._last_ns: int | None = None
+
+    def place(self, cells: list[str], instant: int | None) -> int | None:
+        """Return the instant of a row on the common time. [ns]"""
+        if instant is None or self._column >= len(cells):
+            return instant
+        label = cells[self._column].strip()
+        if label != self._label:
+            self._label = label
+            if self._last_ns is not None:
+                self._shift_ns = self._last_ns + self._apart_ns - instant
+        placed = instant + self._shift_ns
+        self._last_ns = placed if self._last_ns is None else max(self._last_ns, placed)
+        return placed
 
 
 def _nanoseconds(cells: list[str], column: int, unit: str) -> int | None:

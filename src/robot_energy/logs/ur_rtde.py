@@ -11,7 +11,7 @@ import numpy as np
 from robot_energy.blocks import Float, MeterLocation, MeterMeaning
 from robot_energy.errors import LogFormatError
 from robot_energy.logs.recording import Contents, ImportReport, LogBlock, write_bag
-from robot_energy.logs.table import LogTable, newer_than
+from robot_energy.logs.table import Clock, LogTable, newer_than
 
 UR_JOINTS = (
     "shoulder_pan_joint",
@@ -148,7 +148,7 @@ def _blocks(tables: list[LogTable], offset_ns: int) -> Iterator[LogBlock]:
         ]
         cuts = np.cumsum([len(group) for group in groups])[:-1]
         columns = [table.require(name) for group in groups for name in group]
-        for rows in table.blocks(columns, len(POSITION), CLOCK):
+        for rows in table.blocks(columns, len(POSITION), Clock(CLOCK)):
             kept, last = newer_than(rows, last, table.account)
             position, velocity, current, temperature, supply = (
                 _filled(part) for part in np.split(kept.values, cuts, axis=1)
