@@ -102,7 +102,8 @@ def _print(report: ImportReport) -> None:
     out = console()
     start, end = report.start_ns or 0, report.end_ns or 0
     rate = (report.joint_states - 1) / ((end - start) * 1e-9) if end > start else float("nan")
-    out.print(f"wrote {report.bag}: {(end - start) * 1e-9:.3f} s at {rate:.4g} Hz", soft_wrap=True)
+    span = f"{(end - start) * 1e-9:.3f} s, {rate:.4g} joint states a second on average"
+    out.print(f"wrote {report.bag}: {span}", soft_wrap=True)
     topics = [
         ("/joint_states", report.joint_states),
         ("/motor_temperatures", report.temperatures),
