@@ -1,10 +1,12 @@
-"""Start the energy monitor, the three in one process; with `virtual:=true` also a virtual robot.
+"""Start the energy monitor: one process, or with `separate:=true` the three nodes.
+
+With `virtual:=true` a virtual robot is started as well; its model is kr16.
 
 ros2 launch ros2_energy_monitor energy_monitor.launch.py model:=/path/to/robot.yaml
 """
 
 from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription
-from launch.conditions import IfCondition
+from launch.conditions import IfCondition, UnlessCondition
 from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
@@ -13,7 +15,8 @@ from launch_ros.substitutions import FindPackageShare
 from launch import LaunchDescription
 
 PACKAGE = "ros2_energy_monitor"
-NODES = ("energy_monitor",)
+TOGETHER = ("energy_monitor",)
+SEPARATE = ("torque_monitor", "friction_monitor", "power_monitor")
 
 
 def share(*parts: str) -> PathJoinSubstitution:
@@ -22,8 +25,8 @@ def share(*parts: str) -> PathJoinSubstitution:
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Return the monitor with its configuration file."""
-    model = LaunchConfiguration("model")
+    """Return the monitor, in one process or in three, with its configuration files."""
+    model, separate = LaunchConfiguration("model"), LaunchConfiguration("separate")
     nodes = [
         Node(
             package=PACKAGE,
@@ -32,8 +35,10 @@ def generate_launch_description() -> LaunchDescription:
             namespace=LaunchConfiguration("namespace"),
             parameters=[share("config", f"{name}.yaml"), {"model": model}],
             output="screen",
+            condition=condition(separate),
         )
-        for name in NODES
+        for names, condition in ((TOGETHER, UnlessCondition), (SEPARATE, IfCondition))
+        for name in names
     ]
     robot = IncludeLaunchDescription(
         PythonLaunchDescriptionSource([share("launch", "virtual_robot.launch.py")]),
@@ -47,6 +52,9 @@ def generate_launch_description() -> LaunchDescription:
             ),
             DeclareLaunchArgument(
                 "namespace", default_value="", description="Namespace of the nodes"
+            ),
+            DeclareLaunchArgument(
+                "separate", default_value="false", description="Whether to start three processes"
             ),
             DeclareLaunchArgument(
                 "virtual", default_value="false", description="Whether to start a virtual robot"

@@ -16,7 +16,7 @@ FILES = sorted((PACKAGE / "launch").glob("*.launch.py"))
 NAMES = {
     "launch": ["LaunchDescription"],
     "launch.actions": ["DeclareLaunchArgument", "IncludeLaunchDescription"],
-    "launch.conditions": ["IfCondition"],
+    "launch.conditions": ["IfCondition", "UnlessCondition"],
     "launch.launch_description_sources": ["PythonLaunchDescriptionSource"],
     "launch.substitutions": ["LaunchConfiguration", "PathJoinSubstitution"],
     "launch_ros": [],
@@ -65,10 +65,19 @@ def executables() -> list[str]:
     raise AssertionError("setup.py has no EXECUTABLES")
 
 
-def test_there_are_three_launch_files():
-    assert [path.name.split(".")[0] for path in FILES] == [
-        "energy_monitor", "three_nodes", "virtual_robot",
-    ]  # fmt: skip
+def test_the_launch_files_are_found():
+    assert [path.name.split(".")[0] for path in FILES] == ["energy_monitor", "virtual_robot"]
+
+
+def test_the_monitor_runs_in_one_process_or_in_three(describe):
+    nodes = [one for one in describe(FILES[0]) if one.kind == "Node"]
+    kinds = {one.options["executable"]: one.options["condition"].kind for one in nodes}
+    assert kinds == {
+        "energy_monitor": "UnlessCondition",
+        "torque_monitor": "IfCondition",
+        "friction_monitor": "IfCondition",
+        "power_monitor": "IfCondition",
+    }
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.name)
