@@ -28,6 +28,7 @@ from robot_energy.registers import ExactSum
 
 SECOND_NS = 1_000_000_000
 MAX_PIECES = 1_000_000
+ALONE_NS = 10 * SECOND_NS  # a jump of the meter that the prediction does not follow by then
 BACKWARD_JUMP_NS = SECOND_NS  # older readings than this are a new epoch, not late ones
 
 
@@ -123,6 +124,7 @@ class MeterCurve:
         self.accepted = 0
         self.rejected: Counter[str] = Counter()
         self._max_gap_ns = round(max_gap / NANOSECOND)
+        self.left_ns = 0  # newest reading before the last backward jump
         self._last: tuple[int, float] | None = None  # stamp, power or energy
 
     def step(self, block: MeterBlock) -> tuple[list[Pieces], int]:
@@ -151,6 +153,7 @@ class MeterCurve:
                 epochs[-1].append(row)
             elif stamp <= newest - BACKWARD_JUMP_NS:
                 epochs.append([row])
+                self.left_ns = newest
             else:
                 self.rejected["meter_not_newer"] += 1
                 continue
@@ -250,6 +253,11 @@ class Comparison:
             The elementary intervals that became comparable.
         """
         done: list[Compared] = []
+        alone = int(stamp_ns[-1]) - self.curve.left_ns > ALONE_NS
+        if self._measured_epoch > self._predicted_epoch and alone:
+            for number in range(self._predicted_epoch, self._measured_epoch):
+                self._epochs.pop(number, None)  # the meter's clock alone jumped
+            self._predicted_epoch = self._measured_epoch
         previous = stamp_ns[0] if self._last is None else self._last[0]
         jumps = np.flatnonzero(differences(stamp_ns, int(previous)) < 0).tolist()
         for start, stop in zip([0, *jumps], [*jumps, len(stamp_ns)], strict=True):

@@ -127,3 +127,14 @@ def test_overlapping_intervals_of_a_mean_count_once_and_never_rewrite_the_past()
     assert whole.compared_ns == stepwise.compared_ns == 3.5 * SECOND
     assert whole.measured_energy == pytest.approx(6.0 + 8.0 + 2.0)
     assert stepwise.measured_energy == whole.measured_energy
+
+
+def test_a_meter_whose_clock_alone_jumps_back_is_compared_again_after_a_while():
+    comparison = Comparison()
+    comparison.measure(meter(np.arange(100.0, 105.0), [10.0] * 5))
+    comparison.measure(meter(np.arange(90.0, 130.0), [10.0] * 40))
+    predict(comparison, np.arange(100.0, 111.0), np.ones(11))
+    assert comparison.compared_ns == 4 * SECOND
+    predict(comparison, np.arange(111.0, 130.0), np.ones(19), segment=np.zeros(19))
+    predict(comparison, np.arange(130.0, 132.0), np.ones(2), segment=np.zeros(2))
+    assert comparison.compared_ns > 10 * SECOND

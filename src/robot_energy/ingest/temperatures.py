@@ -6,8 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from robot_energy.blocks import TemperatureBlock
+from robot_energy.blocks import Int, TemperatureBlock
 from robot_energy.ingest.accounting import Accounting
+from robot_energy.ingest.order import BACKWARD_JUMP_NS
 from robot_energy.wire.batch import RawBatch
 from robot_energy.wire.layout import Decoder, Run, stamp_ns
 
@@ -45,15 +46,22 @@ class TemperatureIngest:
             batches: Serialised messages, each in order of arrival.
 
         Returns:
-            Readings in the order of their stamps, or None if there are none.
+            Readings in the order of their stamps, which may interleave between topics; in
+            order of arrival where the stamps of a topic jump back. None if there are none.
         """
-        blocks = [block for batch in batches for block in self._decode(batch)]
+        taken = [(batch, *self._decode(batch)) for batch in batches]
+        blocks = [block for _, block, _ in taken if block is not None]
         if not blocks:
             return None
         block = TemperatureBlock.concatenate(blocks)
-        return block[np.argsort(block.stamp_ns, kind="stable")]
+        jumped = any(bool((np.diff(part.stamp_ns) < -BACKWARD_JUMP_NS).any()) for part in blocks)
+        if not jumped:
+            return block[np.argsort(block.stamp_ns, kind="stable")]
+        arrival = np.concatenate([batch.log_time_ns[rows] for batch, _, rows in taken])
+        return block[np.argsort(arrival, kind="stable")]
 
-    def _decode(self, batch: RawBatch) -> list[TemperatureBlock]:
+    def _decode(self, batch: RawBatch) -> tuple[TemperatureBlock | None, Int]:
+        """Return the readings of one topic in order of arrival, and their rows."""
         self.account.received += len(batch)
         decoder = self._decoders.get(batch.msgtype)
         if decoder is None:
@@ -66,6 +74,7 @@ class TemperatureIngest:
         decoded = decoder.decode(batch)
         self.account.reject("malformed", len(decoded.malformed))
         blocks: list[TemperatureBlock] = []
+        rows: list[Int] = []
         for run in decoded.runs:
             block = self._place(run, batch.msgtype)
             if isinstance(block, str):
@@ -77,7 +86,11 @@ class TemperatureIngest:
             self.account.reject("not_finite", int((known & ~given).sum()))
             self.account.accepted += int((known & given).sum())
             blocks.append(block[known & given])
-        return blocks
+            rows.append(run.rows[known & given])
+        if not blocks:
+            return None, np.empty(0, dtype=np.int64)
+        order = np.argsort(np.concatenate(rows))
+        return TemperatureBlock.concatenate(blocks)[order], np.concatenate(rows)[order]
 
     def _place(self, run: Run, msgtype: str) -> TemperatureBlock | str:
         if msgtype == MOTOR_TEMPERATURES:

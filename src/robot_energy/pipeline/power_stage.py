@@ -29,7 +29,8 @@ from robot_energy.model_file import RobotModel
 from robot_energy.pipeline.friction_stage import BACKWARD_JUMP_NS, FrictionStage
 from robot_energy.pipeline.settings import Settings
 
-HISTORY_NS = 60_000_000_000  # friction kept behind the newest sample, for recordings that loop
+HISTORY_NS = 60_000_000_000  # friction kept behind the newest sample
+ALONE_NS = 10_000_000_000  # a jump of friction that torque does not follow by then is its own
 
 
 class PowerStage:
@@ -55,7 +56,11 @@ class PowerStage:
         self._fallback_degc = model.temperature.fallback_degc
         self._stale_ns = round(model.temperature.stale_after / NANOSECOND)
         self._settle_ns = round(settings.settle / NANOSECOND)
-        self._timeline = FrictionStage(model).initial()
+        # Friction by epoch: topics meet a backward jump of the stamps at different times.
+        self._timelines = {0: FrictionStage(model).initial()}
+        self._friction_epoch = self._torque_epoch = 0
+        self._left_ns = 0  # newest friction of the epoch that friction left last
+        self._last_ns: int | None = None  # newest torque that was released
         self._waiting: TorqueBlock | None = None
 
     def friction(self, block: FrictionBlock) -> None:
@@ -69,17 +74,18 @@ class PowerStage:
         """
         block = block[block.stamp_ns != 0]
         while len(block):
-            newest = int(self._timeline.stamp_ns[-1])
+            line = self._timelines[self._friction_epoch]
+            newest = int(line.stamp_ns[-1])
             if int(block.stamp_ns[0]) < newest - BACKWARD_JUMP_NS:
-                self._timeline = replace(
-                    self._timeline[slice(-1, None)], stamp_ns=np.zeros(1, dtype=np.int64)
-                )
+                self._friction_epoch += 1
+                self._left_ns = newest
+                line = replace(line[slice(-1, None)], stamp_ns=np.zeros(1, dtype=np.int64))
                 newest = 0
             falls = np.flatnonzero(differences(block.stamp_ns, newest) < 0)
             rising = int(falls[0]) if len(falls) else len(block)
-            taken = block[slice(0, rising)]
             if rising:
-                self._timeline = FrictionBlock.concatenate([self._timeline, taken])
+                line = FrictionBlock.concatenate([line, block[slice(0, rising)]])
+            self._timelines[self._friction_epoch] = line
             late = rising == 0  # a little older than what is known: superseded
             block = block[slice(rising + late, None)]
 
@@ -100,12 +106,25 @@ class PowerStage:
         until = int(stamp[-1]) - self._settle_ns
         ready = epoch + int(np.searchsorted(stamp[epoch:], until, side="right"))
         self._waiting = block[slice(ready, None)] if ready < len(block) else None
-        return self._power(block[slice(0, ready)]) if ready else None
+        return self._release(block[slice(0, ready)]) if ready else None
 
     def flush(self) -> PowerBlock | None:
         """Return the power at what still waits, as at the end of a bag."""
         block, self._waiting = self._waiting, None
-        return self._power(block) if block is not None else None
+        return self._release(block) if block is not None else None
+
+    def _release(self, block: TorqueBlock) -> PowerBlock:
+        """Compute the power, epoch by epoch."""
+        stamp = block.stamp_ns
+        before = int(stamp[0]) if self._last_ns is None else self._last_ns
+        self._last_ns = int(stamp[-1])
+        jumps = np.flatnonzero(differences(stamp, before) < 0).tolist()
+        parts: list[PowerBlock] = []
+        for start, stop in zip([0, *jumps], [*jumps, len(block)], strict=True):
+            if stop > start:
+                parts.append(self._power(block[slice(start, stop)]))
+            self._torque_epoch += stop < len(block)
+        return PowerBlock.concatenate(parts)
 
     @np.errstate(invalid="ignore", over="ignore")  # bad samples become NaN, nothing else
     def _power(self, block: TorqueBlock) -> PowerBlock:
@@ -152,10 +171,11 @@ class PowerStage:
 
     def _coefficients(self, stamp_ns: Int, quality: Bits) -> tuple[Float, Float, Float]:
         """Friction valid at each stamp; the temperature is NaN where missing or stale."""
-        row = np.searchsorted(self._timeline.stamp_ns, stamp_ns, side="right") - 1
+        timeline = self._current(int(stamp_ns[-1]))
+        row = np.searchsorted(timeline.stamp_ns, stamp_ns, side="right") - 1
         row = np.maximum(row, 0)
         first = int(row.min())
-        line = self._timeline[slice(first, int(row.max()) + 1)]
+        line = timeline[slice(first, int(row.max()) + 1)]
         row -= first
         seen = line.temperature_stamp_ns
         coulomb, viscous = line.coulomb[row], line.viscous[row]
@@ -167,11 +187,18 @@ class PowerStage:
             viscous = np.where(stale, line.viscous_fallback[row], viscous)
             temperature = np.where(stale, np.nan, temperature)
             mark(quality, in_any_joint(stale), Quality.TEMPERATURE_STALE)
-        self._forget(int(stamp_ns[-1]) - HISTORY_NS)
         return coulomb, viscous, temperature
 
-    def _forget(self, oldest_ns: int) -> None:
-        """Drop friction that only a sample before ``oldest_ns`` would need."""
-        needed = int(np.searchsorted(self._timeline.stamp_ns, oldest_ns, side="right")) - 1
+    def _current(self, newest_ns: int) -> FrictionBlock:
+        """Friction of the torque's epoch, without what lies far behind."""
+        alone = newest_ns - self._left_ns > ALONE_NS
+        if self._friction_epoch > self._torque_epoch and alone:
+            self._torque_epoch = self._friction_epoch  # the thermometers' clock alone jumped
+        epoch = max(number for number in self._timelines if number <= self._torque_epoch)
+        for number in [number for number in self._timelines if number < epoch]:
+            del self._timelines[number]
+        line = self._timelines[epoch]
+        needed = int(np.searchsorted(line.stamp_ns, newest_ns - HISTORY_NS, side="right")) - 1
         if needed > 0:
-            self._timeline = self._timeline[slice(needed, None)]
+            line = self._timelines[epoch] = line[slice(needed, None)]
+        return line

@@ -243,3 +243,40 @@ def test_temperature_older_than_the_last_of_its_motor_is_counted_and_left():
     )
     np.testing.assert_allclose(power.viscous[power.stamp_ns >= 15 * 10**8, 0], 0.02)
     assert pipeline.friction.rejected["temperature_older"] == 1
+
+
+def patient_wheel():
+    joint = warm_wheel().joints[0]
+    return robots.one_wheel(
+        joints=[joint.model_dump()], temperature={"fallback_degc": 20.0, "stale_after": 1e6}
+    )
+
+
+def test_friction_of_a_looped_recording_stays_in_its_epoch():
+    # pass one warms from 20 to 40 degC; the temperatures of pass two arrive before its torque
+    pipeline = EnergyPipeline(patient_wheel())
+    once = spin(3.0, seconds=4.0, start=100.0)
+    again = robots.joint_block(once.stamp_ns * 1e-9, once.joint_position, once.joint_velocity)
+    again.segment[:] = 1
+    readings = temperatures([100.0, 102.0], [[20.0], [40.0]])
+    power = run(
+        pipeline,
+        {"temperatures": readings},
+        {"temperatures": readings},
+        {"joints": once},
+        {"joints": again},
+    )
+    expected = np.where(power.stamp_ns < 102 * 10**9, 0.04, 0.02)
+    np.testing.assert_allclose(power.viscous[:, 0], expected)
+
+
+def test_thermometers_whose_clock_alone_jumps_back_are_followed_after_a_while():
+    pipeline = EnergyPipeline(patient_wheel())
+    power = run(
+        pipeline,
+        {"temperatures": temperatures([100.0, 50.0], [[40.0], [20.0]])},
+        {"joints": spin(3.0, seconds=5.0, start=100.0)},
+        {"joints": spin(3.0, seconds=10.0, start=105.01)},
+    )
+    np.testing.assert_allclose(power.viscous[power.stamp_ns < 104 * 10**9, 0], 0.02)
+    np.testing.assert_allclose(power.viscous[-1, 0], 0.04)
