@@ -13,7 +13,6 @@ setup(
             "py.typed",
             "models/*.yaml",
             "models/*.urdf",
-            "report/templates/*",
             # A link to the interface package: one source of truth for the messages.
             "wire/msg/*.msg",
         ]
