@@ -179,9 +179,9 @@ def replay(
         bag=Path(path),
         model=model,
         topics=used,
-        joint_states=JointStateIngest(model.joint_names),
-        temperatures=TemperatureIngest(model.joint_names),
-        meter=MeterIngest(),
+        joint_states=JointStateIngest(model.joint_names, bag.typestore),
+        temperatures=TemperatureIngest(model.joint_names, bag.typestore),
+        meter=MeterIngest(bag.typestore),
         pipeline=pipeline,
         origin=bag.origin,
     )

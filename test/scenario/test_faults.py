@@ -15,7 +15,7 @@ from robot_energy.bag import BagReader, BagWriter
 from robot_energy.blocks import Quality
 from robot_energy.model_file import load
 from robot_energy.replay import Replay, replay
-from robot_energy.wire.types import typestore
+from robot_energy.wire.types import extended, typestore
 
 BAG = Path(__file__).resolve().parents[2] / "bags" / "kr16_cold"
 JOINTS, TEMPERATURES, METER = "/joint_states", "/motor_temperatures", "/power_meter"
@@ -245,3 +245,33 @@ def test_late_delivery_of_temperatures_within_the_wait_changes_nothing(faulty, r
     np.testing.assert_array_equal(
         faulty(delay).ledger.registers.microjoule, reference.ledger.registers.microjoule
     )
+
+
+def test_a_bag_of_another_release_is_read_by_its_own_definitions(tmp_path, reference):
+    """PowerReading once had another field in front of the power: the energies are the same."""
+    messages, types = recorded()
+    reading = "ros2_energy_msgs/msg/PowerReading"
+    text = (BAG.parents[1] / "ros2_energy_msgs/msg/PowerReading.msg").read_text()
+    old = typestore_of(
+        reading, text.replace("float64 power\n", "float64 reactive\nfloat64 power\n")
+    )
+    made = old.types[reading]
+    with BagWriter(tmp_path / "old", typestore=old) as bag:
+        for topic, msgtype in types.items():
+            bag.add_topic(topic, msgtype)
+        for time, topic, message in messages:
+            if topic == METER:
+                fields = {
+                    name: getattr(message, name)
+                    for name in ("header", "meaning", "location", "power", "energy", "interval")
+                }
+                message = made(**fields, reactive=-1.0)
+            row = bytes(old.serialize_cdr(message, types[topic]))
+            bag.write(topic, np.array([time]), [row])
+    result = replay(tmp_path / "old", MODEL)
+    assert result.ledger.comparison.measured_energy == reference.ledger.comparison.measured_energy
+
+
+def typestore_of(msgtype, text):
+    """The known definitions with one message defined otherwise."""
+    return extended(typestore(), {msgtype: ("ros2msg", text)})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,9 @@ from robot_energy.ingest.accounting import Accounting
 from robot_energy.ingest.order import DUPLICATE, OLDER, StampOrder
 from robot_energy.wire.batch import RawBatch
 from robot_energy.wire.layout import Decoder, Run, stamp_ns
+
+if TYPE_CHECKING:
+    from rosbags.typesys.store import Typestore
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 
@@ -26,6 +30,7 @@ class JointStateIngest:
 
     Args:
         joint_names: Modelled joints in model order.
+        typestore: Message definitions of the source; those known here by default.
 
     Attributes:
         account: Received, accepted and rejected messages.
@@ -34,7 +39,7 @@ class JointStateIngest:
         missing_joints: Joints of the model that a rejected message lacked.
     """
 
-    def __init__(self, joint_names: Sequence[str]) -> None:
+    def __init__(self, joint_names: Sequence[str], typestore: Typestore | None = None) -> None:
         self.account = Accounting()
         self.order = StampOrder()
         self.ignored_joints: set[str] = set()
@@ -43,6 +48,7 @@ class JointStateIngest:
         self._decoder = Decoder(
             JOINT_STATE,
             ("header.stamp.sec", "header.stamp.nanosec", "name", "position", "velocity"),
+            typestore,
         )
         self._columns: dict[tuple[str, ...], Int | slice | str] = {}
 

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from robot_energy.blocks import MeterBlock, MeterLocation, MeterMeaning
 from robot_energy.ingest.accounting import Accounting
 from robot_energy.wire.batch import RawBatch
 from robot_energy.wire.layout import Decoder, Run, stamp_ns
+
+if TYPE_CHECKING:
+    from rosbags.typesys.store import Typestore
 
 POWER_READING = "ros2_energy_msgs/msg/PowerReading"
 FIELDS = (
@@ -27,6 +32,9 @@ class MeterIngest:
     All readings of a meter must have one meaning and one location, those of its first
     reading; others are rejected as ``changed_meaning``.
 
+    Args:
+        typestore: Message definitions of the source; those known here by default.
+
     Attributes:
         account: Received, accepted and rejected messages. Acceptance here means that
             the message could be read; the comparison counts what it could use.
@@ -34,9 +42,9 @@ class MeterIngest:
 
     types = (POWER_READING,)
 
-    def __init__(self) -> None:
+    def __init__(self, typestore: Typestore | None = None) -> None:
         self.account = Accounting()
-        self._decoder = Decoder(POWER_READING, FIELDS)
+        self._decoder = Decoder(POWER_READING, FIELDS, typestore)
         self._kind: tuple[MeterMeaning, MeterLocation] | None = None
 
     def step(self, batch: RawBatch) -> MeterBlock | None:

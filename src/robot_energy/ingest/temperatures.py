@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,6 +12,9 @@ from robot_energy.ingest.accounting import Accounting
 from robot_energy.ingest.order import BACKWARD_JUMP_NS
 from robot_energy.wire.batch import RawBatch
 from robot_energy.wire.layout import Decoder, Run, stamp_ns
+
+if TYPE_CHECKING:
+    from rosbags.typesys.store import Typestore
 
 MOTOR_TEMPERATURES = "ros2_energy_msgs/msg/MotorTemperatures"
 TEMPERATURE = "sensor_msgs/msg/Temperature"
@@ -25,6 +29,7 @@ class TemperatureIngest:
 
     Args:
         joint_names: Modelled joints in model order.
+        typestore: Message definitions of the source; those known here by default.
 
     Attributes:
         account: Received, accepted and rejected messages.
@@ -33,10 +38,11 @@ class TemperatureIngest:
 
     types = (MOTOR_TEMPERATURES, TEMPERATURE)
 
-    def __init__(self, joint_names: Sequence[str]) -> None:
+    def __init__(self, joint_names: Sequence[str], typestore: Typestore | None = None) -> None:
         self.account = Accounting()
         self.ignored_joints: set[str] = set()
         self._names = tuple(joint_names)
+        self._typestore = typestore
         self._decoders: dict[str, Decoder] = {}
 
     def step(self, batches: Sequence[RawBatch]) -> TemperatureBlock | None:
@@ -70,7 +76,9 @@ class TemperatureIngest:
                 if batch.msgtype == MOTOR_TEMPERATURES
                 else (*STAMP, "header.frame_id", "temperature")
             )
-            decoder = self._decoders[batch.msgtype] = Decoder(batch.msgtype, fields)
+            decoder = self._decoders[batch.msgtype] = Decoder(
+                batch.msgtype, fields, self._typestore
+            )
         decoded = decoder.decode(batch)
         self.account.reject("malformed", len(decoded.malformed))
         blocks: list[TemperatureBlock] = []
