@@ -126,7 +126,7 @@ class LossDrive(Entry):
     quadratic: PositiveFigure
     copper: PositiveFigure
     copper_temperature_coefficient: PositiveFigure = PositiveFigure(
-        value=0.0039, tag="published", source="copper"
+        value=0.0039, tag="assumed", source="copper, usual textbook figure"
     )
 
 
