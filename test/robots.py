@@ -116,7 +116,11 @@ def one_wheel(**changes: Any) -> RobotModel:
 
 
 def joint_block(
-    stamp_s: Float, position: Float, velocity: Float, acceleration: Float | None = None
+    stamp_s: Float,
+    position: Float,
+    velocity: Float,
+    acceleration: Float | None = None,
+    effort: Float | None = None,
 ) -> JointBlock:
     """Joint states of one segment from arrays (N,) and (N, n)."""
     size = len(stamp_s)
@@ -127,4 +131,5 @@ def joint_block(
         joint_position=position,
         joint_velocity=velocity,
         joint_acceleration=np.full_like(position, np.nan) if acceleration is None else acceleration,
+        joint_effort=np.full_like(position, np.nan) if effort is None else effort,
     )

@@ -135,6 +135,8 @@ class JointBlock(Block):
         joint_velocity: Shape (N, n). [rad/s] or [m/s] NaN in every joint where the robot
             does not report it; the derivative stage fills it.
         joint_acceleration: Shape (N, n). [rad/s^2] or [m/s^2] NaN until differentiated.
+        joint_effort: Effort of each joint as the driver sent it, shape (N, n); NaN where
+            it sent none. Its meaning, side and unit are a setting, never inferred.
     """
 
     segment: Int
@@ -142,6 +144,7 @@ class JointBlock(Block):
     joint_position: Float
     joint_velocity: Float
     joint_acceleration: Float
+    joint_effort: Float
 
 
 @dataclass(frozen=True)

@@ -143,6 +143,7 @@ class Derivative:
             joint_position=buffer.joint_position[rows],
             joint_velocity=velocity,
             joint_acceleration=acceleration,
+            joint_effort=buffer.joint_effort[rows],
         )
 
 

@@ -40,6 +40,7 @@ def run(folder: Path, quick: bool) -> tuple[Table, dict[str, object], dict[str, 
         position,
         velocity,
         np.full_like(position, np.nan),
+        np.full_like(position, np.nan),
     )
     robot = pin.buildModelFromXML(model.urdf_xml)
     data = robot.createData()

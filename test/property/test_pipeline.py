@@ -136,6 +136,7 @@ def test_order_of_joints_in_the_model_does_not_matter(seed):
         block.joint_position[:, ::-1].copy(),
         block.joint_velocity[:, ::-1].copy(),
         block.joint_acceleration[:, ::-1].copy(),
+        block.joint_effort[:, ::-1].copy(),
     )
     turned_temperature = TemperatureBlock(
         temperature.stamp_ns, temperature.motor_temperature_degc[:, ::-1].copy()

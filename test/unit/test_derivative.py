@@ -94,3 +94,15 @@ def test_single_sample_gives_nan_not_zero():
 def test_impossible_settings_are_refused(settings):
     with pytest.raises(ValueError, match="expected"):
         Derivative(window=0.02, **settings)
+
+
+def test_effort_describes_the_same_instant_as_velocity():
+    stamp = np.concatenate([jittered(40), 200 + jittered(30, seed=1)])
+    position = np.zeros((70, 1))
+    block = robots.joint_block(stamp, position, position + 1, effort=stamp[:, None].copy())
+    block.segment[40:] = 1
+    stage = Derivative(window=0.02)
+    parts = [part for row in range(70) for part in stage.step(block[slice(row, row + 1)])]
+    out = JointBlock.concatenate([*parts, *stage.flush()])
+    np.testing.assert_array_equal(np.rint(out.joint_effort[:, 0] * 1e9), out.stamp_ns)
+    assert len(out) == 70

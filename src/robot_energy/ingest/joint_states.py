@@ -115,6 +115,7 @@ class JointStateIngest:
             joint_position=position,
             joint_velocity=velocity,
             joint_acceleration=np.full_like(position, np.nan),
+            joint_effort=np.full_like(position, np.nan),
         )
 
     def _place(self, run: Run) -> tuple[Int, Float, Float] | str:

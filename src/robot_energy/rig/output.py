@@ -35,6 +35,7 @@ class RigJoints(Block):
             joint_position=self.joint_position,
             joint_velocity=self.joint_velocity,
             joint_acceleration=np.full_like(self.joint_velocity, np.nan),
+            joint_effort=np.full_like(self.joint_velocity, np.nan),
         )
 
 
