@@ -1,0 +1,84 @@
+"""The energy registers of one robot: cabinet and joints, drawn and given.
+
+Each interval between two finite samples of one segment adds its trapezoid (paper A,
+eq. 7) to exact sums.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from robot_energy.blocks import Float, Int, PowerBlock
+from robot_energy.registers.exact_sum import ExactSum
+from robot_energy.registers.timekeeping import Intervals, Timekeeping, Trapezoid
+
+CABINET_REGISTERS = ("grid_import", "grid_return", "brake", "loss_dc", "loss_grid", "capacitor")
+JOINT_REGISTERS = ("shaft_positive", "shaft_negative", "rigid", "friction", "drive_loss")
+
+
+class Registers:
+    """The energy registers of one robot.
+
+    Args:
+        n_joints: Number of joints.
+    """
+
+    def __init__(self, n_joints: int) -> None:
+        self.n_joints = n_joints
+        self._sum = ExactSum(len(CABINET_REGISTERS) + len(JOINT_REGISTERS) * n_joints)
+        self._trapezoid = Trapezoid()
+
+    @property
+    def time(self) -> Timekeeping:
+        """Account of observed and missing time."""
+        return self._trapezoid.time
+
+    @property
+    def microjoule(self) -> Int:
+        """All registers as integers: cabinet ones, then each joint register. [uJ]"""
+        return self._sum.microjoule
+
+    @np.errstate(invalid="ignore")
+    def step(self, block: PowerBlock) -> Intervals:
+        """Integrate a block.
+
+        Args:
+            block: Power samples; NaN samples are gaps.
+
+        Returns:
+            The intervals, whose energies are in the order of `microjoule`.
+        """
+        intervals = self._trapezoid.step(block.stamp_ns, block.segment, _columns(block))
+        self._sum.add(intervals.energy)
+        return intervals
+
+    def cabinet(self, name: str) -> float:
+        """Return a register of the cabinet by its name in ``CABINET_REGISTERS``. [J]"""
+        return float(self._sum.joule[CABINET_REGISTERS.index(name)])
+
+    def joints(self, name: str) -> Float:
+        """Return a register of every joint by its name in ``JOINT_REGISTERS``, (n,). [J]"""
+        start = len(CABINET_REGISTERS) + JOINT_REGISTERS.index(name) * self.n_joints
+        return self._sum.joule[start : start + self.n_joints]
+
+
+def _columns(block: PowerBlock) -> Float:
+    """Power behind each register, shape (N, R). [W]"""
+    grid, n_joints = block.grid_power, block.rigid_power.shape[1]
+    first = len(CABINET_REGISTERS)
+    columns = np.empty((len(block), first + len(JOINT_REGISTERS) * n_joints))
+    columns[:, 0] = np.maximum(grid, 0.0)
+    columns[:, 1] = np.maximum(-grid, 0.0)
+    columns[:, 2] = block.brake_power
+    columns[:, 3] = block.loss_dc
+    columns[:, 4] = block.loss_grid
+    columns[:, 5] = block.capacitor_power
+    positive, negative, rigid, friction, loss = (
+        columns[:, first + index * n_joints : first + (index + 1) * n_joints]
+        for index in range(len(JOINT_REGISTERS))
+    )
+    rigid[:], friction[:], loss[:] = block.rigid_power, block.friction_power, block.drive_loss
+    shaft = block.shaft_power
+    np.maximum(shaft, 0.0, out=positive)
+    np.subtract(positive, shaft, out=negative)
+    return columns
