@@ -29,7 +29,7 @@ from robot_energy.model_file import RobotModel
 from robot_energy.pipeline.friction_stage import BACKWARD_JUMP_NS, FrictionStage
 from robot_energy.pipeline.settings import Settings
 
-HISTORY_NS = 60_000_000_000  # friction kept behind the newest sample
+HISTORY_NS = 60_000_000_000  # friction kept behind the samples
 ALONE_NS = 10_000_000_000  # a jump of friction that torque does not follow by then is its own
 
 
@@ -171,7 +171,7 @@ class PowerStage:
 
     def _coefficients(self, stamp_ns: Int, quality: Bits) -> tuple[Float, Float, Float]:
         """Friction valid at each stamp; the temperature is NaN where missing or stale."""
-        timeline = self._current(int(stamp_ns[-1]))
+        timeline = self._current(int(stamp_ns[0]), int(stamp_ns[-1]))
         row = np.searchsorted(timeline.stamp_ns, stamp_ns, side="right") - 1
         row = np.maximum(row, 0)
         first = int(row.min())
@@ -189,8 +189,8 @@ class PowerStage:
             mark(quality, in_any_joint(stale), Quality.TEMPERATURE_STALE)
         return coulomb, viscous, temperature
 
-    def _current(self, newest_ns: int) -> FrictionBlock:
-        """Friction of the torque's epoch, without what lies far behind."""
+    def _current(self, oldest_ns: int, newest_ns: int) -> FrictionBlock:
+        """Friction of the torque's epoch, without what lies far behind the oldest stamp."""
         alone = newest_ns - self._left_ns > ALONE_NS
         if self._friction_epoch > self._torque_epoch and alone:
             self._torque_epoch = self._friction_epoch  # the thermometers' clock alone jumped
@@ -198,7 +198,7 @@ class PowerStage:
         for number in [number for number in self._timelines if number < epoch]:
             del self._timelines[number]
         line = self._timelines[epoch]
-        needed = int(np.searchsorted(line.stamp_ns, newest_ns - HISTORY_NS, side="right")) - 1
+        needed = int(np.searchsorted(line.stamp_ns, oldest_ns - HISTORY_NS, side="right")) - 1
         if needed > 0:
             line = self._timelines[epoch] = line[slice(needed, None)]
         return line

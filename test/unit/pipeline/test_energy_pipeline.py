@@ -280,3 +280,19 @@ def test_thermometers_whose_clock_alone_jumps_back_are_followed_after_a_while():
     )
     np.testing.assert_allclose(power.viscous[power.stamp_ns < 104 * 10**9, 0], 0.02)
     np.testing.assert_allclose(power.viscous[-1, 0], 0.04)
+
+
+def test_friction_of_a_block_longer_than_a_minute_is_that_of_its_own_time():
+    """A slow driver's replay block spans minutes; its first samples keep their temperature."""
+    stamp = np.arange(3000) / 10
+    joints = robots.joint_block(stamp, np.zeros((3000, 2)), np.full((3000, 2), 0.5))
+    warm = temperatures(np.arange(300), np.linspace(20, 80, 300)[:, None] * np.ones(2))
+    whole = run(EnergyPipeline(robots.two_link()), {"temperatures": warm, "joints": joints})
+    parts = [joints[slice(start, start + 100)] for start in range(0, 3000, 100)]
+    feed = [
+        {"temperatures": warm[slice(10 * i, 10 * i + 10)], "joints": part}
+        for i, part in enumerate(parts)
+    ]
+    cut = run(EnergyPipeline(robots.two_link()), *feed)
+    np.testing.assert_array_equal(whole.viscous, cut.viscous)
+    np.testing.assert_array_equal(whole.grid_power, cut.grid_power)
