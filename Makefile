@@ -5,7 +5,7 @@ SHELL := /bin/bash
 # read from or written to the home folder.
 in_environment := . .venv/env.sh &&
 
-.PHONY: help setup demo test lint format bench clean
+.PHONY: help setup demo test lint format bench soak clean
 
 help:  ## show this list
 	@sed -n "s/^\([a-z]*\): .*## \(.*\)/  make \1\t\2/p" Makefile | expand -t 14
@@ -29,6 +29,9 @@ format: prepare  ## format the sources and mend what ruff can mend
 
 bench: prepare  ## measure speed
 	@$(in_environment) python test/bench/run.py
+
+soak: prepare  ## runs that take long: a simulated month, fuzzing
+	@$(in_environment) pip install --quiet --disable-pip-version-check --no-input --no-deps -r .ci/requirements-soak.txt && python test/soak/run.py
 
 clean:  ## remove all that set-up and tests made
 	rm -rf .venv build install log

@@ -1,0 +1,28 @@
+"""The long run of `make soak`, half an hour of it."""
+
+import month
+import pytest
+
+from robot_energy.registers import ExactSum
+
+
+@pytest.fixture
+def missed():
+    def run(cycles):
+        return [figure.what for figure in month.simulate(cycles).figures() if not figure.reached]
+
+    return run
+
+
+def test_half_an_hour_is_booked_to_the_microjoule(missed):
+    assert missed(3) == []
+
+
+def test_a_sum_in_floats_is_noticed(missed, monkeypatch):
+    """The reference is no copy of what it checks: a sum that rounds is found."""
+
+    def add(self, energy):
+        self.microjoule += (energy.sum(axis=0) * 1e6).astype("int64")
+
+    monkeypatch.setattr(ExactSum, "add", add)
+    assert "largest error" in missed(1)[0]
