@@ -72,3 +72,7 @@ class RigError(RobotEnergyError, ValueError):
 
 class ReportError(RobotEnergyError, ValueError):
     """A report or figure cannot be made or written."""
+
+
+class NotIdentifiableError(RobotEnergyError, ValueError):
+    """The data do not excite a parameter that was asked for."""
