@@ -41,6 +41,7 @@ class Quality(IntFlag):
     AFTER_GAP = 64
     DRIVE_EXTRAPOLATED = 128
     NOT_FINITE = 256
+    JOINT_STATE_IMPLAUSIBLE = 512
 
 
 class Phase(IntEnum):

@@ -67,7 +67,7 @@ def test_model_order_is_kept_whatever_the_order_in_the_urdf():
 
 def test_joint_that_the_model_does_not_name_is_locked():
     robot = Robot(robots.TWO_LINK_URDF, ("shoulder",), gravity=(0, 0, -robots.G))
-    assert robot.locked_joints == ("elbow",)
+    assert robot.inventory.locked_joints == ("elbow",)
     zero = np.zeros((1, 1))
     stretched = lagrange_two_link([0, 0], [0, 0], [0, 0])[0]
     assert robot.joint_torque(zero, zero, zero)[0, 0] == pytest.approx(stretched, rel=1e-12)

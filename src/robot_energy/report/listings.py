@@ -55,6 +55,10 @@ def print_model(summary: Summary, console: Console) -> None:
     if summary["notes"]:
         entries.append(("notes", " ".join(summary["notes"].split())))
     pairs(console, entries)
+    line(console, "")
+    line(console, "Joints and links of the URDF", style="bold")
+    for sentence in summary["inventory"]:
+        line(console, f"  {sentence}")
     rows = [
         (
             joint["name"],

@@ -71,7 +71,8 @@ def summarise_model(model: RobotModel, robot: Robot) -> dict[str, Any]:
             }
             for joint in model.joints
         ],
-        "locked_joints": list(robot.locked_joints),
+        "locked_joints": list(robot.inventory.locked_joints),
+        "inventory": robot.inventory.sentences(),
         "coupling": [f"{entry.motor} turns with {entry.joint}" for entry in model.coupling],
         "moving_mass": robot.moving_mass,
         "payload_mass": sum(body.mass for body in model.payload),

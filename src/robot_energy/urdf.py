@@ -1,0 +1,376 @@
+"""What a URDF says: checked, with its limits, and which of its joints are modelled.
+
+Nothing here moves: `robot` turns the same text into rigid-body dynamics.
+"""
+
+from __future__ import annotations
+
+import math
+import xml.etree.ElementTree as ET
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robot_energy.blocks import Float
+from robot_energy.errors import RobotDescriptionError, UnknownJointError
+
+MAX_URDF_BYTES = 8 * 1024 * 1024
+MAX_LINKS = 1000
+UNLIMITED = 1e12  # stands for infinity, which the URDF parser does not accept
+MOVING_TYPES = ("revolute", "continuous", "prismatic")
+LOCKED_AT = 0.0  # where joints stand that the model does not name [rad] or [m]
+
+
+@dataclass(frozen=True)
+class JointLimits:
+    """Limits of the modelled joints from the URDF, joint side.
+
+    Attributes:
+        joint_names: The joints, in model order.
+        lower: Shape (n,), -inf where there is none (continuous joints). [rad] or [m]
+        upper: Shape (n,), inf where there is none. [rad] or [m]
+        velocity: Shape (n,), inf where the URDF gives none or 0. [rad/s] or [m/s]
+        effort: Shape (n,), inf where the URDF gives none or 0. [N m] or [N]
+        prismatic: Which joints move in m, shape (n,).
+        wraps: Which joints turn without end, so that 2 pi is no step, shape (n,).
+    """
+
+    joint_names: tuple[str, ...]
+    lower: Float
+    upper: Float
+    velocity: Float
+    effort: Float
+    prismatic: NDArray[np.bool_]
+    wraps: NDArray[np.bool_]
+
+    def unit(self, joint: int) -> str:
+        """Unit of a joint's position."""
+        return "m" if self.prismatic[joint] else "rad"
+
+
+@dataclass(frozen=True)
+class JointEntry:
+    """One moving joint of a URDF.
+
+    Attributes:
+        name: Its name.
+        kind: Its type in the URDF.
+        modelled: Whether its motion is modelled; if not, it is locked.
+        remark: Its limits if it is modelled, else why it is not.
+    """
+
+    name: str
+    kind: str
+    modelled: bool
+    remark: str
+
+    @property
+    def state(self) -> str:
+        """How it is treated, in two or three words."""
+        return "modelled" if self.modelled else f"locked at {LOCKED_AT:g}"
+
+
+@dataclass(frozen=True)
+class Inventory:
+    """What of a URDF is modelled, and what is not.
+
+    Attributes:
+        joints: Modelled joints in model order, then the locked ones as in the URDF.
+        fixed_joints: How many joints only hold links together.
+        massless_links: Links that move without a mass of their own.
+        allowed_massless: Those of them whose whole body has none, on purpose.
+    """
+
+    joints: tuple[JointEntry, ...]
+    fixed_joints: int
+    massless_links: tuple[str, ...]
+    allowed_massless: tuple[str, ...]
+
+    @property
+    def locked_joints(self) -> tuple[str, ...]:
+        """Joints that could move but are not modelled."""
+        return tuple(entry.name for entry in self.joints if not entry.modelled)
+
+    def sentences(self) -> list[str]:
+        """Return one line per joint, and one per thing worth knowing beside them."""
+        wide = max((len(entry.name) for entry in self.joints), default=0)
+        lines = [
+            f"{entry.name:<{wide}}  {entry.kind:<10}  {entry.state:<11}  {entry.remark}"
+            for entry in self.joints
+        ]
+        if self.fixed_joints:
+            lines.append(f"{self.fixed_joints} fixed joint(s): their links move with their parents")
+        carried = [name for name in self.massless_links if name not in self.allowed_massless]
+        if carried:
+            lines.append(f"no mass of their own: {', '.join(carried)}; the body they sit on has")
+        if self.allowed_massless:
+            lines.append(f"move without mass, on purpose: {', '.join(self.allowed_massless)}")
+        return lines
+
+
+def parse(urdf_xml: str) -> ET.Element:
+    """Parse a URDF without entities and geometry, and check that it is one tree.
+
+    Args:
+        urdf_xml: Text of the URDF.
+
+    Returns:
+        The root, whose joints and links have unique names and finite numbers.
+
+    Raises:
+        RobotDescriptionError: If it cannot be used.
+    """
+    if len(urdf_xml) > MAX_URDF_BYTES:
+        raise RobotDescriptionError(
+            f"the URDF has {len(urdf_xml)} characters", f"at most {MAX_URDF_BYTES}"
+        )
+    if "<!DOCTYPE" in urdf_xml or "<!ENTITY" in urdf_xml:
+        raise RobotDescriptionError("the URDF declares a DOCTYPE or entities", "plain XML")
+    try:
+        root = ET.fromstring(urdf_xml.strip())
+    except (ET.ParseError, ValueError) as error:
+        raise RobotDescriptionError(f"the URDF is not well-formed XML ({error})") from error
+    if root.tag != "robot":
+        raise RobotDescriptionError(f"the XML has the root '{root.tag}'", "'robot' (a URDF)")
+    if len(root.findall("link")) > MAX_LINKS:
+        raise RobotDescriptionError(f"the URDF has over {MAX_LINKS} links")
+    for link in root.findall("link"):
+        for geometry in (*link.findall("visual"), *link.findall("collision")):
+            link.remove(geometry)
+    for kind in ("link", "joint"):
+        counts = Counter(str(element.get("name")) for element in root.findall(kind))
+        for name, count in counts.items():
+            if count > 1:
+                raise RobotDescriptionError(
+                    f"the URDF has {count} {kind}s of the name '{name}'", "unique names"
+                )
+    _check_numbers(root)
+    _check_tree(root)
+    return root
+
+
+def take_inventory(
+    root: ET.Element, joint_names: Sequence[str], massless_links: Sequence[str] = ()
+) -> Inventory:
+    """Say what of a URDF is modelled.
+
+    Args:
+        root: From `parse`.
+        joint_names: Modelled joints, in model order.
+        massless_links: Links that may move without inertia, on purpose.
+
+    Returns:
+        Every joint that can move, and what is done with it.
+
+    Raises:
+        RobotDescriptionError: If a modelled joint or a moving link cannot be used.
+        UnknownJointError: If the URDF lacks a modelled joint.
+    """
+    joints = {str(joint.get("name")): joint for joint in root.findall("joint")}
+    moving = {name: joint for name, joint in joints.items() if joint.get("type") != "fixed"}
+    for name in joint_names:
+        if name not in joints:
+            raise UnknownJointError(
+                f"the URDF has no joint '{name}'",
+                "the joints of the model file",
+                f"the URDF moves: {', '.join(moving) or 'nothing'}",
+            )
+        kind = str(joints[name].get("type"))
+        if kind not in MOVING_TYPES:
+            raise RobotDescriptionError(
+                f"joint '{name}' is of type '{kind}'", " or ".join(MOVING_TYPES)
+            )
+        if joints[name].find("mimic") is not None:
+            raise RobotDescriptionError(
+                f"joint '{name}' mimics another joint",
+                "independent joints",
+                "leave it out of the model file; it is then locked",
+            )
+    bodies = _bodies(root, tuple(joint_names))
+    without = {name: [] if mass > 0.0 else links for name, (mass, links, _) in bodies.items()}
+    empty = sorted(links[0] for links in without.values() if links)
+    refused = [link for link in empty if link not in set(massless_links)]
+    if refused:
+        raise RobotDescriptionError(
+            f"the URDF gives no mass to the moving link(s) {', '.join(refused)}",
+            "an inertial with mass for every body that moves",
+            "use a URDF with inertias, or name them under massless_links on purpose",
+        )
+    limits = joint_limits(root, joint_names)
+    entries = [
+        JointEntry(name, str(joints[name].get("type")), True, _range(limits, index))
+        for index, name in enumerate(joint_names)
+    ]
+    entries += [
+        JointEntry(name, str(joint.get("type")), False, _why_locked(joint))
+        for name, joint in moving.items()
+        if name not in joint_names
+    ]
+    return Inventory(
+        joints=tuple(entries),
+        fixed_joints=len(joints) - len(moving),
+        massless_links=tuple(link for _, _, massless in bodies.values() for link in massless),
+        allowed_massless=tuple(link for links in without.values() for link in links),
+    )
+
+
+def joint_limits(root: ET.Element, joint_names: Sequence[str]) -> JointLimits:
+    """Return the limits of the modelled joints.
+
+    Velocity and effort limits of 0 or less, and ranges without extent, are what exporters
+    write where they know nothing: they count as none.
+
+    Args:
+        root: From `parse`.
+        joint_names: Modelled joints, in model order.
+    """
+    joints = {str(joint.get("name")): joint for joint in root.findall("joint")}
+    kinds = [str(joints[name].get("type")) for name in joint_names]
+    size = len(kinds)
+    lower, upper = np.full(size, -np.inf), np.full(size, np.inf)
+    velocity, effort = np.full(size, np.inf), np.full(size, np.inf)
+    for row, (name, kind) in enumerate(zip(joint_names, kinds, strict=True)):
+        limit = joints[name].find("limit")
+        given = {} if limit is None else {key: float(text) for key, text in limit.items()}
+        low, high = given.get("lower", 0.0), given.get("upper", 0.0)
+        if kind != "continuous" and low < high:
+            lower[row] = low if low > -UNLIMITED else -np.inf
+            upper[row] = high if high < UNLIMITED else np.inf
+        for key, values in (("velocity", velocity), ("effort", effort)):
+            if 0.0 < given.get(key, 0.0) < UNLIMITED:
+                values[row] = given[key]
+    return JointLimits(
+        joint_names=tuple(joint_names),
+        lower=lower,
+        upper=upper,
+        velocity=velocity,
+        effort=effort,
+        prismatic=np.array([kind == "prismatic" for kind in kinds], dtype=np.bool_),
+        wraps=np.array([kind == "continuous" for kind in kinds], dtype=np.bool_),
+    )
+
+
+def for_dynamics(root: ET.Element) -> str:
+    """Return the URDF with what the dynamics need, and in the way the parser accepts.
+
+    Limits play no part in the dynamics and are opened wide, since the parser refuses joints
+    without them. Continuous joints become revolute, one coordinate instead of (cos, sin).
+    Mimics become joints of their own, which `Robot` locks.
+
+    Args:
+        root: From `parse`; changed in place.
+    """
+    wide = {"lower": -UNLIMITED, "upper": UNLIMITED, "velocity": UNLIMITED, "effort": UNLIMITED}
+    for joint in root.findall("joint"):
+        if joint.get("type") == "continuous":
+            joint.set("type", "revolute")
+        for element in (*joint.findall("limit"), *joint.findall("mimic")):
+            joint.remove(element)
+        if joint.get("type") in MOVING_TYPES:
+            ET.SubElement(joint, "limit", {key: str(value) for key, value in wide.items()})
+    return ET.tostring(root, encoding="unicode")
+
+
+def _check_numbers(root: ET.Element) -> None:
+    """Refuse numbers that are none, NaN or infinite where dynamics or limits depend on them."""
+    for element in (*root.findall("link"), *root.findall("joint")):
+        owner = f"{element.tag} '{element.get('name')}'"
+        for part in element.iter():
+            if part.tag not in ("mass", "inertia", "origin", "axis", "limit"):
+                continue
+            for key, text in part.items():
+                for word in text.split() or [text]:
+                    try:
+                        finite = math.isfinite(float(word)) or part.tag == "limit"
+                        value = float(word)
+                    except ValueError:
+                        finite, value = False, math.nan
+                    if not finite or math.isnan(value) or (part.tag == "mass" and value < 0):
+                        raise RobotDescriptionError(
+                            f"{owner} has the {part.tag} {'' if key == 'value' else key + '='}"
+                            f"'{text}'",
+                            "finite numbers" if part.tag != "mass" else "a mass of 0 or more",
+                        )
+
+
+def _check_tree(root: ET.Element) -> None:
+    """Refuse joints between links that are not there, loops and several roots."""
+    links = [str(link.get("name")) for link in root.findall("link")]
+    parent_of: dict[str, str] = {}
+    for joint in root.findall("joint"):
+        name, parent, child = joint.get("name"), joint.find("parent"), joint.find("child")
+        if parent is None or child is None:
+            raise RobotDescriptionError(f"joint '{name}' lacks a parent or child")
+        above, below = str(parent.get("link")), str(child.get("link"))
+        for link in (above, below):
+            if link not in links:
+                raise RobotDescriptionError(
+                    f"joint '{name}' names the link '{link}' that is not there"
+                )
+        if below in parent_of:
+            raise RobotDescriptionError(
+                f"the links form a loop: '{below}' has two parents", "a tree of links"
+            )
+        parent_of[below] = above
+    for link in links:
+        seen = {link}
+        while link in parent_of:
+            link = parent_of[link]
+            if link in seen:
+                raise RobotDescriptionError(f"the links form a loop through '{link}'", "a tree")
+            seen.add(link)
+    roots = [link for link in links if link not in parent_of]
+    if len(roots) > 1:
+        raise RobotDescriptionError(
+            f"the URDF has {len(roots)} roots: {', '.join(roots)}", "one tree of links"
+        )
+
+
+def _bodies(
+    root: ET.Element, joint_names: tuple[str, ...]
+) -> dict[str, tuple[float, list[str], list[str]]]:
+    """Mass, links and massless links of the rigid body that each modelled joint moves."""
+    mass: dict[str, float] = {}
+    for link in root.findall("link"):
+        element = link.find("inertial/mass")
+        mass[str(link.get("name"))] = 0.0 if element is None else float(element.get("value", "0"))
+    children: dict[str, list[str]] = {}
+    child_of: dict[str, str] = {}
+    for joint in root.findall("joint"):
+        parent, child = joint.find("parent"), joint.find("child")
+        if parent is None or child is None:  # which `parse` has refused
+            continue
+        child_of[str(joint.get("name"))] = str(child.get("link"))
+        if str(joint.get("name")) not in joint_names:
+            children.setdefault(str(parent.get("link")), []).append(str(child.get("link")))
+    bodies: dict[str, tuple[float, list[str], list[str]]] = {}
+    for name in joint_names:
+        stack, links = [child_of[name]], list[str]()
+        while stack:
+            links.append(stack.pop())
+            stack.extend(children.get(links[-1], []))
+        total = math.fsum(mass[link] for link in links)
+        bodies[name] = (total, links, [link for link in links if mass[link] == 0.0])
+    return bodies
+
+
+def _range(limits: JointLimits, joint: int) -> str:
+    unit = limits.unit(joint)
+    parts: list[str] = []
+    if np.isfinite(limits.lower[joint]):
+        parts.append(f"{limits.lower[joint]:.4g} to {limits.upper[joint]:.4g} {unit}")
+    if np.isfinite(limits.velocity[joint]):
+        parts.append(f"up to {limits.velocity[joint]:.4g} {unit}/s")
+    return ", ".join(parts) or f"in {unit}, without limits"
+
+
+def _why_locked(joint: ET.Element) -> str:
+    mimic = joint.find("mimic")
+    if mimic is not None:
+        return f"mimics {mimic.get('joint')}; its motion is not modelled"
+    if joint.get("type") not in MOVING_TYPES:
+        return "a joint of this type cannot be modelled"
+    return "not in the model file"
