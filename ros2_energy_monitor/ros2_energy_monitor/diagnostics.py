@@ -11,6 +11,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from lifecycle_msgs.msg import State
+from rclpy.lifecycle import LifecycleNode
 from rclpy.node import Node
 
 from robot_energy.blocks import Quality
@@ -60,31 +62,46 @@ class Reporter:
 
     Args:
         node: The node.
-        model: The robot's model; its id is the hardware id.
-        sources: Each gives one status.
     """
 
-    def __init__(self, node: Node, model: RobotModel, sources: list[Source]) -> None:
+    def __init__(self, node: Node) -> None:
         self._node = node
-        self._hardware_id = model.model_id
-        self._sources = sources
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
 
-    def publish(self) -> None:
-        """Publish one status per source."""
+    def publish(self, sources: list[Source], model_id: str) -> None:
+        """Publish one status per source.
+
+        Args:
+            sources: Each gives one status.
+            model_id: Identity of the model, which becomes the hardware id; empty for none.
+        """
         message = DiagnosticArray()
         message.header.stamp = self._node.get_clock().now().to_msg()
-        message.status = [self._status(source()) for source in self._sources]
+        message.status = [self._status(source(), model_id) for source in sources]
         self._publisher.publish(message)
 
-    def _status(self, found: Findings) -> DiagnosticStatus:
+    def _status(self, found: Findings, model_id: str) -> DiagnosticStatus:
         return DiagnosticStatus(
             level=found.level,
             name=f"{self._node.get_fully_qualified_name().lstrip('/')}: {found.name}",
             message=found.message or "all is well",
-            hardware_id=self._hardware_id,
+            hardware_id=model_id,
             values=[KeyValue(key=key, value=_text(value)) for key, value in found.values.items()],
         )
+
+
+def node_source(node: LifecycleNode) -> Source:
+    """Judge the node itself: a state in which it counts nothing is worth a warning."""
+
+    def findings() -> Findings:
+        found = Findings("node")
+        number, label = node._state_machine.current_state
+        found.values["lifecycle_state"] = number
+        if number != State.PRIMARY_STATE_ACTIVE:
+            found.add(WARN, f"the node is {label}: nothing is counted or published")
+        return found
+
+    return findings
 
 
 class InputWatch:

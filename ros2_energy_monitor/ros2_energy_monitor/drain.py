@@ -21,6 +21,7 @@ from rclpy.executors import Executor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
+from robot_energy.ingest import Accounting
 from robot_energy.wire.batch import RawBatch
 
 
@@ -100,6 +101,17 @@ class Inbox:
         self._arrived_ns = time.monotonic_ns()
         now = self._node.get_clock().now().nanoseconds
         return RawBatch.from_messages(self.topic, self.msgtype, [now] * len(messages), messages)
+
+    def discard(self, account: Accounting) -> None:
+        """Take every message that waits and count it as rejected, since the node is inactive.
+
+        Args:
+            account: Account of the input that these messages would have gone to.
+        """
+        batch = self.drain()
+        if batch is not None:
+            account.received += len(batch)
+            account.reject("inactive", len(batch))
 
     @property
     def age(self) -> float:

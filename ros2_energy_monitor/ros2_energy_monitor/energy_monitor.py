@@ -39,6 +39,9 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
 
     def __init__(self, **options: Any) -> None:
         super().__init__(self.NAME, EnergyParameters, **options)
+
+    def set_up(self) -> None:
+        """Make the stage, the publishers and the inboxes."""
         names, depth = self.model.joint_names, self.parameters.joint_state_depth
         self.ingest = JointStateIngest(names)
         self._temperature = TemperatureIngest(names)
@@ -48,22 +51,28 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
         self._friction_writer = FrictionWriter(self.model)
         self._torque = torque_publisher(self, depth) if self.parameters.publish_torque else None
         self._friction = friction_publisher(self)
-        self._friction.publish(self._friction_writer.encode(self._pipeline.friction.initial()))
         self._books = BooksPublisher(self, self.model, self.ledger)
         self.joint_states = Inbox(self, JointState, "joint_states", best_effort(depth))
         self.temperatures = temperature_inboxes(self, self.parameters)
         self.readings = meter_inbox(self)
-        self.begin(
-            [
-                joint_state_source(self.joint_states, self.ingest, self.parameters.input_timeout),
-                temperature_source(
-                    self.temperatures, self._temperature, self._pipeline.friction, self.model
-                ),
-                energy_source(
-                    self.ledger, self.readings, self._meter, self.parameters.meter_max_gap
-                ),
-            ]
-        )
+        self.inputs = [
+            (self.joint_states, self.ingest.account),
+            *((inbox, self._temperature.account) for inbox in self.temperatures),
+            (self.readings, self._meter.account),
+        ]
+        self.orders = [self.ingest.order]
+        self.sources = [
+            joint_state_source(self.joint_states, self.ingest, self.parameters.input_timeout),
+            temperature_source(
+                self.temperatures, self._temperature, self._pipeline.friction, self.model
+            ),
+            energy_source(self.ledger, self.readings, self._meter, self.parameters.meter_max_gap),
+        ]
+
+    def begin(self) -> None:
+        """Publish the friction as it stands, also before the first temperature."""
+        super().begin()
+        self._friction.publish(self._friction_writer.encode(self._pipeline.friction.latest()))
 
     @property
     def ledger(self) -> Ledger:
@@ -84,11 +93,10 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
         self._publish(self._pipeline.step(joints, temperatures, meter))
 
     def report(self) -> None:
-        """Publish the registers and the diagnostics."""
+        """Publish the registers."""
         self._books.registers()
-        super().report()
 
-    def close(self) -> None:
+    def finish(self) -> None:
         """Book and publish what still waits."""
         self.tick()
         self._publish(self._pipeline.flush())

@@ -31,13 +31,21 @@ class FrictionMonitor(MonitorNode[FrictionParameters]):
 
     def __init__(self, **options: Any) -> None:
         super().__init__(self.NAME, FrictionParameters, **options)
+
+    def set_up(self) -> None:
+        """Make the stage, the publishers and the inboxes."""
         self.ingest = TemperatureIngest(self.model.joint_names)
         self._stage = FrictionStage(self.model)
         self._writer = FrictionWriter(self.model)
         self._publisher = friction_publisher(self)
-        self._publisher.publish(self._writer.encode(self._stage.initial()))
         self.temperatures: list[Inbox] = temperature_inboxes(self, self.parameters)
-        self.begin([temperature_source(self.temperatures, self.ingest, self._stage, self.model)])
+        self.inputs = [(inbox, self.ingest.account) for inbox in self.temperatures]
+        self.sources = [temperature_source(self.temperatures, self.ingest, self._stage, self.model)]
+
+    def begin(self) -> None:
+        """Publish the friction as it stands, also before the first temperature."""
+        super().begin()
+        self._publisher.publish(self._writer.encode(self._stage.latest()))
 
     def tick(self) -> None:
         """Drain the temperatures and publish the friction from each of them onward."""

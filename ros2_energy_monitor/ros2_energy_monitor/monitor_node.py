@@ -1,26 +1,33 @@
-"""What every monitor shares: a model, a tick, a report once a second, a clean end."""
+"""What every monitor shares: a model, a tick, a report once a second, a life cycle."""
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from typing import Any, Generic, TypeVar
+from abc import abstractmethod
+from typing import Any, ClassVar, Generic, TypeVar
 
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from rclpy.node import Node
 
+from robot_energy.ingest import Accounting
+from robot_energy.ingest.order import StampOrder
 from robot_energy.model_file import RobotModel, load
-from ros2_energy_monitor.diagnostics import Reporter, Source
+from ros2_energy_monitor.diagnostics import Reporter, Source, node_source
+from ros2_energy_monitor.drain import Inbox
+from ros2_energy_monitor.life_cycle import ManagedNode
 from ros2_energy_monitor.node_parameters import Common, declare
 
 P = TypeVar("P", bound=Common)
 REPORT_PERIOD = 1.0  # [s]
 
 
-class MonitorNode(Node, Generic[P], ABC):
+class MonitorNode(ManagedNode, Generic[P]):
     """Base of the monitors.
 
-    Subclasses fill their inboxes and stages in the constructor and end it with `begin`.
+    configure reads the model and calls `set_up`; while the node is active, `tick` runs at
+    the tick rate and `report` once a second; while it is inactive, what arrives is
+    discarded and counted. Diagnostics are published in every state. With the parameter
+    ``autostart`` the constructor configures and activates.
+
     Ticks follow the steady clock, so that queues are drained also while simulated time
     stands still.
 
@@ -29,39 +36,81 @@ class MonitorNode(Node, Generic[P], ABC):
         parameters_type: Dataclass of its parameters.
         options: Options of `rclpy.node.Node`.
 
+    Attributes:
+        parameters: Values of the parameters.
+        model: The robot's model, once configured.
+        inputs: Every inbox with the account of its messages, from `set_up`.
+        orders: Orders of stamps in which becoming active leaves a gap, from `set_up`.
+        sources: What the node says about itself, from `set_up`.
+
     Raises:
-        RobotEnergyError: If a parameter or the model cannot be used.
+        RobotEnergyError: If a parameter, or with ``autostart`` the model, cannot be used.
     """
 
+    NAME: ClassVar[str]
     parameters: P
     model: RobotModel
 
     def __init__(self, name: str, parameters_type: type[P], **options: Any) -> None:
         super().__init__(name, **options)
-        self.parameters = declare(self, parameters_type)
-        self.model = load(self.parameters.model)
+        self.inputs: list[tuple[Inbox, Accounting]] = []
+        self.orders: list[StampOrder] = []
+        self.sources: list[Source] = []
+        try:
+            self.parameters = declare(self, parameters_type)
+            self._steady = Clock(clock_type=ClockType.STEADY_TIME)
+            self._reporter = Reporter(self)
+            self.create_timer(REPORT_PERIOD, self._report, clock=self._steady)
+            self.settle(start=self.parameters.autostart)
+        except Exception:
+            self.destroy_node()
+            raise
 
-    def begin(self, sources: list[Source]) -> None:
-        """Start ticking and reporting.
-
-        Args:
-            sources: What the node says about itself.
-        """
-        self._reporter = Reporter(self, self.model, sources)
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(1.0 / self.parameters.tick_rate, self.tick, clock=steady)
-        self.create_timer(REPORT_PERIOD, self.report, clock=steady)
-        robot = self.model.robot
-        self.get_logger().info(f"{robot.type}, model {self.model.model_id}, is monitored")
+    @abstractmethod
+    def set_up(self) -> None:
+        """Make stages, publishers and inboxes; fill `inputs`, `orders`, `sources`."""
 
     @abstractmethod
     def tick(self) -> None:
         """Take what has arrived, run the stage once and publish."""
 
     def report(self) -> None:
-        """Publish diagnostics."""
-        self._reporter.publish()
+        """Publish, once a second while active, what has no rate of its own."""
 
-    def close(self) -> None:
-        """Take and publish what still waits, before the node is destroyed."""
+    def equip(self) -> None:
+        """Read the model, set up and start to drain."""
+        self.model = load(self.parameters.model)
+        self.set_up()
+        self.create_timer(1.0 / self.parameters.tick_rate, self._tick, clock=self._steady)
+
+    def begin(self) -> None:
+        """Discard what came before; the time until now is a gap."""
+        self._discard()
+        for order in self.orders:
+            order.interrupt()
+        robot = self.model.robot
+        self.get_logger().info(f"{robot.type}, model {self.model.model_id}, is monitored")
+
+    def finish(self) -> None:
+        """Take and publish what still waits."""
         self.tick()
+
+    def release(self) -> None:
+        """Forget inputs and sources, whose entities cleanup destroys."""
+        self.inputs, self.orders, self.sources = [], [], []
+
+    def _tick(self) -> None:
+        if self.active:
+            self.tick()
+        else:
+            self._discard()
+
+    def _report(self) -> None:
+        if self.active:
+            self.report()
+        sources = [node_source(self), *self.sources]
+        self._reporter.publish(sources, self.model.model_id if self.sources else "")
+
+    def _discard(self) -> None:
+        for inbox, account in self.inputs:
+            inbox.discard(account)

@@ -70,6 +70,10 @@ class Common:
     tick_rate: float = parameter(
         "How often queued messages are taken and results published [1/s].", 25.0, 1.0, 1000.0
     )
+    autostart: bool = parameter(
+        "Whether the node configures and activates itself; if not, a life cycle manager does.",
+        True,
+    )
     input_timeout: float = parameter(
         "Silence of an input beyond which diagnostics call it missing [s].", 1.0, 0.05, 3600.0
     )

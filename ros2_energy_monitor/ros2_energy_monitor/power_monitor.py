@@ -35,6 +35,9 @@ class PowerMonitor(MonitorNode[PowerParameters]):
 
     def __init__(self, **options: Any) -> None:
         super().__init__(self.NAME, PowerParameters, **options)
+
+    def set_up(self) -> None:
+        """Make the stage, the publishers and the inboxes."""
         settings = settings_of(self.parameters)
         self._torque = TorqueReader(self.model.joint_names, self.model.model_id)
         self._friction = FrictionReader(self.model)
@@ -48,19 +51,23 @@ class PowerMonitor(MonitorNode[PowerParameters]):
             self, JointFriction, "energy/joint_friction", latched(FRICTION_DEPTH)
         )
         self.readings = meter_inbox(self)
+        self.inputs = [
+            (self.torques, self._torque.account),
+            (self.frictions, self._friction.account),
+            (self.readings, self._meter.account),
+        ]
+        self.orders = [self._torque.order]
         timeout = self.parameters.input_timeout
         torque = InputWatch("joint torque", self.torques, self._torque.account, timeout)
-        self.begin(
-            [
-                energy_source(
-                    self.ledger,
-                    self.readings,
-                    self._meter,
-                    self.parameters.meter_max_gap,
-                    torque.judge,
-                ),
-            ]
-        )
+        self.sources = [
+            energy_source(
+                self.ledger,
+                self.readings,
+                self._meter,
+                self.parameters.meter_max_gap,
+                torque.judge,
+            )
+        ]
 
     def tick(self) -> None:
         """Drain all inputs and publish the periods that ended.
@@ -80,11 +87,10 @@ class PowerMonitor(MonitorNode[PowerParameters]):
             self._book(self._stage.step(torque))
 
     def report(self) -> None:
-        """Publish the registers and the diagnostics."""
+        """Publish the registers."""
         self._books.registers()
-        super().report()
 
-    def close(self) -> None:
+    def finish(self) -> None:
         """Book and publish what still waits."""
         self.tick()
         self._book(self._stage.flush())

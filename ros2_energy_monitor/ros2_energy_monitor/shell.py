@@ -102,7 +102,8 @@ def run(make_node: Callable[..., Node], args: Sequence[str] | None = None) -> in
         args: Command line; None for that of the process.
 
     Returns:
-        Exit code: 0 after SIGINT, SIGTERM or a shutdown from outside; 2 if the node could
+        Exit code: 0 after SIGINT, SIGTERM, a shutdown from outside or that of a managed
+        node; 2 if the node could
         not be set up, after one sentence in the log.
     """
     stop = StopSignal()
@@ -111,7 +112,7 @@ def run(make_node: Callable[..., Node], args: Sequence[str] | None = None) -> in
         with ros(args) as context:
             node = make_node(context=context)
             try:
-                spin(node, context, lambda: stop.received)
+                spin(node, context, lambda: stop.received or getattr(node, "finalized", False))
                 if context.ok():
                     _close(node)
             finally:

@@ -34,14 +34,19 @@ class TorqueMonitor(MonitorNode[TorqueParameters]):
 
     def __init__(self, **options: Any) -> None:
         super().__init__(self.NAME, TorqueParameters, **options)
+
+    def set_up(self) -> None:
+        """Make the stage, the publishers and the inboxes."""
         depth = self.parameters.joint_state_depth
         self.ingest = JointStateIngest(self.model.joint_names)
         self._stage = TorqueStage(self.model, settings_of(self.parameters))
         self._writer = TorqueWriter(self.model.joint_names, self.model.model_id)
         self._publisher = torque_publisher(self, depth)
         self.joint_states = Inbox(self, JointState, "joint_states", best_effort(depth))
+        self.inputs = [(self.joint_states, self.ingest.account)]
+        self.orders = [self.ingest.order]
         timeout = self.parameters.input_timeout
-        self.begin([joint_state_source(self.joint_states, self.ingest, timeout)])
+        self.sources = [joint_state_source(self.joint_states, self.ingest, timeout)]
 
     def tick(self) -> None:
         """Drain the joint states and publish the torques that became complete."""
@@ -50,7 +55,7 @@ class TorqueMonitor(MonitorNode[TorqueParameters]):
         if joints is not None:
             self._publish(self._stage.step(joints))
 
-    def close(self) -> None:
+    def finish(self) -> None:
         """Publish the last torques, whose window will not fill any more."""
         self.tick()
         self._publish(self._stage.flush())

@@ -35,6 +35,7 @@ class StampOrder:
         self.gaps = 0
         self.segment = 0
         self._last: int | None = None
+        self._interrupted = False
         self._periods: Int = np.empty(0, dtype=np.int64)
 
     def verdict(self, stamp_ns: Int) -> Int:
@@ -60,6 +61,10 @@ class StampOrder:
             last = stamp
         return verdict
 
+    def interrupt(self) -> None:
+        """End the running segment here: what comes next follows a gap, however short."""
+        self._interrupted = self._last is not None
+
     def segments(self, stamp_ns: Int) -> Int:
         """Number the segments of accepted samples and remember where they ended.
 
@@ -84,6 +89,11 @@ class StampOrder:
             index = known + row - (first - known)
             if elapsed[row] > self._longest(periods[max(0, index - HISTORY) : index]):
                 new[row] = True
+                self.gaps += 1
+        if self._interrupted:
+            self._interrupted = False
+            if not new[0]:
+                new[0] = True
                 self.gaps += 1
         segment = self.segment + np.cumsum(new)
         self.segment = int(segment[-1])

@@ -1,0 +1,51 @@
+"""The ROS entities of a node, so that all created after a moment can be destroyed again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.node import Node
+
+
+class Entities:
+    """Remembers what a node consists of.
+
+    Args:
+        node: The node; what it has now is kept by `restore`.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._kept = {id(entity) for entity in self._all()}
+
+    def restore(self) -> None:
+        """Destroy every publisher, subscription, service and timer that came later."""
+        node = self._node
+        pairs: list[tuple[list[Any], Callable[[Any], bool]]] = [
+            (list(node.timers), node.destroy_timer),
+            (list(node.services), node.destroy_service),
+            (list(node.clients), node.destroy_client),
+            (list(node.subscriptions), node.destroy_subscription),
+            (list(node.publishers), node.destroy_publisher),
+        ]
+        for entities, destroy in pairs:
+            for entity in entities:
+                if id(entity) not in self._kept:
+                    destroy(entity)
+        group = node.default_callback_group  # keeps a dead reference to each of them
+        group.entities = {reference for reference in group.entities if reference() is not None}
+
+    def __len__(self) -> int:
+        """Return how many entities the node has now."""
+        return len(self._all())
+
+    def _all(self) -> list[object]:
+        node = self._node
+        return [
+            *node.timers,
+            *node.services,
+            *node.clients,
+            *node.subscriptions,
+            *node.publishers,
+        ]
