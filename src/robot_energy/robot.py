@@ -5,6 +5,7 @@ The only module that imports Pinocchio.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -13,7 +14,7 @@ import pinocchio as pin
 from robot_energy.blocks import Float, check_shape
 from robot_energy.errors import RobotDescriptionError
 from robot_energy.model_file.schema import Payload, RobotModel
-from robot_energy.urdf import for_dynamics, joint_limits, parse, take_inventory
+from robot_energy.urdf import for_dynamics, joint_limits, moved_mass, parse, take_inventory
 
 
 class Robot:
@@ -47,14 +48,14 @@ class Robot:
         self.n_joints = len(self.joint_names)
         self.inventory = take_inventory(root, self.joint_names, massless_links)
         self.limits = joint_limits(root, self.joint_names)
-        try:
-            full = pin.buildModelFromXML(for_dynamics(root))
-        except (ValueError, RuntimeError) as error:
-            raise RobotDescriptionError(f"the URDF is not accepted: {error}") from error
+        full = _build(for_dynamics(root))
+        locked = self.inventory.locked_joints
+        self._model = _reduce(full, locked)
+        _check_mass(self._model, self.joint_names, moved_mass(root, self.joint_names))
         for body in payload:
             _attach(full, body)
-        locked = [full.getJointId(name) for name in self.inventory.locked_joints]
-        self._model = pin.buildReducedModel(full, locked, pin.neutral(full)) if locked else full
+        if payload:
+            self._model = _reduce(full, locked)
         self._model.gravity.linear = np.asarray(gravity, dtype=np.float64)
         self._pool = pin.ModelPool(self._model, 1)
         indices = [
@@ -129,20 +130,49 @@ class Robot:
         Raises:
             RobotDescriptionError: If there is no such link.
         """
-        if not self._model.existFrame(link):
+        if not self._model.existFrame(link, pin.FrameType.BODY):
             raise RobotDescriptionError(f"the URDF has no link '{link}'")
         data = self._model.createData()
         pin.framesForwardKinematics(self._model, data, np.asarray(joint_position)[self._to_model])
-        return np.array(data.oMf[self._model.getFrameId(link)].translation)
+        return np.array(data.oMf[self._model.getFrameId(link, pin.FrameType.BODY)].translation)
+
+
+def _build(urdf_xml: str) -> pin.Model:
+    try:
+        return pin.buildModelFromXML(urdf_xml)
+    except (ValueError, RuntimeError, IndexError) as error:
+        raise RobotDescriptionError(f"the URDF is not accepted: {error}") from error
+
+
+def _reduce(full: pin.Model, locked_joints: Sequence[str]) -> pin.Model:
+    """Return a model without the locked joints."""
+    try:
+        locked = [full.getJointId(name) for name in locked_joints]
+        return pin.buildReducedModel(full, locked, pin.neutral(full))
+    except (ValueError, RuntimeError, IndexError) as error:
+        raise RobotDescriptionError(f"the URDF is not accepted: {error}") from error
+
+
+def _check_mass(model: pin.Model, joint_names: Sequence[str], mass: Sequence[float]) -> None:
+    """Refuse a model that lost or found mass on the way; the URDF parser says nothing."""
+    for name, expected in zip(joint_names, mass, strict=True):
+        found = float(model.inertias[model.getJointId(name)].mass)
+        if not math.isclose(found, expected, rel_tol=1e-9, abs_tol=1e-12):
+            raise RobotDescriptionError(
+                f"the body that joint '{name}' moves has {expected:g} kg in the URDF but "
+                f"{found:g} kg once read",
+                "the same mass",
+                "check the inertials of its links",
+            )
 
 
 def _attach(model: pin.Model, body: Payload) -> None:
     """Add a rigid body to the joint that carries a link."""
-    if not model.existFrame(body.link):
+    if not model.existFrame(body.link, pin.FrameType.BODY):
         raise RobotDescriptionError(
             f"the payload sits on the link '{body.link}' that the URDF lacks", "a link of the URDF"
         )
-    frame = model.frames[model.getFrameId(body.link)]
+    frame = model.frames[model.getFrameId(body.link, pin.FrameType.BODY)]
     ixx, iyy, izz, ixy, ixz, iyz = body.inertia
     tensor = np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
     inertia = pin.Inertia(body.mass, np.asarray(body.centre_of_mass), tensor)

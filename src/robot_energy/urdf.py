@@ -16,11 +16,12 @@ from numpy.typing import NDArray
 
 from robot_energy.blocks import Float
 from robot_energy.errors import RobotDescriptionError, UnknownJointError
+from robot_energy.urdf_text import check_numbers, read_elements
 
-MAX_URDF_BYTES = 8 * 1024 * 1024
 MAX_LINKS = 1000
 UNLIMITED = 1e12  # stands for infinity, which the URDF parser does not accept
 MOVING_TYPES = ("revolute", "continuous", "prismatic")
+_OF_DYNAMICS = {"link": ("inertial",), "joint": ("parent", "child", "origin", "axis")}
 LOCKED_AT = 0.0  # where joints stand that the model does not name [rad] or [m]
 
 
@@ -123,23 +124,12 @@ def parse(urdf_xml: str) -> ET.Element:
     Raises:
         RobotDescriptionError: If it cannot be used.
     """
-    if len(urdf_xml) > MAX_URDF_BYTES:
-        raise RobotDescriptionError(
-            f"the URDF has {len(urdf_xml)} characters", f"at most {MAX_URDF_BYTES}"
-        )
-    if "<!DOCTYPE" in urdf_xml or "<!ENTITY" in urdf_xml:
-        raise RobotDescriptionError("the URDF declares a DOCTYPE or entities", "plain XML")
-    try:
-        root = ET.fromstring(urdf_xml.strip())
-    except (ET.ParseError, ValueError) as error:
-        raise RobotDescriptionError(f"the URDF is not well-formed XML ({error})") from error
+    root = read_elements(urdf_xml)
     if root.tag != "robot":
         raise RobotDescriptionError(f"the XML has the root '{root.tag}'", "'robot' (a URDF)")
-    if len(root.findall("link")) > MAX_LINKS:
-        raise RobotDescriptionError(f"the URDF has over {MAX_LINKS} links")
-    for link in root.findall("link"):
-        for geometry in (*link.findall("visual"), *link.findall("collision")):
-            link.remove(geometry)
+    for kind in ("link", "joint"):
+        if len(root.findall(kind)) > MAX_LINKS:
+            raise RobotDescriptionError(f"the URDF has over {MAX_LINKS} {kind}s")
     for kind in ("link", "joint"):
         counts = Counter(str(element.get("name")) for element in root.findall(kind))
         for name, count in counts.items():
@@ -147,7 +137,7 @@ def parse(urdf_xml: str) -> ET.Element:
                 raise RobotDescriptionError(
                     f"the URDF has {count} {kind}s of the name '{name}'", "unique names"
                 )
-    _check_numbers(root)
+    check_numbers(root)
     _check_tree(root)
     return root
 
@@ -217,6 +207,17 @@ def take_inventory(
     )
 
 
+def moved_mass(root: ET.Element, joint_names: Sequence[str]) -> list[float]:
+    """Return the mass of the rigid body that each modelled joint moves. [kg]
+
+    Args:
+        root: From `parse`.
+        joint_names: Modelled joints, in model order.
+    """
+    bodies = _bodies(root, tuple(joint_names))
+    return [bodies[name][0] for name in joint_names]
+
+
 def joint_limits(root: ET.Element, joint_names: Sequence[str]) -> JointLimits:
     """Return the limits of the modelled joints.
 
@@ -254,7 +255,7 @@ def joint_limits(root: ET.Element, joint_names: Sequence[str]) -> JointLimits:
 
 
 def for_dynamics(root: ET.Element) -> str:
-    """Return the URDF with what the dynamics need, and in the way the parser accepts.
+    """Return the URDF with what the dynamics need alone, and in the way the parser accepts.
 
     Limits play no part in the dynamics and are opened wide, since the parser refuses joints
     without them. Continuous joints become revolute, one coordinate instead of (cos, sin).
@@ -264,36 +265,19 @@ def for_dynamics(root: ET.Element) -> str:
         root: From `parse`; changed in place.
     """
     wide = {"lower": -UNLIMITED, "upper": UNLIMITED, "velocity": UNLIMITED, "effort": UNLIMITED}
+    for element in list(root):
+        kept = _OF_DYNAMICS.get(element.tag)
+        if kept is None:
+            root.remove(element)
+        for part in list(element) if kept is not None else ():
+            if part.tag not in kept:
+                element.remove(part)
     for joint in root.findall("joint"):
         if joint.get("type") == "continuous":
             joint.set("type", "revolute")
-        for element in (*joint.findall("limit"), *joint.findall("mimic")):
-            joint.remove(element)
         if joint.get("type") in MOVING_TYPES:
             ET.SubElement(joint, "limit", {key: str(value) for key, value in wide.items()})
     return ET.tostring(root, encoding="unicode")
-
-
-def _check_numbers(root: ET.Element) -> None:
-    """Refuse numbers that are none, NaN or infinite where dynamics or limits depend on them."""
-    for element in (*root.findall("link"), *root.findall("joint")):
-        owner = f"{element.tag} '{element.get('name')}'"
-        for part in element.iter():
-            if part.tag not in ("mass", "inertia", "origin", "axis", "limit"):
-                continue
-            for key, text in part.items():
-                for word in text.split() or [text]:
-                    try:
-                        finite = math.isfinite(float(word)) or part.tag == "limit"
-                        value = float(word)
-                    except ValueError:
-                        finite, value = False, math.nan
-                    if not finite or math.isnan(value) or (part.tag == "mass" and value < 0):
-                        raise RobotDescriptionError(
-                            f"{owner} has the {part.tag} {'' if key == 'value' else key + '='}"
-                            f"'{text}'",
-                            "finite numbers" if part.tag != "mass" else "a mass of 0 or more",
-                        )
 
 
 def _check_tree(root: ET.Element) -> None:

@@ -1,0 +1,156 @@
+"""Text of a URDF -> its elements, bounded, with every number of the dynamics checked.
+
+The parser behind the dynamics leaves out what it cannot read: an inertial with one bad number
+is gone without a word, and so are its kilograms. So everything is read here first.
+"""
+
+from __future__ import annotations
+
+import re
+import xml.etree.ElementTree as ET
+
+import numpy as np
+
+from robot_energy.errors import RobotDescriptionError
+
+MAX_URDF_BYTES = 8 * 1024 * 1024
+MAX_ELEMENTS = 200_000
+MAX_DEPTH = 50  # elements inside elements; a real URDF has six
+LARGEST = 1e9  # no figure of a robot is larger, whatever its unit
+LEAST_AXIS = 1e-6  # length of an axis that still has a direction
+LEAST_INERTIA = 1e-5  # kg m^2 by which a principal moment may be negative: digits cut off
+RESERVED_NAMES = ("universe", "root_joint")  # of the dynamics library
+
+INERTIA = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+_ENDLESS = re.compile(r"[+-]?inf(inity)?", re.IGNORECASE)
+_COUNTS = {("origin", "xyz"): 3, ("origin", "rpy"): 3, ("axis", "xyz"): 3}
+
+
+def read_elements(urdf_xml: str) -> ET.Element:
+    """Return the root element of a URDF.
+
+    Args:
+        urdf_xml: Text of the URDF.
+
+    Raises:
+        RobotDescriptionError: If it is too large or too deep, declares a DOCTYPE or is no XML.
+    """
+    if len(urdf_xml) > MAX_URDF_BYTES:
+        raise RobotDescriptionError(
+            f"the URDF has {len(urdf_xml)} characters", f"at most {MAX_URDF_BYTES}"
+        )
+    if "<!DOCTYPE" in urdf_xml or "<!ENTITY" in urdf_xml:
+        raise RobotDescriptionError("the URDF declares a DOCTYPE or entities", "plain XML")
+    try:
+        parser = ET.XMLParser(target=_Builder())
+        parser.feed(urdf_xml.strip())
+        return parser.close()
+    except (ET.ParseError, ValueError) as error:
+        raise RobotDescriptionError(f"the URDF is not well-formed XML ({error})") from error
+
+
+class _Builder(ET.TreeBuilder):
+    """Builds elements up to a depth and a number of them."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._depth = 0
+        self._count = 0
+
+    def start(self, tag: str, attrs: dict[str, str], /) -> ET.Element:
+        """Begin an element."""
+        self._depth += 1
+        self._count += 1
+        if self._depth > MAX_DEPTH:
+            raise RobotDescriptionError(
+                f"the URDF nests elements more than {MAX_DEPTH} deep", "a robot"
+            )
+        if self._count > MAX_ELEMENTS:
+            raise RobotDescriptionError(f"the URDF has over {MAX_ELEMENTS} elements", "a robot")
+        return super().start(tag, attrs)
+
+    def end(self, tag: str, /) -> ET.Element:
+        """End an element."""
+        self._depth -= 1
+        return super().end(tag)
+
+
+def check_numbers(root: ET.Element) -> None:
+    """Refuse names, numbers and inertias that the dynamics would take for something else.
+
+    Args:
+        root: The element ``robot``.
+
+    Raises:
+        RobotDescriptionError: Naming the link or joint, what was found and what was expected.
+    """
+    for element in (*root.findall("link"), *root.findall("joint")):
+        name = element.get("name")
+        if not name or name in RESERVED_NAMES:
+            raise RobotDescriptionError(
+                f"the URDF has a {element.tag} of the name {name!r}",
+                "a name that is not empty and not reserved",
+                "rename it",
+            )
+        owner = f"{element.tag} '{name}'"
+        for part in (*element, *element.iterfind("inertial/*")):
+            if part.tag in ("mass", "inertia", "origin", "axis", "limit"):
+                for key, text in part.items():
+                    _check_entry(owner, part.tag, key, text)
+        if element.tag == "link":
+            _check_inertial(element, owner)
+        axis = element.find("axis")
+        if axis is not None and element.get("type") not in ("fixed", "floating"):
+            length = np.linalg.norm([float(word) for word in axis.get("xyz", "1 0 0").split()])
+            if length < LEAST_AXIS:
+                raise RobotDescriptionError(
+                    f"{owner} has the axis '{axis.get('xyz')}'", "an axis with a direction"
+                )
+
+
+def _check_entry(owner: str, tag: str, key: str, text: str) -> None:
+    """Check one attribute: as many numbers as belong there, of a size that can be."""
+    words = text.split()
+    endless = [tag == "limit" and bool(_ENDLESS.fullmatch(word)) for word in words]
+    good = len(words) == _COUNTS.get((tag, key), 1) and all(
+        is_endless or _NUMBER.fullmatch(word)
+        for word, is_endless in zip(words, endless, strict=True)
+    )
+    if good and tag != "limit":
+        good = all(abs(float(word)) <= LARGEST for word in words)
+    if not good or (tag == "mass" and float(text) < 0):
+        count = _COUNTS.get((tag, key), 1)
+        numbers = "a finite number" if count == 1 else f"{count} finite numbers"
+        raise RobotDescriptionError(
+            f"{owner} has the {tag} {'' if key == 'value' else key + '='}'{text[:80]}'",
+            "a mass of 0 or more" if tag == "mass" else f"{numbers} of at most {LARGEST:g}",
+        )
+
+
+def _check_inertial(link: ET.Element, owner: str) -> None:
+    """Check that mass and inertia belong to a body that can be."""
+    inertial = link.find("inertial")
+    if inertial is None:
+        return
+    mass, inertia = inertial.find("mass"), inertial.find("inertia")
+    if mass is None and inertia is None:
+        return
+    if mass is None or mass.get("value") is None:
+        raise RobotDescriptionError(f"{owner} has an inertial without mass", "a mass")
+    given = {} if inertia is None else inertia.attrib
+    missing = [key for key in INERTIA if key not in given]
+    if missing:
+        raise RobotDescriptionError(
+            f"{owner} has a mass, but its inertia lacks {', '.join(missing)}",
+            "all six of ixx, iyy, izz, ixy, ixz, iyz",
+            "a body of which only the mass is known has an inertia of zeros",
+        )
+    ixx, iyy, izz, ixy, ixz, iyz = (float(given[key]) for key in INERTIA)
+    moments = np.linalg.eigvalsh([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
+    if moments[0] < -(LEAST_INERTIA + 1e-3 * moments[2]):
+        raise RobotDescriptionError(
+            f"{owner} has a principal moment of inertia of {moments[0]:.3g} kg m^2",
+            "none below 0",
+            "correct the signs or the order of its inertia",
+        )
