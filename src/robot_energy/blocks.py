@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import IntEnum, IntFlag
+from enum import IntEnum, IntFlag, StrEnum
 from typing import Any, Self
 
 import numpy as np
@@ -59,6 +59,19 @@ class TemperatureSource(IntEnum):
     UNKNOWN = 0
     MEASURED = 1
     FALLBACK = 2
+
+
+class EffortMeaning(StrEnum):
+    """What a driver reports as the effort of a joint; a setting, never inferred."""
+
+    NONE = "none"
+    """Not used."""
+    MOTOR_CURRENT = "motor_current"
+    """Current of the motor [A]; times the torque constant of the model file."""
+    MOTOR_TORQUE = "motor_torque"
+    """Torque at the motor shaft, motor side [N m]."""
+    JOINT_TORQUE = "joint_torque"
+    """Torque or force at the joint, joint side [N m] or [N]."""
 
 
 class MeterMeaning(IntEnum):
@@ -159,6 +172,9 @@ class TorqueBlock(Block):
         joint_torque_rigid: Joint side without rotor inertia, shape (N, n). [N m] or [N]
         motor_velocity: Motor side, shape (N, n). [rad/s]
         motor_torque_rigid: Motor side with rotor inertia, shape (N, n). [N m]
+        motor_torque_measured: Motor side, from the effort of the driver, shape (N, n);
+            NaN where unknown. [N m]
+        payload_mass: Mass of all payload in force, shape (N,). [kg]
     """
 
     segment: Int
@@ -169,6 +185,8 @@ class TorqueBlock(Block):
     joint_torque_rigid: Float
     motor_velocity: Float
     motor_torque_rigid: Float
+    motor_torque_measured: Float
+    payload_mass: Float
 
 
 @dataclass(frozen=True)
@@ -238,12 +256,16 @@ class PowerBlock(Block):
         phase: `Phase` values, shape (N,).
         motor_velocity: Motor side, shape (N, n). [rad/s]
         motor_torque: Rigid plus friction, motor side, shape (N, n). [N m]
+        motor_torque_measured: Motor side, shape (N, n); NaN where unknown. [N m]
+        shaft_power_measured: Measured torque times motor velocity (paper A, eq. 5), shape
+            (N, n); NaN where unknown. [W]
         rigid_power: Motor side, shape (N, n). [W]
         friction_power: Motor side, >= 0, shape (N, n). [W]
         drive_loss: Drive input minus shaft power, shape (N, n). [W]
         coulomb: Coefficient used, motor side, shape (N, n). [N m]
         viscous: Coefficient used, motor side, shape (N, n). [N m s/rad]
         motor_temperature_degc: Temperature used, shape (N, n). [degC]
+        payload_mass: Mass of all payload in force, shape (N,). [kg]
         bus_power: Sum of the drive inputs (P_dc), shape (N,). [W]
         loss_dc: Constant loss on the DC side, shape (N,). [W]
         loss_grid: Constant loss on the grid side plus supply loss, shape (N,). [W]
@@ -258,12 +280,15 @@ class PowerBlock(Block):
     phase: NDArray[np.uint8]
     motor_velocity: Float
     motor_torque: Float
+    motor_torque_measured: Float
+    shaft_power_measured: Float
     rigid_power: Float
     friction_power: Float
     drive_loss: Float
     coulomb: Float
     viscous: Float
     motor_temperature_degc: Float
+    payload_mass: Float
     bus_power: Float
     loss_dc: Float
     loss_grid: Float

@@ -42,6 +42,10 @@ class UnknownJointError(RobotEnergyError, KeyError):
         return str(self.args[0])
 
 
+class PayloadError(RobotEnergyError, ValueError):
+    """A payload cannot exist: negative mass, an inertia tensor of no body."""
+
+
 class ShapeError(RobotEnergyError, ValueError):
     """An array has the wrong shape."""
 

@@ -13,7 +13,8 @@ import pinocchio as pin
 
 from robot_energy.blocks import Float, check_shape
 from robot_energy.errors import RobotDescriptionError
-from robot_energy.model_file.schema import Payload, RobotModel
+from robot_energy.model_file.payload import Payload
+from robot_energy.model_file.schema import RobotModel
 from robot_energy.urdf import for_dynamics, joint_limits, moved_mass, parse, take_inventory
 
 
@@ -44,6 +45,8 @@ class Robot:
         massless_links: Sequence[str] = (),
     ) -> None:
         root = parse(urdf_xml)
+        self._given = (urdf_xml, tuple(gravity), tuple(massless_links))
+        self.payload = tuple(payload)
         self.joint_names = tuple(joint_names)
         self.n_joints = len(self.joint_names)
         self.inventory = take_inventory(root, self.joint_names, massless_links)
@@ -76,6 +79,23 @@ class Robot:
         return cls(
             model.urdf_xml, model.joint_names, model.gravity, model.payload, model.massless_links
         )
+
+    def with_payload(self, payload: Sequence[Payload]) -> Robot:
+        """Return this robot with another payload instead of its own.
+
+        Args:
+            payload: Rigid bodies fixed to links.
+
+        Raises:
+            RobotDescriptionError: If the URDF lacks one of the links.
+        """
+        urdf_xml, gravity, massless_links = self._given
+        return Robot(urdf_xml, self.joint_names, gravity, payload, massless_links)
+
+    @property
+    def payload_mass(self) -> float:
+        """Mass of the payload, all bodies together. [kg]"""
+        return float(sum(body.mass for body in self.payload))
 
     @property
     def moving_mass(self) -> float:
@@ -173,7 +193,5 @@ def _attach(model: pin.Model, body: Payload) -> None:
             f"the payload sits on the link '{body.link}' that the URDF lacks", "a link of the URDF"
         )
     frame = model.frames[model.getFrameId(body.link, pin.FrameType.BODY)]
-    ixx, iyy, izz, ixy, ixz, iyz = body.inertia
-    tensor = np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
-    inertia = pin.Inertia(body.mass, np.asarray(body.centre_of_mass), tensor)
+    inertia = pin.Inertia(body.mass, np.asarray(body.centre_of_mass), body.tensor)
     model.appendBodyToJoint(frame.parentJoint, inertia, frame.placement)

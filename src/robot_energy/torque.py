@@ -6,12 +6,15 @@ import numpy as np
 
 from robot_energy.blocks import JointBlock, TorqueBlock
 from robot_energy.drivetrain import Drivetrain
+from robot_energy.effort import Effort
 from robot_energy.robot import Robot
 
 
 @np.errstate(invalid="ignore", over="ignore")  # bad samples become NaN, nothing else
-def rigid_torque(block: JointBlock, robot: Robot, drivetrain: Drivetrain) -> TorqueBlock:
-    """Compute the torque that moves the bodies and rotors.
+def rigid_torque(
+    block: JointBlock, robot: Robot, drivetrain: Drivetrain, effort: Effort
+) -> TorqueBlock:
+    """Compute the torque that moves the bodies and rotors, and set the measured one beside it.
 
     ``motor_torque_rigid = C^-T (M qdd + c + g) + rotor_inertia * motor_acceleration``.
 
@@ -19,6 +22,7 @@ def rigid_torque(block: JointBlock, robot: Robot, drivetrain: Drivetrain) -> Tor
         block: Joint motion with accelerations.
         robot: Rigid-body dynamics.
         drivetrain: Motor side <-> joint side.
+        effort: What the driver's effort means.
 
     Returns:
         Torques at the same instants; NaN where an input is NaN.
@@ -37,4 +41,6 @@ def rigid_torque(block: JointBlock, robot: Robot, drivetrain: Drivetrain) -> Tor
         motor_velocity=drivetrain.motor_velocity_from_joint(block.joint_velocity),
         motor_torque_rigid=drivetrain.motor_torque_from_joint(joint_torque)
         + drivetrain.rotor_torque(block.joint_acceleration),
+        motor_torque_measured=effort.motor_torque(block.joint_effort),
+        payload_mass=np.full(len(block), robot.payload_mass),
     )

@@ -115,12 +115,16 @@ def test_nomenclature_names_every_quality_bit_and_reason():
 
 
 @pytest.mark.parametrize(
-    "message", sorted(path.stem for path in (ROOT / "ros2_energy_msgs/msg").glob("*.msg"))
+    "message",
+    sorted(
+        path.relative_to(ROOT / "ros2_energy_msgs").as_posix()
+        for path in (ROOT / "ros2_energy_msgs").glob("[ms]*/*.[ms]*")
+    ),
 )
 def test_every_field_of_every_message_is_explained(message):
-    lines = (ROOT / f"ros2_energy_msgs/msg/{message}.msg").read_text().splitlines()
+    lines = (ROOT / "ros2_energy_msgs" / message).read_text().splitlines()
     assert lines[0].startswith("#")
     lines = [line for line in lines if "=" not in line or line.startswith("#")]  # constants
     for before, line in pairwise(lines):
-        if re.match(r"^[a-z]\S*(\[\])? [a-z_]+$", line):
+        if re.match(r"^[a-z]\S*(\[\d*\])? [a-z_]+$", line):
             assert before.startswith("#"), f"{message}: '{line}' has no comment above it"

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 import robots
 from robot_energy.blocks import (
+    EffortMeaning,
     JointBlock,
     MeterBlock,
     MeterLocation,
@@ -19,7 +20,8 @@ from robot_energy.blocks import (
 )
 from robot_energy.drivetrain import Drivetrain
 from robot_energy.ingest.order import StampOrder
-from robot_energy.pipeline import EnergyPipeline
+from robot_energy.model_file.payload import Payload, payload
+from robot_energy.pipeline import EnergyPipeline, Settings
 from robot_energy.pipeline.averaging import MeanBlock
 
 MODEL = robots.two_link()
@@ -40,6 +42,9 @@ def motion(seed: int, size: int = 400) -> JointBlock:
     block.stamp_ns[jump:] -= 20 * 10**9
     block.segment[jump:] += 1
     block.joint_velocity[rng.integers(size)] = np.nan
+    block.joint_effort[:] = rng.normal(size=(size, 2)) * 5
+    block.joint_effort[rng.random((size, 2)) < rng.choice([0.0, 0.1, 1.0])] = np.nan
+    block.joint_effort[: rng.integers(size)] = np.nan
     return block
 
 
@@ -61,9 +66,23 @@ def readings(block: JointBlock, seed: int) -> tuple[TemperatureBlock, MeterBlock
     return temperature, meter
 
 
+def payloads(block: JointBlock, seed: int) -> list[tuple[Payload, int]]:
+    """Changes at, between and beyond the stamps, on either link."""
+    rng = np.random.default_rng(seed)
+    low, high = int(block.stamp_ns.min()), int(block.stamp_ns.max())
+    stamps = [int(rng.choice(block.stamp_ns)), *rng.integers(low, high + 10**8, 3).tolist()]
+    links = rng.choice(["upper", "fore"], 4).tolist()
+    return [
+        (payload(link, round(float(rng.uniform(0, 5))), (0.1, 0, 0)), stamp)
+        for link, stamp in zip(links, stamps, strict=True)
+    ]
+
+
 def run(block: JointBlock, seed: int, cuts: list[int]):
-    pipeline = EnergyPipeline(MODEL)
+    pipeline = EnergyPipeline(MODEL, Settings(effort=EffortMeaning.JOINT_TORQUE))
     temperature, meter = readings(block, seed)
+    for body, from_ns in payloads(block, seed):
+        pipeline.torque.set_payload(body, from_ns)
     outputs = [pipeline.step(temperatures=temperature, meter=meter)]
     bounds = [0, *sorted(cuts), len(block)]
     for start, stop in pairwise(bounds):
@@ -97,6 +116,9 @@ def test_any_cutting_gives_the_same_output(seed, cuts):
     assert books.comparison.measured_energy == books_cut.comparison.measured_energy
     assert books.comparison.predicted_energy == books_cut.comparison.predicted_energy
     assert books.quality == books_cut.quality
+    np.testing.assert_array_equal(books.shaft.microjoule, books_cut.shaft.microjoule)
+    np.testing.assert_array_equal(books.shaft.compared_ns, books_cut.shaft.compared_ns)
+    assert (books.shaft.compared_ns <= books.registers.time.observed_ns).all()
 
     def close(a, b, err_msg):
         np.testing.assert_allclose(a, b, rtol=1e-12, atol=1e-9, err_msg=err_msg)

@@ -2,7 +2,9 @@ import numpy as np
 import pytest
 
 import robots
+from robot_energy.blocks import EffortMeaning
 from robot_energy.drivetrain import Drivetrain
+from robot_energy.effort import Effort
 from robot_energy.errors import ModelFileError
 from robot_energy.robot import Robot
 from robot_energy.torque import rigid_torque
@@ -46,7 +48,9 @@ def test_rigid_torque_adds_rotor_to_reflected_body_torque():
     block = robots.joint_block(
         np.array([0.0]), np.array([[0.3]]), np.array([[1.0]]), np.array([[4.0]])
     )
-    torque = rigid_torque(block, Robot.from_model(model), Drivetrain.from_model(model))
+    drivetrain = Drivetrain.from_model(model)
+    effort = Effort(EffortMeaning.NONE, drivetrain)
+    torque = rigid_torque(block, Robot.from_model(model), drivetrain, effort)
     assert torque.joint_torque_rigid[0, 0] == pytest.approx(2.0 * 4.0)
     assert torque.motor_velocity[0, 0] == pytest.approx(10.0)
     assert torque.motor_torque_rigid[0, 0] == pytest.approx(8.0 / 10.0 + 0.01 * 40.0)

@@ -13,6 +13,7 @@ ROOT = Path(robot_energy.__file__).parent
 PHYSICS = {
     "robot",
     "drivetrain",
+    "effort",
     "derivative",
     "torque",
     "friction",
@@ -20,7 +21,9 @@ PHYSICS = {
     "cabinet",
     "registers",
     "comparison",
+    "shaft_comparison",
 }
+BOOKS = {"registers", "shaft_comparison"}
 ALLOWED = {
     "errors": set(),
     "blocks": {"errors"},
@@ -29,11 +32,13 @@ ALLOWED = {
     "urdf": {"errors", "blocks", "urdf_text"},
     "wire": {"errors"},
     **{name: {"errors", "blocks", "model_file", "robot", "drivetrain", "urdf"} for name in PHYSICS},
+    "torque": {"errors", "blocks", "model_file", "robot", "drivetrain", "effort"},
     "comparison": {"errors", "blocks", "registers"},
+    "shaft_comparison": {"errors", "blocks", "registers"},
     "pipeline": {"errors", "blocks", "model_file", *PHYSICS},
     "ingest": {"errors", "blocks", "urdf", "wire"},
     "bag": {"errors", "wire"},
-    "messages": {"errors", "blocks", "model_file", "wire", "ingest", "pipeline", "registers"},
+    "messages": {"errors", "blocks", "model_file", "wire", "ingest", "pipeline", *BOOKS},
 }
 FOREIGN = {
     "rclpy",

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from robot_energy.blocks import NANOSECOND
 from robot_energy.pipeline.ledger import Ledger
 from robot_energy.registers import JOINT_REGISTERS
+from robot_energy.shaft_comparison import SHAFT_REGISTERS
 from robot_energy.wire.layout import Encoder, stamp_columns
 
 ENERGY_REGISTERS = "ros2_energy_msgs/msg/EnergyRegisters"
@@ -19,6 +20,12 @@ JOINT_FIELDS = {
     "rigid": "rigid_energy",
     "friction": "friction_energy",
     "drive_loss": "drive_loss_energy",
+}
+SHAFT_FIELDS = {
+    "measured_positive": "shaft_energy_positive_measured",
+    "measured_negative": "shaft_energy_negative_measured",
+    "predicted_positive": "shaft_energy_positive_compared",
+    "predicted_negative": "shaft_energy_negative_compared",
 }
 
 
@@ -62,6 +69,11 @@ class RegistersWriter:
                     f"joints.{JOINT_FIELDS[name]}": registers.joints(name)[None, :]
                     for name in JOINT_REGISTERS
                 },
+                **{
+                    f"joints.{SHAFT_FIELDS[name]}": ledger.shaft.joints(name)[None, :]
+                    for name in SHAFT_REGISTERS
+                },
+                "joints.shaft_compared_time": ledger.shaft.compared_ns[None, :] * NANOSECOND,
             },
             1,
         )

@@ -22,6 +22,7 @@ ARRAYS = (
     "joint_torque_rigid",
     "motor_velocity",
     "motor_torque_rigid",
+    "motor_torque_measured",
 )
 
 
@@ -48,6 +49,7 @@ class TorqueWriter:
                 **stamp_columns(block.stamp_ns),
                 "quality": block.quality,
                 "segment": block.segment.astype(np.uint32),
+                "payload_mass": block.payload_mass,
                 **columns,
             },
             len(block),
@@ -87,6 +89,7 @@ class TorqueReader:
                 "segment",
                 "joint_names",
                 *ARRAYS,
+                "payload_mass",
             ),
         )
 
@@ -111,6 +114,7 @@ class TorqueReader:
                         stamp_ns=stamp_ns(run),
                         segment=run.array("segment").astype(np.int64),
                         quality=run.array("quality").astype(np.uint32),
+                        payload_mass=run.array("payload_mass"),
                         **arrays,
                     )
                 )

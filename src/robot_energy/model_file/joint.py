@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import (
+    Field,
+    SerializerFunctionWrapHandler,
+    model_serializer,
+    model_validator,
+)
 
 from robot_energy.model_file.figure import Entry, Figure, Number, PositiveFigure, Tag
 
@@ -167,6 +172,9 @@ class Joint(Entry):
         gear_ratio: Motor turns per joint turn; its sign is the sense. For a prismatic
             joint: motor radians per metre.
         rotor_inertia: Rotor and fast gear parts, motor side. [kg m^2]
+        torque_constant: Motor torque per ampere that the driver reports as effort; only
+            the effort ``motor_current`` needs it. Negative where a positive current turns
+            the motor backward. [N m/A]
         standstill_velocity: Joint speed below which the joint counts as standing.
             [rad/s] or [m/s]
         friction: Friction of this axis.
@@ -177,6 +185,7 @@ class Joint(Entry):
     name: Annotated[str, Field(min_length=1)]
     gear_ratio: Figure
     rotor_inertia: PositiveFigure
+    torque_constant: Figure | None = None
     standstill_velocity: Annotated[Number, Field(gt=0)] = 2e-3
     friction: JointFriction
     losses: LossDrive | None = None
@@ -186,4 +195,14 @@ class Joint(Entry):
     def _check(self) -> Joint:
         if self.gear_ratio.value == 0:
             raise ValueError("gear_ratio must not be 0")
+        if self.torque_constant is not None and self.torque_constant.value == 0:
+            raise ValueError("torque_constant must not be 0")
         return self
+
+    @model_serializer(mode="wrap")
+    def _dump(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave out an absent torque constant: a model without one keeps its identity."""
+        entries: dict[str, Any] = dump(self)
+        if self.torque_constant is None:
+            entries.pop("torque_constant", None)
+        return entries

@@ -13,6 +13,7 @@ from pydantic import Field, PrivateAttr, model_validator
 
 from robot_energy.model_file.figure import Entry, Figure, Number, PositiveFigure, Tag
 from robot_energy.model_file.joint import Joint
+from robot_energy.model_file.payload import Payload
 
 SCHEMA_VERSION = 1
 
@@ -29,26 +30,6 @@ class Coupling(Entry):
     motor: str
     joint: str
     ratio: Figure
-
-
-class Payload(Entry):
-    """A rigid body fixed to a link.
-
-    Attributes:
-        link: Link or frame of the URDF that carries it.
-        mass: [kg]
-        centre_of_mass: In the frame of ``link``. [m]
-        inertia: Ixx, Iyy, Izz, Ixy, Ixz, Iyz about the centre of mass. [kg m^2]
-        tag: How these are known.
-        source: Where they come from.
-    """
-
-    link: str
-    mass: Annotated[Number, Field(ge=0)]
-    centre_of_mass: tuple[Number, Number, Number] = (0.0, 0.0, 0.0)
-    inertia: tuple[Number, Number, Number, Number, Number, Number] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    tag: Tag
-    source: str = ""
 
 
 class Capacitor(Entry):

@@ -25,8 +25,11 @@ class MeanBlock(Block):
         coverage: Integrated share of the time since the last period, shape (W,). [-]
         cabinet: Mean of each cabinet register's power, shape (W, 6). [W]
         joints: Mean of each joint register's power, shape (W, 5, n). [W]
-        motor_velocity, motor_torque, coulomb, viscous, motor_temperature_degc: At the
-            last sample, shape (W, n).
+        shaft_power_measured: Mean, shape (W, n); NaN unless the effort covers all of the
+            time integrated, so that it compares with the predicted mean. [W]
+        motor_velocity, motor_torque, motor_torque_measured, coulomb, viscous,
+            motor_temperature_degc: At the last sample, shape (W, n).
+        payload_mass: At the last sample, shape (W,). [kg]
         measured_power: Mean over the newest compared intervals, shape (W,). [W]
         predicted_power_at_meter: Mean over the same intervals, shape (W,). [W]
         comparison_coverage: Compared share of the time they span, shape (W,). [-]
@@ -39,11 +42,14 @@ class MeanBlock(Block):
     coverage: Float
     cabinet: Float
     joints: Float
+    shaft_power_measured: Float
     motor_velocity: Float
     motor_torque: Float
+    motor_torque_measured: Float
     coulomb: Float
     viscous: Float
     motor_temperature_degc: Float
+    payload_mass: Float
     measured_power: Float
     predicted_power_at_meter: Float
     comparison_coverage: Float
@@ -83,12 +89,16 @@ class Averager:
         self._shown = (np.nan, np.nan, np.nan)  # measured, predicted, coverage
         self._shown_ns: int | None = None
 
-    def step(self, block: PowerBlock, intervals: Intervals, compared: Compared) -> MeanBlock | None:
+    def step(
+        self, block: PowerBlock, intervals: Intervals, shaft: Float | None, compared: Compared
+    ) -> MeanBlock | None:
         """Take samples and return the periods that ended.
 
         Args:
             block: Power samples.
             intervals: Their intervals, from the registers.
+            shaft: Measured shaft energy of each interval, shape (N, n), NaN where unknown;
+                None where all is. [J]
             compared: What became comparable with the meter.
 
         Returns:
@@ -100,8 +110,15 @@ class Averager:
         previous = number[0] if carried is None else carried.end.stamp_ns[0] // self._period_ns
         starts = np.flatnonzero(differences(number, int(previous)))
         bounds = starts if len(starts) and starts[0] == 0 else np.concatenate([[0], starts])
-        energy = np.add.reduceat(intervals.energy, bounds, axis=0)
         duration_ns = np.add.reduceat(intervals.duration_ns, bounds)
+        if shaft is None:
+            unknown = np.where(duration_ns > 0, np.nan, 0.0)[:, None]
+            measured = np.repeat(unknown, block.rigid_power.shape[1], axis=1)
+        else:
+            measured = np.add.reduceat(shaft, bounds, axis=0)
+        energy = np.concatenate(
+            [np.add.reduceat(intervals.energy, bounds, axis=0), measured], axis=1
+        )
         quality = np.bitwise_or.reduceat(block.quality, bounds)
         ends = block[np.append(bounds[1:], len(block)) - 1]
         if carried is not None and len(starts) and starts[0] == 0:
@@ -146,7 +163,9 @@ class Averager:
             power = energy / duration[:, None]
             power[duration == 0] = np.nan
             coverage = np.clip(duration / ((stamp - before) * NANOSECOND), 0.0, 1.0)
+        n_joints = last.rigid_power.shape[1]
         split = len(CABINET_REGISTERS)
+        end = split + len(JOINT_REGISTERS) * n_joints
         measured = self._show(stamp)
         return MeanBlock(
             stamp_ns=stamp,
@@ -155,12 +174,15 @@ class Averager:
             period=duration,
             coverage=coverage,
             cabinet=power[:, :split],
-            joints=power[:, split:].reshape(len(stamp), len(JOINT_REGISTERS), -1),
+            joints=power[:, split:end].reshape(len(stamp), len(JOINT_REGISTERS), n_joints),
+            shaft_power_measured=power[:, end:],
             motor_velocity=last.motor_velocity,
             motor_torque=last.motor_torque,
+            motor_torque_measured=last.motor_torque_measured,
             coulomb=last.coulomb,
             viscous=last.viscous,
             motor_temperature_degc=last.motor_temperature_degc,
+            payload_mass=last.payload_mass,
             measured_power=measured[:, 0],
             predicted_power_at_meter=measured[:, 1],
             comparison_coverage=measured[:, 2],

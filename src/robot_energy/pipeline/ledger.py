@@ -20,6 +20,7 @@ from robot_energy.comparison import Compared, Comparison
 from robot_energy.pipeline.averaging import Averager, MeanBlock
 from robot_energy.pipeline.settings import Settings
 from robot_energy.registers import CABINET_REGISTERS, ExactSum, Registers
+from robot_energy.shaft_comparison import ShaftComparison
 
 BITS = tuple(int(bit) for bit in Quality)
 
@@ -34,6 +35,7 @@ class Ledger:
     Attributes:
         registers: Energy registers.
         comparison: Predicted beside measured energy.
+        shaft: Predicted beside measured shaft energy of each joint.
         peak_power: Highest predicted grid power, NaN before the first sample. [W]
         quality: How many samples carried each quality bit.
         samples: Number of power samples taken.
@@ -44,6 +46,7 @@ class Ledger:
         settings = settings or Settings()
         self.registers = Registers(n_joints)
         self.comparison = Comparison(settings.meter_max_gap)
+        self.shaft = ShaftComparison(n_joints)
         self.peak_power = float("nan")
         self.quality: Counter[int] = Counter()
         self.samples = 0
@@ -68,6 +71,7 @@ class Ledger:
             Means of the periods that ended, or None.
         """
         intervals = self.registers.step(block)
+        shaft = self.shaft.step(block, intervals.duration_ns)
         compared = self._compare(block)
         if self.on_compared is not None:
             self.on_compared(compared)
@@ -78,7 +82,7 @@ class Ledger:
         )
         if self._averager is None:
             return None
-        return self._averager.step(block, intervals, compared)
+        return self._averager.step(block, intervals, shaft, compared)
 
     def _compare(self, block: PowerBlock) -> Compared:
         """Compare as far as possible; power waits until it is known where the meter sits."""

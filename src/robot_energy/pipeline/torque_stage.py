@@ -5,7 +5,10 @@ from __future__ import annotations
 from robot_energy.blocks import JointBlock, TorqueBlock
 from robot_energy.derivative import Derivative
 from robot_energy.drivetrain import Drivetrain
+from robot_energy.effort import Effort
 from robot_energy.model_file import RobotModel
+from robot_energy.model_file.payload import Payload
+from robot_energy.pipeline.payload_timeline import PayloadChange, PayloadTimeline
 from robot_energy.pipeline.settings import Settings
 from robot_energy.robot import Robot
 from robot_energy.torque import rigid_torque
@@ -14,22 +17,59 @@ from robot_energy.torque import rigid_torque
 class TorqueStage:
     """Differentiates joint states and computes the torque that moves the bodies.
 
+    The effort of the driver, if its meaning is set, becomes measured motor torque.
+
     Args:
         model: The robot's model.
-        settings: Window and lag of the derivative.
+        settings: Window and lag of the derivative, meaning of the effort.
 
     Raises:
         RobotDescriptionError: If the URDF cannot be used.
         UnknownJointError: If the URDF lacks a joint of the model.
+        ModelFileError: If the effort is a current and a torque constant is missing.
     """
 
     def __init__(self, model: RobotModel, settings: Settings | None = None) -> None:
         settings = settings or Settings()
-        self.robot = Robot.from_model(model)
+        self._payload = PayloadTimeline(Robot.from_model(model))
         self._drivetrain = Drivetrain.from_model(model)
+        self._effort = Effort.from_model(model, settings.effort, self._drivetrain)
         self._derivative = Derivative(
             settings.derivative_window, settings.derivative_lag, settings.derivative_neighbours
         )
+        self._newest_ns: int | None = None
+
+    @property
+    def robot(self) -> Robot:
+        """The robot with the payload in force at the newest torque."""
+        return self._payload.robot
+
+    @property
+    def coming_payloads(self) -> tuple[PayloadChange, ...]:
+        """Changes of the payload that no torque has reached yet."""
+        return self._payload.coming
+
+    def set_payload(self, payload: Payload, from_ns: int | None = None) -> PayloadChange:
+        """Change what one link carries, for all samples from a stamp on.
+
+        It replaces all that the link carried before, also what the model file says; other
+        links keep theirs. A mass of 0 takes it off.
+
+        Args:
+            payload: The body; `robot_energy.model_file.payload.payload` makes one.
+            from_ns: First instant of validity, in the time of the joint states; None: from
+                the next joint state on. One that has passed counts from the next torque
+                on. [ns]
+
+        Returns:
+            The change with the instant from which it counts, to be published.
+
+        Raises:
+            RobotDescriptionError: If the URDF lacks the link; the old payload stays.
+        """
+        if from_ns is None:
+            from_ns = 0 if self._newest_ns is None else self._newest_ns + 1
+        return self._payload.set(payload, from_ns)
 
     def step(self, block: JointBlock) -> TorqueBlock | None:
         """Take joint states and return the torques whose window is complete.
@@ -40,6 +80,8 @@ class TorqueStage:
         Returns:
             Torques, or None while every sample still waits.
         """
+        if len(block):
+            self._newest_ns = int(block.stamp_ns[-1])
         return self._torque(self._derivative.step(block))
 
     def flush(self) -> TorqueBlock | None:
@@ -49,4 +91,9 @@ class TorqueStage:
     def _torque(self, parts: list[JointBlock]) -> TorqueBlock | None:
         if not parts:
             return None
-        return rigid_torque(JointBlock.concatenate(parts), self.robot, self._drivetrain)
+        return TorqueBlock.concatenate(
+            [
+                rigid_torque(block, robot, self._drivetrain, self._effort)
+                for robot, block in self._payload.pieces(JointBlock.concatenate(parts))
+            ]
+        )

@@ -25,6 +25,8 @@ def torques(first: int, count: int, segment: int = 0) -> TorqueBlock:
         joint_torque_rigid=values + 0.3,
         motor_velocity=values + 0.4,
         motor_torque_rigid=values + 0.5,
+        motor_torque_measured=np.where(values == 3.0, np.nan, values + 0.6),
+        payload_mass=values[:, 0] + 0.7,
     )
 
 
@@ -44,8 +46,8 @@ def read(reader: TorqueReader, block: TorqueBlock) -> TorqueBlock:
 def test_blocks_survive_the_wire_bit_by_bit():
     sent = torques(0, 50)
     found = read(TorqueReader(NAMES, "id"), sent)
-    for name in ("stamp_ns", "segment", "quality", "motor_velocity", "motor_torque_rigid"):
-        assert np.array_equal(getattr(found, name), getattr(sent, name))
+    for name, values in sent.__dict__.items():
+        np.testing.assert_array_equal(getattr(found, name), values, err_msg=name)
 
 
 def test_restarted_writer_begins_a_new_segment_although_it_counts_from_zero():

@@ -1,0 +1,172 @@
+"""Payloads set at run time <-> ``ros2_energy_msgs/Payload`` and ``SetPayload``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robot_energy.errors import RobotEnergyError
+from robot_energy.ingest.accounting import Accounting
+from robot_energy.model_file.payload import Payload, payload
+from robot_energy.pipeline.payload_timeline import PayloadChange
+from robot_energy.wire.batch import RawBatch
+from robot_energy.wire.layout import Decoder, Encoder, Run, stamp_columns, stamp_ns
+
+if TYPE_CHECKING:
+    from rosbags.typesys.store import Typestore
+
+PAYLOAD = "ros2_energy_msgs/msg/Payload"
+SECOND_NS = 1_000_000_000
+
+SetPayload = Callable[[Payload, int | None], PayloadChange]
+"""`TorqueStage.set_payload`."""
+
+
+class SetPayloadRequest(Protocol):
+    """The request of ``ros2_energy_msgs/srv/SetPayload``, as any message library has it."""
+
+    valid_from: Any
+    link: str
+    mass: float
+    centre_of_mass: Sequence[float]
+    inertia: Sequence[float]
+
+
+@dataclass(frozen=True)
+class SetPayloadAnswer:
+    """What to answer, and what to publish.
+
+    Attributes:
+        success: Whether the payload was accepted.
+        message: What was accepted, or why not.
+        change: The change; None if it was refused, and the old payload stays.
+    """
+
+    success: bool
+    message: str
+    change: PayloadChange | None = None
+
+    @property
+    def from_ns(self) -> int:
+        """Instant from which the payload counts; 0 if it was refused. [ns]"""
+        return 0 if self.change is None else self.change.from_ns
+
+
+def answer_set_payload(set_payload: SetPayload, request: SetPayloadRequest) -> SetPayloadAnswer:
+    """Carry out a request; it never raises for what the request holds.
+
+    Args:
+        set_payload: `TorqueStage.set_payload` of the stage that computes the torque.
+        request: The request, message-shaped.
+
+    Returns:
+        The answer. Where ``change`` is not None, publish `PayloadWriter.encode` of it on
+        ``energy/payload``, latched.
+    """
+    time = request.valid_from
+    from_ns = int(time.sec) * SECOND_NS + int(time.nanosec)
+    try:
+        body = payload(
+            str(request.link), float(request.mass), request.centre_of_mass, request.inertia
+        )
+        change = set_payload(body, from_ns or None)
+    except RobotEnergyError as error:
+        return SetPayloadAnswer(False, str(error))
+    what = f"{body.mass:g} kg on '{body.link}'" if body.mass else f"nothing on '{body.link}'"
+    since = f"from {change.from_ns} ns on" if change.from_ns else "from the start"
+    return SetPayloadAnswer(True, f"the robot carries {what} {since}", change)
+
+
+class PayloadWriter:
+    """Serialises changes of the payload.
+
+    Args:
+        model_id: Identity of the model file.
+    """
+
+    def __init__(self, model_id: str) -> None:
+        self._model_id = model_id
+
+    def encode(self, change: PayloadChange) -> NDArray[np.uint8]:
+        """Return one serialised message, shape (1, size)."""
+        body = change.payload
+        encoder = Encoder(PAYLOAD, {"model_id": self._model_id, "link": body.link})
+        return encoder.encode(
+            {
+                **stamp_columns(np.array([change.from_ns])),
+                "mass": body.mass,
+                "centre_of_mass": np.array([body.centre_of_mass]),
+                "inertia": np.array([body.inertia]),
+            },
+            1,
+        )
+
+
+class PayloadReader:
+    """Reads payload messages and puts them into force by their stamps.
+
+    The payload is a fact about the robot, not a figure of a model: messages that were
+    written with another model file count as well.
+
+    Args:
+        set_payload: `TorqueStage.set_payload`.
+        typestore: Message definitions of the source; those known here by default.
+
+    Attributes:
+        account: Received, accepted and rejected messages.
+        changes: What was accepted, in order of arrival.
+        refused: Why the last refused message was, one sentence; empty if none was.
+    """
+
+    def __init__(self, set_payload: SetPayload, typestore: Typestore | None = None) -> None:
+        self.account = Accounting()
+        self.changes: list[PayloadChange] = []
+        self.refused = ""
+        self._set_payload = set_payload
+        self._decoder = Decoder(
+            PAYLOAD,
+            (
+                "header.stamp.sec",
+                "header.stamp.nanosec",
+                "link",
+                "mass",
+                "centre_of_mass",
+                "inertia",
+            ),
+            typestore,
+        )
+
+    def step(self, batch: RawBatch) -> None:
+        """Take messages in order of arrival.
+
+        Args:
+            batch: Serialised Payload messages.
+        """
+        self.account.received += len(batch)
+        decoded = self._decoder.decode(batch)
+        self.account.reject("malformed", len(decoded.malformed))
+        rows = [
+            (int(row), run, index) for run in decoded.runs for index, row in enumerate(run.rows)
+        ]
+        for _, run, index in sorted(rows, key=lambda entry: entry[0]):
+            try:
+                self.changes.append(self._set_payload(*_body(run, index)))
+                self.account.accepted += 1
+            except RobotEnergyError as error:
+                self.refused = str(error)
+                self.account.reject("impossible_payload")
+
+
+def _body(run: Run, index: int) -> tuple[Payload, int]:
+    """The payload of one message and its stamp."""
+    body = payload(
+        str(run.columns["link"]),
+        float(run.array("mass")[index]),
+        run.array("centre_of_mass")[index].tolist(),
+        run.array("inertia")[index].tolist(),
+    )
+    return body, int(stamp_ns(run)[index])

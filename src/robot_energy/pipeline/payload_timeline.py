@@ -1,0 +1,111 @@
+"""Which payload the robot carries at which instant."""
+
+from __future__ import annotations
+
+from bisect import insort
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from robot_energy.blocks import JointBlock
+from robot_energy.errors import PayloadError
+from robot_energy.model_file.payload import Payload
+from robot_energy.robot import Robot
+
+MAX_COMING = 100  # changes that may wait for their stamps
+
+
+@dataclass(frozen=True)
+class PayloadChange:
+    """A payload and when it comes into force.
+
+    Attributes:
+        from_ns: First instant of validity; 0: from the start. [ns]
+        payload: The body that its link carries from then on, instead of any before.
+    """
+
+    from_ns: int
+    payload: Payload
+
+
+class PayloadTimeline:
+    """Keeps the robot with the payload in force, and the changes still to come.
+
+    One body per link: a change replaces all that its link carried, also what the model
+    file says, and leaves other links alone; a mass of 0 takes it off. A change comes into
+    force at the first sample that is not older than its stamp, and stays until the next,
+    across backward jumps of the stamps as well: the gripper does not open when a
+    simulation restarts. The result does not depend on how samples are cut into blocks.
+
+    Args:
+        robot: The robot with the payload of its model file.
+
+    Attributes:
+        robot: The robot with the payload now in force.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self.robot = robot
+        self._coming: list[PayloadChange] = []
+        self._done_ns: int | None = None  # newest sample that was handed out
+
+    @property
+    def coming(self) -> tuple[PayloadChange, ...]:
+        """Changes that no sample has reached yet, in order of their stamps."""
+        return tuple(self._coming)
+
+    def set(self, payload: Payload, from_ns: int) -> PayloadChange:
+        """Take a change.
+
+        Args:
+            payload: The body.
+            from_ns: First instant of validity; one that has passed means the next
+                sample. [ns]
+
+        Returns:
+            The change with the instant from which it really counts.
+
+        Raises:
+            RobotDescriptionError: If the URDF lacks the link; nothing changes then.
+            PayloadError: If too many changes wait for stamps that never come.
+        """
+        if len(self._coming) >= MAX_COMING:
+            raise PayloadError(
+                f"{len(self._coming)} payloads already wait for their stamps",
+                f"fewer than {MAX_COMING}",
+                "set stamps in the time of the joint states",
+            )
+        self.robot.with_payload([payload])  # refuses an unknown link
+        change = PayloadChange(from_ns, payload)
+        insort(self._coming, change, key=lambda entry: entry.from_ns)
+        if self._done_ns is not None and from_ns <= self._done_ns:
+            return PayloadChange(self._done_ns + 1, payload)
+        return change
+
+    def pieces(self, block: JointBlock) -> Iterator[tuple[Robot, JointBlock]]:
+        """Cut samples where the payload changes.
+
+        Args:
+            block: Joint states in time order.
+
+        Yields:
+            The robot as it is loaded, and the samples for which that holds.
+        """
+        self._done_ns = int(block.stamp_ns[-1])
+        start = 0
+        while self._coming:
+            reached = block.stamp_ns[start:] >= self._coming[0].from_ns
+            first = start + int(np.argmax(reached))
+            if not reached.any():
+                break
+            if first > start:
+                yield self.robot, block[slice(start, first)]
+            start = first
+            self._apply(self._coming.pop(0).payload)
+        yield self.robot, block if start == 0 else block[slice(start, None)]
+
+    def _apply(self, payload: Payload) -> None:
+        others = [body for body in self.robot.payload if body.link != payload.link]
+        carried = [*others, payload] if payload.mass else others
+        self.robot = self.robot.with_payload(carried)

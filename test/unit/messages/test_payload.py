@@ -1,0 +1,105 @@
+"""The payload service and topic: what is asked, answered, written and read."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pytest
+
+import robots
+from robot_energy.messages import PayloadReader, PayloadWriter, answer_set_payload
+from robot_energy.model_file.payload import payload
+from robot_energy.pipeline import TorqueStage
+from robot_energy.pipeline.payload_timeline import PayloadChange
+from robot_energy.wire.batch import RawBatch
+from robot_energy.wire.types import typestore
+
+TYPE = "ros2_energy_msgs/msg/Payload"
+BODY = payload("fore", 3.0, (0.25, 0.1, -0.2), (0.03, 0.04, 0.05, 1e-3, -2e-3, 3e-3))
+
+
+@dataclass
+class Time:
+    sec: int = 0
+    nanosec: int = 0
+
+
+@dataclass
+class Request:
+    """As rclpy has it: numpy arrays for the fixed arrays."""
+
+    valid_from: Time = field(default_factory=Time)
+    link: str = "fore"
+    mass: float = 3.0
+    centre_of_mass: Any = field(default_factory=lambda: np.array([0.25, 0.0, 0.0]))
+    inertia: Any = field(default_factory=lambda: np.zeros(6))
+
+
+def batch(*changes):
+    writer = PayloadWriter("id")
+    rows = [writer.encode(change)[0].tobytes() for change in changes]
+    return RawBatch.from_messages("/energy/payload", TYPE, range(len(rows)), rows)
+
+
+def test_message_says_what_was_set():
+    row = PayloadWriter("id").encode(PayloadChange(12 * 10**9 + 34, BODY))
+    found = typestore().deserialize_cdr(row.tobytes(), TYPE)
+    assert (found.header.stamp.sec, found.header.stamp.nanosec) == (12, 34)
+    assert (found.model_id, found.link, found.mass) == ("id", "fore", 3.0)
+    np.testing.assert_array_equal(found.centre_of_mass, BODY.centre_of_mass)
+    np.testing.assert_array_equal(found.inertia, BODY.inertia)
+
+
+def test_what_is_read_is_what_was_written_in_order_of_arrival():
+    sent = [PayloadChange(5, BODY), PayloadChange(3, payload("upper", 1.0)), PayloadChange(9, BODY)]
+    stage = TorqueStage(robots.two_link())
+    reader = PayloadReader(stage.set_payload)
+    reader.step(batch(*sent))
+    assert reader.changes == sent
+    assert [change.from_ns for change in stage.coming_payloads] == [3, 5, 9]
+    assert (reader.account.received, reader.account.accepted) == (3, 3)
+
+
+def test_impossible_payload_in_a_bag_is_counted_and_changes_nothing():
+    bad = BODY.model_copy(update={"mass": -1.0})
+    elsewhere = payload("hand", 1.0)
+    stage = TorqueStage(robots.two_link())
+    reader = PayloadReader(stage.set_payload)
+    reader.step(batch(PayloadChange(1, bad), PayloadChange(2, elsewhere), PayloadChange(3, BODY)))
+    assert reader.account.rejected == {"impossible_payload": 2}
+    assert reader.account.balanced
+    assert [change.payload for change in stage.coming_payloads] == [BODY]
+    assert "hand" in reader.refused
+
+
+def test_request_is_answered_with_what_holds_from_when():
+    stage = TorqueStage(robots.two_link())
+    answer = answer_set_payload(stage.set_payload, Request(valid_from=Time(2, 5)))
+    assert answer.success
+    assert answer.from_ns == 2 * 10**9 + 5
+    assert answer.message == "the robot carries 3 kg on 'fore' from 2000000005 ns on"
+    assert [change.from_ns for change in stage.coming_payloads] == [answer.from_ns]
+    taken_off = answer_set_payload(stage.set_payload, Request(mass=0.0))
+    assert taken_off.message == "the robot carries nothing on 'fore' from the start"
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"mass": -1.0}, "mass is -1.0"),
+        ({"mass": float("nan")}, "mass is nan"),
+        ({"link": "hand"}, "link 'hand'"),
+        ({"link": ""}, "link ''"),
+        ({"inertia": np.array([1.0, 1.0, 3.0, 0, 0, 0])}, "sum of the other two"),
+        ({"centre_of_mass": np.array([np.inf, 0, 0])}, "centre_of_mass.0 is inf"),
+    ],
+)
+def test_bad_request_is_refused_with_a_sentence_and_the_old_payload_stays(change, words):
+    stage = TorqueStage(robots.two_link())
+    answer_set_payload(stage.set_payload, Request())
+    answer = answer_set_payload(stage.set_payload, Request(**change))
+    assert not answer.success
+    assert words in answer.message
+    assert answer.change is None
+    assert answer.from_ns == 0
+    assert len(stage.coming_payloads) == 1
