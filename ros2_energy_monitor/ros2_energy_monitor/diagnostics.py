@@ -16,6 +16,7 @@ from rclpy.lifecycle import LifecycleNode
 from rclpy.node import Node
 
 from robot_energy.blocks import Quality
+from robot_energy.comparison import MeterCurve
 from robot_energy.ingest import Accounting, JointStateIngest, MeterIngest, TemperatureIngest
 from robot_energy.model_file import RobotModel
 from robot_energy.pipeline import FrictionStage, Ledger
@@ -161,7 +162,7 @@ class InputWatch:
             )
 
 
-def accounting(account: Accounting, prefix: str = "") -> dict[str, Number]:
+def accounting(account: Accounting | MeterCurve, prefix: str = "") -> dict[str, Number]:
     """Return received, accepted and rejected messages by reason."""
     return {
         f"{prefix}received": account.received,
@@ -263,6 +264,10 @@ def energy_source(
             "comparison_time": comparison.compared_ns * 1e-9,
             "residual_energy": residual if comparison.compared_ns else math.nan,
             "residual_share": residual / measured if measured else math.nan,
+            "residual_share_last_minute": ledger.judgement.residual_share,
+            "meter_counter_resets": comparison.curve.counter.resets,
+            "meter_counter_wraps": comparison.curve.counter.wraps,
+            **accounting(comparison.curve, "meter_readings_"),
             "extrapolated_share": _share(ledger, Quality.EXTRAPOLATED),
             "drive_extrapolated_share": _share(ledger, Quality.DRIVE_EXTRAPOLATED),
             "temperature_missing_share": _share(ledger, Quality.TEMPERATURE_MISSING),
@@ -273,6 +278,8 @@ def energy_source(
             found.add(
                 WARN, f"the power of {ledger.quality[Quality.NOT_FINITE]} samples is not finite"
             )
+        for sentence in ledger.judgement.findings(comparison):
+            found.add(WARN, sentence)
         return found
 
     return findings

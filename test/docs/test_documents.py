@@ -102,6 +102,7 @@ def test_nomenclature_names_every_quality_bit_and_reason():
     sources = [
         *(ROOT / "src/robot_energy/ingest").glob("*.py"),
         *(ROOT / "src/robot_energy/messages").glob("*.py"),
+        *(ROOT / "src/robot_energy/comparison").glob("*.py"),
     ]
     reasons = {
         reason

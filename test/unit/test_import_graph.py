@@ -33,10 +33,10 @@ ALLOWED = {
     "wire": {"errors"},
     **{name: {"errors", "blocks", "model_file", "robot", "drivetrain", "urdf"} for name in PHYSICS},
     "torque": {"errors", "blocks", "model_file", "robot", "drivetrain", "effort"},
-    "comparison": {"errors", "blocks", "registers"},
     "shaft_comparison": {"errors", "blocks", "registers"},
+    "comparison": {"errors", "blocks", "registers", "units"},
     "pipeline": {"errors", "blocks", "model_file", *PHYSICS},
-    "ingest": {"errors", "blocks", "urdf", "wire"},
+    "ingest": {"errors", "blocks", "units", "urdf", "wire"},
     "bag": {"errors", "wire"},
     "messages": {"errors", "blocks", "model_file", "wire", "ingest", "pipeline", *BOOKS},
 }

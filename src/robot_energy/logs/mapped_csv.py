@@ -11,9 +11,7 @@ from robot_energy.blocks import Float, MeterLocation, MeterMeaning
 from robot_energy.logs.mapping import (
     CURRENT_UNITS,
     EFFORT_UNITS,
-    ENERGY_UNITS,
     POSITION_UNITS,
-    POWER_UNITS,
     TEMPERATURE_OFFSETS,
     VELOCITY_UNITS,
     VOLTAGE_UNITS,
@@ -22,6 +20,7 @@ from robot_energy.logs.mapping import (
 )
 from robot_energy.logs.recording import Contents, ImportReport, LogBlock, write_bag
 from robot_energy.logs.table import Clock, LogTable, newer_than
+from robot_energy.units import ENERGY_UNITS, POWER_UNITS
 
 
 def import_csv(

@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from robot_energy.errors import LogFormatError, ModelFileError
 from robot_energy.model_file import parse_yaml
+from robot_energy.units import ENERGY_UNITS
 
 PLACEHOLDER = "{joint}"
 DEGREE = 0.017453292519943295  # rad
@@ -17,8 +18,6 @@ POSITION_UNITS = {"rad": 1.0, "deg": DEGREE, "m": 1.0, "mm": 1e-3}
 VELOCITY_UNITS = {"rad_per_s": 1.0, "deg_per_s": DEGREE, "m_per_s": 1.0, "mm_per_s": 1e-3}
 EFFORT_UNITS = {"newton_metre": 1.0, "newton": 1.0, "ampere": 1.0, "milliampere": 1e-3}
 TEMPERATURE_OFFSETS = {"celsius": 0.0, "kelvin": -273.15}
-POWER_UNITS = {"W": 1.0, "kW": 1e3, "mW": 1e-3}
-ENERGY_UNITS = {"J": 1.0, "kJ": 1e3, "Wh": 3.6e3, "kWh": 3.6e6}
 VOLTAGE_UNITS = {"V": 1.0, "mV": 1e-3}
 CURRENT_UNITS = {"A": 1.0, "mA": 1e-3}
 

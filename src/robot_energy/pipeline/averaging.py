@@ -10,7 +10,8 @@ from robot_energy.blocks import NANOSECOND, Bits, Block, Float, Int, PowerBlock,
 from robot_energy.comparison import Compared
 from robot_energy.registers import CABINET_REGISTERS, JOINT_REGISTERS, Intervals
 
-HOLD_NS = 2_000_000_000  # a comparison older than this is no longer shown
+# A comparison older than this, and than twice the time it covers, is no longer shown.
+HOLD_NS = 2_000_000_000
 
 
 @dataclass(frozen=True)
@@ -88,6 +89,7 @@ class Averager:
         self._compared: list[Compared] = []
         self._shown = (np.nan, np.nan, np.nan)  # measured, predicted, coverage
         self._shown_ns: int | None = None
+        self._hold_ns = HOLD_NS
 
     def step(
         self, block: PowerBlock, intervals: Intervals, shaft: Float | None, compared: Compared
@@ -211,8 +213,9 @@ class Averager:
                 span = max(newest - first, duration)
                 seconds = duration * NANOSECOND
                 self._shown = (measured / seconds, predicted / seconds, duration / span)
+                self._hold_ns = max(HOLD_NS, 2 * round(duration))
                 self._shown_ns, done = newest, count
-            if self._shown_ns is not None and now - self._shown_ns <= HOLD_NS:
+            if self._shown_ns is not None and now - self._shown_ns <= self._hold_ns:
                 rows[index] = (*self._shown, (now - self._shown_ns) * NANOSECOND)
         kept = Compared(
             available[done:],

@@ -16,7 +16,7 @@ from robot_energy.blocks import (
     PowerBlock,
     Quality,
 )
-from robot_energy.comparison import Compared, Comparison
+from robot_energy.comparison import Compared, Comparison, Judgement
 from robot_energy.pipeline.averaging import Averager, MeanBlock
 from robot_energy.pipeline.settings import Settings
 from robot_energy.registers import CABINET_REGISTERS, ExactSum, Registers
@@ -35,7 +35,11 @@ class Ledger:
     Attributes:
         registers: Energy registers.
         comparison: Predicted beside measured energy.
+<<<<<<< HEAD
         shaft: Predicted beside measured shaft energy of each joint.
+=======
+        judgement: The residual of the newest minute, and what is wrong with the meter.
+>>>>>>> 1a97825 (meters: counters that are held, reset or wrap, and findings about the meter)
         peak_power: Highest predicted grid power, NaN before the first sample. [W]
         quality: How many samples carried each quality bit.
         samples: Number of power samples taken.
@@ -45,7 +49,12 @@ class Ledger:
     def __init__(self, n_joints: int, settings: Settings | None = None) -> None:
         settings = settings or Settings()
         self.registers = Registers(n_joints)
-        self.comparison = Comparison(settings.meter_max_gap)
+        self.comparison = Comparison(
+            settings.meter_max_gap,
+            max_power=settings.meter_max_power,
+            wraps_at=settings.meter_wraps_at,
+        )
+        self.judgement = Judgement(settings.meter_unit)
         self.shaft = ShaftComparison(n_joints)
         self.peak_power = float("nan")
         self.quality: Counter[int] = Counter()
@@ -73,6 +82,7 @@ class Ledger:
         intervals = self.registers.step(block)
         shaft = self.shaft.step(block, intervals.duration_ns)
         compared = self._compare(block)
+        self.judgement.step(compared)
         if self.on_compared is not None:
             self.on_compared(compared)
         self._book(

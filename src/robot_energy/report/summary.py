@@ -246,6 +246,13 @@ def _notes(result: Replay) -> list[str]:
         notes.append("the bag has no power meter: nothing was measured")
     elif not ledger.comparison.compared_ns:
         notes.append("no reading of the power meter covers any of the predicted time")
+    notes += ledger.judgement.findings(ledger.comparison)
+    counter = ledger.comparison.curve.counter
+    if counter.resets:
+        notes.append(
+            f"the counter of the meter was reset {counter.resets} times, last at stamp "
+            f"{(counter.reset_ns or 0) * NANOSECOND:.3f}; nothing counts across a reset"
+        )
     if not topics.temperatures:
         notes.append(
             "no motor temperatures: friction at the model's fallback of "

@@ -170,8 +170,9 @@ def test_a_second_topic_of_a_kind_must_be_named(tmp_path: Path) -> None:
 
 
 def test_a_meter_that_was_reset_leaves_the_account_balanced(tmp_path: Path) -> None:
-    """A counter at 68 W, reset after 5 s: one interval is lost, the rest is compared."""
-    rows = [(i / 100, 2.0 * i / 100, 2.0, 0.68 * (i % 501)) for i in range(1001)]
+    """A counter at 68 W, reset at 5.01 s: known 5 s later, and nothing is counted until then."""
+    count = [i + 9000 if i < 501 else i - 501 for i in range(1501)]
+    rows = [(i / 100, 2.0 * i / 100, 2.0, 0.68 * count[i]) for i in range(1501)]
     log = write_csv(tmp_path / "log.csv", "t,q_axle,w_axle,p", rows)
     meter = {
         "location": "grid",
@@ -181,7 +182,8 @@ def test_a_meter_that_was_reset_leaves_the_account_balanced(tmp_path: Path) -> N
     import_csv(log, mapping(power=meter), tmp_path / "bag")
     summary = summarise(replay(tmp_path / "bag", one_wheel()))
     readings = summary["inputs"]["meter_readings"]
-    assert readings["rejected"] == {"meter_counter_fell": 1}
+    assert readings["rejected"] == {"meter_counter_low": 500}
+    assert any("was reset 1 times" in note for note in summary["notes"])
     assert readings["balanced"]
     assert summary["problems"] == []
     assert summary["comparison"]["compared_ns"] == 9_990_000_000

@@ -2,18 +2,16 @@
 
 A meter has its own rate and its own meaning. Its readings become pieces of a curve:
 straight between instantaneous readings, level over the interval of a mean or between
-two readings of a counter. The predicted power is straight between samples. Both are
+two changes of a counter. The predicted power is straight between samples. Both are
 integrated over the intersection of what is covered by both, cut at every breakpoint of
 either, so the result does not depend on how the input is cut into blocks.
 """
 
 from __future__ import annotations
 
-from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robot_energy.blocks import (
     NANOSECOND,
@@ -24,171 +22,33 @@ from robot_energy.blocks import (
     MeterMeaning,
     differences,
 )
+from robot_energy.comparison.curve import MAX_POWER, MeterCurve
+from robot_energy.comparison.pieces import Compared, Pieces
 from robot_energy.registers import ExactSum
 
 SECOND_NS = 1_000_000_000
 MAX_PIECES = 1_000_000
+EARLY_NS = 5 * SECOND_NS  # a reading stamped this much later than the prediction is no delay
 ALONE_NS = 10 * SECOND_NS  # a jump of the meter that the prediction does not follow by then
-BACKWARD_JUMP_NS = SECOND_NS  # older readings than this are a new epoch, not late ones
 
 
 @dataclass(frozen=True)
-class Pieces:
-    """Straight pieces of a power curve, in time order, not overlapping.
+class Idle:
+    """A stretch in which power was predicted and nothing could be compared.
 
     Attributes:
-        start_ns: Shape (N,). [ns]
-        end_ns: Shape (N,). [ns]
-        start_power: Shape (N,). [W]
-        end_power: Shape (N,). [W]
+        since_ns: Predicted stamp at which it began. [ns]
+        until_ns: Newest predicted stamp. [ns]
+        readings: Readings that were used by its beginning.
+        gaps: Pairs of them that were too far apart.
+        ahead_ns: Newest reading minus newest predicted stamp; None without a reading. [ns]
     """
 
-    start_ns: Int
-    end_ns: Int
-    start_power: Float
-    end_power: Float
-
-    def __len__(self) -> int:
-        return len(self.start_ns)
-
-    def __getitem__(self, rows: NDArray[np.bool_] | slice) -> Pieces:
-        return Pieces(
-            self.start_ns[rows], self.end_ns[rows], self.start_power[rows], self.end_power[rows]
-        )
-
-    @classmethod
-    def empty(cls) -> Pieces:
-        """No pieces."""
-        none = np.empty(0, dtype=np.int64)
-        return cls(none, none, np.empty(0), np.empty(0))
-
-    def join(self, later: Pieces) -> Pieces:
-        """Return these pieces followed by later ones."""
-        if not len(self):
-            return later
-        return Pieces(
-            np.concatenate([self.start_ns, later.start_ns]),
-            np.concatenate([self.end_ns, later.end_ns]),
-            np.concatenate([self.start_power, later.start_power]),
-            np.concatenate([self.end_power, later.end_power]),
-        )
-
-    @property
-    def edges(self) -> Int:
-        """Every start and end, those that touch only once. [ns]"""
-        apart = np.ones(len(self), dtype=np.int64)  # the first piece touches none
-        apart[1:] = self.start_ns[1:] - self.end_ns[:-1]
-        return np.concatenate([self.start_ns[apart != 0], self.end_ns])
-
-    def index(self, start_ns: Int, end_ns: Int) -> tuple[Int, NDArray[np.bool_]]:
-        """Return which piece holds each interval, and whether one does."""
-        if not len(self):
-            return np.zeros(len(start_ns), dtype=np.int64), np.zeros(len(start_ns), dtype=np.bool_)
-        row = np.maximum(np.searchsorted(self.start_ns, start_ns, side="right") - 1, 0)
-        return row, (self.start_ns[row] <= start_ns) & (end_ns <= self.end_ns[row])
-
-    def value(self, row: Int, time_ns: Int) -> Float:
-        """Return the power at a time inside the piece ``row``. [W]"""
-        start = self.start_ns[row]
-        share = (time_ns - start) / (self.end_ns[row] - start)
-        low = self.start_power[row]
-        return low + (self.end_power[row] - low) * share
-
-
-@dataclass(frozen=True)
-class Compared:
-    """Elementary intervals on which both powers are known.
-
-    Attributes:
-        available_ns: When the meter had reported the interval, shape (K,). [ns]
-        duration_ns: Shape (K,). [ns]
-        measured: Measured energy, shape (K,). [J]
-        predicted: Predicted energy at the meter's place, shape (K,). [J]
-    """
-
-    available_ns: Int
-    duration_ns: Int
-    measured: Float
-    predicted: Float
-
-
-class MeterCurve:
-    """Turns readings into pieces and counts what it cannot use.
-
-    Args:
-        max_gap: Longest time between readings that is bridged. [s]
-    """
-
-    def __init__(self, max_gap: float) -> None:
-        self.received = 0
-        self.accepted = 0
-        self.rejected: Counter[str] = Counter()
-        self._max_gap_ns = round(max_gap / NANOSECOND)
-        self.left_ns = 0  # newest reading before the last backward jump
-        self._last: tuple[int, float] | None = None  # stamp, power or energy
-
-    def step(self, block: MeterBlock) -> tuple[list[Pieces], int]:
-        """Take readings.
-
-        Args:
-            block: Readings in order of arrival.
-
-        Returns:
-            Pieces, one list entry for each epoch touched, and the number of backward
-            jumps met; the first entry continues the running epoch.
-        """
-        self.received += len(block)
-        cumulative = block.meaning is MeterMeaning.CUMULATIVE
-        value = block.energy if cumulative else block.power
-        good = np.isfinite(value)
-        if block.meaning is MeterMeaning.MEAN_OVER_INTERVAL:
-            good &= np.isfinite(block.interval) & (block.interval > 0)
-        self.rejected["meter_not_finite"] += int((~good).sum())
-        epochs: list[list[int]] = [[]]
-        stamps = block.stamp_ns.tolist()
-        newest = self._last[0] if self._last else None
-        for row in np.flatnonzero(good).tolist():
-            stamp = stamps[row]
-            if newest is None or stamp > newest:
-                epochs[-1].append(row)
-            elif stamp <= newest - BACKWARD_JUMP_NS:
-                epochs.append([row])
-                self.left_ns = newest
-            else:
-                self.rejected["meter_not_newer"] += 1
-                continue
-            newest = stamp
-        pieces: list[Pieces] = []
-        for number, rows in enumerate(epochs):
-            if number:
-                self._last = None
-            self.accepted += len(rows)
-            index = np.asarray(rows, dtype=np.int64)
-            pieces.append(self._pieces(block, index, value) if rows else Pieces.empty())
-        return pieces, len(epochs) - 1
-
-    def _pieces(self, block: MeterBlock, rows: Int, value: Float) -> Pieces:
-        stamp, power = block.stamp_ns[rows], value[rows]
-        previous, before = np.empty_like(stamp), np.empty_like(power)
-        previous[1:], before[1:] = stamp[:-1], power[:-1]
-        known = np.ones(len(rows), dtype=np.bool_)
-        known[0] = self._last is not None
-        previous[0], before[0] = self._last if self._last is not None else (stamp[0] - 1, 0.0)
-        self._last = (int(stamp[-1]), float(power[-1]))
-        if block.meaning is MeterMeaning.INSTANTANEOUS:
-            keep = known & (stamp - previous <= self._max_gap_ns)
-            return Pieces(previous, stamp, before, power)[keep]
-        if block.meaning is MeterMeaning.CUMULATIVE:
-            rising = known & (power >= before)
-            fell = int((known & ~rising).sum())  # the counter was reset: it starts anew here
-            self.rejected["meter_counter_fell"] += fell
-            self.accepted -= fell
-            mean = (power - before) / ((stamp - previous) * NANOSECOND)
-            keep = rising & (stamp - previous <= self._max_gap_ns)
-            return Pieces(previous, stamp, mean, mean)[keep]
-        start = stamp - np.rint(block.interval[rows] / NANOSECOND).astype(np.int64)
-        start = np.where(known, np.maximum(start, previous), start)
-        return Pieces(start, stamp, power, power)
+    since_ns: int
+    until_ns: int
+    readings: int
+    gaps: int
+    ahead_ns: int | None
 
 
 @dataclass
@@ -204,12 +64,32 @@ class Comparison:
     Args:
         max_gap: Longest time between meter readings that is bridged. [s]
         patience: How long predicted power waits for the meter. [s]
+        max_power: Readings that say or imply more, either way, are refused. [W]
+        wraps_at: Reading at which a counter starts again from zero; None: it never does. [J]
+
+    Attributes:
+        curve: What became of the readings.
+        location: Where the meter sits.
+        meaning: What its readings stand for.
+        compared_ns: Time over which both were integrated. [ns]
+        idle: Since when nothing was compared, though power was predicted.
+        early_since_ns: Predicted stamp since which readings are stamped more than
+            ``EARLY_NS`` later than what is predicted; None if they are not. [ns]
     """
 
-    def __init__(self, max_gap: float = 2.0, patience: float = 60.0) -> None:
-        self.curve = MeterCurve(max_gap)
+    def __init__(
+        self,
+        max_gap: float = 2.0,
+        patience: float = 60.0,
+        max_power: float = MAX_POWER,
+        wraps_at: float | None = None,
+    ) -> None:
+        self.curve = MeterCurve(max_gap, max_power, wraps_at)
         self.location = MeterLocation.UNKNOWN
+        self.meaning = MeterMeaning.UNKNOWN
         self.compared_ns = 0
+        self.idle: Idle | None = None
+        self.early_since_ns: int | None = None
         self._patience_ns = round(max(patience, 3 * max_gap) / NANOSECOND)
         self._sum = ExactSum(2)
         self._epochs: dict[int, _Epoch] = {0: _Epoch()}
@@ -234,9 +114,8 @@ class Comparison:
 
     def measure(self, block: MeterBlock) -> None:
         """Take meter readings; they wait for the prediction to catch up."""
-        self.location = block.location
-        pieces, _ = self.curve.step(block)
-        for number, part in enumerate(pieces):
+        self.location, self.meaning = block.location, block.meaning
+        for number, part in enumerate(self.curve.step(block)):
             self._measured_epoch += number > 0
             epoch = self._epochs.setdefault(self._measured_epoch, _Epoch())
             epoch.measured = epoch.measured.join(part)[slice(-MAX_PIECES, None)]
@@ -270,12 +149,26 @@ class Comparison:
                 self._epochs.pop(self._predicted_epoch, None)
                 self._predicted_epoch += 1
         done.append(self._advance())
+        self._note_idle(int(stamp_ns[-1]), any(len(part.duration_ns) for part in done))
         return Compared(
             *(
                 np.concatenate([getattr(part, name) for part in done])
                 for name in ("available_ns", "duration_ns", "measured", "predicted")
             )
         )
+
+    def _note_idle(self, newest_ns: int, compared: bool) -> None:
+        """Keep account of a stretch in which nothing is compared."""
+        curve, idle = self.curve, self.idle
+        ahead_ns = None if curve.newest_ns is None else curve.newest_ns - newest_ns
+        if compared or idle is None or newest_ns < idle.since_ns:
+            self.idle = Idle(newest_ns, newest_ns, curve.accepted, curve.gaps, ahead_ns)
+        else:
+            self.idle = replace(idle, until_ns=newest_ns, ahead_ns=ahead_ns)
+        if ahead_ns is None or ahead_ns <= EARLY_NS:
+            self.early_since_ns = None
+        elif self.early_since_ns is None or newest_ns < self.early_since_ns:
+            self.early_since_ns = newest_ns
 
     def _extend(self, stamp_ns: Int, segment: Int, power: Float) -> None:
         last = self._last or (int(stamp_ns[0]), int(segment[0]), float(power[0]))

@@ -54,17 +54,6 @@ def test_mean_over_interval_is_a_step_that_ends_at_the_stamp():
     assert comparison.compared_ns == 2 * SECOND
 
 
-def test_counter_gives_mean_power_and_a_fall_is_no_negative_energy():
-    comparison = Comparison()
-    comparison.measure(
-        meter([0.0, 1.0, 2.0, 3.0], [100.0, 130.0, 5.0, 25.0], MeterMeaning.CUMULATIVE)
-    )
-    predict(comparison, [0.0, 3.0], [1.0, 1.0])
-    assert comparison.measured_energy == pytest.approx(50.0)
-    assert comparison.predicted_energy == pytest.approx(2.0)
-    assert comparison.curve.rejected["meter_counter_fell"] == 1
-
-
 def test_a_hole_in_the_meter_is_not_compared():
     comparison = Comparison(max_gap=2.0)
     comparison.measure(meter([0.0, 1.0, 9.0, 10.0], [10.0] * 4))

@@ -1,0 +1,165 @@
+"""Readings of a meter -> pieces of its power curve, and what could not be used."""
+
+from __future__ import annotations
+
+from collections import Counter as Counts
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robot_energy.blocks import NANOSECOND, Float, Int, MeterBlock, MeterMeaning
+from robot_energy.comparison.counter import Counter
+from robot_energy.comparison.pieces import Pieces
+
+BACKWARD_JUMP_NS = 1_000_000_000  # older readings than this are a new epoch, not late ones
+MAX_POWER = 1e6  # no robot draws a megawatt, and the exact sums hold up to there [W]
+LONGEST_INTERVAL = 86_400.0  # of a mean [s]
+
+
+class MeterCurve:
+    """Turns readings into pieces and counts what it cannot use.
+
+    Args:
+        max_gap: Longest time between readings that is bridged. [s]
+        max_power: Readings that say or imply more, either way, are refused. [W]
+        wraps_at: Reading at which a counter starts again from zero; None: it never does. [J]
+
+    Attributes:
+        received: Readings that arrived.
+        accepted: Readings that were used.
+        rejected: Readings that were not, by reason.
+        counter: What became of the readings of a counter.
+        gaps: Pairs of readings that lie further apart than is bridged.
+        spacing_ns: Time between the two newest readings; None before the second. [ns]
+        newest_ns: Stamp of the newest reading; None before the first. [ns]
+        left_ns: Stamp of the newest reading before the last backward jump. [ns]
+    """
+
+    def __init__(
+        self, max_gap: float, max_power: float = MAX_POWER, wraps_at: float | None = None
+    ) -> None:
+        self.received = 0
+        self.accepted = 0
+        self.rejected: Counts[str] = Counts()
+        self.gaps = 0
+        self.spacing_ns: int | None = None
+        self.newest_ns: int | None = None
+        self.left_ns = 0
+        self._max_gap_ns = round(max_gap / NANOSECOND)
+        self._max_power = max_power
+        self.counter = Counter(self._max_gap_ns, max_power, wraps_at)
+        self._last: tuple[int, float] | None = None  # stamp and power of the epoch's newest
+
+    def step(self, block: MeterBlock) -> list[Pieces]:
+        """Take readings.
+
+        Args:
+            block: Readings in order of arrival.
+
+        Returns:
+            Pieces, one list entry for each epoch touched; the first continues the running
+            epoch, and each further one follows a backward jump.
+        """
+        self.received += len(block)
+        cumulative = block.meaning is MeterMeaning.CUMULATIVE
+        value = block.energy if cumulative else block.power
+        good = self._usable(block, value, cumulative)
+        epochs = self._epochs(block.stamp_ns, good)
+        pieces: list[Pieces] = []
+        for number, rows in enumerate(epochs):
+            if number:
+                self._last = None
+                self.counter.restart()
+            if not len(rows):
+                pieces.append(Pieces.empty())
+            elif cumulative:
+                pieces.append(self._counted(block.stamp_ns[rows], value[rows]))
+            else:
+                self.accepted += len(rows)
+                pieces.append(self._pieces(block, rows, value))
+        return pieces
+
+    def _reject(self, reason: str, count: int) -> None:
+        if count:
+            self.rejected[reason] += count
+
+    def _usable(self, block: MeterBlock, value: Float, cumulative: bool) -> NDArray[np.bool_]:
+        good = np.isfinite(value)
+        if block.meaning is MeterMeaning.MEAN_OVER_INTERVAL:
+            good &= np.isfinite(block.interval) & (block.interval > 0)
+        self._reject("meter_not_finite", int((~good).sum()))
+        if cumulative:
+            return good
+        with np.errstate(invalid="ignore"):
+            absurd = good & (np.abs(value) > self._max_power)
+            if block.meaning is MeterMeaning.MEAN_OVER_INTERVAL:
+                absurd |= good & (block.interval > LONGEST_INTERVAL)
+        self._reject("meter_implausible", int(absurd.sum()))
+        return good & ~absurd
+
+    def _epochs(self, stamp_ns: Int, good: NDArray[np.bool_]) -> list[Int]:
+        """Rows of usable readings that are newer than all before, epoch by epoch."""
+        rows = np.flatnonzero(good)
+        stamps = stamp_ns[rows]
+        if not len(rows):
+            return [rows]
+        newest = self.newest_ns
+        first = int(stamps[0])
+        rising = newest is None or first > newest
+        steps = np.diff(stamps)
+        if rising and bool((steps > 0).all()):
+            self._keep_time(int(stamps[-1]), first if newest is None else newest, steps)
+            return [rows]
+        epochs: list[list[int]] = [[]]
+        for row, stamp in zip(rows.tolist(), stamps.tolist(), strict=True):
+            if newest is not None and stamp <= newest:
+                if stamp > newest - BACKWARD_JUMP_NS:
+                    self._reject("meter_not_newer", 1)
+                    continue
+                epochs.append([])
+                self.left_ns = newest
+            elif newest is not None:
+                self._space(stamp - newest)
+            epochs[-1].append(row)
+            newest = stamp
+        self.newest_ns = newest
+        return [np.asarray(rows, dtype=np.int64) for rows in epochs]
+
+    def _keep_time(self, newest: int, before: int, steps: Int) -> None:
+        """Note the spacing of readings that all rise."""
+        lead = newest - int(steps.sum()) - before
+        self.gaps += int((steps > self._max_gap_ns).sum())
+        if lead:
+            self.gaps += lead > self._max_gap_ns
+            self.spacing_ns = lead
+        if len(steps):
+            self.spacing_ns = int(steps[-1])
+        self.newest_ns = newest
+
+    def _space(self, step: int) -> None:
+        self.gaps += step > self._max_gap_ns
+        self.spacing_ns = step
+
+    def _counted(self, stamp_ns: Int, energy: Float) -> Pieces:
+        counter = self.counter
+        low, high = counter.low, counter.high
+        pieces = counter.step(stamp_ns, energy)
+        self._reject("meter_counter_low", counter.low - low)
+        self._reject("meter_implausible", counter.high - high)
+        self.accepted += len(stamp_ns) - (counter.low - low) - (counter.high - high)
+        return pieces
+
+    def _pieces(self, block: MeterBlock, rows: Int, value: Float) -> Pieces:
+        stamp, power = block.stamp_ns[rows], value[rows]
+        previous, before = np.empty_like(stamp), np.empty_like(power)
+        previous[1:], before[1:] = stamp[:-1], power[:-1]
+        known = np.ones(len(rows), dtype=np.bool_)
+        known[0] = self._last is not None
+        previous[0], before[0] = self._last if self._last is not None else (stamp[0] - 1, 0.0)
+        self._last = (int(stamp[-1]), float(power[-1]))
+        if block.meaning is MeterMeaning.INSTANTANEOUS:
+            keep = known & (stamp - previous <= self._max_gap_ns)
+            return Pieces(previous, stamp, before, power)[keep]
+        start = stamp - np.rint(block.interval[rows] / NANOSECOND).astype(np.int64)
+        start = np.where(known, np.maximum(start, previous), start)
+        return Pieces(start, stamp, power, power)

@@ -1,0 +1,151 @@
+"""What the difference between meter and prediction says, in sentences."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+import numpy as np
+
+from robot_energy.blocks import NANOSECOND, MeterMeaning
+from robot_energy.comparison.comparison import EARLY_NS, SECOND_NS, Comparison
+from robot_energy.comparison.pieces import Compared
+from robot_energy.units import ENERGY_UNITS, POWER_UNITS
+
+WINDOW = 60  # of the rolling residual [s]
+ENOUGH = 30.0  # compared time in it before a unit is doubted [s]
+NEAR = 1.8  # ratios this far from a unit's, either way, still point at it; 3.6 = 2 * 1.8
+IDLE_NS = 10 * SECOND_NS  # prediction without comparison that is worth a sentence
+SUSTAINED_NS = 30 * SECOND_NS  # readings from the future for so long are a wrong clock
+READINGS = 3  # that must have arrived meanwhile
+NANOJOULE = 1e9
+
+Sums = list[int]  # compared time [ns], measured energy [nJ], predicted energy [nJ]
+
+
+class Judgement:
+    """Watches the residual over the newest minute that was compared.
+
+    Sums are integers, so that they do not depend on how the input is cut.
+
+    Args:
+        unit: Unit the meter was said to use; empty for W or J.
+    """
+
+    def __init__(self, unit: str = "") -> None:
+        self._unit = unit
+        self._seconds: deque[tuple[int, Sums]] = deque()
+        self._sum: Sums = [0, 0, 0]
+
+    def step(self, compared: Compared) -> None:
+        """Take what became comparable.
+
+        Args:
+            compared: Intervals in the order in which the meter reported them.
+        """
+        if not len(compared.duration_ns):
+            return
+        second = compared.available_ns // SECOND_NS
+        starts = np.concatenate([[0], np.flatnonzero(np.diff(second)) + 1])
+        table = np.stack(
+            [
+                compared.duration_ns,
+                np.rint(compared.measured * NANOJOULE).astype(np.int64),
+                np.rint(compared.predicted * NANOJOULE).astype(np.int64),
+            ],
+            axis=1,
+        )
+        sums = np.add.reduceat(table, starts, axis=0)
+        for number, row in zip(second[starts].tolist(), sums.tolist(), strict=True):
+            self._add(number, row)
+
+    def _add(self, second: int, sums: Sums) -> None:
+        seconds = self._seconds
+        if seconds and second < seconds[-1][0]:
+            seconds.clear()  # the recording loops
+            self._sum = [0, 0, 0]
+        if seconds and second == seconds[-1][0]:
+            seconds[-1][1][:] = [a + b for a, b in zip(seconds[-1][1], sums, strict=True)]
+        else:
+            seconds.append((second, list(sums)))
+        self._sum = [a + b for a, b in zip(self._sum, sums, strict=True)]
+        while seconds[0][0] <= second - WINDOW:
+            _, old = seconds.popleft()
+            self._sum = [a - b for a, b in zip(self._sum, old, strict=True)]
+
+    @property
+    def compared_time(self) -> float:
+        """Compared time within the newest minute. [s]"""
+        return self._sum[0] * NANOSECOND
+
+    @property
+    def residual_share(self) -> float:
+        """Measured minus predicted energy of the newest minute, relative to measured. [-]
+
+        NaN where nothing was compared or measured.
+        """
+        _, measured, predicted = self._sum
+        return (measured - predicted) / abs(measured) if measured else math.nan
+
+    def findings(self, comparison: Comparison) -> list[str]:
+        """Return what is wrong with the meter, one sentence each.
+
+        Args:
+            comparison: The comparison that gave the intervals.
+        """
+        found = (self._clock(comparison), self._scale(comparison))
+        return [sentence for sentence in found if sentence]
+
+    def _clock(self, comparison: Comparison) -> str:
+        """Why nothing is compared although readings and predictions arrive."""
+        idle, curve = comparison.idle, comparison.curve
+        if idle is None or idle.ahead_ns is None:
+            return ""
+        readings = curve.accepted - idle.readings
+        silent = idle.until_ns - idle.since_ns > IDLE_NS and readings >= READINGS
+        period_ns = curve.spacing_ns or 0
+        apart = silent and (idle.ahead_ns > EARLY_NS or -idle.ahead_ns > EARLY_NS + period_ns)
+        early = comparison.early_since_ns
+        if apart or (early is not None and idle.until_ns - early > SUSTAINED_NS):
+            ahead = idle.ahead_ns * NANOSECOND
+            way = "ahead of" if ahead > 0 else "behind"
+            return (
+                f"the stamps of the meter are {abs(ahead):.1f} s {way} those of the joint states: "
+                f"synchronise the clocks, or set the meter's stamp_offset to {-ahead:.1f}"
+            )
+        if silent and curve.gaps - idle.gaps >= readings - 1:
+            return (
+                f"nothing is compared: readings of the meter come {period_ns * NANOSECOND:.1f} s "
+                "apart, further than meter_max_gap bridges"
+            )
+        still = curve.counter.still_since_ns
+        newest = curve.newest_ns
+        if silent and comparison.meaning is MeterMeaning.CUMULATIVE and still and newest:
+            return (
+                "nothing is compared: the counter of the meter has not moved for "
+                f"{(newest - still) * NANOSECOND:.0f} s"
+            )
+        return ""
+
+    def _scale(self, comparison: Comparison) -> str:
+        """Whether the meter is off by a factor that only a unit or a sign explains."""
+        _, measured, predicted = self._sum
+        if self.compared_time < ENOUGH or not measured or not predicted:
+            return ""
+        ratio = measured / predicted
+        if -NEAR < 1 / ratio < -1 / NEAR:
+            return "the meter reads about minus the prediction: is its sign load_negative?"
+        if ratio <= 0:
+            return ""
+        units = ENERGY_UNITS if comparison.meaning is MeterMeaning.CUMULATIVE else POWER_UNITS
+        base = "J" if units is ENERGY_UNITS else "W"
+        said = self._unit if self._unit in units else base
+        # Read in `unit` instead of `said`, the meter would give measured * units[unit] / said.
+        doubt = {
+            unit: abs(math.log(ratio * factor / units[said])) for unit, factor in units.items()
+        }
+        unit = min(doubt, key=lambda name: doubt[name])
+        if unit == said or doubt[unit] > math.log(NEAR) or doubt[said] <= math.log(NEAR):
+            return ""
+        text = f"{ratio:.3g}" if ratio < 1 else f"{ratio:.0f}"
+        return f"the meter reads about {text} times the prediction: is it in {unit}?"

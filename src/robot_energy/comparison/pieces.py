@@ -1,0 +1,90 @@
+"""Straight pieces of a power curve, and the intervals on which two curves meet."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robot_energy.blocks import Float, Int
+
+
+@dataclass(frozen=True)
+class Pieces:
+    """Straight pieces of a power curve, in time order, not overlapping.
+
+    Attributes:
+        start_ns: Shape (N,). [ns]
+        end_ns: Shape (N,). [ns]
+        start_power: Shape (N,). [W]
+        end_power: Shape (N,). [W]
+    """
+
+    start_ns: Int
+    end_ns: Int
+    start_power: Float
+    end_power: Float
+
+    def __len__(self) -> int:
+        return len(self.start_ns)
+
+    def __getitem__(self, rows: NDArray[np.bool_] | slice) -> Pieces:
+        return Pieces(
+            self.start_ns[rows], self.end_ns[rows], self.start_power[rows], self.end_power[rows]
+        )
+
+    @classmethod
+    def empty(cls) -> Pieces:
+        """No pieces."""
+        none = np.empty(0, dtype=np.int64)
+        return cls(none, none, np.empty(0), np.empty(0))
+
+    def join(self, later: Pieces) -> Pieces:
+        """Return these pieces followed by later ones."""
+        if not len(self):
+            return later
+        return Pieces(
+            np.concatenate([self.start_ns, later.start_ns]),
+            np.concatenate([self.end_ns, later.end_ns]),
+            np.concatenate([self.start_power, later.start_power]),
+            np.concatenate([self.end_power, later.end_power]),
+        )
+
+    @property
+    def edges(self) -> Int:
+        """Every start and end, those that touch only once. [ns]"""
+        apart = np.ones(len(self), dtype=np.int64)  # the first piece touches none
+        apart[1:] = self.start_ns[1:] - self.end_ns[:-1]
+        return np.concatenate([self.start_ns[apart != 0], self.end_ns])
+
+    def index(self, start_ns: Int, end_ns: Int) -> tuple[Int, NDArray[np.bool_]]:
+        """Return which piece holds each interval, and whether one does."""
+        if not len(self):
+            return np.zeros(len(start_ns), dtype=np.int64), np.zeros(len(start_ns), dtype=np.bool_)
+        row = np.maximum(np.searchsorted(self.start_ns, start_ns, side="right") - 1, 0)
+        return row, (self.start_ns[row] <= start_ns) & (end_ns <= self.end_ns[row])
+
+    def value(self, row: Int, time_ns: Int) -> Float:
+        """Return the power at a time inside the piece ``row``. [W]"""
+        start = self.start_ns[row]
+        share = (time_ns - start) / (self.end_ns[row] - start)
+        low = self.start_power[row]
+        return low + (self.end_power[row] - low) * share
+
+
+@dataclass(frozen=True)
+class Compared:
+    """Elementary intervals on which both powers are known.
+
+    Attributes:
+        available_ns: When the meter had reported the interval, shape (K,). [ns]
+        duration_ns: Shape (K,). [ns]
+        measured: Measured energy, shape (K,). [J]
+        predicted: Predicted energy at the meter's place, shape (K,). [J]
+    """
+
+    available_ns: Int
+    duration_ns: Int
+    measured: Float
+    predicted: Float

@@ -1,0 +1,150 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robot_energy.blocks import MeterBlock, MeterLocation, MeterMeaning
+from robot_energy.comparison import Compared, Comparison, Judgement
+
+SECOND = 10**9
+
+
+class Bench:
+    """A meter at 1 Hz beside a prediction at 10 Hz, both of constant power."""
+
+    def __init__(self, unit="", meaning=MeterMeaning.INSTANTANEOUS, **options):
+        self.comparison = Comparison(**options)
+        self.judgement = Judgement(unit)
+        self.meaning = meaning
+        self.now = 1000.0
+
+    def run(self, seconds, measured, predicted=100.0, offset=0.0, spacing=1, meter=True):
+        for index in range(int(seconds)):
+            if meter and index % spacing == 0:
+                self.comparison.measure(self._reading(self.now + offset, measured))
+            stamp = self.now + 0.1 * np.arange(10)
+            compared = self.comparison.predict(
+                np.rint(stamp * 1e9).astype(np.int64),
+                np.zeros(10, dtype=np.int64),
+                np.full(10, predicted),
+            )
+            self.judgement.step(compared)
+            self.now += 1.0
+        return self.judgement.findings(self.comparison)
+
+    def _reading(self, stamp, value):
+        none = np.array([np.nan])
+        cumulative = self.meaning is MeterMeaning.CUMULATIVE
+        number = np.array([value * (self.now - 1000.0) if cumulative else value])
+        return MeterBlock(
+            np.array([round(stamp * 1e9)]),
+            none if cumulative else number,
+            number if cumulative else none,
+            none,
+            self.meaning,
+            MeterLocation.GRID,
+        )
+
+
+def test_a_meter_that_agrees_gives_no_finding():
+    bench = Bench()
+    assert bench.run(120, 103.0) == []
+    assert bench.judgement.residual_share == pytest.approx(3 / 103)
+    assert bench.judgement.compared_time == pytest.approx(60, abs=1.1)
+
+
+def test_the_residual_is_that_of_the_newest_minute():
+    bench = Bench()
+    bench.run(200, 300.0)
+    bench.run(62, 100.0)
+    assert bench.judgement.residual_share == pytest.approx(0.0, abs=0.02)
+    bench = Bench()
+    assert np.isnan(bench.judgement.residual_share)
+
+
+@pytest.mark.parametrize(
+    ("measured", "unit", "meaning", "asked"),
+    [
+        (130_000.0, "", MeterMeaning.INSTANTANEOUS, "is it in mW?"),
+        (0.08, "", MeterMeaning.INSTANTANEOUS, "is it in kW?"),
+        (0.13, "kW", MeterMeaning.INSTANTANEOUS, ""),  # a thousandth, and no smaller unit known
+        (0.0011, "mW", MeterMeaning.INSTANTANEOUS, ""),
+        (100.0 / 3600, "J", MeterMeaning.CUMULATIVE, "is it in Wh?"),
+        (100.0 * 3600, "Wh", MeterMeaning.CUMULATIVE, "is it in J?"),
+        (0.1, "Wh", MeterMeaning.CUMULATIVE, "is it in kWh?"),
+        (0.1, "J", MeterMeaning.CUMULATIVE, "is it in kJ?"),
+        (40.0, "", MeterMeaning.INSTANTANEOUS, ""),  # a bad model is no wrong unit
+        (300.0, "", MeterMeaning.INSTANTANEOUS, ""),
+        (-90.0, "", MeterMeaning.INSTANTANEOUS, "is its sign load_negative?"),
+    ],
+)
+def test_a_factor_that_only_a_unit_explains_is_asked_about_and_never_applied(
+    measured, unit, meaning, asked
+):
+    bench = Bench(unit, meaning)
+    found = bench.run(60, measured)
+    if asked:
+        assert len(found) == 1
+        assert found[0].endswith(asked)
+    else:
+        assert found == []
+    assert bench.comparison.measured_energy == pytest.approx(measured * 59, rel=0.03)
+
+
+def test_a_short_stretch_is_not_enough_to_doubt_the_unit():
+    assert Bench().run(20, 100_000.0) == []
+
+
+@pytest.mark.parametrize("offset", [-3600.0, -183.0, 3600.0])
+def test_a_meter_of_another_clock_is_named_with_the_offset(offset):
+    bench = Bench()
+    found = bench.run(90, 100.0, offset=offset)
+    assert bench.comparison.compared_ns == 0
+    assert len(found) == 1
+    number = float(found[0].split("stamp_offset to ")[1])
+    assert number == pytest.approx(-offset, abs=2.0)
+    way = "ahead of" if offset > 0 else "behind"
+    assert way in found[0]
+
+
+def test_a_meter_a_little_from_the_future_is_named_although_something_is_compared():
+    bench = Bench()
+    found = bench.run(90, 100.0, offset=30.0)
+    assert bench.comparison.compared_ns > 0
+    assert "30.1 s ahead of" in found[0] or "29.1 s ahead of" in found[0]
+
+
+def test_a_meter_slower_than_what_is_bridged_is_named():
+    bench = Bench(max_gap=2.0)
+    (found,) = bench.run(61, 100.0, spacing=5)
+    assert "come 5.0 s apart" in found
+    assert "meter_max_gap" in found
+
+
+def test_a_counter_that_stands_still_is_named():
+    bench = Bench(meaning=MeterMeaning.CUMULATIVE)
+    (found,) = bench.run(40, 0.0)
+    assert "has not moved for 39 s" in found
+
+
+def test_a_meter_that_fell_silent_is_left_to_the_watch_of_its_topic():
+    bench = Bench()
+    bench.run(60, 100.0)
+    assert bench.run(60, 100.0, meter=False) == []
+
+
+@given(
+    size=st.integers(1, 60), seed=st.integers(0, 999), cuts=st.lists(st.integers(0, 60), max_size=6)
+)
+def test_the_residual_does_not_depend_on_the_cutting(size, seed, cuts):
+    rng = np.random.default_rng(seed)
+    available = np.sort(rng.integers(0, 200 * SECOND, size))
+    columns = (available, rng.integers(1, SECOND, size), *rng.normal(50.0, 30.0, (2, size)))
+
+    def run(bounds):
+        judgement = Judgement()
+        for start, stop in zip([0, *bounds], [*bounds, size], strict=True):
+            judgement.step(Compared(*(column[start:stop] for column in columns)))
+        return judgement.compared_time, judgement.residual_share
+
+    assert run([]) == run(sorted(min(cut, size) for cut in cuts))
