@@ -35,11 +35,8 @@ class Ledger:
     Attributes:
         registers: Energy registers.
         comparison: Predicted beside measured energy.
-<<<<<<< HEAD
         shaft: Predicted beside measured shaft energy of each joint.
-=======
         judgement: The residual of the newest minute, and what is wrong with the meter.
->>>>>>> 1a97825 (meters: counters that are held, reset or wrap, and findings about the meter)
         peak_power: Highest predicted grid power, NaN before the first sample. [W]
         quality: How many samples carried each quality bit.
         samples: Number of power samples taken.
