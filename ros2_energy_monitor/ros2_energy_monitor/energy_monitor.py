@@ -7,12 +7,18 @@ from typing import Any
 
 from sensor_msgs.msg import JointState
 
-from robot_energy.ingest import JointStateIngest, MeterIngest, TemperatureIngest
+from robot_energy.ingest import JointStateIngest, MeterIngest
 from robot_energy.messages import FrictionWriter, TorqueWriter
 from robot_energy.pipeline import EnergyPipeline, Ledger, Output
 from ros2_energy_monitor.diagnostics import energy_source, joint_state_source, temperature_source
 from ros2_energy_monitor.drain import Inbox
-from ros2_energy_monitor.inputs import drain_all, meter_inbox, temperature_inboxes
+from ros2_energy_monitor.inputs import (
+    drain_all,
+    meter_inbox,
+    temperature_inboxes,
+    temperature_ingest,
+    temperature_inputs,
+)
 from ros2_energy_monitor.monitor_node import MonitorNode
 from ros2_energy_monitor.node_parameters import EnergyParameters
 from ros2_energy_monitor.publishers import (
@@ -44,7 +50,7 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
         """Make the stage, the publishers and the inboxes."""
         names, depth = self.model.joint_names, self.parameters.joint_state_depth
         self.ingest = JointStateIngest(names)
-        self._temperature = TemperatureIngest(names)
+        self._temperature = temperature_ingest(self, self.parameters, self.model)
         self._meter = MeterIngest()
         self._pipeline = EnergyPipeline(self.model, settings_of(self.parameters))
         self._torque_writer = TorqueWriter(names, self.model.model_id)
@@ -53,11 +59,11 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
         self._friction = friction_publisher(self)
         self._books = BooksPublisher(self, self.model, self.ledger)
         self.joint_states = Inbox(self, JointState, "joint_states", best_effort(depth))
-        self.temperatures = temperature_inboxes(self, self.parameters)
+        self.temperatures = temperature_inboxes(self, self._temperature)
         self.readings = meter_inbox(self)
         self.inputs = [
             (self.joint_states, self.ingest.account),
-            *((inbox, self._temperature.account) for inbox in self.temperatures),
+            *temperature_inputs(self._temperature, self.temperatures),
             (self.readings, self._meter.account),
         ]
         self.orders = [self.ingest.order]

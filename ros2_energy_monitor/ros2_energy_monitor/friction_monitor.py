@@ -5,12 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from robot_energy.ingest import TemperatureIngest
 from robot_energy.messages import FrictionWriter
 from robot_energy.pipeline import FrictionStage
 from ros2_energy_monitor.diagnostics import temperature_source
 from ros2_energy_monitor.drain import Inbox
-from ros2_energy_monitor.inputs import drain_all, temperature_inboxes
+from ros2_energy_monitor.inputs import (
+    drain_all,
+    temperature_inboxes,
+    temperature_ingest,
+    temperature_inputs,
+)
 from ros2_energy_monitor.monitor_node import MonitorNode
 from ros2_energy_monitor.node_parameters import FrictionParameters
 from ros2_energy_monitor.publishers import friction_publisher
@@ -34,12 +38,12 @@ class FrictionMonitor(MonitorNode[FrictionParameters]):
 
     def set_up(self) -> None:
         """Make the stage, the publishers and the inboxes."""
-        self.ingest = TemperatureIngest(self.model.joint_names)
+        self.ingest = temperature_ingest(self, self.parameters, self.model)
         self._stage = FrictionStage(self.model)
         self._writer = FrictionWriter(self.model)
         self._publisher = friction_publisher(self)
-        self.temperatures: list[Inbox] = temperature_inboxes(self, self.parameters)
-        self.inputs = [(inbox, self.ingest.account) for inbox in self.temperatures]
+        self.temperatures: list[Inbox] = temperature_inboxes(self, self.ingest)
+        self.inputs = temperature_inputs(self.ingest, self.temperatures)
         self.sources = [temperature_source(self.temperatures, self.ingest, self._stage, self.model)]
 
     def begin(self) -> None:

@@ -2,39 +2,102 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Sequence
 from typing import Any
 
 from rclpy.node import Node
-from ros2_energy_msgs.msg import MotorTemperatures, PowerReading
-from sensor_msgs.msg import Temperature
+from ros2_energy_msgs.msg import PowerReading
 
-from robot_energy.ingest.temperatures import MOTOR_TEMPERATURES, TEMPERATURE
+from robot_energy.ingest import Accounting, TemperatureIngest
+from robot_energy.ingest.sources import INTERFACE_NAMES, TemperatureInputs
+from robot_energy.model_file import RobotModel
 from robot_energy.wire.batch import RawBatch
 from ros2_energy_monitor.drain import Inbox
-from ros2_energy_monitor.node_parameters import EnergyParameters, FrictionParameters
-from ros2_energy_monitor.publishers import best_effort
+from ros2_energy_monitor.publishers import best_effort, latched
 
-TEMPERATURE_CLASSES: dict[str, type[Any]] = {
-    MOTOR_TEMPERATURES: MotorTemperatures,
-    TEMPERATURE: Temperature,
-}
 SLOW_DEPTH = 500  # messages of temperatures and meters, which come at 0.1 to 1000 Hz
 
+KEYS_DEPTH = 10  # messages with names of values, of which the last one counts
 
-def temperature_inboxes(
-    node: Node, parameters: FrictionParameters | EnergyParameters
-) -> list[Inbox]:
-    """Subscribe every topic of motor temperatures.
+
+def message_class(node: Node, msgtype: str, use: str) -> type[Any] | None:
+    """Return the class of a message type, or None after an error in the log.
+
+    Packages of messages are optional: one that is not installed costs the inputs that need
+    it, and nothing else.
+
+    Args:
+        node: The node that asks.
+        msgtype: Type of a message, such as ``control_msgs/msg/DynamicJointState``.
+        use: What it is for, for the log.
+    """
+    package, _, name = msgtype.partition("/msg/")
+    try:
+        return getattr(importlib.import_module(f"{package}.msg"), name)
+    except (ImportError, AttributeError):
+        node.get_logger().error(
+            f"{use} is not read: it needs {msgtype}, which is not installed; install "
+            f"ros-jazzy-{package.replace('_', '-')} or take it out of the parameters"
+        )
+        return None
+
+
+def temperature_ingest(
+    node: Node, parameters: TemperatureInputs, model: RobotModel
+) -> TemperatureIngest:
+    """Return what reads the sources of motor temperatures.
+
+    Sources whose messages are not installed are left out, after an error in the log.
 
     Args:
         node: The node that subscribes.
-        parameters: Names and type of the topics.
+        parameters: The sources.
+        model: The robot's model.
+
+    Raises:
+        ParameterError: If a source names a joint that the model lacks.
     """
-    message_type = TEMPERATURE_CLASSES[parameters.temperature_type]
+    sources = {
+        name: source.resolved(node.resolve_topic_name)
+        for name, source in parameters.temperature_sources.items()
+        if all(
+            [message_class(node, kind, f"the source '{name}'") for kind in source.topics.values()]
+        )
+    }
+    return TemperatureIngest(model.joint_names, sources)
+
+
+def temperature_inboxes(node: Node, ingest: TemperatureIngest) -> list[Inbox]:
+    """Subscribe every topic of motor temperatures, and the keys of those that have some.
+
+    Args:
+        node: The node that subscribes.
+        ingest: What reads the topics.
+    """
     return [
-        Inbox(node, message_type, topic, best_effort(SLOW_DEPTH))
-        for topic in parameters.temperature_topics
+        Inbox(
+            node,
+            kind_class,
+            topic,
+            latched(KEYS_DEPTH) if kind == INTERFACE_NAMES else best_effort(SLOW_DEPTH),
+        )
+        for topic, kind in ingest.topics.items()
+        if (kind_class := message_class(node, kind, topic)) is not None
+    ]
+
+
+def temperature_inputs(
+    ingest: TemperatureIngest, inboxes: Sequence[Inbox]
+) -> list[tuple[Inbox, Accounting]]:
+    """Return what may be thrown away while the node is inactive, with its account.
+
+    The keys of values are not: they come once, and are of use later.
+    """
+    return [
+        (inbox, ingest.account_of(inbox.topic))
+        for inbox in inboxes
+        if inbox.msgtype != INTERFACE_NAMES
     ]
 
 

@@ -6,9 +6,8 @@ All are read-only: a running monitor does not change what its figures mean.
 from __future__ import annotations
 
 import difflib
-import math
-from dataclasses import MISSING, Field, dataclass, field, fields
-from typing import TYPE_CHECKING, Any, TypeVar, cast, get_type_hints
+from dataclasses import MISSING, dataclass
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.exceptions import (
@@ -17,17 +16,20 @@ from rclpy.exceptions import (
     ParameterUninitializedException,
 )
 from rclpy.node import Node
-from rclpy.parameter import Parameter
+from rclpy.parameter import Parameter as RosParameter
 
-from robot_energy.errors import RobotEnergyError
-from robot_energy.ingest.temperatures import MOTOR_TEMPERATURES, TEMPERATURE
+from robot_energy.errors import ParameterError
+from robot_energy.ingest.parameters import Parameter, assemble, parameter
+from robot_energy.ingest.sources import TemperatureInputs
 
-TYPES: dict[Any, tuple[Parameter.Type, str]] = {
-    bool: (Parameter.Type.BOOL, "true or false"),
-    int: (Parameter.Type.INTEGER, "an integer"),
-    float: (Parameter.Type.DOUBLE, "a number"),
-    str: (Parameter.Type.STRING, "a text"),
-    tuple[str, ...]: (Parameter.Type.STRING_ARRAY, "a list of texts"),
+__all__ = ["ParameterError", "declare", "parameter"]
+
+TYPES: dict[Any, RosParameter.Type] = {
+    bool: RosParameter.Type.BOOL,
+    int: RosParameter.Type.INTEGER,
+    float: RosParameter.Type.DOUBLE,
+    str: RosParameter.Type.STRING,
+    tuple[str, ...]: RosParameter.Type.STRING_ARRAY,
 }
 # Overrides that rclpy itself declares or reads.
 OF_RCLPY = ("use_sim_time", "start_type_description_service", "qos_overrides")
@@ -36,30 +38,6 @@ if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
 P = TypeVar("P", bound="DataclassInstance")
-
-
-class ParameterError(RobotEnergyError, ValueError):
-    """A parameter of a node is missing, of a wrong type or out of its range."""
-
-
-def parameter(
-    description: str,
-    default: Any = MISSING,
-    low: float | None = None,
-    high: float | None = None,
-    choices: tuple[str, ...] = (),
-) -> Any:
-    """Describe one parameter; without a default it is required.
-
-    Args:
-        description: What it means, with its unit in brackets.
-        default: Value where none is given.
-        low: Least value allowed.
-        high: Greatest value allowed.
-        choices: The texts allowed; empty for any.
-    """
-    metadata = {"description": description, "low": low, "high": high, "choices": choices}
-    return field(default=default, metadata=metadata)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,17 +79,8 @@ class TorqueParameters(Common):
 
 
 @dataclass(frozen=True, kw_only=True)
-class FrictionParameters(Common):
+class FrictionParameters(TemperatureInputs, Common):
     """Parameters of the friction monitor."""
-
-    temperature_topics: tuple[str, ...] = parameter(
-        "Topics of motor temperatures; all of one type.", ("motor_temperatures",)
-    )
-    temperature_type: str = parameter(
-        "Type of those topics; sensor_msgs/msg/Temperature names its joint in frame_id.",
-        MOTOR_TEMPERATURES,
-        choices=(MOTOR_TEMPERATURES, TEMPERATURE),
-    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -200,76 +169,71 @@ def declare(node: Node, cls: type[P]) -> P:
         ParameterError: If a required parameter is missing, or a value has a wrong type or
             is out of its range.
     """
-    given = cast("dict[str, Parameter]", getattr(node, "_parameter_overrides", {}))
-    hints = get_type_hints(cls)
-    names = [entry.name for entry in fields(cls)]
+    given = cast("dict[str, RosParameter]", getattr(node, "_parameter_overrides", {}))
+    names: list[str] = []
+
+    def value_of(entry: Parameter) -> Any:
+        names.append(entry.name)
+        return _declare_one(node, entry, given)
+
+    values = assemble(cls, value_of, node.get_name())
     _warn_of_unknown(node, given, names)
-    return cls(
-        **{entry.name: _declare_one(node, entry, hints[entry.name], given) for entry in fields(cls)}
-    )
+    return values
 
 
-def _declare_one(node: Node, entry: Field[Any], kind: Any, given: dict[str, Parameter]) -> Any:
+def _declare_one(node: Node, entry: Parameter, given: dict[str, RosParameter]) -> Any:
     name, override = entry.name, given.get(entry.name)
-    if kind is float and override is not None and override.type_ == Parameter.Type.INTEGER:
-        given[name] = Parameter(name, value=float(cast(int, override.value)))  # 50 for 50.0
-    if kind == tuple[str, ...] and override is not None and not override.value:
-        given[name] = Parameter(name, value=[""])  # an empty list has no type
-    default = entry.default
-    if isinstance(default, tuple):
-        default = list(default)
-    expected = _expected(entry, TYPES[kind][1])
+    if entry.kind is float and override is not None and override.type_ == TYPES[int]:
+        given[name] = RosParameter(name, value=float(cast(int, override.value)))  # 50 for 50.0
+    if entry.kind == tuple[str, ...] and override is not None and not override.value:
+        given[name] = RosParameter(name, value=[""])  # an empty list has no type
     missing = ParameterError(
         f"{node.get_name()} was started without its parameter '{name}'",
-        f"{expected}: {entry.metadata['description'].rstrip('.')}",
+        f"{entry.expected}: {entry.description.rstrip('.')}",
         f"add it to the parameter file or start with -p {name}:=...",
     )
     try:
-        start = TYPES[kind][0] if default is MISSING else default
-        node.declare_parameter(name, start, _descriptor(entry, kind))
+        node.declare_parameter(name, _start(entry), _descriptor(entry))
         value: Any = node.get_parameter(name).value
     except ParameterUninitializedException:
         raise missing from None
-    except (InvalidParameterTypeException, InvalidParameterValueException) as error:
-        raise _wrong(node, name, given, expected) from error
-    choices = entry.metadata["choices"]
-    if (choices and value not in choices) or (kind is float and not math.isfinite(value)):
-        raise _wrong(node, name, given, expected)
+    except (InvalidParameterTypeException, InvalidParameterValueException):
+        value = given[name].value if name in given else None
+        raise ParameterError(
+            f"parameter '{name}' of {node.get_name()} is {value!r}", entry.expected
+        ) from None
     if entry.default is MISSING and value in (None, ""):
         raise missing
-    return tuple(text for text in value if text) if kind == tuple[str, ...] else value
+    return entry.check([] if value is None else value, node.get_name())
 
 
-def _wrong(node: Node, name: str, given: dict[str, Parameter], expected: str) -> ParameterError:
-    found = given[name].value if name in given else "?"
-    return ParameterError(f"parameter '{name}' of {node.get_name()} is {found!r}", expected)
+def _start(entry: Parameter) -> Any:
+    """What to declare: the default in the type of a ROS parameter, or its type alone."""
+    if entry.default is MISSING:
+        return TYPES[entry.kind]
+    if isinstance(entry.default, tuple):
+        return list(cast("tuple[str, ...]", entry.default)) or [""]
+    return entry.default
 
 
-def _expected(entry: Field[Any], kind: str) -> str:
-    low, high, choices = (entry.metadata[key] for key in ("low", "high", "choices"))
-    if choices:
-        return "one of " + ", ".join(choices)
-    return kind if low is None else f"{kind} from {low} to {high}"
-
-
-def _descriptor(entry: Field[Any], kind: Any) -> ParameterDescriptor:
-    low, high, choices = (entry.metadata[key] for key in ("low", "high", "choices"))
+def _descriptor(entry: Parameter) -> ParameterDescriptor:
     descriptor = ParameterDescriptor(
         name=entry.name,
-        description=entry.metadata["description"],
-        additional_constraints="one of " + ", ".join(choices) if choices else "",
+        description=entry.description,
+        additional_constraints="one of " + ", ".join(entry.choices) if entry.choices else "",
         read_only=True,
     )
-    if low is not None and kind is float:
+    low, high = entry.low, entry.high
+    if low is not None and high is not None and entry.kind is float:
         descriptor.floating_point_range = [
             FloatingPointRange(from_value=float(low), to_value=float(high))
         ]
-    elif low is not None:
+    elif low is not None and high is not None:
         descriptor.integer_range = [IntegerRange(from_value=int(low), to_value=int(high), step=1)]
     return descriptor
 
 
-def _warn_of_unknown(node: Node, given: dict[str, Parameter], names: list[str]) -> None:
+def _warn_of_unknown(node: Node, given: dict[str, RosParameter], names: list[str]) -> None:
     for name in given:
         if name in names or name.split(".")[0] in OF_RCLPY:
             continue

@@ -111,8 +111,13 @@ def test_single_temperatures_of_several_topics(bench):
     node = bench.add(
         FrictionMonitor,
         model="kr16",
-        temperature_topics=["one", "two"],
-        temperature_type="sensor_msgs/msg/Temperature",
+        temperature_sources=["one", "two"],
+        **{
+            "one.topic": "one",
+            "one.type": "sensor_msgs/msg/Temperature",
+            "two.topic": "two",
+            "two.type": "sensor_msgs/msg/Temperature",
+        },
     )
     latest = bench.latest(JointFriction, "energy/joint_friction")
     for topic, joint, degc in (("one", "joint_a1", 31.0), ("two", "joint_a6", 36.0)):

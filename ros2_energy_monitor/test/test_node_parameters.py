@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import MISSING, fields
+from dataclasses import MISSING
 from pathlib import Path
-from typing import get_type_hints
 
 import pytest
 import yaml
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from robot_energy.ingest.parameters import assemble
+from robot_energy.ingest.sources import FLOAT_ARRAY, TEMPERATURE, TemperatureSource
 from ros2_energy_monitor.node_parameters import (
     ConsoleParameters,
     EnergyParameters,
@@ -33,6 +34,32 @@ NODES = {
 }
 
 
+def entries(cls):
+    """Every parameter of a node, those of its groups included."""
+    found = []
+
+    def value_of(entry):
+        found.append(entry)
+        return "kr16" if entry.default is MISSING else entry.default
+
+    assemble(cls, value_of, "test")
+    return found
+
+
+def flat(values, prefix=""):
+    """Parameters of a file by full name."""
+    found = {}
+    for name, value in values.items():
+        is_group = isinstance(value, dict)
+        found |= flat(value, f"{prefix}{name}.") if is_group else {prefix + name: value}
+    return found
+
+
+def configured(name):
+    document = yaml.safe_load((CONFIG / f"{name}.yaml").read_text())
+    return flat(document["/**"]["ros__parameters"])
+
+
 class Any(Node):
     """A node with the parameters of the torque monitor."""
 
@@ -51,9 +78,8 @@ def test_every_node_has_a_configuration_and_no_other():
 
 @pytest.mark.parametrize("name", NODES)
 def test_configuration_holds_every_parameter_with_its_default(name):
-    document = yaml.safe_load((CONFIG / f"{name}.yaml").read_text())
-    values = document["/**"]["ros__parameters"]
-    defaults = {entry.name: entry.default for entry in fields(NODES[name])}
+    values = configured(name)
+    defaults = {entry.name: entry.default for entry in entries(NODES[name])}
     assert list(values) == list(defaults)
     for key, default in defaults.items():
         if default is not MISSING:
@@ -65,30 +91,27 @@ def test_configuration_holds_every_parameter_with_its_default(name):
 def test_configuration_explains_every_parameter(name):
     lines = (CONFIG / f"{name}.yaml").read_text().splitlines()
     words = " ".join(" ".join(line.strip().removeprefix("#") for line in lines).split())
-    for entry in fields(NODES[name]):
-        assert entry.metadata["description"] in words, entry.name
+    for entry in entries(NODES[name]):
+        assert entry.description in words, entry.name
 
 
 @pytest.mark.parametrize("name", NODES)
 def test_every_number_has_a_unit_and_a_range(name):
-    hints = get_type_hints(NODES[name])
-    for entry in fields(NODES[name]):
-        if hints[entry.name] is float:
-            assert "[" in entry.metadata["description"], entry.name
-        if hints[entry.name] in (int, float):
-            assert entry.metadata["low"] < entry.metadata["high"], entry.name
+    for entry in entries(NODES[name]):
+        if entry.kind is float:
+            assert "[" in entry.description, entry.name
+        if entry.kind in (int, float):
+            assert entry.low < entry.high, entry.name
 
 
 @pytest.mark.parametrize("name", NODES)
 def test_configuration_file_is_accepted(bench, name):
-    document = yaml.safe_load((CONFIG / f"{name}.yaml").read_text())
-    node = bench.add(Any, NODES[name], **document["/**"]["ros__parameters"])
-    assert node.values == NODES[name](
-        **{
-            key: tuple(value) if isinstance(value, list) else value
-            for key, value in document["/**"]["ros__parameters"].items()
-        }
+    values = configured(name)
+    node = bench.add(Any, NODES[name], **values)
+    expected = assemble(
+        NODES[name], lambda entry: entry.check(values[entry.name], "the file"), "the file"
     )
+    assert node.values == expected
 
 
 def test_descriptors_are_complete_and_read_only(bench):
@@ -132,13 +155,57 @@ def test_wrong_values_are_refused_in_one_sentence(bench, given, words):
 
 def test_wrong_choice_lists_the_right_ones(bench):
     with pytest.raises(ParameterError, match=r"one of ros2_energy_msgs/msg/MotorTemperatures"):
-        bench.add(Any, FrictionParameters, model="kr16", temperature_type="Temperature")
+        bench.add(Any, FrictionParameters, model="kr16", **{"motors.type": "Temperature"})
 
 
 def test_whole_numbers_and_empty_lists_are_understood(bench):
-    node = bench.add(Any, FrictionParameters, model="kr16", tick_rate=20, temperature_topics=[])
+    node = bench.add(Any, FrictionParameters, model="kr16", tick_rate=20, temperature_sources=[])
     assert node.values.tick_rate == 20.0
-    assert node.values.temperature_topics == ()
+    assert node.values.temperature_sources == {}
+
+
+def test_sources_are_groups_of_parameters(bench):
+    node = bench.add(
+        Any,
+        FrictionParameters,
+        model="kr16",
+        temperature_sources=["wrist", "arm"],
+        **{
+            "wrist.topic": "wrist/temperature",
+            "wrist.type": TEMPERATURE,
+            "wrist.joints": ["joint_a4"],
+            "arm.topic": "arm",
+            "arm.type": FLOAT_ARRAY,
+            "arm.unit": "kelvin",
+            "arm.joints": ["joint_a1", "-"],
+        },
+    )
+    assert node.values.temperature_sources == {
+        "wrist": TemperatureSource(
+            topic="wrist/temperature", type=TEMPERATURE, joints=("joint_a4",)
+        ),
+        "arm": TemperatureSource(
+            topic="arm", type=FLOAT_ARRAY, unit="kelvin", joints=("joint_a1", "-")
+        ),
+    }
+    descriptor = node.describe_parameter("arm.unit")
+    assert descriptor.read_only
+    assert descriptor.additional_constraints == "one of degc, kelvin"
+    assert not node.set_parameters([Parameter("arm.unit", value="degc")])[0].successful
+
+
+def test_a_source_that_does_not_fit_is_refused_by_its_name(bench):
+    with pytest.raises(ParameterError) as caught:
+        bench.add(Any, FrictionParameters, model="kr16", **{"motors.type": FLOAT_ARRAY})
+    assert "'motors' of torque_monitor: type is Float64MultiArray but joints is empty" in str(
+        caught.value
+    )
+
+
+def test_unknown_parameter_of_a_group_is_named_with_its_neighbour(bench, capfd):
+    bench.add(Any, FrictionParameters, model="kr16", **{"motors.topik": "x"})
+    output = capfd.readouterr().err
+    assert "has no parameter 'motors.topik'; did you mean 'motors.topic'?" in output
 
 
 def test_unknown_parameter_is_named_with_its_neighbour(bench, capfd):

@@ -26,6 +26,7 @@ Int = NDArray[np.int64]
 Bits = NDArray[np.uint32]
 
 NANOSECOND = 1e-9  # s
+PLAUSIBLE_DEGC = (-40.0, 200.0)  # what a motor can read
 
 
 class Quality(IntFlag):
@@ -53,7 +54,7 @@ class Phase(IntEnum):
     GENERATING = 3
 
 
-class TemperatureSource(IntEnum):
+class TemperatureOrigin(IntEnum):
     """Where the temperature behind a friction coefficient comes from."""
 
     UNKNOWN = 0

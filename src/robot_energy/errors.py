@@ -62,6 +62,10 @@ class MessageTypeError(RobotEnergyError, TypeError):
     """A message type is unknown or lacks a field."""
 
 
+class ParameterError(RobotEnergyError, ValueError):
+    """A parameter of a node or input is missing, of a wrong type, out of range or misfitting."""
+
+
 class LogFormatError(RobotEnergyError, ValueError):
     """A log (CSV) or its mapping cannot be imported."""
 

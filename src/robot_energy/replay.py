@@ -11,11 +11,13 @@ from typing import ClassVar
 import numpy as np
 
 from robot_energy.bag import DEFAULT_QOS, LATCHED_QOS, BagReader, BagWriter
+from robot_energy.bag_sources import named_sources, possible_temperatures, sources_by_type
 from robot_energy.blocks import FrictionBlock, JointBlock
 from robot_energy.comparison import Compared
 from robot_energy.errors import BagError, MissingTopicError, UnknownJointError
 from robot_energy.ingest import JointStateIngest, MeterIngest, TemperatureIngest
 from robot_energy.ingest.joint_states import JOINT_STATE
+from robot_energy.ingest.sources import Inputs, TemperatureSource
 from robot_energy.messages import (
     FrictionWriter,
     PowerStateWriter,
@@ -64,6 +66,7 @@ class Replay:
         meter: Accounting of the meter.
         pipeline: The pipeline with its books closed.
         problems: What was wrong with the bag, one sentence each.
+        notes: What a user should know of the inputs, one sentence each.
         means: Means of every period, where they were asked for.
         compared: What became comparable with the meter in each step, where means were
             asked for; their sums are those of the comparison.
@@ -78,6 +81,7 @@ class Replay:
     meter: MeterIngest
     pipeline: EnergyPipeline
     problems: list[str] = field(default_factory=list[str])
+    notes: list[str] = field(default_factory=list[str])
     means: MeanBlock | None = None
     compared: list[Compared] = field(default_factory=list[Compared])
     origin: str = ""
@@ -96,7 +100,7 @@ def find_topics(bag: BagReader, wanted: Topics) -> Topics:
         wanted: What the user named.
 
     Returns:
-        The topics; ``meter`` stays None and ``temperatures`` empty where there are none.
+        The topics; ``meter`` stays None where there is none.
 
     Raises:
         MissingTopicError: If a named topic is absent or of another type, or the joint
@@ -109,16 +113,35 @@ def find_topics(bag: BagReader, wanted: Topics) -> Topics:
             f"a topic of type {JOINT_STATE}",
             f"it has {', '.join(sorted(bag.topics)) or 'no topics'}",
         )
-    if wanted.temperatures is None:
-        temperatures = tuple(
-            sorted(t for t, info in bag.topics.items() if info.msgtype in TemperatureIngest.types)
-        )
-    else:
-        temperatures = wanted.temperatures
-        for topic in temperatures:
-            bag.require(topic, TemperatureIngest.types)
     meter = _one(bag, wanted.meter, MeterIngest.types, "a power meter", "--meter")
-    return Topics(joints, temperatures, meter)
+    return Topics(joints, wanted.temperatures, meter)
+
+
+def find_temperatures(
+    bag: BagReader, wanted: Topics, inputs: Inputs | None
+) -> tuple[dict[str, TemperatureSource], list[str]]:
+    """Find the sources of motor temperatures in a bag.
+
+    Args:
+        bag: An open bag.
+        wanted: What the user named.
+        inputs: Inputs of the node that the bag is to be read like; None to go by types.
+
+    Returns:
+        The sources by name, and what the user should know of them.
+
+    Raises:
+        MissingTopicError: If a named topic is absent or of another type.
+    """
+    if inputs is not None and wanted.temperatures is None:
+        return named_sources(bag, inputs.temperature_sources)
+    sources = sources_by_type(bag, wanted.temperatures)
+    possible = possible_temperatures(bag) if not sources and wanted.temperatures is None else []
+    return sources, [
+        f"{topic} ({bag.topics[topic].msgtype}) may hold motor temperatures; say what it means "
+        "in a parameter file and name that with --inputs"
+        for topic in possible
+    ]
 
 
 def _one(
@@ -146,6 +169,7 @@ def replay(
     overwrite: bool = False,
     keep_means: bool = False,
     progress: Progress | None = None,
+    inputs: Inputs | None = None,
 ) -> Replay:
     """Run a bag through the pipeline.
 
@@ -159,6 +183,7 @@ def replay(
         keep_means: Whether to return the means of every period and what was compared
             (memory grows with the bag).
         progress: Called with the share done, 0 to 1.
+        inputs: What the inputs of a live monitor are, to read the bag in the same way.
 
     Returns:
         The closed books and the accounting of every input.
@@ -175,15 +200,18 @@ def replay(
     pipeline = EnergyPipeline(model, settings)
     bag = BagReader(path)
     used = find_topics(bag, topics or Topics())
+    sources, notes = find_temperatures(bag, used, inputs)
+    temperatures = TemperatureIngest(model.joint_names, sources, bag.typestore)
     result = Replay(
         bag=Path(path),
         model=model,
-        topics=used,
+        topics=replace(used, temperatures=tuple(temperatures.topics)),
         joint_states=JointStateIngest(model.joint_names, bag.typestore),
-        temperatures=TemperatureIngest(model.joint_names, bag.typestore),
+        temperatures=temperatures,
         meter=MeterIngest(bag.typestore),
         pipeline=pipeline,
         origin=bag.origin,
+        notes=notes,
     )
     means: list[MeanBlock] = []
     compared: list[Compared] = []
@@ -197,6 +225,7 @@ def replay(
             if keep_means and output.means is not None:
                 means.append(output.means)
         result.problems += bag.problems
+        result.notes += temperatures.doubts
         _require_samples(result)
     finally:
         if writer is not None:

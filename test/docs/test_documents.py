@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from robot_energy.blocks import MeterLocation, MeterMeaning, Phase, Quality, TemperatureSource
+from robot_energy.blocks import MeterLocation, MeterMeaning, Phase, Quality, TemperatureOrigin
 from robot_energy.ingest.order import BACKWARD_JUMP_NS
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -83,7 +83,7 @@ def constants(message):
         ("PowerState", "LOCATION_", MeterLocation),
         ("PowerReading", "LOCATION_", MeterLocation),
         ("PowerReading", "MEANING_", MeterMeaning),
-        ("JointFriction", "SOURCE_", TemperatureSource),
+        ("JointFriction", "SOURCE_", TemperatureOrigin),
     ],
 )
 def test_constants_of_messages_and_code_are_the_same(message, prefix, enumeration):

@@ -59,12 +59,13 @@ def run(args: Namespace) -> int:
 
 
 def _use(msgtype: str) -> str:
-    from robot_energy.ingest import MeterIngest, TemperatureIngest
+    from robot_energy.ingest import MeterIngest
     from robot_energy.ingest.joint_states import JOINT_STATE
+    from robot_energy.ingest.sources import SELF_TOLD
 
     if msgtype == JOINT_STATE:
         return "joint states"
-    if msgtype in TemperatureIngest.types:
+    if msgtype in SELF_TOLD:
         return "temperatures"
     return "meter" if msgtype in MeterIngest.types else ""
 

@@ -31,7 +31,8 @@ predicted beside measured over the same time, per joint, per loss, per phase, wi
 was left out and why.
 
 Topics are found by their type: sensor_msgs/JointState, MotorTemperatures or
-sensor_msgs/Temperature (frame_id = joint), PowerReading. Name them where there are several.
+sensor_msgs/Temperature (frame_id = joint), PowerReading. Name them where there are several;
+what else a robot publishes is described in the parameter file of its monitor (--inputs).
 """
 EPILOG = """\
 examples:
@@ -39,6 +40,7 @@ examples:
   robot-energy replay bag --model my_robot.yaml --out bag_energy --json energy.json
   robot-energy replay bag --model ur3e --compare --plot power.png
   robot-energy replay bag --model ur3e --compare 20 --temperatures /driver/temperatures
+  robot-energy replay bag --model my_robot.yaml --inputs energy_monitor.yaml
   robot-energy replay bag --model ur3e --json - | jq .comparison
 """
 
@@ -81,6 +83,11 @@ def add_parser(commands: Any) -> None:
         help="topics of motor temperatures; 'none' to use none of the bag's",
     )
     topics.add_argument("--meter", metavar="TOPIC")
+    topics.add_argument(
+        "--inputs",
+        metavar="FILE",
+        help="parameter file of a monitor node: read the bag as that node reads its topics",
+    )
     friction = parser.add_argument_group("friction").add_mutually_exclusive_group()
     friction.add_argument(
         "--fixed-friction",
@@ -196,6 +203,7 @@ def run(args: Namespace) -> int:
 
 
 def _replay(args: Namespace, model: RobotModel, label: str, out: str | None) -> Replay:
+    from robot_energy.inputs_file import read_inputs
     from robot_energy.pipeline import Settings
     from robot_energy.replay import Topics, replay
 
@@ -204,8 +212,9 @@ def _replay(args: Namespace, model: RobotModel, label: str, out: str | None) -> 
     temperatures = None if named is None else tuple(topic for topic in named if topic != NONE)
     names = ("derivative_window", "settle", "power_period", "meter_max_gap")
     given = {name: getattr(args, name) for name in names if getattr(args, name) is not None}
+    inputs, notes = (None, []) if args.inputs is None else read_inputs(args.inputs)
     with progress(label) as report:
-        return replay(
+        result = replay(
             args.bag,
             model,
             topics=Topics(args.joint_states, temperatures, args.meter),
@@ -214,7 +223,10 @@ def _replay(args: Namespace, model: RobotModel, label: str, out: str | None) -> 
             overwrite=args.overwrite,
             keep_means=args.plot is not None,
             progress=report,
+            inputs=inputs,
         )
+    result.notes[:0] = notes
+    return result
 
 
 def _plot(

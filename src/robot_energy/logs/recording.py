@@ -14,7 +14,7 @@ from robot_energy.errors import LogFormatError
 from robot_energy.ingest.accounting import Accounting
 from robot_energy.ingest.joint_states import JOINT_STATE
 from robot_energy.ingest.meter import POWER_READING
-from robot_energy.ingest.temperatures import MOTOR_TEMPERATURES
+from robot_energy.ingest.sources import MOTOR_TEMPERATURES
 from robot_energy.wire import Encoder, stamp_columns
 
 JOINT_STATES_TOPIC = "/joint_states"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import FrictionBlock, TemperatureSource
+from robot_energy.blocks import FrictionBlock, TemperatureOrigin
 from robot_energy.ingest.accounting import Accounting
 from robot_energy.model_file import RobotModel
 from robot_energy.wire.batch import RawBatch
@@ -38,7 +38,7 @@ class FrictionWriter:
     def encode(self, block: FrictionBlock) -> NDArray[np.uint8]:
         """Return one serialised message per row, shape (N, size)."""
         measured = ~np.isnan(block.motor_temperature_degc)
-        source = np.where(measured, TemperatureSource.MEASURED, TemperatureSource.FALLBACK)
+        source = np.where(measured, TemperatureOrigin.MEASURED, TemperatureOrigin.FALLBACK)
         columns = {name: getattr(block, name) for name in ARRAYS}
         return self._encoder.encode(
             {

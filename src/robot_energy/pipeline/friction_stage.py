@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from robot_energy.blocks import (
+    PLAUSIBLE_DEGC,
     Float,
     FrictionBlock,
     Int,
@@ -20,7 +21,6 @@ from robot_energy.blocks import (
 from robot_energy.friction import FrictionModel
 from robot_energy.model_file import RobotModel
 
-PLAUSIBLE_DEGC = (-40.0, 200.0)
 BACKWARD_JUMP_NS = 1_000_000_000  # older stamps than this are a new epoch, not late ones
 
 

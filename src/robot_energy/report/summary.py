@@ -240,7 +240,7 @@ def _problems(result: Replay, energy: dict[str, Any]) -> list[str]:
 
 def _notes(result: Replay) -> list[str]:
     """What a reader should know before trusting the figures."""
-    notes: list[str] = []
+    notes: list[str] = list(result.notes)
     ledger, topics = result.ledger, result.topics
     if not topics.meter:
         notes.append("the bag has no power meter: nothing was measured")

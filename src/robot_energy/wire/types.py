@@ -1,4 +1,4 @@
-"""Message definitions: ROS 2 Jazzy's own and those of ros2_energy_msgs."""
+"""Message definitions: ROS 2 Jazzy's own, those of ros2_energy_msgs and a few of control_msgs."""
 
 from __future__ import annotations
 
@@ -12,11 +12,21 @@ if TYPE_CHECKING:
 
 ENERGY_PACKAGE = "ros2_energy_msgs"
 _MSG_FOLDER = Path(__file__).parent / "msg"
+# Of packages that need not be installed, as far as they are read here.
+_OPTIONAL = {
+    "control_msgs/msg/DynamicJointState": (
+        "std_msgs/Header header\nstring[] joint_names\n"
+        "control_msgs/InterfaceValue[] interface_values\n"
+    ),
+    "control_msgs/msg/InterfaceValue": "string[] interface_names\nfloat64[] values\n",
+    "control_msgs/msg/Float64Values": "std_msgs/Header header\nfloat64[] values\n",
+    "control_msgs/msg/Keys": "std_msgs/Header header\nstring[] keys\n",
+}
 
 
 @cache
 def typestore() -> Typestore:
-    """Return the message definitions of ROS 2 Jazzy and ros2_energy_msgs.
+    """Return the message definitions of ROS 2 Jazzy, ros2_energy_msgs and control_msgs (a few).
 
     The store is made at the first call and shared: take a copy to add types to it.
 
@@ -30,8 +40,10 @@ def typestore() -> Typestore:
     for path in sorted(_MSG_FOLDER.glob("*.msg")):
         name = f"{ENERGY_PACKAGE}/msg/{path.stem}"
         definitions.update(get_types_from_msg(path.read_text(encoding="utf-8"), name))
-    if definitions:
-        store.register(definitions)
+    for name, text in _OPTIONAL.items():
+        if name not in store.fielddefs:
+            definitions.update(get_types_from_msg(text, name))
+    store.register(definitions)
     return store
 
 

@@ -1,6 +1,7 @@
 import numpy as np
 
 from robot_energy.ingest import TemperatureIngest
+from robot_energy.ingest.sources import TemperatureSource
 from robot_energy.wire.batch import RawBatch
 from robot_energy.wire.layout import Encoder, stamp_columns
 
@@ -9,13 +10,18 @@ OWN = "ros2_energy_msgs/msg/MotorTemperatures"
 STANDARD = "sensor_msgs/msg/Temperature"
 
 
+def ingest_of(*topics, joints=("a", "b"), **settings):
+    sources = {topic: TemperatureSource(topic=topic, **settings) for topic in topics}
+    return TemperatureIngest(joints, sources)
+
+
 def own(topic, stamps, values, names=("a", "b")):
     encoder = Encoder(OWN, {"joint_names": names}, {"temperature_degc": len(names)})
     stamp = np.rint(np.asarray(stamps) * SECOND).astype(np.int64)
     rows = encoder.encode(
         {**stamp_columns(stamp), "temperature_degc": np.asarray(values, dtype=float)}, len(stamp)
     )
-    log = np.arange(len(stamp), dtype=np.int64)
+    log = np.maximum.accumulate(stamp)
     return RawBatch.from_messages(topic, OWN, log, [row.tobytes() for row in rows])
 
 
@@ -23,19 +29,19 @@ def standard(topic, stamps, values, frame):
     encoder = Encoder(STANDARD, {"header.frame_id": frame, "variance": 0.0})
     stamp = np.rint(np.asarray(stamps) * SECOND).astype(np.int64)
     rows = encoder.encode({**stamp_columns(stamp), "temperature": np.asarray(values)}, len(stamp))
-    log = np.arange(len(stamp), dtype=np.int64)
+    log = np.maximum.accumulate(stamp)
     return RawBatch.from_messages(topic, STANDARD, log, [row.tobytes() for row in rows])
 
 
 def test_joints_are_matched_by_name_and_unknown_ones_listed():
-    ingest = TemperatureIngest(("a", "b"))
+    ingest = ingest_of("/t")
     block = ingest.step([own("/t", [1.0], [[50.0, 30.0, 40.0]], ("x", "a", "b"))])
     np.testing.assert_array_equal(block.motor_temperature_degc, [[30.0, 40.0]])
     assert ingest.ignored_joints == {"x"}
 
 
 def test_topics_of_one_joint_each_are_merged_by_stamp():
-    ingest = TemperatureIngest(("a", "b"))
+    ingest = ingest_of("/ta", "/tb", "/tx", type=STANDARD)
     block = ingest.step([
         standard("/ta", [1.0, 3.0], [30.0, 31.0], "a"),
         standard("/tb", [2.0, 4.0], [40.0, 41.0], "b"),
@@ -51,13 +57,13 @@ def test_topics_of_one_joint_each_are_merged_by_stamp():
 
 
 def test_a_loop_keeps_the_order_of_arrival():
-    ingest = TemperatureIngest(("a", "b"))
+    ingest = ingest_of("/t")
     block = ingest.step([own("/t", [8.0, 9.0, 1.0, 2.0], np.arange(8.0).reshape(4, 2))])
     np.testing.assert_array_equal(block.stamp_ns, np.array([8, 9, 1, 2]) * SECOND)
 
 
 def test_bad_messages_are_counted_by_reason():
-    ingest = TemperatureIngest(("a", "b"))
+    ingest = ingest_of("/t")
     batch = own("/t", [0.0, 1.0, 2.0], [[1.0, 2.0], [np.nan, np.nan], [3.0, np.nan]])
     block = ingest.step([batch])
     assert len(block) == 1

@@ -1,0 +1,224 @@
+"""Dataclasses whose fields are parameters: described once, read from a node or from a file.
+
+A field made with `parameter` carries its meaning, range and choices. A field made with
+`group`, `named_groups` or `flat_group` holds another such dataclass:
+
+- ``group(MeterSource)``: its parameters are ``<field>.<name>``, as in ``meter.topic``;
+- ``flat_group(JointStateSource)``: its parameters are its own names, without a prefix;
+- ``named_groups(TemperatureSource, ...)``: the field itself is a list of names, and for
+  each name N there are the parameters ``N.<name>``.
+
+`assemble` walks such a class and asks for every value by name. Nodes declare a ROS
+parameter for each; a replay reads the same names from the node's own parameter file. What
+no single value can tell (one setting that needs another) is checked by ``__post_init__``,
+which raises a `ParameterError` about its own field names; `assemble` adds whose they are.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import MISSING, dataclass, field, fields
+from typing import TYPE_CHECKING, Any, TypeVar, cast, get_type_hints
+
+from robot_energy.errors import ParameterError
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+D = TypeVar("D", bound="DataclassInstance")
+KINDS: dict[Any, str] = {
+    bool: "true or false",
+    int: "an integer",
+    float: "a number",
+    str: "a text",
+    tuple[str, ...]: "a list of texts",
+}
+GROUP_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter: its full name and what its field says about it.
+
+    Attributes:
+        name: Full name, such as ``motors.topic``.
+        kind: Its type, one of `KINDS`.
+        default: Value where none is given; ``dataclasses.MISSING`` if it is required.
+        description: What it means, with its unit in brackets.
+        low: Least value allowed, or None.
+        high: Greatest value allowed, or None.
+        choices: The texts allowed; empty for any.
+    """
+
+    name: str
+    kind: Any
+    default: Any
+    description: str
+    low: float | None
+    high: float | None
+    choices: tuple[str, ...]
+
+    @property
+    def expected(self) -> str:
+        """What a value must be, in words."""
+        if self.choices:
+            return "one of " + ", ".join(self.choices)
+        kind = KINDS[self.kind]
+        return kind if self.low is None else f"{kind} from {self.low} to {self.high}"
+
+    def check(self, value: Any, owner: str) -> Any:
+        """Return a value in the type of the field.
+
+        Args:
+            value: As given; an integer serves as a number, a list as a tuple. Empty texts
+                in a list count for nothing, as some formats cannot say an empty list.
+            owner: Whose parameter it is, for the error text.
+
+        Raises:
+            ParameterError: If it has a wrong type, is out of its range or no choice.
+        """
+        given = value
+        if self.kind is float and isinstance(value, int) and not isinstance(value, bool):
+            value = float(value)
+        if self.kind == tuple[str, ...]:
+            fits = isinstance(value, list | tuple)
+            items = cast("Sequence[Any]", value) if fits else ()
+            fits = fits and all(isinstance(item, str) for item in items)
+            value = tuple(item for item in items if item)
+        else:
+            fits = type(value) is self.kind
+            fits = fits and not (self.kind is float and not math.isfinite(value))
+        if fits and self.low is not None and self.high is not None:
+            fits = self.low <= value <= self.high
+        if not fits or (self.choices and value not in self.choices):
+            raise ParameterError(f"parameter '{self.name}' of {owner} is {given!r}", self.expected)
+        return value
+
+
+def parameter(
+    description: str,
+    default: Any = MISSING,
+    low: float | None = None,
+    high: float | None = None,
+    choices: tuple[str, ...] = (),
+) -> Any:
+    """Describe one parameter; without a default it is required.
+
+    Args:
+        description: What it means, with its unit in brackets.
+        default: Value where none is given.
+        low: Least value allowed.
+        high: Greatest value allowed.
+        choices: The texts allowed; empty for any.
+    """
+    metadata = {"description": description, "low": low, "high": high, "choices": choices}
+    return field(default=default, metadata=metadata)
+
+
+def group(cls: type[D]) -> D:
+    """A field that holds the parameters of ``cls`` under the field's name."""
+    return field(default_factory=cls, metadata={"group": cls, "how": "named"})
+
+
+def flat_group(cls: type[D]) -> D:
+    """A field that holds the parameters of ``cls`` under their own names."""
+    return field(default_factory=cls, metadata={"group": cls, "how": "flat"})
+
+
+def named_groups(
+    cls: type[D],
+    description: str,
+    *names: str,
+    check: Callable[[Mapping[str, D]], None] = lambda groups: None,
+) -> Mapping[str, D]:
+    """A field that holds any number of ``cls`` by name, where the names are a parameter.
+
+    Args:
+        cls: The dataclass of one group; all its fields must have defaults.
+        description: What the list of names means.
+        names: The groups there are where none are named.
+        check: Raises a `ParameterError` if the groups do not fit together.
+    """
+    metadata = {
+        "group": cls,
+        "how": "many",
+        "description": description,
+        "names": names,
+        "check": check,
+    }
+    made: Mapping[str, D] = field(
+        default_factory=lambda: {name: cls() for name in names}, metadata=metadata
+    )
+    return made
+
+
+def assemble(cls: type[D], value_of: Callable[[Parameter], Any], owner: str) -> D:
+    """Build a dataclass from its parameters.
+
+    Args:
+        cls: A dataclass whose fields were made by the functions of this module.
+        value_of: Gives the value of a parameter, checked; called once for each, in order.
+        owner: Whose parameters they are, for error texts.
+
+    Returns:
+        The instance.
+
+    Raises:
+        ParameterError: If the values do not fit together, and what ``value_of`` raises.
+    """
+    taken = {entry.name for entry in fields(cls) if entry.metadata.get("how") != "flat"}
+    return _assemble(cls, value_of, owner, "", taken)
+
+
+def _assemble(
+    cls: type[D], value_of: Callable[[Parameter], Any], owner: str, prefix: str, taken: set[str]
+) -> D:
+    values: dict[str, Any] = {}
+    hints = get_type_hints(cls)
+    for entry in fields(cls):
+        name, about = prefix + entry.name, entry.metadata
+        inner = cast("type[Any]", about.get("group"))
+        match about.get("how"):
+            case "named":
+                value = _assemble(inner, value_of, owner, f"{name}.", taken)
+            case "flat":
+                value = _assemble(inner, value_of, owner, prefix, taken)
+            case "many":
+                asked = Parameter(
+                    name, tuple[str, ...], about["names"], about["description"], None, None, ()
+                )
+                names = _group_names(value_of(asked), name, owner, taken)
+                value = {
+                    each: _assemble(inner, value_of, owner, f"{prefix}{each}.", taken)
+                    for each in names
+                }
+                _own(about["check"], value, owner, prefix)
+            case _:
+                rest = {key: about[key] for key in ("description", "low", "high", "choices")}
+                value = value_of(Parameter(name, hints[entry.name], entry.default, **rest))
+        values[entry.name] = value
+    return _own(lambda given: cls(**given), values, owner, prefix)
+
+
+def _own(action: Callable[[Any], Any], value: Any, owner: str, prefix: str) -> Any:
+    """Do something with values; say in its error whose they are."""
+    try:
+        return action(value)
+    except ParameterError as error:
+        whose = f"'{prefix[:-1]}' of {owner}" if prefix else owner
+        raise ParameterError(f"{whose}: {error.found}", error.expected, error.remedy) from None
+
+
+def _group_names(
+    names: tuple[str, ...], parameter_name: str, owner: str, taken: set[str]
+) -> tuple[str, ...]:
+    for name in names:
+        if not GROUP_NAME.fullmatch(name) or names.count(name) > 1 or name in taken:
+            why = "twice" if names.count(name) > 1 else "which cannot name a group"
+            raise ParameterError(
+                f"parameter '{parameter_name}' of {owner} has '{name}' {why}",
+                "names of letters, digits and _, each once, and of no other parameter",
+            )
+    return names

@@ -1,0 +1,172 @@
+"""What the inputs are: topics, types, units and meanings, the same live and in replay.
+
+Each source is a frozen dataclass made of `parameter` fields; its ``__post_init__`` refuses
+what does not fit together. The ``...Inputs`` classes say how sources are named among the
+parameters of a node; a node's parameters inherit those it needs, and `Inputs` is all of
+them, as `robot_energy.ingest.source_file.read_inputs` reads them for a replay.
+
+A new kind of source is one dataclass here, one ``...Inputs`` class with a `group`,
+`flat_group` or `named_groups` field, and its name among the bases of `Inputs`; nodes then
+declare its parameters, and the parameter file of the node serves replay.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+from robot_energy.errors import ParameterError
+from robot_energy.ingest.parameters import named_groups, parameter
+
+MOTOR_TEMPERATURES = "ros2_energy_msgs/msg/MotorTemperatures"
+TEMPERATURE = "sensor_msgs/msg/Temperature"
+FLOAT_ARRAY = "std_msgs/msg/Float64MultiArray"
+DYNAMIC_JOINT_STATE = "control_msgs/msg/DynamicJointState"
+INTERFACE_VALUES = "control_msgs/msg/Float64Values"
+INTERFACE_NAMES = "control_msgs/msg/Keys"
+DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
+
+NO_JOINT = "-"  # a place of an array that is none of the model's joints
+SELF_TOLD = (MOTOR_TEMPERATURES, TEMPERATURE)  # a topic of these types needs no settings
+TEMPERATURE_TYPES = (
+    MOTOR_TEMPERATURES,
+    TEMPERATURE,
+    FLOAT_ARRAY,
+    DYNAMIC_JOINT_STATE,
+    INTERFACE_VALUES,
+    DIAGNOSTICS,
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TemperatureSource:
+    """A topic, or a pair of topics, that brings motor temperatures."""
+
+    topic: str = parameter("Topic of the messages.", "motor_temperatures")
+    type: str = parameter("Type of the messages.", MOTOR_TEMPERATURES, choices=TEMPERATURE_TYPES)
+    unit: str = parameter("Unit of the values.", "degc", choices=("degc", "kelvin"))
+    joints: tuple[str, ...] = parameter(
+        "Joints of the model that the source is for. Float64MultiArray: in the order of its "
+        "data, - for a place that is no joint. Temperature: the one joint of the topic, or "
+        "those of names. Empty: as the messages name them.",
+        (),
+    )
+    names: tuple[str, ...] = parameter(
+        "What the messages call these joints, in the same order: joint names, the frame ids "
+        "of Temperature, the names of the statuses of DiagnosticArray (one for all or one for "
+        "each; a * at the end stands for anything). Empty: as the model does.",
+        (),
+    )
+    stamps: str = parameter(
+        "Whether a reading is of the time in its header or of its receipt, which is all that "
+        "Float64MultiArray has.",
+        "header",
+        choices=("header", "receipt"),
+    )
+    interface: str = parameter(
+        "Interface of DynamicJointState, or the last part of the keys of Float64Values, "
+        "that is a temperature.",
+        "temperature",
+    )
+    names_topic: str = parameter(
+        "Topic of the keys of Float64Values; empty for 'names' beside the topic.", ""
+    )
+    keys: tuple[str, ...] = parameter(
+        "Keys of the values of DiagnosticArray: one for all joints, or one for each.",
+        ("temperature",),
+    )
+
+    def __post_init__(self) -> None:
+        if not self.topic:
+            raise ParameterError("topic is empty", "the topic of the messages")
+        joints = [name for name in self.joints if name != NO_JOINT]
+        repeated = sorted({name for name in joints if joints.count(name) > 1})
+        if repeated:
+            raise ParameterError(f"joints has {', '.join(repeated)} twice", "each joint once")
+        kind = self.type.rpartition("/")[2]
+        if not self.joints and (self.names or self.type in (FLOAT_ARRAY, DIAGNOSTICS)):
+            given = "names is given but joints" if self.names else f"type is {kind} but joints"
+            raise ParameterError(f"{given} is empty", "the joints of the model, in order")
+        if self.type == FLOAT_ARRAY and self.names:
+            raise ParameterError("names is given for Float64MultiArray", "joints alone")
+        if self.type == TEMPERATURE and len(self.joints) > 1 and not self.names:
+            raise ParameterError(
+                f"type is Temperature and joints names {len(self.joints)}",
+                "one joint, or the frame id of each joint in names",
+            )
+        if self.type == DIAGNOSTICS:
+            _fits("names", self.names, self.joints, one_for_all=True)
+            _fits("keys", self.keys, self.joints, one_for_all=True)
+        elif self.names:
+            _fits("names", self.names, self.joints, one_for_all=False)
+            if len(set(self.names)) < len(self.names):
+                raise ParameterError("names has a name twice", "each name once")
+
+    @property
+    def keys_topic(self) -> str:
+        """Topic of the keys of Float64Values; empty for all other types."""
+        if self.type != INTERFACE_VALUES:
+            return ""
+        folder, slash, _ = self.topic.rpartition("/")
+        return self.names_topic or f"{folder}{slash}names"
+
+    @property
+    def topics(self) -> dict[str, str]:
+        """Type of the messages of each topic."""
+        keys = {self.keys_topic: INTERFACE_NAMES} if self.keys_topic else {}
+        return {**keys, self.topic: self.type}
+
+    def resolved(self, resolve: Callable[[str], str]) -> TemperatureSource:
+        """Return the source with the full names of its topics.
+
+        Args:
+            resolve: Gives the full name of a topic.
+        """
+        keys = resolve(self.keys_topic) if self.keys_topic else ""
+        return replace(self, topic=resolve(self.topic), names_topic=keys)
+
+
+def _fits(field: str, values: tuple[str, ...], joints: tuple[str, ...], one_for_all: bool) -> None:
+    if len(values) == len(joints) or (one_for_all and len(values) == 1):
+        return
+    expected = f"{len(joints)}, one for each of joints"
+    raise ParameterError(
+        f"{field} has {len(values)} entries",
+        f"1 for all, or {expected}" if one_for_all else expected,
+    )
+
+
+def _together(sources: Mapping[str, TemperatureSource]) -> None:
+    """Refuse sources that read one topic as two types, or are the same twice."""
+    types: dict[str, str] = {}
+    for name, source in sources.items():
+        for topic, kind in source.topics.items():
+            if types.setdefault(topic, kind) != kind:
+                raise ParameterError(
+                    f"'{name}' reads {topic} as {kind}, another source as {types[topic]}",
+                    "one type for each topic",
+                )
+    if len(set(sources.values())) < len(sources):
+        raise ParameterError(
+            f"two of the sources {', '.join(sources)} are the same",
+            "sources that differ",
+            "set the topic of each",
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class TemperatureInputs:
+    """Parameters of the motor temperatures."""
+
+    temperature_sources: Mapping[str, TemperatureSource] = named_groups(
+        TemperatureSource,
+        "Sources of motor temperatures: a name for each, which begins the names of its "
+        "settings. Empty for none.",
+        "motors",
+        check=_together,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Inputs(TemperatureInputs):
+    """All inputs of a monitor."""

@@ -1,0 +1,225 @@
+"""How each message type says temperatures: from decoded columns to names and values."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, Protocol, cast
+
+import numpy as np
+
+from robot_energy.blocks import Float
+from robot_energy.ingest.sources import (
+    DIAGNOSTICS,
+    DYNAMIC_JOINT_STATE,
+    FLOAT_ARRAY,
+    INTERFACE_VALUES,
+    MOTOR_TEMPERATURES,
+    TEMPERATURE,
+    TemperatureSource,
+)
+from robot_energy.wire.layout import Run
+
+HEADER = ("header.stamp.sec", "header.stamp.nanosec")
+ZERO_DEGC = 273.15  # K
+NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
+UNITS = {
+    **dict.fromkeys(("c", "degc", "deg c", "celsius", "°c", "° c"), "degc"),
+    **dict.fromkeys(("k", "kelvin"), "kelvin"),
+}
+
+
+class Said(NamedTuple):
+    """What the messages of one run say.
+
+    Attributes:
+        names: What they call the joints; k of them.
+        values: Shape (m, k), in the unit of the source; NaN where nothing usable is said.
+    """
+
+    names: tuple[str, ...]
+    values: Float
+
+
+class Adapter(Protocol):
+    """Reads the messages of one type."""
+
+    @property
+    def fields(self) -> tuple[str, ...]:
+        """Paths of the fields it needs."""
+        ...
+
+    def read(self, run: Run) -> Said | str:
+        """Return what the messages say, or the reason why they cannot be used."""
+        ...
+
+
+class MotorTemperaturesAdapter:
+    """``MotorTemperatures``: parallel arrays of names and values."""
+
+    fields = (*HEADER, "joint_names", "temperature_degc")
+
+    def __init__(self, source: TemperatureSource) -> None:
+        pass  # the messages say everything
+
+    def read(self, run: Run) -> Said | str:
+        """Return what the messages say, or the reason why they cannot be used."""
+        return _named(run.names("joint_names"), run.array("temperature_degc"))
+
+
+class TemperatureAdapter:
+    """``Temperature``: one value; its joint is that of the topic, or said by ``frame_id``."""
+
+    fields = (*HEADER, "header.frame_id", "temperature")
+
+    def __init__(self, source: TemperatureSource) -> None:
+        self._joint = source.joints[0] if source.joints and not source.names else None
+
+    def read(self, run: Run) -> Said | str:
+        """Return what the messages say, or the reason why they cannot be used."""
+        frame = str(run.columns["header.frame_id"])
+        return _named((self._joint or frame,), run.array("temperature")[:, None])
+
+
+class FloatArrayAdapter:
+    """``Float64MultiArray``: values alone, in the order of the source's joints."""
+
+    fields = ("data",)
+
+    def __init__(self, source: TemperatureSource) -> None:
+        self._joints = source.joints
+
+    def read(self, run: Run) -> Said | str:
+        """Return what the messages say, or the reason why they cannot be used."""
+        return _named(self._joints, run.array("data"))
+
+
+class DynamicJointStateAdapter:
+    """``DynamicJointState``: for each joint some interfaces, one of which is meant."""
+
+    fields = (
+        *HEADER,
+        "joint_names",
+        "interface_values.interface_names",
+        "interface_values.values",
+    )
+
+    def __init__(self, source: TemperatureSource) -> None:
+        self._interface = source.interface
+
+    def read(self, run: Run) -> Said | str:
+        """Return what the messages say, or the reason why they cannot be used."""
+        joints = run.names("joint_names")
+        interfaces = cast("tuple[tuple[str, ...], ...]", run.columns[self.fields[3]])
+        values = cast("Any", run.columns[self.fields[4]])  # (m, j, k), or (m, k) for each joint
+        whole = isinstance(run.columns[self.fields[4]], np.ndarray)
+        if len(interfaces) != len(joints):
+            return "wrong_length"
+        names: list[str] = []
+        columns: list[Float] = []
+        for index, (joint, own) in enumerate(zip(joints, interfaces, strict=True)):
+            if self._interface not in own:
+                continue
+            part: Float = values[:, index] if whole else values[index]
+            if part.shape[1] != len(own):
+                return "wrong_length"
+            names.append(joint)
+            columns.append(part[:, own.index(self._interface)])
+        return _named(tuple(names), np.stack(columns, axis=1)) if names else "no_temperature"
+
+
+class InterfaceValuesAdapter:
+    """``Float64Values``: values whose keys, ``joint/interface``, came on a topic beside it.
+
+    Attributes:
+        keys: The keys in force, from `name_values`; None before the first.
+    """
+
+    fields = (*HEADER, "values")
+
+    def __init__(self, source: TemperatureSource) -> None:
+        self.keys: tuple[str, ...] | None = None
+        self._interface = source.interface
+
+    def read(self, run: Run) -> Said | str:
+        """Return what the messages say, or the reason why they cannot be used."""
+        if self.keys is None:
+            return "before_names"
+        values = run.array("values")
+        if values.shape[1] != len(self.keys):
+            return "wrong_length"
+        parts = [key.rpartition("/") for key in self.keys]
+        chosen = [index for index, part in enumerate(parts) if part[2] == self._interface]
+        if not chosen:
+            return "no_temperature"
+        return _named(tuple(parts[index][0] for index in chosen), values[:, chosen])
+
+
+class DiagnosticsAdapter:
+    """``DiagnosticArray``: texts such as ``45.2`` or ``45.2 C`` under a status and a key.
+
+    A unit in the text counts more than that of the source, as it stands beside the value.
+    """
+
+    fields = (*HEADER, "status.name", "status.values.key", "status.values.value")
+
+    def __init__(self, source: TemperatureSource) -> None:
+        self._kelvin = source.unit == "kelvin"
+        self._places = list(
+            zip(
+                source.joints,
+                _for_each(source.names or source.joints, len(source.joints)),
+                _for_each(source.keys, len(source.joints)),
+                strict=True,
+            )
+        )
+
+    def read(self, run: Run) -> Said | str:
+        """Return what the messages say, or the reason why they cannot be used."""
+        columns = [cast("Sequence[Any]", run.columns[field]) for field in self.fields[2:]]
+        statuses = list(zip(*columns, strict=True))
+        found: dict[str, float] = {}
+        for joint, name, key in self._places:
+            for status, keys, values in statuses:
+                if _matches(status, name) and key in keys:
+                    found[joint] = self._number(values[keys.index(key)])
+        if not found:
+            return "no_temperature"
+        if np.isnan(list(found.values())).all():
+            return "not_a_number"
+        return _named(tuple(found), np.tile(list(found.values()), (len(run.rows), 1)))
+
+    def _number(self, text: str) -> float:
+        """The value of a text in the unit of the source, NaN if it is none."""
+        match = NUMBER.fullmatch(text)
+        unit = UNITS.get(match[2].lower()) if match and match[2] else ""
+        if match is None or unit is None:
+            return float("nan")
+        value = float(match[1])
+        if not unit or (unit == "kelvin") == self._kelvin:
+            return value
+        return value + ZERO_DEGC if self._kelvin else value - ZERO_DEGC
+
+
+ADAPTERS: dict[str, Callable[[TemperatureSource], Adapter]] = {
+    MOTOR_TEMPERATURES: MotorTemperaturesAdapter,
+    TEMPERATURE: TemperatureAdapter,
+    FLOAT_ARRAY: FloatArrayAdapter,
+    DYNAMIC_JOINT_STATE: DynamicJointStateAdapter,
+    INTERFACE_VALUES: InterfaceValuesAdapter,
+    DIAGNOSTICS: DiagnosticsAdapter,
+}
+
+
+def _for_each(values: tuple[str, ...], count: int) -> tuple[str, ...]:
+    return values * count if len(values) == 1 else values
+
+
+def _matches(status: str, name: str) -> bool:
+    return status.startswith(name[:-1]) if name.endswith("*") else status == name
+
+
+def _named(names: tuple[str, ...], values: Float) -> Said | str:
+    if values.shape[1] != len(names):
+        return "wrong_length"
+    return Said(names, values.astype(np.float64))

@@ -1,0 +1,103 @@
+"""Read the inputs of a replay from the parameter file of a node.
+
+The same file then says, live and in replay, which topics are read and what they mean.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, cast
+
+from robot_energy.errors import ModelFileError, ParameterError
+from robot_energy.ingest.parameters import Parameter, assemble
+from robot_energy.ingest.sources import Inputs
+from robot_energy.model_file import parse_yaml
+
+MAX_BYTES = 1024 * 1024
+LIKELY = 0.85  # likeness of two names above which one is a misspelling of the other
+ROS_PARAMETERS = "ros__parameters"
+
+
+def read_inputs(path: str | Path) -> tuple[Inputs, list[str]]:
+    """Read the inputs that a parameter file sets.
+
+    Entries of all nodes in the file count, under their names or under ``/**``; parameters
+    that are about no input (rates, the model) are left out.
+
+    Args:
+        path: A YAML file of ROS parameters.
+
+    Returns:
+        The inputs, and one sentence for each name that is probably misspelt.
+
+    Raises:
+        ParameterError: If the file cannot be read or holds no ROS parameters, two nodes
+            disagree, or a value is wrong.
+    """
+    owner = str(path)
+    given: dict[str, Any] = {}
+    for node, values in _nodes(path).items():
+        for name, value in _flat(values, ""):
+            if name in given and given[name] != value:
+                raise ParameterError(
+                    f"{owner} sets {name} to {given[name]!r}, and for {node} to {value!r}",
+                    "one value, as a replay is one node",
+                )
+            given[name] = value
+    asked: list[str] = []
+
+    def value_of(entry: Parameter) -> Any:
+        asked.append(entry.name)
+        value = given.get(entry.name, entry.default)
+        return entry.check([] if value is None else value, owner)
+
+    inputs = assemble(Inputs, value_of, owner)
+    return inputs, list(_misspelt(given, asked, owner))
+
+
+def _nodes(path: str | Path) -> dict[str, Mapping[str, Any]]:
+    """Parameters by node, as they stand in the file."""
+    try:
+        if Path(path).stat().st_size > MAX_BYTES:
+            raise ParameterError(f"{path} is larger than {MAX_BYTES} bytes", "a parameter file")
+        document = parse_yaml(Path(path).read_text(encoding="utf-8"), str(path))
+    except (OSError, UnicodeDecodeError) as error:
+        why = error.strerror if isinstance(error, OSError) else "not UTF-8"
+        raise ParameterError(f"{path} cannot be read ({why})", "a parameter file") from error
+    except ModelFileError as error:
+        raise ParameterError(error.found, error.expected, error.remedy) from error
+    entries = cast("dict[Any, Any]", document) if isinstance(document, dict) else {}
+    nodes = {
+        str(node): cast("Mapping[str, Any]", entry[ROS_PARAMETERS])
+        for node, entry in entries.items()
+        if isinstance(entry, dict) and isinstance(entry.get(ROS_PARAMETERS), dict)  # pyright: ignore
+    }
+    if not nodes:
+        raise ParameterError(
+            f"{path} holds no ROS parameters",
+            f"the parameter file of a node: its name or /**, below it {ROS_PARAMETERS}",
+        )
+    return nodes
+
+
+def _flat(values: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, Any]]:
+    for name, value in values.items():
+        if isinstance(value, dict):
+            yield from _flat(cast("Mapping[str, Any]", value), f"{prefix}{name}.")
+        else:
+            yield prefix + str(name), value
+
+
+def _misspelt(given: Mapping[str, Any], asked: list[str], owner: str) -> Iterator[str]:
+    """Names that no input has, but that look like one or lie in a group of one."""
+    groups = {name.partition(".")[0] for name in asked if "." in name}
+    for name in given:
+        if name in asked:
+            continue
+        near = difflib.get_close_matches(name, asked, n=1, cutoff=LIKELY)
+        if near:
+            yield f"{owner}: no input has '{name}'; did you mean '{near[0]}'?"
+        elif name.partition(".")[0] in groups:
+            yield f"{owner}: no input has '{name}'"
