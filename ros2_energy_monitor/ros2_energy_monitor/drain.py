@@ -6,6 +6,8 @@ uses internals of rclpy 7 (Jazzy): `CallbackGroup.can_execute`, which the execut
 before it waits for a subscription, and `Subscription.handle.take_message`. Both are tried
 when an inbox is made; where they are missing or behave differently, an ordinary callback
 for raw messages fills the queue instead, at a higher price and with the same result.
+
+The events of the subscription are polled as well, when something calls for it.
 """
 
 from __future__ import annotations
@@ -13,16 +15,24 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import Any, cast
 
 from rclpy.callback_groups import CallbackGroup
+from rclpy.event_handler import QoSSubscriptionEventType as Event
+from rclpy.event_handler import SubscriptionEventCallbacks, UnsupportedEventTypeError
 from rclpy.exceptions import InvalidHandle
 from rclpy.executors import Executor
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from robot_energy.ingest import Accounting
 from robot_energy.wire.batch import RawBatch
+from ros2_energy_monitor.revival import Revival
+from ros2_energy_monitor.sequences import Sequences
+from ros2_energy_monitor.suppliers import Suppliers
+
+Numbered = tuple[bytes, int | None]  # a message, and its number as its publisher counts
 
 
 class NeverReady(CallbackGroup):
@@ -40,6 +50,24 @@ class NeverReady(CallbackGroup):
         """Do nothing: nothing of this group is ever executed."""
 
 
+def event_status(subscription: Any, kind: Event) -> Any:
+    """Return what the middleware has counted of an event; None where it cannot.
+
+    Args:
+        subscription: Handle of the subscription.
+        kind: The event.
+    """
+    try:
+        with subscription:
+            event = rclpy_implementation.EventHandle(subscription, kind)
+        with event:
+            status = event.take_event()
+        event.destroy_when_not_in_use()
+    except (InvalidHandle, UnsupportedEventTypeError, AttributeError, TypeError):
+        return None
+    return status
+
+
 class Inbox:
     """The messages of one topic that arrived since they were last drained.
 
@@ -49,6 +77,8 @@ class Inbox:
         topic: Name of the topic.
         qos: Quality of service; its depth bounds what can wait between two ticks.
         direct: False to use ordinary callbacks although the internals of rclpy fit.
+        renew_after: Silence after which to subscribe anew although there are publishers,
+            see `Revival`; None for never, as with topics that are silent by nature. [s]
 
     Attributes:
         topic: Resolved name of the topic.
@@ -56,6 +86,8 @@ class Inbox:
         direct: Whether the queue of the middleware is drained without callbacks.
         received: Messages drained so far.
         overflows: How often the queue was found full, so that messages may be lost.
+        renewals: How often the subscription was made anew.
+        suppliers: Who publishes the topic.
     """
 
     def __init__(
@@ -66,25 +98,28 @@ class Inbox:
         qos: QoSProfile,
         *,
         direct: bool = True,
+        renew_after: float | None = None,
     ) -> None:
         self.topic = node.resolve_topic_name(topic)
         self.msgtype = f"{message_type.__module__.split('.')[0]}/msg/{message_type.__name__}"
         self.received = 0
         self.overflows = 0
+        self.renewals = 0
+        self.suppliers = Suppliers(node, self.topic, self.msgtype, qos)
         self._node = node
         self._type = message_type
+        self._qos = qos
         self._depth = qos.depth
         self._arrived_ns: int | None = None
-        self._queue: deque[bytes] = deque(maxlen=qos.depth)
-        self._subscription = node.create_subscription(
-            message_type, topic, self._keep, qos, callback_group=NeverReady(), raw=True
-        )
+        self._queue: deque[Numbered] = deque(maxlen=qos.depth)
+        self._sequences = Sequences(self._met)
+        self._revival = None if renew_after is None else Revival(renew_after)
+        self._met_before = 0  # publishers that earlier subscriptions have met
+        self._subscribe(NeverReady())
         self.direct = direct and self._fits()
         if not self.direct:
             node.destroy_subscription(self._subscription)
-            self._subscription = node.create_subscription(
-                message_type, topic, self._keep, qos, raw=True
-            )
+            self._subscribe(None)
 
     def drain(self) -> RawBatch | None:
         """Take every message that waits.
@@ -93,12 +128,16 @@ class Inbox:
             The messages in order of arrival, with the time of the node's clock, or None if
             there are none.
         """
-        messages = list(self._take() if self.direct else self._popped())
-        if not messages:
+        taken = list(self._take() if self.direct else self._popped())
+        if not taken:
             return None
+        messages = [message for message, _ in taken]
+        self._sequences.step([number for _, number in taken if number is not None])
         self.received += len(messages)
         self.overflows += len(messages) >= self._depth
         self._arrived_ns = time.monotonic_ns()
+        if self._revival is not None:
+            self._revival.heard(time.monotonic())
         now = self._node.get_clock().now().nanoseconds
         return RawBatch.from_messages(self.topic, self.msgtype, [now] * len(messages), messages)
 
@@ -113,6 +152,33 @@ class Inbox:
             account.received += len(batch)
             account.reject("inactive", len(batch))
 
+    def revive(self) -> None:
+        """Subscribe anew if it is time for that; called about once a second."""
+        if self._revival is None:
+            return
+        known = self._node.count_publishers(self.topic)
+        if self._revival.due(time.monotonic(), known):
+            self.renew()
+
+    def renew(self) -> None:
+        """Subscribe anew, in case the middleware has lost a publisher that is there."""
+        ever, now = self._met()
+        self._node.destroy_subscription(self._subscription)
+        self._met_before = ever - now
+        self._subscribe(NeverReady() if self.direct else None)
+        self.renewals += 1
+
+    @property
+    def lost(self) -> int:
+        """Messages that were published since the first that arrived, and are missing."""
+        return self._sequences.lost
+
+    @property
+    def misfits(self) -> int:
+        """Publishers met so far whose quality of service does not fit."""
+        status = self._status(Event.RCL_SUBSCRIPTION_REQUESTED_INCOMPATIBLE_QOS)
+        return 0 if status is None else int(status.total_count)
+
     @property
     def age(self) -> float:
         """Time since messages were last drained; NaN before the first. [s]"""
@@ -123,9 +189,33 @@ class Inbox:
     @property
     def publishers(self) -> int:
         """Number of publishers of the topic that are matched."""
-        return self._subscription.get_publisher_count()
+        try:
+            return self._subscription.get_publisher_count()
+        except InvalidHandle:  # closed
+            return 0
 
-    def _take(self) -> Iterator[bytes]:
+    def _subscribe(self, group: CallbackGroup | None) -> None:
+        self._subscription = self._node.create_subscription(
+            self._type,
+            self.topic,
+            cast("Callable[[Any], None]", self._keep),  # rclpy looks whether it wants the info
+            self._qos,
+            callback_group=group,
+            event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
+            raw=True,
+        )
+
+    def _status(self, kind: Event) -> Any:
+        return event_status(self._subscription.handle, kind)
+
+    def _met(self) -> tuple[int, int]:
+        """How many publishers were ever matched, and how many are now."""
+        status = self._status(Event.RCL_SUBSCRIPTION_MATCHED)
+        if status is None:
+            return self._met_before + self.publishers, self.publishers
+        return self._met_before + int(status.total_count), int(status.current_count)
+
+    def _take(self) -> Iterator[Numbered]:
         """Yield from the queue of the middleware, at most as many as it holds."""
         yield from self._popped()
         handle = self._subscription.handle
@@ -135,15 +225,15 @@ class Inbox:
                     taken = handle.take_message(self._type, True)
                     if taken is None:
                         return
-                    yield taken[0]
+                    yield taken[0], taken[1].get("publication_sequence_number")
         except InvalidHandle:  # the node is being destroyed
             return
 
-    def _keep(self, message: bytes) -> None:
+    def _keep(self, message: bytes, info: dict[str, Any]) -> None:
         """Queue a message, as the callback of the subscription where it has one."""
-        self._queue.append(message)
+        self._queue.append((message, info.get("publication_sequence_number")))
 
-    def _popped(self) -> Iterator[bytes]:
+    def _popped(self) -> Iterator[Numbered]:
         """Yield what callbacks, or the trial in the constructor, have queued."""
         while self._queue:
             yield self._queue.popleft()
@@ -160,7 +250,7 @@ class Inbox:
             if taken is not None:
                 if not isinstance(taken[0], bytes):
                     return False
-                self._queue.append(taken[0])
+                self._keep(*taken)
         except (AttributeError, TypeError, IndexError, KeyError, NotImplementedError):
             return False
         return True

@@ -42,6 +42,7 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
     """
 
     NAME = "energy_monitor"
+    UNIQUE_TOPIC = "energy/registers"
 
     def __init__(self, **options: Any) -> None:
         super().__init__(self.NAME, EnergyParameters, **options)
@@ -58,9 +59,12 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
         self._torque = torque_publisher(self, depth) if self.parameters.publish_torque else None
         self._friction = friction_publisher(self)
         self._books = BooksPublisher(self, self.model, self.ledger)
-        self.joint_states = Inbox(self, JointState, "joint_states", best_effort(depth))
-        self.temperatures = temperature_inboxes(self, self._temperature)
-        self.readings = meter_inbox(self)
+        renew = self.parameters.resubscribe_after
+        self.joint_states = Inbox(
+            self, JointState, "joint_states", best_effort(depth), renew_after=renew
+        )
+        self.temperatures = temperature_inboxes(self, self._temperature, renew)
+        self.readings = meter_inbox(self, self.parameters)
         self.inputs = [
             (self.joint_states, self.ingest.account),
             *temperature_inputs(self._temperature, self.temperatures),

@@ -42,7 +42,9 @@ class FrictionMonitor(MonitorNode[FrictionParameters]):
         self._stage = FrictionStage(self.model)
         self._writer = FrictionWriter(self.model)
         self._publisher = friction_publisher(self)
-        self.temperatures: list[Inbox] = temperature_inboxes(self, self.ingest)
+        self.temperatures: list[Inbox] = temperature_inboxes(
+            self, self.ingest, self.parameters.resubscribe_after
+        )
         self.inputs = temperature_inputs(self.ingest, self.temperatures)
         self.sources = [temperature_source(self.temperatures, self.ingest, self._stage, self.model)]
 

@@ -14,6 +14,7 @@ from robot_energy.ingest.sources import INTERFACE_NAMES, TemperatureInputs
 from robot_energy.model_file import RobotModel
 from robot_energy.wire.batch import RawBatch
 from ros2_energy_monitor.drain import Inbox
+from ros2_energy_monitor.node_parameters import EnergyParameters, PowerParameters
 from ros2_energy_monitor.publishers import best_effort, latched
 
 SLOW_DEPTH = 500  # messages of temperatures and meters, which come at 0.1 to 1000 Hz
@@ -68,12 +69,13 @@ def temperature_ingest(
     return TemperatureIngest(model.joint_names, sources)
 
 
-def temperature_inboxes(node: Node, ingest: TemperatureIngest) -> list[Inbox]:
+def temperature_inboxes(node: Node, ingest: TemperatureIngest, renew_after: float) -> list[Inbox]:
     """Subscribe every topic of motor temperatures, and the keys of those that have some.
 
     Args:
         node: The node that subscribes.
         ingest: What reads the topics.
+        renew_after: Silence after which a topic is subscribed anew. [s]
     """
     return [
         Inbox(
@@ -81,6 +83,7 @@ def temperature_inboxes(node: Node, ingest: TemperatureIngest) -> list[Inbox]:
             kind_class,
             topic,
             latched(KEYS_DEPTH) if kind == INTERFACE_NAMES else best_effort(SLOW_DEPTH),
+            renew_after=None if kind == INTERFACE_NAMES else renew_after,
         )
         for topic, kind in ingest.topics.items()
         if (kind_class := message_class(node, kind, topic)) is not None
@@ -101,9 +104,15 @@ def temperature_inputs(
     ]
 
 
-def meter_inbox(node: Node) -> Inbox:
+def meter_inbox(node: Node, parameters: PowerParameters | EnergyParameters) -> Inbox:
     """Subscribe the power meter."""
-    return Inbox(node, PowerReading, "power_meter", best_effort(SLOW_DEPTH))
+    return Inbox(
+        node,
+        PowerReading,
+        "power_meter",
+        best_effort(SLOW_DEPTH),
+        renew_after=parameters.resubscribe_after,
+    )
 
 
 def drain_all(inboxes: Sequence[Inbox]) -> list[RawBatch]:

@@ -11,10 +11,12 @@ from rclpy.clock_type import ClockType
 from robot_energy.ingest import Accounting
 from robot_energy.ingest.order import StampOrder
 from robot_energy.model_file import RobotModel, load
-from ros2_energy_monitor.diagnostics import Reporter, Source, node_source
 from ros2_energy_monitor.drain import Inbox
+from ros2_energy_monitor.findings import Reporter, Source
 from ros2_energy_monitor.life_cycle import ManagedNode
 from ros2_energy_monitor.node_parameters import Common, declare
+from ros2_energy_monitor.node_watch import NodeWatch
+from ros2_energy_monitor.tempo import Tempo
 
 P = TypeVar("P", bound=Common)
 REPORT_PERIOD = 1.0  # [s]
@@ -48,6 +50,7 @@ class MonitorNode(ManagedNode, Generic[P]):
     """
 
     NAME: ClassVar[str]
+    UNIQUE_TOPIC: ClassVar[str] = ""  # that no other node may publish
     parameters: P
     model: RobotModel
 
@@ -60,6 +63,8 @@ class MonitorNode(ManagedNode, Generic[P]):
             self.parameters = declare(self, parameters_type)
             self._steady = Clock(clock_type=ClockType.STEADY_TIME)
             self._reporter = Reporter(self)
+            self._tempo = Tempo(1.0 / self.parameters.tick_rate)
+            self._watch = NodeWatch(self, self._tempo, self.UNIQUE_TOPIC)
             self.create_timer(REPORT_PERIOD, self._report, clock=self._steady)
             self.settle(start=self.parameters.autostart)
         except Exception:
@@ -80,6 +85,7 @@ class MonitorNode(ManagedNode, Generic[P]):
     def equip(self) -> None:
         """Read the model, set up and start to drain."""
         self.model = load(self.parameters.model)
+        self._model_id = self.model.model_id
         self.set_up()
         self.create_timer(1.0 / self.parameters.tick_rate, self._tick, clock=self._steady)
 
@@ -89,7 +95,7 @@ class MonitorNode(ManagedNode, Generic[P]):
         for order in self.orders:
             order.interrupt()
         robot = self.model.robot
-        self.get_logger().info(f"{robot.type}, model {self.model.model_id}, is monitored")
+        self.get_logger().info(f"{robot.type}, model {self._model_id}, is monitored")
 
     def finish(self) -> None:
         """Take and publish what still waits."""
@@ -100,16 +106,19 @@ class MonitorNode(ManagedNode, Generic[P]):
         self.inputs, self.orders, self.sources = [], [], []
 
     def _tick(self) -> None:
-        if self.active:
-            self.tick()
-        else:
-            self._discard()
+        with self._tempo.tick():
+            if self.active:
+                self.tick()
+            else:
+                self._discard()
 
     def _report(self) -> None:
         if self.active:
             self.report()
-        sources = [node_source(self), *self.sources]
-        self._reporter.publish(sources, self.model.model_id if self.sources else "")
+        for inbox, _ in self.inputs:
+            inbox.revive()
+        statuses = [self._watch.judge(self.inputs), *(source() for source in self.sources)]
+        self._reporter.publish(statuses, self._model_id if self.sources else "")
 
     def _discard(self) -> None:
         for inbox, account in self.inputs:

@@ -11,8 +11,9 @@ from robot_energy.blocks import PowerBlock
 from robot_energy.ingest import MeterIngest
 from robot_energy.messages import FrictionReader, TorqueReader
 from robot_energy.pipeline import Ledger, PowerStage
-from ros2_energy_monitor.diagnostics import InputWatch, energy_source
+from ros2_energy_monitor.diagnostics import energy_source
 from ros2_energy_monitor.drain import Inbox
+from ros2_energy_monitor.input_watch import InputWatch
 from ros2_energy_monitor.inputs import meter_inbox
 from ros2_energy_monitor.monitor_node import MonitorNode
 from ros2_energy_monitor.node_parameters import PowerParameters
@@ -32,6 +33,7 @@ class PowerMonitor(MonitorNode[PowerParameters]):
     """
 
     NAME = "power_monitor"
+    UNIQUE_TOPIC = "energy/registers"
 
     def __init__(self, **options: Any) -> None:
         super().__init__(self.NAME, PowerParameters, **options)
@@ -46,11 +48,14 @@ class PowerMonitor(MonitorNode[PowerParameters]):
         self.ledger = Ledger(len(self.model.joints), settings)
         self._books = BooksPublisher(self, self.model, self.ledger)
         depth = self.parameters.joint_torque_depth
-        self.torques = Inbox(self, JointTorque, "energy/joint_torque", reliable(depth))
+        renew = self.parameters.resubscribe_after
+        self.torques = Inbox(
+            self, JointTorque, "energy/joint_torque", reliable(depth), renew_after=renew
+        )
         self.frictions = Inbox(
             self, JointFriction, "energy/joint_friction", latched(FRICTION_DEPTH)
         )
-        self.readings = meter_inbox(self)
+        self.readings = meter_inbox(self, self.parameters)
         self.inputs = [
             (self.torques, self._torque.account),
             (self.frictions, self._friction.account),

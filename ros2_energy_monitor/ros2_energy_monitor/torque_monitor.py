@@ -42,7 +42,10 @@ class TorqueMonitor(MonitorNode[TorqueParameters]):
         self._stage = TorqueStage(self.model, settings_of(self.parameters))
         self._writer = TorqueWriter(self.model.joint_names, self.model.model_id)
         self._publisher = torque_publisher(self, depth)
-        self.joint_states = Inbox(self, JointState, "joint_states", best_effort(depth))
+        renew = self.parameters.resubscribe_after
+        self.joint_states = Inbox(
+            self, JointState, "joint_states", best_effort(depth), renew_after=renew
+        )
         self.inputs = [(self.joint_states, self.ingest.account)]
         self.orders = [self.ingest.order]
         timeout = self.parameters.input_timeout

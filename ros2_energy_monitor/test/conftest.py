@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -25,6 +26,32 @@ from ros2_energy_monitor.publishers import best_effort, reliable
 from ros2_energy_monitor.virtual_robot import make_rig
 
 PATIENCE = 30.0  # s, on a machine that does much else
+
+
+class Diagnosed:
+    """Latest status of every name on /diagnostics."""
+
+    def __init__(self, bench: Bench) -> None:
+        self._bench = bench
+        self._latest: dict[str, DiagnosticStatus] = {}
+        bench.tester.create_subscription(DiagnosticArray, "/diagnostics", self._take, 100)
+
+    def _take(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            self._latest[status.name] = status
+
+    def __getitem__(self, name: str) -> DiagnosticStatus:
+        return self._latest[name]
+
+    def wait(self, name: str, words: str) -> DiagnosticStatus:
+        self._bench.spin_until(
+            lambda: words in getattr(self._latest.get(name), "message", ""), f"{name}: {words}"
+        )
+        return self._latest[name]
+
+    @staticmethod
+    def values(status: DiagnosticStatus) -> dict[str, float]:
+        return {pair.key: float(pair.value) for pair in status.values}
 
 
 class Bench:
@@ -72,6 +99,9 @@ class Bench:
             message_type, topic, lambda message: received.append(message), best_effort(1000)
         )
         return lambda: received[-1] if received else None
+
+    def diagnosed(self) -> Diagnosed:
+        return Diagnosed(self)
 
     def close(self) -> None:
         for node in list(self.nodes):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticStatus
 from ros2_energy_msgs.msg import (
     EnergyRegisters,
     JointFriction,
@@ -37,29 +37,6 @@ def temperatures(second: int, degc: float = 30.0) -> MotorTemperatures:
     message = MotorTemperatures(joint_names=JOINTS, temperature_degc=[degc] * 6)
     message.header.stamp.sec = second
     return message
-
-
-class Diagnosed:
-    """Latest status of a name."""
-
-    def __init__(self, bench) -> None:
-        self._bench = bench
-        self._latest: dict[str, DiagnosticStatus] = {}
-        bench.tester.create_subscription(DiagnosticArray, "/diagnostics", self._take, 100)
-
-    def _take(self, message: DiagnosticArray) -> None:
-        for status in message.status:
-            self._latest[status.name] = status
-
-    def wait(self, name: str, words: str) -> DiagnosticStatus:
-        self._bench.spin_until(
-            lambda: words in getattr(self._latest.get(name), "message", ""), f"{name}: {words}"
-        )
-        return self._latest[name]
-
-    @staticmethod
-    def values(status: DiagnosticStatus) -> dict[str, float]:
-        return {pair.key: float(pair.value) for pair in status.values}
 
 
 @pytest.mark.parametrize("monitor", MONITORS)
@@ -224,7 +201,7 @@ def test_restarted_friction_monitor_does_not_forget(bench, messages):
 
 def test_silence_is_diagnosed(bench):
     bench.add(TorqueMonitor, model="kr16", input_timeout=0.1)
-    diagnosed = Diagnosed(bench)
+    diagnosed = bench.diagnosed()
     name = "torque_monitor: joint states"
     status = diagnosed.wait(name, "no joint state has arrived on /joint_states, which has no")
     assert status.level == DiagnosticStatus.ERROR
@@ -239,7 +216,7 @@ def test_silence_is_diagnosed(bench):
 
 def test_missing_joint_is_named(bench):
     bench.add(TorqueMonitor, model="kr16")
-    diagnosed = Diagnosed(bench)
+    diagnosed = bench.diagnosed()
     publisher = bench.publisher(JointState, "joint_states")
     publisher.publish(joint_state(1, JOINTS[:5]))
     status = diagnosed.wait(
@@ -251,7 +228,7 @@ def test_missing_joint_is_named(bench):
 
 def test_rejected_messages_are_counted_by_reason(bench):
     bench.add(TorqueMonitor, model="kr16")
-    diagnosed = Diagnosed(bench)
+    diagnosed = bench.diagnosed()
     publisher = bench.publisher(JointState, "joint_states")
     for second in (1, 1, 1, 2):
         publisher.publish(joint_state(second))
@@ -264,7 +241,7 @@ def test_rejected_messages_are_counted_by_reason(bench):
 
 def test_missing_temperature_is_diagnosed_until_it_comes(bench):
     bench.add(FrictionMonitor, model="kr16")
-    diagnosed = Diagnosed(bench)
+    diagnosed = bench.diagnosed()
     name = "friction_monitor: motor temperatures"
     status = diagnosed.wait(name, "no motor temperature has arrived on /motor_temperatures")
     assert status.level == DiagnosticStatus.WARN
@@ -280,7 +257,7 @@ def test_missing_temperature_is_diagnosed_until_it_comes(bench):
 
 def test_power_monitor_diagnoses_torque_and_meter(bench):
     bench.add(PowerMonitor, model="kr16", meter_max_gap=0.1)
-    diagnosed = Diagnosed(bench)
+    diagnosed = bench.diagnosed()
     name = "power_monitor: energy"
     status = diagnosed.wait(name, "no joint torque has arrived on /energy/joint_torque")
     assert status.level == DiagnosticStatus.ERROR
@@ -291,7 +268,7 @@ def test_power_monitor_diagnoses_torque_and_meter(bench):
 
 def test_silent_meter_is_diagnosed(bench, messages):
     bench.add(EnergyMonitor, model="kr16", meter_max_gap=0.1)
-    diagnosed = Diagnosed(bench)
+    diagnosed = bench.diagnosed()
     name = "energy_monitor: energy"
     assert diagnosed.wait(name, "all is well").level == DiagnosticStatus.OK  # no meter at all
     publisher = bench.publisher(PowerReading, "power_meter")

@@ -1,0 +1,113 @@
+"""Judges one input: is it there, is it fresh, is it whole, is it accepted."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from robot_energy.comparison import MeterCurve
+from robot_energy.ingest import Accounting
+from ros2_energy_monitor.drain import Inbox
+from ros2_energy_monitor.findings import ERROR, STALE, WARN, Findings, Number
+
+REJECTED_SHARE = 0.01  # more than this of the messages of one second is worth a warning
+
+
+@dataclass(frozen=True)
+class _Counts:
+    """What was counted until a report."""
+
+    received: int = 0
+    rejected: Mapping[str, int] = field(default_factory=lambda: dict[str, int]())
+    overflows: int = 0
+    lost: int = 0
+    misfits: int = 0
+
+
+class InputWatch:
+    """Judges one input.
+
+    Args:
+        what: What the input brings, such as ``joint state``.
+        inbox: Where it arrives.
+        account: What became of it.
+        timeout: Silence beyond which it counts as missing. [s]
+        needed: Whether its absence from the start is an error.
+    """
+
+    def __init__(
+        self, what: str, inbox: Inbox, account: Accounting, timeout: float, needed: bool = True
+    ) -> None:
+        self._what, self._inbox, self._account = what, inbox, account
+        self._timeout, self._needed = timeout, needed
+        self._before = _Counts()
+
+    def judge(self, found: Findings, prefix: str = "") -> None:
+        """Add the key values of the input and what is wrong with it."""
+        inbox, account, before = self._inbox, self._account, self._before
+        after = _Counts(
+            account.received, dict(account.rejected), inbox.overflows, inbox.lost, inbox.misfits
+        )
+        self._before = after
+        found.values |= {
+            f"{prefix}input_age": inbox.age,
+            f"{prefix}input_publishers": inbox.publishers,
+            **accounting(account, prefix),
+            f"{prefix}lost_in_transport": inbox.lost,
+            f"{prefix}queue_overflows": inbox.overflows,
+            f"{prefix}subscription_renewals": inbox.renewals,
+        }
+        self._presence(found)
+        self._suppliers(found, prefix, changed=after.misfits != before.misfits)
+        self._rejected(found, before, after)
+        if after.lost > before.lost:
+            full = " as the queue was full" if after.overflows > before.overflows else ""
+            found.add(
+                WARN,
+                f"{after.lost - before.lost} messages on {inbox.topic} were lost in transport in "
+                f"the last second{full}",
+            )
+
+    def _presence(self, found: Findings) -> None:
+        inbox = self._inbox
+        if inbox.received and inbox.age > self._timeout:
+            found.add(STALE, f"no {self._what} for {inbox.age:.1f} s on {inbox.topic}")
+        elif not inbox.received and self._needed:
+            publishers = inbox.publishers
+            found.add(
+                ERROR,
+                f"no {self._what} has arrived on {inbox.topic}, which has "
+                f"{publishers or 'no'} publisher{'s' if publishers > 1 else ''}",
+            )
+
+    def _suppliers(self, found: Findings, prefix: str, *, changed: bool) -> None:
+        """Name the publishers if there are several, and those that nothing arrives from."""
+        suppliers = self._inbox.suppliers
+        suppliers.look(now=changed)
+        if suppliers.names.total() > 1:
+            found.values |= {f"{prefix}publisher.{name}": n for name, n in suppliers.names.items()}
+        for complaint in suppliers.complaints:
+            found.add(WARN if self._inbox.publishers else ERROR, complaint)
+
+    def _rejected(self, found: Findings, before: _Counts, after: _Counts) -> None:
+        new = after.received - before.received
+        reasons = {
+            reason: count - before.rejected.get(reason, 0)
+            for reason, count in after.rejected.items()
+        }
+        if new and sum(reasons.values()) > REJECTED_SHARE * new:
+            worst = max(reasons, key=lambda reason: reasons[reason])
+            found.add(
+                WARN,
+                f"{sum(reasons.values())} of {new} messages on {self._inbox.topic} rejected in "
+                f"the last second, most as {worst}",
+            )
+
+
+def accounting(account: Accounting | MeterCurve, prefix: str = "") -> dict[str, Number]:
+    """Return received, accepted and rejected messages by reason."""
+    return {
+        f"{prefix}received": account.received,
+        f"{prefix}accepted": account.accepted,
+        **{f"{prefix}rejected.{reason}": count for reason, count in account.rejected.items()},
+    }

@@ -1,0 +1,52 @@
+"""When to subscribe anew although nothing looks wrong: publishers are there, data are not.
+
+After a network failure the middleware may never hand on data again. A topic may also
+be silent by nature. So the time to wait doubles with every trial, and a silence that ends
+without one teaches how long to wait at least.
+"""
+
+from __future__ import annotations
+
+LONGEST = 120.0  # [s]
+AT_ONCE = 2.0  # data so soon after a trial are its success [s]
+
+
+class Revival:
+    """Decides for one subscription.
+
+    Args:
+        after: Shortest silence after which to try. [s]
+    """
+
+    def __init__(self, after: float) -> None:
+        self._after = after
+        self._wait = after
+        self._tried: float | None = None
+        self._since: float | None = None  # start of the silence
+
+    def heard(self, now: float) -> None:
+        """Note data.
+
+        Args:
+            now: Time on any steady clock. [s]
+        """
+        if self._since is not None and self._tried is not None and now - self._tried > AT_ONCE:
+            self._after = min(2.0 * (now - self._since), LONGEST)
+        self._wait, self._tried, self._since = self._after, None, now
+
+    def due(self, now: float, publishers: int) -> bool:
+        """Tell whether to subscribe anew now.
+
+        Args:
+            now: Time on the same clock. [s]
+            publishers: How many there are; without one there is nothing to wait for.
+        """
+        if not publishers or self._since is None:
+            self._since = now
+            self._wait, self._tried = self._after, None
+            return False
+        if now - (self._since if self._tried is None else self._tried) < self._wait:
+            return False
+        self._tried = now
+        self._wait = min(2.0 * self._wait, LONGEST)
+        return True

@@ -1,0 +1,164 @@
+"""What a node says about itself: its accounts, its name, its clock, its pace."""
+
+from __future__ import annotations
+
+import time
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.node import Node
+from ros2_energy_msgs.msg import EnergyRegisters
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+
+from ros2_energy_monitor.energy_monitor import EnergyMonitor
+from ros2_energy_monitor.friction_monitor import FrictionMonitor
+from ros2_energy_monitor.power_monitor import PowerMonitor
+from ros2_energy_monitor.tempo import Tempo
+from ros2_energy_monitor.torque_monitor import TorqueMonitor
+
+NAME = "torque_monitor: node"
+
+
+def test_state_pace_and_memory_are_numbers(bench):
+    bench.add(TorqueMonitor, model="kr16", tick_rate=50.0)
+    diagnosed = bench.diagnosed()
+    values = diagnosed.values(diagnosed.wait(NAME, "all is well"))
+    assert values["lifecycle_state"] == 3  # active
+    assert 0 < values["busy_share"] < 1
+    assert values["tick_rate"] == pytest.approx(50, rel=0.5)
+    assert values["longest_tick"] < 1
+    assert 2e7 < values["memory"] < 4e9
+    assert values["findings"] == 0
+
+
+def test_pace_is_measured_between_reports():
+    tempo = Tempo(0.01)
+    for pause in (0.0, 0.05):
+        time.sleep(pause)  # a late tick is what is measured here
+        with tempo.tick():
+            pass
+    found = tempo.take()
+    assert 0.039 < found["latest_tick"] < 0.5
+    assert found["busy_share"] < 0.5
+    with tempo.tick():
+        time.sleep(0.02)
+    found = tempo.take()
+    assert 0.02 <= found["longest_tick"] < 0.5
+    assert found["busy_share"] > 0.3
+    assert tempo.take()["tick_rate"] == 0.0
+
+
+@pytest.mark.parametrize("defect", ["accepted", "received"])
+def test_an_account_that_does_not_add_up_is_an_error(bench, defect):
+    node = bench.add(TorqueMonitor, model="kr16")
+    diagnosed = bench.diagnosed()
+    publisher = bench.publisher(JointState, "joint_states")
+    publisher.publish(JointState())
+    bench.spin_until(lambda: node.ingest.account.received == 1, "a message")
+    setattr(node.ingest.account, defect, getattr(node.ingest.account, defect) + 1)
+    status = diagnosed.wait(NAME, "accounting of /joint_states does not add up")
+    assert status.level == DiagnosticStatus.ERROR
+    numbers = {"accepted": (1, 1, 1, 1), "received": (1, 2, 0, 1)}[defect]
+    words = "{} messages taken, {} received, {} accepted, {} rejected".format(*numbers)
+    assert words in status.message
+
+
+@pytest.mark.parametrize("monitor", [TorqueMonitor, FrictionMonitor, PowerMonitor, EnergyMonitor])
+def test_no_defect_is_found_in_a_healthy_node(bench, monitor, messages):
+    node = bench.add(monitor, model="kr16")
+    diagnosed = bench.diagnosed()
+    for publisher, topic in [(bench.publisher(JointState, "joint_states", 0), "/joint_states")]:
+        for message in messages[topic][:500]:
+            publisher.publish(message)
+    status = diagnosed.wait(f"{node.get_name()}: node", "all is well")
+    assert status.level == DiagnosticStatus.OK
+
+
+def test_a_second_node_of_the_same_name_is_noticed(bench):
+    bench.add(TorqueMonitor, model="kr16")
+    bench.add(TorqueMonitor, model="kr16")
+    status = bench.diagnosed().wait(NAME, "2 nodes are named /torque_monitor")
+    assert status.level == DiagnosticStatus.WARN
+
+
+def test_a_second_publisher_of_the_registers_is_named(bench):
+    bench.tester.create_publisher(EnergyRegisters, "energy/registers", 10)
+    bench.add(EnergyMonitor, model="kr16")
+    bench.diagnosed().wait(
+        "energy_monitor: node", "energy/registers is published by /energy_monitor and /tester"
+    )
+
+
+def test_without_clock_the_node_waits_and_still_counts(bench, messages):
+    node = bench.add(EnergyMonitor, model="kr16", use_sim_time=True)
+    diagnosed = bench.diagnosed()
+    name = "energy_monitor: node"
+    status = diagnosed.wait(name, "waiting for clock")
+    assert status.level == DiagnosticStatus.WARN
+    publisher = bench.publisher(JointState, "joint_states")
+    for message in messages["/joint_states"][:200]:
+        publisher.publish(message)
+    bench.spin_until(lambda: node.ingest.account.accepted == 200, "joint states")
+    clock = bench.publisher(Clock, "/clock")
+    message = Clock()
+    message.clock.sec = 100
+    clock.publish(message)
+    diagnosed.wait(name, "all is well")
+    message.clock.sec = 50  # back
+    clock.publish(message)
+    bench.spin_until(lambda: node.get_clock().now().nanoseconds == 50 * 10**9, "the jump")
+    for message in messages["/joint_states"][200:400]:
+        publisher.publish(message)
+    bench.spin_until(lambda: node.ingest.account.accepted == 400, "joint states")
+    node.close()
+    time_account = node.ledger.registers.time
+    assert time_account.gap_ns == 0
+    assert time_account.jumps == 0
+
+
+def test_steps_of_the_system_clock_change_nothing(bench, messages, monkeypatch):
+    """Totals, ages and the rates of ticks and reports follow stamps and the steady clock."""
+    totals = []
+    for steps in ((0,), (3600, -3600, 7200, -86_400)):
+        node = bench.add(EnergyMonitor, model="kr16")
+        publisher = bench.publisher(JointState, "joint_states")
+        rows = messages["/joint_states"][:400]
+        size = len(rows) // len(steps)
+        for number, step in enumerate(steps):
+            now = node.get_clock().now
+            monkeypatch.setattr(time, "time", lambda step=step, real=time.time: real() + step)
+            monkeypatch.setattr(
+                type(node.get_clock()),
+                "now",
+                lambda self, step=step, real=now: stepped(real(), step),
+            )
+            for message in rows[number * size : (number + 1) * size]:
+                publisher.publish(message)
+            bench.spin_until(
+                lambda account=node.ingest.account, wanted=(number + 1) * size: (
+                    account.accepted == wanted
+                ),
+                "states",
+            )
+            assert 0 <= node.joint_states.age < 20
+            monkeypatch.undo()
+            monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")
+        node.close()
+        totals.append((node.ledger.registers.microjoule.tolist(), node.ledger.registers.time))
+        bench.tester.destroy_publisher(publisher)
+        bench.remove(node)
+    assert totals[0] == totals[1]
+
+
+def stepped(now, seconds: int):
+    """Time of a clock that was set forward or back."""
+    return type(now)(
+        nanoseconds=max(0, now.nanoseconds + seconds * 10**9), clock_type=now.clock_type
+    )
+
+
+def test_a_plain_node_is_no_twin(bench):
+    bench.add(Node, "torque")
+    bench.add(TorqueMonitor, model="kr16")
+    bench.diagnosed().wait(NAME, "all is well")
