@@ -266,11 +266,11 @@ def for_dynamics(root: ET.Element) -> str:
     """
     wide = {"lower": -UNLIMITED, "upper": UNLIMITED, "velocity": UNLIMITED, "effort": UNLIMITED}
     for element in list(root):
-        kept = _OF_DYNAMICS.get(element.tag)
-        if kept is None:
+        if element.tag not in _OF_DYNAMICS:
             root.remove(element)
-        for part in list(element) if kept is not None else ():
-            if part.tag not in kept:
+            continue
+        for part in list(element):
+            if part.tag not in _OF_DYNAMICS[element.tag]:
                 element.remove(part)
     for joint in root.findall("joint"):
         if joint.get("type") == "continuous":

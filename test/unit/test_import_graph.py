@@ -27,7 +27,8 @@ BOOKS = {"registers", "shaft_comparison"}
 ALLOWED = {
     "errors": set(),
     "blocks": {"errors"},
-    "model_file": {"errors"},
+    "yaml_text": {"errors"},
+    "model_file": {"errors", "yaml_text"},
     "urdf_text": {"errors"},
     "urdf": {"errors", "blocks", "urdf_text"},
     "wire": {"errors"},
@@ -37,7 +38,7 @@ ALLOWED = {
     "comparison": {"errors", "blocks", "registers", "units"},
     "pipeline": {"errors", "blocks", "model_file", *PHYSICS},
     "ingest": {"errors", "blocks", "units", "urdf", "wire"},
-    "bag": {"errors", "wire"},
+    "bag": {"errors", "wire", "yaml_text"},
     "messages": {"errors", "blocks", "model_file", "wire", "ingest", "pipeline", *BOOKS},
 }
 FOREIGN = {

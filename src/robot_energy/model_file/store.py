@@ -6,65 +6,16 @@ expected.
 
 from __future__ import annotations
 
-from collections.abc import Hashable
 from importlib import resources
 from pathlib import Path
-from typing import Any, cast
+from typing import cast
 
 import yaml
 from pydantic import ValidationError
 
 from robot_energy.errors import ModelFileError
 from robot_energy.model_file.schema import SCHEMA_VERSION, RobotModel, Urdf
-
-MAX_BYTES = 8 * 1024 * 1024  # an embedded URDF and large maps fit; a bomb does not
-
-
-class _Loader(yaml.SafeLoader):
-    """Safe YAML that refuses repeated keys and aliases (alias bombs)."""
-
-    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
-        if self.check_event(yaml.AliasEvent):
-            raise ModelFileError("a YAML alias (*name)", "plain values", "write the value out")
-        return super().compose_node(parent, index)
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
-        seen: set[str] = set()
-        for key, _ in node.value:
-            text = str(key.value)
-            if text in seen:
-                raise ModelFileError(
-                    f"the key '{text}' stands twice, again at line {key.start_mark.line + 1}",
-                    "each key once",
-                )
-            seen.add(text)
-        return super().construct_mapping(node, deep=deep)
-
-
-def parse_yaml(text: str, source: str) -> Any:
-    """Parse YAML safely: no tags, aliases, repeated keys, and a bounded size.
-
-    Args:
-        text: The document.
-        source: Its name, for messages.
-
-    Returns:
-        Plain Python values.
-
-    Raises:
-        ModelFileError: If it is not YAML, or too large.
-    """
-    if len(text) > MAX_BYTES:
-        raise ModelFileError(f"{source} has {len(text)} characters", f"at most {MAX_BYTES}")
-    try:
-        return yaml.load(text, Loader=_Loader)
-    except ModelFileError as error:
-        raise ModelFileError(f"{source}: {error.found}", error.expected, error.remedy) from None
-    except (yaml.YAMLError, RecursionError, ValueError) as error:
-        mark = getattr(error, "problem_mark", None)
-        where = f" at line {mark.line + 1}" if mark is not None else ""
-        problem = getattr(error, "problem", None) or type(error).__name__
-        raise ModelFileError(f"{source} is not valid YAML{where}: {problem}") from error
+from robot_energy.yaml_text import MAX_BYTES, parse_yaml
 
 
 def _describe(error: ValidationError, source: str) -> ModelFileError:
@@ -130,6 +81,8 @@ def _read_urdf(urdf: Urdf, source: str) -> str:
     try:
         if path.stat().st_size > MAX_BYTES:
             raise ModelFileError(f"{path} has over {MAX_BYTES} bytes", "a URDF without meshes")
+        if not path.is_file():  # a pipe would be waited for
+            raise OSError
         return path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise ModelFileError(

@@ -11,6 +11,7 @@ import zstandard
 
 from robot_energy.bag import BagReader
 from robot_energy.bag.mcap_records import CHUNK, FRAME, MAGIC, MESSAGE_INDEX
+from robot_energy.bag.metadata import read_folder_info
 from robot_energy.errors import BagError
 
 
@@ -273,3 +274,27 @@ def test_a_damaged_database_is_an_error_or_a_problem(tmp_path, bags):
         except BagError:
             continue
         assert reader.problems or found == whole
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "a: &a [x, x]\nb: [*a, *a]",
+        "[" * 100_000,
+        "- 1\n" * 300_000,
+        "a: !!python/object/apply:os.system ['true']",
+        "a: \ud800",
+        "x" * (2**23 + 1),
+        "rosbag2_bagfile_information: [1, 2]",
+        "rosbag2_bagfile_information: {storage_identifier: mcap, relative_file_paths: 3}",
+    ],
+)
+def test_the_metadata_of_a_bag_is_no_way_in(tmp_path, bags, text):
+    """The bag is read without it, and says so."""
+    file = bags.write_bag(tmp_path / "bag", n=100)
+    (file.parent / "metadata.yaml").write_text(text, encoding="utf-8", errors="surrogatepass")
+    with pytest.raises(BagError):
+        read_folder_info(file.parent)
+    reader = BagReader(file.parent)
+    assert reader.message_count == 101
+    assert len(reader.problems) == 1
