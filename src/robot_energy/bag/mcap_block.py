@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from struct import Struct
@@ -140,8 +141,7 @@ def walked_block(data: bytes | memoryview, on_record: OnRecord, limit: int | Non
         Message, or is beyond the limit.
     """
     view = memoryview(data)
-    times: dict[int, list[int]] = {}
-    places: dict[int, list[tuple[int, int]]] = {}
+    found: dict[int, array[int]] = {}  # time, place and length of each message, flat
     pos, count = 0, 0
     while len(view) - pos >= FRAME.size and (limit is None or count < limit):
         opcode, length = FRAME.unpack_from(view, pos)
@@ -152,15 +152,16 @@ def walked_block(data: bytes | memoryview, on_record: OnRecord, limit: int | Non
             if length < _FIXED:
                 break
             channel, _, log = _MESSAGE_HEAD.unpack_from(view, body)
-            times.setdefault(channel, []).append(log)
-            places.setdefault(channel, []).append((body + _FIXED, length - _FIXED))
+            flat = found.get(channel)
+            if flat is None:
+                flat = found[channel] = array("Q")
+            flat.extend((log, body + _FIXED, length - _FIXED))
             count += 1
         else:
             on_record(opcode, view[body : body + length])
         pos = body + length
     block = Block(np.frombuffer(data, dtype=np.uint8), end=pos, count=count)
-    for channel, log_times in times.items():
-        place = np.array(places[channel], dtype=np.int64)
-        log_time = np.array(log_times, dtype=np.uint64).astype(np.int64)
-        block.messages[channel] = Messages(log_time, place[:, 0], place[:, 1])
+    for channel, flat in found.items():
+        columns = np.frombuffer(flat, dtype=np.uint64).reshape(-1, 3).T.astype(np.int64)
+        block.messages[channel] = Messages(*columns)
     return block

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zlib
+from bisect import bisect_right
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,6 +20,9 @@ from robot_energy.errors import BagError
 _LOOSE_BYTES = 2**20
 _LOOSE_MESSAGES = 8192
 """Messages outside chunks are read in blocks of at most these. [bytes], [messages]"""
+
+MAX_DEFINITIONS = 32 * 2**20
+"""Definitions of messages and channels kept of one file, beside its summary. [bytes]"""
 
 Report = Callable[[str], None]
 
@@ -58,6 +62,8 @@ class McapFile:
         self.channels: dict[int, records.Channel] = {}
         self.summary: Summary | None = None
         self._closed = False
+        if not path.is_file():  # a pipe would be waited for
+            raise BagError(f"{path} cannot be read", "a file")
         try:
             self.size = path.stat().st_size
             with path.open("rb") as file:
@@ -69,6 +75,8 @@ class McapFile:
         if magic != records.MAGIC:
             found = "is empty" if not magic else f"begins with {magic!r}"
             raise BagError(f"{path} {found}", f"an MCAP file, which begins with {records.MAGIC!r}")
+        self._starts = sorted(self.summary.chunks) if self.summary else []
+        self._room = MAX_DEFINITIONS
         if self.summary is not None:
             self.schemas.update(self.summary.schemas)
             self.channels.update(self.summary.channels)
@@ -85,12 +93,15 @@ class McapFile:
         """
         pos, count, left_out = len(records.MAGIC), 0, False
         known_channels = self.summary is not None and bool(self.summary.channels)
+        known, wanted = 0, set[int]()
         try:
             with self.path.open("rb", buffering=2**18) as file:
                 while pos < self.size:
                     indexed = self.summary.chunks.get(pos) if self.summary else None
                     if indexed and topics is not None and known_channels:
-                        wanted = {c.id for c in self.channels.values() if c.topic in topics}
+                        if len(self.channels) != known:
+                            known = len(self.channels)
+                            wanted = {c.id for c in self.channels.values() if c.topic in topics}
                         if indexed.channels and indexed.channels.isdisjoint(wanted):
                             pos, left_out = max(indexed.end, pos + 1), True
                             continue
@@ -176,12 +187,14 @@ class McapFile:
     def _indexes(self, file: BinaryIO, pos: int) -> tuple[dict[int, NDArray[np.uint64]], int]:
         """Read the MessageIndex records after a chunk; damaged ones are left to the walk."""
         index: dict[int, NDArray[np.uint64]] = {}
+        total = 0
         while self.size - pos >= FRAME.size:
             opcode, length = self._frame(file, pos)
             if opcode != records.MESSAGE_INDEX or length > self.size - pos - FRAME.size:
                 break
             pos += FRAME.size + length
-            if length > records.SIZE_LIMIT:
+            total += length
+            if total > records.SIZE_LIMIT:
                 continue
             try:
                 channel, pairs = records.parse_message_index(memoryview(file.read(length)))
@@ -219,19 +232,28 @@ class McapFile:
         try:
             if opcode == records.SCHEMA:
                 key, schema = records.parse_schema(data)
+                self._make_room(data, key in self.schemas)
                 if self.schemas.setdefault(key, schema) != schema:
                     self._report(f"schema {key} is defined twice; the first one was used")
             else:
                 channel = records.parse_channel(data)
+                self._make_room(data, channel.id in self.channels)
                 if self.channels.setdefault(channel.id, channel) != channel:
                     self._report(f"channel {channel.id} is defined twice; the first one was used")
         except RecordError as error:
             self._report(f"a schema or channel record was left out: it holds {error}")
 
+    def _make_room(self, data: memoryview, known: bool) -> None:
+        """Refuse definitions that would fill the memory."""
+        if not known:
+            self._room -= len(data)
+        if self._room < 0:
+            raise RecordError(f"more than {MAX_DEFINITIONS} bytes of definitions")
+
     def _next_chunk(self, pos: int) -> int | None:
         """Return where the summary says a chunk starts after ``pos``."""
-        starts = [start for start in self.summary.chunks if start > pos] if self.summary else []
-        return min(starts, default=None)
+        index = bisect_right(self._starts, pos)
+        return self._starts[index] if index < len(self._starts) else None
 
     def _cut(self, error: RecordError, pos: int, count: int, resume: int | None) -> str:
         if resume is not None:

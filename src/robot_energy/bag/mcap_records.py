@@ -17,7 +17,7 @@ FIRST_PRIVATE = 0x80
 FRAME = Struct("<BQ")
 """Start of every record: opcode, length of the rest."""
 FOOTER_SIZE = FRAME.size + 20
-SIZE_LIMIT = 256 * 2**20
+SIZE_LIMIT = 64 * 2**20
 """Largest record, and largest unpacked chunk, that is read. [bytes]"""
 
 

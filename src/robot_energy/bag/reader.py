@@ -8,8 +8,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from robot_energy.bag.metadata import FILE_NAME, read_folder_info
-from robot_energy.bag.sources import Contents, McapSource, RosbagsSource, TopicInfo
+from robot_energy.bag.metadata import FILE_NAME, FolderInfo, read_folder_info
+from robot_energy.bag.packed import PackedFile, PackedMessages, Source, open_file
+from robot_energy.bag.sources import Contents, TopicInfo
 from robot_energy.errors import BagError, MissingTopicError
 from robot_energy.wire.batch import RawBatch
 from robot_energy.wire.types import extended, typestore
@@ -18,6 +19,9 @@ if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
 __all__ = ["BagReader", "TopicInfo"]
+
+MAX_PROBLEMS = 100
+"""Sentences about what is wrong that are kept."""
 
 
 class BagReader:
@@ -133,40 +137,44 @@ class BagReader:
         return self.require(topic, info.msgtype)
 
     def _report(self, sentence: str) -> None:
-        if sentence not in self.problems:
-            self.problems.append(sentence)
+        if len(self.problems) <= MAX_PROBLEMS and sentence not in self.problems:
+            more = len(self.problems) == MAX_PROBLEMS
+            self.problems.append("there is more of this kind" if more else sentence)
 
-    def _find(self) -> list[McapSource | RosbagsSource]:
+    def _find(self) -> list[Source | PackedMessages | PackedFile]:
         if not self.path.exists():
             raise BagError(f"{self.path} does not exist", "an MCAP file or a rosbag2 folder")
         if not self.path.is_dir():
-            if self.path.suffix == ".db3":
-                return [RosbagsSource(self.path, self._report)]
-            return [McapSource(self.path, self._report)]
+            return [open_file(self.path, self._report)]
         if (self.path / FILE_NAME).exists():
-            info = None
             try:
                 info = read_folder_info(self.path)
-                self.origin = info.origin
             except BagError as error:
                 self._report(str(error))
-            if info and (info.storage != "mcap" or info.compression_mode):
-                return [RosbagsSource(self.path, self._report)]
-            if info:
-                files = [self.path / name for name in info.files]
-                for missing in [file for file in files if not file.exists()]:
-                    self._report(f"{missing.name} is in {FILE_NAME} but not in the folder")
-                if present := [file for file in files if file.exists()]:
-                    return [McapSource(file, self._report) for file in present]
-        found = sorted(self.path.glob("*.mcap"), key=_natural)
-        if found:
-            return [McapSource(file, self._report) for file in found]
-        databases = sorted(self.path.glob("*.db3"), key=_natural)
-        if databases:
-            return [RosbagsSource(file, self._report) for file in databases]
+            else:
+                if listed := self._listed(info):
+                    return listed
+        for pattern in ("*.mcap", "*.db3"):
+            found = sorted(self.path.glob(pattern), key=_natural)
+            if found:
+                return [open_file(file, self._report) for file in found]
         raise BagError(
             f"{self.path} holds no bag", "a folder with .mcap or .db3 files", "check the path"
         )
+
+    def _listed(self, info: FolderInfo) -> list[Source | PackedMessages | PackedFile]:
+        """Return the files that the metadata lists, as far as they are there."""
+        self.origin = info.origin
+        files = [self.path / name for name in info.files]
+        for missing in [file for file in files if not file.is_file()]:
+            self._report(f"{missing.name} is in {FILE_NAME} but not in the folder")
+        present = [file for file in files if file.is_file()]
+        if info.compression_mode == "file":
+            return [PackedFile(file, self._report) for file in present]
+        sources = [open_file(file, self._report) for file in present]
+        if info.compression_mode == "message":
+            return [PackedMessages(source, self._report) for source in sources]
+        return list(sources)
 
 
 def _natural(path: Path) -> list[tuple[int, str]]:

@@ -1,17 +1,15 @@
-"""The two ways a bag's messages are read: MCAP files by this package, the rest through rosbags."""
+"""What a bag file holds, and the messages of MCAP files."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from robot_energy.bag.mcap_block import Block, Messages
 from robot_energy.bag.mcap_file import McapFile
-from robot_energy.errors import BagError
 from robot_energy.wire.batch import RawBatch
 
 BATCH_MESSAGES = 8192
@@ -171,112 +169,3 @@ def _batch(topic: str, msgtype: str, block: Block, streams: list[Messages]) -> R
         order = np.argsort(times, kind="stable")
         times, offset, length = times[order], offset[order], length[order]
     return RawBatch(topic, msgtype, times, block.buffer, offset, length)
-
-
-class RosbagsSource:
-    """Messages of a folder or file that rosbags reads: sqlite3, or packed by rosbag2 itself.
-
-    Args:
-        path: Folder with metadata.yaml, or a .db3 file.
-        report: Takes one sentence per thing found wrong.
-    """
-
-    def __init__(self, path: Path, report: Report) -> None:
-        self._path = path
-        self._report = report
-        self.unverified_count = 0
-
-    def contents(self) -> Contents:
-        """Return what the bag holds.
-
-        Raises:
-            BagError: If rosbags cannot read it.
-        """
-        from rosbags.interfaces import MessageDefinitionFormat
-
-        result = Contents()
-        with self._open() as reader:
-            for connection in reader.connections:
-                encoding = str(getattr(connection.ext, "serialization_format", "cdr"))
-                info = TopicInfo(connection.msgtype, connection.msgcount, encoding)
-                result.add_topic(connection.topic, info, self._report)
-                if connection.msgdef.format != MessageDefinitionFormat.NONE:
-                    idl = connection.msgdef.format == MessageDefinitionFormat.IDL
-                    definition = ("ros2idl" if idl else "ros2msg", connection.msgdef.data)
-                    result.definitions.setdefault(connection.msgtype, definition)
-            result.message_count = reader.message_count
-            if reader.message_count:
-                result.start_ns, result.end_ns = reader.start_time, reader.end_time - 1
-        return result
-
-    def parts(self, topics: dict[str, str]) -> Iterator[dict[str, RawBatch]]:
-        """Yield the messages of some topics, some thousands at a time.
-
-        Args:
-            topics: Message type by topic.
-
-        Yields:
-            One batch per topic that has messages among them.
-        """
-        count = 0
-        held: dict[str, tuple[list[int], list[bytes]]] = {}
-        size, number = 0, 0
-        try:
-            with self._open() as reader:
-                wanted = [c for c in reader.connections if topics.get(c.topic) == c.msgtype]
-                messages = reader.messages(wanted) if wanted else iter(())
-                for connection, log_time, data in messages:
-                    times, rows = held.setdefault(connection.topic, ([], []))
-                    times.append(log_time)
-                    rows.append(bytes(data))
-                    size, number = size + len(data), number + 1
-                    if number == BATCH_MESSAGES or size >= BATCH_BYTES:
-                        count += number
-                        yield self._flush(held, topics)
-                        held, size, number = {}, 0, 0
-        except Exception as error:  # rosbags and sqlite raise many kinds on damaged files
-            if isinstance(error, BagError):
-                raise
-            self._report(
-                f"{self._path.name}: reading stopped ({error}); {count + number} messages before "
-                "it were read"
-            )
-        if number:
-            yield self._flush(held, topics)
-
-    def _flush(
-        self, held: dict[str, tuple[list[int], list[bytes]]], topics: dict[str, str]
-    ) -> dict[str, RawBatch]:
-        part = {
-            topic: RawBatch.from_messages(topic, topics[topic], times, rows)
-            for topic, (times, rows) in held.items()
-        }
-        self.unverified_count += sum(len(batch) for batch in part.values())
-        return part
-
-    def _open(self) -> Any:
-        from rosbags.rosbag2 import Reader
-
-        reader = Reader(self._path)
-        try:
-            reader.open()
-        except Exception as error:  # rosbags and sqlite raise many kinds on damaged files
-            raise BagError(
-                f"{self._path} cannot be read ({error})",
-                "a whole rosbag2 bag",
-                "rebuild its metadata with `ros2 bag reindex`, or record again",
-            ) from error
-        return _Opened(reader)
-
-
-class _Opened:
-    """Closes a reader that is already open."""
-
-    def __init__(self, reader: Any) -> None:
-        self._reader = reader
-
-    def __enter__(self) -> Any:
-        return self._reader
-
-    def __exit__(self, *_: object) -> None:
-        self._reader.close()

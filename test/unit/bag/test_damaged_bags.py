@@ -1,7 +1,10 @@
 """BagReader on damaged and hostile files: the whole part is delivered, the rest is named."""
 
+import os
 import re
 import struct
+import subprocess
+import sys
 import time
 import tracemalloc
 
@@ -298,3 +301,73 @@ def test_the_metadata_of_a_bag_is_no_way_in(tmp_path, bags, text):
     reader = BagReader(file.parent)
     assert reader.message_count == 101
     assert len(reader.problems) == 1
+
+
+BOUNDED = """
+import re, sys, time
+from robot_energy.bag import BagReader
+begin = time.perf_counter()
+reader = BagReader(sys.argv[1])
+count = sum(len(b) for part in reader.parts(list(reader.topics)) for b in part.values())
+rss = int(re.search(r"VmHWM:\\s+(\\d+)", open("/proc/self/status").read())[1])
+print(count, len(reader.problems), rss // 1024, time.perf_counter() - begin)
+"""
+
+
+def read_apart(path):
+    """Read in a process of its own: messages, problems, memory [MiB], time [s]."""
+    done = subprocess.run(
+        [sys.executable, "-c", BOUNDED, str(path)], capture_output=True, text=True, timeout=120,
+        check=True, env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+    )  # fmt: skip
+    count, problems, memory, duration = done.stdout.split()
+    return int(count), int(problems), int(memory), float(duration)
+
+
+def test_a_chunk_of_very_many_messages_keeps_within_bounds(tmp_path, bags):
+    """20 kB that hold 700,000 empty messages, without an index."""
+    schema = b"\x01\x00" + sized(b"sensor_msgs/msg/Temperature") + sized(b"ros2msg") + sized(b"")
+    channel = b"\x01\x00\x01\x00" + sized(b"/heat") + sized(b"cdr") + sized(b"")
+    message = FRAME.pack(5, 22) + b"\x01\x00" + bytes(20)
+    content = FRAME.pack(3, len(schema)) + schema + FRAME.pack(4, len(channel)) + channel
+    content += message * 700_000
+    path = tmp_path / "bomb.mcap"
+    chunk_file(path, len(content), zstandard.compress(content))
+    assert path.stat().st_size < 100_000
+    count, problems, memory, duration = read_apart(path)
+    assert (count, problems) == (700_000, 0)
+    assert memory < 135
+    assert duration < 5
+
+
+def sized(text):
+    return struct.pack("<I", len(text)) + text
+
+
+def test_ten_thousand_damaged_chunks_are_told_in_a_hundred_sentences(tmp_path):
+    path = tmp_path / "rubble.mcap"
+    chunk_file(path, 10, b"abc")
+    data = path.read_bytes()
+    start, stop = data.index(FRAME.pack(CHUNK, 4)[:1], 8 + 17), data.index(b"\x0f" + b"\x04")
+    path.write_bytes(data[:start] + data[start:stop] * 10_000 + data[stop:])
+    count, problems, _, duration = read_apart(path)
+    assert (count, problems) == (0, 101)
+    assert duration < 5
+
+
+def test_definitions_that_would_fill_the_memory_are_left_out(tmp_path):
+    """Twelve chunks of a few kB, each with a definition of 10 MiB."""
+    path = tmp_path / "definitions.mcap"
+    chunks = b""
+    for key in range(12):
+        text = struct.pack("<H", key + 1) + sized(b"a/msg/B") + sized(b"ros2msg")
+        text += sized(bytes([65 + key]) * 10 * 2**20)
+        content = FRAME.pack(3, len(text)) + text
+        chunk_file(path, len(content), zstandard.compress(content))
+        data = path.read_bytes()
+        chunks += data[8 + 17 : data.index(b"\x0f\x04" + bytes(7))]
+    path.write_bytes(data[: 8 + 17] + chunks + data[data.index(b"\x0f\x04" + bytes(7)) :])
+    _, problems, memory, duration = read_apart(path)
+    assert problems == 1
+    assert memory < 400
+    assert duration < 5

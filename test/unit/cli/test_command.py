@@ -104,7 +104,7 @@ def test_a_model_that_cannot_be_used(tmp_path: Path, capsys: pytest.CaptureFixtu
         assert said in refused(capsys, "replay", bag, "--model", broken)
         assert said in refused(capsys, "models", "check", broken)
     broken.write_text(text.replace("<mass value=", "<weight value="))
-    assert "gives no mass" in refused(capsys, "replay", bag, "--model", broken)
+    assert "inertial without mass" in refused(capsys, "replay", bag, "--model", broken)
     broken.write_text(text.replace("name: axle", "name: axis"))
     assert "axis" in refused(capsys, "replay", bag, "--model", broken)
 

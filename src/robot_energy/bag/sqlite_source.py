@@ -1,0 +1,210 @@
+"""Messages of one rosbag2 sqlite3 file, read without trusting what the file says of itself."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+from urllib.parse import quote
+
+from robot_energy.bag.sources import BATCH_BYTES, BATCH_MESSAGES, Contents, Report, TopicInfo
+from robot_energy.errors import BagError
+from robot_energy.wire.batch import RawBatch
+
+MAGIC = b"SQLite format 3\x00"
+LARGEST_VALUE = 64 * 2**20
+"""Longest row that is looked at, whosever it is. [bytes]"""
+LARGEST_MESSAGE = 16 * 2**20
+"""Longest message that is read. [bytes]"""
+MAX_TOPICS = 10_000
+_LIMITS = {
+    sqlite3.SQLITE_LIMIT_LENGTH: LARGEST_VALUE,
+    sqlite3.SQLITE_LIMIT_ATTACHED: 0,
+    sqlite3.SQLITE_LIMIT_COLUMN: 100,
+    sqlite3.SQLITE_LIMIT_EXPR_DEPTH: 50,
+    sqlite3.SQLITE_LIMIT_TRIGGER_DEPTH: 1,
+}
+_COLUMNS = {
+    "topics": {"id", "name", "type", "serialization_format"},
+    "messages": {"topic_id", "timestamp", "data"},
+    "message_definitions": {"topic_type", "encoding", "encoded_message_definition"},
+}
+
+
+class SqliteSource:
+    """Messages of one sqlite3 file.
+
+    The file is opened read-only and as one that nobody writes, so that no journal beside it is
+    taken up. Only plain tables are read: a view or a computed column would run what the file
+    says. sqlite keeps no checksum of messages, so none of them is verified.
+
+    Args:
+        path: The file.
+        report: Takes one sentence per thing found wrong.
+    """
+
+    def __init__(self, path: Path, report: Report) -> None:
+        self._path = path
+        self._report_to = report
+        self._whole: bool | None = None
+        self._ids: dict[int, tuple[str, str]] = {}  # topic and type of each id
+        self.unverified_count = 0
+
+    def contents(self) -> Contents:
+        """Return what the file holds.
+
+        Raises:
+            BagError: If it cannot be read.
+        """
+        result = Contents()
+        try:
+            with closing(self._open()) as base:
+                self._check(base)
+                self._read_topics(base, result)
+                if self._table(base, "message_definitions"):
+                    query = "SELECT topic_type, encoding, encoded_message_definition"
+                    for msgtype, encoding, text in base.execute(
+                        f"{query} FROM message_definitions LIMIT {MAX_TOPICS}"
+                    ):
+                        result.definitions.setdefault(str(msgtype), (str(encoding), str(text)))
+        except (sqlite3.Error, OverflowError) as error:
+            raise self._unreadable(str(error)) from error
+        return result
+
+    def parts(self, topics: dict[str, str]) -> Iterator[dict[str, RawBatch]]:
+        """Yield the messages of some topics in order of their times, some thousands at a time.
+
+        Args:
+            topics: Message type by topic.
+
+        Yields:
+            One batch per topic that has messages among them.
+        """
+        wanted = [key for key, (name, kind) in self._ids.items() if topics.get(name) == kind]
+        held: dict[str, tuple[list[int], list[bytes]]] = {}
+        size = number = count = odd = 0
+        try:
+            with closing(self._open()) as base:
+                for key, time, data in base.execute(
+                    "SELECT topic_id, timestamp, "
+                    f"CASE WHEN length(data) <= {LARGEST_MESSAGE} THEN data END "
+                    f"FROM messages WHERE topic_id IN ({','.join('?' * len(wanted))}) "
+                    "ORDER BY timestamp, rowid",
+                    wanted,
+                ):
+                    if not isinstance(time, int) or not isinstance(data, bytes) or time < 0:
+                        odd += 1
+                        continue
+                    times, rows = held.setdefault(self._ids[key][0], ([], []))
+                    times.append(time)
+                    rows.append(data)
+                    size, number = size + len(data), number + 1
+                    if number == BATCH_MESSAGES or size >= BATCH_BYTES:
+                        count += number
+                        yield self._flush(held, topics)
+                        held, size, number = {}, 0, 0
+        except (sqlite3.Error, OverflowError) as error:
+            self._report(
+                f"reading stopped ({error}); {count + number} messages before it were read"
+            )
+        if odd:
+            self._report(f"{odd} rows that hold no message, or a huge one, were left out")
+        if number:
+            yield self._flush(held, topics)
+
+    def _flush(
+        self, held: dict[str, tuple[list[int], list[bytes]]], topics: dict[str, str]
+    ) -> dict[str, RawBatch]:
+        part = {
+            topic: RawBatch.from_messages(topic, topics[topic], times, rows)
+            for topic, (times, rows) in held.items()
+        }
+        self.unverified_count += sum(len(batch) for batch in part.values())
+        return part
+
+    def _open(self) -> sqlite3.Connection:
+        """Open the file so that nothing in it can run, write or grow."""
+        try:
+            if not self._path.is_file():
+                raise self._unreadable("it is no file")
+            with self._path.open("rb") as file:
+                if file.read(len(MAGIC)) != MAGIC:
+                    raise self._unreadable("it is no sqlite3 file")
+        except OSError as error:
+            raise self._unreadable(str(error.strerror)) from error
+        place = quote(str(self._path.absolute()))
+        base = sqlite3.connect(f"file:{place}?mode=ro&immutable=1", uri=True, isolation_level=None)
+        base.text_factory = _text
+        for kind, limit in _LIMITS.items():
+            base.setlimit(kind, limit)
+        for pragma in ("trusted_schema = OFF", "cell_size_check = ON", "mmap_size = 0"):
+            base.execute(f"PRAGMA {pragma}")
+        return base
+
+    def _check(self, base: sqlite3.Connection) -> None:
+        """Check the tables, and once the whole file."""
+        for name in ("topics", "messages"):
+            if not self._table(base, name):
+                raise self._unreadable(f"it has no table of {name}")
+        for suffix in ("-wal", "-journal"):
+            beside = self._path.with_name(self._path.name + suffix)
+            if beside.is_file() and beside.stat().st_size:
+                self._report(f"{beside.name} was not read: the recording was not closed")
+        if self._whole is None:
+            (verdict,) = base.execute("PRAGMA quick_check(1)").fetchone()
+            self._whole = verdict == "ok"
+            if not self._whole:
+                line = " ".join(str(verdict).split())[:120]
+                self._report(f"the file is damaged ({line}); what can be read was read")
+
+    def _table(self, base: sqlite3.Connection, name: str) -> bool:
+        """Whether there is a plain table with the columns of a bag.
+
+        Raises:
+            BagError: If there is something else of that name.
+        """
+        found = base.execute("SELECT type, sql FROM sqlite_master WHERE name = ?", (name,))
+        row = found.fetchone()
+        if row is None:
+            return False
+        columns = base.execute(f"PRAGMA table_xinfo({name})").fetchall()
+        computed = [column[1] for column in columns if column[6]]
+        plain = row[0] == "table" and str(row[1]).upper().startswith("CREATE TABLE")
+        if not plain or computed:
+            raise self._unreadable(f"its {name} is no plain table")
+        lacks = _COLUMNS[name] - {column[1] for column in columns}
+        if lacks:
+            raise self._unreadable(f"its table of {name} has no {', '.join(sorted(lacks))}")
+        return True
+
+    def _read_topics(self, base: sqlite3.Connection, result: Contents) -> None:
+        counts = dict(base.execute("SELECT topic_id, count(*) FROM messages GROUP BY topic_id"))
+        query = f"SELECT id, name, type, serialization_format FROM topics LIMIT {MAX_TOPICS + 1}"
+        topics = base.execute(query).fetchall()
+        if len(topics) > MAX_TOPICS:
+            self._report(f"only the first {MAX_TOPICS} topics were looked at")
+        for key, name, msgtype, encoding in topics[:MAX_TOPICS]:
+            self._ids[key] = (str(name), str(msgtype))
+            info = TopicInfo(str(msgtype), counts.pop(key, 0), str(encoding))
+            result.add_topic(str(name), info, self._report)
+            result.message_count = (result.message_count or 0) + (info.message_count or 0)
+        if counts:
+            self._report(f"{sum(counts.values())} messages of unknown topics were left out")
+        first, last = base.execute("SELECT min(timestamp), max(timestamp) FROM messages").fetchone()
+        if isinstance(first, int) and isinstance(last, int):
+            result.start_ns, result.end_ns = first, last
+
+    def _unreadable(self, why: str) -> BagError:
+        return BagError(
+            f"{self._path} cannot be read ({why})",
+            "a whole rosbag2 bag",
+            "rebuild it with `ros2 bag reindex`, or record again",
+        )
+
+    def _report(self, sentence: str) -> None:
+        self._report_to(f"{self._path.name}: {sentence}")
+
+
+def _text(data: bytes) -> str:
+    return data.decode("utf-8", "replace")
