@@ -78,6 +78,14 @@ class RigError(RobotEnergyError, ValueError):
     """The virtual test rig cannot be set up or stepped as asked."""
 
 
+class RegisterError(RobotEnergyError, ValueError):
+    """A reset or an interval is refused: no reason, unknown or repeated name, too many."""
+
+
+class StateFileError(RobotEnergyError, OSError):
+    """State files cannot be read, written or locked, or hold something else."""
+
+
 class ReportError(RobotEnergyError, ValueError):
     """A report or figure cannot be made or written."""
 

@@ -12,14 +12,8 @@ from __future__ import annotations
 import numpy as np
 
 from robot_energy.blocks import NANOSECOND, Float, Int, PowerBlock
-from robot_energy.registers import ExactSum
+from robot_energy.registers import SHAFT_REGISTERS, ExactSum
 
-SHAFT_REGISTERS = (
-    "measured_positive",
-    "measured_negative",
-    "predicted_positive",
-    "predicted_negative",
-)
 LARGEST = 1e6  # J in one interval; more is no measurement, and would not fit the sums
 
 
@@ -43,6 +37,27 @@ class ShaftComparison:
     def microjoule(self) -> Int:
         """All registers as integers, in the order of ``SHAFT_REGISTERS``. [uJ]"""
         return self._sum.microjoule
+
+    @property
+    def remainder(self) -> Int:
+        """What is left of each register beyond whole microjoules. [2^-40 uJ]"""
+        return self._sum.remainder
+
+    def add_sums(self, microjoule: Int, remainder: Int, compared_ns: Int) -> None:
+        """Add what was compared before, in the order of `microjoule`.
+
+        Args:
+            microjoule: Shape (4 n,). [uJ]
+            remainder: Shape (4 n,). [2^-40 uJ]
+            compared_ns: Shape (n,). [ns]
+        """
+        self._sum.add_sums(microjoule, remainder)
+        self.compared_ns += compared_ns
+
+    def reset(self) -> None:
+        """Begin at zero."""
+        self._sum.reset()
+        self.compared_ns[:] = 0
 
     def joints(self, name: str) -> Float:
         """Return a register of every joint by its name in ``SHAFT_REGISTERS``.

@@ -39,6 +39,7 @@ ALLOWED = {
     "pipeline": {"errors", "blocks", "model_file", *PHYSICS},
     "ingest": {"errors", "blocks", "units", "urdf", "wire"},
     "bag": {"errors", "wire", "yaml_text"},
+    "state_file": {"errors", "model_file", "pipeline", "registers"},
     "messages": {"errors", "blocks", "model_file", "wire", "ingest", "pipeline", *BOOKS},
 }
 FOREIGN = {

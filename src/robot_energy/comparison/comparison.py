@@ -24,7 +24,7 @@ from robot_energy.blocks import (
 )
 from robot_energy.comparison.curve import MAX_POWER, MeterCurve
 from robot_energy.comparison.pieces import Compared, Pieces
-from robot_energy.registers import ExactSum
+from robot_energy.registers import NO_SEGMENT, ExactSum
 
 SECOND_NS = 1_000_000_000
 MAX_PIECES = 1_000_000
@@ -111,6 +111,31 @@ class Comparison:
     def predicted_energy(self) -> float:
         """Predicted energy at the meter's place over the same intervals. [J]"""
         return float(self._sum.joule[1])
+
+    @property
+    def microjoule(self) -> Int:
+        """Measured and predicted energy as integers, shape (2,). [uJ]"""
+        return self._sum.microjoule
+
+    @property
+    def remainder(self) -> Int:
+        """What is left of both beyond whole microjoules, shape (2,). [2^-40 uJ]"""
+        return self._sum.remainder
+
+    def add_sums(self, microjoule: Int, remainder: Int, compared_ns: int) -> None:
+        """Add what was compared before; measured, then predicted. [uJ] [2^-40 uJ] [ns]"""
+        self._sum.add_sums(microjoule, remainder)
+        self.compared_ns += compared_ns
+
+    def reset(self) -> None:
+        """Begin at zero; what still waits for the meter is compared later."""
+        self._sum.reset()
+        self.compared_ns = 0
+
+    def interrupt(self) -> None:
+        """Compare nothing between the last and the next sample."""
+        if self._last is not None:
+            self._last = (self._last[0], NO_SEGMENT, np.nan)
 
     def measure(self, block: MeterBlock) -> None:
         """Take meter readings; they wait for the prediction to catch up."""

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from robot_energy.blocks import NANOSECOND
 from robot_energy.pipeline.ledger import Ledger
-from robot_energy.registers import JOINT_REGISTERS
-from robot_energy.shaft_comparison import SHAFT_REGISTERS
+from robot_energy.registers import JOINT_REGISTERS, SHAFT_REGISTERS
 from robot_energy.wire.layout import Encoder, stamp_columns
 
 ENERGY_REGISTERS = "ros2_energy_msgs/msg/EnergyRegisters"
@@ -42,8 +41,13 @@ class RegistersWriter:
             ENERGY_REGISTERS, {"model_id": model_id, "joints.name": tuple(joint_names)}
         )
 
-    def encode(self, ledger: Ledger) -> NDArray[np.uint8] | None:
-        """Return one serialised message, shape (1, size); None before the first sample."""
+    def encode(self, ledger: Ledger, persisted: bool = False) -> NDArray[np.uint8] | None:
+        """Return one serialised message, shape (1, size); None before the first sample.
+
+        Args:
+            ledger: The books.
+            persisted: Whether they are on disk as they stand.
+        """
         registers, comparison = ledger.registers, ledger.comparison
         time = registers.time
         if time.start_ns is None or time.end_ns is None:
@@ -53,6 +57,7 @@ class RegistersWriter:
             {
                 **stamp_columns(np.array([time.end_ns])),
                 **stamp_columns(np.array([time.start_ns]), "energy_start"),
+                "persisted": persisted,
                 "predicted_import_energy": registers.cabinet("grid_import"),
                 "predicted_return_energy": registers.cabinet("grid_return"),
                 "measured_energy": comparison.measured_energy if compared else np.nan,

@@ -1,4 +1,9 @@
-"""The books: registers, comparison with the meter, phases and short-term means."""
+"""The books: registers, comparison with the meter, phases and short-term means.
+
+They outlive a process: `Ledger.state` gives all that must be kept as one record, and
+`Ledger.restore` continues from it. What lies between the last sample of a record and the
+next sample is a gap, or a jump where the stamps went back; it never carries energy.
+"""
 
 from __future__ import annotations
 
@@ -17,12 +22,17 @@ from robot_energy.blocks import (
     Quality,
 )
 from robot_energy.comparison import Compared, Comparison, Judgement
+from robot_energy.errors import RegisterError
 from robot_energy.pipeline.averaging import Averager, MeanBlock
+from robot_energy.pipeline.ledger_record import carry_into, record_of, tally_of
 from robot_energy.pipeline.settings import Settings
-from robot_energy.registers import CABINET_REGISTERS, ExactSum, Registers
+from robot_energy.registers import CABINET_REGISTERS, ExactSum, IntervalBook, Registers
+from robot_energy.registers.record import EnergyInterval, Identity, LedgerRecord, Tally, TraceEntry
+from robot_energy.registers.trace import Trace
 from robot_energy.shaft_comparison import ShaftComparison
 
 BITS = tuple(int(bit) for bit in Quality)
+REPEATED_NS = 1_000_000_000  # after a restart, stamps up to this old were counted before it
 
 
 class Ledger:
@@ -40,28 +50,44 @@ class Ledger:
         peak_power: Highest predicted grid power, NaN before the first sample. [W]
         quality: How many samples carried each quality bit.
         samples: Number of power samples taken.
+        repeated: Samples left out after a restart because their time was counted before it.
+        phase_energy_sum: Energy drawn from the grid by phase, exact.
+        phase_ns: Observed time by phase, shape (phases,). [ns]
+        intervals: Energy of jobs and cycles.
+        trace: Resets, restarts, changes of the model.
+        restarts: How often the books were taken over from a record.
         on_compared: Called with what became comparable in each step, for plots.
     """
 
     def __init__(self, n_joints: int, settings: Settings | None = None) -> None:
-        settings = settings or Settings()
-        self.registers = Registers(n_joints)
+        self._n_joints = n_joints
+        self._settings = settings or Settings()
+        period = self._settings.power_period
+        self._averager = None if period is None else Averager(period)
+        self.on_compared: Callable[[Compared], None] | None = None
+        self.judgement = Judgement(self._settings.meter_unit)
+        self.repeated = 0
+        self._begin()
+
+    def _begin(self) -> None:
+        """Open empty books."""
+        self.registers = Registers(self._n_joints)
         self.comparison = Comparison(
-            settings.meter_max_gap,
-            max_power=settings.meter_max_power,
-            wraps_at=settings.meter_wraps_at,
+            self._settings.meter_max_gap,
+            max_power=self._settings.meter_max_power,
+            wraps_at=self._settings.meter_wraps_at,
         )
-        self.judgement = Judgement(settings.meter_unit)
-        self.shaft = ShaftComparison(n_joints)
+        self.shaft = ShaftComparison(self._n_joints)
         self.peak_power = float("nan")
         self.quality: Counter[int] = Counter()
         self.samples = 0
-        self.on_compared: Callable[[Compared], None] | None = None
+        self.phase_energy_sum = ExactSum(len(Phase))
+        self.phase_ns: Int = np.zeros(len(Phase), dtype=np.int64)
+        self.intervals = IntervalBook()
+        self.trace = Trace()
+        self.restarts = 0
         self._unplaced: deque[PowerBlock] = deque()
-        self._phase_energy = ExactSum(len(Phase))
-        self._phase_ns = np.zeros(len(Phase), dtype=np.int64)
-        period = settings.power_period
-        self._averager = None if period is None else Averager(period)
+        self._resume_ns: int | None = None  # newest sample booked before a restart
 
     def measure(self, block: MeterBlock) -> None:
         """Take meter readings."""
@@ -76,6 +102,11 @@ class Ledger:
         Returns:
             Means of the periods that ended, or None.
         """
+        if self._resume_ns is not None:
+            fresh = self._without_repeated(block, self._resume_ns)
+            if fresh is None:
+                return None
+            block = fresh
         intervals = self.registers.step(block)
         shaft = self.shaft.step(block, intervals.duration_ns)
         compared = self._compare(block)
@@ -107,17 +138,128 @@ class Ledger:
             self._unplaced.clear()
         return self.comparison.predict(block.stamp_ns, block.segment, block.power_at(location))
 
+    def tally(self) -> Tally:
+        """Return all counters as they stand."""
+        return tally_of(self)
+
+    def state(self, identity: Identity) -> LedgerRecord:
+        """Return all that must be kept across a restart.
+
+        Args:
+            identity: Whose books these are.
+        """
+        return record_of(self, identity)
+
+    def restore(self, record: LedgerRecord) -> None:
+        """Continue from a record; whatever these books have counted is dropped.
+
+        Args:
+            record: Of the same joints in the same order.
+        """
+        self._begin()
+        carry_into(self, record)
+        self.restarts += 1
+        self._resume_ns = record.end_ns
+
+    def precede(self, record: LedgerRecord) -> None:
+        """Put a record before what was counted since: nothing of either is lost.
+
+        For state files that can be read only some time after the start.
+
+        Args:
+            record: Ends no later than these books begin; same joints in the same order.
+        """
+        carry_into(self, record)
+        self.restarts += 1
+
+    def interrupt(self) -> None:
+        """Count nothing from the last to the next sample: a gap, as over a restart."""
+        self.registers.interrupt()
+        self.comparison.interrupt()
+        self._unplaced.clear()
+        self._resume_ns = self.registers.time.end_ns
+
+    def reset(self, reason: str) -> None:
+        """Set all counters to zero at the newest booked sample.
+
+        Open intervals go on and keep what they have counted. The totals stay in the trace.
+
+        Args:
+            reason: Why, in words.
+
+        Raises:
+            RegisterError: If there is no reason, or nothing was booked yet.
+        """
+        time, before = self.registers.time, self.tally()
+        if not reason.strip():
+            raise RegisterError("a reset without a reason", "a few words that say why")
+        if time.end_ns is None:
+            raise RegisterError("no sample has been booked yet", "registers that have counted")
+        self.trace.add(
+            TraceEntry(
+                kind="reset",
+                stamp_ns=time.end_ns,
+                text=reason.strip(),
+                totals=before,
+                energy_start_ns=time.start_ns,
+            )
+        )
+        self.intervals.rebase(before)
+        self.registers.reset()
+        self.shaft.reset()
+        self.comparison.reset()
+        self.phase_energy_sum.reset()
+        self.phase_ns[:] = 0
+        self.peak_power = float("nan")
+        self.quality.clear()
+        self.samples = 0
+
+    def open_interval(self, name: str) -> EnergyInterval:
+        """Begin an interval at the newest booked sample.
+
+        Raises:
+            RegisterError: See `IntervalBook.open`.
+        """
+        return self.intervals.open(name, self.registers.time.end_ns, self.tally())
+
+    def close_interval(self, name: str = "", interval_id: int = 0) -> EnergyInterval:
+        """End an interval at the newest booked sample, by its number or else its name.
+
+        Raises:
+            RegisterError: If no such interval is open.
+        """
+        stamp_ns = self.registers.time.end_ns or 0
+        return self.intervals.close(name, interval_id, stamp_ns, self.tally())
+
+    def list_intervals(self) -> list[EnergyInterval]:
+        """Return the latest closed intervals and the open ones as they stand."""
+        return self.intervals.listed(self.registers.time.end_ns, self.tally())
+
+    def _without_repeated(self, block: PowerBlock, before_ns: int) -> PowerBlock | None:
+        """Leave out the first samples after a restart if their time is in the books.
+
+        A stamp that is far older is a jump back, not a repetition.
+        """
+        stamp = block.stamp_ns
+        known = (stamp > before_ns - REPEATED_NS) & (stamp <= before_ns)
+        first = len(block) if known.all() else int(np.argmin(known))
+        self.repeated += first
+        if first == len(block):
+            return None
+        self._resume_ns = None
+        return block[slice(first, None)]
+
     def flush(self) -> MeanBlock | None:
         """Return the mean of the period that is still open."""
         return None if self._averager is None else self._averager.flush()
 
     def phase_energy(self, phase: Phase) -> float:
         """Predicted energy drawn from the grid in a phase. [J]"""
-        return float(self._phase_energy.joule[phase])
+        return float(self.phase_energy_sum.joule[phase])
 
     def phase_time(self, phase: Phase) -> float:
         """Observed time in a phase. [s]"""
-        return float(self._phase_ns[phase]) * 1e-9
+        return float(self.phase_ns[phase]) * 1e-9
 
     def _book(self, block: PowerBlock, energy: Float, duration_ns: Int) -> None:
         self.samples += len(block)
@@ -128,10 +270,12 @@ class Ledger:
         split = np.zeros((len(block), len(Phase)))
         rows = np.arange(len(block))
         split[rows, block.phase] = energy
-        self._phase_energy.add(split)
-        self._phase_ns += np.bincount(
-            block.phase, weights=duration_ns, minlength=len(Phase)
-        ).astype(np.int64)
+        self.phase_energy_sum.add(split)
+        self.phase_ns += np.bincount(block.phase, weights=duration_ns, minlength=len(Phase)).astype(
+            np.int64
+        )
         finite = block.grid_power[np.isfinite(block.grid_power)]
         if len(finite):
-            self.peak_power = float(np.fmax(self.peak_power, finite.max()))
+            peak = float(finite.max())
+            self.peak_power = float(np.fmax(self.peak_power, peak))
+            self.intervals.step(peak)

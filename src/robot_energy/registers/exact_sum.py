@@ -22,11 +22,15 @@ class ExactSum:
 
     Args:
         size: How many registers.
+
+    Attributes:
+        microjoule: Whole microjoules, shape (size,). [uJ]
+        remainder: What is left, 0 to 2^40 - 1, shape (size,). [2^-40 uJ]
     """
 
     def __init__(self, size: int) -> None:
         self.microjoule: Int = np.zeros(size, dtype=np.int64)
-        self._remainder: Int = np.zeros(size, dtype=np.int64)
+        self.remainder: Int = np.zeros(size, dtype=np.int64)
 
     def add(self, energy: Float) -> None:
         """Add the energies of intervals.
@@ -46,9 +50,27 @@ class ExactSum:
             rest -= ROUND_REMAINDER
             ones = np.ones(len(rest))
             self.microjoule += (ones @ whole).astype(np.int64)
-            self._remainder += (ones @ rest * 2.0**REMAINDER_BITS).astype(np.int64)
-            self.microjoule += self._remainder >> REMAINDER_BITS
-            self._remainder &= (1 << REMAINDER_BITS) - 1
+            self.remainder += (ones @ rest * 2.0**REMAINDER_BITS).astype(np.int64)
+            self._carry()
+
+    def add_sums(self, microjoule: Int, remainder: Int) -> None:
+        """Add sums that were made elsewhere, such as those of a state file.
+
+        Args:
+            microjoule: Shape (size,). [uJ]
+            remainder: Shape (size,). [2^-40 uJ]
+        """
+        self.microjoule += microjoule
+        self.remainder += remainder
+        self._carry()
+
+    def reset(self) -> None:
+        """Begin at zero; the remainder stays, so that nothing is lost in between."""
+        self.microjoule[:] = 0
+
+    def _carry(self) -> None:
+        self.microjoule += self.remainder >> REMAINDER_BITS
+        self.remainder &= (1 << REMAINDER_BITS) - 1
 
     @property
     def joule(self) -> Float:

@@ -33,6 +33,24 @@ class Timekeeping:
     start_ns: int | None = None
     end_ns: int | None = None
 
+    def precede(self, earlier: Timekeeping) -> None:
+        """Put an earlier account before this one; what lies between them is a gap.
+
+        Args:
+            earlier: Ends no later than this one starts.
+        """
+        between = 0
+        if earlier.end_ns is not None and self.start_ns is not None:
+            between = self.start_ns - earlier.end_ns
+        self.observed_ns += earlier.observed_ns
+        self.gap_ns += earlier.gap_ns + between
+        self.gap_count += earlier.gap_count + (between > 0)
+        self.jumps += earlier.jumps
+        if earlier.start_ns is not None:
+            self.start_ns = earlier.start_ns
+        if self.end_ns is None:
+            self.end_ns = earlier.end_ns
+
     @property
     def span_ns(self) -> int:
         """Time from first to last sample, without backward jumps. [ns]"""
@@ -42,6 +60,9 @@ class Timekeeping:
     def coverage(self) -> float:
         """Observed share of the span; NaN before the second sample. [-]"""
         return self.observed_ns / self.span_ns if self.span_ns else float("nan")
+
+
+NO_SEGMENT = -1  # segments count from zero: nothing is integrated from this one
 
 
 @dataclass(frozen=True)
@@ -100,6 +121,17 @@ class Trapezoid:
         self._last = (int(stamp_ns[-1]), int(segment[-1]), power[-1].copy())
         self.time.end_ns = int(stamp_ns[-1])
         return Intervals(duration_ns, energy)
+
+    def reset(self) -> None:
+        """Begin the account at the last sample, with nothing counted."""
+        self.time = Timekeeping(start_ns=self.time.end_ns, end_ns=self.time.end_ns)
+        self._in_gap = False
+
+    def interrupt(self) -> None:
+        """Let the time from the last to the next sample be a gap of its own, or a jump."""
+        if self.time.end_ns is not None:
+            self._last = (self.time.end_ns, NO_SEGMENT, np.full(1, np.nan))
+            self._in_gap = False
 
     def _account(self, elapsed: Int, observed: NDArray[np.bool_]) -> None:
         time = self.time

@@ -14,6 +14,12 @@ from robot_energy.registers.timekeeping import Intervals, Timekeeping, Trapezoid
 
 CABINET_REGISTERS = ("grid_import", "grid_return", "brake", "loss_dc", "loss_grid", "capacitor")
 JOINT_REGISTERS = ("shaft_positive", "shaft_negative", "rigid", "friction", "drive_loss")
+SHAFT_REGISTERS = (
+    "measured_positive",
+    "measured_negative",
+    "predicted_positive",
+    "predicted_negative",
+)
 
 
 class Registers:
@@ -51,6 +57,24 @@ class Registers:
         intervals = self._trapezoid.step(block.stamp_ns, block.segment, _columns(block))
         self._sum.add(intervals.energy)
         return intervals
+
+    @property
+    def remainder(self) -> Int:
+        """What is left of each register beyond whole microjoules. [2^-40 uJ]"""
+        return self._sum.remainder
+
+    def add_sums(self, microjoule: Int, remainder: Int) -> None:
+        """Add sums counted before; both in the order of `microjoule`. [uJ] [2^-40 uJ]"""
+        self._sum.add_sums(microjoule, remainder)
+
+    def reset(self) -> None:
+        """Begin all registers and times at zero, at the newest sample."""
+        self._sum.reset()
+        self._trapezoid.reset()
+
+    def interrupt(self) -> None:
+        """Let the time up to the next sample be a gap."""
+        self._trapezoid.interrupt()
 
     def cabinet(self, name: str) -> float:
         """Return a register of the cabinet by its name in ``CABINET_REGISTERS``. [J]"""

@@ -1,0 +1,156 @@
+"""The books -> one record that can be kept, and back into books."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from robot_energy.blocks import Int, Phase, Quality
+from robot_energy.registers import CABINET_REGISTERS, JOINT_REGISTERS, Timekeeping
+from robot_energy.registers.record import (
+    JOINT_KEYS,
+    SHAFT_KEYS,
+    Identity,
+    LedgerRecord,
+    Remainders,
+    Tally,
+)
+from robot_energy.registers.trace import Trace
+
+if TYPE_CHECKING:
+    from robot_energy.pipeline.ledger import Ledger
+
+
+def tally_of(ledger: Ledger) -> Tally:
+    """Return all counters of the books as they stand."""
+    time, comparison = ledger.registers.time, ledger.comparison
+    cabinet, joints = _by_name(ledger.registers.microjoule, ledger.shaft.microjoule)
+    return Tally(
+        cabinet_energy_microjoule=cabinet,
+        joint_energy_microjoule=joints,
+        shaft_compared_ns=tuple(ledger.shaft.compared_ns.tolist()),
+        measured_energy_microjoule=int(comparison.microjoule[0]),
+        predicted_energy_at_meter_microjoule=int(comparison.microjoule[1]),
+        compared_ns=comparison.compared_ns,
+        observed_ns=time.observed_ns,
+        gap_ns=time.gap_ns,
+        gap_count=time.gap_count,
+        jumps=time.jumps,
+    )
+
+
+def record_of(ledger: Ledger, identity: Identity) -> LedgerRecord:
+    """Return all that must be kept of the books.
+
+    Args:
+        ledger: The books.
+        identity: Whose they are.
+    """
+    registers, comparison = ledger.registers, ledger.comparison
+    cabinet, joints = _by_name(registers.remainder, ledger.shaft.remainder)
+    phases = [phase.name for phase in Phase]
+    phase_energy = ledger.phase_energy_sum
+    entries, closed = ledger.intervals.state()
+    return LedgerRecord(
+        identity=identity,
+        energy_start_ns=registers.time.start_ns,
+        end_ns=registers.time.end_ns,
+        totals=tally_of(ledger),
+        remainders=Remainders(
+            cabinet=cabinet,
+            joints=joints,
+            measured=int(comparison.remainder[0]),
+            predicted_at_meter=int(comparison.remainder[1]),
+            phases=dict(zip(phases, phase_energy.remainder.tolist(), strict=True)),
+        ),
+        phase_energy_microjoule=dict(zip(phases, phase_energy.microjoule.tolist(), strict=True)),
+        phase_observed_ns=dict(zip(phases, ledger.phase_ns.tolist(), strict=True)),
+        peak_power_watt=ledger.peak_power if np.isfinite(ledger.peak_power) else None,
+        samples=ledger.samples,
+        quality_counts={
+            str(Quality(bit).name): count for bit, count in sorted(ledger.quality.items())
+        },
+        restarts=ledger.restarts,
+        next_interval_id=ledger.intervals.next_id,
+        open_intervals=entries,
+        closed_intervals=closed,
+        trace=ledger.trace.entries,
+    )
+
+
+def carry_into(ledger: Ledger, record: LedgerRecord) -> None:
+    """Put what a record has counted before what the books have counted.
+
+    Args:
+        ledger: The books; empty, or begun no earlier than the record ends.
+        record: Of the same joints in the same order, with every register.
+    """
+    registers, totals, rest = ledger.registers, record.totals, record.remainders
+    empty = registers.time.end_ns is None
+    registers.time.precede(
+        Timekeeping(
+            observed_ns=totals.observed_ns,
+            gap_ns=totals.gap_ns,
+            gap_count=totals.gap_count,
+            jumps=totals.jumps,
+            start_ns=record.energy_start_ns,
+            end_ns=record.end_ns,
+        )
+    )
+    if empty:
+        registers.interrupt()
+    energy = totals.joint_energy_microjoule
+    registers.add_sums(
+        _integers(*_in_order(totals.cabinet_energy_microjoule), *_rows(energy, JOINT_REGISTERS)),
+        _integers(*_in_order(rest.cabinet), *_rows(rest.joints, JOINT_REGISTERS)),
+    )
+    ledger.shaft.add_sums(
+        _integers(*_rows(energy, SHAFT_KEYS)),
+        _integers(*_rows(rest.joints, SHAFT_KEYS)),
+        _integers(*totals.shaft_compared_ns),
+    )
+    ledger.comparison.add_sums(
+        _integers(totals.measured_energy_microjoule, totals.predicted_energy_at_meter_microjoule),
+        _integers(rest.measured, rest.predicted_at_meter),
+        totals.compared_ns,
+    )
+    names = [phase.name for phase in Phase]
+    ledger.phase_energy_sum.add_sums(
+        _integers(*(record.phase_energy_microjoule.get(name, 0) for name in names)),
+        _integers(*(rest.phases.get(name, 0) for name in names)),
+    )
+    ledger.phase_ns += _integers(*(record.phase_observed_ns.get(name, 0) for name in names))
+    ledger.intervals.restore(
+        record.open_intervals, record.closed_intervals, record.next_interval_id
+    )
+    ledger.intervals.step(ledger.peak_power)
+    stored = np.nan if record.peak_power_watt is None else record.peak_power_watt
+    ledger.peak_power = float(np.fmax(ledger.peak_power, stored))
+    ledger.samples += record.samples
+    for bit in Quality:
+        ledger.quality[int(bit)] += record.quality_counts.get(str(bit.name), 0)
+    ledger.quality += type(ledger.quality)()  # drop what is zero
+    ledger.restarts += record.restarts
+    ledger.trace = Trace((*record.trace, *ledger.trace.entries))
+
+
+def _by_name(values: Int, shaft: Int) -> tuple[dict[str, int], dict[str, tuple[int, ...]]]:
+    """Split registers, and those of the shaft comparison, into cabinet and joints."""
+    first = len(CABINET_REGISTERS)
+    cabinet: dict[str, int] = dict(zip(CABINET_REGISTERS, values[:first].tolist(), strict=True))
+    table = np.concatenate([values[first:], shaft]).reshape(len(JOINT_KEYS), -1).tolist()
+    return cabinet, {name: tuple(row) for name, row in zip(JOINT_KEYS, table, strict=True)}
+
+
+def _in_order(cabinet: dict[str, int]) -> list[int]:
+    return [cabinet[name] for name in CABINET_REGISTERS]
+
+
+def _rows(joints: dict[str, tuple[int, ...]], names: Sequence[str]) -> list[int]:
+    return [value for name in names for value in joints[name]]
+
+
+def _integers(*values: int) -> Int:
+    return np.array(values, dtype=np.int64)

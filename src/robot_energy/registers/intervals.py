@@ -1,0 +1,178 @@
+"""Intervals of energy: per job, per cycle; several at once, and none is lost by a reset."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+
+import numpy as np
+
+from robot_energy.errors import RegisterError
+from robot_energy.registers.record import EnergyInterval, OpenInterval, Tally
+
+MAX_OPEN = 16
+MAX_CLOSED = 16
+MAX_NAME = 100  # characters
+
+
+class IntervalBook:
+    """The open intervals and the latest closed ones.
+
+    An interval is the difference of two tallies, so adjacent ones add up to the
+    microjoule. Its bounds are stamps of booked samples.
+
+    Attributes:
+        next_id: Number of the next interval.
+    """
+
+    def __init__(self) -> None:
+        self.next_id = 1
+        self._open: dict[int, OpenInterval] = {}
+        self._peaks: dict[int, float] = {}
+        self._closed: deque[EnergyInterval] = deque(maxlen=MAX_CLOSED)
+
+    @property
+    def open_count(self) -> int:
+        """How many are open."""
+        return len(self._open)
+
+    def open(self, name: str, stamp_ns: int | None, tally: Tally) -> EnergyInterval:
+        """Begin an interval at the newest booked sample.
+
+        Args:
+            name: Unique among the open ones, 1 to 100 characters.
+            stamp_ns: Newest booked sample. [ns]
+            tally: All counters at that instant.
+
+        Returns:
+            The interval, still empty.
+
+        Raises:
+            RegisterError: If the name does not fit or is taken, if too many are open, or
+                if no sample was booked yet.
+        """
+        if not name.strip() or len(name) > MAX_NAME:
+            raise RegisterError(
+                f"an interval name of {len(name)} characters", f"1 to {MAX_NAME}, not all blank"
+            )
+        if any(entry.name == name for entry in self._open.values()):
+            raise RegisterError(
+                f"an interval '{name}' is open already", "another name", "close it first"
+            )
+        if len(self._open) >= MAX_OPEN:
+            raise RegisterError(
+                f"{MAX_OPEN} intervals are open", f"at most {MAX_OPEN}", "close one first"
+            )
+        if stamp_ns is None:
+            raise RegisterError("no sample has been booked yet", "a first joint state")
+        entry = OpenInterval(
+            interval_id=self.next_id,
+            name=name,
+            start_ns=stamp_ns,
+            base=tally,
+            peak_power_watt=None,
+        )
+        self._open[self.next_id] = entry
+        self.next_id += 1
+        return self._report(entry, stamp_ns, tally, is_open=True)
+
+    def close(self, name: str, interval_id: int, stamp_ns: int, tally: Tally) -> EnergyInterval:
+        """End an interval at the newest booked sample.
+
+        Args:
+            name: Its name; used where the number is 0.
+            interval_id: Its number, or 0.
+            stamp_ns: Newest booked sample. [ns]
+            tally: All counters at that instant.
+
+        Returns:
+            What it counted.
+
+        Raises:
+            RegisterError: If no such interval is open.
+        """
+        found = [
+            entry
+            for entry in self._open.values()
+            if (entry.interval_id == interval_id if interval_id else entry.name == name)
+        ]
+        if not found:
+            names = ", ".join(f"'{entry.name}'" for entry in self._open.values())
+            what = f"number {interval_id}" if interval_id else f"'{name}'"
+            raise RegisterError(f"no interval {what} is open", names or "an open interval; none is")
+        closed = self._report(found[0], stamp_ns, tally, is_open=False)
+        del self._open[closed.interval_id]
+        self._peaks.pop(closed.interval_id, None)
+        self._closed.append(closed)
+        return closed
+
+    def listed(self, stamp_ns: int | None, tally: Tally) -> list[EnergyInterval]:
+        """Return the closed intervals, oldest first, then the open ones as they stand.
+
+        Args:
+            stamp_ns: Newest booked sample. [ns]
+            tally: All counters at that instant.
+        """
+        now = [
+            self._report(entry, entry.start_ns if stamp_ns is None else stamp_ns, tally, True)
+            for entry in self._open.values()
+        ]
+        return [*self._closed, *now]
+
+    def step(self, peak_power: float) -> None:
+        """Note the highest grid power of new samples.
+
+        Args:
+            peak_power: NaN for none. [W]
+        """
+        for number in self._open:
+            self._peaks[number] = float(np.fmax(self._peaks.get(number, np.nan), peak_power))
+
+    def rebase(self, totals: Tally) -> None:
+        """Keep what open intervals have counted while the counters go back to zero.
+
+        Args:
+            totals: All counters before they are set to zero.
+        """
+        for number, entry in self._open.items():
+            self._open[number] = entry.model_copy(update={"base": entry.base - totals})
+
+    def state(self) -> tuple[tuple[OpenInterval, ...], tuple[EnergyInterval, ...]]:
+        """Return the open and the closed intervals."""
+        entries = [
+            entry.model_copy(update={"peak_power_watt": self._peak(entry)})
+            for entry in self._open.values()
+        ]
+        return tuple(entries), tuple(self._closed)
+
+    def restore(
+        self, entries: Sequence[OpenInterval], closed: Sequence[EnergyInterval], next_id: int
+    ) -> None:
+        """Take over intervals of a state file; there must be none yet.
+
+        Args:
+            entries: Open ones.
+            closed: Closed ones, oldest first.
+            next_id: Number of the next one.
+        """
+        self._open = {entry.interval_id: entry for entry in entries}
+        self._closed.extend(closed)
+        self.next_id = max([next_id, *(number + 1 for number in self._open)])
+
+    def _report(
+        self, entry: OpenInterval, stamp_ns: int, tally: Tally, is_open: bool
+    ) -> EnergyInterval:
+        return EnergyInterval(
+            interval_id=entry.interval_id,
+            name=entry.name,
+            start_ns=entry.start_ns,
+            end_ns=stamp_ns,
+            is_open=is_open,
+            counted=tally - entry.base,
+            peak_power_watt=self._peak(entry),
+        )
+
+    def _peak(self, entry: OpenInterval) -> float | None:
+        stored = np.nan if entry.peak_power_watt is None else entry.peak_power_watt
+        peak = float(np.fmax(self._peaks.get(entry.interval_id, np.nan), stored))
+        return peak if np.isfinite(peak) else None

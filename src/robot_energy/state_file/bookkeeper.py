@@ -1,0 +1,307 @@
+"""Keeps the books of one robot on disk: restores, checkpoints, recovers.
+
+The disk may be full, read-only, gone or held by another monitor, at any time and for any
+time: counting goes on in memory, `Bookkeeper.trouble` says why, and every checkpoint tries
+again. Work on the disk is handed to ``submit``, so that a node can do it beside its ticks;
+by default it is done at once.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Callable
+from concurrent.futures import Future, wait
+from pathlib import Path
+from typing import Any, cast
+
+from robot_energy.errors import RegisterError, StateFileError
+from robot_energy.model_file import RobotModel
+from robot_energy.pipeline.ledger import Ledger
+from robot_energy.registers.record import (
+    FORMAT_VERSION,
+    Identity,
+    LedgerRecord,
+    TraceEntry,
+    TraceKind,
+)
+from robot_energy.state_file.slots import SlotPair, Stored
+
+Submit = Callable[[Callable[[], Any]], "Future[Any]"]
+
+
+def identity_of(model: RobotModel) -> Identity:
+    """Return whose registers a model counts."""
+    return Identity(
+        robot_type=model.robot.type,
+        robot_serial=model.robot.serial or "",
+        joint_names=tuple(model.joint_names),
+        model_id=model.model_id,
+    )
+
+
+def file_name_of(identity: Identity) -> str:
+    """Return how the files of a robot begin: type and serial, readable and unique."""
+    exact = f"{identity.robot_type}\n{identity.robot_serial}"
+    text = f"{identity.robot_type} {identity.robot_serial}".lower()
+    readable = re.sub(r"[^a-z0-9]+", "-", text).strip("-")[:60]
+    return f"{readable or 'robot'}-{hashlib.sha256(exact.encode()).hexdigest()[:8]}"
+
+
+def at_once(job: Callable[[], Any]) -> Future[Any]:
+    """Do a job now and return its finished future."""
+    future: Future[Any] = Future()
+    try:
+        future.set_result(job())
+    except StateFileError as error:
+        future.set_exception(error)
+    return future
+
+
+def books_of(
+    ledger: Ledger, model: RobotModel, folder: Path | None, submit: Submit = at_once
+) -> Bookkeeper:
+    """Return the keeper of a robot's books.
+
+    Args:
+        ledger: The books.
+        model: The robot's model.
+        folder: Where the state files lie; None keeps nothing.
+        submit: Does work on the disk; jobs must run one after the other.
+    """
+    identity = identity_of(model)
+    slots = None
+    if folder is not None:
+        name = file_name_of(identity)
+        slots = SlotPair(folder, name, FORMAT_VERSION, LedgerRecord.from_json)
+    return Bookkeeper(ledger, identity, slots, submit)
+
+
+class Bookkeeper:
+    """Brings the books and their state files together.
+
+    Args:
+        ledger: The books.
+        identity: Whose they are.
+        slots: Their state files; None keeps nothing.
+        submit: Does work on the disk.
+
+    Attributes:
+        loaded: Whether the state files were read, so that these are the robot's books.
+        trouble: Why nothing can be kept at present; empty while all is well.
+        failures: Checkpoints that failed.
+        checkpoints: Checkpoints that reached the disk.
+        notices: What the user should know, oldest first; take them out.
+    """
+
+    def __init__(
+        self,
+        ledger: Ledger,
+        identity: Identity,
+        slots: SlotPair[LedgerRecord] | None,
+        submit: Submit = at_once,
+    ) -> None:
+        self.ledger = ledger
+        self.loaded = slots is None
+        self.trouble = ""
+        self.failures = 0
+        self.checkpoints = 0
+        self.notices: list[str] = []
+        self._identity = identity
+        self._slots = slots
+        self._submit = submit
+        self._pending: Future[Any] | None = None
+        self._written = 0  # sequence of our newest checkpoint
+        self._attempted = 0  # the same, or of one that failed and may yet be on disk
+
+    @property
+    def keeps(self) -> bool:
+        """Whether there is a folder to keep the books in."""
+        return self._slots is not None
+
+    @property
+    def busy(self) -> bool:
+        """Whether the disk is at work."""
+        return self._pending is not None
+
+    @property
+    def sequence(self) -> int:
+        """Number of our newest checkpoint; 0 before the first."""
+        return self._written
+
+    @property
+    def folder(self) -> Path | None:
+        """Where the state files lie."""
+        return None if self._slots is None else self._slots.folder
+
+    def begin(self) -> bool:
+        """Begin a checkpoint of the books as they stand, or to open their folder.
+
+        Returns:
+            Whether a checkpoint was begun; False also while the disk is at work.
+        """
+        if self._slots is None or self._pending is not None:
+            return False
+        if not self._slots.held:
+            self._pending = self._submit(self._slots.acquire)
+            return False
+        self._attempted = self._slots.sequence + 1
+        slots, payload = self._slots, self.ledger.state(self._identity).to_json()
+        self._pending = self._submit(lambda: slots.write(payload))
+        return True
+
+    def poll(self) -> bool | None:
+        """Take the result of the disk's work.
+
+        Returns:
+            True if a checkpoint has reached the disk, False if the work failed, None if
+            there is nothing to tell.
+        """
+        if self._pending is None or not self._pending.done():
+            return None
+        job, self._pending = self._pending, None
+        try:
+            result = job.result()
+            if isinstance(result, Stored):
+                self._adopt(cast("Stored[LedgerRecord]", result))
+                return None
+        except StateFileError as error:
+            self.failures += 1
+            self.trouble = str(error)
+            return False
+        assert self._slots is not None
+        self._written = self._slots.sequence
+        self.checkpoints += 1
+        self.trouble = ""
+        return True
+
+    def open(self, patience: float | None = None) -> None:
+        """Open the folder and continue from what is there, as far as that is possible.
+
+        Args:
+            patience: How long to wait for the disk; None waits for ever. [s]
+        """
+        self._finish(patience)
+        if self._slots is not None and not self._slots.held:
+            self.begin()
+            self._finish(patience)
+
+    def checkpoint(self, patience: float | None = None) -> bool:
+        """Bring the books as they stand to disk.
+
+        Args:
+            patience: How long to wait for the disk, twice at most; None for ever. [s]
+
+        Returns:
+            Whether they are on disk.
+        """
+        self.open(patience)
+        if self._slots is None or not self._slots.held:
+            return False
+        return self.begin() and bool(self._finish(patience))
+
+    def require(self) -> None:
+        """Refuse changes to books that are not the robot's.
+
+        Raises:
+            RegisterError: While the state files could not be read.
+        """
+        if not self.loaded:
+            raise RegisterError(
+                "the registers of this robot have not been read yet",
+                "state files that can be read",
+                self.trouble or "wait a moment",
+            )
+
+    def close(self, patience: float | None = None) -> bool:
+        """Make a last checkpoint and let another monitor write.
+
+        Args:
+            patience: How long to wait for the disk, twice at most. [s]
+
+        Returns:
+            Whether the books are on disk.
+        """
+        done = self.checkpoint(patience)
+        if self._slots is not None and self._pending is None:
+            self._slots.release()
+        return done
+
+    def _finish(self, patience: float | None) -> bool | None:
+        if self._pending is None:
+            return None
+        wait([self._pending], patience)
+        if not self._pending.done():
+            self.trouble = f"the disk has not answered for {patience:g} s"
+            return False
+        return self.poll()
+
+    def _adopt(self, stored: Stored[LedgerRecord]) -> None:
+        """Continue from what is on disk, unless these books are its continuation."""
+        self.notices += stored.notices
+        for notice in stored.notices:
+            self._note("file_lost", notice)
+        if self.loaded and stored.sequence <= self._attempted:
+            return  # the folder was away for a while
+        record = stored.value
+        try:
+            if record is not None:
+                record = self._fitting(record)
+        except StateFileError:
+            assert self._slots is not None
+            self._slots.release()  # the next checkpoint tries again
+            raise
+        self.loaded = True
+        if record is None:
+            if stored.notices:
+                self._began_anew("no state file could be used")
+            return
+        lost = self.ledger.trace.entries  # of the files that were read just now
+        start_ns = self.ledger.registers.time.start_ns
+        if start_ns is None or (record.end_ns is not None and start_ns < record.end_ns):
+            self.ledger.restore(record)
+            for entry in lost:
+                self.ledger.trace.add(entry)
+            how = "" if start_ns is None else "; what was counted meanwhile is dropped"
+        else:
+            self.ledger.precede(record)
+            how = "; what was counted meanwhile is added"
+        self._written = self._attempted = stored.sequence
+        self._note("restart", f"continued by model {self._identity.model_id}{how}")
+        if record.identity.model_id != self._identity.model_id:
+            before, after = record.identity.model_id, self._identity.model_id
+            self._note("model_changed", f"model {before} counted until here, {after} from here")
+            self.notices.append(f"the registers of model {before} go on with model {after}")
+
+    def _fitting(self, record: LedgerRecord) -> LedgerRecord | None:
+        """Return the record for our joints; None, after moving it aside, if it is of others."""
+        assert self._slots is not None
+        mine, found = self._identity, record.identity
+        if (found.robot_type, found.robot_serial) != (mine.robot_type, mine.robot_serial):
+            reason = f"the state is of robot '{found.robot_type}' '{found.robot_serial}'"
+        elif sorted(found.joint_names) != sorted(mine.joint_names):
+            reason = (
+                f"the state is of joints {', '.join(found.joint_names)}, "
+                f"the model has {', '.join(mine.joint_names)}"
+            )
+        else:
+            added = (
+                set(self.ledger.tally().cabinet_energy_microjoule)
+                | set(self.ledger.tally().joint_energy_microjoule)
+            ) - (
+                set(record.totals.cabinet_energy_microjoule)
+                | set(record.totals.joint_energy_microjoule)
+            )
+            for name in sorted(added):
+                self._note("register_added", f"register '{name}' counts from here")
+            return record.arranged(mine.joint_names)
+        self._began_anew(f"{reason}: {', '.join(self._slots.set_aside())}")
+        return None
+
+    def _began_anew(self, reason: str) -> None:
+        self._note("began_anew", reason)
+        self.notices.append(f"the registers begin anew: {reason}")
+
+    def _note(self, kind: TraceKind, text: str) -> None:
+        stamp_ns = self.ledger.registers.time.end_ns
+        self.ledger.trace.add(TraceEntry(kind=kind, stamp_ns=stamp_ns, text=text))

@@ -1,0 +1,64 @@
+"""One state file: a line of text that guards what follows, and the JSON it guards.
+
+The line names format, sequence number, length and CRC-32; the CRC covers the line itself
+as well. ``head -1`` shows it, ``tail -n +2`` gives plain JSON.
+"""
+
+from __future__ import annotations
+
+import re
+import zlib
+
+from robot_energy.errors import StateFileError
+
+MAGIC = "robot-energy-registers"
+MAX_BYTES = 4 * 1024 * 1024
+MAX_LINE = 200
+_LINE = re.compile(
+    rb"robot-energy-registers version=(\d{1,9}) sequence=(\d{1,18}) bytes=(\d{1,9}) "
+    rb"crc32=([0-9a-f]{8})\n"
+)
+
+
+def wrap(version: int, sequence: int, payload: bytes) -> bytes:
+    """Return the content of a state file.
+
+    Args:
+        version: Format of the payload.
+        sequence: Grows by one with every write.
+        payload: JSON text.
+    """
+    line = f"{MAGIC} version={version} sequence={sequence} bytes={len(payload)}".encode()
+    check = zlib.crc32(payload, zlib.crc32(line))
+    return line + f" crc32={check:08x}\n".encode() + payload
+
+
+def unwrap(version: int, content: bytes) -> tuple[int, bytes]:
+    """Return sequence number and payload of a state file.
+
+    Args:
+        version: The newest format that can be read.
+        content: All bytes of the file; what stands behind the payload is ignored, since a
+            shorter state may have been written over a longer one.
+
+    Raises:
+        StateFileError: If the file is empty, cut, damaged or of a newer format.
+    """
+    if not content:
+        raise StateFileError("an empty file", "a state file")
+    found = _LINE.match(content[:MAX_LINE])
+    if found is None:
+        raise StateFileError("a file without the first line of a state file")
+    number, sequence, size = (int(found[group]) for group in (1, 2, 3))
+    payload = content[found.end() : found.end() + size]
+    if len(payload) < size:
+        raise StateFileError(f"a file cut after {len(payload)} bytes", f"{size}")
+    if wrap(number, sequence, payload) != content[: found.end() + size]:
+        raise StateFileError("a damaged file, whose CRC does not fit")
+    if number > version:
+        raise StateFileError(
+            f"a state file of format {number}",
+            f"at most {version}",
+            "use the release that wrote it, or a newer one",
+        )
+    return sequence, payload

@@ -1,0 +1,259 @@
+"""Two alternating files in a folder, one of which is always whole.
+
+A write goes to the older slot and is synced before it counts, so that whatever ends the
+process or the power, the other slot still holds the state before. One process writes: it
+holds a lock (flock) on a third file, which the kernel gives back when the process ends.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Generic, TypeVar
+
+from robot_energy.errors import StateFileError
+from robot_energy.state_file.envelope import MAX_BYTES, unwrap, wrap
+
+T = TypeVar("T")
+MAX_ASIDE = 20  # damaged files kept beside the slots
+
+
+@dataclass(frozen=True)
+class Stored(Generic[T]):
+    """What was found in a folder.
+
+    Attributes:
+        value: The newest state, or None where there is none.
+        sequence: Its number; 0 where there is none.
+        notices: What was wrong, one sentence each.
+    """
+
+    value: T | None
+    sequence: int
+    notices: tuple[str, ...]
+
+
+class SlotPair(Generic[T]):
+    """The state files of one robot.
+
+    Args:
+        folder: Where they lie; it is made if it does not exist.
+        name: Begins the name of every file.
+        version: Format of the payload.
+        read: Turns a payload into a state; raises `StateFileError` if it cannot.
+
+    Attributes:
+        sequence: Number of the newest state on disk.
+    """
+
+    def __init__(self, folder: Path, name: str, version: int, read: Callable[[bytes], T]) -> None:
+        self.folder = folder
+        self.sequence = 0
+        self._paths = tuple(folder / f"{name}.{slot}.state" for slot in "ab")
+        self._lock_path = folder / f"{name}.lock"
+        self._version = version
+        self._read = read
+        self._lock: int | None = None
+        self._newest = 1  # slot of the newest state; the first write goes to slot 0
+
+    def acquire(self) -> Stored[T]:
+        """Become the only writer and read what is there.
+
+        A slot that is damaged, or of a newer format, is moved aside and the other one
+        used. Nothing is ever deleted.
+
+        Returns:
+            The newest state that can be used.
+
+        Raises:
+            StateFileError: If another process writes here, or the folder cannot be used.
+        """
+        self.release()
+        try:
+            self._make_folder()
+            self._take_lock()
+            found = self._read_slots()
+        except OSError as error:
+            self.release()
+            raise _wrapped(error, self.folder) from error
+        self.sequence = found.sequence
+        return found
+
+    def write(self, payload: bytes) -> None:
+        """Write a state over the older slot; when this returns, it is on disk.
+
+        Args:
+            payload: JSON text.
+
+        Raises:
+            StateFileError: If it is not certain to be on disk; the state before still is.
+        """
+        slot = 1 - self._newest
+        path = self._paths[slot]
+        try:
+            self._check_lock()
+            content = wrap(self._version, self.sequence + 1, payload)
+            existed = path.exists()
+            file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o644)
+            try:
+                _write_all(file, content)
+                os.ftruncate(file, len(content))
+                os.fsync(file)
+            finally:
+                os.close(file)
+            if not existed:
+                _sync_folder(self.folder)
+        except OSError as error:
+            raise _wrapped(error, path) from error
+        self.sequence += 1
+        self._newest = slot
+
+    def set_aside(self) -> list[str]:
+        """Move both slots aside, because they belong to something else.
+
+        Returns:
+            Where they are now, one sentence each.
+
+        Raises:
+            StateFileError: If they cannot be moved.
+        """
+        try:
+            notes = [f"moved aside as {_move_aside(path)}" for path in self._paths if path.exists()]
+            _sync_folder(self.folder)
+        except OSError as error:
+            raise _wrapped(error, self.folder) from error
+        self.sequence = 0
+        self._newest = 1
+        return notes
+
+    @property
+    def held(self) -> bool:
+        """Whether this process is the writer."""
+        return self._lock is not None
+
+    def release(self) -> None:
+        """Let another process write."""
+        if self._lock is not None:
+            os.close(self._lock)
+            self._lock = None
+
+    def _make_folder(self) -> None:
+        if not self.folder.is_dir():
+            self.folder.mkdir(parents=True, exist_ok=True)
+            _sync_folder(self.folder.parent)
+
+    def _take_lock(self) -> None:
+        try:
+            lock = os.open(self._lock_path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+        except OSError:
+            if not self._lock_path.is_file():
+                raise
+            # Nothing can be written now, but what was kept can still be read and guarded.
+            lock = os.open(self._lock_path, os.O_RDONLY | os.O_CLOEXEC)
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            owner = os.pread(lock, 20, 0).decode(errors="replace").strip()
+            os.close(lock)
+            raise StateFileError(
+                f"another monitor (process {owner or 'unknown'}) keeps the registers in "
+                f"{self.folder}",
+                "",
+                "stop it, or give this one another state_folder or its model file a serial",
+            ) from None
+        except OSError:
+            os.close(lock)
+            raise
+        self._lock = lock
+        with suppress(OSError):  # only a hint for people
+            os.ftruncate(lock, 0)
+            os.pwrite(lock, f"{os.getpid()}\n".encode(), 0)
+
+    def _check_lock(self) -> None:
+        """Make sure that the lock file held is still the one in the folder."""
+        if self._lock is None:
+            raise StateFileError("the state files are not locked")
+        held = os.fstat(self._lock)
+        try:
+            there = os.stat(self._lock_path)
+        except OSError:
+            self.release()
+            raise
+        if (held.st_dev, held.st_ino) != (there.st_dev, there.st_ino):
+            self.release()
+            raise StateFileError(f"{self._lock_path} was replaced", "the file that was locked")
+
+    def _read_slots(self) -> Stored[T]:
+        found: list[tuple[int, int, T]] = []
+        notices: list[str] = []
+        for slot, path in enumerate(self._paths):
+            content = _content(path)
+            if content is None:
+                continue
+            try:
+                sequence, payload = unwrap(self._version, content)
+                found.append((sequence, slot, self._read(payload)))
+            except StateFileError as error:
+                notices.append(f"{path}: {error} It was {_aside_or_left(path)}.")
+        if notices:
+            with suppress(OSError):  # a read-only folder, where nothing was moved either
+                _sync_folder(self.folder)
+        if not found:
+            self._newest = 1
+            return Stored(None, 0, tuple(notices))
+        sequence, self._newest, value = max(found, key=lambda entry: entry[0])
+        return Stored(value, sequence, tuple(notices))
+
+
+def _content(path: Path) -> bytes | None:
+    try:
+        with path.open("rb") as file:
+            return file.read(MAX_BYTES)
+    except FileNotFoundError:
+        return None
+
+
+def _write_all(file: int, content: bytes) -> None:
+    done = 0
+    while done < len(content):
+        done += os.pwrite(file, content[done:], done)
+
+
+def _sync_folder(folder: Path) -> None:
+    number = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        os.fsync(number)
+    finally:
+        os.close(number)
+
+
+def _move_aside(path: Path) -> Path:
+    """Rename a file to the first free name; OSError if there is none."""
+    for number in range(1, MAX_ASIDE + 1):
+        target = path.with_name(f"{path.name}.bad-{number}")
+        if not target.exists():
+            path.rename(target)
+            return target
+    raise OSError(f"{MAX_ASIDE} files lie aside already")
+
+
+def _aside_or_left(path: Path) -> str:
+    try:
+        return f"moved aside as {_move_aside(path).name}"
+    except OSError as error:
+        return f"left in place ({error.strerror or error})"
+
+
+def _wrapped(error: OSError, path: Path) -> StateFileError:
+    if isinstance(error, StateFileError):
+        return error
+    where = error.filename or path
+    return StateFileError(
+        f"the registers cannot be kept in {where}: {error.strerror or error}",
+        "a folder that can be written, on a disk with space",
+        "counting goes on in memory and the next checkpoint tries again",
+    )

@@ -1,0 +1,135 @@
+"""Laws of the books, on random power: cuttings, restarts, intervals, resets."""
+
+from itertools import pairwise
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ledgers import IDENTITY, power_block, restarted
+from robot_energy.blocks import MeterBlock, MeterLocation, MeterMeaning, PowerBlock
+from robot_energy.pipeline import Ledger
+
+SIZE = 300
+indices = st.lists(st.integers(1, SIZE - 1), max_size=12, unique=True).map(sorted)
+seeds = st.integers(0, 2**31)
+
+
+def random_power(seed: int) -> PowerBlock:
+    """Odd powers of both signs, with a gap, a jump back and a NaN."""
+    rng = np.random.default_rng(seed)
+    stamp = 10**12 + np.cumsum(rng.integers(1, 9_999_999, SIZE))
+    segment = np.zeros(SIZE, dtype=np.int64)
+    gap, jump = sorted(rng.choice(np.arange(1, SIZE), 2, replace=False).tolist())
+    stamp[gap:] += 3_000_000_007
+    segment[gap:] += 1
+    stamp[jump:] -= 20_000_000_000
+    segment[jump:] += 1
+    grid = rng.normal(100, 200, SIZE)
+    grid[rng.integers(SIZE)] = np.nan
+    return power_block(stamp, grid, segment)
+
+
+def lifetime_counter(block: PowerBlock, seed: int) -> MeterBlock:
+    rng = np.random.default_rng(seed)
+    stamp = int(block.stamp_ns[0]) + np.cumsum(rng.integers(10**6, 10**8, 40))
+    energy = 5e5 + np.cumsum(rng.uniform(0, 9, 40))
+    none = np.full(40, np.nan)
+    return MeterBlock(stamp, none, energy, none, MeterMeaning.CUMULATIVE, MeterLocation.GRID)
+
+
+def apart(block: PowerBlock, cuts: list[int]) -> PowerBlock:
+    """The same power with a gap in front of each cut, for a reference in one piece."""
+    extra = np.zeros(SIZE, dtype=np.int64)
+    extra[cuts] = 1
+    return power_block(block.stamp_ns, block.grid_power, block.segment + np.cumsum(extra))
+
+
+@settings(deadline=None, max_examples=60)
+@given(seed=seeds, cuts=indices)
+def test_restarts_cost_exactly_the_intervals_they_interrupt(seed, cuts):
+    """Restarting at any samples = counting in one piece with gaps at these samples."""
+    block = random_power(seed)
+    reference = Ledger(2)
+    reference.step(apart(block, cuts))
+    ledger = Ledger(2)
+    for number, (start, stop) in enumerate(pairwise([0, *cuts, SIZE])):
+        ledger = restarted(ledger) if number else ledger
+        ledger.step(block[slice(start, stop)])
+    np.testing.assert_array_equal(ledger.registers.microjoule, reference.registers.microjoule)
+    np.testing.assert_array_equal(ledger.registers.remainder, reference.registers.remainder)
+    time, expected = ledger.registers.time, reference.registers.time
+    assert (time.observed_ns, time.gap_ns, time.jumps) == (
+        expected.observed_ns,
+        expected.gap_ns,
+        expected.jumps,
+    )
+    assert (time.start_ns, time.end_ns) == (expected.start_ns, expected.end_ns)
+    assert (ledger.phase_ns == reference.phase_ns).all()
+    np.testing.assert_array_equal(ledger.shaft.microjoule, reference.shaft.microjoule)
+    assert (ledger.shaft.compared_ns == reference.shaft.compared_ns).all()
+    assert ledger.shaft.compared_ns.any()
+    assert ledger.samples + ledger.repeated == reference.samples == SIZE
+    np.testing.assert_equal(ledger.peak_power, reference.peak_power)
+
+
+@settings(deadline=None, max_examples=60)
+@given(seed=seeds, bounds=indices, cuts=indices, restart=st.none() | st.integers(1, SIZE - 1))
+def test_adjacent_intervals_add_up_to_the_registers_whatever_the_cutting(
+    seed, bounds, cuts, restart
+):
+    """To the microjoule and nanosecond, across cuts, a reset and a restart."""
+    block = random_power(seed)
+    edges = sorted({0, *bounds, *cuts, *([restart] if restart else []), SIZE})
+    ledger, whole = Ledger(2), None
+    before = None
+    for start, stop in pairwise(edges):
+        if start == restart:
+            ledger = restarted(ledger)
+        if start in bounds:
+            if before is not None:
+                ledger.close_interval(before.name)
+            else:
+                whole = ledger.open_interval("whole")
+            before = ledger.open_interval(f"from {start}")
+        ledger.measure(lifetime_counter(block, seed)) if start == 0 else None
+        ledger.step(block[slice(start, stop)])
+    if before is None:
+        return
+    ledger.close_interval(before.name)
+    total = ledger.close_interval(interval_id=whole.interval_id).counted
+    parts = [entry.counted for entry in ledger.list_intervals()[:-1]]
+    assert len(parts) == len(bounds)
+    for name in type(total).model_fields:
+        values = [getattr(part, name) for part in parts]
+        if name == "cabinet_energy_microjoule":
+            summed = {key: sum(value[key] for value in values) for key in values[0]}
+        elif name == "joint_energy_microjoule":
+            summed = {
+                key: tuple(map(sum, zip(*(value[key] for value in values), strict=True)))
+                for key in values[0]
+            }
+        elif name == "shaft_compared_ns":
+            summed = tuple(map(sum, zip(*values, strict=True)))
+        else:
+            summed = sum(values)
+        assert summed == getattr(total, name), name
+
+
+@settings(deadline=None, max_examples=40)
+@given(seed=seeds, cuts=indices, other=indices, reset=st.integers(1, SIZE - 1))
+def test_state_does_not_depend_on_the_cutting(seed, cuts, other, reset):
+    """The whole record, with an interval and a reset at a given sample."""
+    block = random_power(seed)
+
+    def run(bounds: list[int]):
+        ledger = Ledger(2)
+        ledger.measure(lifetime_counter(block, seed))
+        for start, stop in pairwise(sorted({0, reset, SIZE, *bounds})):
+            ledger.step(block[slice(start, stop)])
+            if stop == reset:
+                ledger.reset("for the test")
+                ledger.open_interval("job")
+        return ledger.state(IDENTITY)
+
+    assert run(cuts) == run(other)

@@ -1,0 +1,189 @@
+"""Books across a restart: totals go on, the time between is a gap, nothing counts twice."""
+
+import json
+
+import pytest
+
+from ledgers import IDENTITY, SECOND, counter, power_block, restarted, steady
+from robot_energy.errors import StateFileError
+from robot_energy.pipeline import Ledger
+from robot_energy.registers import PER_JOULE
+from robot_energy.registers.record import LedgerRecord
+
+
+def imported(ledger: Ledger) -> float:
+    return float(ledger.registers.cabinet("grid_import"))
+
+
+def test_totals_go_on_and_the_downtime_is_one_gap_exact_in_ns() -> None:
+    """10 s and 5 s at 100 W with 3.000000007 s in between: 1500 J, and not one of the gap."""
+    ledger = Ledger(2)
+    ledger.step(steady(10, 20))
+    ledger = restarted(ledger)
+    assert imported(ledger) == 1000.0
+    second = steady(23, 28)
+    ledger.step(power_block(second.stamp_ns + 7, second.grid_power))
+    assert imported(ledger) == pytest.approx(1500.0, abs=1e-6)
+    time = ledger.registers.time
+    assert (time.gap_ns, time.gap_count, time.jumps) == (3 * SECOND + 7, 1, 0)
+    assert time.observed_ns == 15 * SECOND
+    assert time.span_ns == time.observed_ns + time.gap_ns == time.end_ns - time.start_ns
+    assert time.start_ns == 10 * SECOND
+    assert ledger.samples == 1001 + 501
+    assert ledger.restarts == 1
+
+
+def test_stamps_that_went_back_over_a_restart_are_a_jump() -> None:
+    ledger = Ledger(2)
+    ledger.step(steady(100, 110))
+    ledger = restarted(ledger)
+    ledger.step(steady(0, 10))
+    time = ledger.registers.time
+    assert (time.gap_ns, time.gap_count, time.jumps) == (0, 0, 1)
+    assert imported(ledger) == 2000.0
+    ledger.step(steady(10.01, 20))
+    assert imported(ledger) == pytest.approx(3000.0)
+
+
+def test_samples_that_are_sent_again_after_a_restart_do_not_count_twice() -> None:
+    """A latched or buffered input repeats its last half second."""
+    ledger = Ledger(2)
+    ledger.step(steady(0, 10))
+    ledger = restarted(ledger)
+    again = steady(9.5, 12)
+    ledger.step(again[slice(0, 20)])  # in two blocks, the first wholly repeated
+    ledger.step(again[slice(20, None)])
+    assert ledger.repeated == 51
+    assert imported(ledger) == pytest.approx(1199.0)  # without the interval after the restart
+    assert ledger.registers.time.gap_ns == SECOND // 100
+    assert ledger.registers.time.jumps == 0
+
+
+def test_a_lifetime_counter_is_not_counted_across_the_downtime() -> None:
+    """The meter counts on while the monitor is away; what it counted lies in the gap."""
+    ledger = Ledger(2)
+    ledger.measure(counter(0, 10))
+    ledger.step(steady(0, 10))
+    assert ledger.comparison.measured_energy == pytest.approx(900.0, abs=1e-5)
+    ledger = restarted(ledger)
+    ledger.measure(counter(11.5, 20))  # within the longest gap that readings may have
+    ledger.step(steady(11.5, 20))
+    books = ledger.comparison
+    assert books.compared_ns == round(18.5 * SECOND)
+    assert books.measured_energy == pytest.approx(90.0 * 18.5, abs=1e-5)
+    assert books.predicted_energy == pytest.approx(100.0 * 18.5, abs=1e-5)
+
+
+def test_a_pause_counts_like_a_restart() -> None:
+    ledger = Ledger(2)
+    ledger.measure(counter(0, 10))
+    ledger.step(steady(0, 10))
+    ledger.interrupt()
+    ledger.measure(counter(10.1, 20))
+    ledger.step(steady(10.05, 20))  # the same segment, and hardly any time has passed
+    assert imported(ledger) == pytest.approx(1995.0)
+    assert ledger.registers.time.gap_ns == round(0.05 * SECOND)
+    assert ledger.comparison.compared_ns == round(19.95 * SECOND)
+
+
+def test_everything_the_books_show_survives() -> None:
+    ledger = Ledger(2)
+    ledger.measure(counter(0, 10))
+    ledger.step(steady(0, 10, watt=33.5))
+    ledger.open_interval("job")
+    ledger.reset("new shift")
+    ledger.step(steady(10.01, 15, watt=210.0))
+    after = restarted(ledger)
+    assert after.tally() == ledger.tally()
+    assert after.peak_power == 210.0
+    assert after.quality == ledger.quality
+    assert (after.phase_ns == ledger.phase_ns).all()
+    assert after.list_intervals() == ledger.list_intervals()
+    assert after.trace.entries == ledger.trace.entries
+    first, second = (books.state(IDENTITY) for books in (ledger, after))
+    assert second == first.model_copy(update={"restarts": 1})
+
+
+def test_what_was_counted_before_the_file_could_be_read_is_added() -> None:
+    """A disk that is mounted late: the file ends at 10 s, the monitor counts from 12 s."""
+    before = Ledger(2)
+    before.step(steady(0, 10))
+    job = before.open_interval("job")
+    late = Ledger(2)
+    late.step(steady(12, 15, watt=300.0))
+    late.precede(before.state(IDENTITY))
+    assert imported(late) == 1900.0
+    assert late.registers.time.start_ns == 0
+    assert late.registers.time.gap_ns == 2 * SECOND
+    late.step(steady(15.01, 16))
+    assert late.registers.time.span_ns == 16 * SECOND
+    closed = late.close_interval(interval_id=job.interval_id)
+    assert closed.peak_power_watt == 300.0
+    assert closed.counted.gap_ns == 2 * SECOND
+
+
+def test_reset_leaves_a_trace_and_a_new_start() -> None:
+    ledger = Ledger(2)
+    ledger.step(steady(5, 10))
+    ledger.reset("  calibrated  ")
+    assert imported(ledger) == 0.0
+    time = ledger.registers.time
+    assert (time.start_ns, time.span_ns) == (10 * SECOND, 0)
+    entry = ledger.trace.entries[-1]
+    assert (entry.kind, entry.text, entry.stamp_ns) == ("reset", "calibrated", 10 * SECOND)
+    assert entry.energy_start_ns == 5 * SECOND
+    assert entry.totals is not None
+    assert entry.totals.cabinet_energy_microjoule["grid_import"] == 500 * PER_JOULE
+    ledger.step(steady(10.01, 11))
+    assert imported(ledger) == pytest.approx(100.0)
+    assert ledger.phase_time(2) == pytest.approx(1.0)
+
+
+def test_many_restarts_do_not_push_out_the_trace_of_a_reset() -> None:
+    ledger = Ledger(2)
+    ledger.step(steady(0, 1))
+    ledger.reset("the only one")
+    for number in range(40):
+        ledger.trace.add(
+            ledger.trace.entries[0].model_copy(update={"kind": "restart", "text": str(number)})
+        )
+    kinds = [entry.kind for entry in ledger.trace.entries]
+    assert kinds == ["reset", *["restart"] * 16]
+    assert ledger.trace.entries[-1].text == "39"
+
+
+def record_json(**changes: object) -> dict:
+    ledger = Ledger(2)
+    ledger.step(steady(0, 1))
+    return json.loads(ledger.state(IDENTITY).to_json()) | changes
+
+
+def test_a_record_without_its_unit_is_refused() -> None:
+    data = record_json()
+    data["totals"]["measured_energy"] = data["totals"].pop("measured_energy_microjoule")
+    with pytest.raises(StateFileError, match="measured_energy_microjoule: Field required"):
+        LedgerRecord.from_json(json.dumps(data).encode())
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"format_version": 2},
+        {"samples": 1.0},
+        {"samples": -1},
+        {"samples": 2**63},
+        {"end_ns": None},
+        {"peak_power_watt": "100 W"},
+        {"colour": "red"},
+    ],
+    ids=str,
+)
+def test_a_record_that_is_not_exactly_right_is_refused(changes: dict[str, object]) -> None:
+    LedgerRecord.from_json(json.dumps(record_json()).encode())
+    with pytest.raises(StateFileError, match="the state cannot be used"):
+        LedgerRecord.from_json(json.dumps(record_json(**changes)).encode())
+
+
+def test_every_energy_and_time_of_a_record_names_its_unit() -> None:
+    totals = record_json()["totals"]
+    assert all(key.endswith(("_microjoule", "_ns", "_count", "jumps")) for key in totals)
