@@ -20,7 +20,7 @@ from rclpy.parameter import Parameter as RosParameter
 
 from robot_energy.errors import ParameterError
 from robot_energy.ingest.parameters import Parameter, assemble, parameter
-from robot_energy.ingest.sources import TemperatureInputs
+from robot_energy.ingest.sources import JointStateInputs, TemperatureInputs
 
 __all__ = ["ParameterError", "declare", "parameter"]
 
@@ -64,7 +64,7 @@ class Common:
 
 
 @dataclass(frozen=True, kw_only=True)
-class TorqueParameters(Common):
+class TorqueParameters(JointStateInputs, Common):
     """Parameters of the torque monitor."""
 
     joint_state_depth: int = parameter(

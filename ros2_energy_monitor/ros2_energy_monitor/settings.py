@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from robot_energy.blocks import EffortMeaning
 from robot_energy.pipeline import Settings
 from ros2_energy_monitor.node_parameters import (
     Common,
@@ -26,6 +27,7 @@ def settings_of(parameters: Common) -> Settings:
             settings,
             derivative_window=parameters.derivative_window,
             derivative_lag=None if lag < 0 else lag,
+            effort=EffortMeaning(parameters.effort),
         )
     if isinstance(parameters, PowerParameters | EnergyParameters):
         settings = replace(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
@@ -12,7 +12,7 @@ import numpy as np
 
 from robot_energy.bag import DEFAULT_QOS, LATCHED_QOS, BagReader, BagWriter
 from robot_energy.bag_sources import named_sources, possible_temperatures, sources_by_type
-from robot_energy.blocks import FrictionBlock, JointBlock
+from robot_energy.blocks import EffortMeaning, FrictionBlock, JointBlock
 from robot_energy.comparison import Compared
 from robot_energy.errors import BagError, MissingTopicError, UnknownJointError
 from robot_energy.ingest import JointStateIngest, MeterIngest, TemperatureIngest
@@ -20,17 +20,21 @@ from robot_energy.ingest.joint_states import JOINT_STATE
 from robot_energy.ingest.sources import Inputs, TemperatureSource
 from robot_energy.messages import (
     FrictionWriter,
+    PayloadReader,
+    PayloadWriter,
     PowerStateWriter,
     RegistersWriter,
     TorqueWriter,
 )
 from robot_energy.messages.friction import JOINT_FRICTION
+from robot_energy.messages.payload import PAYLOAD
 from robot_energy.messages.power import POWER_STATE
 from robot_energy.messages.registers import ENERGY_REGISTERS
 from robot_energy.messages.torque import JOINT_TORQUE
 from robot_energy.model_file import RobotModel
 from robot_energy.pipeline import EnergyPipeline, Ledger, Output, Settings
 from robot_energy.pipeline.averaging import MeanBlock
+from robot_energy.pipeline.payload_timeline import PayloadChange
 from robot_energy.wire.batch import RawBatch
 
 SECOND_NS = 1_000_000_000
@@ -46,11 +50,13 @@ class Topics:
         joint_states: The topic of the joint states.
         temperatures: Topics of motor temperatures; empty for none.
         meter: The topic of the power meter.
+        payload: The topic of payloads set at run time; empty for none.
     """
 
     joint_states: str | None = None
     temperatures: tuple[str, ...] | None = None
     meter: str | None = None
+    payload: str | None = None
 
 
 @dataclass
@@ -64,6 +70,8 @@ class Replay:
         joint_states: Accounting and joints of the joint states.
         temperatures: Accounting of the temperatures.
         meter: Accounting of the meter.
+        payload: Accounting of the payloads set at run time, and the changes.
+        effort: What the effort in the joint states was taken for.
         pipeline: The pipeline with its books closed.
         problems: What was wrong with the bag, one sentence each.
         notes: What a user should know of the inputs, one sentence each.
@@ -79,6 +87,8 @@ class Replay:
     joint_states: JointStateIngest
     temperatures: TemperatureIngest
     meter: MeterIngest
+    payload: PayloadReader
+    effort: EffortMeaning
     pipeline: EnergyPipeline
     problems: list[str] = field(default_factory=list[str])
     notes: list[str] = field(default_factory=list[str])
@@ -100,7 +110,7 @@ def find_topics(bag: BagReader, wanted: Topics) -> Topics:
         wanted: What the user named.
 
     Returns:
-        The topics; ``meter`` stays None where there is none.
+        The topics; ``meter`` and ``payload`` stay None where there are none.
 
     Raises:
         MissingTopicError: If a named topic is absent or of another type, or the joint
@@ -114,7 +124,10 @@ def find_topics(bag: BagReader, wanted: Topics) -> Topics:
             f"it has {', '.join(sorted(bag.topics)) or 'no topics'}",
         )
     meter = _one(bag, wanted.meter, MeterIngest.types, "a power meter", "--meter")
-    return Topics(joints, wanted.temperatures, meter)
+    payload = None
+    if wanted.payload != "":
+        payload = _one(bag, wanted.payload, (PAYLOAD,), "payloads", "--payload")
+    return Topics(joints, wanted.temperatures, meter, payload)
 
 
 def find_temperatures(
@@ -206,9 +219,13 @@ def replay(
         bag=Path(path),
         model=model,
         topics=replace(used, temperatures=tuple(temperatures.topics)),
-        joint_states=JointStateIngest(model.joint_names, bag.typestore),
+        joint_states=JointStateIngest(
+            model.joint_names, bag.typestore, effort=settings.effort is not EffortMeaning.NONE
+        ),
         temperatures=temperatures,
         meter=MeterIngest(bag.typestore),
+        payload=PayloadReader(pipeline.torque.set_payload, bag.typestore),
+        effort=settings.effort,
         pipeline=pipeline,
         origin=bag.origin,
         notes=notes,
@@ -221,7 +238,7 @@ def replay(
     try:
         for output in _outputs(bag, result, sliced=writer is not None, progress=progress):
             if writer is not None:
-                writer.write(output, pipeline.ledger)
+                writer.write(output, pipeline.ledger, result.payload.changes)
             if keep_means and output.means is not None:
                 means.append(output.means)
         result.problems += bag.problems
@@ -239,12 +256,15 @@ def _outputs(
     bag: BagReader, result: Replay, sliced: bool, progress: Progress | None
 ) -> Iterator[Output]:
     used, pipeline = result.topics, result.pipeline
-    names = [name for name in (used.joint_states, *(used.temperatures or ()), used.meter) if name]
+    single = (used.joint_states, used.meter, used.payload)
+    names = [name for name in (*single, *(used.temperatures or ())) if name]
     start, end = bag.start_ns, bag.end_ns
     for part in bag.parts(names):
         readings = [part[topic] for topic in used.temperatures or () if topic in part]
         temperatures = result.temperatures.step(readings) if readings else None
         meter = result.meter.step(part[used.meter]) if used.meter in part else None
+        if used.payload in part:
+            result.payload.step(part[used.payload])
         batch: RawBatch | None = part.get(str(used.joint_states))
         joints = result.joint_states.step(batch) if batch is not None else None
         for index, block in enumerate(_slices(joints, sliced)):
@@ -298,6 +318,7 @@ class _Writer:
         "/energy/joint_friction": JOINT_FRICTION,
         "/energy/power": POWER_STATE,
         "/energy/registers": ENERGY_REGISTERS,
+        "/energy/payload": PAYLOAD,
     }
 
     def __init__(self, path: str | Path, overwrite: bool, model: RobotModel, origin: str) -> None:
@@ -305,13 +326,15 @@ class _Writer:
         self._friction = FrictionWriter(model)
         self._power = PowerStateWriter(model.joint_names, model.model_id)
         self._registers = RegistersWriter(model.joint_names, model.model_id)
+        self._payload = PayloadWriter(model.model_id)
+        self._payloads = 0  # changes written
         self._booked: int | None = None
         self._made = (path, overwrite, origin)
         self._bag: BagWriter | None = None
         self._frictions: list[FrictionBlock] = []
 
-    def write(self, output: Output, ledger: Ledger) -> None:
-        torque, friction, power, registers = self.TOPICS
+    def write(self, output: Output, ledger: Ledger, payloads: Sequence[PayloadChange]) -> None:
+        torque, friction, power, registers, payload = self.TOPICS
         if output.friction is not None:
             self._frictions.append(output.friction)
         if self._bag is None and output.torque is None:
@@ -320,6 +343,11 @@ class _Writer:
             self._open().write(friction, block.stamp_ns, self._friction.encode(block))
         self._frictions.clear()
         if output.torque is not None:
+            now = output.torque.stamp_ns[:1]  # a change from the start has no time of its own
+            for change in payloads[self._payloads :]:
+                time = np.array([change.from_ns]) if change.from_ns else now
+                self._open().write(payload, time, self._payload.encode(change))
+            self._payloads = len(payloads)
             rows = self._torque.encode(output.torque)
             self._open().write(torque, output.torque.stamp_ns, rows)
         if output.means is not None:
@@ -341,6 +369,6 @@ class _Writer:
             path, overwrite, origin = self._made
             self._bag = BagWriter(path, overwrite=overwrite, origin=origin)
             for topic, msgtype in self.TOPICS.items():
-                qos = LATCHED_QOS if msgtype == JOINT_FRICTION else DEFAULT_QOS
+                qos = LATCHED_QOS if msgtype in (JOINT_FRICTION, PAYLOAD) else DEFAULT_QOS
                 self._bag.add_topic(topic, msgtype, qos)
         return self._bag

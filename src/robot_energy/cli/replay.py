@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 AT_FALLBACK = "fallback"
 NONE = "none"
 DAMAGED = 3
+EFFORTS = ("none", "motor_current", "motor_torque", "joint_torque")
 
 DESCRIPTION = """\
 Run a recorded bag through the model of its robot and print where the energy went:
@@ -41,6 +42,7 @@ examples:
   robot-energy replay bag --model ur3e --compare --plot power.png
   robot-energy replay bag --model ur3e --compare 20 --temperatures /driver/temperatures
   robot-energy replay bag --model my_robot.yaml --inputs energy_monitor.yaml
+  robot-energy replay bag --model kr16 --effort motor_torque
   robot-energy replay bag --model ur3e --json - | jq .comparison
 """
 
@@ -87,6 +89,18 @@ def add_parser(commands: Any) -> None:
         "--inputs",
         metavar="FILE",
         help="parameter file of a monitor node: read the bag as that node reads its topics",
+    )
+    topics.add_argument(
+        "--payload",
+        metavar="TOPIC",
+        help="topic of payloads set at run time; 'none' to use none of the bag's",
+    )
+    parser.add_argument(
+        "--effort",
+        choices=EFFORTS,
+        help="what the effort in the joint states is; with it, measured shaft energy stands "
+        "beside the predicted one per joint (default: what --inputs says, else none: it is "
+        "not used, and never guessed)",
     )
     friction = parser.add_argument_group("friction").add_mutually_exclusive_group()
     friction.add_argument(
@@ -203,6 +217,7 @@ def run(args: Namespace) -> int:
 
 
 def _replay(args: Namespace, model: RobotModel, label: str, out: str | None) -> Replay:
+    from robot_energy.blocks import EffortMeaning
     from robot_energy.inputs_file import read_inputs
     from robot_energy.pipeline import Settings
     from robot_energy.replay import Topics, replay
@@ -210,15 +225,17 @@ def _replay(args: Namespace, model: RobotModel, label: str, out: str | None) -> 
     keep_freed_memory()
     named = args.temperatures
     temperatures = None if named is None else tuple(topic for topic in named if topic != NONE)
+    payload = "" if args.payload == NONE else args.payload
     names = ("derivative_window", "settle", "power_period", "meter_max_gap")
     given = {name: getattr(args, name) for name in names if getattr(args, name) is not None}
     inputs, notes = (None, []) if args.inputs is None else read_inputs(args.inputs)
+    effort = args.effort or (NONE if inputs is None else inputs.effort)
     with progress(label) as report:
         result = replay(
             args.bag,
             model,
-            topics=Topics(args.joint_states, temperatures, args.meter),
-            settings=Settings(**given),
+            topics=Topics(args.joint_states, temperatures, args.meter, payload),
+            settings=Settings(effort=EffortMeaning(effort), **given),
             out=out,
             overwrite=args.overwrite,
             keep_means=args.plot is not None,

@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
+from robot_energy.blocks import EffortMeaning
 from robot_energy.errors import ParameterError
 from robot_energy.ingest.parameters import named_groups, parameter
 
@@ -168,5 +169,17 @@ class TemperatureInputs:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Inputs(TemperatureInputs):
+class JointStateInputs:
+    """Parameters of the joint states."""
+
+    effort: str = parameter(
+        "What the effort of the joint states is; with it, measured shaft power stands beside "
+        "the predicted one per joint. Never guessed: none means that it is not used.",
+        str(EffortMeaning.NONE),
+        choices=tuple(str(meaning) for meaning in EffortMeaning),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Inputs(TemperatureInputs, JointStateInputs):
     """All inputs of a monitor."""

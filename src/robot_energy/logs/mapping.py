@@ -106,7 +106,7 @@ class Velocity(Columns):
 
 
 class Effort(Columns):
-    """Torque or current, kept as it is; the monitor does not use it."""
+    """Torque or current, kept as it is; what it means is told to the monitor as ``effort``."""
 
     unit: Literal["newton_metre", "newton", "ampere", "milliampere"]
 

@@ -14,6 +14,8 @@ from robot_energy.blocks import NANOSECOND, MeterLocation, Phase, Quality
 from robot_energy.registers import CABINET_REGISTERS, JOINT_REGISTERS, PER_JOULE
 from robot_energy.replay import Replay
 from robot_energy.report.model_summary import count_tags
+from robot_energy.report.payload_summary import payload_summary
+from robot_energy.report.shaft_summary import shaft_summary
 
 SUMMARY_VERSION = 1
 BALANCE_RELATIVE = 1e-9
@@ -60,6 +62,8 @@ def summarise(result: Replay, settings_note: str | None = None) -> dict[str, Any
             for phase in Phase
         },
         "joints": _joints(result, energy["grid_import"] - energy["grid_return"]),
+        **shaft_summary(result),
+        **payload_summary(result),
         "inputs": _inputs(result),
         "quality": {
             "samples": result.ledger.samples,
@@ -213,6 +217,8 @@ def _inputs(result: Replay) -> dict[str, Any]:
         "meter_messages": result.meter.account,
         "meter_readings": curve,
     }
+    if result.topics.payload:
+        accounts["payload_messages"] = result.payload.account
     table: dict[str, Any] = {}
     for name, account in accounts.items():
         rejected = {reason: count for reason, count in sorted(account.rejected.items()) if count}
@@ -258,6 +264,8 @@ def _notes(result: Replay) -> list[str]:
             "no motor temperatures: friction at the model's fallback of "
             f"{result.model.temperature.fallback_degc:g} degC"
         )
+    if result.payload.refused:
+        notes.append(f"a payload of the bag was refused: {result.payload.refused}")
     ignored = result.joint_states.ignored_joints
     if ignored:
         notes.append(f"joints that the model does not know: {', '.join(sorted(ignored))}")

@@ -7,6 +7,7 @@ from typing import Any
 
 from rich.console import Console
 
+from robot_energy.report.payload_summary import payload_lines
 from robot_energy.report.printing import (
     NOTHING,
     Scale,
@@ -17,6 +18,7 @@ from robot_energy.report.printing import (
     seconds,
     table,
 )
+from robot_energy.report.shaft_summary import print_shaft
 
 Summary = dict[str, Any]
 
@@ -37,6 +39,7 @@ INPUT_NAMES = {
     "temperature_values": "temperatures, values",
     "meter_messages": "meter, messages",
     "meter_readings": "meter, readings",
+    "payload_messages": "payloads",
 }
 LOCATION_NAMES = {"grid": "the grid", "dc_bus": "the DC bus"}
 
@@ -118,6 +121,7 @@ def print_replay(summary: Summary, console: Console, other: Summary | None = Non
     _print_comparison(console, summary, other, scale)
     _print_breakdown(console, summary, other, scale)
     _print_joints(console, summary, scale)
+    print_shaft(console, summary, scale)
     _print_phases(console, summary, scale)
     _print_inputs(console, summary)
 
@@ -144,6 +148,7 @@ def _recording(summary: Summary) -> list[tuple[str, str]]:
         rows.append(
             ("recorded", f"from {start:%Y-%m-%d %H:%M:%S} UTC, span {seconds(time['span_ns'])}")
         )
+    rows += [("payload", change) for change in payload_lines(summary)]
     gaps = time["gap_count"]
     rows.append(
         (

@@ -305,3 +305,29 @@ def test_a_recorded_ur3e_from_log_to_report(
     assert summary["comparison"]["compared_ns"] == 5_320_000_000
     assert summary["comparison"]["measured_energy"] == pytest.approx(222.184, abs=0.01)
     assert abs(summary["comparison"]["predicted_minus_measured_relative"]) < 0.15
+
+
+def test_effort_shows_measured_beside_predicted_shaft_energy(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Motor at 30 rad/s for 10 s: 1 N m measured is 300 J; the model says 330 J, +10 %."""
+    header = "t,q_axle,w_axle,torque"
+    rows = [(f"{n / 100:.6f}", f"{3 * n / 100:.9f}", 3.0, 1.0) for n in range(1001)]
+    log = write_csv(tmp_path / "wheel.csv", header, rows)
+    joints = {**WHEEL_MAPPING["joints"], "effort": {"columns": ["torque"], "unit": "newton_metre"}}
+    import_csv(log, mapping(joints=joints, power=None), tmp_path / "bag")
+    args = ["replay", str(tmp_path / "bag"), "--model", str(wheel_model(tmp_path))]
+    assert main([*args, "--json", str(tmp_path / "r.json"), "--effort", "motor_torque"]) == 0
+    text = capsys.readouterr().out
+    (line,) = [line for line in text.split("Shaft energy")[1].splitlines() if "axle" in line]
+    assert line.split() == "axle 300.0 330.0 0.0 0.0 30.0 +10.0 % 100.0 %".split()
+    (joint,) = json.loads((tmp_path / "r.json").read_text())["shaft"]["joints"]
+    assert joint["shaft_energy_positive_measured"] == pytest.approx(300.0)
+    assert joint["compared_time"] == pytest.approx(10.0)
+    assert main([*args, "--json", str(tmp_path / "r.json")]) == 0
+    assert "Shaft energy" not in capsys.readouterr().out
+    assert "shaft" not in json.loads((tmp_path / "r.json").read_text())
+    assert "no torque_constant for axle" in refused(capsys, *args, "--effort", "motor_current")
+    with pytest.raises(SystemExit):
+        main([*args, "--effort", "torque"])
+    assert "joint_torque" in capsys.readouterr().err

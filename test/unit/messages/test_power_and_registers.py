@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 
 import robots
-from robot_energy.blocks import MeterBlock, MeterLocation, MeterMeaning, Phase
+from robot_energy.blocks import EffortMeaning, MeterBlock, MeterLocation, MeterMeaning, Phase
 from robot_energy.messages import PowerStateWriter, RegistersWriter
-from robot_energy.pipeline import EnergyPipeline
+from robot_energy.messages.registers import SHAFT_FIELDS
+from robot_energy.model_file.payload import payload
+from robot_energy.pipeline import EnergyPipeline, Settings
 from robot_energy.registers import CABINET_REGISTERS, JOINT_REGISTERS
 from robot_energy.wire.types import typestore
 
@@ -14,10 +16,12 @@ from robot_energy.wire.types import typestore
 @pytest.fixture(scope="module")
 def run():
     """The two-link arm swinging under a meter that reads 200 W, with its last means."""
-    pipeline = EnergyPipeline(robots.two_link())
+    pipeline = EnergyPipeline(robots.two_link(), Settings(effort=EffortMeaning.MOTOR_TORQUE))
+    pipeline.torque.set_payload(payload("fore", 1.5))
     stamp = 10.0 + np.arange(400) / 200
     phase = np.stack([8 * stamp, 13 * stamp], axis=1)
-    joints = robots.joint_block(stamp, np.sin(phase), np.cos(phase) * [8, 13])
+    effort = np.tile([0.7, np.nan], (400, 1))  # nothing is measured of the elbow
+    joints = robots.joint_block(stamp, np.sin(phase), np.cos(phase) * [8, 13], effort=effort)
     reading = joints.stamp_ns[::20]
     nothing = np.full(len(reading), np.nan)
     meter = MeterBlock(reading, np.full(len(reading), 200.0), nothing, nothing,
@@ -58,6 +62,12 @@ def test_power_state(run):
         assert joint.drive_power == pytest.approx(joint.shaft_power + joint.drive_loss)
         assert np.isnan(joint.motor_temperature_degc)
     assert state.joints[0].coulomb == 0.1
+    assert state.joints[0].motor_torque_measured == 0.7
+    assert state.joints[0].shaft_power_measured == means.shaft_power_measured[-1, 0]
+    assert abs(state.joints[0].shaft_power_measured) > 1.0
+    assert np.isnan(state.joints[1].motor_torque_measured)
+    assert np.isnan(state.joints[1].shaft_power_measured)
+    assert state.payload_mass == 1.5
 
 
 def test_energy_registers(run):
@@ -80,6 +90,14 @@ def test_energy_registers(run):
         for name in JOINT_REGISTERS:
             field = names.get(name, f"{name}_energy")
             assert getattr(joint, field) == ledger.registers.joints(name)[index]
+    shoulder, elbow = found.joints
+    sums = {field: getattr(shoulder, field) for field in SHAFT_FIELDS.values()}
+    assert sums == {field: ledger.shaft.joints(name)[0] for name, field in SHAFT_FIELDS.items()}
+    assert len({*sums.values()}) == 4  # no field shows another's register
+    assert shoulder.shaft_compared_time == pytest.approx(399 / 200)
+    assert shoulder.shaft_energy_positive_compared == shoulder.shaft_energy_positive
+    assert all(np.isnan(getattr(elbow, field)) for field in SHAFT_FIELDS.values())
+    assert elbow.shaft_compared_time == 0.0
 
 
 def test_no_registers_before_the_first_sample():
