@@ -7,6 +7,7 @@ from typing import Any
 
 from sensor_msgs.msg import JointState
 
+from robot_energy.blocks import EffortMeaning
 from robot_energy.ingest import JointStateIngest, MeterIngest
 from robot_energy.messages import FrictionWriter, TorqueWriter
 from robot_energy.pipeline import EnergyPipeline, Ledger, Output
@@ -50,10 +51,11 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
     def set_up(self) -> None:
         """Make the stage, the publishers and the inboxes."""
         names, depth = self.model.joint_names, self.parameters.joint_state_depth
-        self.ingest = JointStateIngest(names)
+        settings = settings_of(self.parameters)
+        self.ingest = JointStateIngest(names, effort=settings.effort is not EffortMeaning.NONE)
         self._temperature = temperature_ingest(self, self.parameters, self.model)
         self._meter = MeterIngest()
-        self._pipeline = EnergyPipeline(self.model, settings_of(self.parameters))
+        self._pipeline = EnergyPipeline(self.model, settings)
         self._torque_writer = TorqueWriter(names, self.model.model_id)
         self._friction_writer = FrictionWriter(self.model)
         self._torque = torque_publisher(self, depth) if self.parameters.publish_torque else None

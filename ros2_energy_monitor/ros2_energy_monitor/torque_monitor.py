@@ -7,7 +7,7 @@ from typing import Any
 
 from sensor_msgs.msg import JointState
 
-from robot_energy.blocks import TorqueBlock
+from robot_energy.blocks import EffortMeaning, TorqueBlock
 from robot_energy.ingest import JointStateIngest
 from robot_energy.messages import TorqueWriter
 from robot_energy.pipeline import TorqueStage
@@ -38,8 +38,9 @@ class TorqueMonitor(MonitorNode[TorqueParameters]):
     def set_up(self) -> None:
         """Make the stage, the publishers and the inboxes."""
         depth = self.parameters.joint_state_depth
-        self.ingest = JointStateIngest(self.model.joint_names)
-        self._stage = TorqueStage(self.model, settings_of(self.parameters))
+        settings, names = settings_of(self.parameters), self.model.joint_names
+        self.ingest = JointStateIngest(names, effort=settings.effort is not EffortMeaning.NONE)
+        self._stage = TorqueStage(self.model, settings)
         self._writer = TorqueWriter(self.model.joint_names, self.model.model_id)
         self._publisher = torque_publisher(self, depth)
         renew = self.parameters.resubscribe_after

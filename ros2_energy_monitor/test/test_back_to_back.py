@@ -7,7 +7,9 @@ import pytest
 from ros2_energy_msgs.msg import EnergyRegisters, MotorTemperatures, PowerReading, PowerState
 from sensor_msgs.msg import JointState
 
+from robot_energy.blocks import EffortMeaning
 from robot_energy.model_file import load
+from robot_energy.pipeline import Settings
 from robot_energy.replay import replay
 from robot_energy.wire.batch import RawBatch
 from robot_energy.wire.layout import Decoder
@@ -24,7 +26,8 @@ POWER_FIELDS = (
     "meter_location", "bus_power", "rigid_power", "friction_power", "drive_loss", "loss_dc",
     "loss_grid", "brake_power", "capacitor_power", "returned_power", "joints.motor_velocity",
     "joints.motor_torque", "joints.shaft_power", "joints.drive_power",
-    "joints.motor_temperature_degc", "joints.coulomb", "joints.viscous",
+    "joints.motor_temperature_degc", "joints.coulomb", "joints.viscous", "payload_mass",
+    "joints.motor_torque_measured", "joints.shaft_power_measured",
 )  # fmt: skip
 EXACT = {*STAMP, "quality", "phase", "meter_location", "period", "coverage"}
 
@@ -55,7 +58,8 @@ class Collected:
 
 @pytest.fixture
 def offline(recording, tmp_path, read_bag):
-    result = replay(recording, load("kr16"), out=tmp_path / "out")
+    settings = Settings(effort=EffortMeaning.MOTOR_TORQUE)
+    result = replay(recording, load("kr16"), settings=settings, out=tmp_path / "out")
     found = read_bag(tmp_path / "out")
     return result, found["/energy/power"], found["/energy/registers"]
 
@@ -98,10 +102,13 @@ def compare(collected: Collected, offline, ledger) -> None:
     assert ledger.comparison.measured_energy == result.ledger.comparison.measured_energy
     assert ledger.comparison.predicted_energy == result.ledger.comparison.predicted_energy
     assert ledger.quality == result.ledger.quality
+    assert np.array_equal(ledger.shaft.microjoule, result.ledger.shaft.microjoule)
+    assert np.array_equal(ledger.shaft.compared_ns, result.ledger.shaft.compared_ns)
+    assert (ledger.shaft.compared_ns == ledger.registers.time.observed_ns).all()
 
 
 def test_energy_monitor_equals_replay(bench, messages, offline):
-    node = bench.add(EnergyMonitor, model="kr16")
+    node = bench.add(EnergyMonitor, model="kr16", effort="motor_torque")
     collected = Collected(bench)
     publish_all(
         bench,
@@ -123,7 +130,7 @@ def test_energy_monitor_equals_replay(bench, messages, offline):
 
 
 def test_three_nodes_equal_replay(bench, messages, offline):
-    torque = bench.add(TorqueMonitor, model="kr16")
+    torque = bench.add(TorqueMonitor, model="kr16", effort="motor_torque")
     friction = bench.add(FrictionMonitor, model="kr16")
     power = bench.add(PowerMonitor, model="kr16")
     collected = Collected(bench)

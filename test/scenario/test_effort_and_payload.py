@@ -193,7 +193,7 @@ def test_torque_constants_of_the_ur3e_are_those_of_its_controller():
     rows = [
         row
         for path in sorted(Path(DATA).glob("rad_ur3e/*.csv"))
-        for row in csv.DictReader(path.open())
+        for row in csv.DictReader(path.read_text().splitlines())
         if None not in row.values()
     ]
     joints = load("ur3e").joints

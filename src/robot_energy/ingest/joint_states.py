@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 
+FIELDS = ("header.stamp.sec", "header.stamp.nanosec", "name", "position", "velocity")
+
 
 class JointStateIngest:
     """Turns JointState messages into blocks in model joint order.
@@ -31,6 +33,8 @@ class JointStateIngest:
     Args:
         joint_names: Modelled joints in model order.
         typestore: Message definitions of the source; those known here by default.
+        effort: Whether to read the effort; NaN everywhere if not. A message whose effort
+            is absent or of another length than its names has none.
 
     Attributes:
         account: Received, accepted and rejected messages.
@@ -39,7 +43,13 @@ class JointStateIngest:
         missing_joints: Joints of the model that a rejected message lacked.
     """
 
-    def __init__(self, joint_names: Sequence[str], typestore: Typestore | None = None) -> None:
+    def __init__(
+        self,
+        joint_names: Sequence[str],
+        typestore: Typestore | None = None,
+        *,
+        effort: bool = False,
+    ) -> None:
         self.account = Accounting()
         self.order = StampOrder()
         self.ignored_joints: set[str] = set()
@@ -47,7 +57,7 @@ class JointStateIngest:
         self._names = tuple(joint_names)
         self._decoder = Decoder(
             JOINT_STATE,
-            ("header.stamp.sec", "header.stamp.nanosec", "name", "position", "velocity"),
+            (*FIELDS, "effort") if effort else FIELDS,
             typestore,
         )
         self._columns: dict[tuple[str, ...], Int | slice | str] = {}
@@ -65,7 +75,7 @@ class JointStateIngest:
         self.account.received += size
         decoded = self._decoder.decode(batch)
         self.account.reject("malformed", len(decoded.malformed))
-        stamp, position, velocity, good = self._gather(decoded.runs, size)
+        stamp, position, velocity, effort, good = self._gather(decoded.runs, size)
         good = self._refuse("zero_stamp", good, stamp == 0)
         good = self._refuse("not_finite", good, _bad(position, velocity))
         rows = np.flatnonzero(good)
@@ -77,14 +87,14 @@ class JointStateIngest:
         if not len(rows):
             return None
         if len(rows) == size:
-            return self._block(stamp, position, velocity)
-        return self._block(stamp[rows], position[rows], velocity[rows])
+            return self._block(stamp, position, velocity, effort)
+        return self._block(stamp[rows], position[rows], velocity[rows], effort[rows])
 
     def _gather(
         self, runs: Sequence[Run], size: int
-    ) -> tuple[Int, Float, Float, NDArray[np.bool_]]:
+    ) -> tuple[Int, Float, Float, Float, NDArray[np.bool_]]:
         """Put the runs in order of arrival; the last result tells which rows are usable."""
-        placed: list[tuple[Int, Int, Float, Float]] = []
+        placed: list[tuple[Int, Int, Float, Float, Float]] = []
         for run in runs:
             part = self._place(run)
             if isinstance(part, str):
@@ -95,14 +105,15 @@ class JointStateIngest:
             return *placed[0][1:], np.ones(size, dtype=np.bool_)
         shape = (size, len(self._names))
         stamp = np.zeros(size, dtype=np.int64)
-        position, velocity = np.full(shape, np.nan), np.full(shape, np.nan)
+        position, velocity, effort = (np.full(shape, np.nan) for _ in range(3))
         good = np.zeros(size, dtype=np.bool_)
-        for rows, stamps, positions, velocities in placed:
+        for rows, stamps, positions, velocities, efforts in placed:
             stamp[rows], position[rows], velocity[rows] = stamps, positions, velocities
+            effort[rows] = efforts
             good[rows] = True
-        return stamp, position, velocity, good
+        return stamp, position, velocity, effort, good
 
-    def _block(self, stamp: Int, position: Float, velocity: Float) -> JointBlock:
+    def _block(self, stamp: Int, position: Float, velocity: Float, effort: Float) -> JointBlock:
         before = self.order.segment
         segment = self.order.segments(stamp)
         quality = np.zeros(len(stamp), dtype=np.uint32)
@@ -115,11 +126,11 @@ class JointStateIngest:
             joint_position=position,
             joint_velocity=velocity,
             joint_acceleration=np.full_like(position, np.nan),
-            joint_effort=np.full_like(position, np.nan),
+            joint_effort=effort,
         )
 
-    def _place(self, run: Run) -> tuple[Int, Float, Float] | str:
-        """Return stamps, positions and velocities in model order, or why there are none."""
+    def _place(self, run: Run) -> tuple[Int, Float, Float, Float] | str:
+        """Return stamps and quantities in model order, or why there are none."""
         names = run.columns["name"]
         positions, velocities = run.columns["position"], run.columns["velocity"]
         if (
@@ -136,9 +147,13 @@ class JointStateIngest:
         if positions.shape[1] != len(names) or velocities.shape[1] not in (0, len(names)):
             return "wrong_length"
         position = positions.astype(np.float64)[:, columns]
+        velocity = effort = np.full_like(position, np.nan)
         if velocities.shape[1]:
-            return stamp_ns(run), position, velocities.astype(np.float64)[:, columns]
-        return stamp_ns(run), position, np.full_like(position, np.nan)
+            velocity = velocities.astype(np.float64)[:, columns]
+        efforts = run.columns.get("effort")
+        if isinstance(efforts, np.ndarray) and efforts.shape[1] == len(names):
+            effort = efforts.astype(np.float64)[:, columns]
+        return stamp_ns(run), position, velocity, effort
 
     def _match(self, names: tuple[str, ...]) -> Int | slice | str:
         """Columns of the model's joints in a message, or why there are none."""

@@ -111,3 +111,35 @@ def test_garbage_is_counted_as_malformed():
     block = take(ingest, [good, b"", b"\x00\x01", good[:-9], b"\xff" * 80, message(2.0)])
     assert len(block) == 2
     assert ingest.account.rejected["malformed"] == 4
+
+
+def with_effort(stamp_s, names, effort):
+    encoder = Encoder(
+        "sensor_msgs/msg/JointState",
+        {"name": tuple(names)},
+        {"position": len(names), "velocity": 0, "effort": len(effort)},
+    )
+    columns = {
+        **stamp_columns(np.array([round(stamp_s * SECOND)])),
+        "position": np.zeros((1, len(names))),
+        "velocity": np.zeros((1, 0)),
+        "effort": np.array([effort], dtype=float).reshape(1, -1),
+    }
+    return encoder.encode(columns, 1)[0].tobytes()
+
+
+def test_effort_is_matched_by_name_and_its_absence_rejects_nothing():
+    messages = [
+        with_effort(1.0, ("a", "b"), (5.0, 6.0)),
+        with_effort(1.1, ("b", "x", "a"), (6.0, 9.0, 5.0)),
+        with_effort(1.2, ("a", "b"), ()),
+        with_effort(1.3, ("a", "b"), (5.0,)),
+        with_effort(1.4, ("a", "b"), (np.nan, np.inf)),
+    ]
+    nothing = [np.nan, np.nan]
+    block = take(JointStateIngest(NAMES, effort=True), messages)
+    expected = [[5.0, 6.0], [5.0, 6.0], nothing, nothing, [np.nan, np.inf]]
+    np.testing.assert_array_equal(block.joint_effort, expected)
+    unread = take(JointStateIngest(NAMES), messages)
+    assert np.isnan(unread.joint_effort).all()
+    assert len(unread) == len(block) == 5
