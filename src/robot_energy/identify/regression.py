@@ -90,25 +90,27 @@ def regress(
     n_samples = len(columns)
     check_shape("target", target, (n_samples,))
     _require_excitation(columns, names, what)
+    base, triangle = np.linalg.qr(columns)  # orthonormal, so that squares lose nothing
     weight = np.ones(n_samples)
-    values = _solve(columns, target, weight)
+    inner = base.T @ target
     for _ in range(MAX_ROUNDS if robust else 0):
-        residual = target - columns @ values
+        residual = target - base @ inner
         scale = MEDIAN_TO_STD * float(np.median(np.abs(residual - np.median(residual))))
         if scale == 0.0:
             break
         weight = np.minimum(1.0, HUBER * scale / np.maximum(np.abs(residual), 1e-300))
-        before, values = values, _solve(columns, target, weight)
-        if np.linalg.norm(values - before) <= SETTLED * np.linalg.norm(values):
+        before, inner = inner, _solve(base, target, weight)
+        if np.linalg.norm(inner - before) <= SETTLED * np.linalg.norm(inner):
             break
+    values = np.linalg.solve(triangle, inner)
     residual = target - columns @ values
     covariance, blocks = _covariance(columns, residual, weight, block)
     return Regression(tuple(names), values, covariance, blocks, residual, weight)
 
 
-def _solve(columns: Float, target: Float, weight: Float) -> Float:
-    root = np.sqrt(weight)
-    return np.linalg.lstsq(columns * root[:, None], target * root, rcond=None)[0]
+def _solve(base: Float, target: Float, weight: Float) -> Float:
+    weighted = base * weight[:, None]
+    return np.linalg.solve(weighted.T @ base, weighted.T @ target)
 
 
 def _covariance(columns: Float, residual: Float, weight: Float, block: Int) -> tuple[Float, int]:
@@ -127,7 +129,7 @@ def _covariance(columns: Float, residual: Float, weight: Float, block: Int) -> t
     slope = np.stack([(part * (given == 1.0)[:, None]).T @ part for part, given, _ in parts])
     pull = np.stack([part.T @ (given * rest) for part, given, rest in parts])
     blocks, n_parameters = pull.shape
-    whole = slope.sum(axis=0)
+    whole: Float = slope.sum(axis=0)
     if blocks == 1:  # one block says nothing of its own scatter: white residuals are assumed
         degrees = max(len(residual) - n_parameters, 1)
         return np.linalg.inv(whole) * float((weight * residual) @ residual) / degrees, 1

@@ -1,0 +1,129 @@
+"""Friction over temperature: recovered from torque that was made another way."""
+
+import numpy as np
+import pytest
+
+from robot_energy.errors import NotIdentifiableError
+from robot_energy.friction import viscous_law
+from robot_energy.identify.friction import FrictionData, fit_friction
+
+COULOMB, A, B, C = 0.4, 2e-3, 9e-3, 21.0
+
+
+def viscous(degc):
+    return A + B * np.exp(-degc / C)
+
+
+def measurement(seed=0, minutes=30, degc=(20.0, 70.0), noise=0.05, law=viscous):
+    """An axis that goes back and forth at several speeds while its motor warms up; 5 Hz."""
+    random = np.random.default_rng(seed)
+    time = np.arange(0, 60 * minutes, 0.2)
+    amplitude = np.repeat(random.uniform(30, 300, len(time) // 25 + 1), 25)[: len(time)]
+    speed = amplitude * np.sin(2 * np.pi * time / 5.0)
+    temperature = np.linspace(*degc, len(time))
+    torque = COULOMB * np.sign(speed) + law(temperature) * speed
+    return FrictionData(
+        "joint_a1",
+        speed,
+        torque + random.normal(scale=noise, size=len(time)) + 0.02,
+        temperature,
+        (time // 10.0).astype(np.int64),
+        np.empty((len(time), 0)),
+    )
+
+
+def test_the_exponential_law_is_recovered_within_its_deviations():
+    fit = fit_friction(measurement())
+    assert fit.chosen == "exponential"
+    law = fit.law
+    assert fit.coulomb == pytest.approx(COULOMB, abs=4 * fit.coulomb_std)
+    assert fit.coulomb_std < 0.005
+    for figure, truth in ((law.a, A), (law.b, B), (law.c, C)):
+        assert figure.value == pytest.approx(truth, abs=4 * figure.std)
+        assert figure.std < 0.1 * truth
+
+
+def test_intervals_of_fc_a_and_c_cover_the_truth():
+    """Two standard deviations over 60 short recordings: about 95 %."""
+    inside = np.zeros(4)
+    for seed in range(60):
+        fit = fit_friction(measurement(seed, minutes=5))
+        law = fit.laws["exponential"]
+        found = np.array([fit.coulomb, law.a.value, law.b.value, law.c.value])
+        std = np.array([fit.coulomb_std, law.a.std, law.b.std, law.c.std])
+        inside += np.abs(found - [COULOMB, A, B, C]) <= 2.0 * std
+    assert (inside >= 51).all(), inside
+
+
+def test_a_drift_during_the_measurement_does_not_bias_the_points():
+    """The motor warms by 50 K in one go; each point has the friction of its own temperature."""
+    for point in fit_friction(measurement(noise=0.0)).points:
+        assert point.viscous == pytest.approx(viscous(point.motor_temperature_degc), rel=0.03)
+
+
+def test_a_law_that_is_no_exponential_becomes_a_table():
+    def humped(degc):
+        return 5e-3 + 2e-3 * np.sin(degc / 8.0)
+
+    fit = fit_friction(measurement(law=humped))
+    assert fit.chosen == "table"
+    inside = np.linspace(25.0, 65.0, 9)
+    np.testing.assert_allclose(viscous_law(fit.law).viscous(inside), humped(inside), rtol=0.1)
+
+
+def test_friction_that_does_not_know_temperature_stays_constant():
+    fit = fit_friction(measurement(law=lambda degc: np.full_like(degc, 4e-3)))
+    assert fit.chosen == "constant"
+    assert fit.law.viscous.value == pytest.approx(4e-3, rel=0.02)
+
+
+def test_one_temperature_gives_a_constant_and_says_what_to_record():
+    fit = fit_friction(measurement(degc=(40.0, 42.0)))
+    assert fit.chosen == "constant"
+    assert "record it cold and warm" in fit.warnings[0]
+    assert fit.law.viscous.value == pytest.approx(viscous(41.0), rel=0.05)
+
+
+def test_held_out_temperatures_tell_the_laws_apart():
+    """Noise of 0.05 N m; the held edge of the range costs the exponential law a little."""
+    errors = fit_friction(measurement()).errors
+    assert 0.05 < errors["exponential"].rms < 0.08
+    assert errors["constant"].rms > 2 * errors["exponential"].rms
+
+
+def test_an_outlier_in_a_hundred_changes_little():
+    data = measurement()
+    data.friction_torque[::100] += 20.0
+    assert fit_friction(data).coulomb == pytest.approx(COULOMB, abs=0.02)
+
+
+def test_gravity_as_a_nuisance_is_taken_out():
+    data = measurement()
+    angle = np.cumsum(data.motor_velocity) * 0.2 / 100
+    nuisance = np.stack([np.sin(angle), np.cos(angle)], axis=1)
+    loaded = FrictionData(
+        data.name,
+        data.motor_velocity,
+        data.friction_torque + 3.0 * nuisance[:, 0],
+        data.motor_temperature_degc,
+        data.block,
+        nuisance,
+    )
+    assert fit_friction(loaded).coulomb == pytest.approx(COULOMB, abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"motor_velocity": 0.0}, "moves in 0 of"),
+        ({"friction_torque": np.nan}, "no measured torque"),
+        ({"motor_temperature_degc": np.nan}, "no motor temperature"),
+        ({"motor_velocity": 50.0}, "do not tell apart"),
+    ],
+)
+def test_data_that_cannot_tell_friction_are_refused_with_what_to_record(change, words):
+    data = measurement(minutes=2)
+    for name, value in change.items():
+        getattr(data, name)[:] = value
+    with pytest.raises(NotIdentifiableError, match=words):
+        fit_friction(data)
