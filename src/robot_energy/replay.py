@@ -183,6 +183,7 @@ def replay(
     keep_means: bool = False,
     progress: Progress | None = None,
     inputs: Inputs | None = None,
+    on_output: Callable[[Output], None] | None = None,
 ) -> Replay:
     """Run a bag through the pipeline.
 
@@ -197,6 +198,7 @@ def replay(
             (memory grows with the bag).
         progress: Called with the share done, 0 to 1.
         inputs: What the inputs of a live monitor are, to read the bag in the same way.
+        on_output: Called with what each step of the pipeline gave, for identification.
 
     Returns:
         The closed books and the accounting of every input.
@@ -241,6 +243,8 @@ def replay(
                 writer.write(output, pipeline.ledger, result.payload.changes)
             if keep_means and output.means is not None:
                 means.append(output.means)
+            if on_output is not None:
+                on_output(output)
         result.problems += bag.problems
         result.notes += temperatures.doubts
         _require_samples(result)

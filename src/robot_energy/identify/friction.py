@@ -16,9 +16,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import Float, Int
+from robot_energy.blocks import Float
 from robot_energy.errors import NotIdentifiableError
 from robot_energy.friction import viscous_law
+from robot_energy.identify.friction_data import FrictionData
 from robot_energy.identify.quality import HeldOut, folds_by_value, held_out
 from robot_energy.identify.regression import Regression, regress
 from robot_energy.model_file.figure import PositiveFigure
@@ -35,52 +36,6 @@ FOLDS = 5
 SCALES = np.geomspace(4.0, 120.0, 18)  # K, tried for the exponential law
 SPEED_SHARE = 0.03  # of the greatest speed: below it Stribeck friction reigns
 GAIN = 0.98  # a law with more parameters must be better than a simpler one by this factor
-
-
-@dataclass(frozen=True)
-class FrictionData:
-    """What the fit of one axis sees, motor side. Samples at rest are left out by the fit.
-
-    Attributes:
-        name: Of the joint.
-        motor_velocity: Shape (N,). [rad/s]
-        friction_torque: Measured minus rigid-body motor torque, shape (N,). [N m], or the
-            unit of a relative measurement such as ampere.
-        motor_temperature_degc: At each sample, shape (N,). [degC]
-        block: Contiguous block of each sample, shape (N,).
-        nuisance: Further columns whose coefficients are fitted and thrown away, such as
-            what gravity does to an axis whose bodies are not modelled, shape (N, K).
-        smooth_velocity: w0 of the smooth sign ``tanh(w/w0)``; 0 for the plain sign. [rad/s]
-    """
-
-    name: str
-    motor_velocity: Float
-    friction_torque: Float
-    motor_temperature_degc: Float
-    block: Int
-    nuisance: Float
-    smooth_velocity: float = 0.0
-
-    def __len__(self) -> int:
-        return len(self.motor_velocity)
-
-    def rows(self, mask: NDArray[np.bool_]) -> FrictionData:
-        """Return the samples of a mask."""
-        return replace(
-            self,
-            motor_velocity=self.motor_velocity[mask],
-            friction_torque=self.friction_torque[mask],
-            motor_temperature_degc=self.motor_temperature_degc[mask],
-            block=self.block[mask],
-            nuisance=self.nuisance[mask],
-        )
-
-    @property
-    def sign(self) -> Float:
-        """Sign of the velocity, or its smooth form, shape (N,)."""
-        if self.smooth_velocity > 0:
-            return np.tanh(self.motor_velocity / self.smooth_velocity)
-        return np.sign(self.motor_velocity)
 
 
 @dataclass(frozen=True)
@@ -163,7 +118,7 @@ def fit_friction(data: FrictionData, source: str = "") -> FrictionFit:
     from threadpoolctl import threadpool_limits
 
     with threadpool_limits(1):  # the matrices are small: more threads only wait for each other
-        return _fit(_moving(data), source)
+        return _fit(moving_samples(data), source)
 
 
 def _fit(moving: FrictionData, source: str) -> FrictionFit:
@@ -183,7 +138,7 @@ def _fit(moving: FrictionData, source: str) -> FrictionFit:
     errors: dict[LawName, HeldOut] = {}
     for name in names:
         try:
-            laws[name], fits[name] = _fit_law(name, moving, source)
+            laws[name], fits[name] = fit_law(name, moving, source)
             errors[name] = _held_out(name, moving)
         except NotIdentifiableError as error:
             if name == "constant":
@@ -212,8 +167,12 @@ def _fit(moving: FrictionData, source: str) -> FrictionFit:
     )
 
 
-def _moving(data: FrictionData) -> FrictionData:
-    """Leave out rest, slow motion and samples with something missing; refuse the rest."""
+def moving_samples(data: FrictionData) -> FrictionData:
+    """Leave out rest, slow motion and samples with something missing.
+
+    Raises:
+        NotIdentifiableError: If too little is left, or a channel is missing.
+    """
     known = np.isfinite(data.friction_torque) & np.isfinite(data.motor_velocity)
     if not known.any():
         raise NotIdentifiableError(
@@ -299,8 +258,16 @@ def _points(laws: dict[LawName, Law], span: tuple[float, float]) -> tuple[Point,
     return (Point(0.5 * (span[0] + span[1]), figure.value, figure.std or 0.0),)
 
 
-def _fit_law(name: LawName, data: FrictionData, source: str) -> tuple[Law, Regression]:
-    """Fit one law to samples.
+def fit_law(name: LawName, data: FrictionData, source: str = "") -> tuple[Law, Regression]:
+    """Fit one law.
+
+    Args:
+        name: The law.
+        data: Samples in motion.
+        source: Where they come from, for the model file.
+
+    Returns:
+        The law and the regression behind it: fc first, then fv, the offset, the nuisances.
 
     Raises:
         NotIdentifiableError: If they do not tell its parameters or have another shape.
@@ -332,7 +299,7 @@ def _fit_exponential(data: FrictionData, source: str) -> tuple[ExponentialLaw, R
     """Search the temperature scale c; everything else is linear for a given c."""
     degc = data.motor_temperature_degc
     middle = float(degc.mean())
-    weight = _fit_law("constant" if len(_nodes(data)) < 2 else "table", data, "")[1].weight
+    weight = fit_law("constant" if len(_nodes(data)) < 2 else "table", data)[1].weight
     fixed = _columns(data, np.ones((len(data), 1)))
     root = np.sqrt(weight)
 
@@ -411,7 +378,7 @@ def _held_out(name: LawName, data: FrictionData) -> HeldOut:
         fold = np.unique(data.block, return_inverse=True)[1] * FOLDS // (data.block.max() + 1)
 
     def predict(train: NDArray[np.bool_], test: NDArray[np.bool_]) -> Float:
-        law, fit = _fit_law(name, data.rows(train), "")
+        law, fit = fit_law(name, data.rows(train))
         seen = data.rows(test)
         viscous = viscous_law(law).viscous(seen.motor_temperature_degc)
         first = len(fit.values) - 1 - data.nuisance.shape[1]

@@ -41,6 +41,30 @@ def import_csv(
         LogFormatError: If the file cannot be read, lacks a column, or has no usable row.
         BagError: If the bag cannot be written.
     """
+    table, contents, blocks = read_csv(log, mapping)
+    joints = mapping.joints
+    origin = ": ".join(text for text in (mapping.description, table.path.name) if text)
+    report = write_bag(out, contents, blocks, [table.account], overwrite, origin)
+    if joints.effort is not None:
+        report.notes.append(
+            f"the effort of /joint_states is the log's, in {joints.effort.unit.replace('_', ' ')}"
+        )
+    return report
+
+
+def read_csv(log: str | Path, mapping: LogMapping) -> tuple[LogTable, Contents, Iterator[LogBlock]]:
+    """Read a CSV log.
+
+    Args:
+        log: The file, plain or gzip, with a header.
+        mapping: What its columns mean.
+
+    Returns:
+        The table with the account of its rows, what it holds, and its rows in blocks.
+
+    Raises:
+        LogFormatError: If the file cannot be read or lacks a column.
+    """
     table = LogTable(log, mapping.delimiter)
     joints, power = mapping.joints, mapping.power
     if mapping.time.column is not None:
@@ -61,14 +85,7 @@ def import_csv(
         MeterLocation[power.location.upper()] if power else MeterLocation.UNKNOWN,
         power.interval if power and power.interval else float("nan"),
     )
-    blocks = _blocks(table, mapping, groups)
-    origin = ": ".join(text for text in (mapping.description, table.path.name) if text)
-    report = write_bag(out, contents, blocks, [table.account], overwrite, origin)
-    if joints.effort is not None:
-        report.notes.append(
-            f"the effort of /joint_states is the log's, in {joints.effort.unit.replace('_', ' ')}"
-        )
-    return report
+    return table, contents, _blocks(table, mapping, groups)
 
 
 def _power_columns(power: Power | None) -> list[tuple[str, str]]:

@@ -30,12 +30,14 @@ class Output:
         friction: New friction coefficients.
         power: Power samples.
         means: Ended averaging periods.
+        meter: Meter readings, as they were taken in.
     """
 
     torque: TorqueBlock | None = None
     friction: FrictionBlock | None = None
     power: PowerBlock | None = None
     means: MeanBlock | None = None
+    meter: MeterBlock | None = None
 
 
 class EnergyPipeline:
@@ -83,7 +85,7 @@ class EnergyPipeline:
         torque = self.torque.step(joints) if joints is not None and len(joints) else None
         power = self.power.step(torque) if torque is not None else None
         means = self.ledger.step(power) if power is not None else None
-        return Output(torque, friction, power, means)
+        return Output(torque, friction, power, means, meter)
 
     def flush(self) -> Output:
         """Complete what still waits, as at the end of a bag."""

@@ -28,6 +28,7 @@ def measurement(seed=0, minutes=30, degc=(20.0, 70.0), noise=0.05, law=viscous):
         torque + random.normal(scale=noise, size=len(time)) + 0.02,
         temperature,
         (time // 10.0).astype(np.int64),
+        np.zeros(len(time), dtype=np.int64),
         np.empty((len(time), 0)),
     )
 
@@ -107,6 +108,7 @@ def test_gravity_as_a_nuisance_is_taken_out():
         data.friction_torque + 3.0 * nuisance[:, 0],
         data.motor_temperature_degc,
         data.block,
+        data.run,
         nuisance,
     )
     assert fit_friction(loaded).coulomb == pytest.approx(COULOMB, abs=0.02)

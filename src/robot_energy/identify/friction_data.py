@@ -1,0 +1,172 @@
+"""What the fit of friction sees of one axis, taken from recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robot_energy.blocks import NANOSECOND, Float, Int
+from robot_energy.errors import LogFormatError
+from robot_energy.identify.quality import contiguous_blocks
+from robot_energy.identify.recordings import Recording
+from robot_energy.logs.recording import LogBlock
+
+AVERAGED = 0.04  # s: samples this close say the same of friction
+BLOCK = 5.0  # s: residuals further apart than this are taken as independent
+LOG_BLOCK = 30.0  # s: the same for a slow log of one joint
+APART = 5.0  # s between rows of a log, beyond which another run begins
+STEADY = 0.03  # of the greatest speed: a change from row to row beyond it is no steady motion
+
+
+@dataclass(frozen=True)
+class FrictionData:
+    """What the fit of one axis sees, motor side. Samples at rest are left out by the fit.
+
+    Attributes:
+        name: Of the joint.
+        motor_velocity: Shape (N,). [rad/s]
+        friction_torque: Measured minus rigid-body motor torque, shape (N,). [N m], or the
+            unit of a relative measurement such as ampere.
+        motor_temperature_degc: At each sample, shape (N,). [degC]
+        block: Contiguous block of each sample, shape (N,).
+        run: Number of the recording, or of the run inside a log, of each sample, shape (N,).
+        nuisance: Further columns whose coefficients are fitted and thrown away, such as
+            what gravity does to an axis whose bodies are not modelled, shape (N, K).
+        smooth_velocity: w0 of the smooth sign ``tanh(w/w0)``; 0 for the plain sign. [rad/s]
+    """
+
+    name: str
+    motor_velocity: Float
+    friction_torque: Float
+    motor_temperature_degc: Float
+    block: Int
+    run: Int
+    nuisance: Float
+    smooth_velocity: float = 0.0
+
+    def __len__(self) -> int:
+        return len(self.motor_velocity)
+
+    def rows(self, mask: NDArray[np.bool_]) -> FrictionData:
+        """Return the samples of a mask."""
+        return replace(
+            self,
+            motor_velocity=self.motor_velocity[mask],
+            friction_torque=self.friction_torque[mask],
+            motor_temperature_degc=self.motor_temperature_degc[mask],
+            block=self.block[mask],
+            run=self.run[mask],
+            nuisance=self.nuisance[mask],
+        )
+
+    @property
+    def sign(self) -> Float:
+        """Sign of the velocity, or its smooth form, shape (N,)."""
+        if self.smooth_velocity > 0:
+            return np.tanh(self.motor_velocity / self.smooth_velocity)
+        return np.sign(self.motor_velocity)
+
+
+def friction_data(recordings: Sequence[Recording], joint: int) -> FrictionData:
+    """Collect one axis from recordings of the same robot.
+
+    Samples are averaged over 0.04 s, both sides of the equation alike, which changes
+    nothing in it and makes ten times fewer of them; a span in which the axis stands or
+    turns back is left out.
+
+    Args:
+        recordings: Run with one model, whose bodies give the rigid-body torque.
+        joint: Index of the joint in model order.
+
+    Returns:
+        Motor side; the blocks of every recording are its own.
+    """
+    parts = [_of_recording(recording, joint) for recording in recordings]
+    offset = np.cumsum([0, *(int(part.block[-1]) + 1 if len(part) else 0 for part in parts)])
+    smooth = recordings[0].model.joints[joint].friction.smooth_velocity
+    return FrictionData(
+        recordings[0].model.joint_names[joint],
+        np.concatenate([part.motor_velocity for part in parts]),
+        np.concatenate([part.friction_torque for part in parts]),
+        np.concatenate([part.motor_temperature_degc for part in parts]),
+        np.concatenate([part.block + add for part, add in zip(parts, offset, strict=False)]),
+        np.concatenate([part.run + number for number, part in enumerate(parts)]),
+        np.empty((sum(len(part) for part in parts), 0)),
+        0.0 if smooth is None else smooth.value,
+    )
+
+
+def _of_recording(recording: Recording, joint: int) -> FrictionData:
+    torque, power = recording.torque, recording.power
+    speed = torque.motor_velocity[:, joint]
+    friction = torque.motor_torque_measured[:, joint] - torque.motor_torque_rigid[:, joint]
+    window = contiguous_blocks(torque.stamp_ns, torque.segment, AVERAGED)
+    starts = np.flatnonzero(np.diff(window, prepend=-1))
+    size = np.diff(np.append(starts, len(window)))
+
+    def mean(values: Float) -> Float:
+        return np.add.reduceat(values, starts) / size
+
+    still = recording.model.joints[joint].standstill_velocity
+    turning = np.abs(torque.joint_velocity[:, joint]) > still
+    steady = np.abs(mean(np.sign(speed))) == 1.0
+    usable = (mean((turning & recording.sound).astype(np.float64)) == 1.0) & steady
+    block = contiguous_blocks(torque.stamp_ns, torque.segment, BLOCK)[starts]
+    return FrictionData(
+        "",
+        np.where(usable, mean(speed), 0.0),
+        mean(friction),
+        mean(power.motor_temperature_degc[:, joint]),
+        block,
+        np.zeros(len(starts), dtype=np.int64),
+        np.empty((len(starts), 0)),
+    )
+
+
+def friction_data_of_log(
+    blocks: Sequence[LogBlock], joint_names: Sequence[str], joint: int
+) -> FrictionData:
+    """Collect one joint from a log of single-joint motions, without a model of its bodies.
+
+    Only rows of steady speed count, in which nothing accelerates. Gravity of the one joint
+    that moves is a sine and a cosine of its position, whose sizes are fitted as nuisances;
+    that holds while the joints before it stand still.
+
+    Args:
+        blocks: Rows of the log.
+        joint_names: Its joints.
+        joint: Index of the joint.
+
+    Returns:
+        In the unit of the log's effort, at the joint: relative figures, of use for
+        comparing temperatures and laws, not for a model file.
+
+    Raises:
+        LogFormatError: If the log has no effort.
+    """
+    rows = LogBlock.concatenate(list(blocks))
+    if not np.isfinite(rows.effort[:, joint]).any():
+        raise LogFormatError(
+            f"the log has no effort of {joint_names[joint]}",
+            "a column of its torque or current",
+            "name it under joints.effort in the mapping",
+        )
+    run = np.cumsum(np.diff(rows.stamp_ns, prepend=rows.stamp_ns[0]) > APART / NANOSECOND)
+    speed, position = rows.joint_velocity[:, joint], rows.joint_position[:, joint]
+    change = np.abs(np.diff(speed))
+    limit = STEADY * float(np.nanquantile(np.abs(speed), 0.999))
+    steady = np.ones(len(speed), dtype=np.bool_)
+    steady[1:] &= change <= limit
+    steady[:-1] &= change <= limit
+    return FrictionData(
+        joint_names[joint],
+        np.where(steady, speed, 0.0),
+        rows.effort[:, joint],
+        rows.motor_temperature_degc[:, joint],
+        contiguous_blocks(rows.stamp_ns, run.astype(np.int64), LOG_BLOCK),
+        run.astype(np.int64),
+        np.stack([np.sin(position), np.cos(position)], axis=1),
+    )

@@ -1,0 +1,152 @@
+"""Does friction that knows temperature predict temperatures it has not seen?
+
+The laws are fitted at some temperatures and tested at others. With temperatures shuffled
+between the runs the gain must vanish; what remains then is chance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from robot_energy.blocks import Float
+from robot_energy.errors import NotIdentifiableError
+from robot_energy.friction import viscous_law
+from robot_energy.identify.friction import LawName, fit_law, moving_samples
+from robot_energy.identify.friction_data import FrictionData
+from robot_energy.model_file.joint import ExponentialLaw
+
+
+@dataclass(frozen=True)
+class Span:
+    """A range of motor temperatures. [degC]"""
+
+    low: float = -np.inf
+    high: float = np.inf
+
+    def __str__(self) -> str:
+        if np.isinf(self.low):
+            return f"<= {self.high:g} degC"
+        if np.isinf(self.high):
+            return f">= {self.low:g} degC"
+        return f"{self.low:g} to {self.high:g} degC"
+
+
+@dataclass(frozen=True)
+class StudyRow:
+    """One law, fitted at some temperatures and tested at others.
+
+    Attributes:
+        law: Which law.
+        beyond: What it does outside its fitted range: ``held`` at the edge, as the monitor
+            does, or ``carried on`` by its formula.
+        rms: Of the torque error on the test samples, in the unit of the torque.
+        power_bias: Mean predicted friction power over mean measured one, less 1. [-]
+        coulomb: fc, in the unit of the torque.
+    """
+
+    law: LawName
+    beyond: str
+    rms: float
+    power_bias: float
+    coulomb: float
+
+
+@dataclass(frozen=True)
+class Study:
+    """Laws tested on temperatures that they have not seen.
+
+    Attributes:
+        train: Temperatures of the fit.
+        test: Temperatures of the test.
+        trained: Samples of the fit.
+        tested: Samples of the test.
+        rows: One per law and way to go beyond its range.
+    """
+
+    train: Span
+    test: Span
+    trained: int
+    tested: int
+    rows: tuple[StudyRow, ...]
+
+    def row(self, law: LawName, beyond: str = "held") -> StudyRow:
+        """Return one row."""
+        return next(row for row in self.rows if (row.law, row.beyond) == (law, beyond))
+
+
+def temperature_split(data: FrictionData, train: Span, test: Span) -> Study:
+    """Fit every law at some temperatures and test it at others.
+
+    Args:
+        data: One axis.
+        train: Temperatures of the fit.
+        test: Temperatures of the test.
+
+    Returns:
+        The errors.
+
+    Raises:
+        NotIdentifiableError: If a range holds too few samples in motion.
+    """
+    moving = moving_samples(data)
+    degc = moving.motor_temperature_degc
+    fitted = moving.rows((degc >= train.low) & (degc <= train.high))
+    unseen = moving.rows((degc >= test.low) & (degc <= test.high))
+    for part, span in ((fitted, train), (unseen, test)):
+        if len(part) < 100:
+            raise NotIdentifiableError(
+                f"{data.name} moves in {len(part)} samples at {span}", "at least 100"
+            )
+    rows: list[StudyRow] = []
+    laws: tuple[LawName, ...] = ("constant", "exponential", "table")
+    for name in laws:
+        law, fit = fit_law(name, fitted)
+        held = viscous_law(law).viscous(unseen.motor_temperature_degc)
+        ways = {"held": held}
+        if isinstance(law, ExponentialLaw):
+            decay = np.exp(-unseen.motor_temperature_degc / law.c.value)
+            ways["carried on"] = law.a.value + law.b.value * decay
+        first = len(fit.values) - 1 - unseen.nuisance.shape[1]
+        rest = np.hstack([np.ones((len(unseen), 1)), unseen.nuisance]) @ fit.values[first:]
+        for beyond, viscous in ways.items():
+            torque = fit.values[0] * unseen.sign + viscous * unseen.motor_velocity
+            rows.append(_row(name, beyond, torque, unseen, rest, float(fit.values[0])))
+    return Study(train, test, len(fitted), len(unseen), tuple(rows))
+
+
+def _row(
+    law: LawName, beyond: str, torque: Float, unseen: FrictionData, rest: Float, coulomb: float
+) -> StudyRow:
+    measured = unseen.friction_torque - rest
+    power = float(np.mean(measured * unseen.motor_velocity))
+    return StudyRow(
+        law,
+        beyond,
+        float(np.sqrt(np.mean((torque - measured) ** 2))),
+        float(np.mean(torque * unseen.motor_velocity)) / power - 1.0,
+        coulomb,
+    )
+
+
+def shuffled(data: FrictionData, seed: int) -> FrictionData:
+    """Give each run the temperatures of another run, drawn at random.
+
+    Args:
+        data: One axis, several runs.
+        seed: Of the draw.
+
+    Returns:
+        The same samples with temperatures that have nothing to do with them.
+    """
+    runs = np.unique(data.run)
+    order = np.random.default_rng(seed).permutation(runs)
+    degc = data.motor_temperature_degc.copy()
+    for run, other in zip(runs, order, strict=True):
+        rows, source = (
+            np.flatnonzero(data.run == run),
+            data.motor_temperature_degc[data.run == other],
+        )
+        degc[rows] = source[np.arange(len(rows)) * len(source) // len(rows)]
+    return replace(data, motor_temperature_degc=degc)
