@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from typing import cast
 
 from robot_energy import __version__
-from robot_energy.cli import import_logs, info, models, replay, simulate
+from robot_energy.cli import identify, import_logs, info, models, replay, simulate
 from robot_energy.errors import RobotEnergyError
 
 DONE, UNEXPECTED, REFUSED, DAMAGED, INTERRUPTED = 0, 1, 2, 3, 130
@@ -38,7 +38,7 @@ def build_parser() -> ArgumentParser:
     parser.add_argument("--version", action="version", version=f"robot-energy {__version__}")
     parser.set_defaults(debug=False)
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    for module in (replay, import_logs, models, info, simulate):
+    for module in (replay, import_logs, identify, models, info, simulate):
         module.add_parser(commands)
     return parser
 

@@ -22,6 +22,7 @@ from robot_energy.friction import viscous_law
 from robot_energy.identify.friction_data import FrictionData
 from robot_energy.identify.quality import HeldOut, folds_by_value, held_out
 from robot_energy.identify.regression import Regression, regress
+from robot_energy.model_file import RobotModel
 from robot_energy.model_file.figure import PositiveFigure
 from robot_energy.model_file.joint import ConstantLaw, ExponentialLaw, JointFriction, TableLaw
 
@@ -34,6 +35,7 @@ LEAST_SHARE = 0.02  # of the excitation w^2 that a node must see
 LEAST_SAMPLES = 200
 FOLDS = 5
 SCALES = np.geomspace(4.0, 120.0, 18)  # K, tried for the exponential law
+IMPOSSIBLE = 1e30  # cost of a law with a negative part; finite, for the search
 SPEED_SHARE = 0.03  # of the greatest speed: below it Stribeck friction reigns
 GAIN = 0.98  # a law with more parameters must be better than a simpler one by this factor
 
@@ -310,13 +312,13 @@ def _fit_exponential(data: FrictionData, source: str) -> tuple[ExponentialLaw, R
         columns = np.column_stack([fixed, decay(scale) * data.motor_velocity]) * root[:, None]
         values, *_ = np.linalg.lstsq(columns.T @ columns, columns.T @ (root * data.friction_torque))
         if values[1] < 0 or values[-1] < 0:
-            return np.inf
+            return IMPOSSIBLE
         residual = root * data.friction_torque - columns @ values
         return float(residual @ residual)
 
     costs = [cost(float(scale)) for scale in SCALES]
     best = int(np.argmin(costs))
-    if not np.isfinite(costs[best]):
+    if costs[best] == IMPOSSIBLE:
         raise NotIdentifiableError(
             "the viscous friction does not fall with temperature towards a limit >= 0",
             "points that do",
@@ -395,3 +397,21 @@ def _choose(errors: dict[LawName, HeldOut]) -> LawName:
         if name in errors and errors[name].rms < GAIN * errors[chosen].rms:
             chosen = name
     return chosen
+
+
+def with_friction(model: RobotModel, fits: Sequence[FrictionFit], source: str) -> RobotModel:
+    """Return a model with identified friction; axes that were not identified keep theirs.
+
+    Args:
+        model: Any model of the same robot.
+        fits: One per identified axis.
+        source: Where the data come from.
+    """
+    found = {fit.name: fit for fit in fits}
+    joints = [
+        joint.model_copy(update={"friction": found[joint.name].entry(joint.friction, source)})
+        if joint.name in found
+        else joint
+        for joint in model.joints
+    ]
+    return model.model_copy(update={"joints": joints}).with_urdf(model.urdf_xml, model.source)

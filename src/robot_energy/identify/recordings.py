@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robot_energy.blocks import (
     EffortMeaning,
-    Float,
     MeterBlock,
     PowerBlock,
     Quality,
@@ -54,9 +54,9 @@ class Recording:
         return len(self.torque)
 
     @property
-    def sound(self) -> Float:
+    def sound(self) -> NDArray[np.bool_]:
         """Which samples have a full derivative window and finite figures, shape (N,)."""
-        return (self.torque.quality & np.uint32(DOUBTFUL)) == 0
+        return np.asarray((self.torque.quality & np.uint32(DOUBTFUL)) == 0)
 
 
 def read_recording(

@@ -1,0 +1,200 @@
+"""`robot-energy identify friction`: friction over motor temperature."""
+
+from __future__ import annotations
+
+import json
+from argparse import ArgumentParser, ArgumentTypeError, Namespace, RawDescriptionHelpFormatter
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from robot_energy.cli.terminal import (
+    add_debug,
+    check_writable,
+    console,
+    progress,
+    write_text,
+)
+from robot_energy.errors import ModelFileError, NotIdentifiableError
+
+if TYPE_CHECKING:
+    from robot_energy.identify.friction import FrictionFit
+    from robot_energy.identify.friction_data import FrictionData
+    from robot_energy.identify.friction_study import Span
+    from robot_energy.model_file import RobotModel
+
+EFFORTS = ("motor_torque", "joint_torque", "motor_current")
+SHUFFLES = 20
+
+DESCRIPTION = """\
+Identify the friction of every axis over its motor temperature from recordings with measured
+torque (paper A, eq. 8 to 10), and write a model file that the monitor runs. Coulomb
+friction is common to all temperatures; for viscous friction a constant, an exponential law
+and a table compete on temperatures they have not seen.
+
+Record the same motions, at several speeds and in both directions, with the robot cold,
+warm and in between.
+"""
+EPILOG = """\
+examples:
+  robot-energy identify friction cold warm hot --model kr16 --effort motor_torque \\
+      --out my_robot.yaml
+  robot-energy identify friction --log runs.csv.gz --mapping xarm6_joint3.yaml \\
+      --train 29: --test :25
+"""
+
+
+def add_parser(commands: Any) -> None:
+    """Add the sub-command."""
+    parser: ArgumentParser = commands.add_parser(
+        "friction",
+        help="friction over motor temperature",
+        description=DESCRIPTION,
+        epilog=EPILOG,
+        formatter_class=RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("bags", nargs="*", metavar="BAG", help="recordings of one robot")
+    parser.add_argument(
+        "--model", metavar="FILE|NAME", help="model whose bodies and drivetrain are used"
+    )
+    parser.add_argument(
+        "--effort", choices=EFFORTS, help="what the effort in the joint states means"
+    )
+    parser.add_argument("--out", metavar="FILE", help="write the model with this friction")
+    parser.add_argument("--json", metavar="FILE", help="write all figures as JSON; - for stdout")
+    parser.add_argument("--plot", metavar="FILE", help="draw points and laws (.png, .svg, .pdf)")
+    log = parser.add_argument_group(
+        "from a log of single-joint motions, without a model (relative figures)"
+    )
+    log.add_argument("--log", metavar="CSV", help="a CSV log, plain or .gz")
+    log.add_argument("--mapping", metavar="FILE", help="what its columns mean")
+    split = parser.add_argument_group("test on temperatures that the fit has not seen")
+    split.add_argument("--train", type=_span, metavar="LOW:HIGH", help="[degC], one may be empty")
+    split.add_argument("--test", type=_span, metavar="LOW:HIGH", help="[degC]")
+    add_debug(parser)
+    parser.set_defaults(run=run)
+
+
+def _span(text: str) -> Span:
+    from robot_energy.identify.friction_study import Span
+
+    low, colon, high = text.partition(":")
+    try:
+        span = Span(float(low or "-inf"), float(high or "inf"))
+    except ValueError:
+        colon = ""
+        span = Span()
+    if not colon or not span.low < span.high:
+        raise ArgumentTypeError(f"'{text}' is no range of temperatures such as 29: or :25")
+    return span
+
+
+def run(args: Namespace) -> int:
+    """Identify and report.
+
+    Raises:
+        RobotEnergyError: If recordings, log or model cannot be used.
+    """
+    from robot_energy.identify.friction import fit_friction
+    from robot_energy.report.identification import (
+        friction_summary,
+        print_friction,
+        print_friction_study,
+    )
+
+    check_writable(args.json, "the JSON report")
+    check_writable(args.out, "the model file")
+    check_writable(args.plot, "the figure")
+    _check(args)
+    data, model = _data(args)
+    if args.train is not None:
+        studies = [_study(axis, args) for axis in data]
+        if args.json is not None:
+            write_text(args.json, json.dumps(studies, indent=2, allow_nan=False) + "\n")
+        if args.json != "-":
+            print_friction_study(studies, console())
+        return 0
+    source = ", ".join(Path(bag).name for bag in args.bags)
+    fits: list[FrictionFit] = []
+    refused: list[str] = []
+    for axis in data:
+        try:
+            fits.append(fit_friction(axis, source))
+        except NotIdentifiableError as error:
+            refused.append(str(error))
+    if not fits:
+        raise NotIdentifiableError(refused[0].rstrip("."))
+    summary = friction_summary(fits, refused, args.effort or "log")
+    if args.out is not None and model is not None:
+        from robot_energy.identify.friction import with_friction
+        from robot_energy.model_file import save
+
+        save(with_friction(model, fits, source), args.out)
+    if args.json is not None:
+        write_text(args.json, json.dumps(summary, indent=2, allow_nan=False) + "\n")
+    if args.plot is not None:
+        from robot_energy.report.identification_figures import friction_over_temperature
+
+        friction_over_temperature(fits, args.plot)
+    if args.json != "-":
+        print_friction(summary, console())
+    return 0
+
+
+def _check(args: Namespace) -> None:
+    """Refuse options that do not fit together."""
+    if bool(args.bags) == bool(args.log):
+        raise ModelFileError("neither bags nor a log, or both", "BAG... or --log")
+    if args.bags and (args.model is None or args.effort is None):
+        raise ModelFileError(
+            "bags need --model and --effort",
+            f"a model file, and one of {', '.join(EFFORTS)}",
+            "the effort of a driver is never guessed",
+        )
+    if args.log and args.mapping is None:
+        raise ModelFileError("the log has no --mapping", "a YAML file that names its columns")
+    if args.log and args.out is not None:
+        raise ModelFileError(
+            "figures from a log are relative and make no model file",
+            "bags with --model",
+            "import the log to a bag",
+        )
+    if (args.train is None) != (args.test is None):
+        raise ModelFileError("--train and --test belong together", "both or none")
+
+
+def _data(args: Namespace) -> tuple[list[FrictionData], RobotModel | None]:
+    if args.log:
+        from robot_energy.identify.friction_data import friction_data_of_log
+        from robot_energy.logs.mapped_csv import read_csv
+        from robot_energy.logs.mapping import load_mapping
+
+        _, contents, parts = read_csv(args.log, load_mapping(args.mapping))
+        blocks, names = list(parts), contents.joint_names
+        return [friction_data_of_log(blocks, names, j) for j in range(len(names))], None
+    from robot_energy.blocks import EffortMeaning
+    from robot_energy.identify.friction_data import friction_data
+    from robot_energy.identify.recordings import Recording, read_recording
+    from robot_energy.model_file import load
+
+    model, effort = load(args.model), EffortMeaning[args.effort.upper()]
+    recordings: list[Recording] = []
+    for bag in args.bags:
+        with progress(f"reading {Path(bag).name}") as report:
+            recordings.append(read_recording(bag, model, effort, progress=report))
+    return [friction_data(recordings, joint) for joint in range(len(model.joints))], model
+
+
+def _study(axis: FrictionData, args: Namespace) -> dict[str, Any]:
+    """Test unseen temperatures, with the true ones and with shuffled ones."""
+    from robot_energy.identify.friction_study import shuffled, temperature_split
+    from robot_energy.report.identification import study_summary
+
+    study = temperature_split(axis, args.train, args.test)
+    chance: list[float] = []
+    for seed in range(SHUFFLES):
+        try:
+            other = temperature_split(shuffled(axis, seed), args.train, args.test)
+        except NotIdentifiableError:
+            continue
+        chance.append(other.row("exponential", "carried on").rms / other.row("constant").rms)
+    return study_summary(axis.name, study, chance)

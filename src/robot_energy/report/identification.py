@@ -1,0 +1,172 @@
+"""What identification found, as tables for the terminal and as JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+
+from robot_energy.identify.friction import FrictionFit
+from robot_energy.identify.friction_study import Study
+from robot_energy.report.printing import line, percent, table
+
+Summary = dict[str, Any]
+LAWS = ("constant", "exponential", "table")
+
+
+def friction_summary(fits: Sequence[FrictionFit], refused: Sequence[str], unit: str) -> Summary:
+    """Return everything that `identify friction` found, ready for JSON.
+
+    Args:
+        fits: One per axis that could be identified.
+        refused: Why the others could not, one sentence each.
+        unit: What the torque is measured as.
+    """
+    return {
+        "effort": unit,
+        "axes": [_axis(fit) for fit in fits],
+        "refused": list(refused),
+        "warnings": [warning for fit in fits for warning in fit.warnings],
+    }
+
+
+def _axis(fit: FrictionFit) -> Summary:
+    return {
+        "name": fit.name,
+        "coulomb": fit.coulomb,
+        "coulomb_std": fit.coulomb_std,
+        "law": fit.chosen,
+        "parameters": fit.law.model_dump(mode="json", exclude_none=True),
+        "fitted_degc": list(fit.range_degc),
+        "samples": fit.samples,
+        "points": [
+            {
+                "motor_temperature_degc": point.motor_temperature_degc,
+                "viscous": point.viscous,
+                "std": point.std if np.isfinite(point.std) else None,
+            }
+            for point in fit.points
+        ],
+        "held_out_rms": {name: error.rms for name, error in fit.errors.items()},
+        "in_sample_rms": fit.residual,
+    }
+
+
+def print_friction(summary: Summary, console: Console) -> None:
+    """Print what `identify friction` found.
+
+    Args:
+        summary: From `friction_summary`.
+        console: Where to.
+    """
+    unit = "A" if summary["effort"] == "log" else "N m"
+    found: list[tuple[str, ...]] = []
+    tested: list[tuple[str, ...]] = []
+    for axis in summary["axes"]:
+        low, high = axis["fitted_degc"]
+        found.append(
+            (
+                axis["name"],
+                f"{axis['coulomb']:.4g} +- {axis['coulomb_std']:.2g}",
+                _law_text(axis),
+                f"{low:.0f} to {high:.0f} degC",
+            )
+        )
+        errors = axis["held_out_rms"]
+        tested.append(
+            (
+                axis["name"],
+                str(axis["samples"]),
+                *(f"{errors[name]:.4g}" if name in errors else "-" for name in LAWS),
+                axis["law"],
+            )
+        )
+    side = "as logged" if summary["effort"] == "log" else "motor side"
+    table(
+        console,
+        f"Friction over motor temperature, {side}",
+        ("axis", f"Coulomb [{unit}]", f"viscous [1e-3 {unit} s/rad]", "fitted at"),
+        found,
+    )
+    table(
+        console,
+        f"RMS torque error on temperatures that the fit has not seen [{unit}]",
+        ("axis", "samples", *LAWS, "chosen"),
+        tested,
+    )
+    for sentence in (*summary["warnings"], *summary["refused"]):
+        line(console, f"note: {sentence}")
+
+
+def _law_text(axis: Summary) -> str:
+    law = axis["parameters"]
+    if law["law"] == "constant":
+        return f"{1e3 * law['viscous']['value']:.3g}"
+    if law["law"] == "exponential":
+        a, b, c = (law[key]["value"] for key in ("a", "b", "c"))
+        return f"{1e3 * a:.3g} + {1e3 * b:.3g} exp(-T/{c:.3g})"
+    return " ".join(f"{1e3 * value:.3g}" for value in law["viscous"])
+
+
+def study_summary(name: str, study: Study, chance: Sequence[float]) -> Summary:
+    """Return a test on unseen temperatures, ready for JSON.
+
+    Args:
+        name: Of the axis.
+        study: The test.
+        chance: RMS of the exponential law over that of the constant, with temperatures
+            shuffled between the runs, one per shuffle.
+    """
+    return {
+        "name": name,
+        "train": str(study.train),
+        "test": str(study.test),
+        "trained_samples": study.trained,
+        "tested_samples": study.tested,
+        "rows": [
+            {
+                "law": row.law,
+                "beyond": row.beyond,
+                "rms": row.rms,
+                "power_bias": row.power_bias,
+                "coulomb": row.coulomb,
+            }
+            for row in study.rows
+        ],
+        "gain": study.row("exponential", "carried on").rms / study.row("constant").rms,
+        "shuffled": {
+            "count": len(chance),
+            "median_gain": float(np.median(chance)) if chance else None,
+            "least_gain": float(np.min(chance)) if chance else None,
+        },
+    }
+
+
+def print_friction_study(studies: Sequence[Summary], console: Console) -> None:
+    """Print tests on unseen temperatures.
+
+    Args:
+        studies: From `study_summary`.
+        console: Where to.
+    """
+    for study in studies:
+        table(
+            console,
+            f"{study['name']}: fitted at {study['train']} ({study['trained_samples']} samples), "
+            f"tested at {study['test']} ({study['tested_samples']} samples)",
+            ("viscous friction", "outside its range", "RMS error", "friction power"),
+            [
+                (row["law"], row["beyond"], f"{row['rms']:.4g}", percent(row["power_bias"], True))
+                for row in study["rows"]
+            ],
+        )
+        mixed = study["shuffled"]
+        if mixed["median_gain"] is not None:
+            line(
+                console,
+                f"RMS of the exponential law over the constant: {study['gain']:.2f}; with "
+                f"temperatures shuffled between runs {mixed['median_gain']:.2f} (median of "
+                f"{mixed['count']}), at best {mixed['least_gain']:.2f}",
+            )
