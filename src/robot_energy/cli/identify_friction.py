@@ -132,9 +132,10 @@ def run(args: Namespace) -> int:
     if args.json is not None:
         write_text(args.json, json.dumps(summary, indent=2, allow_nan=False) + "\n")
     if args.plot is not None:
-        from robot_energy.report.identification_figures import friction_over_temperature
+        from robot_energy.report.friction_figure import friction_over_temperature
 
-        friction_over_temperature(fits, args.plot)
+        unit = "A" if args.log else "N m"
+        friction_over_temperature(fits, args.plot, unit, source or Path(args.log).name)
     if args.json != "-":
         print_friction(summary, console())
     return 0

@@ -70,6 +70,13 @@ def add_parser(commands: Any) -> None:
         metavar="SHARE",
         help="share of full speed, above 0 to 1 (default 1)",
     )
+    parser.add_argument(
+        "--dwell",
+        type=float,
+        default=0.2,
+        metavar="S",
+        help="rest after every motion (default 0.2 s)",
+    )
     parser.add_argument("--overwrite", action="store_true", help="replace the bag of --out")
     add_debug(parser)
     parser.set_defaults(run=run)
@@ -90,7 +97,7 @@ def run(args: Namespace) -> int:
     profile = kr16_profile()
     rig = VirtualRig(
         profile,
-        _program(profile, args.seed, args.override),
+        _program(profile, args),
         RigConfig(thermal_speedup=args.speedup),
         args.seed,
         args.start_temperature,
@@ -108,11 +115,15 @@ def run(args: Namespace) -> int:
     return 0
 
 
-def _program(profile: PlantProfile, seed: int, override: float) -> Program:
+def _program(profile: PlantProfile, args: Namespace) -> Program:
     from robot_energy.motion import random_program, tool_above
 
     robot, _ = profile.mechanics()
     limits = profile.motion_limits(robot)
     return random_program(
-        limits, seed, override=override, accept=tool_above(robot, TOOL, LEAST_HEIGHT)
+        limits,
+        args.seed,
+        dwell=args.dwell,
+        override=args.override,
+        accept=tool_above(robot, TOOL, LEAST_HEIGHT),
     )

@@ -1,4 +1,4 @@
-"""Figures of a replay. The only module that imports matplotlib.
+"""Figures of a replay, and the style of all figures.
 
 Measured and predicted have the same colours in every figure; the same input gives the
 same bytes.
@@ -86,7 +86,7 @@ def power_and_energy(
         figure.align_ylabels(axes)
         if title:
             figure.suptitle(title, fontsize=10, x=0.02, ha="left")
-        _save(figure, target)
+        save_figure(figure, target)
 
 
 def _power(axes: Axes, series: Sequence[Series], second: float, place: str) -> None:
@@ -159,7 +159,7 @@ def check_format(path: Path) -> None:
         )
 
 
-def _save(figure: Any, target: Path) -> None:
+def save_figure(figure: Any, target: Path) -> None:
     """Write without dates and versions, whole or not at all."""
     kind = target.suffix.lower().removeprefix(".")
     metadata: dict[str, Any] = {

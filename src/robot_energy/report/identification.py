@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
+from robot_energy.identify.cabinet import CabinetFit, Level
 from robot_energy.identify.friction import FrictionFit
 from robot_energy.identify.friction_study import Study
 from robot_energy.report.printing import line, percent, table
@@ -170,3 +171,66 @@ def print_friction_study(studies: Sequence[Summary], console: Console) -> None:
                 f"temperatures shuffled between runs {mixed['median_gain']:.2f} (median of "
                 f"{mixed['count']}), at best {mixed['least_gain']:.2f}",
             )
+
+
+def cabinet_summary(fit: CabinetFit) -> Summary:
+    """Return what `identify cabinet` found, ready for JSON. [W]"""
+
+    def level(found: Level | None) -> Summary | None:
+        return None if found is None else dict(found.__dict__)
+
+    return {
+        "meter": fit.location.name.lower(),
+        "hold": level(fit.hold),
+        "generating": level(fit.generating),
+        "loss_grid": fit.loss_grid,
+        "loss_grid_std": fit.loss_grid_std,
+        "loss_dc": fit.loss_dc,
+        "loss_dc_std": fit.loss_dc_std,
+        "notes": list(fit.notes),
+    }
+
+
+def print_cabinet(summary: Summary, console: Console) -> None:
+    """Print what `identify cabinet` found.
+
+    Args:
+        summary: From `cabinet_summary`.
+        console: Where to.
+    """
+    rows: list[tuple[str, ...]] = []
+    for name, phase in (("HOLD", "hold"), ("GENERATING", "generating")):
+        found = summary[phase]
+        if found is None:
+            rows.append((name, "-", "0", "0", "-"))
+            continue
+        rows.append(
+            (
+                name,
+                f"{found['power']:.1f} +- {found['std']:.1g}",
+                str(found["readings"]),
+                str(found["events"]),
+                f"{found['spread']:.1f}",
+            )
+        )
+    table(
+        console,
+        "Measured power while it is constant, less what the drives take [W]",
+        ("phase", "power", "readings", "events", "greatest difference"),
+        rows,
+    )
+    table(
+        console,
+        "Constant losses [W]",
+        ("side", "loss"),
+        [
+            (side, "-" if value is None else f"{value:.1f} +- {std:.1g}")
+            for side, value, std in (
+                ("grid", summary["loss_grid"], summary["loss_grid_std"]),
+                ("DC", summary["loss_dc"], summary["loss_dc_std"]),
+            )
+        ],
+    )
+    for sentence in summary["notes"]:
+        line(console, f"note: {sentence}")
+    line(console, "the error class of the meter is not in these deviations")

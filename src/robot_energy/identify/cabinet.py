@@ -1,0 +1,247 @@
+"""Constant losses of the cabinet from measured power (paper A, section II-A).
+
+While nothing moves (HOLD) the grid delivers ``P_l,grid + P_l,DC`` and what the drives
+take at rest. While the drives feed back more than the DC side uses (GENERATING) it
+delivers ``P_l,grid`` alone, because the rectifier cannot return power. So the first tells
+the sum and the second splits it. Both phases are found from the joint states through the
+model, and only readings that lie inside one whole phase count.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robot_energy.blocks import Float, Int, MeterLocation, Phase, PowerBlock
+from robot_energy.comparison.curve import MeterCurve
+from robot_energy.comparison.pieces import Pieces
+from robot_energy.errors import NotIdentifiableError
+from robot_energy.identify.recordings import Recording
+from robot_energy.model_file import RobotModel
+from robot_energy.model_file.figure import PositiveFigure
+
+MILLISECOND = 1_000_000  # ns
+SETTLED = 500 * MILLISECOND  # after a motion, until the DC link and the drives are at rest
+BEFORE_MOTION = 50 * MILLISECOND
+AROUND = 50 * MILLISECOND  # to each side, in which most samples must hold
+INSIDE = 10 * MILLISECOND  # between a reading and the ends of a generating phase
+BRIDGED = 2.0  # s between two readings
+CLEAR = 0.5  # of the DC loss that braking must exceed for a phase to count as generating
+EVENT_GAP = 1_000 * MILLISECOND  # readings further apart belong to different events
+LEAST_READINGS = 5
+
+
+@dataclass(frozen=True)
+class Level:
+    """Mean power of one phase.
+
+    Attributes:
+        power: Less what the drives take in it. [W]
+        std: Standard deviation of the mean, over events. [W]
+        readings: Number of readings.
+        events: Number of separate phases they come from.
+        spread: Greatest difference between events, such as of holding poses. [W]
+    """
+
+    power: float
+    std: float
+    readings: int
+    events: int
+    spread: float
+
+
+@dataclass(frozen=True)
+class CabinetFit:
+    """Constant losses of the cabinet.
+
+    Attributes:
+        location: Where the meter sits.
+        hold: ``P_l,grid + P_l,DC``, or ``P_l,DC`` for a meter on the DC bus; None if the
+            robot never stands still.
+        generating: ``P_l,grid``; None if it never brakes hard enough, or not at the grid.
+        loss_grid: P_l,grid, None where the data do not tell it. [W]
+        loss_grid_std: [W]
+        loss_dc: P_l,DC. [W]
+        loss_dc_std: [W]
+        notes: What the data cannot separate and what was done instead, one sentence each.
+    """
+
+    location: MeterLocation
+    hold: Level | None
+    generating: Level | None
+    loss_grid: float | None
+    loss_grid_std: float | None
+    loss_dc: float | None
+    loss_dc_std: float | None
+    notes: tuple[str, ...]
+
+
+def fit_cabinet(recordings: Sequence[Recording]) -> CabinetFit:
+    """Identify the constant losses.
+
+    Args:
+        recordings: Run with one model, with a power meter.
+
+    Returns:
+        The losses and what they rest on.
+
+    Raises:
+        NotIdentifiableError: If there is no meter, or the robot neither stands still nor
+            generates.
+    """
+    metered = [recording for recording in recordings if recording.meter is not None]
+    if not metered:
+        raise NotIdentifiableError(
+            "no recording has a power meter",
+            "measured grid power beside the joint states",
+            "record the meter's topic too",
+        )
+    locations = {part.meter.location for part in metered if part.meter is not None}
+    if len(locations) > 1:
+        raise NotIdentifiableError(
+            "the meters of the recordings sit in different places", "one place for all"
+        )
+    location = locations.pop()
+    cabinet = metered[0].model.cabinet
+    held = [_readings(part, _holding(part.power), SETTLED, BEFORE_MOTION) for part in metered]
+    hold = _level([_less_drives(*entry) for entry in zip(metered, held, strict=True)])
+    generating = None
+    if location is MeterLocation.GRID and cabinet.regeneration_efficiency is None:
+        fed = [_readings(part, _feeding(part), INSIDE, INSIDE) for part in metered]
+        generating = _level([(rows, _mean(rows)) for rows in fed])
+    if hold is None and generating is None:
+        raise NotIdentifiableError(
+            "the robot neither stands still for a second nor brakes hard while the meter reads",
+            "both",
+            "record at least ten seconds of rest with active drives, and fast motions",
+        )
+    return _split(location, hold, generating, metered[0].model)
+
+
+def _split(
+    location: MeterLocation, hold: Level | None, generating: Level | None, model: RobotModel
+) -> CabinetFit:
+    before = model.cabinet
+    grid = grid_std = loss_dc = dc_std = None
+    notes: list[str] = []
+    if location is MeterLocation.DC_BUS:
+        notes.append("a meter on the DC bus does not see the loss on the grid side; it is kept")
+        if hold is not None:
+            loss_dc, dc_std = hold.power, hold.std
+    elif generating is None:
+        notes.append(
+            "no reading lies inside a phase in which the drives feed back, so HOLD tells the "
+            f"sum of both losses only; the DC side keeps its {before.loss_dc.value:g} W and the "
+            "grid side takes the rest; to separate them, record hard braking with a fast meter"
+        )
+        if hold is not None:
+            grid, grid_std = hold.power - before.loss_dc.value, hold.std
+    else:
+        grid, grid_std = generating.power, generating.std
+        if hold is None:
+            notes.append("the robot never stands still, so the loss on the DC side is kept")
+        else:
+            loss_dc = hold.power - generating.power
+            dc_std = float(np.hypot(hold.std, generating.std))
+    if hold is not None and hold.spread > 0.1 * abs(hold.power):
+        notes.append(
+            f"holding power differs by {hold.spread:.0f} W between poses; it is taken as constant"
+        )
+    for name, value in (("grid", grid), ("DC", loss_dc)):
+        if value is not None and value < 0:
+            notes.append(f"the loss on the {name} side is negative and set to 0: check the meter")
+    return CabinetFit(location, hold, generating, grid, grid_std, loss_dc, dc_std, tuple(notes))
+
+
+def with_cabinet(model: RobotModel, fit: CabinetFit, source: str) -> RobotModel:
+    """Return a model with the identified losses; what the data do not tell stays.
+
+    Args:
+        model: Any model of the same robot.
+        fit: The losses.
+        source: Where the data come from.
+    """
+    update: dict[str, PositiveFigure] = {}
+    for name, value, std in (
+        ("loss_grid", fit.loss_grid, fit.loss_grid_std),
+        ("loss_dc", fit.loss_dc, fit.loss_dc_std),
+    ):
+        if value is not None:
+            update[name] = PositiveFigure(
+                value=max(value, 0.0), tag="identified", std=std, source=source
+            )
+    cabinet = model.cabinet.model_copy(update=update)
+    return model.model_copy(update={"cabinet": cabinet}).with_urdf(model.urdf_xml, model.source)
+
+
+def _holding(power: PowerBlock) -> NDArray[np.bool_]:
+    """Where most samples around are of the phase HOLD: noise of the velocity is no motion."""
+    stamp = power.stamp_ns
+    held = np.concatenate([[0], np.cumsum(power.phase == Phase.HOLD)])
+    first = np.searchsorted(stamp, stamp - AROUND, side="left")
+    last = np.searchsorted(stamp, stamp + AROUND, side="right")
+    return np.asarray(held[last] - held[first] > 0.5 * (last - first))
+
+
+def _feeding(recording: Recording) -> NDArray[np.bool_]:
+    """Where the drives feed back clearly more than the DC side uses."""
+    power = recording.power
+    excess = -(power.bus_power + power.loss_dc)
+    return np.asarray(excess > CLEAR * np.maximum(power.loss_dc, 50.0))
+
+
+def _readings(recording: Recording, phase: NDArray[np.bool_], after: int, before: int) -> Pieces:
+    """Pieces of the meter's curve that lie inside one phase, away from its ends. [ns]"""
+    meter = recording.meter
+    if meter is None:
+        return Pieces.empty()
+    pieces = MeterCurve(BRIDGED).step(meter)
+    stamp = recording.power.stamp_ns
+    outside = np.concatenate([[0], np.cumsum(~phase)])
+    kept = Pieces.empty()
+    for part in pieces:
+        first = np.searchsorted(stamp, part.start_ns - after, side="left")
+        last = np.searchsorted(stamp, part.end_ns + before, side="right")
+        inside = (first > 0) & (last < len(stamp)) & (last > first)
+        last = np.minimum(last, len(stamp))
+        kept = kept.join(part[inside & (outside[last] == outside[np.minimum(first, last)])])
+    return kept
+
+
+def _mean(pieces: Pieces) -> Float:
+    return 0.5 * (pieces.start_power + pieces.end_power)
+
+
+def _less_drives(recording: Recording, pieces: Pieces) -> tuple[Pieces, Float]:
+    """Power of the pieces without what the model says the drives take at rest. [W]"""
+    middle = (pieces.start_ns + pieces.end_ns) // 2
+    row = np.searchsorted(recording.power.stamp_ns, middle)
+    row = np.minimum(row, len(recording.power) - 1)
+    return pieces, _mean(pieces) - recording.power.bus_power[row]
+
+
+def _level(parts: Sequence[tuple[Pieces, Float]]) -> Level | None:
+    """Mean over events, each event counting once."""
+    means: list[float] = []
+    readings = 0
+    for pieces, power in parts:
+        if not len(pieces):
+            continue
+        readings += len(pieces)
+        means += _event_means(pieces.start_ns, pieces.end_ns, power)
+    if readings < LEAST_READINGS:
+        return None
+    values = np.asarray(means)
+    std = float(values.std(ddof=1) / np.sqrt(len(values))) if len(values) > 1 else float(np.inf)
+    if len(values) == 1:  # one event says nothing of others: its readings must do
+        power = np.concatenate([power for _, power in parts])
+        std = float(power.std(ddof=1) / np.sqrt(len(power)))
+    return Level(float(values.mean()), std, readings, len(values), float(np.ptp(values)))
+
+
+def _event_means(start_ns: Int, end_ns: Int, power: Float) -> list[float]:
+    new = np.flatnonzero(start_ns[1:] - end_ns[:-1] > EVENT_GAP) + 1
+    return [float(part.mean()) for part in np.split(power, new)]

@@ -1,0 +1,89 @@
+"""Figure of identified friction: viscous coefficient over motor temperature (paper A, fig. 6)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from robot_energy.errors import ShapeError
+from robot_energy.friction import viscous_law
+from robot_energy.identify.friction import FrictionFit
+from robot_energy.report.figures import COLOURS, STYLE, check_format, save_figure
+
+MILLI = 1e3
+BEYOND = 5.0  # K drawn outside the fitted range, where the edge is held
+LAW_COLOURS = {"constant": COLOURS["fixed"], "exponential": COLOURS["predicted"]}
+TABLE_COLOUR = "#009e73"
+
+
+def friction_over_temperature(
+    fits: Sequence[FrictionFit], path: str | Path, unit: str = "N m", title: str = ""
+) -> None:
+    """Draw points and laws of every axis.
+
+    Args:
+        fits: One per axis.
+        path: File to write: PNG, SVG or PDF by its suffix.
+        unit: Of the torque: ``N m``, or that of a relative measurement.
+        title: Above the figure.
+
+    Raises:
+        ShapeError: If there is no axis.
+        ReportError: If the suffix is none of these, or the file cannot be written.
+    """
+    if not fits:
+        raise ShapeError("no axis to draw", "at least one")
+    target = Path(path)
+    check_format(target)
+    from matplotlib import style
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    columns = min(len(fits), 3)
+    rows = -(-len(fits) // columns)
+    with style.context(["default", STYLE]):
+        figure: Any = Figure(figsize=(3.2 * columns + 0.8, 2.6 * rows + 0.6), layout="constrained")
+        FigureCanvasAgg(figure)
+        panels: Any = figure.subplots(rows, columns, squeeze=False)
+        for axes, fit in zip(panels.flat, fits, strict=False):
+            _axis(axes, fit)
+        for axes in panels.flat[len(fits) :]:
+            axes.set_visible(False)
+        for axes in panels[:, 0]:
+            axes.set_ylabel(f"viscous [1e-3 {unit} s/rad]")
+        for axes in panels[-1]:
+            axes.set_xlabel("motor temperature [degC]")
+        panels.flat[0].legend(loc="best")
+        if title:
+            figure.suptitle(title, fontsize=10, x=0.02, ha="left")
+        save_figure(figure, target)
+
+
+def _axis(axes: Any, fit: FrictionFit) -> None:
+    low, high = fit.range_degc
+    degc = np.linspace(low - BEYOND, high + BEYOND, 200)
+    for name, law in fit.laws.items():
+        chosen = name == fit.chosen
+        axes.plot(
+            degc,
+            MILLI * viscous_law(law).viscous(degc),
+            "-" if chosen else ":",
+            color=LAW_COLOURS.get(name, TABLE_COLOUR),
+            label=f"{name}{', chosen' if chosen else ''}",
+        )
+    axes.errorbar(
+        [point.motor_temperature_degc for point in fit.points],
+        [MILLI * point.viscous for point in fit.points],
+        [2 * MILLI * point.std if np.isfinite(point.std) else 0.0 for point in fit.points],
+        fmt="o",
+        color=COLOURS["measured"],
+        markersize=4,
+        capsize=2,
+        linewidth=1,
+        label="points, 2 std",
+    )
+    axes.set_ylim(bottom=0.0)
+    axes.set_title(f"{fit.name}: Coulomb {fit.coulomb:.3g}", fontsize=9, loc="left")

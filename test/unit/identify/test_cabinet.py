@@ -1,0 +1,100 @@
+"""Constant losses of the cabinet, from a rig whose losses are known."""
+
+import numpy as np
+import pytest
+
+from robot_energy.blocks import MeterLocation, MeterMeaning
+from robot_energy.errors import NotIdentifiableError
+from robot_energy.identify.cabinet import fit_cabinet, with_cabinet
+from robot_energy.identify.recordings import Recording, read_recording
+from robot_energy.model_file import load
+from robot_energy.motion import random_program
+from robot_energy.rig import RigConfig, Sensors, VirtualRig, kr16_profile
+from robot_energy.rig.record import outputs, record
+
+MODEL = load("kr16")
+
+
+def rig(dwell, meaning=MeterMeaning.MEAN_OVER_INTERVAL):
+    profile = kr16_profile()
+    limits = profile.motion_limits(profile.mechanics()[0])
+    program = random_program(limits, 3, dwell=dwell)
+    return VirtualRig(profile, program, RigConfig(sensors=Sensors(meter_meaning=meaning)), 3, 40.0)
+
+
+def recording(folder, dwell, meaning=MeterMeaning.MEAN_OVER_INTERVAL, duration=60.0):
+    record(rig(dwell, meaning), duration, folder)
+    return read_recording(folder, MODEL)
+
+
+def true_hold(dwell):
+    """Mean power of the plant over its rests, half a second after each motion. [W]"""
+    truth = [output.truth for output in outputs(rig(dwell), 60.0)]
+    still = np.concatenate([(part.joint_velocity == 0.0).all(axis=1) for part in truth])
+    power = np.concatenate([part.grid_power for part in truth])
+    cuts = np.flatnonzero(np.diff(still)) + 1
+    rests = [
+        part[125:].mean()  # 0.5 s at 250 Hz
+        for part, rest in zip(np.split(power, cuts), np.split(still, cuts), strict=True)
+        if rest[0] and len(rest) > 250
+    ]
+    assert len(rests) > 5
+    return float(np.mean(rests))
+
+
+@pytest.mark.parametrize(
+    "meaning",
+    [MeterMeaning.MEAN_OVER_INTERVAL, MeterMeaning.INSTANTANEOUS, MeterMeaning.CUMULATIVE],
+)
+def test_both_losses_are_found_whatever_the_meter_reports(tmp_path, meaning):
+    """The rig's grid side draws 250 W; its meter is of class 0.5."""
+    fit = fit_cabinet([recording(tmp_path / "bag", 2.0, meaning)])
+    assert fit.loss_grid == pytest.approx(250.0, rel=0.01)
+    assert fit.hold.power == pytest.approx(true_hold(2.0), rel=0.03)
+    assert fit.loss_dc == pytest.approx(fit.hold.power - fit.loss_grid)
+    assert fit.hold.events > 5
+    assert fit.generating.events > 5
+
+
+def test_without_rest_only_the_grid_side_is_told(tmp_path):
+    fit = fit_cabinet([recording(tmp_path / "bag", 0.2)])
+    assert fit.hold is None
+    assert fit.loss_dc is None
+    assert fit.loss_grid == pytest.approx(250.0, rel=0.01)
+    assert "never stands still" in fit.notes[0]
+    model = with_cabinet(MODEL, fit, "bag")
+    assert model.cabinet.loss_dc == MODEL.cabinet.loss_dc
+    assert model.cabinet.loss_grid.tag == "identified"
+
+
+def test_without_braking_the_sum_is_told_and_the_split_is_said_to_be_kept(tmp_path):
+    whole = recording(tmp_path / "bag", 2.0)
+    power = whole.power
+    tame = Recording(
+        whole.path,
+        whole.model,
+        whole.torque,
+        type(power)(**{**power.__dict__, "bus_power": np.abs(power.bus_power)}),
+        whole.meter,
+        whole.origin,
+        whole.problems,
+    )
+    fit = fit_cabinet([tame])
+    assert fit.generating is None
+    assert fit.loss_grid == pytest.approx(fit.hold.power - MODEL.cabinet.loss_dc.value)
+    assert "HOLD tells the sum" in fit.notes[0]
+
+
+def test_a_meter_on_the_dc_bus_tells_the_dc_side_only(tmp_path):
+    whole = recording(tmp_path / "bag", 2.0)
+    meter = type(whole.meter)(**{**whole.meter.__dict__, "location": MeterLocation.DC_BUS})
+    at_bus = type(whole)(**{**whole.__dict__, "meter": meter})
+    fit = fit_cabinet([at_bus])
+    assert fit.loss_grid is None
+    assert fit.loss_dc == pytest.approx(fit.hold.power)
+
+
+def test_no_meter_is_refused_with_what_to_record(tmp_path):
+    whole = recording(tmp_path / "bag", 0.2, duration=3.0)
+    with pytest.raises(NotIdentifiableError, match="no recording has a power meter"):
+        fit_cabinet([type(whole)(**{**whole.__dict__, "meter": None})])
