@@ -203,19 +203,19 @@ def moving_samples(data: FrictionData) -> FrictionData:
 
 
 def _nodes(data: FrictionData) -> Float:
-    """Nodes of the free curve where the axis moved enough; a single one without a range."""
-    degc = data.motor_temperature_degc
+    """Nodes of the free curve, where the data are: one per stretch of temperature seen."""
+    degc, moved = data.motor_temperature_degc, data.motor_velocity**2
     low, high = float(degc.min()), float(degc.max())
     if high - low < LEAST_RANGE:
-        return np.array([float(np.average(degc, weights=data.motor_velocity**2))])
-    nodes = np.linspace(low, high, max(int((high - low) / NODE_SPACING), 1) + 1)
-    while len(nodes) > 2:
-        seen = (_hats(degc, nodes) * data.motor_velocity[:, None] ** 2).sum(axis=0)
-        weak = int(np.argmin(seen[1:-1])) + 1
-        if seen[weak] >= LEAST_SHARE * seen.sum():
-            break
-        nodes = np.delete(nodes, weak)
-    return nodes
+        return np.array([float(np.average(degc, weights=moved))])
+    count = max(int((high - low) / NODE_SPACING), 2)
+    stretch = np.minimum(((degc - low) / (high - low) * count).astype(np.int64), count - 1)
+    seen = np.bincount(stretch, weights=moved, minlength=count)
+    centre = np.bincount(stretch, weights=moved * degc, minlength=count)
+    kept = np.flatnonzero(seen >= LEAST_SHARE * seen.sum())
+    nodes = centre[kept] / seen[kept]
+    apart = np.append(True, np.diff(nodes) > 0.5 * NODE_SPACING)
+    return nodes[apart]
 
 
 def _hats(degc: Float, nodes: Float) -> Float:
