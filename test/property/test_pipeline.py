@@ -44,7 +44,9 @@ def motion(seed: int, size: int = 400) -> JointBlock:
     block.joint_velocity[rng.integers(size)] = np.nan
     block.joint_effort[:] = rng.normal(size=(size, 2)) * 5
     block.joint_effort[rng.random((size, 2)) < rng.choice([0.0, 0.1, 1.0])] = np.nan
-    block.joint_effort[: rng.integers(size)] = np.nan
+    block.joint_effort[: rng.integers(size // 2)] = np.nan
+    lost = rng.integers(size // 2, size)
+    block.joint_effort[lost : lost + 50] = np.nan
     return block
 
 

@@ -77,13 +77,19 @@ def test_measured_is_what_the_plant_did_where_the_model_is_wrong(tmp_path):
         list(outputs(VirtualRig(profile, PROGRAM, config, seed=4), 12.0))
     ).truth
     power = truth.motor_torque * truth.motor_velocity
-    shaft = replay(tmp_path / "bag", two_link(), settings=BY_MOTOR_TORQUE).ledger.shaft
+    result = replay(tmp_path / "bag", two_link(), settings=BY_MOTOR_TORQUE)
+    shaft = result.ledger.shaft
     error = np.abs(net(shaft, "measured") - np.trapezoid(power, dx=0.004, axis=0))
     noise = config.sensors.torque_noise * np.sqrt((truth.motor_velocity**2).sum(axis=0)) * 0.004
     turnover = np.trapezoid(np.abs(power), dx=0.004, axis=0)
     assert (noise < 0.05 * turnover).all()
     assert (error < 4 * noise + 0.002 * turnover).all()
     assert (net(shaft, "predicted") > 1.2 * net(shaft, "measured")).all()
+    assert (shaft.joints("measured_negative") > 1.0).all()
+    reported = [
+        row["predicted_minus_measured_energy"] for row in summarise(result)["shaft"]["joints"]
+    ]
+    np.testing.assert_allclose(reported, net(shaft, "predicted") - net(shaft, "measured"))
 
 
 def test_effort_lost_on_the_way_costs_its_own_joint_only(reference, tmp_path):

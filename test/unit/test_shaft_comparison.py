@@ -95,3 +95,19 @@ def test_effort_is_not_used_unless_its_meaning_is_told():
     assert ledger.shaft.compared_ns.tolist() == [0]
     assert np.isnan(means.shaft_power_measured).all()
     assert Settings().effort is EffortMeaning.NONE
+
+
+def test_block_without_any_effort_is_not_bridged():
+    block = spin()
+    block.joint_effort[40:60] = np.nan
+    pipeline = EnergyPipeline(robots.one_wheel(), Settings(effort=EffortMeaning.MOTOR_TORQUE))
+    for start, stop in ((0, 40), (40, 60), (60, 101)):
+        torque = pipeline.torque.step(block[slice(start, stop)])
+        rest = pipeline.torque.flush()
+        for part in (torque, rest):
+            power = pipeline.power.step(part) if part is not None else None
+            if power is not None:
+                pipeline.ledger.step(power)
+        power = pipeline.power.flush()
+        pipeline.ledger.step(power)
+    assert pipeline.ledger.shaft.compared_ns.tolist() == [790_000_000]
