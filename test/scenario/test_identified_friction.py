@@ -1,0 +1,88 @@
+"""Friction identified from a robot that warms up predicts a run it has not seen.
+
+The plant is the virtual rig, whose friction has Stribeck and load terms, a lubricant curve
+and gears that lag the motor sensor; the model knows none of that.
+"""
+
+import numpy as np
+import pytest
+
+from robot_energy.blocks import EffortMeaning
+from robot_energy.cli.main import main
+from robot_energy.friction import viscous_law, with_fixed_friction
+from robot_energy.identify.friction import fit_friction, with_friction
+from robot_energy.identify.friction_data import friction_data
+from robot_energy.identify.recordings import read_recording
+from robot_energy.model_file import load
+from robot_energy.motion import random_program
+from robot_energy.replay import replay
+from robot_energy.rig import VirtualRig, kr16_profile
+from robot_energy.rig.record import record
+
+MODEL = load("kr16")
+TRAINED = (20.0, 40.0, 60.0, 80.0)
+
+
+def run(folder, degc, seed, duration=30.0):
+    profile = kr16_profile()
+    limits = profile.motion_limits(profile.mechanics()[0])
+    rig = VirtualRig(profile, random_program(limits, seed), seed=seed, start_temperature_degc=degc)
+    record(rig, duration, folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def bags(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("warm_up")
+    return [run(folder / f"at_{degc:.0f}", degc, seed) for seed, degc in enumerate(TRAINED)]
+
+
+@pytest.fixture(scope="module")
+def identified(bags):
+    recordings = [read_recording(bag, MODEL, EffortMeaning.MOTOR_TORQUE) for bag in bags]
+    fits = [fit_friction(friction_data(recordings, joint)) for joint in range(6)]
+    return with_friction(MODEL, fits, "virtual rig"), fits
+
+
+def error(bag, model):
+    """Of the predicted shaft torque's power against the measured one, over the run."""
+    recording = read_recording(bag, model, EffortMeaning.MOTOR_TORQUE)
+    speed = recording.torque.motor_velocity
+    measured = np.nansum(recording.torque.motor_torque_measured * speed)
+    return float(np.nansum(recording.power.motor_torque * speed) / measured) - 1.0
+
+
+def test_every_axis_falls_with_temperature(identified):
+    for fit in identified[1]:
+        assert fit.chosen != "constant", fit.name
+        law = viscous_law(fit.law)
+        assert law.viscous(25.0) > 1.5 * law.viscous(70.0) > 0
+
+
+def test_an_unseen_run_at_an_unseen_temperature_is_predicted(identified, tmp_path):
+    """Other motions; friction fixed at 50 degC is the state of the art.
+
+    The rig reports torque as current times a constant, though its magnets weaken as they
+    warm: a share of the error that paper A names too.
+    """
+    fixed = with_fixed_friction(identified[0], 50.0)
+    for degc in (30.0, 70.0):
+        bag = run(tmp_path / f"at_{degc:.0f}", degc, 77)
+        aware = error(bag, identified[0])
+        assert abs(aware) < 0.05
+        assert abs(error(bag, fixed)) > 2 * abs(aware)
+
+
+def test_the_command_writes_a_model_that_the_monitor_runs(bags, tmp_path, capsys):
+    out = tmp_path / "robot.yaml"
+    words = ["identify", "friction", *map(str, bags), "--model", "kr16"]
+    assert main([*words, "--effort", "motor_torque", "--out", str(out)]) == 0
+    assert "exponential" in capsys.readouterr().out
+    model = load(out)
+    assert {joint.friction.coulomb.tag for joint in model.joints} == {"identified"}
+    assert replay(bags[0], model).ledger.registers.cabinet("grid_import") > 0
+
+
+def test_bags_without_a_meaning_of_the_effort_are_refused(bags, capsys):
+    assert main(["identify", "friction", str(bags[0]), "--model", "kr16"]) == 2
+    assert "effort of a driver is never guessed" in capsys.readouterr().err
