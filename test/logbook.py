@@ -90,7 +90,7 @@ def read_bag(
         found = (
             ingest[0].step(part[names[0]]) if names[0] in part else None,
             ingest[1].step([part[names[1]]]) if names[1] in part else None,
-            ingest[2].step(part[names[2]]) if names[2] in part else None,
+            ingest[2].step([part[names[2]]]) if names[2] in part else None,
         )
         for held, block in zip(blocks, found, strict=True):
             held += [] if block is None else [block]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from robot_energy.blocks import Quality
 from robot_energy.ingest import JointStateIngest, MeterIngest, TemperatureIngest
@@ -76,7 +76,7 @@ def temperature_source(
 
 def energy_source(
     ledger: Ledger,
-    meter: Inbox,
+    meter: Sequence[Inbox],
     readings: MeterIngest,
     meter_timeout: float,
     inputs: Callable[[Findings], None] = lambda found: None,
@@ -85,17 +85,22 @@ def energy_source(
 
     Args:
         ledger: The books.
-        meter: Where meter readings arrive.
+        meter: Where meter readings arrive: one topic, voltage and current, or none.
         readings: What became of them.
         meter_timeout: Silence beyond which the meter counts as missing. [s]
         inputs: Judges the other inputs of the node.
     """
-    watch = InputWatch("meter reading", meter, readings.account, meter_timeout, needed=False)
+    names = ("meter_voltage_", "meter_current_") if len(meter) > 1 else ("meter_",)
+    watches = [
+        (name, InputWatch("meter reading", inbox, readings.account, meter_timeout, needed=False))
+        for name, inbox in zip(names, meter, strict=False)
+    ]
 
     def findings() -> Findings:
         found = Findings("energy")
         inputs(found)
-        watch.judge(found, "meter_")
+        for name, watch in watches:
+            watch.judge(found, name)
         time, comparison = ledger.registers.time, ledger.comparison
         residual = comparison.measured_energy - comparison.predicted_energy
         measured = comparison.measured_energy

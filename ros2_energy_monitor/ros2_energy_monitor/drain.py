@@ -18,6 +18,7 @@ from collections.abc import Callable, Iterator
 from typing import Any, cast
 
 from rclpy.callback_groups import CallbackGroup
+from rclpy.clock import ROSClock
 from rclpy.event_handler import QoSSubscriptionEventType as Event
 from rclpy.event_handler import SubscriptionEventCallbacks, UnsupportedEventTypeError
 from rclpy.exceptions import InvalidHandle
@@ -32,7 +33,8 @@ from ros2_energy_monitor.revival import Revival
 from ros2_energy_monitor.sequences import Sequences
 from ros2_energy_monitor.suppliers import Suppliers
 
-Numbered = tuple[bytes, int | None]  # a message, and its number as its publisher counts
+# A message, its number as its publisher counts, and when the middleware received it [ns].
+Numbered = tuple[bytes, int | None, int]
 
 
 class NeverReady(CallbackGroup):
@@ -125,21 +127,30 @@ class Inbox:
         """Take every message that waits.
 
         Returns:
-            The messages in order of arrival, with the time of the node's clock, or None if
-            there are none.
+            The messages in order of arrival, each with its time of receipt: that of the
+            middleware, or of the node's clock where it is not the system's or the middleware
+            gives none. None if there are no messages.
         """
         taken = list(self._take() if self.direct else self._popped())
         if not taken:
             return None
-        messages = [message for message, _ in taken]
-        self._sequences.step([number for _, number in taken if number is not None])
+        messages = [message for message, _, _ in taken]
+        self._sequences.step([number for _, number, _ in taken if number is not None])
         self.received += len(messages)
         self.overflows += len(messages) >= self._depth
         self._arrived_ns = time.monotonic_ns()
         if self._revival is not None:
             self._revival.heard(time.monotonic())
-        now = self._node.get_clock().now().nanoseconds
-        return RawBatch.from_messages(self.topic, self.msgtype, [now] * len(messages), messages)
+        times = self._times([received for _, _, received in taken])
+        return RawBatch.from_messages(self.topic, self.msgtype, times, messages)
+
+    def _times(self, received: list[int]) -> list[int]:
+        """Times of receipt in the time of the node."""
+        clock = self._node.get_clock()
+        now = clock.now().nanoseconds
+        if isinstance(clock, ROSClock) and clock.ros_time_is_active:
+            return [now] * len(received)
+        return [time if 0 < time <= now else now for time in received]
 
     def discard(self, account: Accounting) -> None:
         """Take every message that waits and count it as rejected, since the node is inactive.
@@ -225,13 +236,13 @@ class Inbox:
                     taken = handle.take_message(self._type, True)
                     if taken is None:
                         return
-                    yield taken[0], taken[1].get("publication_sequence_number")
+                    yield _numbered(*taken)
         except InvalidHandle:  # the node is being destroyed
             return
 
     def _keep(self, message: bytes, info: dict[str, Any]) -> None:
         """Queue a message, as the callback of the subscription where it has one."""
-        self._queue.append((message, info.get("publication_sequence_number")))
+        self._queue.append(_numbered(message, info))
 
     def _popped(self) -> Iterator[Numbered]:
         """Yield what callbacks, or the trial in the constructor, have queued."""
@@ -254,3 +265,8 @@ class Inbox:
         except (AttributeError, TypeError, IndexError, KeyError, NotImplementedError):
             return False
         return True
+
+
+def _numbered(message: bytes, info: dict[str, Any]) -> Numbered:
+    number = info.get("publication_sequence_number")
+    return message, number, int(info.get("received_timestamp") or 0)

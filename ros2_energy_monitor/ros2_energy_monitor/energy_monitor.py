@@ -8,14 +8,14 @@ from typing import Any
 from sensor_msgs.msg import JointState
 
 from robot_energy.blocks import EffortMeaning
-from robot_energy.ingest import JointStateIngest, MeterIngest
+from robot_energy.ingest import JointStateIngest
 from robot_energy.messages import FrictionWriter, TorqueWriter
 from robot_energy.pipeline import EnergyPipeline, Ledger, Output
 from ros2_energy_monitor.diagnostics import energy_source, joint_state_source, temperature_source
 from ros2_energy_monitor.drain import Inbox
 from ros2_energy_monitor.inputs import (
     drain_all,
-    meter_inbox,
+    meter_input,
     temperature_inboxes,
     temperature_ingest,
     temperature_inputs,
@@ -54,7 +54,6 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
         settings = settings_of(self.parameters)
         self.ingest = JointStateIngest(names, effort=settings.effort is not EffortMeaning.NONE)
         self._temperature = temperature_ingest(self, self.parameters, self.model)
-        self._meter = MeterIngest()
         self._pipeline = EnergyPipeline(self.model, settings)
         self._torque_writer = TorqueWriter(names, self.model.model_id)
         self._friction_writer = FrictionWriter(self.model)
@@ -66,11 +65,11 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
             self, JointState, "joint_states", best_effort(depth), renew_after=renew
         )
         self.temperatures = temperature_inboxes(self, self._temperature, renew)
-        self.readings = meter_inbox(self, self.parameters)
+        self._meter, self.readings = meter_input(self, self.parameters, renew)
         self.inputs = [
             (self.joint_states, self.ingest.account),
             *temperature_inputs(self._temperature, self.temperatures),
-            (self.readings, self._meter.account),
+            *((inbox, self._meter.account) for inbox in self.readings),
         ]
         self.orders = [self.ingest.order]
         self.sources = [
@@ -99,9 +98,9 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
         """
         states = self.joint_states.drain()
         temperatures = self._temperature.step(drain_all(self.temperatures))
-        readings = self.readings.drain()
+        readings = drain_all(self.readings)
         joints = self.ingest.step(states) if states is not None else None
-        meter = self._meter.step(readings) if readings is not None else None
+        meter = self._meter.step(readings)
         self._publish(self._pipeline.step(joints, temperatures, meter))
 
     def report(self) -> None:

@@ -7,14 +7,15 @@ from collections.abc import Sequence
 from typing import Any
 
 from rclpy.node import Node
-from ros2_energy_msgs.msg import PowerReading
 
-from robot_energy.ingest import Accounting, TemperatureIngest
+from robot_energy.ingest import Accounting, MeterIngest, TemperatureIngest
+from robot_energy.ingest.meter_source import MeterInputs
 from robot_energy.ingest.sources import INTERFACE_NAMES, TemperatureInputs
 from robot_energy.model_file import RobotModel
 from robot_energy.wire.batch import RawBatch
+from robot_energy.wire.types import extended, typestore
+from ros2_energy_monitor.definitions import definitions_of
 from ros2_energy_monitor.drain import Inbox
-from ros2_energy_monitor.node_parameters import EnergyParameters, PowerParameters
 from ros2_energy_monitor.publishers import best_effort, latched
 
 SLOW_DEPTH = 500  # messages of temperatures and meters, which come at 0.1 to 1000 Hz
@@ -104,15 +105,31 @@ def temperature_inputs(
     ]
 
 
-def meter_inbox(node: Node, parameters: PowerParameters | EnergyParameters) -> Inbox:
-    """Subscribe the power meter."""
-    return Inbox(
-        node,
-        PowerReading,
-        "power_meter",
-        best_effort(SLOW_DEPTH),
-        renew_after=parameters.resubscribe_after,
-    )
+def meter_input(
+    node: Node, parameters: MeterInputs, renew_after: float
+) -> tuple[MeterIngest, list[Inbox]]:
+    """Subscribe the power meter and return what reads it.
+
+    Where its messages are not installed, nothing is subscribed, after an error in the log.
+
+    Args:
+        node: The node that subscribes.
+        parameters: What the meter is.
+        renew_after: Silence after which a topic is subscribed anew. [s]
+
+    Raises:
+        ParameterError: If the messages lack what the parameters name.
+    """
+    source = parameters.meter.resolved(node.resolve_topic_name)
+    kind = message_class(node, source.type, "the meter")
+    if kind is None:
+        return MeterIngest(), []
+    known = extended(typestore(), definitions_of(kind))
+    inboxes = [
+        Inbox(node, kind, topic, best_effort(SLOW_DEPTH), renew_after=renew_after)
+        for topic in source.topics
+    ]
+    return MeterIngest(source, known), inboxes
 
 
 def drain_all(inboxes: Sequence[Inbox]) -> list[RawBatch]:

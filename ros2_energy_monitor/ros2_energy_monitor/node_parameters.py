@@ -19,6 +19,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
 from robot_energy.errors import ParameterError
+from robot_energy.ingest.meter_source import MeterInputs
 from robot_energy.ingest.parameters import Parameter, assemble, parameter
 from robot_energy.ingest.sources import JointStateInputs, TemperatureInputs
 
@@ -90,7 +91,7 @@ class FrictionParameters(TemperatureInputs, Common):
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Books(Common):
+class _Books(MeterInputs, Common):
     """What the nodes that keep the books share."""
 
     power_rate: float = parameter(

@@ -8,13 +8,12 @@ from typing import Any
 from ros2_energy_msgs.msg import JointFriction, JointTorque
 
 from robot_energy.blocks import PowerBlock
-from robot_energy.ingest import MeterIngest
 from robot_energy.messages import FrictionReader, TorqueReader
 from robot_energy.pipeline import Ledger, PowerStage
 from ros2_energy_monitor.diagnostics import energy_source
 from ros2_energy_monitor.drain import Inbox
 from ros2_energy_monitor.input_watch import InputWatch
-from ros2_energy_monitor.inputs import meter_inbox
+from ros2_energy_monitor.inputs import drain_all, meter_input
 from ros2_energy_monitor.monitor_node import MonitorNode
 from ros2_energy_monitor.node_parameters import PowerParameters
 from ros2_energy_monitor.publishers import FRICTION_DEPTH, BooksPublisher, latched, reliable
@@ -43,7 +42,6 @@ class PowerMonitor(MonitorNode[PowerParameters]):
         settings = settings_of(self.parameters)
         self._torque = TorqueReader(self.model.joint_names, self.model.model_id)
         self._friction = FrictionReader(self.model)
-        self._meter = MeterIngest()
         self._stage = PowerStage(self.model, settings)
         self.ledger = Ledger(len(self.model.joints), settings)
         self._books = BooksPublisher(self, self.model, self.ledger)
@@ -55,11 +53,13 @@ class PowerMonitor(MonitorNode[PowerParameters]):
         self.frictions = Inbox(
             self, JointFriction, "energy/joint_friction", latched(FRICTION_DEPTH)
         )
-        self.readings = meter_inbox(self, self.parameters)
+        self._meter, self.readings = meter_input(
+            self, self.parameters, self.parameters.resubscribe_after
+        )
         self.inputs = [
             (self.torques, self._torque.account),
             (self.frictions, self._friction.account),
-            (self.readings, self._meter.account),
+            *((inbox, self._meter.account) for inbox in self.readings),
         ]
         self.orders = [self._torque.order]
         timeout = self.parameters.input_timeout
@@ -80,11 +80,11 @@ class PowerMonitor(MonitorNode[PowerParameters]):
         Torque comes first, though it is used last: what it belongs to is then not newer.
         """
         torques = self.torques.drain()
-        frictions, readings = self.frictions.drain(), self.readings.drain()
+        frictions, readings = self.frictions.drain(), drain_all(self.readings)
         friction = self._friction.decode(frictions) if frictions is not None else None
         if friction is not None:
             self._stage.friction(friction)
-        meter = self._meter.step(readings) if readings is not None else None
+        meter = self._meter.step(readings)
         if meter is not None:
             self.ledger.measure(meter)
         torque = self._torque.decode(torques) if torques is not None else None

@@ -35,5 +35,5 @@ def settings_of(parameters: Common) -> Settings:
             settle=parameters.settle,
             power_period=1.0 / parameters.power_rate,
             meter_max_gap=parameters.meter_max_gap,
-        )
+        ).with_meter(*parameters.meter.limits)
     return settings

@@ -115,7 +115,7 @@ def test_energy_monitor_equals_replay(bench, messages, offline):
         messages,
         lambda: (
             node.temperatures[0].received == len(messages["/motor_temperatures"])
-            and node.readings.received == len(messages["/power_meter"])
+            and node.readings[0].received == len(messages["/power_meter"])
         ),
         lambda: node.joint_states.received,
     )
@@ -141,7 +141,7 @@ def test_three_nodes_equal_replay(bench, messages, offline):
         messages,
         lambda: (
             power.frictions.received == rows
-            and power.readings.received == len(messages["/power_meter"])
+            and power.readings[0].received == len(messages["/power_meter"])
         ),
         lambda: torque.joint_states.received,
     )

@@ -132,7 +132,7 @@ def test_energy_monitor_reports_powers_and_registers(bench, messages):
             publisher.publish(message)
     bench.spin_until(
         lambda: (
-            node.readings.received == len(messages["/power_meter"])
+            node.readings[0].received == len(messages["/power_meter"])
             and node.temperatures[0].received == len(messages["/motor_temperatures"])
         ),
         "slow topics",

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 from robot_energy.bag import BagReader
 from robot_energy.errors import MissingTopicError
+from robot_energy.ingest.meter_source import BATTERY_STATE, FLOATS, POWER_READING, MeterSource
 from robot_energy.ingest.sources import (
     FLOAT_ARRAY,
     SELF_TOLD,
     TEMPERATURE_TYPES,
     TemperatureSource,
 )
+
+METER_WORDS = ("power", "energy", "watt", "current")  # in names of topics that may be a meter
 
 
 def resolve(bag: BagReader, name: str) -> str | None:
@@ -111,4 +115,52 @@ def possible_temperatures(bag: BagReader) -> list[str]:
         if info.msgtype in TEMPERATURE_TYPES
         and info.msgtype not in SELF_TOLD
         and (info.msgtype != FLOAT_ARRAY or "temp" in topic.lower())
+    ]
+
+
+def find_meter(
+    bag: BagReader, topic: str | None, source: MeterSource | None
+) -> tuple[MeterSource | None, list[str]]:
+    """Find the power meter in a bag.
+
+    Args:
+        bag: An open bag.
+        topic: Its topic as the user named it; None to go by the source, or by type.
+        source: The meter of the node that the bag is to be read like; None to go by type.
+
+    Returns:
+        The meter with the full names of its topics, None if there is none, and what the
+        user should know of it.
+
+    Raises:
+        MissingTopicError: If a topic is absent or of another type, or there are several.
+    """
+    if topic is not None:
+        other = source if source is not None and not source.pair else MeterSource()
+        bag.require(topic, other.type)
+        return replace(other, topic=topic), []
+    if source is not None and source != MeterSource():
+        full = {name: resolve(bag, name) for name in source.topics}
+        missing = [name for name, found in full.items() if found is None]
+        if missing:
+            return None, [f"the bag has no {' and '.join(missing)}: the meter is not read"]
+        found = source.resolved(lambda name: full[name] or name)
+        for name, kind in found.topics.items():
+            bag.require(name, kind)
+        return found, []
+    told = [name for name, info in sorted(bag.topics.items()) if info.msgtype == POWER_READING]
+    if len(told) > 1:
+        raise MissingTopicError(
+            f"{bag.path} has several topics of a power meter: {', '.join(told)}",
+            "one",
+            "name it with --meter",
+        )
+    if told:
+        return MeterSource(topic=told[0]), []
+    return None, [
+        f"{name} ({info.msgtype}) may be a power meter; say what it means in a parameter file "
+        "and name that with --inputs"
+        for name, info in sorted(bag.topics.items())
+        if info.msgtype == BATTERY_STATE
+        or (info.msgtype in FLOATS and any(word in name.lower() for word in METER_WORDS))
     ]

@@ -11,7 +11,12 @@ from typing import ClassVar
 import numpy as np
 
 from robot_energy.bag import DEFAULT_QOS, LATCHED_QOS, BagReader, BagWriter
-from robot_energy.bag_sources import named_sources, possible_temperatures, sources_by_type
+from robot_energy.bag_sources import (
+    find_meter,
+    named_sources,
+    possible_temperatures,
+    sources_by_type,
+)
 from robot_energy.blocks import EffortMeaning, FrictionBlock, JointBlock
 from robot_energy.comparison import Compared
 from robot_energy.errors import BagError, MissingTopicError, UnknownJointError
@@ -110,11 +115,12 @@ def find_topics(bag: BagReader, wanted: Topics) -> Topics:
         wanted: What the user named.
 
     Returns:
-        The topics; ``meter`` and ``payload`` stay None where there are none.
+        The topics; ``payload`` stays None where there is none, and those of temperatures
+        and meter are as the user named them.
 
     Raises:
         MissingTopicError: If a named topic is absent or of another type, or the joint
-            states or meter cannot be told without a name.
+            states cannot be told without a name.
     """
     joints = _one(bag, wanted.joint_states, (JOINT_STATE,), "joint states", "--joint-states")
     if joints is None:
@@ -123,11 +129,10 @@ def find_topics(bag: BagReader, wanted: Topics) -> Topics:
             f"a topic of type {JOINT_STATE}",
             f"it has {', '.join(sorted(bag.topics)) or 'no topics'}",
         )
-    meter = _one(bag, wanted.meter, MeterIngest.types, "a power meter", "--meter")
     payload = None
     if wanted.payload != "":
         payload = _one(bag, wanted.payload, (PAYLOAD,), "payloads", "--payload")
-    return Topics(joints, wanted.temperatures, meter, payload)
+    return Topics(joints, wanted.temperatures, wanted.meter, payload)
 
 
 def find_temperatures(
@@ -212,25 +217,31 @@ def replay(
     settings = settings or Settings()
     if out is None and not keep_means:
         settings = replace(settings, power_period=None)  # nobody would see the means
-    pipeline = EnergyPipeline(model, settings)
     bag = BagReader(path)
     used = find_topics(bag, topics or Topics())
     sources, notes = find_temperatures(bag, used, inputs)
+    source, more = find_meter(bag, used.meter, inputs.meter if inputs is not None else None)
+    meter = MeterIngest(source, bag.typestore)
+    pipeline = EnergyPipeline(model, settings.with_meter(*meter.source.limits))
     temperatures = TemperatureIngest(model.joint_names, sources, bag.typestore)
     result = Replay(
         bag=Path(path),
         model=model,
-        topics=replace(used, temperatures=tuple(temperatures.topics)),
+        topics=replace(
+            used,
+            temperatures=tuple(temperatures.topics),
+            meter=" and ".join(source.topics) if source else None,
+        ),
         joint_states=JointStateIngest(
             model.joint_names, bag.typestore, effort=settings.effort is not EffortMeaning.NONE
         ),
         temperatures=temperatures,
-        meter=MeterIngest(bag.typestore),
+        meter=meter,
         payload=PayloadReader(pipeline.torque.set_payload, bag.typestore),
         effort=settings.effort,
         pipeline=pipeline,
         origin=bag.origin,
-        notes=notes,
+        notes=[*notes, *more],
     )
     means: list[MeanBlock] = []
     compared: list[Compared] = []
@@ -260,13 +271,15 @@ def _outputs(
     bag: BagReader, result: Replay, sliced: bool, progress: Progress | None
 ) -> Iterator[Output]:
     used, pipeline = result.topics, result.pipeline
-    single = (used.joint_states, used.meter, used.payload)
-    names = [name for name in (*single, *(used.temperatures or ())) if name]
+    metered = tuple(result.meter.source.topics) if used.meter else ()
+    single = (used.joint_states, used.payload)
+    names = [name for name in (*single, *(used.temperatures or ()), *metered) if name]
     start, end = bag.start_ns, bag.end_ns
     for part in bag.parts(names):
         readings = [part[topic] for topic in used.temperatures or () if topic in part]
         temperatures = result.temperatures.step(readings) if readings else None
-        meter = result.meter.step(part[used.meter]) if used.meter in part else None
+        metering = [part[topic] for topic in metered if topic in part]
+        meter = result.meter.step(metering) if metering else None
         if used.payload in part:
             result.payload.step(part[used.payload])
         batch: RawBatch | None = part.get(str(used.joint_states))

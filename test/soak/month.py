@@ -196,7 +196,7 @@ class Month:
         temperatures = meter = None
         if seconds > self._seconds:
             warm, power = self._recording.readings(self._seconds, seconds)
-            temperatures, meter = self._temperatures.step([warm]), self._meter.step(power)
+            temperatures, meter = self._temperatures.step([warm]), self._meter.step([power])
         block = self._joints.step(batch)
         output = self._pipeline.step(block, temperatures, meter)
         if output.power is not None:

@@ -18,6 +18,7 @@ NEAR = 1.8  # ratios this far from a unit's, either way, still point at it; 3.6 
 IDLE_NS = 10 * SECOND_NS  # prediction without comparison that is worth a sentence
 SUSTAINED_NS = 30 * SECOND_NS  # readings from the future for so long are a wrong clock
 READINGS = 3  # that must have arrived meanwhile
+REFUSED_SHARE = 0.1  # of readings beyond the greatest power that is worth a sentence
 NANOJOULE = 1e9
 
 Sums = list[int]  # compared time [ns], measured energy [nJ], predicted energy [nJ]
@@ -93,7 +94,7 @@ class Judgement:
         Args:
             comparison: The comparison that gave the intervals.
         """
-        found = (self._clock(comparison), self._scale(comparison))
+        found = (self._clock(comparison), self._scale(comparison), _refused(comparison))
         return [sentence for sentence in found if sentence]
 
     def _clock(self, comparison: Comparison) -> str:
@@ -149,3 +150,15 @@ class Judgement:
             return ""
         text = f"{ratio:.3g}" if ratio < 1 else f"{ratio:.0f}"
         return f"the meter reads about {text} times the prediction: is it in {unit}?"
+
+
+def _refused(comparison: Comparison) -> str:
+    """Whether many readings are beyond any power."""
+    curve = comparison.curve
+    count = curve.rejected["meter_implausible"]
+    if count < READINGS or count < REFUSED_SHARE * curve.received:
+        return ""
+    return (
+        f"{count} of {curve.received} readings of the meter say or imply more than max_power: "
+        "is its unit right?"
+    )

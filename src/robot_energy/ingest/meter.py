@@ -2,89 +2,211 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
-from robot_energy.blocks import MeterBlock, MeterLocation, MeterMeaning
+from robot_energy.blocks import Float, Int, MeterBlock, MeterLocation, MeterMeaning
+from robot_energy.errors import ParameterError
 from robot_energy.ingest.accounting import Accounting
+from robot_energy.ingest.meter_source import (
+    BATTERY_STATE,
+    FLOATS,
+    HEADER,
+    POWER_READING,
+    RECEIPT,
+    MeterSource,
+)
+from robot_energy.ingest.pairing import Pairing, Values
 from robot_energy.wire.batch import RawBatch
-from robot_energy.wire.layout import Decoder, Run, stamp_ns
+from robot_energy.wire.layout import Decoder, stamp_ns
+from robot_energy.wire.schema import Number, compile_schema, leaf, leaf_paths
+from robot_energy.wire.types import typestore as default_typestore
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
-POWER_READING = "ros2_energy_msgs/msg/PowerReading"
-FIELDS = (
-    "header.stamp.sec",
-    "header.stamp.nanosec",
-    "meaning",
-    "location",
-    "power",
-    "energy",
-    "interval",
-)
+Kind = tuple[MeterMeaning, MeterLocation]
+STAMP = ("header.stamp.sec", "header.stamp.nanosec")
+READING = ("meaning", "location", "power", "energy", "interval")
 
 
 class MeterIngest:
-    """Turns PowerReading messages into blocks.
+    """Turns the messages of one meter into blocks.
 
-    All readings of a meter must have one meaning and one location, those of its first
-    reading; others are rejected as ``changed_meaning``.
+    All readings of a meter must have one meaning and one location; where the messages say
+    them, those of the first reading, and others are rejected as ``changed_meaning``.
 
     Args:
+        source: What the meter is; by default a topic of PowerReading.
         typestore: Message definitions of the source; those known here by default.
 
     Attributes:
+        source: What the meter is.
         account: Received, accepted and rejected messages. Acceptance here means that
-            the message could be read; the comparison counts what it could use.
+            the message could be read; the comparison counts what it could use. A current
+            of a pair may turn out to be ``unpaired`` when a later message has come.
+
+    Raises:
+        ParameterError: If the type lacks the number or the header that the source names.
+        MessageTypeError: If the type is unknown.
     """
 
     types = (POWER_READING,)
 
-    def __init__(self, typestore: Typestore | None = None) -> None:
+    def __init__(
+        self, source: MeterSource | None = None, typestore: Typestore | None = None
+    ) -> None:
+        self.source = source or MeterSource()
         self.account = Accounting()
-        self._decoder = Decoder(POWER_READING, FIELDS, typestore)
-        self._kind: tuple[MeterMeaning, MeterLocation] | None = None
+        paths = self._paths(typestore or default_typestore())
+        self._value_paths = paths
+        fields = (*STAMP, *paths) if self._stamped else paths
+        self._decoder = Decoder(self.source.type, fields, typestore)
+        self._kind: Kind | None = None  # of the first reading that says it
+        self._pairing = Pairing(self.source.pair_max_age, self.account)
 
-    def step(self, batch: RawBatch) -> MeterBlock | None:
-        """Take messages in order of arrival.
+    def _paths(self, typestore: Typestore) -> tuple[str, ...]:
+        """Return the fields that hold the reading, after a check that the type has them."""
+        source = self.source
+        schema = compile_schema(source.type, typestore)
+        headed = set(STAMP) <= set(leaf_paths(schema))
+        if source.stamps == HEADER and not headed:
+            raise ParameterError(f"stamps is header, which {source.type} does not have", RECEIPT)
+        self._stamped = headed and source.stamps != RECEIPT
+        if source.type == POWER_READING:
+            return READING
+        if source.type == BATTERY_STATE:
+            return ("voltage", "current")
+        if source.type in FLOATS:
+            return ("data",)
+        node, axes = leaf(schema, source.value_path, source.type)
+        if axes or not isinstance(node, Number):
+            raise ParameterError(
+                f"value_path {source.value_path} of {source.type} is no number",
+                "the path of one number",
+            )
+        return (source.value_path,)
+
+    def step(self, batches: Sequence[RawBatch]) -> MeterBlock | None:
+        """Take messages of the topics of the meter.
 
         Args:
-            batch: Serialised PowerReading messages.
+            batches: Serialised messages, each in order of arrival.
 
         Returns:
             The readings, or None if there are none.
         """
-        self.account.received += len(batch)
-        decoded = self._decoder.decode(batch)
-        self.account.reject("malformed", len(decoded.malformed))
-        blocks = [block for run in decoded.runs if (block := self._read(run)) is not None]
+        kind = self.source.kind
+        if self.source.pair and kind is not None:
+            return self._pair(batches, kind)
+        blocks = [block for batch in batches if (block := self._batch(batch, kind)) is not None]
         return MeterBlock.concatenate(blocks) if blocks else None
 
-    def _read(self, run: Run) -> MeterBlock | None:
-        column = {name: np.asarray(run.columns[name]) for name in FIELDS}
-        stamp = stamp_ns(run)
-        known = np.isin(column["meaning"], (1, 2, 3)) & np.isin(column["location"], (1, 2))
-        self.account.reject("unknown_meaning", int((~known).sum()))
-        stamped = known & (stamp != 0)
-        self.account.reject("zero_stamp", int((known & ~stamped).sum()))
-        if not stamped.any():
+    def _batch(self, batch: RawBatch, kind: Kind | None) -> MeterBlock | None:
+        self.account.received += len(batch)
+        rows, stamp, column = self._columns(batch)
+        if not len(rows):
+            return None
+        stamped = stamp != 0
+        self.account.reject("zero_stamp", int((~stamped).sum()))
+        if kind is None:
+            return self._told(stamp, column, stamped)
+        if self.source.type == BATTERY_STATE:
+            value = -column["voltage"] * column["current"]  # discharging is negative
+        else:
+            value = column[self._value_paths[0]]
+        finite = np.isfinite(value)
+        self.account.reject("not_finite", int((stamped & ~finite).sum()))
+        used = stamped & finite
+        self.account.accepted += int(used.sum())
+        return self._readings(stamp[used], value[used], kind)
+
+    def _columns(self, batch: RawBatch) -> tuple[Int, Int, dict[str, Float]]:
+        """Return the rows that could be decoded, in order, their times and their numbers."""
+        decoded = self._decoder.decode(batch)
+        self.account.reject("malformed", len(decoded.malformed))
+        runs = decoded.runs
+        if not runs:
+            none = np.empty(0, dtype=np.int64)
+            return none, none, {}
+        rows = np.concatenate([run.rows for run in runs])
+        order = np.argsort(rows)
+        rows = rows[order]
+        if self._stamped:
+            stamp = np.concatenate([stamp_ns(run) for run in runs])[order]
+        else:
+            stamp = batch.log_time_ns[rows]
+        column: dict[str, Float] = {
+            path: np.concatenate([run.array(path) for run in runs])[order].astype(np.float64)
+            for path in self._value_paths
+        }
+        return rows, stamp, column
+
+    def _told(
+        self, stamp: Int, column: dict[str, Float], stamped: NDArray[np.bool_]
+    ) -> MeterBlock | None:
+        """Readings that say by themselves what they are."""
+        kinds = np.isin(column["meaning"], (1, 2, 3)) & np.isin(column["location"], (1, 2))
+        self.account.reject("unknown_meaning", int((stamped & ~kinds).sum()))
+        good = stamped & kinds
+        if not good.any():
             return None
         if self._kind is None:
-            first = int(np.flatnonzero(stamped)[0])
+            first = int(np.flatnonzero(good)[0])
             self._kind = (
                 MeterMeaning(int(column["meaning"][first])),
                 MeterLocation(int(column["location"][first])),
             )
-        same = (column["meaning"] == self._kind[0]) & (column["location"] == self._kind[1])
-        self.account.reject("changed_meaning", int((stamped & ~same).sum()))
-        rows = stamped & same
+        meaning, location = self._kind
+        same = (column["meaning"] == meaning) & (column["location"] == location)
+        self.account.reject("changed_meaning", int((good & ~same).sum()))
+        rows = good & same
         self.account.accepted += int(rows.sum())
+        factor = self.source.factor
         return MeterBlock(
-            stamp[rows],
-            column["power"][rows].astype(np.float64),
-            column["energy"][rows].astype(np.float64),
-            column["interval"][rows].astype(np.float64),
-            *self._kind,
+            stamp[rows] + self.source.shift_ns,
+            column["power"][rows] * factor,
+            column["energy"][rows] * factor,
+            column["interval"][rows],
+            meaning,
+            location,
         )
+
+    def _readings(self, stamp: Int, value: Float, kind: Kind) -> MeterBlock:
+        """Readings whose meaning the source says."""
+        meaning, location = kind
+        value, none = value * self.source.factor, np.full(len(value), np.nan)
+        cumulative = meaning is MeterMeaning.CUMULATIVE
+        mean = meaning is MeterMeaning.MEAN_OVER_INTERVAL
+        return MeterBlock(
+            stamp + self.source.shift_ns,
+            none if cumulative else value,
+            value if cumulative else none,
+            np.full(len(value), self.source.interval) if mean else none,
+            meaning,
+            location,
+        )
+
+    def _pair(self, batches: Sequence[RawBatch], kind: Kind) -> MeterBlock | None:
+        voltage = [self._values(b) for b in batches if b.topic == self.source.voltage_topic]
+        current = [self._values(b) for b in batches if b.topic == self.source.current_topic]
+        stamp, power = self._pairing.step(_sequence(voltage), _sequence(current))
+        return self._readings(stamp, power, kind) if len(stamp) else None
+
+    def _values(self, batch: RawBatch) -> Values:
+        """Finite values of one topic of a pair, which the pairing counts."""
+        rows, stamp, column = self._columns(batch)
+        value = column[self._value_paths[0]] if len(rows) else np.empty(0)
+        finite = np.isfinite(value)
+        self.account.reject("not_finite", int((~finite).sum()))
+        self.account.received += len(batch) - int(finite.sum())
+        return stamp[finite], value[finite]
+
+
+def _sequence(parts: Sequence[Values]) -> Values:
+    if not parts:
+        return np.empty(0, dtype=np.int64), np.empty(0)
+    return np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])

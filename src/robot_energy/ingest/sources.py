@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 
 from robot_energy.blocks import EffortMeaning
 from robot_energy.errors import ParameterError
+from robot_energy.ingest.meter_source import MeterInputs
 from robot_energy.ingest.parameters import named_groups, parameter
 
 MOTOR_TEMPERATURES = "ros2_energy_msgs/msg/MotorTemperatures"
@@ -181,5 +182,5 @@ class JointStateInputs:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Inputs(TemperatureInputs, JointStateInputs):
+class Inputs(TemperatureInputs, MeterInputs, JointStateInputs):
     """All inputs of a monitor."""

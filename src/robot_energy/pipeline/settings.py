@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from robot_energy.blocks import EffortMeaning
 from robot_energy.comparison.curve import MAX_POWER
@@ -36,3 +36,13 @@ class Settings:
     meter_max_power: float = MAX_POWER
     meter_wraps_at: float | None = None
     meter_unit: str = ""
+
+    def with_meter(self, max_power: float, wraps_at: float | None, unit: str) -> Settings:
+        """Return the settings with what a source says of its meter.
+
+        Args:
+            max_power: Readings that say or imply more, either way, are refused. [W]
+            wraps_at: Reading at which the counter starts again; None: it never does. [J]
+            unit: Unit the meter was said to use; empty for W or J.
+        """
+        return replace(self, meter_max_power=max_power, meter_wraps_at=wraps_at, meter_unit=unit)

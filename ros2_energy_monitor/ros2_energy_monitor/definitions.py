@@ -1,0 +1,55 @@
+"""Definitions of messages as they are installed, for types that the library does not know."""
+
+from __future__ import annotations
+
+import importlib
+import re
+from typing import Any
+
+PLAIN = {"double": "float64", "float": "float32", "boolean": "bool", "octet": "byte"}
+SEQUENCE = re.compile(r"sequence<(?P<item>.+?)(?:, (?P<most>\d+))?>")
+ARRAY = re.compile(r"(?P<item>.+)\[(?P<size>\d+)\]")
+BOUNDED = re.compile(r"(?P<kind>w?string)<(?P<most>\d+)>")
+
+
+def definitions_of(message_class: type[Any]) -> dict[str, tuple[str, str]]:
+    """Return the definition of a message and of all messages it is made of.
+
+    Args:
+        message_class: Class of the message, such as ``std_msgs.msg.Header``.
+
+    Returns:
+        For each type, such as ``std_msgs/msg/Header``, its encoding and its text.
+    """
+    found: dict[str, tuple[str, str]] = {}
+    _add(message_class, found)
+    return found
+
+
+def _add(message_class: type[Any], found: dict[str, tuple[str, str]]) -> None:
+    package = message_class.__module__.split(".")[0]
+    name = f"{package}/msg/{message_class.__name__}"
+    if name in found:
+        return
+    lines: list[str] = []
+    found[name] = ("ros2msg", "")
+    for field, kind in message_class.get_fields_and_field_types().items():
+        item, suffix = _item(kind)
+        if "/" in item:
+            inner, _, inner_name = item.partition("/")
+            _add(getattr(importlib.import_module(f"{inner}.msg"), inner_name), found)
+        lines.append(f"{PLAIN.get(item, item)}{suffix} {field}")
+    found[name] = ("ros2msg", "\n".join(lines) + "\n")
+
+
+def _item(kind: str) -> tuple[str, str]:
+    """Split a type into what one element is and how many there are."""
+    suffix = ""
+    if (match := SEQUENCE.fullmatch(kind)) is not None:
+        most = match["most"]
+        kind, suffix = match["item"], f"[<={most}]" if most else "[]"
+    elif (match := ARRAY.fullmatch(kind)) is not None:
+        kind, suffix = match["item"], f"[{match['size']}]"
+    if (match := BOUNDED.fullmatch(kind)) is not None:
+        kind, suffix = match["kind"], f"<={match['most']}{suffix}"
+    return kind, suffix

@@ -1,0 +1,299 @@
+"""What a power or energy meter is: topics, type, unit, meaning and place."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from robot_energy.blocks import NANOSECOND, MeterLocation, MeterMeaning
+from robot_energy.errors import ParameterError
+from robot_energy.ingest.parameters import group, parameter
+from robot_energy.units import ENERGY_UNITS, POWER_UNITS
+
+POWER_READING = "ros2_energy_msgs/msg/PowerReading"
+FLOAT64 = "std_msgs/msg/Float64"
+FLOAT32 = "std_msgs/msg/Float32"
+BATTERY_STATE = "sensor_msgs/msg/BatteryState"
+FLOATS = (FLOAT64, FLOAT32)
+KNOWN_TYPES = (POWER_READING, *FLOATS, BATTERY_STATE)
+
+BY_TYPE = "by_type"
+QUANTITIES = ("power", "energy")
+MEANINGS = tuple(
+    meaning.name.lower() for meaning in MeterMeaning if meaning is not MeterMeaning.UNKNOWN
+)
+LOCATIONS = tuple(
+    place.name.lower() for place in MeterLocation if place is not MeterLocation.UNKNOWN
+)
+END, CENTRE, START = "end", "centre", "start"
+HEADER, RECEIPT = "header", "receipt"
+LOAD_POSITIVE, LOAD_NEGATIVE = "load_positive", "load_negative"
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeterSource:
+    """A topic, or a pair of topics, that brings the readings of one meter.
+
+    ``by_type`` stands for what follows from the type of the messages; where the type does
+    not say it, it must be set.
+    """
+
+    topic: str = parameter("Topic of the readings; unused for a pair of topics.", "power_meter")
+    type: str = parameter(
+        f"Type of the messages: {POWER_READING}, which says by itself what a reading is; "
+        f"{FLOAT64} or {FLOAT32}; {BATTERY_STATE}, whose power is voltage times current and "
+        "whose current is negative under load; or any other type whose number value_path names.",
+        POWER_READING,
+    )
+    value_path: str = parameter(
+        "Path of the number in messages of any other type, such as power or measurement.power.",
+        "",
+    )
+    quantity: str = parameter(
+        "What the number is; by_type: what its unit is of.", BY_TYPE, choices=(BY_TYPE, *QUANTITIES)
+    )
+    unit: str = parameter(
+        "Unit of the number.", BY_TYPE, choices=(BY_TYPE, *POWER_UNITS, *ENERGY_UNITS)
+    )
+    meaning: str = parameter(
+        "What a reading stands for: the power at its stamp, its mean over an interval, or a "
+        "counter; energy is always cumulative.",
+        BY_TYPE,
+        choices=(BY_TYPE, *MEANINGS),
+    )
+    interval: float = parameter(
+        "Length of the interval of mean_over_interval; 0 for the other meanings [s].",
+        0.0,
+        0.0,
+        86_400.0,
+    )
+    stamp_at: str = parameter(
+        "Which instant of that interval the stamp is.", END, choices=(END, CENTRE, START)
+    )
+    location: str = parameter(
+        "Where the meter sits: mains supply of the cabinet, or DC bus between rectifier and "
+        "drives; by_type: dc_bus for BatteryState.",
+        BY_TYPE,
+        choices=(BY_TYPE, *LOCATIONS),
+    )
+    sign: str = parameter(
+        "Sign of the reading while the robot draws power.",
+        LOAD_POSITIVE,
+        choices=(LOAD_POSITIVE, LOAD_NEGATIVE),
+    )
+    scale: float = parameter(
+        "Factor on the reading, as of a current transformer [-].", 1.0, 1e-9, 1e9
+    )
+    voltage_topic: str = parameter(
+        f"Topic of the voltage [V] of a pair, of {FLOAT64} or {FLOAT32}; empty for no pair.", ""
+    )
+    current_topic: str = parameter("Topic of the current [A] of a pair; empty for no pair.", "")
+    pair_max_age: float = parameter(
+        "Age of the voltage beyond which a current of a pair gives no power [s].",
+        1.0,
+        0.001,
+        3600.0,
+    )
+    stamps: str = parameter(
+        "Whether a reading is of the time in its header or of its receipt; by_type: of the "
+        "header where there is one.",
+        BY_TYPE,
+        choices=(BY_TYPE, HEADER, RECEIPT),
+    )
+    stamp_offset: float = parameter(
+        "Added to the stamps, where the clock of the meter is off by a known time [s].",
+        0.0,
+        -1e9,
+        1e9,
+    )
+    wraps_at: float = parameter(
+        "Reading at which a counter starts again from zero, in its unit; 0: it never does "
+        "[of the unit].",
+        0.0,
+        0.0,
+        1e18,
+    )
+    max_power: float = parameter(
+        "Readings that say or imply more, either way, are refused [W].", 1e6, 1.0, 1e6
+    )
+
+    def __post_init__(self) -> None:
+        if not self.pair and not self.topic:
+            raise ParameterError("topic is empty", "the topic of the readings")
+        if self.type == POWER_READING:
+            self._refuse_what_a_reading_says()
+        else:
+            self._check_topics()
+            self._check_unit()
+            self._check_meaning()
+        if self.wraps_at and not (self.cumulative or self.type == POWER_READING):
+            raise ParameterError("wraps_at is given for a power", "a unit of energy, or 0")
+
+    def _refuse_what_a_reading_says(self) -> None:
+        spoken = {
+            "quantity": self.quantity != BY_TYPE,
+            "unit": self.unit != BY_TYPE,
+            "meaning": self.meaning != BY_TYPE,
+            "location": self.location != BY_TYPE,
+            "interval": self.interval != 0.0,
+            "stamp_at": self.stamp_at != END,
+            "value_path": bool(self.value_path),
+            "voltage_topic": self.pair,
+        }
+        wrong = [name for name, given in spoken.items() if given]
+        if wrong:
+            raise ParameterError(
+                f"{', '.join(wrong)} given for PowerReading, which says all that by itself",
+                f"another type, such as {FLOAT64}",
+            )
+
+    def _check_topics(self) -> None:
+        if bool(self.voltage_topic) != bool(self.current_topic):
+            lone = "voltage_topic" if self.voltage_topic else "current_topic"
+            raise ParameterError(f"{lone} is given alone", "voltage_topic and current_topic")
+        if self.pair and self.type not in FLOATS:
+            raise ParameterError(f"a pair of topics of type {self.type}", f"{' or '.join(FLOATS)}")
+        if self.pair and self.voltage_topic == self.current_topic:
+            raise ParameterError("voltage_topic and current_topic are the same", "two topics")
+        if self.type in FLOATS and self.stamps == HEADER:
+            raise ParameterError(
+                f"stamps is header, which {_name(self.type)} does not have", RECEIPT
+            )
+        if self.type in KNOWN_TYPES and self.value_path:
+            raise ParameterError(
+                f"value_path is given for {_name(self.type)}, whose number is known",
+                "another type, or no value_path",
+            )
+        if self.type not in KNOWN_TYPES and not self.value_path:
+            raise ParameterError(
+                f"type is {self.type} but value_path is empty",
+                "the path of the number in its messages",
+            )
+        if self.location == BY_TYPE and self.type != BATTERY_STATE:
+            raise ParameterError(
+                f"location is by_type, which {_name(self.type)} does not say",
+                " or ".join(LOCATIONS),
+            )
+
+    def _check_unit(self) -> None:
+        if self.product:
+            if self.unit not in (BY_TYPE, "W") or self.quantity == "energy":
+                raise ParameterError(
+                    "a unit or quantity other than power in W given for voltage times current",
+                    "by_type, and scale where V and A are not meant",
+                )
+            return
+        if self.unit == BY_TYPE:
+            raise ParameterError(
+                f"unit is by_type, which {_name(self.type)} does not say",
+                f"one of {', '.join((*POWER_UNITS, *ENERGY_UNITS))}",
+            )
+        units = {"power": POWER_UNITS, "energy": ENERGY_UNITS}.get(self.quantity)
+        if units is not None and self.unit not in units:
+            raise ParameterError(
+                f"quantity is {self.quantity} but unit is {self.unit}",
+                f"one of {', '.join(units)}",
+            )
+
+    def _check_meaning(self) -> None:
+        counts = self.meaning == "cumulative"
+        if self.meaning != BY_TYPE and counts != self.cumulative:
+            raise ParameterError(
+                f"meaning is {self.meaning} but the reading is "
+                f"{'an energy' if self.cumulative else 'a power'}",
+                "cumulative for energy, and only for it",
+            )
+        if self.meaning == BY_TYPE and not self.cumulative and not self.product:
+            raise ParameterError(
+                f"meaning is by_type, which {_name(self.type)} does not say",
+                "instantaneous or mean_over_interval",
+            )
+        mean = self.meaning == "mean_over_interval"
+        if mean != (self.interval > 0):
+            raise ParameterError(
+                f"meaning is {self.meaning} and interval is {self.interval:g} s",
+                "an interval above 0 for mean_over_interval, and only for it",
+            )
+        if self.stamp_at != END and not mean:
+            raise ParameterError(
+                f"stamp_at is {self.stamp_at} but meaning is {self.meaning}", "mean_over_interval"
+            )
+
+    @property
+    def pair(self) -> bool:
+        """Whether voltage and current come on two topics."""
+        return bool(self.voltage_topic or self.current_topic)
+
+    @property
+    def product(self) -> bool:
+        """Whether the power is a voltage times a current."""
+        return self.pair or self.type == BATTERY_STATE
+
+    @property
+    def cumulative(self) -> bool:
+        """Whether the number is a counted energy; False for PowerReading, which may be."""
+        return self.unit in ENERGY_UNITS
+
+    @property
+    def topics(self) -> dict[str, str]:
+        """Type of the messages of each topic."""
+        names = (self.voltage_topic, self.current_topic) if self.pair else (self.topic,)
+        return dict.fromkeys(names, self.type)
+
+    @property
+    def kind(self) -> tuple[MeterMeaning, MeterLocation] | None:
+        """Meaning and place of every reading; None where each reading says it."""
+        if self.type == POWER_READING:
+            return None
+        if self.cumulative:
+            meaning = MeterMeaning.CUMULATIVE
+        else:
+            means = self.meaning == "mean_over_interval"
+            meaning = MeterMeaning.MEAN_OVER_INTERVAL if means else MeterMeaning.INSTANTANEOUS
+        place = "dc_bus" if self.location == BY_TYPE else self.location
+        return meaning, MeterLocation[place.upper()]
+
+    @property
+    def factor(self) -> float:
+        """What one of the reading is in W or J, with its sign."""
+        unit = {**POWER_UNITS, **ENERGY_UNITS}.get(self.unit, 1.0)
+        return unit * self.scale * (-1.0 if self.sign == LOAD_NEGATIVE else 1.0)
+
+    @property
+    def shift_ns(self) -> int:
+        """From the stamp of a message to the end of what it covers. [ns]"""
+        share = {END: 0.0, CENTRE: 0.5, START: 1.0}[self.stamp_at]
+        return round((self.stamp_offset + share * self.interval) / NANOSECOND)
+
+    @property
+    def wraps_at_joule(self) -> float | None:
+        """Reading at which the counter starts again; None: it never does. [J]"""
+        return abs(self.wraps_at * self.factor) or None
+
+    @property
+    def limits(self) -> tuple[float, float | None, str]:
+        """What the comparison must know: greatest power [W], wrap [J], unit as it was said."""
+        unit = "" if self.unit == BY_TYPE else self.unit
+        return self.max_power, self.wraps_at_joule, unit
+
+    def resolved(self, resolve: Callable[[str], str]) -> MeterSource:
+        """Return the source with the full names of its topics.
+
+        Args:
+            resolve: Gives the full name of a topic.
+        """
+        if not self.pair:
+            return replace(self, topic=resolve(self.topic))
+        voltage, current = resolve(self.voltage_topic), resolve(self.current_topic)
+        return replace(self, voltage_topic=voltage, current_topic=current)
+
+
+def _name(msgtype: str) -> str:
+    return msgtype.rpartition("/")[2]
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeterInputs:
+    """Parameters of the power meter."""
+
+    meter: MeterSource = group(MeterSource)

@@ -1,0 +1,102 @@
+"""Voltage and current of two topics -> power at the instants of the current."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from robot_energy.blocks import NANOSECOND, Float, Int
+from robot_energy.ingest.accounting import Accounting
+
+BACKWARD_JUMP_NS = 1_000_000_000  # messages older than this belong to another clock
+
+Values = tuple[Int, Float]  # times of receipt [ns] and what was received then, each (N,)
+
+
+def _nothing() -> Values:
+    return np.empty(0, dtype=np.int64), np.empty(0)
+
+
+class Pairing:
+    """Multiplies each current by the voltage that was valid when it was received.
+
+    A current waits until a later message of either topic has come, so that the order in
+    which messages of one instant are handed over does not matter. Its voltage is the
+    newest one not later than itself, and at most ``max_age`` old: power never comes from
+    a voltage that may long have changed. Where the clock steps back, what waits is refused.
+
+    Args:
+        max_age: Longest time from the voltage to its current. [s]
+        account: Where messages are counted; a current that waits counts as accepted until
+            it turns out to be without a voltage.
+    """
+
+    def __init__(self, max_age: float, account: Accounting) -> None:
+        self._max_age_ns = round(max_age / NANOSECOND)
+        self._account = account
+        self._voltage, self._current = _nothing(), _nothing()
+        self._newest_ns: int | None = None
+
+    def step(self, voltage: Values, current: Values) -> Values:
+        """Take finite values of both topics, each in order of receipt.
+
+        Args:
+            voltage: Times [ns] and voltages [V].
+            current: Times [ns] and currents [A].
+
+        Returns:
+            Times [ns] and powers [W] of the currents that found their voltage.
+        """
+        times = np.concatenate([voltage[0], current[0]])
+        if not len(times):
+            return _nothing()
+        if self._newest_ns is not None and times.min() < self._newest_ns - BACKWARD_JUMP_NS:
+            self._refuse(len(self._current[0]))
+            self._voltage, self._current, self._newest_ns = _nothing(), _nothing(), None
+        self._account.received += len(times)
+        self._account.accepted += len(times)
+        self._voltage = _joined(self._voltage, voltage)
+        self._current = _joined(self._current, current)
+        newest = int(times.max())
+        if self._newest_ns is not None:
+            newest = max(newest, self._newest_ns)
+        self._newest_ns = newest
+        ready = int(np.searchsorted(self._current[0], newest))
+        stamp, ampere = self._current[0][:ready], self._current[1][:ready]
+        self._current = self._current[0][ready:], self._current[1][ready:]
+        power = ampere * self._voltage_at(stamp)
+        found = np.isfinite(power)
+        self._refuse(int((~found).sum()))
+        self._prune(newest)
+        return stamp[found], power[found]
+
+    def _voltage_at(self, stamp: Int) -> Float:
+        """Voltage valid at each time; NaN where there is none or it is too old. [V]"""
+        times, values = self._voltage
+        if not len(times):
+            return np.full(len(stamp), np.nan)
+        row = np.searchsorted(times, stamp, side="right") - 1
+        valid = (row >= 0) & (stamp - times[row] <= self._max_age_ns)
+        return np.where(valid, values[row], np.nan)
+
+    def _prune(self, newest_ns: int) -> None:
+        """Forget voltages before the one valid at what waits, or at the newest message."""
+        waiting = self._current[0]
+        oldest = int(waiting[0]) if len(waiting) else newest_ns
+        times, values = self._voltage
+        first = max(int(np.searchsorted(times, oldest, side="right")) - 1, 0)
+        self._voltage = times[first:], values[first:]
+
+    def _refuse(self, unpaired: int) -> None:
+        self._account.accepted -= unpaired
+        self._account.reject("unpaired", unpaired)
+
+
+def _joined(held: Values, new: Values) -> Values:
+    """Both in order of time."""
+    if not len(new[0]):
+        return held
+    times, values = np.concatenate([held[0], new[0]]), np.concatenate([held[1], new[1]])
+    if bool((times[1:] >= times[:-1]).all()):
+        return times, values
+    order = np.argsort(times, kind="stable")
+    return times[order], values[order]
