@@ -22,6 +22,7 @@ from ros2_energy_monitor.inputs import (
 )
 from ros2_energy_monitor.monitor_node import MonitorNode
 from ros2_energy_monitor.node_parameters import EnergyParameters
+from ros2_energy_monitor.payload_service import PayloadService
 from ros2_energy_monitor.publishers import (
     BooksPublisher,
     best_effort,
@@ -66,6 +67,7 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
         )
         self.temperatures = temperature_inboxes(self, self._temperature, renew)
         self._meter, self.readings = meter_input(self, self.parameters, renew)
+        PayloadService(self, self._pipeline.torque, self.model.model_id)
         self.inputs = [
             (self.joint_states, self.ingest.account),
             *temperature_inputs(self._temperature, self.temperatures),

@@ -14,7 +14,7 @@ from robot_energy.model_file import RobotModel, load
 from ros2_energy_monitor.drain import Inbox
 from ros2_energy_monitor.findings import Reporter, Source
 from ros2_energy_monitor.life_cycle import ManagedNode
-from ros2_energy_monitor.node_parameters import Common, declare
+from ros2_energy_monitor.node_parameters import Common, declare, in_force
 from ros2_energy_monitor.node_watch import NodeWatch
 from ros2_energy_monitor.tempo import Tempo
 
@@ -87,6 +87,7 @@ class MonitorNode(ManagedNode, Generic[P]):
         self.model = load(self.parameters.model)
         self._model_id = self.model.model_id
         self.set_up()
+        self.get_logger().info(f"configured with {in_force(self)}")
         self.create_timer(1.0 / self.parameters.tick_rate, self._tick, clock=self._steady)
 
     def begin(self) -> None:

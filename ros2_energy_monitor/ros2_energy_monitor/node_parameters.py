@@ -6,6 +6,7 @@ All are read-only: a running monitor does not change what its figures mean.
 from __future__ import annotations
 
 import difflib
+import sys
 from dataclasses import MISSING, dataclass
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
@@ -22,6 +23,7 @@ from robot_energy.errors import ParameterError
 from robot_energy.ingest.meter_source import MeterInputs
 from robot_energy.ingest.parameters import Parameter, assemble, parameter
 from robot_energy.ingest.sources import JointStateInputs, TemperatureInputs
+from ros2_energy_monitor.parameter_files import strangers
 
 __all__ = ["ParameterError", "declare", "parameter"]
 
@@ -52,6 +54,9 @@ class Common:
     autostart: bool = parameter(
         "Whether the node configures and activates itself; if not, a life cycle manager does.",
         True,
+    )
+    strict_parameters: bool = parameter(
+        "Whether an unknown parameter, or a parameter file for other nodes, ends the node.", False
     )
     input_timeout: float = parameter(
         "Silence of an input beyond which diagnostics call it missing [s].", 1.0, 0.05, 3600.0
@@ -163,7 +168,9 @@ class ConsoleParameters:
 def declare(node: Node, cls: type[P]) -> P:
     """Declare the parameters of a node and return their values.
 
-    Unknown overrides are logged as a warning, with the name that was probably meant.
+    Unknown overrides are logged as a warning, with the name that was probably meant, and so
+    are parameter files without a section for the node. Where the class has the parameter
+    ``strict_parameters`` and it is true, they are refused instead.
 
     Args:
         node: The node.
@@ -176,6 +183,9 @@ def declare(node: Node, cls: type[P]) -> P:
         ParameterError: If a required parameter is missing, or a value has a wrong type or
             is out of its range.
     """
+    complaints = strangers(sys.argv, node.get_fully_qualified_name())
+    for sentence in complaints:  # at once: it may be why a parameter is missing
+        node.get_logger().warning(sentence)
     given = cast("dict[str, RosParameter]", getattr(node, "_parameter_overrides", {}))
     names: list[str] = []
 
@@ -184,8 +194,18 @@ def declare(node: Node, cls: type[P]) -> P:
         return _declare_one(node, entry, given)
 
     values = assemble(cls, value_of, node.get_name())
-    _warn_of_unknown(node, given, names)
+    unknown = _unknown(node, given, names)
+    if getattr(values, "strict_parameters", False) and (complaints or unknown):
+        raise ParameterError([*complaints, *unknown][0])
+    for sentence in unknown:
+        node.get_logger().warning(sentence)
     return values
+
+
+def in_force(node: Node) -> str:
+    """Return every parameter of a node with its value, in one line for the log."""
+    declared = cast("dict[str, RosParameter]", node.get_parameters_by_prefix(""))
+    return ", ".join(f"{name} {declared[name].value!r}" for name in sorted(declared))
 
 
 def _declare_one(node: Node, entry: Parameter, given: dict[str, RosParameter]) -> Any:
@@ -240,10 +260,13 @@ def _descriptor(entry: Parameter) -> ParameterDescriptor:
     return descriptor
 
 
-def _warn_of_unknown(node: Node, given: dict[str, RosParameter], names: list[str]) -> None:
+def _unknown(node: Node, given: dict[str, RosParameter], names: list[str]) -> list[str]:
+    """Return one sentence for each value that was given to no parameter."""
+    sentences: list[str] = []
     for name in given:
         if name in names or name.split(".")[0] in OF_RCLPY:
             continue
         near = difflib.get_close_matches(name, names, n=1)
         hint = f"did you mean '{near[0]}'?" if near else f"it has {', '.join(names)}"
-        node.get_logger().warning(f"{node.get_name()} has no parameter '{name}'; {hint}")
+        sentences.append(f"{node.get_name()} has no parameter '{name}'; {hint}")
+    return sentences

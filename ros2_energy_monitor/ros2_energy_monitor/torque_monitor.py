@@ -15,6 +15,7 @@ from ros2_energy_monitor.diagnostics import joint_state_source
 from ros2_energy_monitor.drain import Inbox
 from ros2_energy_monitor.monitor_node import MonitorNode
 from ros2_energy_monitor.node_parameters import TorqueParameters
+from ros2_energy_monitor.payload_service import PayloadService
 from ros2_energy_monitor.publishers import best_effort, torque_publisher
 from ros2_energy_monitor.settings import settings_of
 from ros2_energy_monitor.shell import run
@@ -40,13 +41,14 @@ class TorqueMonitor(MonitorNode[TorqueParameters]):
         depth = self.parameters.joint_state_depth
         settings, names = settings_of(self.parameters), self.model.joint_names
         self.ingest = JointStateIngest(names, effort=settings.effort is not EffortMeaning.NONE)
-        self._stage = TorqueStage(self.model, settings)
+        self.stage = TorqueStage(self.model, settings)
         self._writer = TorqueWriter(self.model.joint_names, self.model.model_id)
         self._publisher = torque_publisher(self, depth)
         renew = self.parameters.resubscribe_after
         self.joint_states = Inbox(
             self, JointState, "joint_states", best_effort(depth), renew_after=renew
         )
+        PayloadService(self, self.stage, self.model.model_id)
         self.inputs = [(self.joint_states, self.ingest.account)]
         self.orders = [self.ingest.order]
         timeout = self.parameters.input_timeout
@@ -57,12 +59,12 @@ class TorqueMonitor(MonitorNode[TorqueParameters]):
         batch = self.joint_states.drain()
         joints = self.ingest.step(batch) if batch is not None else None
         if joints is not None:
-            self._publish(self._stage.step(joints))
+            self._publish(self.stage.step(joints))
 
     def finish(self) -> None:
         """Publish the last torques, whose window will not fill any more."""
         self.tick()
-        self._publish(self._stage.flush())
+        self._publish(self.stage.flush())
 
     def _publish(self, torque: TorqueBlock | None) -> None:
         if torque is not None:

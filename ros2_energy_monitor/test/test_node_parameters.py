@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import MISSING
+from dataclasses import MISSING, fields
 from pathlib import Path
 
 import pytest
@@ -22,6 +22,7 @@ from ros2_energy_monitor.node_parameters import (
     TorqueParameters,
     declare,
 )
+from ros2_energy_monitor.parameter_files import sections, strangers
 
 CONFIG = Path(__file__).resolve().parent.parent / "config"
 NODES = {
@@ -206,6 +207,58 @@ def test_unknown_parameter_of_a_group_is_named_with_its_neighbour(bench, capfd):
     bench.add(Any, FrictionParameters, model="kr16", **{"motors.topik": "x"})
     output = capfd.readouterr().err
     assert "has no parameter 'motors.topik'; did you mean 'motors.topic'?" in output
+
+
+@pytest.mark.parametrize(
+    ("section", "fits"),
+    [
+        ("/**", True),
+        ("/*", True),
+        ("torque_monitor", True),
+        ("/torque_monitor", True),
+        ("/**/torque_monitor", True),
+        ("/*/torque_monitor", False),
+        ("torque_moniter", False),
+        ("/cell/torque_monitor", False),
+    ],
+)
+def test_a_file_for_other_nodes_is_named(bench, capfd, monkeypatch, tmp_path, section, fits):
+    path = tmp_path / "given.yaml"
+    path.write_text(yaml.safe_dump({section: {"ros__parameters": {"model": "kr16"}}}))
+    monkeypatch.setattr("sys.argv", ["node", "--ros-args", "--params-file", str(path)])
+    bench.add(Any, model="kr16")
+    sentence = f"the parameter file {path} holds nothing for /torque_monitor, only for"
+    assert (sentence in capfd.readouterr().err) is not fits
+    if not fits:
+        with pytest.raises(ParameterError, match="holds nothing for /torque_monitor"):
+            bench.add(Any, model="kr16", strict_parameters=True)
+
+
+def test_sections_of_a_namespace_and_of_several_nodes(tmp_path):
+    path = tmp_path / "given.yaml"
+    path.write_text(
+        "cell:\n  torque_monitor:\n    ros__parameters: {model: kr16}\n"
+        "/other/*:\n  ros__parameters: {model: ur3e}\n"
+    )
+    assert list(sections(str(path))) == ["/cell/torque_monitor", "/other/*"]
+    arguments = ["--params-file", str(path)]
+    assert not strangers(arguments, "/cell/torque_monitor")
+    assert not strangers(arguments, "/other/torque_monitor")
+    assert "only for /cell/torque_monitor, /other/*" in strangers(arguments, "/torque_monitor")[0]
+    path.write_text("{")
+    assert not strangers(arguments, "/torque_monitor")
+
+
+def test_strict_parameters_refuse_what_is_unknown(bench):
+    with pytest.raises(ParameterError, match="has no parameter 'tick_rat'; did you mean"):
+        bench.add(Any, model="kr16", tick_rat=20.0, strict_parameters=True)
+
+
+@pytest.mark.parametrize("entry", fields(TorqueParameters), ids=lambda entry: entry.name)
+def test_one_wrong_letter_in_any_name_is_noticed(bench, capfd, entry):
+    wrong = entry.name[:-1] + ("x" if entry.name[-1] != "x" else "y")
+    bench.add(Any, **{"model": "kr16", wrong: 1})
+    assert f"no parameter '{wrong}'; did you mean '{entry.name}'?" in capfd.readouterr().err
 
 
 def test_unknown_parameter_is_named_with_its_neighbour(bench, capfd):

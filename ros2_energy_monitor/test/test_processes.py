@@ -78,6 +78,10 @@ def test_many_signals_end_a_node_as_cleanly_as_one(start, name):
 @pytest.mark.parametrize(
     ("parameters", "words"),
     [
+        (
+            ("model:=kr16", "tick_rat:=20.0", "strict_parameters:=true"),
+            "torque_monitor has no parameter 'tick_rat'; did you mean 'tick_rate'?",
+        ),
         ((), "torque_monitor was started without its parameter 'model'"),
         (("model:=kr17",), "no model file can be read at 'kr17'"),
         (("model:=kr16", "tick_rate:=-1.0"), "parameter 'tick_rate' of torque_monitor is -1.0"),
@@ -89,6 +93,36 @@ def test_a_wrong_start_says_so_in_one_line(start, parameters, words):
     assert process.returncode == 2, output
     assert words in output
     assert len(output.splitlines()) == 1, output
+
+
+def test_a_managed_node_ends_when_it_is_shut_down(start, child_environment):
+    process = start("torque_monitor", "model:=kr16")
+    read_until(process, "is monitored")
+    code = (
+        "import rclpy\n"
+        "from lifecycle_msgs.msg import Transition\n"
+        "from lifecycle_msgs.srv import ChangeState\n"
+        "rclpy.init()\n"
+        "node = rclpy.create_node('manager')\n"
+        "client = node.create_client(ChangeState, '/torque_monitor/change_state')\n"
+        "assert client.wait_for_service(20)\n"
+        "shutdown = Transition(id=Transition.TRANSITION_ACTIVE_SHUTDOWN)\n"
+        "future = client.call_async(ChangeState.Request(transition=shutdown))\n"
+        "rclpy.spin_until_future_complete(node, future, timeout_sec=20)\n"
+        "assert future.result().success\n"
+    )
+    manager = subprocess.run(
+        [sys.executable, "-c", code],
+        env=child_environment,
+        capture_output=True,
+        text=True,
+        timeout=LIMIT,
+        check=False,
+    )
+    assert manager.returncode == 0, manager.stderr
+    output, _ = process.communicate(timeout=LIMIT)
+    assert process.returncode == 0, output
+    assert "Traceback" not in output
 
 
 def test_a_broken_model_file_is_named(start, tmp_path: Path):

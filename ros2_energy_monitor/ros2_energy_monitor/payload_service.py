@@ -1,0 +1,43 @@
+"""The service that says at run time what the robot carries, and the topic that keeps it."""
+
+from __future__ import annotations
+
+from typing import Any, cast
+
+from rclpy.node import Node
+from ros2_energy_msgs.msg import Payload
+from ros2_energy_msgs.srv import SetPayload
+
+from robot_energy.messages import PayloadWriter, answer_set_payload
+from robot_energy.pipeline import TorqueStage
+from ros2_energy_monitor.publishers import RowPublisher, latched
+
+DEPTH = 100  # changes that a late subscriber gets at most
+SECOND_NS = 1_000_000_000
+
+
+class PayloadService:
+    """Serves ``~/set_payload`` and publishes what is accepted on ``energy/payload``.
+
+    Args:
+        node: The node that computes the torque.
+        stage: Its stage.
+        model_id: Identity of the model file.
+    """
+
+    def __init__(self, node: Node, stage: TorqueStage, model_id: str) -> None:
+        self._stage, self._logger = stage, node.get_logger()
+        self._writer = PayloadWriter(model_id)
+        self._publisher = RowPublisher(node, Payload, "energy/payload", latched(DEPTH))
+        node.create_service(SetPayload, "~/set_payload", self._answer)
+
+    def _answer(
+        self, request: SetPayload.Request, response: SetPayload.Response
+    ) -> SetPayload.Response:
+        answer = answer_set_payload(self._stage.set_payload, cast("Any", request))
+        if answer.change is not None:
+            self._publisher.publish(self._writer.encode(answer.change))
+        self._logger.info(f"set_payload: {answer.message}")
+        response.success, response.message = answer.success, answer.message
+        response.valid_from.sec, response.valid_from.nanosec = divmod(answer.from_ns, SECOND_NS)
+        return response

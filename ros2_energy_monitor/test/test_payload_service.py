@@ -1,0 +1,97 @@
+"""What the robot carries is set while it runs, kept for those who come late, or refused."""
+
+from __future__ import annotations
+
+import pytest
+from ros2_energy_msgs.msg import Payload
+from ros2_energy_msgs.srv import SetPayload
+from sensor_msgs.msg import JointState
+
+from robot_energy.ingest import JointStateIngest
+from robot_energy.model_file import load
+from robot_energy.model_file.payload import payload
+from robot_energy.pipeline import EnergyPipeline
+from robot_energy.wire.batch import RawBatch
+from ros2_energy_monitor.energy_monitor import EnergyMonitor
+from ros2_energy_monitor.publishers import latched
+from ros2_energy_monitor.settings import settings_of
+from ros2_energy_monitor.torque_monitor import TorqueMonitor
+
+
+def ask(bench, node: str, **request) -> SetPayload.Response:
+    client = bench.tester.create_client(SetPayload, f"{node}/set_payload")
+    bench.spin_until(client.service_is_ready, "the service")
+    future = client.call_async(SetPayload.Request(**request))
+    bench.spin_until(future.done, "the answer")
+    bench.tester.destroy_client(client)
+    return future.result()
+
+
+def test_a_payload_changes_the_energy_from_its_stamp_on(bench, messages):
+    rows = messages["/joint_states"][:400]
+    node = bench.add(EnergyMonitor, model="kr16")
+    publisher = bench.publisher(JointState, "joint_states")
+    for row in rows[:200]:
+        publisher.publish(row)
+    bench.spin_until(lambda: node.ingest.account.accepted == 200, "joint states")
+    answer = ask(bench, "energy_monitor", link="link_6", mass=8.0)
+    assert answer.success, answer.message
+    assert answer.message.startswith("the robot carries 8 kg on 'link_6' from 17000000")
+    for row in rows[200:]:
+        publisher.publish(row)
+    bench.spin_until(lambda: node.ingest.account.accepted == 400, "joint states")
+    node.close()
+
+    model = load("kr16")
+    energies = []
+    for mass in (0.0, 8.0):
+        expected = EnergyPipeline(model, settings_of(node.parameters))
+        ingest = JointStateIngest(model.joint_names)
+        for part in (rows[:200], rows[200:]):
+            batch = RawBatch.from_messages(
+                "/joint_states", "sensor_msgs/msg/JointState", [0] * len(part), part
+            )
+            expected.step(ingest.step(batch))
+            if mass:
+                expected.torque.set_payload(payload("link_6", mass), None)
+        expected.flush()
+        energies.append(expected.ledger.registers.microjoule.tolist())
+    assert node.ledger.registers.microjoule.tolist() == energies[1]
+    assert energies[0] != energies[1]
+
+
+@pytest.mark.parametrize("monitor", [TorqueMonitor, EnergyMonitor])
+def test_an_accepted_payload_is_kept_for_those_who_come_late(bench, monitor):
+    node = bench.add(monitor, model="kr16")
+    request = {"link": "tool0", "mass": 5.0, "centre_of_mass": [0.0, 0.0, 0.1]}
+    assert ask(bench, node.get_name(), **request).success
+    received: list[Payload] = []
+    bench.tester.create_subscription(
+        Payload, "energy/payload", lambda message: received.append(message), latched(10)
+    )
+    (message,) = bench.spin_until(lambda: received, "the payload")
+    assert (message.link, message.mass, message.centre_of_mass[2]) == ("tool0", 5.0, 0.1)
+    assert message.model_id == node.model.model_id
+
+
+@pytest.mark.parametrize(
+    ("request_", "words"),
+    [
+        ({"link": "hand", "mass": 1.0}, "the link 'hand'"),
+        ({"link": "tool0", "mass": -1.0}, "mass"),
+        ({"link": "tool0", "mass": float("nan")}, "mass"),
+        ({"link": "tool0", "mass": 1.0, "inertia": [1.0, 1e-6, 1e-6, 0.0, 0.0, 0.0]}, "inertia"),
+    ],
+)
+def test_an_impossible_payload_is_refused_in_one_sentence(bench, request_, words):
+    node = bench.add(TorqueMonitor, model="kr16")
+    received: list[Payload] = []
+    bench.tester.create_subscription(
+        Payload, "energy/payload", lambda message: received.append(message), latched(10)
+    )
+    answer = ask(bench, "torque_monitor", **request_)
+    assert not answer.success
+    assert words in answer.message
+    assert "\n" not in answer.message
+    assert not received
+    assert node.stage.coming_payloads == ()
