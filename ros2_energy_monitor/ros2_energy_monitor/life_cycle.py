@@ -40,6 +40,7 @@ class ManagedNode(LifecycleNode, ABC):
         self.active = False
         self._equipped = False
         self._starting = False
+        self._starts_late = False
         self._error: Exception | None = None
         self._kept: Entities | None = None
 
@@ -69,11 +70,16 @@ class ManagedNode(LifecycleNode, ABC):
         """Whether the node was shut down and can do nothing any more."""
         return self.state == "finalized"
 
+    @property
+    def ready(self) -> bool:
+        """Whether nothing is awaited that the node needs before it can be activated."""
+        return True
+
     def settle(self, *, start: bool) -> None:
         """End the constructor; entities created before are kept by cleanup.
 
         Args:
-            start: Whether to configure and activate now.
+            start: Whether to configure and activate now, or once it is `ready`.
 
         Raises:
             Exception: What keeps it from starting.
@@ -82,10 +88,15 @@ class ManagedNode(LifecycleNode, ABC):
         if not start:
             return
         self._starting = True
-        for transition in (self.trigger_configure, self.trigger_activate):
-            if transition() != DONE:
-                raise self._error or RuntimeError(f"{self.get_name()} cannot be started")
+        if self.trigger_configure() != DONE or (self.ready and self.trigger_activate() != DONE):
+            raise self._error or RuntimeError(f"{self.get_name()} cannot be started")
         self._starting = False
+        self._starts_late = not self.active
+
+    def start_late(self) -> None:
+        """Activate, now that what was awaited at the start is there."""
+        if self._starts_late:
+            self.trigger_activate()
 
     def close(self) -> None:
         """Become inactive, if active, so that nothing that waits is lost."""
@@ -145,7 +156,7 @@ class ManagedNode(LifecycleNode, ABC):
             self.finish()
 
     def _let_go(self) -> None:
-        self.active = False
+        self.active = self._starts_late = False
         if self._equipped:
             self._equipped = False
             self.release()

@@ -8,17 +8,21 @@ from typing import Any, ClassVar, Generic, TypeVar
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 
+from robot_energy.errors import RobotDescriptionError, RobotEnergyError, UrdfAwaitedError
 from robot_energy.ingest import Accounting
 from robot_energy.ingest.order import StampOrder
 from robot_energy.model_file import RobotModel, load
 from ros2_energy_monitor.drain import Inbox
+from ros2_energy_monitor.entities import Entities
 from ros2_energy_monitor.findings import Reporter, Source
 from ros2_energy_monitor.life_cycle import ManagedNode
 from ros2_energy_monitor.node_parameters import Common, declare, in_force
 from ros2_energy_monitor.node_watch import NodeWatch
+from ros2_energy_monitor.robot_description import AwaitedDescription, ComparedDescription
 from ros2_energy_monitor.tempo import Tempo
 
 P = TypeVar("P", bound=Common)
+ROBOT_DESCRIPTION = "robot_description"
 REPORT_PERIOD = 1.0  # [s]
 
 
@@ -59,6 +63,7 @@ class MonitorNode(ManagedNode, Generic[P]):
         self.inputs: list[tuple[Inbox, Accounting]] = []
         self.orders: list[StampOrder] = []
         self.sources: list[Source] = []
+        self._description: AwaitedDescription | ComparedDescription | None = None
         try:
             self.parameters = declare(self, parameters_type)
             self._steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -83,15 +88,27 @@ class MonitorNode(ManagedNode, Generic[P]):
         """Publish, once a second while active, what has no rate of its own."""
 
     def equip(self) -> None:
-        """Read the model, set up and start to drain."""
-        self.model = load(self.parameters.model)
-        self._model_id = self.model.model_id
-        self.set_up()
-        self.get_logger().info(f"configured with {in_force(self)}")
-        self.create_timer(1.0 / self.parameters.tick_rate, self._tick, clock=self._steady)
+        """Read the model, set up and start to drain, as soon as the robot is described."""
+        name = self.parameters.model
+        try:
+            model = load(name)
+        except UrdfAwaitedError as awaited:
+            self._description = AwaitedDescription(
+                self,
+                awaited.topic,
+                lambda urdf_xml: load(name, urdf_xml),
+                self._adopt,
+                self.start_late,
+            )
+            self.get_logger().info("; ".join(self._description.sentences()))
+        else:
+            self._description = ComparedDescription(self, ROBOT_DESCRIPTION, model)
+            self._set_up(model)
 
     def begin(self) -> None:
         """Discard what came before; the time until now is a gap."""
+        if not self.ready and self._description is not None:
+            raise RobotDescriptionError("; ".join(self._description.sentences()))
         self._discard()
         for order in self.orders:
             order.interrupt()
@@ -105,6 +122,28 @@ class MonitorNode(ManagedNode, Generic[P]):
     def release(self) -> None:
         """Forget inputs and sources, whose entities cleanup destroys."""
         self.inputs, self.orders, self.sources = [], [], []
+        self._description = None
+
+    @property
+    def ready(self) -> bool:
+        """Whether the robot is described."""
+        return self._description is None or not self._description.waits
+
+    def _adopt(self, model: RobotModel) -> None:
+        """Set up with a model that came late; if that fails, wait on as before."""
+        before = Entities(self)
+        try:
+            self._set_up(model)
+        except RobotEnergyError:
+            before.restore()
+            self.inputs, self.orders, self.sources = [], [], []
+            raise
+
+    def _set_up(self, model: RobotModel) -> None:
+        self.model, self._model_id = model, model.model_id
+        self.set_up()
+        self.get_logger().info(f"configured with {in_force(self)}")
+        self.create_timer(1.0 / self.parameters.tick_rate, self._tick, clock=self._steady)
 
     def _tick(self) -> None:
         with self._tempo.tick():
@@ -118,7 +157,11 @@ class MonitorNode(ManagedNode, Generic[P]):
             self.report()
         for inbox, _ in self.inputs:
             inbox.revive()
-        statuses = [self._watch.judge(self.inputs), *(source() for source in self.sources)]
+        described = [] if self._description is None else self._description.sentences()
+        statuses = [
+            self._watch.judge(self.inputs, described),
+            *(source() for source in self.sources),
+        ]
         self._reporter.publish(statuses, self._model_id if self.sources else "")
 
     def _discard(self) -> None:

@@ -31,11 +31,14 @@ class NodeWatch:
         self._looked: float | None = None
         self._twins: list[str] = []
 
-    def judge(self, inputs: Iterable[tuple[Inbox, Accounting]]) -> Findings:
+    def judge(
+        self, inputs: Iterable[tuple[Inbox, Accounting]], warnings: Iterable[str] = ()
+    ) -> Findings:
         """Return the status of the node.
 
         Args:
             inputs: Every inbox with the account of its messages.
+            warnings: What else is to be said.
         """
         found = Findings("node")
         number, label = self._node._state_machine.current_state
@@ -43,6 +46,8 @@ class NodeWatch:
         found.values |= {"lifecycle_state": number, **pace, "memory": resident_memory()}
         for sentence in unbalanced(inputs):
             found.add(ERROR, sentence)
+        for sentence in warnings:
+            found.add(WARN, sentence)
         if number != State.PRIMARY_STATE_ACTIVE:
             found.add(WARN, f"the node is {label}: nothing is counted or published")
         if pace["busy_share"] > BUSY:

@@ -31,6 +31,23 @@ class ModelFileError(RobotEnergyError, ValueError):
     """A model file is missing, malformed or of another schema version."""
 
 
+class UrdfAwaitedError(ModelFileError):
+    """A model file leaves its URDF to a topic, and none was given.
+
+    Args:
+        source: The model file.
+        topic: The topic that it names.
+    """
+
+    def __init__(self, source: str, topic: str) -> None:
+        self.topic = topic
+        super().__init__(
+            f"{source} takes its URDF from the topic '{topic}', which only a node can read",
+            "a URDF",
+            "name a file as urdf.path or embed the text as urdf.xml",
+        )
+
+
 class RobotDescriptionError(RobotEnergyError, ValueError):
     """A URDF cannot be used: unreadable, without inertias, unsupported joints."""
 

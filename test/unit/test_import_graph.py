@@ -31,6 +31,7 @@ ALLOWED = {
     "model_file": {"errors", "yaml_text"},
     "urdf_text": {"errors"},
     "urdf": {"errors", "blocks", "urdf_text"},
+    "urdf_agreement": {"model_file", "urdf"},
     "wire": {"errors"},
     **{name: {"errors", "blocks", "model_file", "robot", "drivetrain", "urdf"} for name in PHYSICS},
     "torque": {"errors", "blocks", "model_file", "robot", "drivetrain", "effort"},

@@ -37,7 +37,7 @@ def broken(path, value):
         (("joints", 0, "friction", "viscous", "law"), "magic", "magic"),
         (("joints", 0, "friction", "viscous", "fitted_degc"), [80, 20], "fitted_degc must rise"),
         (("urdf",), {"path": "nowhere.urdf"}, "nowhere.urdf"),
-        (("urdf",), {}, "either path or xml"),
+        (("urdf",), {}, "one of path, xml and topic"),
     ],
 )
 def test_wrong_entry_is_named_with_found_and_expected(path, value, words):

@@ -103,24 +103,27 @@ class RobotType(Entry):
 
 
 class Urdf(Entry):
-    """Where the kinematics and inertias come from: a file beside the model, or text.
+    """Where kinematics and inertias come from: a file beside the model, text, or a topic.
 
     Attributes:
         path: Relative to the model file.
         xml: The URDF itself.
+        topic: Name of the topic on which the robot publishes it, such as
+            ``robot_description``; read by the nodes, not by a replay.
         tags: How kinematics, inertias ... are known, by group.
         source: Where they come from.
     """
 
     path: str | None = None
     xml: str | None = None
+    topic: Annotated[str, Field(min_length=1)] | None = None
     tags: dict[str, Tag] = Field(default_factory=dict)
     source: str = ""
 
     @model_validator(mode="after")
     def _check(self) -> Urdf:
-        if (self.path is None) == (self.xml is None):
-            raise ValueError("give either path or xml")
+        if [self.path, self.xml, self.topic].count(None) != 2:
+            raise ValueError("give one of path, xml and topic")
         return self
 
 

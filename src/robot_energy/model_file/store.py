@@ -13,7 +13,7 @@ from typing import cast
 import yaml
 from pydantic import ValidationError
 
-from robot_energy.errors import ModelFileError
+from robot_energy.errors import ModelFileError, UrdfAwaitedError
 from robot_energy.model_file.schema import SCHEMA_VERSION, RobotModel, Urdf
 from robot_energy.yaml_text import MAX_BYTES, parse_yaml
 
@@ -51,6 +51,7 @@ def validate(data: object, source: str, urdf_xml: str | None = None) -> RobotMod
 
     Raises:
         ModelFileError: Naming the key, what was found and what was expected.
+        UrdfAwaitedError: If the file leaves its URDF to a topic and none is given.
     """
     if not isinstance(data, dict):
         raise ModelFileError(
@@ -77,6 +78,8 @@ def validate(data: object, source: str, urdf_xml: str | None = None) -> RobotMod
 def _read_urdf(urdf: Urdf, source: str) -> str:
     if urdf.xml is not None:
         return urdf.xml
+    if urdf.topic is not None:
+        raise UrdfAwaitedError(source, urdf.topic)
     path = Path(source).parent / str(urdf.path)
     try:
         if path.stat().st_size > MAX_BYTES:
@@ -98,17 +101,19 @@ def shipped_models() -> dict[str, Path]:
     return {path.stem: path for path in sorted(folder.glob("*.yaml"))}
 
 
-def load(name: str | Path) -> RobotModel:
+def load(name: str | Path, urdf_xml: str | None = None) -> RobotModel:
     """Load a model file, or a shipped model by its short name.
 
     Args:
         name: Path of a YAML file, or a name such as ``kr16``.
+        urdf_xml: URDF text that replaces the one named in the file.
 
     Returns:
         The validated model.
 
     Raises:
         ModelFileError: If there is no such file, or it is not a valid model.
+        UrdfAwaitedError: If the file leaves its URDF to a topic and none is given.
     """
     path = Path(name)
     if not path.is_file() and str(name) in shipped_models():
@@ -124,7 +129,7 @@ def load(name: str | Path) -> RobotModel:
             "a YAML file or the name of a shipped model",
             f"shipped models: {known}",
         ) from error
-    return validate(parse_yaml(text, str(path)), str(path))
+    return validate(parse_yaml(text, str(path)), str(path), urdf_xml)
 
 
 def save(model: RobotModel, path: str | Path) -> None:
@@ -138,7 +143,10 @@ def save(model: RobotModel, path: str | Path) -> None:
         ModelFileError: If the file cannot be written.
     """
     data = model.model_dump(exclude_none=True, exclude_defaults=False, mode="json")
-    data["urdf"] = {**model.urdf.model_dump(exclude={"path", "xml"}), "xml": model.urdf_xml}
+    data["urdf"] = {
+        **model.urdf.model_dump(exclude={"path", "xml", "topic"}),
+        "xml": model.urdf_xml,
+    }
     target = Path(path)
     draft = target.with_suffix(target.suffix + ".part")
     try:
