@@ -20,12 +20,13 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
+import load
 import month
 from figure import Figure, LongRun
 from rich.console import Console
 from rich.table import Table
 
-RUNS: dict[str, LongRun] = {"month": month}
+RUNS: dict[str, LongRun] = {"month": month, "load": load}
 BUILD = Path(__file__).resolve().parents[2] / "build"
 
 

@@ -1,0 +1,179 @@
+"""The energy monitor under load: every message accounted for, memory flat.
+
+500 Hz of 30 joints for 10 minutes must not lose a message. At 5 kHz a short queue must
+lose some: then published = received + lost, exactly.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from figure import Figure, slope
+from many_joints import write_cell
+from rclpy.executors import SingleThreadedExecutor
+
+MINUTES = (16.5, 1.2)
+HERE = Path(__file__).parent
+STEADY_SHARE = 0.3  # of a run, after which memory should no longer grow
+FLAT = 2.0  # MB/h that count as flat: a tenth of a page per message would be far more
+PATIENCE = 60.0  # s until the last message is accounted for
+
+
+@dataclass
+class Watch:
+    """What the monitor says about itself, and its memory."""
+
+    latest: dict[str, str] = field(default_factory=dict)
+    levels: set[str] = field(default_factory=set)
+    times: list[float] = field(default_factory=list)
+    memory: list[float] = field(default_factory=list)
+
+    def take(self, message: DiagnosticArray) -> None:
+        """Keep the values of the joint states, and every complaint."""
+        for status in message.status:
+            if status.name.endswith(": joint states"):
+                self.latest = {value.key: value.value for value in status.values}
+            if status.level == status.ERROR:
+                self.levels.add(f"{status.name}: {status.message}")
+
+
+def run(folder: str, quick: bool) -> list[Figure]:
+    """Run both loads, one after the other."""
+    cell, names = write_cell(Path(folder), 5)
+    kr16 = Path(folder) / "kr16.json"
+    kr16.write_text(json.dumps([f"joint_a{number}" for number in range(1, 7)]))
+    figures = _load("500 Hz x 30 joints", str(cell), names, 500, 20 if quick else 600, {})
+    figures += _load("5 kHz x 6 joints", "kr16", kr16, 5000, 15 if quick else 300, {})
+    few = {"joint_state_depth": "100"}
+    return figures + _load(
+        "5 kHz, queue of 100", "kr16", kr16, 5000, 10 if quick else 60, few, lossy=True
+    )
+
+
+def _load(
+    what: str,
+    model: str,
+    names: Path,
+    rate: int,
+    seconds: float,
+    parameters: dict[str, str],
+    lossy: bool = False,
+) -> list[Figure]:
+    domain = 1 + os.getpid() % 90
+    environment = {
+        **os.environ,
+        "ROS_DOMAIN_ID": str(domain),
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+    }
+    options = [part for key, value in parameters.items() for part in ("-p", f"{key}:={value}")]
+    monitor = subprocess.Popen(
+        [
+            *(sys.executable, "-m", "ros2_energy_monitor.energy_monitor", "--ros-args"),
+            *("-p", f"model:={model}", *options, "--log-level", "error"),
+        ],
+        env=environment,
+    )
+    driver = subprocess.Popen(
+        [sys.executable, str(HERE / "publisher.py"), str(rate), str(seconds), str(names)],
+        env=environment,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    context = rclpy.Context()
+    rclpy.init(context=context, domain_id=domain)
+    node = rclpy.create_node("soak_observer", context=context)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    watch = Watch()
+    node.create_subscription(DiagnosticArray, "/diagnostics", watch.take, 10)
+    try:
+        published = _observe(monitor.pid, driver, executor, watch, seconds)
+        used = _cpu_seconds(monitor.pid)
+    finally:
+        for process in (monitor, driver):
+            process.send_signal(signal.SIGINT)
+        for process in (monitor, driver):
+            try:
+                process.wait(15)
+            except subprocess.TimeoutExpired:
+                process.kill()
+        executor.shutdown()
+        node.destroy_node()
+        rclpy.shutdown(context=context)
+    return _figures(what, published, watch, lossy, used / seconds)
+
+
+def _observe(
+    pid: int,
+    driver: subprocess.Popen[str],
+    executor: SingleThreadedExecutor,
+    watch: Watch,
+    seconds: float,
+) -> int:
+    """Watch until every published message is accounted for; return how many there were."""
+    assert driver.stdout is not None
+    os.set_blocking(driver.stdout.fileno(), False)
+    published, begin = None, time.monotonic()
+    deadline = begin + 1.5 * seconds + PATIENCE
+    while time.monotonic() < deadline:
+        executor.spin_once(timeout_sec=1.0)
+        watch.times.append(time.monotonic() - begin)
+        watch.memory.append(_memory(pid))
+        for line in driver.stdout.read().splitlines() if published is None else ():
+            if line.startswith("published "):
+                published = int(line.split()[1])
+                deadline = time.monotonic() + 10.0
+        if published is not None and _accounted(watch) == published:
+            return published
+    return published if published is not None else -1
+
+
+def _accounted(watch: Watch) -> int:
+    received, lost = (watch.latest.get(key, "0") for key in ("received", "lost_in_transport"))
+    return int(received) + int(lost)
+
+
+def _figures(what: str, published: int, watch: Watch, lossy: bool, cpu: float) -> list[Figure]:
+    values = watch.latest
+    received, accepted = int(values.get("received", 0)), int(values.get("accepted", 0))
+    lost = int(values.get("lost_in_transport", 0))
+    rejected = sum(int(value) for key, value in values.items() if key.startswith("rejected."))
+    first = int(STEADY_SHARE * len(watch.times))
+    growth = slope(watch.times[first:], watch.memory[first:]) * 3600
+    sums = published == received + lost and received == accepted + rejected
+    spread = max(watch.memory[first:], default=0.0) - min(watch.memory[first:], default=0.0)
+    flat = growth <= FLAT or spread <= 1.0
+    return [
+        Figure(f"{what}: published", published, "> 0", published > 0),
+        Figure(
+            f"{what}: lost", lost, "> 0, queue too short" if lossy else "0", (lost > 0) == lossy
+        ),
+        Figure(f"{what}: rejected", rejected, "0", rejected == 0),
+        Figure(f"{what}: published = received + lost", "yes" if sums else "no", "yes", sums),
+        Figure(f"{what}: share of one core", f"{cpu:.1%}"),
+        Figure(f"{what}: memory [MB]", round(max(watch.memory, default=0.0), 1)),
+        Figure(f"{what}: its growth [MB/h]", round(growth, 2), f"<= {FLAT:g} or 1 MB in all", flat),
+        Figure(f"{what}: errors said", len(watch.levels), "0", not watch.levels),
+    ]
+
+
+def _memory(pid: int) -> float:
+    """Resident memory of a process. [MB]"""
+    with open(f"/proc/{pid}/status") as status:
+        kib = next(int(line.split()[1]) for line in status if line.startswith("VmRSS"))
+    return kib / 1024
+
+
+def _cpu_seconds(pid: int) -> float:
+    fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
