@@ -6,29 +6,41 @@ import math
 from collections.abc import Callable, Sequence
 
 from robot_energy.blocks import Quality
-from robot_energy.ingest import JointStateIngest, MeterIngest, TemperatureIngest
+from robot_energy.ingest import Accounting, JointStateIngest, MeterIngest, TemperatureIngest
 from robot_energy.model_file import RobotModel
 from robot_energy.pipeline import FrictionStage, Ledger
 from ros2_energy_monitor.drain import Inbox
 from ros2_energy_monitor.findings import ERROR, STALE, WARN, Findings, Source
 from ros2_energy_monitor.input_watch import InputWatch, accounting
 
+RECENT = 10.0  # a finding of joint states that was true this long ago still shows [s]
 
-def joint_state_source(inbox: Inbox, ingest: JointStateIngest, timeout: float) -> Source:
-    """Judge joint states."""
-    watch = InputWatch("joint state", inbox, ingest.account, timeout)
+
+def joint_state_source(inboxes: list[Inbox], ingest: JointStateIngest, timeout: float) -> Source:
+    """Judge joint states; the topics share one account, which is shown with the first."""
+    accounts = [ingest.account, *(Accounting() for _ in inboxes[1:])]
+    watches = [
+        InputWatch("joint state", inbox, account, timeout)
+        for inbox, account in zip(inboxes, accounts, strict=True)
+    ]
+    topics = ", ".join(inbox.topic for inbox in inboxes)
 
     def findings() -> Findings:
         found = Findings("joint states")
         missing = ", ".join(sorted(ingest.missing_joints))
-        if missing and not ingest.account.accepted:
-            found.add(ERROR, f"the joint names of {inbox.topic} lack {missing}")
-        watch.judge(found)
+        if missing and not ingest.samples:
+            found.add(ERROR, f"the joint names of {topics} lack {missing}")
+        for finding in ingest.findings(RECENT):
+            found.add(ERROR if finding.severe else WARN, finding.sentence)
+        for number, (inbox, watch) in enumerate(zip(inboxes, watches, strict=True)):
+            watch.judge(found, f"{inbox.topic}." if number else "")
         found.values |= {
             "gaps": ingest.order.gaps,
             "backward_jumps": ingest.order.jumps,
+            "conflicts": ingest.conflicts.count,
             "joints_missing": len(ingest.missing_joints),
             "joints_ignored": len(ingest.ignored_joints),
+            **{f"age.{name}": age for name, age in ingest.ages.items()},
         }
         return found
 

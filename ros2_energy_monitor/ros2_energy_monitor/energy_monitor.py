@@ -5,16 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from sensor_msgs.msg import JointState
-
 from robot_energy.blocks import EffortMeaning
 from robot_energy.ingest import JointStateIngest
 from robot_energy.messages import FrictionWriter, TorqueWriter
 from robot_energy.pipeline import EnergyPipeline, Ledger, Output
 from ros2_energy_monitor.diagnostics import energy_source, joint_state_source, temperature_source
-from ros2_energy_monitor.drain import Inbox
 from ros2_energy_monitor.inputs import (
     drain_all,
+    joint_state_inboxes,
     meter_input,
     temperature_inboxes,
     temperature_ingest,
@@ -25,7 +23,6 @@ from ros2_energy_monitor.node_parameters import EnergyParameters
 from ros2_energy_monitor.payload_service import PayloadService
 from ros2_energy_monitor.publishers import (
     BooksPublisher,
-    best_effort,
     friction_publisher,
     torque_publisher,
 )
@@ -52,30 +49,34 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
     def set_up(self) -> None:
         """Make the stage, the publishers and the inboxes."""
         names, depth = self.model.joint_names, self.parameters.joint_state_depth
-        settings = settings_of(self.parameters)
-        self.ingest = JointStateIngest(names, effort=settings.effort is not EffortMeaning.NONE)
+        settings, source = settings_of(self.parameters), self.parameters.joint_states
         self._temperature = temperature_ingest(self, self.parameters, self.model)
         self._pipeline = EnergyPipeline(self.model, settings)
+        self.ingest = JointStateIngest(
+            names,
+            limits=self._pipeline.torque.robot.limits,
+            effort=settings.effort is not EffortMeaning.NONE,
+            source=source,
+        )
         self._torque_writer = TorqueWriter(names, self.model.model_id)
         self._friction_writer = FrictionWriter(self.model)
         self._torque = torque_publisher(self, depth) if self.parameters.publish_torque else None
         self._friction = friction_publisher(self)
         self._books = BooksPublisher(self, self.model, self.ledger)
         renew = self.parameters.resubscribe_after
-        self.joint_states = Inbox(
-            self, JointState, "joint_states", best_effort(depth), renew_after=renew
-        )
+        states = joint_state_inboxes(self, self.parameters)
+        self.joint_states, *self._further = states
         self.temperatures = temperature_inboxes(self, self._temperature, renew)
         self._meter, self.readings = meter_input(self, self.parameters, renew)
         PayloadService(self, self._pipeline.torque, self.model.model_id)
         self.inputs = [
-            (self.joint_states, self.ingest.account),
+            *((inbox, self.ingest.account) for inbox in states),
             *temperature_inputs(self._temperature, self.temperatures),
             *((inbox, self._meter.account) for inbox in self.readings),
         ]
         self.orders = [self.ingest.order]
         self.sources = [
-            joint_state_source(self.joint_states, self.ingest, self.parameters.input_timeout),
+            joint_state_source(states, self.ingest, self.parameters.input_timeout),
             temperature_source(
                 self.temperatures, self._temperature, self._pipeline.friction, self.model
             ),
@@ -98,10 +99,10 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
         Joint states come first: the temperatures and readings drained after them are then
         never older than what they belong to.
         """
-        states = self.joint_states.drain()
+        states = drain_all([self.joint_states, *self._further])
         temperatures = self._temperature.step(drain_all(self.temperatures))
         readings = drain_all(self.readings)
-        joints = self.ingest.step(states) if states is not None else None
+        joints = self.ingest.step(states)
         meter = self._meter.step(readings)
         self._publish(self._pipeline.step(joints, temperatures, meter))
 
@@ -112,6 +113,7 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
     def finish(self) -> None:
         """Book and publish what still waits."""
         self.tick()
+        self._publish(self._pipeline.step(self.ingest.flush()))
         self._publish(self._pipeline.flush())
         self._books.registers()
 

@@ -1,4 +1,4 @@
-"""The inputs that several nodes share: motor temperatures and the power meter."""
+"""The inputs that several nodes share: joint states, motor temperatures, the power meter."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from rclpy.node import Node
+from sensor_msgs.msg import JointState
 
 from robot_energy.ingest import Accounting, MeterIngest, TemperatureIngest
 from robot_energy.ingest.meter_source import MeterInputs
@@ -16,6 +17,7 @@ from robot_energy.wire.batch import RawBatch
 from robot_energy.wire.types import extended, typestore
 from ros2_energy_monitor.definitions import definitions_of
 from ros2_energy_monitor.drain import Inbox
+from ros2_energy_monitor.node_parameters import EnergyParameters, TorqueParameters
 from ros2_energy_monitor.publishers import best_effort, latched
 
 SLOW_DEPTH = 500  # messages of temperatures and meters, which come at 0.1 to 1000 Hz
@@ -68,6 +70,25 @@ def temperature_ingest(
         )
     }
     return TemperatureIngest(model.joint_names, sources)
+
+
+def joint_state_inboxes(node: Node, parameters: TorqueParameters | EnergyParameters) -> list[Inbox]:
+    """Subscribe every topic of joint states; at least one.
+
+    Args:
+        node: The node that subscribes.
+        parameters: The topics, and how many of their messages can wait.
+    """
+    return [
+        Inbox(
+            node,
+            JointState,
+            topic,
+            best_effort(parameters.joint_state_depth),
+            renew_after=parameters.resubscribe_after,
+        )
+        for topic in parameters.joint_states.joint_state_topics
+    ]
 
 
 def temperature_inboxes(node: Node, ingest: TemperatureIngest, renew_after: float) -> list[Inbox]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.serialization import deserialize_message
 from ros2_energy_msgs.msg import (
     EnergyRegisters,
     JointFriction,
@@ -223,7 +224,33 @@ def test_missing_joint_is_named(bench):
         "torque_monitor: joint states", "the joint names of /joint_states lack joint_a6"
     )
     assert status.level == DiagnosticStatus.ERROR
-    assert diagnosed.values(status)["rejected.missing_joint"] == 1
+    assert diagnosed.values(status)["joints_missing"] == 1
+
+
+def test_joints_of_two_topics_make_one_torque(bench, messages):
+    """A limb on a topic of its own: every state of the first joint's topic gives a torque."""
+    topics = ["arm/joint_states", "wrist/joint_states"]
+    node = bench.add(TorqueMonitor, model="kr16", joint_state_topics=topics)
+    torques = bench.inbox(JointTorque, "energy/joint_torque")
+    sent = {topic: bench.publisher(JointState, topic) for topic in topics}
+    for whole in messages["/joint_states"][:100]:
+        state = deserialize_message(whole, JointState)
+        for topic, part in zip(topics, (slice(0, 3), slice(3, 6)), strict=True):
+            some = JointState(header=state.header, name=state.name[part])
+            some.position, some.velocity = state.position[part], state.velocity[part]
+            sent[topic].publish(some)
+    bench.spin_until(lambda: node.ingest.account.received == 200, "states of both topics")
+    node.close()
+    taken = 0
+
+    def all_taken() -> bool:
+        nonlocal taken
+        taken += len(torques.drain() or ())
+        return taken >= 100
+
+    bench.spin_until(all_taken, "torques")
+    assert taken == node.ingest.samples == 100
+    assert node.ingest.account.accepted == 200
 
 
 def test_rejected_messages_are_counted_by_reason(bench):

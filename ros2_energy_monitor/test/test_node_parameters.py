@@ -11,7 +11,12 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from robot_energy.ingest.parameters import assemble
-from robot_energy.ingest.sources import FLOAT_ARRAY, TEMPERATURE, TemperatureSource
+from robot_energy.ingest.sources import (
+    FLOAT_ARRAY,
+    TEMPERATURE,
+    JointStateSource,
+    TemperatureSource,
+)
 from ros2_energy_monitor.node_parameters import (
     ConsoleParameters,
     EnergyParameters,
@@ -254,7 +259,14 @@ def test_strict_parameters_refuse_what_is_unknown(bench):
         bench.add(Any, model="kr16", tick_rat=20.0, strict_parameters=True)
 
 
-@pytest.mark.parametrize("entry", fields(TorqueParameters), ids=lambda entry: entry.name)
+@pytest.mark.parametrize(
+    "entry",
+    [
+        *(entry for entry in fields(TorqueParameters) if entry.name != "joint_states"),
+        *fields(JointStateSource),  # whose parameters stand for that field
+    ],
+    ids=lambda entry: entry.name,
+)
 def test_one_wrong_letter_in_any_name_is_noticed(bench, capfd, entry):
     wrong = entry.name[:-1] + ("x" if entry.name[-1] != "x" else "y")
     bench.add(Any, **{"model": "kr16", wrong: 1})

@@ -15,6 +15,7 @@ from robot_energy.bag_sources import (
     find_meter,
     named_sources,
     possible_temperatures,
+    resolve,
     sources_by_type,
 )
 from robot_energy.blocks import EffortMeaning, FrictionBlock, JointBlock
@@ -22,7 +23,7 @@ from robot_energy.comparison import Compared
 from robot_energy.errors import BagError, MissingTopicError, UnknownJointError
 from robot_energy.ingest import JointStateIngest, MeterIngest, TemperatureIngest
 from robot_energy.ingest.joint_states import JOINT_STATE
-from robot_energy.ingest.sources import Inputs, TemperatureSource
+from robot_energy.ingest.sources import Inputs, JointStateSource, TemperatureSource
 from robot_energy.messages import (
     FrictionWriter,
     PayloadReader,
@@ -40,7 +41,6 @@ from robot_energy.model_file import RobotModel
 from robot_energy.pipeline import EnergyPipeline, Ledger, Output, Settings
 from robot_energy.pipeline.averaging import MeanBlock
 from robot_energy.pipeline.payload_timeline import PayloadChange
-from robot_energy.wire.batch import RawBatch
 
 SECOND_NS = 1_000_000_000
 ROWS = 4096  # samples in one step at most
@@ -52,13 +52,13 @@ class Topics:
     """Which topics of a bag to use; None means to find them by their type.
 
     Attributes:
-        joint_states: The topic of the joint states.
+        joint_states: Topics of the joint states; several where each brings some joints.
         temperatures: Topics of motor temperatures; empty for none.
         meter: The topic of the power meter.
         payload: The topic of payloads set at run time; empty for none.
     """
 
-    joint_states: str | None = None
+    joint_states: tuple[str, ...] | None = None
     temperatures: tuple[str, ...] | None = None
     meter: str | None = None
     payload: str | None = None
@@ -107,12 +107,13 @@ class Replay:
         return self.pipeline.ledger
 
 
-def find_topics(bag: BagReader, wanted: Topics) -> Topics:
+def find_topics(bag: BagReader, wanted: Topics, inputs: Inputs | None = None) -> Topics:
     """Find the topics to use in a bag.
 
     Args:
         bag: An open bag.
         wanted: What the user named.
+        inputs: Inputs of the node that the bag is to be read like; None to go by types.
 
     Returns:
         The topics; ``payload`` stays None where there is none, and those of temperatures
@@ -122,8 +123,16 @@ def find_topics(bag: BagReader, wanted: Topics) -> Topics:
         MissingTopicError: If a named topic is absent or of another type, or the joint
             states cannot be told without a name.
     """
-    joints = _one(bag, wanted.joint_states, (JOINT_STATE,), "joint states", "--joint-states")
-    if joints is None:
+    joints = wanted.joint_states or ()
+    if not joints and inputs is not None:
+        full = [resolve(bag, topic) for topic in inputs.joint_states.joint_state_topics]
+        joints = tuple(topic for topic in full if topic is not None)
+    for topic in joints:
+        bag.require(topic, (JOINT_STATE,))
+    if not joints:
+        found = _one(bag, None, (JOINT_STATE,), "joint states", "--joint-states")
+        joints = () if found is None else (found,)
+    if not joints:
         raise MissingTopicError(
             f"{bag.path} has no topic of joint states",
             f"a topic of type {JOINT_STATE}",
@@ -189,6 +198,7 @@ def replay(
     progress: Progress | None = None,
     inputs: Inputs | None = None,
     on_output: Callable[[Output], None] | None = None,
+    states: JointStateSource | None = None,
 ) -> Replay:
     """Run a bag through the pipeline.
 
@@ -204,6 +214,7 @@ def replay(
         progress: Called with the share done, 0 to 1.
         inputs: What the inputs of a live monitor are, to read the bag in the same way.
         on_output: Called with what each step of the pipeline gave, for identification.
+        states: What the joint states mean, instead of what ``inputs`` says of them.
 
     Returns:
         The closed books and the accounting of every input.
@@ -218,7 +229,7 @@ def replay(
     if out is None and not keep_means:
         settings = replace(settings, power_period=None)  # nobody would see the means
     bag = BagReader(path)
-    used = find_topics(bag, topics or Topics())
+    used = find_topics(bag, topics or Topics(), inputs)
     sources, notes = find_temperatures(bag, used, inputs)
     source, more = find_meter(bag, used.meter, inputs.meter if inputs is not None else None)
     meter = MeterIngest(source, bag.typestore)
@@ -233,7 +244,11 @@ def replay(
             meter=" and ".join(source.topics) if source else None,
         ),
         joint_states=JointStateIngest(
-            model.joint_names, bag.typestore, effort=settings.effort is not EffortMeaning.NONE
+            model.joint_names,
+            bag.typestore,
+            limits=pipeline.torque.robot.limits,
+            effort=settings.effort is not EffortMeaning.NONE,
+            source=states or (JointStateSource() if inputs is None else inputs.joint_states),
         ),
         temperatures=temperatures,
         meter=meter,
@@ -272,8 +287,9 @@ def _outputs(
 ) -> Iterator[Output]:
     used, pipeline = result.topics, result.pipeline
     metered = tuple(result.meter.source.topics) if used.meter else ()
-    single = (used.joint_states, used.payload)
-    names = [name for name in (*single, *(used.temperatures or ()), *metered) if name]
+    states = used.joint_states or ()
+    topics = (*states, used.payload, *(used.temperatures or ()), *metered)
+    names = [name for name in topics if name]
     start, end = bag.start_ns, bag.end_ns
     for part in bag.parts(names):
         readings = [part[topic] for topic in used.temperatures or () if topic in part]
@@ -282,13 +298,16 @@ def _outputs(
         meter = result.meter.step(metering) if metering else None
         if used.payload in part:
             result.payload.step(part[used.payload])
-        batch: RawBatch | None = part.get(str(used.joint_states))
-        joints = result.joint_states.step(batch) if batch is not None else None
+        batches = [part[topic] for topic in states if topic in part]
+        joints = result.joint_states.step(batches) if batches else None
         for index, block in enumerate(_slices(joints, sliced)):
             first = index == 0
             yield pipeline.step(block, temperatures if first else None, meter if first else None)
-        if progress is not None and batch is not None and start is not None and end is not None:
-            progress(min(1.0, (int(batch.log_time_ns[-1]) - start) / max(end - start, 1)))
+        if progress is not None and batches and start is not None and end is not None:
+            progress(min(1.0, (int(batches[0].log_time_ns[-1]) - start) / max(end - start, 1)))
+    for block in _slices(result.joint_states.flush(), sliced):
+        if block is not None:
+            yield pipeline.step(block)
     yield pipeline.flush()
     if progress is not None:
         progress(1.0)
@@ -308,9 +327,9 @@ def _slices(block: JointBlock | None, by_second: bool) -> list[JointBlock] | lis
 def _require_samples(result: Replay) -> None:
     """Refuse to report on a bag that gave not one usable joint state."""
     ingest = result.joint_states
-    if ingest.account.accepted:
+    if ingest.samples:
         return
-    topic = result.topics.joint_states
+    topic = ", ".join(result.topics.joint_states or ())
     if ingest.missing_joints:
         raise UnknownJointError(
             f"no message of {topic} has the joint(s) {', '.join(sorted(ingest.missing_joints))}",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from argparse import ArgumentParser, ArgumentTypeError, Namespace, RawDescriptionHelpFormatter
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +26,7 @@ AT_FALLBACK = "fallback"
 NONE = "none"
 DAMAGED = 3
 EFFORTS = ("none", "motor_current", "motor_torque", "joint_torque")
+LONGEST_WINDOW = 0.5  # in which joint states are sorted [s]
 
 DESCRIPTION = """\
 Run a recorded bag through the model of its robot and print where the energy went:
@@ -77,7 +79,12 @@ def add_parser(commands: Any) -> None:
         "--plot", metavar="FILE", help="draw power and energy over time (.png, .svg, .pdf)"
     )
     topics = parser.add_argument_group("topics")
-    topics.add_argument("--joint-states", metavar="TOPIC")
+    topics.add_argument(
+        "--joint-states",
+        metavar="TOPIC",
+        nargs="+",
+        help="topic of joint states; several where each brings some of the joints",
+    )
     topics.add_argument(
         "--temperatures",
         metavar="TOPIC",
@@ -126,6 +133,18 @@ def add_parser(commands: Any) -> None:
         help="window behind an acceleration (default 0.02 s)",
     )
     settings.add_argument(
+        "--stamps",
+        choices=("header", "receive"),
+        help="what dates joint states: their header (default), or the time of the recording "
+        "for drivers that do not set it",
+    )
+    settings.add_argument(
+        "--reorder",
+        type=_window,
+        metavar="S",
+        help="window in which joint states that overtook each other are sorted (default 0 s)",
+    )
+    settings.add_argument(
         "--settle",
         type=_positive,
         metavar="S",
@@ -156,6 +175,13 @@ def _degc(text: str) -> float | str:
         value = float("nan")
     if not -60.0 <= value <= 250.0:
         raise ArgumentTypeError(f"'{text}' is no temperature in degC (-60 to 250)")
+    return value
+
+
+def _window(text: str) -> float:
+    value = _positive(text)
+    if value > LONGEST_WINDOW:
+        raise ArgumentTypeError(f"'{text}' is longer than {LONGEST_WINDOW:g} s")
     return value
 
 
@@ -218,6 +244,7 @@ def run(args: Namespace) -> int:
 
 def _replay(args: Namespace, model: RobotModel, label: str, out: str | None) -> Replay:
     from robot_energy.blocks import EffortMeaning
+    from robot_energy.ingest.sources import JointStateSource
     from robot_energy.inputs_file import read_inputs
     from robot_energy.pipeline import Settings
     from robot_energy.replay import Topics, replay
@@ -230,17 +257,25 @@ def _replay(args: Namespace, model: RobotModel, label: str, out: str | None) -> 
     given = {name: getattr(args, name) for name in names if getattr(args, name) is not None}
     inputs, notes = (None, []) if args.inputs is None else read_inputs(args.inputs)
     effort = args.effort or (NONE if inputs is None else inputs.effort)
+    asked = {key: getattr(args, key) for key in ("stamps", "reorder")}
+    states = replace(
+        JointStateSource() if inputs is None else inputs.joint_states,
+        **{key: value for key, value in asked.items() if value is not None},
+    )
     with progress(label) as report:
         result = replay(
             args.bag,
             model,
-            topics=Topics(args.joint_states, temperatures, args.meter, payload),
+            topics=Topics(
+                tuple(args.joint_states or ()) or None, temperatures, args.meter, payload
+            ),
             settings=Settings(effort=EffortMeaning(effort), **given),
             out=out,
             overwrite=args.overwrite,
             keep_means=args.plot is not None,
             progress=report,
             inputs=inputs,
+            states=states,
         )
     result.notes[:0] = notes
     return result

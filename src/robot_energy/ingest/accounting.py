@@ -1,4 +1,7 @@
-"""What became of every message: received = accepted + sum of rejected by reason."""
+"""What became of every message: received = accepted + sum of rejected by reason.
+
+A message whose fate later messages decide waits; at the end none does.
+"""
 
 from __future__ import annotations
 
@@ -14,11 +17,13 @@ class Accounting:
         received: Messages that arrived.
         accepted: Messages that were used.
         rejected: Messages that were not, by reason.
+        waiting: Messages of which it is not known yet.
     """
 
     received: int = 0
     accepted: int = 0
     rejected: Counter[str] = field(default_factory=lambda: Counter[str]())
+    waiting: int = 0
 
     def reject(self, reason: str, count: int = 1) -> None:
         """Count rejected messages."""
@@ -28,4 +33,4 @@ class Accounting:
     @property
     def balanced(self) -> bool:
         """Whether every message is accounted for."""
-        return self.received == self.accepted + sum(self.rejected.values())
+        return self.received == self.accepted + sum(self.rejected.values()) + self.waiting

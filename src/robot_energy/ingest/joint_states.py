@@ -6,41 +6,52 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from robot_energy.blocks import Float, Int, JointBlock, Quality, differences, in_any_joint, mark
+from robot_energy.blocks import NANOSECOND, JointBlock, Quality, differences, mark
 from robot_energy.ingest.accounting import Accounting
-from robot_energy.ingest.order import DUPLICATE, OLDER, StampOrder
+from robot_energy.ingest.assembly import Assembly, Samples, Verdict, differ
+from robot_energy.ingest.continuity import Continuity, Stretch
+from robot_energy.ingest.lateness import Sorter
+from robot_energy.ingest.order import StampOrder
+from robot_energy.ingest.plausibility import Finding, Plausibility
+from robot_energy.ingest.readings import JOINT_STATE, JointStateReader, Readings
+from robot_energy.ingest.rivals import Rivals
+from robot_energy.ingest.sources import JointStateSource
+from robot_energy.urdf import JointLimits
 from robot_energy.wire.batch import RawBatch
-from robot_energy.wire.layout import Decoder, Run, stamp_ns
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
-JOINT_STATE = "sensor_msgs/msg/JointState"
-
-FIELDS = ("header.stamp.sec", "header.stamp.nanosec", "name", "position", "velocity")
+__all__ = ["JOINT_STATE", "JointStateIngest"]
 
 
 class JointStateIngest:
     """Turns JointState messages into blocks in model joint order.
 
     Joints are matched by name in every message; joints that the model does not know are
-    ignored and listed. A message that lacks a joint, has arrays of wrong length, a
-    position that is not finite, or a stamp that is zero or not newer, is rejected and
-    counted by reason. Missing or NaN velocity is left NaN for the derivative to fill.
+    ignored and listed. Messages may carry some of the joints only, on one topic or several:
+    see `Assembly`. Stamps decide, never the clock: see `Continuity`, `Sorter` and
+    `StampOrder`. While two publishers contradict each other nothing is used: see `Rivals`.
+    What cannot be right is flagged: see `Plausibility`. Missing or NaN velocity is left NaN
+    for the derivative to fill. Every message that is not used is counted by its reason.
 
     Args:
         joint_names: Modelled joints in model order.
         typestore: Message definitions of the source; those known here by default.
+        limits: Limits from the URDF (`Robot.limits`), which tell units, robots and
+            publishers apart; None to do without.
         effort: Whether to read the effort; NaN everywhere if not. A message whose effort
             is absent or of another length than its names has none.
+        source: What dates the messages, and whether they are sorted.
 
     Attributes:
-        account: Received, accepted and rejected messages.
-        order: Gaps and backward jumps of the stamps.
-        ignored_joints: Joints met that the model does not know.
-        missing_joints: Joints of the model that a rejected message lacked.
+        account: Received, accepted and rejected messages. A message with some of the joints
+            is accepted when its readings are taken; one of the leading joint when it makes
+            a sample.
+        order: Gaps and backward jumps of the samples.
+        samples: Samples given out.
+        conflicts: What was seen of second publishers.
     """
 
     def __init__(
@@ -48,136 +59,274 @@ class JointStateIngest:
         joint_names: Sequence[str],
         typestore: Typestore | None = None,
         *,
+        limits: JointLimits | None = None,
         effort: bool = False,
+        source: JointStateSource | None = None,
     ) -> None:
+        source = source or JointStateSource()
         self.account = Accounting()
         self.order = StampOrder()
-        self.ignored_joints: set[str] = set()
-        self.missing_joints: set[str] = set()
+        self.samples = 0
+        n_joints = len(joint_names)
+        self.conflicts = Rivals(n_joints, limits)
         self._names = tuple(joint_names)
-        self._decoder = Decoder(
-            JOINT_STATE,
-            (*FIELDS, "effort") if effort else FIELDS,
-            typestore,
-        )
-        self._columns: dict[tuple[str, ...], Int | slice | str] = {}
+        self._effort = effort
+        receive_time = source.stamps == "receive"
+        self._reader = JointStateReader(joint_names, effort, receive_time, typestore)
+        self._continuity = Continuity()
+        self._sorter = Sorter(round(source.reorder / NANOSECOND))
+        self._late = 0
+        self._assembly = Assembly(n_joints, limits, effort)
+        self._plausibility = Plausibility(joint_names, limits)
+        self._in_parts = False  # whether a message with some of the joints was ever met
+        self._last: Samples | None = None  # the newest whole message of the epoch
+        self._disputed = False  # another message of that stamp said something else
+        self._broken = False  # something is missing before the next sample
 
-    def step(self, batch: RawBatch) -> JointBlock | None:
-        """Take messages in order of arrival.
+    @property
+    def newest_ns(self) -> int | None:
+        """Newest stamp of the running epoch, of any joint; None before the first. [ns]"""
+        return self._continuity.newest_ns
+
+    @property
+    def ignored_joints(self) -> set[str]:
+        """Joints met that the model does not know."""
+        return self._reader.ignored_joints
+
+    @property
+    def missing_joints(self) -> set[str]:
+        """Joints that were never seen, or that the last message given up had to do without."""
+        if not self._in_parts:
+            strange = self.account.rejected["unknown_joint"] and not self.samples
+            return set(self._names) if strange else set()
+        lacking = self._assembly.missing | ~np.isfinite(self._assembly.ages())
+        return {name for name, absent in zip(self._names, lacking, strict=True) if absent}
+
+    @property
+    def ages(self) -> dict[str, float]:
+        """How long each joint is behind the newest of all; inf where never seen. [s]"""
+        if self._in_parts:
+            return dict(zip(self._names, self._assembly.ages().tolist(), strict=True))
+        return dict.fromkeys(self._names, np.inf if self._last is None else 0.0)
+
+    @property
+    def stale_joints(self) -> set[str]:
+        """Joints that are further behind than their usual rate explains: samples wait for them."""
+        if not self._in_parts:
+            return set()
+        late = self._assembly.ages() > self._assembly.limits()
+        return {name for name, old in zip(self._names, late, strict=True) if old}
+
+    @property
+    def conflicting_joints(self) -> set[str]:
+        """Joints whose positions two publishers contradict each other about."""
+        joints = self.conflicts.joints | self._assembly.conflicting
+        named = zip(self._names, joints, strict=True)
+        return {name for name, met in named if met}
+
+    def findings(self, within: float | None = None) -> list[Finding]:
+        """Return what makes the joint states doubtful, one sentence each, with its time.
 
         Args:
-            batch: Serialised JointState messages.
+            within: Only what concerns so much of the newest time; None for all. [s]
+        """
+        found = self._plausibility.findings()
+        if self.conflicts.first_ns is not None and self.conflicts.last_ns is not None:
+            joints = ", ".join(sorted(self.conflicting_joints)) or "some joints"
+            sentence = (
+                f"two publishers contradict each other about {joints}: "
+                f"{self.conflicts.refused} samples refused"
+            )
+            first, last = self.conflicts.first_ns, self.conflicts.last_ns
+            found.append(Finding(sentence, first, last, severe=True))
+        zero = self.account.rejected["zero_stamp"]
+        if zero and not self.account.accepted:
+            found.append(
+                Finding(
+                    f"all {zero} joint states have a zero stamp: let the driver set it, "
+                    "or set stamps to 'receive'",
+                    0,
+                    0,
+                    severe=True,
+                )
+            )
+        if within is None or self.newest_ns is None:
+            return found
+        oldest = self.newest_ns - within / NANOSECOND
+        return [finding for finding in found if finding.last_ns >= oldest]
+
+    def step(self, batches: RawBatch | Sequence[RawBatch]) -> JointBlock | None:
+        """Take messages of one topic or several.
+
+        Args:
+            batches: Serialised JointState messages, one batch per topic, each in order of
+                arrival. It makes no difference how they are spread over steps, as long as
+                each topic stays in order and none is ahead of another by more than a second.
 
         Returns:
-            The accepted samples, or None if there are none.
+            The samples that are known by now, or None if there are none.
         """
-        size = len(batch)
-        self.account.received += size
-        decoded = self._decoder.decode(batch)
-        self.account.reject("malformed", len(decoded.malformed))
-        stamp, position, velocity, effort, good = self._gather(decoded.runs, size)
-        good = self._refuse("zero_stamp", good, stamp == 0)
-        good = self._refuse("not_finite", good, _bad(position, velocity))
-        rows = np.flatnonzero(good)
-        verdict = self.order.verdict(stamp[rows])
-        self.account.reject("duplicate_stamp", int((verdict == DUPLICATE).sum()))
-        self.account.reject("older_stamp", int((verdict == OLDER).sum()))
-        rows = rows[verdict == 0]
-        self.account.accepted += len(rows)
-        if not len(rows):
-            return None
-        if len(rows) == size:
-            return self._block(stamp, position, velocity, effort)
-        return self._block(stamp[rows], position[rows], velocity[rows], effort[rows])
+        batches = [batches] if isinstance(batches, RawBatch) else batches
+        self.account.received += sum(len(batch) for batch in batches)
+        readings = self._reader.read(batches, self.account.reject)
+        parts: list[Samples] = []
+        if readings is not None:
+            for stretch in self._continuity.step(readings):
+                parts += self._stretch(stretch)
+        return self._block(parts)
 
-    def _gather(
-        self, runs: Sequence[Run], size: int
-    ) -> tuple[Int, Float, Float, Float, NDArray[np.bool_]]:
-        """Put the runs in order of arrival; the last result tells which rows are usable."""
-        placed: list[tuple[Int, Int, Float, Float, Float]] = []
-        for run in runs:
-            part = self._place(run)
-            if isinstance(part, str):
-                self.account.reject(part, len(run.rows))
+    def flush(self) -> JointBlock | None:
+        """Return what still waits, as at the end of a bag."""
+        parts: list[Samples] = []
+        for stretch in self._continuity.flush():
+            parts += self._stretch(stretch)
+        parts += self._end_epoch()
+        held = self.conflicts.flush()
+        parts += [] if held is None else [held]
+        return self._block(parts)
+
+    def _stretch(self, stretch: Stretch) -> list[Samples]:
+        """Take messages of one epoch."""
+        parts: list[Samples] = []
+        if stretch.new_epoch:
+            parts += self._end_epoch()
+            held = self.conflicts.begin_epoch(stretch.restless, int(stretch.readings.stamp_ns[0]))
+            parts += [] if held is None else [held]
+            self._assembly.begin_epoch()
+            self._last = None
+            self._disputed = False
+            self._broken = True
+        ordered = self._sorter.step(stretch.readings)
+        if ordered is not None:
+            parts += self._ordered(ordered, stretch.rising and ordered is stretch.readings)
+        return parts
+
+    def _end_epoch(self) -> list[Samples]:
+        """Take what waits for later messages of the epoch that ends."""
+        parts: list[Samples] = []
+        ordered = self._sorter.flush()
+        if ordered is not None:
+            parts += self._ordered(ordered)
+        verdict = Verdict()
+        parts += self._use(self._assembly.flush(verdict))
+        self._count(verdict)
+        return parts
+
+    def _ordered(self, readings: Readings, rising: bool = False) -> list[Samples]:
+        """Make samples of messages, whole ones in one go."""
+        if not self._in_parts:
+            if readings.present is None:
+                return self._use(self._whole(readings, rising))
+            partial = np.flatnonzero(~readings.present.all(axis=1))
+            whole = int(partial[0]) if len(partial) else len(readings)
+            parts = self._use(self._whole(readings[slice(0, whole)])) if whole else []
+            if whole == len(readings):
+                return parts
+            self._in_parts = True
+            if self._last is not None:
+                self._assembly.seed(self._last, self._disputed)
+            return parts + self._ordered(readings[slice(whole, None)])
+        verdict = Verdict()
+        samples = self._assembly.step(readings, verdict)
+        self._count(verdict)
+        return self._use(samples)
+
+    def _whole(self, readings: Readings, rising: bool = False) -> Samples | None:
+        """Messages with all joints are samples, if they are newer than the one before."""
+        stamp = readings.stamp_ns
+        disputed = np.zeros(len(stamp), dtype=np.bool_)
+        last = int(stamp[0]) - 1 if self._last is None else int(self._last.stamp_ns[0])
+        if not rising and not bool((differences(stamp, last) > 0).all()):
+            before = np.maximum.accumulate(np.append(last, stamp[:-1]))
+            fresh, again = stamp > before, np.flatnonzero(stamp == before)
+            kept = readings.joint_position[fresh]
+            if self._last is not None:
+                kept = np.concatenate([self._last.joint_position, kept])
             else:
-                placed.append((run.rows, *part))
-        if len(placed) == 1 and len(placed[0][0]) == size:
-            return *placed[0][1:], np.ones(size, dtype=np.bool_)
-        shape = (size, len(self._names))
-        stamp = np.zeros(size, dtype=np.int64)
-        position, velocity, effort = (np.full(shape, np.nan) for _ in range(3))
-        good = np.zeros(size, dtype=np.bool_)
-        for rows, stamps, positions, velocities, efforts in placed:
-            stamp[rows], position[rows], velocity[rows] = stamps, positions, velocities
-            effort[rows] = efforts
-            good[rows] = True
-        return stamp, position, velocity, effort, good
+                kept = np.concatenate([kept[:1], kept])
+            newest = np.cumsum(fresh)
+            conflict = again[
+                differ(readings.joint_position[again], kept[newest[again]]).any(axis=1)
+            ]
+            self.account.reject("conflicting_stamp", len(conflict))
+            self.account.reject("duplicate_stamp", len(again) - len(conflict))
+            self.account.reject("older_stamp", int((~fresh).sum()) - len(again))
+            readings, stamp = readings[fresh], stamp[fresh]
+            disputed = np.zeros(len(stamp) + 1, dtype=np.bool_)
+            disputed[newest[conflict]] = True  # before the sample of that number
+            if len(stamp):
+                disputed[0] |= self._disputed
+                self._disputed = bool(disputed[-1])
+            else:
+                self._disputed |= bool(disputed[0])
+            disputed = disputed[:-1]
+        elif self._disputed:
+            disputed[0], self._disputed = True, False
+        if not len(stamp):
+            return None
+        samples = Samples(
+            stamp_ns=stamp,
+            joint_position=readings.joint_position,
+            joint_velocity=readings.joint_velocity,
+            joint_effort=readings.joint_effort,
+            broken=np.zeros(len(stamp), dtype=np.bool_),
+            disputed=disputed,
+        )
+        self._last = samples[slice(-1, None)]
+        return samples
 
-    def _block(self, stamp: Int, position: Float, velocity: Float, effort: Float) -> JointBlock:
+    def _use(self, samples: Samples | None) -> list[Samples]:
+        """Leave out what two publishers contradict each other about."""
+        if samples is None:
+            return []
+        if self._broken:
+            samples.broken[0] = True
+            self._broken = False
+        refused = self.conflicts.refused
+        used = self.conflicts.step(samples)
+        self.account.reject("conflicting_publisher", self.conflicts.refused - refused)
+        return [] if used is None else [used]
+
+    def _count(self, verdict: Verdict) -> None:
+        self.account.accepted += verdict.parts
+        self.account.reject("conflicting_stamp", verdict.conflicting)
+        self.account.reject("duplicate_stamp", verdict.duplicate)
+        self.account.reject("older_stamp", verdict.older)
+        self.account.reject("missing_joint", verdict.missing)
+
+    def _block(self, parts: list[Samples]) -> JointBlock | None:
+        """Number the segments, mark what is doubtful, and bring the account up to date."""
+        strays = self._continuity.strays - self.account.rejected["stray_stamp"]
+        self.account.reject("stray_stamp", strays)
+        late = self._sorter.late - self._late
+        self._late += late
+        self.account.reject("older_stamp", late)
+        self.account.waiting = (
+            self._continuity.waiting
+            + self._sorter.waiting
+            + self._assembly.waiting
+            + self.conflicts.waiting
+        )
+        if not parts:
+            return None
+        samples = parts[0] if len(parts) == 1 else Samples.concatenate(parts)
+        self.account.accepted += len(samples)
+        self.samples += len(samples)
         before = self.order.segment
-        segment = self.order.segments(stamp)
-        quality = np.zeros(len(stamp), dtype=np.uint32)
+        broken = samples.broken if bool(samples.broken.any()) else None
+        segment = self.order.segments(samples.stamp_ns, broken)
+        quality = np.zeros(len(samples), dtype=np.uint32)
         if self.order.segment > before:
             mark(quality, differences(segment, before) > 0, Quality.AFTER_GAP)
-        return JointBlock(
-            stamp_ns=stamp,
+        position, effort = samples.joint_position, samples.joint_effort
+        block = JointBlock(
+            stamp_ns=samples.stamp_ns,
             segment=segment,
             quality=quality,
             joint_position=position,
-            joint_velocity=velocity,
+            joint_velocity=samples.joint_velocity,
             joint_acceleration=np.full_like(position, np.nan),
-            joint_effort=effort,
+            joint_effort=np.full_like(position, np.nan) if effort is None else effort,
         )
-
-    def _place(self, run: Run) -> tuple[Int, Float, Float, Float] | str:
-        """Return stamps and quantities in model order, or why there are none."""
-        names = run.columns["name"]
-        positions, velocities = run.columns["position"], run.columns["velocity"]
-        if (
-            not isinstance(names, tuple)
-            or isinstance(positions, str | tuple)
-            or isinstance(velocities, str | tuple)
-        ):
-            return "malformed"
-        columns = self._columns.get(names)
-        if columns is None:
-            columns = self._columns[names] = self._match(names)
-        if isinstance(columns, str):
-            return columns
-        if positions.shape[1] != len(names) or velocities.shape[1] not in (0, len(names)):
-            return "wrong_length"
-        position = positions.astype(np.float64)[:, columns]
-        velocity = effort = np.full_like(position, np.nan)
-        if velocities.shape[1]:
-            velocity = velocities.astype(np.float64)[:, columns]
-        efforts = run.columns.get("effort")
-        if isinstance(efforts, np.ndarray) and efforts.shape[1] == len(names):
-            effort = efforts.astype(np.float64)[:, columns]
-        return stamp_ns(run), position, velocity, effort
-
-    def _match(self, names: tuple[str, ...]) -> Int | slice | str:
-        """Columns of the model's joints in a message, or why there are none."""
-        self.ignored_joints |= set(names) - set(self._names)
-        missing = set(self._names) - set(names)
-        if missing:
-            self.missing_joints |= missing
-            return "missing_joint"
-        if len(set(names)) != len(names):
-            return "repeated_joint"
-        if names == self._names:
-            return slice(None)  # nothing to copy
-        return np.asarray([names.index(name) for name in self._names], dtype=np.int64)
-
-    def _refuse(
-        self, reason: str, good: NDArray[np.bool_], bad: NDArray[np.bool_]
-    ) -> NDArray[np.bool_]:
-        refused = good & bad
-        self.account.reject(reason, int(refused.sum()))
-        return good & ~bad
-
-
-def _bad(position: Float, velocity: Float) -> NDArray[np.bool_]:
-    """Which samples have a position that is not finite or an infinite velocity."""
-    if bool(np.isfinite(position.sum() + velocity.sum())):
-        return np.zeros(len(position), dtype=np.bool_)
-    return in_any_joint(~np.isfinite(position) | np.isinf(velocity))
+        self._plausibility.step(block)
+        return block

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robot_energy.blocks import Int, differences
 
@@ -38,6 +39,11 @@ class StampOrder:
         self._interrupted = False
         self._periods: Int = np.empty(0, dtype=np.int64)
 
+    @property
+    def longest_gap_ns(self) -> int:
+        """Longest time between two samples that would not be a gap now. [ns]"""
+        return self._longest(self._periods)
+
     def verdict(self, stamp_ns: Int) -> Int:
         """Judge samples in order of arrival; accepted ones advance the state.
 
@@ -65,11 +71,13 @@ class StampOrder:
         """End the running segment here: what comes next follows a gap, however short."""
         self._interrupted = self._last is not None
 
-    def segments(self, stamp_ns: Int) -> Int:
+    def segments(self, stamp_ns: Int, broken: NDArray[np.bool_] | None = None) -> Int:
         """Number the segments of accepted samples and remember where they ended.
 
         Args:
             stamp_ns: Accepted stamps, shape (N,). [ns]
+            broken: Samples before which something is missing, whatever the stamps say,
+                shape (N,); None for none.
 
         Returns:
             Segment number of each sample, shape (N,).
@@ -95,6 +103,9 @@ class StampOrder:
             if not new[0]:
                 new[0] = True
                 self.gaps += 1
+        if broken is not None:
+            self.gaps += int((broken & ~new).sum())
+            new |= broken
         segment = self.segment + np.cumsum(new)
         self.segment = int(segment[-1])
         self._last = int(stamp_ns[-1])

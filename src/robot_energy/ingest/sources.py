@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 from robot_energy.blocks import EffortMeaning
 from robot_energy.errors import ParameterError
 from robot_energy.ingest.meter_source import MeterInputs
-from robot_energy.ingest.parameters import named_groups, parameter
+from robot_energy.ingest.parameters import flat_group, named_groups, parameter
 
 MOTOR_TEMPERATURES = "ros2_energy_msgs/msg/MotorTemperatures"
 TEMPERATURE = "sensor_msgs/msg/Temperature"
@@ -38,6 +38,31 @@ TEMPERATURE_TYPES = (
     INTERFACE_VALUES,
     DIAGNOSTICS,
 )
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointStateSource:
+    """The topics that bring joint states, and what the messages mean."""
+
+    joint_state_topics: tuple[str, ...] = parameter(
+        "Topics of sensor_msgs/JointState; several where each brings some of the joints.",
+        ("joint_states",),
+    )
+    stamps: str = parameter(
+        "What dates joint states: header, or receive for drivers that do not set it.",
+        "header",
+        choices=("header", "receive"),
+    )
+    reorder: float = parameter(
+        "Window in which joint states that overtook each other are sorted [s].", 0.0, 0.0, 0.5
+    )
+
+    def __post_init__(self) -> None:
+        topics = self.joint_state_topics
+        if not topics:
+            raise ParameterError("joint_state_topics is empty", "at least one topic")
+        if len(set(topics)) < len(topics):
+            raise ParameterError("joint_state_topics has a topic twice", "each topic once")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -173,6 +198,7 @@ class TemperatureInputs:
 class JointStateInputs:
     """Parameters of the joint states."""
 
+    joint_states: JointStateSource = flat_group(JointStateSource)
     effort: str = parameter(
         "What the effort of the joint states is; with it, measured shaft power stands beside "
         "the predicted one per joint. Never guessed: none means that it is not used.",

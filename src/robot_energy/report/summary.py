@@ -46,7 +46,7 @@ def summarise(result: Replay, settings_note: str | None = None) -> dict[str, Any
         "origin": result.origin or None,
         "model": _model(result, settings_note),
         "topics": {
-            "joint_states": result.topics.joint_states,
+            "joint_states": list(result.topics.joint_states or ()),
             "temperatures": list(result.topics.temperatures or ()),
             "meter": result.topics.meter,
         },
@@ -269,6 +269,7 @@ def _notes(result: Replay) -> list[str]:
     ignored = result.joint_states.ignored_joints
     if ignored:
         notes.append(f"joints that the model does not know: {', '.join(sorted(ignored))}")
+    notes += [finding.sentence for finding in result.joint_states.findings()]
     jumps = ledger.registers.time.jumps
     if jumps:
         notes.append(f"stamps jumped back {jumps} times; no energy counts across a jump")

@@ -139,7 +139,7 @@ def _recording(summary: Summary) -> list[tuple[str, str]]:
     if model["notes"]:
         rows.append(("its notes", " ".join(model["notes"].split())))
     rows += [
-        ("joint states", str(topics["joint_states"])),
+        ("joint states", ", ".join(topics["joint_states"])),
         ("temperatures", ", ".join(topics["temperatures"]) or "none"),
         ("meter", topics["meter"] or "none"),
     ]

@@ -1,37 +1,10 @@
 import numpy as np
 import pytest
 
+from joint_messages import NAMES, SECOND, batch, limits, message, take
 from robot_energy.blocks import Quality
 from robot_energy.ingest import JointStateIngest
-from robot_energy.wire.batch import RawBatch
-from robot_energy.wire.layout import Encoder, stamp_columns
-
-NAMES = ("a", "b")
-SECOND = 10**9
-
-
-def message(stamp_s, names=NAMES, position=(1.0, 2.0), velocity=(3.0, 4.0)):
-    encoder = Encoder(
-        "sensor_msgs/msg/JointState",
-        {"name": tuple(names)},
-        {"position": len(position), "velocity": len(velocity), "effort": 0},
-    )
-    columns = {
-        **stamp_columns(np.array([round(stamp_s * SECOND)])),
-        "position": np.array([position], dtype=float).reshape(1, -1),
-        "velocity": np.array([velocity], dtype=float).reshape(1, -1),
-        "effort": np.zeros((1, 0)),
-    }
-    return encoder.encode(columns, 1)[0].tobytes()
-
-
-def take(ingest, messages):
-    stamps = np.arange(len(messages), dtype=np.int64)
-    block = ingest.step(
-        RawBatch.from_messages("/joint_states", "sensor_msgs/msg/JointState", stamps, messages)
-    )
-    assert ingest.account.balanced
-    return block
+from robot_energy.ingest.sources import JointStateSource
 
 
 def test_joints_are_matched_by_name_in_every_message():
@@ -52,7 +25,8 @@ def test_joints_are_matched_by_name_in_every_message():
 @pytest.mark.parametrize(
     ("bad", "reason"),
     [
-        ({"names": ("a",), "position": (1.0,), "velocity": (1.0,)}, "missing_joint"),
+        ({"names": ("x",), "position": (1.0,), "velocity": (1.0,)}, "unknown_joint"),
+        ({"names": ()}, "unknown_joint"),
         ({"names": ("a", "b", "b"), "position": (1.0,) * 3, "velocity": ()}, "repeated_joint"),
         ({"position": (1.0, 2.0, 3.0)}, "wrong_length"),
         ({"velocity": (1.0,)}, "wrong_length"),
@@ -113,28 +87,13 @@ def test_garbage_is_counted_as_malformed():
     assert ingest.account.rejected["malformed"] == 4
 
 
-def with_effort(stamp_s, names, effort):
-    encoder = Encoder(
-        "sensor_msgs/msg/JointState",
-        {"name": tuple(names)},
-        {"position": len(names), "velocity": 0, "effort": len(effort)},
-    )
-    columns = {
-        **stamp_columns(np.array([round(stamp_s * SECOND)])),
-        "position": np.zeros((1, len(names))),
-        "velocity": np.zeros((1, 0)),
-        "effort": np.array([effort], dtype=float).reshape(1, -1),
-    }
-    return encoder.encode(columns, 1)[0].tobytes()
-
-
 def test_effort_is_matched_by_name_and_its_absence_rejects_nothing():
     messages = [
-        with_effort(1.0, ("a", "b"), (5.0, 6.0)),
-        with_effort(1.1, ("b", "x", "a"), (6.0, 9.0, 5.0)),
-        with_effort(1.2, ("a", "b"), ()),
-        with_effort(1.3, ("a", "b"), (5.0,)),
-        with_effort(1.4, ("a", "b"), (np.nan, np.inf)),
+        message(1.0, ("a", "b"), (0.0,) * len(("a", "b")), (), effort=(5.0, 6.0)),
+        message(1.1, ("b", "x", "a"), (0.0,) * len(("b", "x", "a")), (), effort=(6.0, 9.0, 5.0)),
+        message(1.2, ("a", "b"), (0.0,) * len(("a", "b")), (), effort=()),
+        message(1.3, ("a", "b"), (0.0,) * len(("a", "b")), (), effort=(5.0,)),
+        message(1.4, ("a", "b"), (0.0,) * len(("a", "b")), (), effort=(np.nan, np.inf)),
     ]
     nothing = [np.nan, np.nan]
     block = take(JointStateIngest(NAMES, effort=True), messages)
@@ -143,3 +102,207 @@ def test_effort_is_matched_by_name_and_its_absence_rejects_nothing():
     unread = take(JointStateIngest(NAMES), messages)
     assert np.isnan(unread.joint_effort).all()
     assert len(unread) == len(block) == 5
+
+
+def test_message_of_strange_joints_only_is_told_from_a_part():
+    ingest = JointStateIngest(NAMES)
+    assert take(ingest, [message(1.0, ("x", "y"))]) is None
+    assert ingest.account.rejected == {"unknown_joint": 1}
+    assert ingest.missing_joints == {"a", "b"}
+
+
+@pytest.mark.parametrize("positions", range(4))
+@pytest.mark.parametrize("velocities", range(4))
+@pytest.mark.parametrize("efforts", range(4))
+def test_arrays_of_any_length_are_used_or_refused_but_never_zero(positions, velocities, efforts):
+    """Two names: position needs two entries, velocity two or none; absent is NaN, as is an
+    effort of any other length."""
+    one = message(
+        1.0, position=(1.0,) * positions, velocity=(2.0,) * velocities, effort=(3.0,) * efforts
+    )
+    ingest = JointStateIngest(NAMES, effort=True)
+    block = take(ingest, [one])
+    if positions == 2 and velocities in (0, 2):
+        assert np.isnan(block.joint_velocity).all() == (velocities == 0)
+        assert np.isnan(block.joint_effort).all() == (efforts != 2)
+    else:
+        assert block is None
+        assert ingest.account.rejected == {"wrong_length": 1}
+
+
+def test_a_delayed_message_of_the_run_before_a_loop_is_a_stray():
+    """It must not send the stamps ahead, where everything that follows would be old."""
+    loop = [message(t) for t in np.arange(10, 15, 0.01)]
+    ingest = JointStateIngest(NAMES)
+    block = take(ingest, loop + loop[:200] + [loop[-1]] + loop[200:])
+    assert ingest.order.jumps == 1
+    assert ingest.account.accepted == len(block) == 1000
+    assert ingest.account.rejected == {"stray_stamp": 1}
+
+
+def test_one_message_of_the_past_begins_no_epoch():
+    run = [message(t) for t in np.arange(10, 15, 0.01)]
+    ingest = JointStateIngest(NAMES)
+    take(ingest, [*run[:200], message(3.0), *run[200:]])
+    assert ingest.order.jumps == 0
+    assert ingest.account.rejected == {"stray_stamp": 1}
+
+
+def test_forward_jump_is_a_gap_and_the_stamps_go_on_from_there():
+    stamps = [*np.arange(1, 2, 0.01), *np.arange(3600, 3601, 0.01)]
+    ingest = JointStateIngest(NAMES)
+    block = take(ingest, [message(t) for t in stamps])
+    assert len(block) == 200
+    np.testing.assert_array_equal(np.flatnonzero(np.diff(block.segment)), [99])
+
+
+def test_a_message_that_comes_last_waits_no_longer_than_the_end():
+    ingest = JointStateIngest(NAMES)
+    assert take(ingest, [message(1.0), message(9.0)], flush=False).stamp_ns.tolist() == [SECOND]
+    assert ingest.account.waiting == 1
+    assert ingest.flush().stamp_ns.tolist() == [9 * SECOND]
+
+
+def test_two_clocks_that_take_turns_are_a_conflict():
+    """Publishers ten minutes apart, each in bursts: no epoch after epoch is integrated."""
+    bursts = [
+        message(start + tick * 0.04 + row * 0.01)
+        for tick in range(50)
+        for start in (1000.0, 400.0)
+        for row in range(4)
+    ]
+    ingest = JointStateIngest(NAMES)
+    block = take(ingest, bursts)
+    assert ingest.account.rejected["conflicting_publisher"] > 300
+    assert len(block) < 20
+    assert any("contradict" in finding.sentence for finding in ingest.findings())
+
+
+def test_all_zero_stamps_are_a_finding_and_give_nothing():
+    ingest = JointStateIngest(NAMES)
+    assert take(ingest, [message(0.0)] * 5) is None
+    assert ingest.account.rejected == {"zero_stamp": 5}
+    (finding,) = ingest.findings()
+    assert "all 5 joint states have a zero stamp" in finding.sentence
+    assert finding.severe
+
+
+def test_time_of_receipt_counts_only_if_configured():
+    ingest = JointStateIngest(NAMES, source=JointStateSource(stamps="receive"))
+    block = ingest.step(batch([message(0.0)] * 3, received=[5 * SECOND, 6 * SECOND, 7 * SECOND]))
+    np.testing.assert_array_equal(block.stamp_ns, [5 * SECOND, 6 * SECOND, 7 * SECOND])
+
+
+def test_order_within_the_window_is_restored_and_beyond_it_dropped():
+    late = [1.0, 1.1, 1.3, 1.2, 1.4, 1.5, 1.35, 1.6, 1.15, 1.7]
+    ingest = JointStateIngest(NAMES, source=JointStateSource(reorder=0.2))
+    block = take(ingest, [message(t) for t in late])
+    np.testing.assert_allclose(block.stamp_ns / SECOND, sorted(set(late) - {1.15}))
+    assert ingest.account.rejected == {"older_stamp": 1}
+    plain = JointStateIngest(NAMES)
+    take(plain, [message(t) for t in late])
+    assert plain.account.rejected == {"older_stamp": 3}
+
+
+@pytest.mark.parametrize("share", [0.01, 0.3, 0.9])
+def test_any_loss_leaves_observed_and_gap_time_that_sum_to_the_span(share):
+    rng = np.random.default_rng(round(share * 100))
+    stamps = 1.0 + np.cumsum(rng.uniform(0.009, 0.011, 2000))
+    kept = stamps[rng.random(2000) > share]
+    block = take(JointStateIngest(NAMES), [message(t) for t in kept])
+    elapsed = np.diff(block.stamp_ns)
+    gap = np.diff(block.segment) > 0
+    assert len(block) == len(kept)
+    assert elapsed[~gap].max() <= 0.1 * SECOND or share == 0.9
+    assert elapsed[gap].sum() + elapsed[~gap].sum() == block.stamp_ns[-1] - block.stamp_ns[0]
+
+
+# --- plausibility ---------------------------------------------------------------------
+
+
+def moving(positions, velocities=None, names=NAMES, rate=100.0, start=1.0):
+    """Messages at a rate; both joints alike."""
+    stamps = start + np.arange(len(positions)) / rate
+    if velocities is None:
+        velocities = np.gradient(positions, 1 / rate)
+    return [
+        message(t, names, (q,) * len(names), (v,) * len(names))
+        for t, q, v in zip(stamps, positions, velocities, strict=True)
+    ]
+
+
+def sway(scale=1.0, seconds=10.0):
+    return scale * (1.0 + 0.5 * np.sin(np.arange(0, seconds, 0.01) * 2))
+
+
+def sentences(ingest):
+    return [finding.sentence for finding in ingest.findings()]
+
+
+def test_degrees_are_flagged_within_ten_seconds_named_and_left_as_they_are():
+    ingest = JointStateIngest(NAMES, limits=limits())
+    block = take(ingest, moving(sway(180 / np.pi)))
+    flagged = (block.quality & Quality.JOINT_STATE_IMPLAUSIBLE) > 0
+    assert flagged.all()
+    np.testing.assert_allclose(block.joint_position[:, 0], sway(180 / np.pi))
+    assert sentences(ingest) == [
+        "a is at 85.94, its limits are -3 to 3 rad: the joint states look like degrees"
+    ]
+
+
+def test_another_robot_is_told_from_another_unit():
+    ingest = JointStateIngest(NAMES, limits=limits())
+    take(ingest, moving(sway() + 1000.0))
+    assert "is this the model of the robot" in sentences(ingest)[0]
+
+
+def test_millimetres_are_recognised_on_prismatic_joints():
+    ingest = JointStateIngest(NAMES, limits=limits(prismatic=True))
+    take(ingest, moving(sway(1000.0)))
+    assert "limits are -3 to 3 m: the joint states look like millimetres" in sentences(ingest)[0]
+
+
+def test_velocities_in_degrees_are_recognised_by_limit_and_by_position():
+    q = sway()
+    fast = np.gradient(q, 0.01) * 180 / np.pi
+    ingest = JointStateIngest(NAMES, limits=limits())
+    take(ingest, moving(q, fast))
+    assert any("velocities look like degrees per second" in text for text in sentences(ingest))
+    ingest = JointStateIngest(NAMES)  # no limits at all
+    take(ingest, moving(q, fast))
+    assert sentences(ingest) == [
+        "the velocity of a is 57.3 times what its positions do: it looks like degrees per second"
+    ]
+
+
+def test_velocity_of_the_wrong_sign_is_found():
+    q = sway()
+    ingest = JointStateIngest(NAMES, limits=limits())
+    take(ingest, moving(q, -np.gradient(q, 0.01)))
+    assert sentences(ingest) == ["the velocity of a has the opposite sign of what its positions do"]
+
+
+def test_all_exactly_zero_for_seconds_is_flagged_and_still_used():
+    ingest = JointStateIngest(NAMES, limits=limits())
+    block = take(ingest, moving(np.zeros(1000)))
+    flagged = np.flatnonzero(block.quality & Quality.JOINT_STATE_IMPLAUSIBLE)
+    assert len(block) == 1000
+    np.testing.assert_array_equal(flagged, np.arange(500, 1000))
+    assert "all joints have been exactly zero" in sentences(ingest)[0]
+    ingest = JointStateIngest(NAMES, limits=limits())
+    take(ingest, moving(np.concatenate([np.zeros(499), [1e-9], np.zeros(499)])))
+    assert not ingest.findings()
+
+
+def test_a_healthy_robot_gives_no_finding():
+    ingest = JointStateIngest(NAMES, limits=limits())
+    block = take(ingest, moving(sway()))
+    assert not block.quality.any()
+    assert not ingest.findings()
+
+
+def test_findings_of_long_ago_are_left_out_if_asked():
+    ingest = JointStateIngest(NAMES, limits=limits())
+    take(ingest, moving([90.0] * 10) + moving(sway(seconds=30.0), start=2.0))
+    assert len(ingest.findings()) == 1
+    assert not ingest.findings(within=10.0)

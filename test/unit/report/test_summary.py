@@ -166,7 +166,7 @@ def test_figures_are_counted_by_how_they_are_known() -> None:
 
 def test_a_second_topic_of_a_kind_must_be_named(tmp_path: Path) -> None:
     with pytest.raises(MissingTopicError, match="has no /other"):
-        replay(wheel_bag(tmp_path), one_wheel(), Topics(joint_states="/other"))
+        replay(wheel_bag(tmp_path), one_wheel(), Topics(joint_states=("/other",)))
 
 
 def test_a_meter_that_was_reset_leaves_the_account_balanced(tmp_path: Path) -> None:

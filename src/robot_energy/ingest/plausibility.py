@@ -1,0 +1,272 @@
+"""Joint states checked against the limits of the robot: units, robot, robot at all."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from robot_energy.blocks import (
+    NANOSECOND,
+    Float,
+    Int,
+    JointBlock,
+    Quality,
+    differences,
+    in_any_joint,
+    mark,
+)
+from robot_energy.ingest.steps import Repeated, shortest
+from robot_energy.urdf import JointLimits
+
+SLACK = 0.05  # share of its range that a joint may be beyond a limit
+LEAST_SLACK = 0.05  # rad or m
+TOO_FAST = 2.0  # times its velocity limit
+ZEROS_NS = 5_000_000_000  # all joints exactly zero for so long is suspicious
+DEGREES = 180 / np.pi
+MILLIMETRES = 1000.0
+EVERY_NS = 250_000_000  # how often velocity and position are compared
+PAIRS = 24  # comparisons that make a verdict
+LEAST_SPEED = 0.05  # slower joints tell nothing of their velocities [rad/s] or [m/s]
+LEAST_AGREEMENT = 0.8  # share of the velocity that must follow the positions
+LONGEST_PAIR_NS = 100_000_000
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something that makes joint states doubtful.
+
+    Attributes:
+        sentence: What it is.
+        first_ns: Stamp of the first sample concerned. [ns]
+        last_ns: Stamp of the last one. [ns]
+        severe: Whether samples cannot be used because of it.
+    """
+
+    sentence: str
+    first_ns: int
+    last_ns: int
+    severe: bool = False
+
+
+class _Seen:
+    """First and last stamp of something."""
+
+    def __init__(self) -> None:
+        self.first_ns: int | None = None
+        self.last_ns = 0
+
+    def note(self, stamp_ns: Int) -> None:
+        if self.first_ns is None:
+            self.first_ns = int(stamp_ns[0])
+        self.last_ns = int(stamp_ns[-1])
+
+    def finding(self, sentence: str) -> list[Finding]:
+        return [] if self.first_ns is None else [Finding(sentence, self.first_ns, self.last_ns)]
+
+
+class Plausibility:
+    """Flags samples that cannot be right as they are; never changes one.
+
+    Three things are looked at: positions and velocities beyond the limits of the URDF (the
+    wrong unit, or another robot with the same names of joints); all joints exactly zero for
+    five seconds (a driver without a robot); and, on some of the samples, velocities that
+    the positions contradict (deg/s, a wrong sign).
+
+    Args:
+        joint_names: Joints in model order.
+        limits: Limits from the URDF; None to look at zeros and velocities only.
+    """
+
+    def __init__(self, joint_names: Sequence[str], limits: JointLimits | None = None) -> None:
+        self._names = tuple(joint_names)
+        n_joints = len(self._names)
+        self._limits = limits
+        wide = np.full(n_joints, np.inf)
+        self._low, self._high, self._fastest = -wide, wide, wide
+        self._wraps = np.zeros(n_joints, dtype=np.bool_)
+        if limits is not None:
+            spread = np.where(np.isfinite(limits.upper - limits.lower), limits.upper, 0.0)
+            spread = spread - np.where(np.isfinite(limits.upper - limits.lower), limits.lower, 0.0)
+            slack = np.maximum(SLACK * spread, LEAST_SLACK)
+            self._low, self._high = limits.lower - slack, limits.upper + slack
+            self._fastest = TOO_FAST * limits.velocity
+            self._wraps = limits.wraps
+        self._bounds = [Repeated(row) for row in (self._high, self._low, self._fastest)]
+        self._any_wraps = bool(self._wraps.any())
+        self._beyond, self._zeros, self._astray = _Seen(), _Seen(), _Seen()
+        self._least, self._most, self._speed = wide, -wide, np.zeros(n_joints)
+        self._zero_since: int | None = None
+        self._zero_for = 0
+        self._last: tuple[int, int, Float, Float] | None = None
+        self._pairs: Float = np.empty((0, 2, n_joints))  # mean velocity, slope of position
+        self._ratio = (0, 1.0)  # joint and ratio of the last verdict
+
+    def step(self, block: JointBlock) -> None:
+        """Look at samples in time order and mark them in place.
+
+        Args:
+            block: Samples; those concerned get ``JOINT_STATE_IMPLAUSIBLE``.
+        """
+        self._check_limits(block)
+        self._check_zeros(block)
+        self._check_velocities(block)
+
+    def findings(self) -> list[Finding]:
+        """Return what was found so far, one sentence each."""
+        found: list[Finding] = []
+        if self._beyond.first_ns is not None:
+            found += self._beyond.finding(self._beyond_sentence())
+        found += self._zeros.finding(
+            "all joints have been exactly zero (position and velocity) for "
+            f"{self._zero_for * NANOSECOND:.0f} s: does the driver speak to a robot?"
+        )
+        if self._astray.first_ns is not None:
+            found += self._astray.finding(self._ratio_sentence())
+        return found
+
+    def _check_limits(self, block: JointBlock) -> None:
+        if self._limits is None:
+            return
+        position, velocity = block.joint_position, block.joint_velocity
+        high, low, fastest = (bound.rows(len(block)) for bound in self._bounds)
+        if not (
+            bool((position > high).any())
+            or bool((position < low).any())
+            or bool((np.abs(velocity) > fastest).any())
+        ):
+            return
+        beyond = (position > self._high) | (position < self._low)
+        beyond |= np.abs(velocity) > self._fastest
+        rows = in_any_joint(beyond)
+        mark(block.quality, rows, Quality.JOINT_STATE_IMPLAUSIBLE)
+        self._beyond.note(block.stamp_ns[rows])
+        self._least = np.minimum(self._least, position[rows].min(axis=0))
+        self._most = np.maximum(self._most, position[rows].max(axis=0))
+        speed = np.nan_to_num(np.abs(velocity[rows]))
+        self._speed = np.maximum(self._speed, speed.max(axis=0))
+
+    def _check_zeros(self, block: JointBlock) -> None:
+        position = block.joint_position
+        if self._zero_since is None and np.count_nonzero(position) == position.size:
+            return
+        zero = (position == 0).all(axis=1) & (
+            (block.joint_velocity == 0) | np.isnan(block.joint_velocity)
+        ).all(axis=1)
+        size = len(zero)
+        index = np.arange(size)
+        broken = np.maximum.accumulate(np.where(zero, -1, index))  # last row that was not zero
+        stamp = block.stamp_ns
+        since = stamp[np.minimum(broken + 1, size - 1)]
+        if self._zero_since is not None:
+            since = np.where(broken < 0, self._zero_since, since)
+        rows = zero & (stamp - since >= ZEROS_NS)
+        if bool(rows.any()):
+            mark(block.quality, rows, Quality.JOINT_STATE_IMPLAUSIBLE)
+            self._zeros.note(stamp[rows])
+            self._zero_for = max(self._zero_for, int((stamp - since)[rows].max()))
+        self._zero_since = int(since[-1]) if zero[-1] else None
+
+    def _check_velocities(self, block: JointBlock) -> None:
+        """Compare velocity with the slope of the position, four times a second."""
+        before, last = self._last, len(block) - 1
+        known = int(block.stamp_ns[0]) if before is None else before[0]
+        rows = _crossings(block, known // EVERY_NS)
+        stamp, segment = block.stamp_ns, block.segment
+        position, velocity = block.joint_position, block.joint_velocity
+        self._last = (int(stamp[last]), int(segment[last]), position[last], velocity[last])
+        if not len(rows):
+            return
+        elapsed = stamp[rows] - stamp[rows - 1]
+        same = segment[rows] == segment[rows - 1]
+        step = position[rows] - position[rows - 1]
+        mean = 0.5 * (velocity[rows] + velocity[rows - 1])
+        if rows[0] == 0:
+            same[0] = before is not None and before[1] == segment[0]
+            if before is not None:
+                elapsed[0] = stamp[0] - before[0]
+                step[0] = position[0] - before[2]
+                mean[0] = 0.5 * (velocity[0] + before[3])
+        good = same & (elapsed > 0) & (elapsed <= LONGEST_PAIR_NS)
+        good &= np.isfinite(mean).all(axis=1)
+        if self._any_wraps:
+            step[:, self._wraps] = shortest(step[:, self._wraps])
+        slope = step[good] / (elapsed[good] * NANOSECOND)[:, None]
+        pairs = np.empty((len(slope), 2, len(self._names)))
+        pairs[:, 0], pairs[:, 1] = mean[good], slope
+        self._pairs = np.concatenate([self._pairs, pairs])
+        while len(self._pairs) >= PAIRS:
+            self._compare(self._pairs[:PAIRS], stamp[rows])
+            self._pairs = self._pairs[PAIRS:]
+
+    def _compare(self, pairs: Float, stamp_ns: Int) -> None:
+        given, slope = pairs[:, 0], pairs[:, 1]
+        of_given, of_slope = (given**2).sum(axis=0), (slope**2).sum(axis=0)
+        both = (given * slope).sum(axis=0)
+        moves = of_slope > PAIRS * LEAST_SPEED**2
+        moves &= both**2 > LEAST_AGREEMENT * of_given * of_slope
+        ratio = np.ones(len(both))
+        ratio[moves] = of_given[moves] / both[moves]
+        wrong = (ratio < 0.5) | (ratio > 2.0)
+        if bool(wrong.any()):
+            joint = int(np.argmax(wrong))
+            self._ratio = (joint, float(ratio[joint]))
+            self._astray.note(stamp_ns)
+
+    def _beyond_sentence(self) -> str:
+        """Name the joint that is furthest out, and the unit that would explain it."""
+        limits = self._limits
+        if limits is None:
+            return ""
+        above, below = self._most - self._high, self._low - self._least
+        out = np.maximum(above, below)
+        fast = self._speed - self._fastest
+        if bool((out > 0).any()):
+            joint = int(np.argmax(out))
+            value = self._most[joint] if above[joint] > below[joint] else self._least[joint]
+            what = (
+                f"{self._names[joint]} is at {value:.4g}, its limits are "
+                f"{limits.lower[joint]:.4g} to {limits.upper[joint]:.4g} {limits.unit(joint)}"
+            )
+        else:
+            joint = int(np.argmax(fast / limits.velocity))
+            what = (
+                f"{self._names[joint]} moves at {self._speed[joint]:.4g}, its limit is "
+                f"{limits.velocity[joint]:.4g} {limits.unit(joint)}/s"
+            )
+        wrong = (out > 0) | (fast > 0)
+        kind = limits.prismatic
+        unit, factor = ("millimetres", MILLIMETRES) if kind[wrong].all() else ("degrees", DEGREES)
+        scale = np.where(kind == kind[wrong].all(), factor, 1.0)
+        positions = bool((out > 0).any())
+        least, most = self._least / scale, self._most / scale
+        fits = (least >= self._low) & (most <= self._high) | (not positions)
+        fits &= self._speed / scale <= self._fastest
+        if bool(fits.all()):
+            subject = "joint states look" if positions else "velocities look"
+            return f"{what}: the {subject} like {unit}{'' if positions else ' per second'}"
+        return f"{what}: is this the model of the robot, and are the units rad and m?"
+
+    def _ratio_sentence(self) -> str:
+        joint, ratio = self._ratio
+        name = self._names[joint]
+        if ratio < 0:
+            return f"the velocity of {name} has the opposite sign of what its positions do"
+        looks = ""
+        if abs(ratio / DEGREES - 1) < 0.2:
+            looks = ": it looks like degrees per second"
+        if abs(ratio * DEGREES - 1) < 0.2:
+            looks = ": the positions look like degrees"
+        return f"the velocity of {name} is {ratio:.3g} times what its positions do{looks}"
+
+
+def _crossings(block: JointBlock, before: int) -> Int:
+    """First samples of each quarter of a second; ``before`` is that of the sample before."""
+    stamp = block.stamp_ns
+    last = int(stamp[-1]) // EVERY_NS
+    rises = block.segment[0] == block.segment[-1] and int(stamp[0]) // EVERY_NS >= before
+    if rises and last - before < len(stamp):  # much quicker than dividing every stamp
+        borders = np.arange(before + 1, last + 1) * EVERY_NS
+        return np.unique(np.searchsorted(stamp, borders, side="left"))
+    return np.flatnonzero(differences(stamp // EVERY_NS, before))

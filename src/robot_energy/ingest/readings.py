@@ -1,0 +1,216 @@
+"""Joint states as they arrive: columns in model order, and which joints each message has."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robot_energy.blocks import Block, Float, Int, in_any_joint
+from robot_energy.ingest.order import SECOND_NS
+from robot_energy.wire.batch import RawBatch
+from robot_energy.wire.layout import Decoder, Run, stamp_ns
+
+if TYPE_CHECKING:
+    from rosbags.typesys.store import Typestore
+
+JOINT_STATE = "sensor_msgs/msg/JointState"
+Mask = NDArray[np.bool_]
+Reject = Callable[[str, int], None]
+
+
+@dataclass(frozen=True)
+class Readings(Block):
+    """Messages in order of arrival.
+
+    Attributes:
+        stamp_ns: Shape (N,). [ns]
+        joint_position: NaN where a message lacks the joint, shape (N, n). [rad] or [m]
+        joint_velocity: NaN where it is not reported, shape (N, n). [rad/s] or [m/s]
+        joint_effort: As the driver sent it, NaN where it did not, shape (N, n); None if
+            effort is not read.
+        present: Which joints each message has, shape (N, n); None if all have all.
+    """
+
+    joint_position: Float
+    joint_velocity: Float
+    joint_effort: Float | None
+    present: Mask | None
+
+    @property
+    def mask(self) -> Mask:
+        """Which joints each message has, shape (N, n)."""
+        if self.present is not None:
+            return self.present
+        return np.ones(self.joint_position.shape, dtype=np.bool_)
+
+    @staticmethod
+    def joined(parts: Sequence[Readings]) -> Readings:
+        """Join readings in the order given; at least one."""
+        if len(parts) == 1:
+            return parts[0]
+        if any(part.present is None for part in parts) and any(
+            part.present is not None for part in parts
+        ):
+            parts = [replace(part, present=part.mask) for part in parts]
+        return Readings.concatenate(parts)
+
+
+class JointStateReader:
+    """Decodes JointState messages and matches their joints by name.
+
+    Args:
+        joint_names: Modelled joints in model order.
+        effort: Whether to read the effort too.
+        receive_time: Whether the time of receipt counts instead of the header's stamp.
+        typestore: Message definitions of the source; those known here by default.
+
+    Attributes:
+        ignored_joints: Joints met that the model does not know.
+    """
+
+    def __init__(
+        self,
+        joint_names: Sequence[str],
+        effort: bool = False,
+        receive_time: bool = False,
+        typestore: Typestore | None = None,
+    ) -> None:
+        self.ignored_joints: set[str] = set()
+        self._names = tuple(joint_names)
+        self._effort = effort
+        self._receive_time = receive_time
+        fields = ("header.stamp.sec", "header.stamp.nanosec", "name", "position", "velocity")
+        self._decoder = Decoder(JOINT_STATE, (*fields, "effort") if effort else fields, typestore)
+        self._columns: dict[tuple[str, ...], _Columns | str] = {}
+
+    def read(self, batches: Sequence[RawBatch], reject: Reject) -> Readings | None:
+        """Return what can be read, in order of arrival, or None if that is nothing.
+
+        Messages of one batch stay in order. Batches are merged by their stamps; where the
+        stamps of a batch jump, by the time of receipt.
+
+        Args:
+            batches: Serialised messages, one batch per topic.
+            reject: Told the reason and number of messages that cannot be used.
+        """
+        read = [(batch, self._batch(batch, reject)) for batch in batches if len(batch)]
+        read = [entry for entry in read if len(entry[1][0])]
+        if not read:
+            return None
+        if len(read) == 1:
+            return read[0][1][0]
+        parts = [part for _, (part, _) in read]
+        whole = Readings.joined(parts)
+        steps = [np.diff(part.stamp_ns) for part in parts]
+        if all(bool((np.abs(step) < SECOND_NS).all()) for step in steps):
+            keys = [np.maximum.accumulate(part.stamp_ns) for part in parts]
+        else:
+            keys = [batch.log_time_ns[rows] for batch, (_, rows) in read]
+        return whole[np.argsort(np.concatenate(keys), kind="stable")]
+
+    def _batch(self, batch: RawBatch, reject: Reject) -> tuple[Readings, Int]:
+        """Return the readings of one batch and their rows, both in order of arrival."""
+        decoded = self._decoder.decode(batch)
+        reject("malformed", len(decoded.malformed))
+        placed: list[tuple[Int, Readings]] = []
+        for run in decoded.runs:
+            part = self._place(run, batch)
+            if isinstance(part, str):
+                reject(part, len(run.rows))
+            else:
+                placed.append((run.rows, part))
+        if len(placed) == 1:
+            rows, part = placed[0]
+        elif placed:
+            rows = np.concatenate([rows for rows, _ in placed])
+            part = Readings.joined([part for _, part in placed])
+            order = np.argsort(rows)
+            rows, part = rows[order], part[order]
+        else:
+            empty = np.empty((0, len(self._names)))
+            rows = np.empty(0, dtype=np.int64)
+            return Readings(rows, empty, empty, empty if self._effort else None, None), rows
+        bad = _unusable(part, self._receive_time)
+        for reason, wrong in bad:
+            reject(reason, int(wrong.sum()))
+        if bad:
+            good = ~np.logical_or.reduce([wrong for _, wrong in bad])
+            rows, part = rows[good], part[good]
+        return part, rows
+
+    def _place(self, run: Run, batch: RawBatch) -> Readings | str:
+        """Return the readings of a run in model order, or why there are none."""
+        names = run.columns["name"]
+        arrays = [run.columns[key] for key in ("position", "velocity")]
+        if self._effort:
+            arrays.append(run.columns["effort"])
+        if not isinstance(names, tuple) or any(isinstance(array, str | tuple) for array in arrays):
+            return "malformed"
+        columns = self._columns.get(names)
+        if columns is None:
+            columns = self._columns[names] = self._match(names)
+        if isinstance(columns, str):
+            return columns
+        position, *others = (np.asarray(array, dtype=np.float64) for array in arrays)
+        if position.shape[1] != len(names):
+            return "wrong_length"
+        if others[0].shape[1] not in (0, len(names)):
+            return "wrong_length"
+        if self._effort and others[1].shape[1] != len(names):
+            others[1] = np.empty((len(position), 0))
+        placed = [columns.place(array) for array in (position, *others)]
+        effort = placed[2] if self._effort else None
+        stamp = batch.log_time_ns[run.rows] if self._receive_time else stamp_ns(run)
+        present = columns.present
+        if present is not None:
+            present = np.broadcast_to(present, position.shape[:1] + present.shape)
+        return Readings(stamp, placed[0], placed[1], effort, present)
+
+    def _match(self, names: tuple[str, ...]) -> _Columns | str:
+        """Where the model's joints are in a message, or why it cannot be used."""
+        self.ignored_joints |= set(names) - set(self._names)
+        found = [names.index(name) if name in names else -1 for name in self._names]
+        if max(found, default=-1) < 0:
+            return "unknown_joint"
+        if len(set(names)) != len(names):
+            return "repeated_joint"
+        return _Columns(np.asarray(found, dtype=np.int64), len(names))
+
+
+class _Columns:
+    """How the columns of one layout of messages go to those of the model."""
+
+    def __init__(self, found: Int, size: int) -> None:
+        self.present: Mask | None = None if bool((found >= 0).all()) else found >= 0
+        self._found = found
+        self._same = self.present is None and bool(np.array_equal(found, np.arange(size)))
+
+    def place(self, values: Float) -> Float:
+        """Return columns in model order, NaN where there are none."""
+        if self._same and values.shape[1]:
+            return values  # nothing to copy
+        placed = np.full((len(values), len(self._found)), np.nan)
+        if values.shape[1]:
+            if self.present is None:
+                return values[:, self._found]
+            placed[:, self.present] = values[:, self._found[self.present]]
+        return placed
+
+
+def _unusable(part: Readings, receive_time: bool) -> list[tuple[str, Mask]]:
+    """Which messages lack a stamp or finite numbers; empty if none does."""
+    bad: list[tuple[str, Mask]] = []
+    zero = part.stamp_ns == 0
+    if not receive_time and bool(zero.any()):
+        bad.append(("zero_stamp", zero))
+    position, velocity = part.joint_position, part.joint_velocity
+    if bool(np.isfinite(position.sum() + velocity.sum())):
+        return bad
+    wrong = in_any_joint((~np.isfinite(position) & part.mask) | np.isinf(velocity))
+    if bool(wrong.any()):
+        bad.append(("not_finite", wrong & ~zero if bad else wrong))
+    return bad

@@ -1,0 +1,142 @@
+"""Steps of positions that no motion makes, and whether they go forth and back."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robot_energy.blocks import NANOSECOND, Float, Int, differences
+from robot_energy.ingest.order import SECOND_NS
+from robot_energy.urdf import JointLimits
+
+Mask = NDArray[np.bool_]
+Directions = NDArray[np.int8]
+
+TOO_FAR = 1.5  # times what the velocity limit allows
+LEAST_TIME = 0.005  # stamps jitter: a step is never judged by a shorter time [s]
+FASTEST = 20.0  # where the URDF knows no limit [rad/s] or [m/s]
+MEMORY_NS = SECOND_NS  # a step back this long after a step forth belongs to it
+FULL_TURN = 2 * np.pi
+
+
+class Repeated:
+    """One value per joint, as many rows of them as asked for.
+
+    Comparing with such rows is several times quicker than with one that is broadcast, as
+    the inner loop then runs along all samples instead of the few joints.
+
+    Args:
+        row: Shape (n,).
+    """
+
+    def __init__(self, row: Float) -> None:
+        self._row = row
+        self._rows = row[None, :]
+
+    def rows(self, count: int) -> Float:
+        """Return the values for so many samples, shape (count, n)."""
+        if count > len(self._rows):
+            self._rows = np.tile(self._row, (count, 1))
+        return self._rows[:count]
+
+
+class Steps:
+    """Watches the positions of some joints for leaps: steps too far for the joint's velocity.
+
+    A leap that its neighbours do not continue is a lone one: no motion, whatever the unit or
+    the limit. A second leap in the opposite direction within a second makes it forth and
+    back. Leaps that follow each other in one direction are fast motion, or another unit.
+
+    Args:
+        fastest: Velocity limits, inf where there are none, shape (n,). [rad/s] or [m/s]
+        wraps: Joints of which a full turn is no step, shape (n,).
+
+    Attributes:
+        lone: Direction of the last lone leap of each joint, 0 for none, shape (n,).
+        lone_ns: Its stamp, shape (n,). [ns]
+    """
+
+    def __init__(self, fastest: Float, wraps: Mask) -> None:
+        self._allowed = TOO_FAR * np.where(np.isfinite(fastest), fastest, FASTEST)
+        self._always = Repeated(self._allowed * LEAST_TIME)
+        self._wraps = wraps
+        self._any_wraps = bool(wraps.any())
+        self._last: tuple[int, Float] | None = None
+        self._before: Directions = np.zeros(len(fastest), dtype=np.int8)
+        self.lone = self._before
+        self.lone_ns: Int = np.zeros(len(fastest), dtype=np.int64)
+
+    @classmethod
+    def of(cls, n_joints: int, limits: JointLimits | None) -> Steps:
+        """Watch all joints of a robot, by its limits if they are known."""
+        if limits is None:
+            return cls(np.full(n_joints, np.inf), np.zeros(n_joints, dtype=np.bool_))
+        return cls(limits.velocity, limits.wraps)
+
+    def joint(self, index: int) -> Steps:
+        """Return a fresh watch of one of the joints."""
+        one = slice(index, index + 1)
+        return Steps(self._allowed[one] / TOO_FAR, self._wraps[one])
+
+    def begin_epoch(self) -> None:
+        """Forget the last position: the next is no step."""
+        self._last = None
+        self._before = self.lone = np.zeros_like(self._before)
+
+    @property
+    def calm(self) -> bool:
+        """Whether neither the last step was a leap nor a lone leap is remembered."""
+        return not (self._before.any() or self.lone.any())
+
+    def leaps(self, stamp_ns: Int, position: Float) -> Directions | None:
+        """Return the direction of every leap, 0 where the step is possible.
+
+        Args:
+            stamp_ns: Rising, shape (N,), N >= 1. [ns]
+            position: Shape (N, n). [rad] or [m]
+
+        Returns:
+            Shape (N, n); None if there is no leap.
+        """
+        before, start = position[0], int(stamp_ns[0])
+        if self._last is not None:
+            start, before = self._last
+        self._last = (int(stamp_ns[-1]), position[-1].copy())
+        step = np.empty_like(position)
+        np.subtract(position[1:], position[:-1], out=step[1:])
+        np.subtract(position[0], before, out=step[0])
+        if self._any_wraps:
+            step[:, self._wraps] = shortest(step[:, self._wraps])
+        size = np.abs(step)
+        if bool((size <= self._always.rows(len(size))).all()):
+            return None
+        time = np.maximum(differences(stamp_ns, start) * NANOSECOND, LEAST_TIME)
+        far = size > self._allowed * time[:, None]
+        if not bool(far.any()):
+            return None
+        return np.where(far, np.sign(step), 0.0).astype(np.int8)
+
+    def back(self, stamp_ns: int, leap: Directions) -> Mask:
+        """Take one row of leaps.
+
+        Args:
+            stamp_ns: Its stamp. [ns]
+            leap: Shape (n,).
+
+        Returns:
+            Which joints have leapt back, shape (n,).
+        """
+        fresh = stamp_ns - self.lone_ns <= MEMORY_NS
+        lone = np.where(fresh, self.lone, 0)
+        back = leap * lone < 0
+        goes_on = leap * self._before > 0
+        begins = (leap != 0) & ~goes_on & ((self._before == 0) | back)
+        self.lone = np.where(begins, leap, np.where(goes_on, 0, lone)).astype(np.int8)
+        self.lone_ns = np.where(begins, stamp_ns, self.lone_ns)
+        self._before = leap
+        return back
+
+
+def shortest(step: Float) -> Float:
+    """Return steps of a joint that turns without end, the short way round. [rad]"""
+    return step - FULL_TURN * np.rint(step / FULL_TURN)

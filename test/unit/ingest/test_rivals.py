@@ -1,0 +1,133 @@
+"""Two publishers of the same joint."""
+
+import numpy as np
+import pytest
+
+from joint_messages import NAMES, SECOND, limits, message, take
+from robot_energy.ingest import JointStateIngest
+
+
+def driver(seconds=4.0, rate=100.0, start=10.0):
+    """A robot that moves within its limits."""
+    stamps = start + np.arange(0, seconds, 1 / rate)
+    return [
+        (t, message(t, NAMES, (1 + 0.3 * np.sin(t), 0.5), (0.3 * np.cos(t), 0.0))) for t in stamps
+    ]
+
+
+def zeros(begin, end, rate=100.0, offset=0.0):
+    """What a joint_state_publisher sends beside it: zeros without velocity."""
+    return [
+        (t, message(t, NAMES, (0.0, 0.0), ()))
+        for t in np.round(np.arange(begin, end, 1 / rate), 9) + offset
+    ]
+
+
+def together(*parts):
+    return [entry for _, entry in sorted((pair for part in parts for pair in part), key=at)]
+
+
+def at(pair):
+    return pair[0]
+
+
+@pytest.mark.parametrize(
+    ("offset", "rate", "reason"),
+    [(0.0, 100.0, "conflicting_stamp"), (0.004, 100.0, None), (0.004, 10.0, None),
+     (0.0, 50.0, "conflicting_stamp"), (0.001, 300.0, None)],
+)  # fmt: skip
+def test_zeros_beside_the_driver_are_refused_until_they_have_ended(offset, rate, reason):
+    """From 11 to 12 s a second publisher says zero, at the same or at other stamps. None of
+    its samples is used, the time until a second after it is a gap, the joints are named."""
+    ingest = JointStateIngest(NAMES, limits=limits())
+    block = take(ingest, together(driver(), zeros(11.0, 12.0, rate, offset)))
+    used = block.stamp_ns / SECOND
+    assert (block.joint_position[:, 0] > 0.5).all()
+    assert not ((used > 11.02 + 1 / rate) & (used < 12.9)).any()
+    assert (used > 13.05).sum() >= 90
+    (gap,) = np.flatnonzero(np.diff(block.segment))
+    assert np.diff(used)[gap] > 1.8
+    assert ingest.account.rejected["conflicting_publisher"] > 100
+    if reason:
+        assert ingest.account.rejected[reason] > 40
+    else:
+        assert ingest.conflicting_joints == {"a", "b"}
+        (finding,) = ingest.findings()
+        assert "two publishers contradict each other about a, b" in finding.sentence
+    assert ingest.findings()[-1].severe
+
+
+def test_the_same_message_from_two_publishers_is_no_conflict():
+    ingest = JointStateIngest(NAMES, limits=limits())
+    block = take(ingest, together(driver(), driver()))
+    assert len(block) == 400
+    assert ingest.account.rejected == {"duplicate_stamp": 400}
+    assert not ingest.findings()
+
+
+def test_a_single_state_of_zeros_is_refused():
+    """Some drivers send one now and then: it must not become a jerk of the arm."""
+    ingest = JointStateIngest(NAMES, limits=limits())
+    block = take(ingest, together(driver(), zeros(11.0, 11.005, offset=0.004)))
+    assert (block.joint_position[:, 0] > 0.5).all()
+    assert ingest.conflicts.count == 1  # there and back again
+
+
+def test_a_jump_that_stays_is_a_gap_and_no_conflict():
+    """An encoder that is referenced anew: one interval is lost, no more."""
+    sent = [message(t, NAMES, (0.0 if t < 11 else 1.5, 0.0), ()) for t in np.arange(10, 12, 0.01)]
+    ingest = JointStateIngest(NAMES, limits=limits())
+    block = take(ingest, sent)
+    assert len(block) == 200
+    np.testing.assert_array_equal(np.unique(block.segment), [0, 1])
+    assert not ingest.conflicts.count
+
+
+def test_pairs_of_messages_are_found_too():
+    """Both publishers in bursts of two: steps that last two samples and come back."""
+    sent = []
+    for burst in range(50):
+        for row in range(2):
+            q = 0.0 if burst % 2 else 1.0
+            sent.append(message(10 + 0.02 * burst + 0.01 * row, NAMES, (q, 0.0), ()))
+    ingest = JointStateIngest(NAMES, limits=limits())
+    block = take(ingest, sent)
+    assert ingest.conflicting_joints == {"a"}
+    assert len(block) <= 4
+
+
+def test_fast_motion_beyond_a_wrong_limit_is_no_conflict():
+    """A URDF with placeholder limits must not cost energy: only flags may follow."""
+    sent = [
+        message(t, NAMES, (np.sin(6 * t), 0.0), (6 * np.cos(6 * t), 0.0))
+        for t in np.arange(10, 14, 0.01)
+    ]
+    ingest = JointStateIngest(NAMES, limits=limits(velocity=0.5))
+    block = take(ingest, sent)
+    assert len(block) == 400
+    assert not ingest.conflicts.count
+    assert ingest.account.rejected == {}
+
+
+def test_a_continuous_joint_that_wraps_is_no_conflict():
+    """Noise around pi changes the sign of the position at every sample."""
+    sent = [
+        message(t, NAMES, (np.pi * (-1) ** row, 0.0), (0.0, 0.0))
+        for row, t in enumerate(np.arange(10, 11, 0.01))
+    ]
+    ingest = JointStateIngest(NAMES, limits=limits(wraps=True))
+    assert len(take(ingest, sent)) == 100
+    assert not ingest.conflicts.count
+
+
+def test_parts_of_one_joint_from_two_publishers_conflict():
+    names = ("a", "b")
+    sent = [(t, message(t, ("a",), (0.1 * t,), (0.1,))) for t in np.arange(10, 13, 0.01)]
+    sent += [(t, message(t, ("b",), (1.0,), (0.0,))) for t in np.arange(10.002, 13, 0.01)]
+    sent += [(t, message(t, ("b",), (0.0,), (0.0,))) for t in np.arange(11.006, 11.5, 0.01)]
+    ingest = JointStateIngest(names, limits=limits())
+    block = take(ingest, [entry for _, entry in sorted(sent)])
+    assert ingest.conflicting_joints == {"b"}
+    used = block.stamp_ns / SECOND
+    assert not ((used > 11.05) & (used < 12.4)).any()
+    assert (used > 12.6).any()
