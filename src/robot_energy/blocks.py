@@ -245,6 +245,27 @@ class MeterBlock(Block):
 
 
 @dataclass(frozen=True)
+class SupplyBlock(Block):
+    """Predicted power wherever a meter can sit; a tenth of a power block.
+
+    Attributes:
+        segment: Segment number, shape (N,).
+        grid_power: Drawn from the grid, shape (N,). [W]
+        loss_grid: Loss between the grid and the DC bus, shape (N,). [W]
+    """
+
+    segment: Int
+    grid_power: Float
+    loss_grid: Float
+
+    def power_at(self, location: MeterLocation) -> Float:
+        """Predicted power that a meter at ``location`` would see, shape (N,). [W]"""
+        if location is MeterLocation.DC_BUS:
+            return self.grid_power - self.loss_grid
+        return self.grid_power
+
+
+@dataclass(frozen=True)
 class PowerBlock(Block):
     """Where each watt goes at each instant. Positive = from grid towards load.
 
@@ -304,9 +325,12 @@ class PowerBlock(Block):
 
     def power_at(self, location: MeterLocation) -> Float:
         """Predicted power that a meter at ``location`` would see, shape (N,). [W]"""
-        if location is MeterLocation.DC_BUS:
-            return self.grid_power - self.loss_grid
-        return self.grid_power
+        return self.supply.power_at(location)
+
+    @property
+    def supply(self) -> SupplyBlock:
+        """What a meter can see of these samples."""
+        return SupplyBlock(self.stamp_ns, self.segment, self.grid_power, self.loss_grid)
 
 
 def sum_over_joints(values: Float) -> Float:

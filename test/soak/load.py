@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import os
+import select
 import signal
 import subprocess
 import sys
@@ -42,7 +43,7 @@ class Watch:
         for status in message.status:
             if status.name.endswith(": joint states"):
                 self.latest = {value.key: value.value for value in status.values}
-            if status.level == status.ERROR:
+            if status.level == status.ERROR and _count(self.latest, "received"):
                 self.levels.add(f"{status.name}: {status.message}")
 
 
@@ -122,31 +123,33 @@ def _observe(
 ) -> int:
     """Watch until every published message is accounted for; return how many there were."""
     assert driver.stdout is not None
-    os.set_blocking(driver.stdout.fileno(), False)
     published, begin = None, time.monotonic()
     deadline = begin + 1.5 * seconds + PATIENCE
     while time.monotonic() < deadline:
         executor.spin_once(timeout_sec=1.0)
         watch.times.append(time.monotonic() - begin)
         watch.memory.append(_memory(pid))
-        for line in driver.stdout.read().splitlines() if published is None else ():
-            if line.startswith("published "):
-                published = int(line.split()[1])
-                deadline = time.monotonic() + 10.0
+        if published is None and select.select([driver.stdout], [], [], 0)[0]:
+            word, _, number = driver.stdout.readline().partition(" ")
+            if word == "published":
+                published, deadline = int(number), time.monotonic() + 10.0
         if published is not None and _accounted(watch) == published:
             return published
     return published if published is not None else -1
 
 
+def _count(values: dict[str, str], key: str) -> int:
+    return int(values.get(key, "0"))
+
+
 def _accounted(watch: Watch) -> int:
-    received, lost = (watch.latest.get(key, "0") for key in ("received", "lost_in_transport"))
-    return int(received) + int(lost)
+    return _count(watch.latest, "received") + _count(watch.latest, "lost_in_transport")
 
 
 def _figures(what: str, published: int, watch: Watch, lossy: bool, cpu: float) -> list[Figure]:
     values = watch.latest
-    received, accepted = int(values.get("received", 0)), int(values.get("accepted", 0))
-    lost = int(values.get("lost_in_transport", 0))
+    received, accepted = _count(values, "received"), _count(values, "accepted")
+    lost = _count(values, "lost_in_transport")
     rejected = sum(int(value) for key, value in values.items() if key.startswith("rejected."))
     first = int(STEADY_SHARE * len(watch.times))
     growth = slope(watch.times[first:], watch.memory[first:]) * 3600
@@ -163,7 +166,7 @@ def _figures(what: str, published: int, watch: Watch, lossy: bool, cpu: float) -
         Figure(f"{what}: share of one core", f"{cpu:.1%}"),
         Figure(f"{what}: memory [MB]", round(max(watch.memory, default=0.0), 1)),
         Figure(f"{what}: its growth [MB/h]", round(growth, 2), f"<= {FLAT:g} or 1 MB in all", flat),
-        Figure(f"{what}: errors said", len(watch.levels), "0", not watch.levels),
+        Figure(f"{what}: errors said", " ".join(watch.levels) or "none", "none", not watch.levels),
     ]
 
 

@@ -5,6 +5,7 @@ is sent in bursts of a few milliseconds, as a driver with a busy core does. Prin
 when a subscriber is there and ``published N`` at the end, then waits until its input closes.
 """
 
+import contextlib
 import json
 import sys
 import time
@@ -20,6 +21,7 @@ from robot_energy.wire.layout import Encoder, stamp_columns
 SECOND_NS = 1_000_000_000
 MATCHING = 2.0  # s from match to first message
 BURST = 0.002  # s
+SLOW, SLOW_PERIOD = 20, 0.05  # messages at both ends, s between them
 
 
 def main() -> None:
@@ -43,28 +45,42 @@ def main() -> None:
     matched = time.monotonic()
     while time.monotonic() < matched + MATCHING:
         rclpy.spin_once(node, timeout_sec=0.05)
-    begin, begin_ns, sent = time.monotonic(), time.time_ns(), 0
-    total = round(rate * seconds)
+    begin_ns, sent = time.time_ns(), 0
+
+    def publish(first: int, until: int) -> int:
+        number = np.arange(first, until)
+        angle = (number / rate)[:, None] * 2.0 + phase
+        rows = encoder.encode(
+            {
+                **stamp_columns(begin_ns + number * (SECOND_NS // rate)),
+                "position": 0.3 * np.sin(angle),
+                "velocity": 0.6 * np.cos(angle),
+                "effort": np.zeros((len(number), 0)),
+            },
+            len(number),
+        )
+        for row in rows:
+            publisher.publish(row.tobytes())
+        return until
+
+    def publish_slowly(until: int) -> int:
+        """The first and the last must arrive: what is lost shows between two that did."""
+        for number in range(sent, until):
+            rclpy.spin_once(node, timeout_sec=SLOW_PERIOD)
+            publish(number, number + 1)
+        return until
+
+    total = SLOW + round(rate * seconds)
+    sent = publish_slowly(SLOW)
+    begin = time.monotonic()
     while sent < total:
-        due = min(int((time.monotonic() - begin) * rate), total)
-        if due > sent:
-            number = np.arange(sent, due)
-            angle = (number / rate)[:, None] * 2.0 + phase
-            rows = encoder.encode(
-                {
-                    **stamp_columns(begin_ns + number * (SECOND_NS // rate)),
-                    "position": 0.3 * np.sin(angle),
-                    "velocity": 0.6 * np.cos(angle),
-                    "effort": np.zeros((len(number), 0)),
-                },
-                len(number),
-            )
-            for row in rows:
-                publisher.publish(row.tobytes())
-            sent = due
+        due = min(SLOW + int((time.monotonic() - begin) * rate), total)
+        sent = publish(sent, due)
         rclpy.spin_once(node, timeout_sec=BURST)
+    sent = publish_slowly(total + SLOW)
     print(f"published {sent}", flush=True)
-    sys.stdin.read()
+    with contextlib.suppress(KeyboardInterrupt):
+        sys.stdin.read()
 
 
 main()

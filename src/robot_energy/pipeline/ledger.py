@@ -20,6 +20,7 @@ from robot_energy.blocks import (
     Phase,
     PowerBlock,
     Quality,
+    SupplyBlock,
 )
 from robot_energy.comparison import Compared, Comparison, Judgement
 from robot_energy.errors import RegisterError
@@ -86,7 +87,7 @@ class Ledger:
         self.intervals = IntervalBook()
         self.trace = Trace()
         self.restarts = 0
-        self._unplaced: deque[PowerBlock] = deque()
+        self._unplaced: deque[SupplyBlock] = deque()
         self._resume_ns: int | None = None  # newest sample booked before a restart
 
     def measure(self, block: MeterBlock) -> None:
@@ -126,17 +127,16 @@ class Ledger:
         """Compare as far as possible; power waits until it is known where the meter sits."""
         location = self.comparison.location
         if location is MeterLocation.UNKNOWN:
-            self._unplaced.append(block)
+            self._unplaced.append(block.supply)
             now = int(block.stamp_ns[-1])
             oldest = now - self.comparison.patience_ns
             while not oldest <= int(self._unplaced[0].stamp_ns[-1]) <= now:
                 self._unplaced.popleft()
             none = np.empty(0, dtype=np.int64)
             return Compared(none, none, np.empty(0), np.empty(0))
-        if self._unplaced:
-            block = PowerBlock.concatenate([*self._unplaced, block])
-            self._unplaced.clear()
-        return self.comparison.predict(block.stamp_ns, block.segment, block.power_at(location))
+        supply = SupplyBlock.concatenate([*self._unplaced, block.supply])
+        self._unplaced.clear()
+        return self.comparison.predict(supply.stamp_ns, supply.segment, supply.power_at(location))
 
     def tally(self) -> Tally:
         """Return all counters as they stand."""
