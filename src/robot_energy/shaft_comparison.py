@@ -12,8 +12,9 @@ from __future__ import annotations
 import numpy as np
 
 from robot_energy.blocks import NANOSECOND, Float, Int, PowerBlock
-from robot_energy.registers import SHAFT_REGISTERS, ExactSum
+from robot_energy.registers import CABINET_REGISTERS, SHAFT_REGISTERS, ExactSum, Intervals
 
+PREDICTED = len(CABINET_REGISTERS)  # column of the first predicted shaft energy in an interval
 LARGEST = 1e6  # J in one interval; more is no measurement, and would not fit the sums
 
 
@@ -31,7 +32,7 @@ class ShaftComparison:
         self.n_joints = n_joints
         self.compared_ns: Int = np.zeros(n_joints, dtype=np.int64)
         self._sum = ExactSum(len(SHAFT_REGISTERS) * n_joints)
-        self._last: Float = np.full((1, len(SHAFT_REGISTERS) * n_joints), np.nan)
+        self._last: Float = np.full(2 * n_joints, np.nan)
 
     @property
     def microjoule(self) -> Int:
@@ -73,43 +74,43 @@ class ShaftComparison:
         return np.where(self.compared_ns > 0, joule, np.nan)
 
     @np.errstate(invalid="ignore", over="ignore")  # bad samples are not covered
-    def step(self, block: PowerBlock, duration_ns: Int) -> Float | None:
+    def step(self, block: PowerBlock, intervals: Intervals) -> Float | None:
         """Integrate a block.
 
         Args:
             block: Power samples.
-            duration_ns: Of the interval that ends at each sample, 0 for a gap, as the
-                registers have it, shape (N,). [ns]
+            intervals: Their intervals, from the registers.
 
         Returns:
             Measured shaft energy of each interval, shape (N, n), NaN where the effort does
             not cover it and 0 in a gap; None if it covers nothing. [J]
         """
-        measured = block.shaft_power_measured
+        n_joints, measured = self.n_joints, block.shaft_power_measured
         if bool(np.isnan(measured).all()):
             self._last = np.full_like(self._last, np.nan)
             return None
-        power = _columns(measured, block.shaft_power)
-        before = np.concatenate([self._last, power[:-1]])
-        self._last = power[-1:].copy()
-        energy = (power + before) * (duration_ns * (0.5 * NANOSECOND))[:, None]
-        parts = energy.reshape(len(block), len(SHAFT_REGISTERS), self.n_joints)
-        observed = duration_ns[:, None] > 0
-        covered = observed & (parts < LARGEST).all(axis=1)
-        parts[:] = np.where(covered[:, None, :], parts, 0.0)
+        power = np.empty((len(block) + 1, 2 * n_joints))
+        power[0], positive, negative = self._last, power[1:, :n_joints], power[1:, n_joints:]
+        np.maximum(measured, 0.0, out=positive)
+        np.subtract(positive, measured, out=negative)
+        self._last = power[-1].copy()
+        energy = np.empty((len(block), len(SHAFT_REGISTERS) * n_joints))
+        parts = energy[:, : 2 * n_joints]
+        np.add(power[1:], power[:-1], out=parts)
+        parts *= (intervals.duration_ns * (0.5 * NANOSECOND))[:, None]
+        energy[:, 2 * n_joints :] = intervals.energy[:, PREDICTED : PREDICTED + 2 * n_joints]
+        total = parts[:, :n_joints] - parts[:, n_joints:]
+        if bool((parts < LARGEST).all()):
+            self.compared_ns += intervals.duration_ns.sum()
+        else:
+            self._leave_out(energy, total, intervals.duration_ns)
         self._sum.add(energy)
-        self.compared_ns += np.where(covered, duration_ns[:, None], 0).sum(axis=0)
-        return np.where(covered | ~observed, parts[:, 0] - parts[:, 1], np.nan)
+        return total
 
-
-def _columns(measured: Float, predicted: Float) -> Float:
-    """Power behind each register, shape (N, R). [W]"""
-    return np.concatenate(
-        [
-            np.maximum(measured, 0.0),
-            np.maximum(-measured, 0.0),
-            np.maximum(predicted, 0.0),
-            np.maximum(-predicted, 0.0),
-        ],
-        axis=1,
-    )
+    def _leave_out(self, energy: Float, total: Float, duration_ns: Int) -> None:
+        """Take what is not covered out of the energies, and count the time of the rest."""
+        parts = energy.reshape(len(energy), len(SHAFT_REGISTERS), self.n_joints)
+        known = np.asarray((parts[:, :2] < LARGEST).all(axis=1), dtype=np.bool_)
+        parts[:] = np.where(known[:, None, :], parts, 0.0)
+        total[:] = np.where(known, total, np.where(duration_ns[:, None] > 0, np.nan, 0.0))
+        self.compared_ns += np.where(known, duration_ns[:, None], 0).sum(axis=0)

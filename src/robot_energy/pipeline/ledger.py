@@ -109,7 +109,7 @@ class Ledger:
                 return None
             block = fresh
         intervals = self.registers.step(block)
-        shaft = self.shaft.step(block, intervals.duration_ns)
+        shaft = self.shaft.step(block, intervals)
         compared = self._compare(block)
         self.judgement.step(compared)
         if self.on_compared is not None:
