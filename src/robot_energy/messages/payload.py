@@ -73,7 +73,7 @@ def answer_set_payload(set_payload: SetPayload, request: SetPayloadRequest) -> S
         body = payload(
             str(request.link), float(request.mass), request.centre_of_mass, request.inertia
         )
-        change = set_payload(body, from_ns or None)
+        change = set_payload(body, from_ns if from_ns > 0 else None)
     except RobotEnergyError as error:
         return SetPayloadAnswer(False, str(error))
     what = f"{body.mass:g} kg on '{body.link}'" if body.mass else f"nothing on '{body.link}'"

@@ -87,8 +87,9 @@ def test_request_without_a_stamp_counts_from_the_next_joint_state():
     stage = TorqueStage(robots.two_link())
     stamp, zero = 7.0 + np.arange(10) / 100, np.zeros((10, 2))
     stage.step(robots.joint_block(stamp, zero, zero))
-    answer = answer_set_payload(stage.set_payload, Request())
-    assert answer.from_ns == 7_090_000_001
+    for nothing in (Time(), Time(sec=-5)):
+        answer = answer_set_payload(stage.set_payload, Request(valid_from=nothing))
+        assert answer.from_ns == 7_090_000_001
 
 
 @pytest.mark.parametrize(
