@@ -94,7 +94,7 @@ def test_what_no_robot_has_is_refused(urdf, words):
     begin = time.perf_counter()
     with pytest.raises(RobotDescriptionError, match=words):
         Robot(urdf, NAMES)
-    assert time.perf_counter() - begin < 2
+    assert time.perf_counter() - begin < 5
 
 
 @pytest.mark.parametrize(

@@ -25,6 +25,8 @@ _LIMITS = {
     sqlite3.SQLITE_LIMIT_EXPR_DEPTH: 50,
     sqlite3.SQLITE_LIMIT_TRIGGER_DEPTH: 1,
 }
+# Text of the file can stand in sqlite's own messages; a size it makes up can be refused.
+_UNREADABLE = (sqlite3.Error, OverflowError, UnicodeDecodeError, MemoryError)
 _COLUMNS = {
     "topics": {"id", "name", "type", "serialization_format"},
     "messages": {"topic_id", "timestamp", "data"},
@@ -68,7 +70,7 @@ class SqliteSource:
                         f"{query} FROM message_definitions LIMIT {MAX_TOPICS}"
                     ):
                         result.definitions.setdefault(str(msgtype), (str(encoding), str(text)))
-        except (sqlite3.Error, OverflowError) as error:
+        except _UNREADABLE as error:
             raise self._unreadable(str(error)) from error
         return result
 
@@ -104,7 +106,7 @@ class SqliteSource:
                         count += number
                         yield self._flush(held, topics)
                         held, size, number = {}, 0, 0
-        except (sqlite3.Error, OverflowError) as error:
+        except _UNREADABLE as error:
             self._report(
                 f"reading stopped ({error}); {count + number} messages before it were read"
             )

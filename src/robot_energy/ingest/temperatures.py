@@ -162,9 +162,10 @@ class TemperatureReader:
                 self.account.reject(block, len(run.rows))
                 continue
             good = self._usable(block)
-            self.account.accepted += int(good.sum())
-            blocks.append(block[good])
-            rows.append(run.rows[good])
+            if good.any():
+                self.account.accepted += int(good.sum())
+                blocks.append(block[good])
+                rows.append(run.rows[good])
         if not blocks:
             return []
         row = np.concatenate(rows)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import gzip
 import io
+import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
@@ -23,6 +24,9 @@ BLOCK_ROWS = 8192
 SHOWN_COLUMNS = 12
 DIGITS = {"s": 9, "ms": 6, "us": 3, "ns": 0}
 PARQUET = {".parquet", ".pq"}
+LONGEST_LINE = 2**20
+"""Characters; a packed file could hold one line that fills the memory."""
+_UNREADABLE = (csv.Error, OSError, EOFError, UnicodeDecodeError, zlib.error)
 
 
 @dataclass(frozen=True)
@@ -86,13 +90,16 @@ class LogTable:
             )
         with self._open() as file:
             try:
-                header = file.readline()
-            except (OSError, EOFError, UnicodeDecodeError) as error:
+                header = next(_lines(file), "")
+            except _UNREADABLE as error:
                 raise self._unreadable(error) from error
         if not header.strip():
             raise LogFormatError(f"{self.path} is empty", "a line with the names of the columns")
         self.delimiter = delimiter or max(",;\t ", key=header.count)
-        names = next(csv.reader([header], delimiter=self.delimiter, skipinitialspace=True))
+        try:
+            names = next(csv.reader([header], delimiter=self.delimiter, skipinitialspace=True))
+        except csv.Error as error:
+            raise self._unreadable(error) from error
         self.columns = tuple(name.strip() for name in names)
 
     def require(self, name: str, owner: str = "") -> str:
@@ -213,13 +220,13 @@ class LogTable:
     def _rows(self) -> Iterator[tuple[int, list[str]]]:
         """Yield line number and cells of every row that is not blank."""
         with self._open() as file:
-            reader = csv.reader(file, delimiter=self.delimiter, skipinitialspace=True)
+            reader = csv.reader(_lines(file), delimiter=self.delimiter, skipinitialspace=True)
             try:
                 next(reader)
                 for cells in reader:
                     if cells and (len(cells) > 1 or cells[0].strip()):
                         yield reader.line_num, cells
-            except (csv.Error, OSError, EOFError, UnicodeDecodeError) as error:
+            except _UNREADABLE as error:
                 raise self._unreadable(error, reader.line_num) from error
 
     def _open(self) -> TextIO:
@@ -274,6 +281,14 @@ class _Runs:
         placed = instant + self._shift_ns
         self._last_ns = placed if self._last_ns is None else max(self._last_ns, placed)
         return placed
+
+
+def _lines(file: TextIO) -> Iterator[str]:
+    """Yield the lines of a file; an overlong one is an error."""
+    while line := file.readline(LONGEST_LINE):
+        if len(line) == LONGEST_LINE:
+            raise csv.Error(f"a line of over {LONGEST_LINE} characters")
+        yield line
 
 
 def _nanoseconds(cells: list[str], column: int, unit: str) -> int | None:

@@ -74,6 +74,8 @@ class FrictionStage:
         Returns:
             One row per reading that changed something, or None.
         """
+        if not len(block):
+            return None
         values, stamp = block.motor_temperature_degc, block.stamp_ns
         plausible = (values >= PLAUSIBLE_DEGC[0]) & (values <= PLAUSIBLE_DEGC[1])
         newer = differences(stamp, self._newest) >= 0

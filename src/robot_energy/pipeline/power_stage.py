@@ -29,6 +29,7 @@ from robot_energy.model_file import RobotModel
 from robot_energy.pipeline.friction_stage import BACKWARD_JUMP_NS, FrictionStage
 from robot_energy.pipeline.settings import Settings
 
+LARGEST_POWER = 1e6  # no robot draws a megawatt: the joint states are wrong [W]
 HISTORY_NS = 60_000_000_000  # friction kept behind the samples
 ALONE_NS = 10_000_000_000  # a jump of friction that torque does not follow by then is its own
 
@@ -141,6 +142,7 @@ class PowerStage:
         if extrapolated is not None:
             mark(quality, in_any_joint(extrapolated), Quality.DRIVE_EXTRAPOLATED)
         bus = sum_over_joints(electrical)
+        bus[np.abs(bus) > LARGEST_POWER] = np.nan
         balance = self._cabinet.step(block.stamp_ns, block.segment, bus)
         finite = np.isfinite(balance.grid_power)
         mark(quality, ~finite, Quality.NOT_FINITE)

@@ -62,6 +62,7 @@ class Timekeeping:
         return self.observed_ns / self.span_ns if self.span_ns else float("nan")
 
 
+LARGEST_ENERGY = 2e6  # of one interval, which sums exactly [J]
 NO_SEGMENT = -1  # segments count from zero: nothing is integrated from this one
 
 
@@ -97,7 +98,8 @@ class Trapezoid:
         Args:
             stamp_ns: Shape (N,). [ns]
             segment: Shape (N,).
-            power: Shape (N, R); a sample is finite in all columns or a gap. [W]
+            power: Shape (N, R). An interval is a gap if a sample of it is not finite in all
+                columns, or if its energy is more than a register can take. [W]
 
         Returns:
             One interval per sample.
@@ -111,12 +113,12 @@ class Trapezoid:
         np.add(power[1:], power[:-1], out=energy[1:])
         np.add(power[0], self._last[2], out=energy[0])
         observed = same & (elapsed >= 0)
-        if not bool(np.isfinite(np.ones(len(energy)) @ energy).all()):
-            finite = np.isfinite(energy).all(axis=1)
-            energy[~finite] = 0.0
-            observed &= finite
+        energy *= (np.where(observed, elapsed, 0) * (0.5 * NANOSECOND))[:, None]
+        if not (energy.max() <= LARGEST_ENERGY and energy.min() >= -LARGEST_ENERGY):
+            bookable = (np.abs(energy) <= LARGEST_ENERGY).all(axis=1)
+            energy[~bookable] = 0.0
+            observed &= bookable
         duration_ns = np.where(observed, elapsed, 0)
-        energy *= (duration_ns * (0.5 * NANOSECOND))[:, None]
         self._account(elapsed, observed)
         self._last = (int(stamp_ns[-1]), int(segment[-1]), power[-1].copy())
         self.time.end_ns = int(stamp_ns[-1])

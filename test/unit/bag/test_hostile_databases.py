@@ -95,6 +95,14 @@ def test_rows_that_are_no_messages_are_left_out_and_counted(tmp_path):
     ]
 
 
+def test_text_of_the_file_in_the_message_of_sqlite_does_no_harm(tmp_path):
+    path = database(tmp_path / "bag.db3", PLAIN)
+    data = path.read_bytes()
+    path.write_bytes(data.replace(b"CREATE TABLE messages", b"CREA\xb5E TABLE messages"))
+    with pytest.raises(BagError, match="cannot be read"):
+        BagReader(path)
+
+
 def test_a_huge_blob_is_not_loaded(tmp_path):
     path = database(
         tmp_path / "bag.db3", PLAIN + insert("1", "5", "x'00'") + insert("1", "6", "zeroblob(3e8)")

@@ -72,3 +72,12 @@ def test_bad_messages_are_counted_by_reason():
     assert ingest.step([garbage]) is None
     assert ingest.account.rejected["malformed"] == 1
     assert ingest.account.balanced
+
+
+def test_messages_of_which_no_reading_is_usable_give_nothing():
+    """Alone in their tick, so that no other reading hides them."""
+    for batch in (own("/t", [1.0], [[np.nan, np.inf]]), own("/t", [0.0], [[30.0, 30.0]])):
+        ingest = ingest_of("/t")
+        assert ingest.step([batch]) is None
+        assert (ingest.account.received, ingest.account.accepted) == (1, 0)
+        assert ingest.account.balanced

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -13,6 +15,7 @@ from robot_energy.blocks import (
     sum_over_joints,
 )
 from robot_energy.pipeline import EnergyPipeline
+from robot_energy.registers.timekeeping import Trapezoid
 from robots import figure
 
 
@@ -296,3 +299,41 @@ def test_friction_of_a_block_longer_than_a_minute_is_that_of_its_own_time():
     cut = run(EnergyPipeline(robots.two_link()), *feed)
     np.testing.assert_array_equal(whole.viscous, cut.viscous)
     np.testing.assert_array_equal(whole.grid_power, cut.grid_power)
+
+
+@pytest.mark.parametrize("speed", [1e6, 1e12, 1e150, 1e300])
+@pytest.mark.parametrize("blocks", [1, 60])
+def test_one_absurd_velocity_is_a_gap_and_not_a_register_full_of_nonsense(speed, blocks):
+    """A wheel at 3 rad/s draws 83 W; a driver that once sends 1e12 rad/s must not undo a month."""
+    joints = spin(3.0, seconds=2.0)
+    velocity = joints.joint_velocity.copy()
+    velocity[100] = speed
+    joints = replace(joints, joint_velocity=velocity)
+    pipeline = EnergyPipeline(robots.one_wheel())
+    size = -(-len(joints) // blocks)
+    cuts = range(0, len(joints), size)
+    power = run(pipeline, *({"joints": joints[slice(cut, cut + size)]} for cut in cuts))
+    ledger = pipeline.ledger
+    bad = (power.quality & Quality.NOT_FINITE) > 0
+    assert bad[100]
+    assert bad.sum() <= 5  # the acceleration of its neighbours is as absurd
+    assert np.isnan(power.grid_power[bad]).all()
+    observed = ledger.registers.time.observed_ns / 1e9
+    assert observed == pytest.approx(2.0 - 0.01 * (bad.sum() + 1), abs=1e-9)
+    assert ledger.registers.cabinet("grid_import") == pytest.approx(83.0 * observed, rel=1e-4)
+    assert ledger.registers.time.span_ns == 2 * 10**9
+    assert ledger.peak_power < 100.0
+
+
+def test_an_energy_that_no_register_takes_is_a_gap():
+    registers = Trapezoid()
+    power = np.array([[100.0], [3e15], [100.0], [100.0]])
+    taken = registers.step(np.arange(4) * 10**9, np.zeros(4, dtype=np.int64), power)
+    np.testing.assert_array_equal(taken.energy[:, 0], [0, 0, 0, 100])
+    assert (registers.time.observed_ns, registers.time.gap_ns) == (10**9, 2 * 10**9)
+
+
+def test_temperatures_of_which_none_is_left_do_nothing():
+    pipeline = EnergyPipeline(robots.one_wheel())
+    empty = temperatures([], np.empty((0, 1)))
+    assert pipeline.step(temperatures=empty).friction is None
