@@ -26,7 +26,9 @@ from figure import Figure, LongRun
 from rich.console import Console
 from rich.table import Table
 
-RUNS: dict[str, LongRun] = {"month": month, "load": load}
+import fuzz
+
+RUNS: dict[str, LongRun] = {"month": month, "load": load, "fuzz": fuzz}
 BUILD = Path(__file__).resolve().parents[2] / "build"
 
 

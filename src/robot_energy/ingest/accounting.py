@@ -8,6 +8,8 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass, field
 
+MOST_NAMES = 100  # of joints remembered at most, whatever the messages say
+
 
 @dataclass
 class Accounting:

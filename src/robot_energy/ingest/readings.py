@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.blocks import Block, Float, Int, in_any_joint
+from robot_energy.ingest.accounting import MOST_NAMES
 from robot_energy.ingest.order import SECOND_NS
 from robot_energy.wire.batch import RawBatch
 from robot_energy.wire.layout import Decoder, Run, stamp_ns
@@ -152,6 +153,8 @@ class JointStateReader:
             return "malformed"
         columns = self._columns.get(names)
         if columns is None:
+            if len(self._columns) >= MOST_NAMES:
+                self._columns.clear()
             columns = self._columns[names] = self._match(names)
         if isinstance(columns, str):
             return columns
@@ -172,7 +175,8 @@ class JointStateReader:
 
     def _match(self, names: tuple[str, ...]) -> _Columns | str:
         """Where the model's joints are in a message, or why it cannot be used."""
-        self.ignored_joints |= set(names) - set(self._names)
+        if len(self.ignored_joints) < MOST_NAMES:
+            self.ignored_joints |= set(names) - set(self._names)
         found = [names.index(name) if name in names else -1 for name in self._names]
         if max(found, default=-1) < 0:
             return "unknown_joint"

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from robot_energy.blocks import PLAUSIBLE_DEGC, Float, Int, TemperatureBlock
 from robot_energy.errors import ParameterError
-from robot_energy.ingest.accounting import Accounting
+from robot_energy.ingest.accounting import MOST_NAMES, Accounting
 from robot_energy.ingest.order import BACKWARD_JUMP_NS
 from robot_energy.ingest.sources import (
     DIAGNOSTICS,
@@ -31,8 +31,6 @@ from robot_energy.wire.layout import Decoder, Run, stamp_ns
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
-
-MOST_NAMES = 100  # remembered at most, whatever the messages say
 
 
 class Readings(NamedTuple):

@@ -306,3 +306,17 @@ def test_findings_of_long_ago_are_left_out_if_asked():
     take(ingest, moving([90.0] * 10) + moving(sway(seconds=30.0), start=2.0))
     assert len(ingest.findings()) == 1
     assert not ingest.findings(within=10.0)
+
+
+def test_names_that_never_repeat_do_not_fill_the_memory():
+    """A driver that puts a counter into its joint names, or one made to harm."""
+    ingest = JointStateIngest(NAMES)
+    for start in range(0, 1000, 100):
+        numbers = range(start, start + 100)
+        take(
+            ingest,
+            [message(1 + n / 100, (*NAMES, f"x{n}"), (1.0,) * 3, (1.0,) * 3) for n in numbers],
+        )
+    assert ingest.account.received == ingest.account.accepted == 1000
+    assert len(ingest.ignored_joints) <= 100
+    assert len(ingest._reader._columns) <= 100
