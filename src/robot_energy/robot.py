@@ -193,5 +193,7 @@ def _attach(model: pin.Model, body: Payload) -> None:
             f"the payload sits on the link '{body.link}' that the URDF lacks", "a link of the URDF"
         )
     frame = model.frames[model.getFrameId(body.link, pin.FrameType.BODY)]
-    inertia = pin.Inertia(body.mass, np.asarray(body.centre_of_mass), body.tensor)
+    inertia = pin.Inertia.Zero()  # its constructor refuses moments a rounding below zero
+    inertia.mass, inertia.lever = body.mass, np.asarray(body.centre_of_mass)
+    inertia.inertia = body.tensor
     model.appendBodyToJoint(frame.parentJoint, inertia, frame.placement)

@@ -117,3 +117,17 @@ def test_unusable_urdf_is_refused_in_one_sentence(urdf, error, words):
 def test_massless_link_may_be_named_on_purpose():
     urdf = robots.TWO_LINK_URDF.replace('<mass value="2.0"/>', '<mass value="0"/>')
     assert Robot(urdf, ("shoulder", "elbow"), massless_links=["fore"]).n_joints == 2
+
+
+@pytest.mark.parametrize("rounding", [0.0, -3e-31, -5e-8])
+def test_a_payload_whose_least_moment_is_rounded_below_zero_is_carried(rounding):
+    """A rod has no moment about its axis; in figures that is sometimes -3e-31."""
+    rod = {"link": "fore", "mass": 1.0, "inertia": [rounding, 0.1, 0.1, 0, 0, 0], "tag": "assumed"}
+    robot = Robot(
+        robots.TWO_LINK_URDF, ("shoulder", "elbow"), payload=robots.two_link(payload=[rod]).payload
+    )
+    turn = np.array([[0.0, 1.0]])
+    bare = Robot(robots.TWO_LINK_URDF, ("shoulder", "elbow")).joint_torque(0 * turn, 0 * turn, turn)
+    loaded = robot.joint_torque(0 * turn, 0 * turn, turn)
+    assert robot.moving_mass == pytest.approx(robots.M1 + robots.M2 + 1.0)
+    assert loaded[0, 1] - bare[0, 1] == pytest.approx(0.1)
