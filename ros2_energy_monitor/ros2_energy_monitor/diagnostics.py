@@ -12,6 +12,7 @@ from robot_energy.pipeline import FrictionStage, Ledger
 from ros2_energy_monitor.drain import Inbox
 from ros2_energy_monitor.findings import ERROR, STALE, WARN, Findings, Source
 from ros2_energy_monitor.input_watch import InputWatch, accounting
+from ros2_energy_monitor.time_watch import TimeWatch
 
 RECENT = 10.0  # a finding of joint states that was true this long ago still shows [s]
 
@@ -108,9 +109,14 @@ def energy_source(
         for name, inbox in zip(names, meter, strict=False)
     ]
 
+    watch_of_time = TimeWatch()
+
     def findings() -> Findings:
         found = Findings("energy")
         inputs(found)
+        wrong = watch_of_time.judge(ledger.registers.time)
+        if wrong:
+            found.add(ERROR, wrong)
         for name, watch in watches:
             watch.judge(found, name)
         time, comparison = ledger.registers.time, ledger.comparison

@@ -69,6 +69,7 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
         self.temperatures = temperature_inboxes(self, self._temperature, renew)
         self._meter, self.readings = meter_input(self, self.parameters, renew)
         PayloadService(self, self._pipeline.torque, self.model.model_id)
+        self.tell(self._pipeline.torque.robot)
         self.inputs = [
             *((inbox, self.ingest.account) for inbox in states),
             *temperature_inputs(self._temperature, self.temperatures),

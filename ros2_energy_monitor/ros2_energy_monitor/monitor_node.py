@@ -12,6 +12,7 @@ from robot_energy.errors import RobotDescriptionError, RobotEnergyError, UrdfAwa
 from robot_energy.ingest import Accounting
 from robot_energy.ingest.order import StampOrder
 from robot_energy.model_file import RobotModel, load
+from robot_energy.robot import Robot
 from ros2_energy_monitor.drain import Inbox
 from ros2_energy_monitor.entities import Entities
 from ros2_energy_monitor.findings import Reporter, Source
@@ -114,6 +115,10 @@ class MonitorNode(ManagedNode, Generic[P]):
             order.interrupt()
         robot = self.model.robot
         self.get_logger().info(f"{robot.type}, model {self._model_id}, is monitored")
+
+    def tell(self, robot: Robot) -> None:
+        """Log what of the robot is modelled, and what is not."""
+        self.get_logger().info("\n".join(["the joints:", *robot.inventory.sentences()]))
 
     def finish(self) -> None:
         """Take and publish what still waits."""

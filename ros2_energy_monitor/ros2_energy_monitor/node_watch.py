@@ -94,6 +94,6 @@ def unbalanced(inputs: Iterable[tuple[Inbox, Accounting]]) -> list[str]:
             sentences.append(
                 f"accounting of {', '.join(inbox.topic for inbox in inboxes)} does not add up: "
                 f"{drained} messages taken, {account.received} received, "
-                f"{account.accepted} accepted, {rejected} rejected"
+                f"{account.accepted} accepted, {rejected} rejected, {account.waiting} waiting"
             )
     return sentences

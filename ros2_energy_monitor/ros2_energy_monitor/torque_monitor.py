@@ -48,6 +48,7 @@ class TorqueMonitor(MonitorNode[TorqueParameters]):
         self._writer = TorqueWriter(self.model.joint_names, self.model.model_id)
         self._publisher = torque_publisher(self, depth)
         PayloadService(self, self.stage, self.model.model_id)
+        self.tell(self.stage.robot)
         inboxes = joint_state_inboxes(self, self.parameters)
         self.joint_states, *self._further = inboxes
         self.inputs = [(inbox, self.ingest.account) for inbox in inboxes]

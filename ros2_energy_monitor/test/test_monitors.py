@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -44,6 +46,15 @@ def temperatures(second: int, degc: float = 30.0) -> MotorTemperatures:
 def test_unknown_model_is_refused(bench, monitor):
     with pytest.raises(ModelFileError, match="no model file can be read at 'kr17'"):
         bench.add(monitor, model="kr17")
+
+
+@pytest.mark.parametrize("monitor", [TorqueMonitor, EnergyMonitor])
+def test_the_log_says_what_is_modelled(bench, monitor, capfd):
+    bench.add(monitor, model="kr16")
+    output = capfd.readouterr().err
+    for joint in JOINTS:
+        assert re.search(rf"{joint} +revolute +modelled", output), output
+    assert "tick_rate 25.0" in output
 
 
 def test_torque_monitor_publishes_one_torque_per_state(bench, messages):

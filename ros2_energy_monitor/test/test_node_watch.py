@@ -49,18 +49,25 @@ def test_pace_is_measured_between_reports():
     assert tempo.take()["tick_rate"] == 0.0
 
 
-@pytest.mark.parametrize("defect", ["accepted", "received"])
+@pytest.mark.parametrize("defect", ["accepted", "received", "taken"])
 def test_an_account_that_does_not_add_up_is_an_error(bench, defect):
     node = bench.add(TorqueMonitor, model="kr16")
     diagnosed = bench.diagnosed()
     publisher = bench.publisher(JointState, "joint_states")
     publisher.publish(JointState())
     bench.spin_until(lambda: node.ingest.account.received == 1, "a message")
-    setattr(node.ingest.account, defect, getattr(node.ingest.account, defect) + 1)
+    if defect == "taken":
+        node.joint_states.received += 1  # taken from the queue, and never handed on
+    else:
+        setattr(node.ingest.account, defect, getattr(node.ingest.account, defect) + 1)
     status = diagnosed.wait(NAME, "accounting of /joint_states does not add up")
     assert status.level == DiagnosticStatus.ERROR
-    numbers = {"accepted": (1, 1, 1, 1), "received": (1, 2, 0, 1)}[defect]
-    words = "{} messages taken, {} received, {} accepted, {} rejected".format(*numbers)
+    numbers = {
+        "accepted": (1, 1, 1, 1),
+        "received": (1, 2, 0, 1),
+        "taken": (2, 1, 0, 1),
+    }[defect]
+    words = "{} messages taken, {} received, {} accepted, {} rejected, 0 waiting".format(*numbers)
     assert words in status.message
 
 
@@ -73,6 +80,28 @@ def test_no_defect_is_found_in_a_healthy_node(bench, monitor, messages):
             publisher.publish(message)
     status = diagnosed.wait(f"{node.get_name()}: node", "all is well")
     assert status.level == DiagnosticStatus.OK
+
+
+def test_time_that_is_neither_observed_nor_gap_is_an_error(bench, messages):
+    node = bench.add(EnergyMonitor, model="kr16")
+    diagnosed = bench.diagnosed()
+    publisher = bench.publisher(JointState, "joint_states")
+    name = "energy_monitor: energy"
+
+    def feed(rows: list[bytes]) -> None:
+        for row in rows:
+            publisher.publish(row)
+        before = node.ledger.registers.time.end_ns
+        bench.spin_until(lambda: node.ledger.registers.time.end_ns != before, "power")
+
+    feed(messages["/joint_states"][:100])
+    assert diagnosed.wait(name, "all is well").level == DiagnosticStatus.OK
+    node.ledger.registers.time.gap_ns += 1
+    status = diagnosed.wait(name, "accounting of time does not add up: ")
+    assert status.level == DiagnosticStatus.ERROR
+    assert "0 ns passed, 1 ns were booked" in status.message
+    feed(messages["/joint_states"][100:200])
+    assert diagnosed.wait(name, "all is well").level == DiagnosticStatus.OK
 
 
 def test_a_second_node_of_the_same_name_is_noticed(bench):

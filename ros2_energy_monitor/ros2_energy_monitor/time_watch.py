@@ -1,0 +1,47 @@
+"""Checks, from report to report, that all the time that passed was observed or is a gap."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from robot_energy.registers import Timekeeping
+
+
+@dataclass(frozen=True)
+class _Account:
+    start_ns: int | None
+    end_ns: int | None
+    jumps: int
+    booked_ns: int
+
+
+class TimeWatch:
+    """Compares the time between two newest stamps with what was booked between them.
+
+    The end of the account moves with the stamps, observed time and gaps are added up by
+    other lines of code: they can only agree if both are right. Where stamps jumped back,
+    or the account began anew, there is nothing to compare.
+    """
+
+    def __init__(self) -> None:
+        self._before: _Account | None = None
+
+    def judge(self, time: Timekeeping) -> str:
+        """Return what does not add up since the last call; there must never be anything.
+
+        Args:
+            time: The account of a ledger.
+        """
+        now = _Account(time.start_ns, time.end_ns, time.jumps, time.observed_ns + time.gap_ns)
+        before, self._before = self._before, now
+        if before is None or before.end_ns is None or now.end_ns is None:
+            return ""
+        if replace(before, end_ns=0, booked_ns=0) != replace(now, end_ns=0, booked_ns=0):
+            return ""
+        passed, booked = now.end_ns - before.end_ns, now.booked_ns - before.booked_ns
+        if passed == booked:
+            return ""
+        return (
+            f"accounting of time does not add up: {passed} ns passed, {booked} ns were booked as "
+            f"observed or gap"
+        )

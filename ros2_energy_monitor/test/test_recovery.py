@@ -1,0 +1,108 @@
+"""Whatever happened, two seconds after data return the monitor counts and says so."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
+from sensor_msgs.msg import JointState
+
+from ros2_energy_monitor.energy_monitor import EnergyMonitor
+
+NAME = "energy_monitor: joint states"
+LIMIT = 2.0  # s, from the first message to counting and OK
+ROBOT = """
+import sys, time
+import rclpy
+from rclpy.qos import qos_profile_sensor_data
+from sensor_msgs.msg import JointState
+rclpy.init()
+node = rclpy.create_node("robot")
+publisher = node.create_publisher(JointState, "joint_states", qos_profile_sensor_data)
+message = JointState(name=[f"joint_a{axis}" for axis in range(1, 7)])
+message.velocity = [0.1] * 6
+first = time.monotonic()
+print(first, flush=True)
+for number in range(100_000):
+    now = time.time_ns()
+    message.header.stamp.sec, message.header.stamp.nanosec = divmod(now, 10**9)
+    message.position = [0.1 * (now % 10**10) * 1e-9] * 6
+    publisher.publish(message)
+    time.sleep(max(0.0, first + number * 0.01 - time.monotonic()))
+"""
+
+
+@pytest.fixture
+def robot(child_environment) -> Iterator:
+    """Starts the publisher and returns it with the time of its first message."""
+    running: list[subprocess.Popen[str]] = []
+
+    def start() -> tuple[subprocess.Popen[str], float]:
+        process = subprocess.Popen(
+            [sys.executable, "-c", ROBOT],
+            env=child_environment,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        running.append(process)
+        assert process.stdout is not None
+        return process, float(process.stdout.readline())
+
+    yield start
+    for process in running:
+        process.kill()
+        process.communicate()
+
+
+def recovered(bench, node, diagnosed) -> float:
+    """Wait until the node counts and is well, and return when that was."""
+    before = node.ledger.registers.time.observed_ns
+    bench.spin_until(lambda: node.ledger.registers.time.observed_ns > before, "counting")
+    diagnosed.wait(NAME, "all is well")
+    return time.monotonic()
+
+
+def test_a_monitor_recovers_within_two_seconds(loopback_bench, robot):
+    bench = loopback_bench
+    node = bench.add(EnergyMonitor, model="kr16", input_timeout=0.3)
+    diagnosed = bench.diagnosed()
+    diagnosed.wait(NAME, "no joint state has arrived")
+    times = []
+    for number in range(4):
+        process, first = robot()
+        times.append(recovered(bench, node, diagnosed) - first)
+        if number == 1:  # stands still, and goes on
+            process.send_signal(signal.SIGSTOP)
+            assert diagnosed.wait(NAME, "no joint state for").level == DiagnosticStatus.STALE
+            process.send_signal(signal.SIGCONT)
+            begin = time.monotonic()
+            times.append(recovered(bench, node, diagnosed) - begin)
+        process.kill()
+        process.wait()
+        assert diagnosed.wait(NAME, "no joint state for").level == DiagnosticStatus.STALE
+    print("recovered after", ", ".join(f"{one:.2f} s" for one in times))
+    assert sorted(times)[len(times) // 2] < LIMIT
+    assert max(times) < 2 * LIMIT  # of a machine that does much else
+    assert node.ingest.account.balanced
+    account = node.ledger.registers.time
+    assert account.gap_count >= 4  # more where this machine stalls
+    assert account.end_ns - account.start_ns == account.observed_ns + account.gap_ns
+
+
+def test_a_subscription_that_lost_its_publisher_is_made_anew(bench):
+    """What a failure of the middleware looks like: a publisher is there, and nothing arrives."""
+    node = bench.add(EnergyMonitor, model="kr16", resubscribe_after=0.5)
+    diagnosed = bench.diagnosed()
+    inbox = node.joint_states
+    publisher = bench.publisher(JointState, "joint_states")
+    bench.spin_until(lambda: inbox.renewals, "a new subscription")
+    bench.spin_until(lambda: inbox.publishers, "the publisher")
+    publisher.publish(JointState())
+    bench.spin_until(lambda: inbox.received, "a message")
+    values = diagnosed.values(diagnosed.wait(NAME, "no joint state for"))
+    assert values["subscription_renewals"] >= 1
