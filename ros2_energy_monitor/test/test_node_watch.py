@@ -23,7 +23,9 @@ NAME = "torque_monitor: node"
 def test_state_pace_and_memory_are_numbers(bench):
     bench.add(TorqueMonitor, model="kr16", tick_rate=50.0)
     diagnosed = bench.diagnosed()
-    values = diagnosed.values(diagnosed.wait(NAME, "all is well"))
+    diagnosed.wait(NAME, "all is well")
+    bench.spin_until(lambda: diagnosed.values(diagnosed[NAME])["tick_rate"], "a report with ticks")
+    values = diagnosed.values(diagnosed[NAME])
     assert values["lifecycle_state"] == 3  # active
     assert 0 < values["busy_share"] < 1
     assert values["tick_rate"] == pytest.approx(50, rel=0.5)

@@ -1,4 +1,8 @@
-"""Whatever happened, two seconds after data return the monitor counts and says so."""
+"""Whatever happened, two seconds after data return the monitor counts and says so.
+
+How long publishers and subscriptions take to find each other is the middleware's affair and
+is printed apart: below a second, or up to three where its first announcements are lost.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +21,7 @@ from ros2_energy_monitor.energy_monitor import EnergyMonitor
 NAME = "energy_monitor: joint states"
 LIMIT = 2.0  # s, from the first message to counting and OK
 ROBOT = """
-import sys, time
+import math, time
 import rclpy
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState
@@ -25,13 +29,16 @@ rclpy.init()
 node = rclpy.create_node("robot")
 publisher = node.create_publisher(JointState, "joint_states", qos_profile_sensor_data)
 message = JointState(name=[f"joint_a{axis}" for axis in range(1, 7)])
-message.velocity = [0.1] * 6
+made = time.monotonic()
+while not publisher.get_subscription_count():
+    time.sleep(0.01)
 first = time.monotonic()
-print(first, flush=True)
+print(first, first - made, flush=True)
 for number in range(100_000):
     now = time.time_ns()
     message.header.stamp.sec, message.header.stamp.nanosec = divmod(now, 10**9)
-    message.position = [0.1 * (now % 10**10) * 1e-9] * 6
+    message.position = [0.1 * math.sin(now % 10**15 * 1e-9)] * 6
+    message.velocity = [0.1 * math.cos(now % 10**15 * 1e-9)] * 6
     publisher.publish(message)
     time.sleep(max(0.0, first + number * 0.01 - time.monotonic()))
 """
@@ -39,10 +46,10 @@ for number in range(100_000):
 
 @pytest.fixture
 def robot(child_environment) -> Iterator:
-    """Starts the publisher and returns it with the time of its first message."""
+    """Starts the publisher; returns it, the time of its first message, that of discovery."""
     running: list[subprocess.Popen[str]] = []
 
-    def start() -> tuple[subprocess.Popen[str], float]:
+    def start() -> tuple[subprocess.Popen[str], float, float]:
         process = subprocess.Popen(
             [sys.executable, "-c", ROBOT],
             env=child_environment,
@@ -51,7 +58,8 @@ def robot(child_environment) -> Iterator:
         )
         running.append(process)
         assert process.stdout is not None
-        return process, float(process.stdout.readline())
+        first, discovery = map(float, process.stdout.readline().split())
+        return process, first, discovery
 
     yield start
     for process in running:
@@ -72,9 +80,10 @@ def test_a_monitor_recovers_within_two_seconds(loopback_bench, robot):
     node = bench.add(EnergyMonitor, model="kr16", input_timeout=0.3)
     diagnosed = bench.diagnosed()
     diagnosed.wait(NAME, "no joint state has arrived")
-    times = []
+    times, discoveries = [], []
     for number in range(4):
-        process, first = robot()
+        process, first, discovery = robot()
+        discoveries.append(discovery)
         times.append(recovered(bench, node, diagnosed) - first)
         if number == 1:  # stands still, and goes on
             process.send_signal(signal.SIGSTOP)
@@ -85,7 +94,8 @@ def test_a_monitor_recovers_within_two_seconds(loopback_bench, robot):
         process.kill()
         process.wait()
         assert diagnosed.wait(NAME, "no joint state for").level == DiagnosticStatus.STALE
-    print("recovered after", ", ".join(f"{one:.2f} s" for one in times))
+    for what, values in (("recovered", times), ("discovered", discoveries)):
+        print(what, "after", ", ".join(f"{one:.2f} s" for one in values))
     assert sorted(times)[len(times) // 2] < LIMIT
     assert max(times) < 2 * LIMIT  # of a machine that does much else
     assert node.ingest.account.balanced
