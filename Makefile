@@ -30,7 +30,7 @@ format: prepare  ## format the sources and mend what ruff can mend
 bench: prepare  ## measure speed
 	@$(in_environment) python test/bench/run.py
 
-soak: prepare  ## runs that take long: a simulated month, fuzzing
+soak: prepare  ## runs that take long: a simulated month, load, fuzzing, bit rot
 	@$(in_environment) pip install --quiet --disable-pip-version-check --no-input --no-deps -r .ci/requirements-soak.txt && python test/soak/run.py
 
 clean:  ## remove all that set-up and tests made

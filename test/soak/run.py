@@ -20,6 +20,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
+import flips
 import load
 import month
 from figure import Figure, LongRun
@@ -28,7 +29,7 @@ from rich.table import Table
 
 import fuzz
 
-RUNS: dict[str, LongRun] = {"month": month, "load": load, "fuzz": fuzz}
+RUNS: dict[str, LongRun] = {"month": month, "load": load, "fuzz": fuzz, "flips": flips}
 BUILD = Path(__file__).resolve().parents[2] / "build"
 
 

@@ -330,3 +330,30 @@ def test_effort_shows_measured_beside_predicted_shaft_energy(
     assert "no torque_constant for axle" in refused(capsys, *args, "--effort", "motor_current")
     assert main([*args, "--effort", "torque"]) == 2
     assert "'joint_torque'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("definition", "said"),
+    [
+        ("std_msgs/Header header\nstring[] name\nfloat64[] angle\n", "has no field 'position'"),
+        ("std_msgs/Header header\nstring[] name\nfloat64[\n", "cannot be parsed"),
+        ("nowhere/Header header\nstring[] name\n", "nowhere/msg/Header"),
+    ],
+)
+def test_a_bag_whose_own_definition_does_not_fit_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], definition: str, said: str
+) -> None:
+    """The bag says how its bytes lie; if that is not a joint state, nothing is guessed."""
+    from mcap.writer import Writer
+
+    path = tmp_path / "own.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start("ros2", "test")
+        schema = writer.register_schema(
+            "sensor_msgs/msg/JointState", "ros2msg", definition.encode()
+        )
+        channel = writer.register_channel("/joint_states", "cdr", schema)
+        writer.add_message(channel, 0, bytes(100), 0)
+        writer.finish()
+    assert said in refused(capsys, "replay", path, "--model", wheel_model(tmp_path))
