@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from robot_energy.blocks import Block, Float, Int, in_any_joint
 from robot_energy.ingest.accounting import MOST_NAMES
-from robot_energy.ingest.order import SECOND_NS
+from robot_energy.ingest.order import BACKWARD_JUMP_NS, SECOND_NS
 from robot_energy.wire.batch import RawBatch
 from robot_energy.wire.layout import Decoder, Run, stamp_ns
 
@@ -91,8 +91,8 @@ class JointStateReader:
     def read(self, batches: Sequence[RawBatch], reject: Reject) -> Readings | None:
         """Return what can be read, in order of arrival, or None if that is nothing.
 
-        Messages of one batch stay in order. Batches are merged by their stamps; where the
-        stamps of a batch jump, by the time of receipt.
+        Messages of one batch stay in order. Batches are merged by their stamps; where those of
+        a batch jump, by the time of receipt, if it tells messages of a batch apart.
 
         Args:
             batches: Serialised messages, one batch per topic.
@@ -107,11 +107,18 @@ class JointStateReader:
         parts = [part for _, (part, _) in read]
         whole = Readings.joined(parts)
         steps = [np.diff(part.stamp_ns) for part in parts]
-        if all(bool((np.abs(step) < SECOND_NS).all()) for step in steps):
-            keys = [np.maximum.accumulate(part.stamp_ns) for part in parts]
-        else:
-            keys = [batch.log_time_ns[rows] for batch, (_, rows) in read]
-        return whole[np.argsort(np.concatenate(keys), kind="stable")]
+        received = [batch.log_time_ns[rows] for batch, (_, rows) in read]
+        steady = all(bool((np.abs(step) < SECOND_NS).all()) for step in steps)
+        if not steady and any(bool((times != times[0]).any()) for times in received):
+            return whole[np.argsort(np.concatenate(received), kind="stable")]
+        # epochs counted from the last one, which the topics have in common
+        epochs = [np.append(0, np.cumsum(step <= -BACKWARD_JUMP_NS)) for step in steps]
+        epochs = [epoch - epoch[-1] for epoch in epochs]
+        newest = [
+            _newest_by_epoch(part.stamp_ns, epoch)
+            for part, epoch in zip(parts, epochs, strict=True)
+        ]
+        return whole[np.lexsort((np.concatenate(newest), np.concatenate(epochs)))]
 
     def _batch(self, batch: RawBatch, reject: Reject) -> tuple[Readings, Int]:
         """Return the readings of one batch and their rows, both in order of arrival."""
@@ -203,6 +210,12 @@ class _Columns:
                 return values[:, self._found]
             placed[:, self.present] = values[:, self._found[self.present]]
         return placed
+
+
+def _newest_by_epoch(stamp: Int, epoch: Int) -> Int:
+    """Newest stamp so far in each epoch."""
+    parts = np.split(stamp, np.flatnonzero(np.diff(epoch)) + 1)
+    return np.concatenate([np.maximum.accumulate(part) for part in parts])
 
 
 def _unusable(part: Readings, receive_time: bool) -> list[tuple[str, Mask]]:
