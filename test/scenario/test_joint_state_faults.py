@@ -204,6 +204,20 @@ def test_two_topics_loop_together(together):
     assert chain.energy == pytest.approx(2 * single.energy, rel=1e-9)
 
 
+def test_a_topic_that_has_jumped_already_waits_for_the_other():
+    """Taken at once: of the elbow only what follows the jump, of the shoulder both sides."""
+    half = len(IN_A_LOOP) // 2
+    shoulder, elbow = rows(IN_A_LOOP, joints=(0,)), rows(IN_A_LOOP + 0.003, joints=(1,))
+    chain = Chain().take(
+        *(batch(topic[:half], received=np.zeros(half)) for topic in (shoulder, elbow))
+    )
+    topics = [shoulder[half - 5 : half] + shoulder[:half], elbow[:half]]
+    chain.take(*(batch(topic, received=np.zeros(len(topic))) for topic in topics)).end()
+    assert chain.ingest.order.jumps == 1
+    assert chain.rejected.get("missing_joint", 0) <= 4
+    assert chain.ingest.samples >= 2 * half - 4
+
+
 @pytest.mark.parametrize("offset", [0.0, 0.004])
 @pytest.mark.parametrize("velocity", [True, False])
 def test_a_publisher_of_zeros_beside_the_driver_adds_no_energy(once, offset, velocity):

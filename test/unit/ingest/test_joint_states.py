@@ -294,6 +294,20 @@ def test_all_exactly_zero_for_seconds_is_flagged_and_still_used():
     assert not ingest.findings()
 
 
+def test_zeros_count_across_blocks():
+    ingest = JointStateIngest(NAMES)
+    messages = moving(np.zeros(600))
+    blocks = [ingest.step(batch(messages[row : row + 7])) for row in range(0, 600, 7)]
+    flagged = np.concatenate([block.quality for block in blocks]) > 0
+    np.testing.assert_array_equal(np.flatnonzero(flagged), np.arange(500, 600))
+
+
+def test_no_unit_is_named_that_explains_only_half():
+    ingest = JointStateIngest(NAMES, limits=limits())
+    take(ingest, moving(sway(180 / np.pi), velocities=np.full(1000, 1e4)))
+    assert "is this the model of the robot" in sentences(ingest)[0]
+
+
 def test_a_healthy_robot_gives_no_finding():
     ingest = JointStateIngest(NAMES, limits=limits())
     block = take(ingest, moving(sway()))

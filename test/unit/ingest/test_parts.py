@@ -134,6 +134,42 @@ def test_a_wrapped_joint_is_not_interpolated_the_long_way_round():
     np.testing.assert_allclose(turn, np.exp(1j * block.stamp_ns / SECOND), atol=1e-9)
 
 
+@pytest.mark.parametrize("cut", [None, 60, 155])
+def test_a_part_that_comes_after_the_wait_is_too_late_however_the_input_is_cut(cut):
+    """Joint a runs to 11.5 s before b comes on: what was given up by then stays given up."""
+    early = [part(9.99, 1), *(part(t, 0) for t in np.arange(10, 11.501, 0.01))]
+    late = [part(t, 1) for t in np.arange(10.6, 11.7, 0.05)]
+    messages, ingest = early + late, JointStateIngest(NAMES)
+    blocks = [ingest.step(batch(messages[:cut]))]
+    blocks += [ingest.step(batch(messages[cut:]))] if cut else []
+    block = JointBlock.concatenate([found for found in (*blocks, ingest.flush()) if found])
+    assert block.stamp_ns[0] / SECOND == pytest.approx(10.5)
+    assert ingest.account.rejected == {"missing_joint": 50}
+
+
+def test_the_last_whole_message_is_the_first_reading_of_the_parts():
+    whole = [message(t, NAMES, *motion(t)) for t in np.arange(10, 11, 0.01)]
+    parts = [part(t, joint) for t in np.arange(11, 12, 0.01) for joint in (0, 1)]
+    ingest = JointStateIngest(NAMES)
+    block = take(ingest, [*whole, *parts[:1], *parts[2:]])  # without b at 11.00
+    assert len(block) == 200
+    assert ingest.account.rejected == {}
+    expected = np.stack([motion(t)[0] for t in block.stamp_ns / SECOND])
+    np.testing.assert_allclose(block.joint_position, expected, atol=1e-7)
+
+
+def test_an_epoch_that_begins_a_little_after_the_last_sample_is_still_a_new_one():
+    """Joint b was a second ahead of a when both began again: no derivative across."""
+    b = [part(t, 1) for t in np.arange(12, 13.05, 0.01)]
+    both = [part(t, joint) for t in np.arange(10, 12.005, 0.01) for joint in (0, 1)]
+    again = [part(t, joint) for t in np.arange(12.03, 12.5, 0.01) for joint in (1, 0)]
+    block = take(JointStateIngest(NAMES), both + b[1:] + again)
+    step = np.diff(block.stamp_ns) / SECOND
+    assert (step > 0).all()
+    (seam,) = np.flatnonzero(np.diff(block.segment))
+    assert step[seam] == pytest.approx(0.03)
+
+
 def test_parts_and_whole_messages_mix():
     """A driver that sends some joints first and all of them later."""
     early = [part(t, joint) for t in 10 + np.arange(0, 1, 0.01) for joint in (0, 1)]
