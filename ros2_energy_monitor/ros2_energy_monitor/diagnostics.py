@@ -7,10 +7,12 @@ from collections.abc import Callable, Sequence
 
 from robot_energy.blocks import Quality
 from robot_energy.ingest import Accounting, JointStateIngest, MeterIngest, TemperatureIngest
+from robot_energy.ingest.sources import INTERFACE_NAMES
 from robot_energy.model_file import RobotModel
 from robot_energy.pipeline import FrictionStage, Ledger
+from robot_energy.pipeline.temperature_watch import TemperatureWatch
 from ros2_energy_monitor.drain import Inbox
-from ros2_energy_monitor.findings import ERROR, STALE, WARN, Findings, Source
+from ros2_energy_monitor.findings import ERROR, STALE, WARN, Findings, Number, Source
 from ros2_energy_monitor.input_watch import InputWatch, accounting
 from ros2_energy_monitor.time_watch import TimeWatch
 
@@ -57,6 +59,11 @@ def temperature_source(
         found = Findings("motor temperatures")
         ages = [inbox.age for inbox in inboxes if inbox.received]
         topics = ", ".join(inbox.topic for inbox in inboxes) or "any topic"
+        silent = [
+            inbox
+            for inbox in inboxes
+            if inbox.msgtype != INTERFACE_NAMES and inbox.age > model.temperature.stale_after
+        ]
         fallback = f"friction is taken at {model.temperature.fallback_degc:g} degC"
         latest = stage.latest()
         degc = dict(zip(model.joint_names, latest.motor_temperature_degc[0].tolist(), strict=True))
@@ -65,16 +72,22 @@ def temperature_source(
             "input_age": min(ages, default=math.nan),
             "input_publishers": sum(inbox.publishers for inbox in inboxes),
             **accounting(ingest.account),
+            **_by_source(ingest),
+            "joints_ignored": len(ingest.ignored_joints),
             **{f"readings_{key}": value for key, value in _readings(stage).items()},
             **{f"motor_temperature_degc.{name}": value for name, value in degc.items()},
         }
+        for doubt in ingest.doubts:
+            found.add(WARN, doubt)
         if unknown and ingest.account.rejected and not ingest.account.accepted:
             worst = ingest.account.rejected.most_common(1)[0][0]
             found.add(WARN, f"every message on {topics} is rejected as {worst}; {fallback}")
         elif len(unknown) == len(model.joint_names):
             found.add(WARN, f"no motor temperature has arrived on {topics}; {fallback}")
-        elif min(ages, default=0.0) > model.temperature.stale_after:
-            found.add(STALE, f"no motor temperature for {min(ages):.1f} s on {topics}; {fallback}")
+        elif silent:
+            age = min(inbox.age for inbox in silent)
+            topics = ", ".join(inbox.topic for inbox in silent)
+            found.add(STALE, f"no motor temperature for {age:.1f} s on {topics}; {fallback}")
         elif unknown:
             found.add(WARN, f"no motor temperature of {', '.join(unknown)}; there {fallback}")
         quality = Quality(int(latest.quality[0]))
@@ -87,12 +100,28 @@ def temperature_source(
     return findings
 
 
+def stuck_temperatures(watch: TemperatureWatch, model: RobotModel) -> Callable[[Findings], None]:
+    """Judge whether the temperatures follow the losses of the motors."""
+
+    def judge(found: Findings) -> None:
+        stuck = [name for name, is_so in zip(model.joint_names, watch.stuck, strict=True) if is_so]
+        found.values["temperatures_stuck"] = len(stuck)
+        if stuck:
+            found.add(
+                WARN,
+                f"the motor temperature of {', '.join(stuck)} has not changed although the "
+                f"losses must have warmed it by {watch.rise.max():.0f} K",
+            )
+
+    return judge
+
+
 def energy_source(
     ledger: Ledger,
     meter: Sequence[Inbox],
     readings: MeterIngest,
     meter_timeout: float,
-    inputs: Callable[[Findings], None] = lambda found: None,
+    *inputs: Callable[[Findings], None],
 ) -> Source:
     """Judge the books and the meter.
 
@@ -101,7 +130,7 @@ def energy_source(
         meter: Where meter readings arrive: one topic, voltage and current, or none.
         readings: What became of them.
         meter_timeout: Silence beyond which the meter counts as missing. [s]
-        inputs: Judges the other inputs of the node.
+        inputs: Each judges another input of the node.
     """
     names = ("meter_voltage_", "meter_current_") if len(meter) > 1 else ("meter_",)
     watches = [
@@ -113,7 +142,8 @@ def energy_source(
 
     def findings() -> Findings:
         found = Findings("energy")
-        inputs(found)
+        for judge in inputs:
+            judge(found)
         wrong = watch_of_time.judge(ledger.registers.time)
         if wrong:
             found.add(ERROR, wrong)
@@ -138,6 +168,7 @@ def energy_source(
             "drive_extrapolated_share": _share(ledger, Quality.DRIVE_EXTRAPOLATED),
             "temperature_missing_share": _share(ledger, Quality.TEMPERATURE_MISSING),
             "temperature_stale_share": _share(ledger, Quality.TEMPERATURE_STALE),
+            "temperature_stuck_share": _share(ledger, Quality.TEMPERATURE_STUCK),
             "not_finite_share": _share(ledger, Quality.NOT_FINITE),
         }
         if ledger.quality[Quality.NOT_FINITE]:
@@ -153,6 +184,14 @@ def energy_source(
 
 def _share(ledger: Ledger, bit: Quality) -> float:
     return ledger.quality[bit] / ledger.samples if ledger.samples else math.nan
+
+
+def _by_source(ingest: TemperatureIngest) -> dict[str, Number]:
+    """Accounts of the sources by name, where there are several."""
+    values: dict[str, Number] = {}
+    for reader in ingest.readers if len(ingest.readers) > 1 else ():
+        values |= accounting(reader.account, f"{reader.name}.")
+    return values
 
 
 def _readings(stage: FrictionStage) -> dict[str, int]:

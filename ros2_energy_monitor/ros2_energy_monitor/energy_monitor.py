@@ -9,7 +9,12 @@ from robot_energy.blocks import EffortMeaning
 from robot_energy.ingest import JointStateIngest
 from robot_energy.messages import FrictionWriter, TorqueWriter
 from robot_energy.pipeline import EnergyPipeline, Ledger, Output
-from ros2_energy_monitor.diagnostics import energy_source, joint_state_source, temperature_source
+from ros2_energy_monitor.diagnostics import (
+    energy_source,
+    joint_state_source,
+    stuck_temperatures,
+    temperature_source,
+)
 from ros2_energy_monitor.inputs import (
     drain_all,
     joint_state_inboxes,
@@ -81,7 +86,13 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
             temperature_source(
                 self.temperatures, self._temperature, self._pipeline.friction, self.model
             ),
-            energy_source(self.ledger, self.readings, self._meter, self.parameters.meter_max_gap),
+            energy_source(
+                self.ledger,
+                self.readings,
+                self._meter,
+                self.parameters.meter_max_gap,
+                stuck_temperatures(self._pipeline.power.watch, self.model),
+            ),
         ]
 
     def begin(self) -> None:

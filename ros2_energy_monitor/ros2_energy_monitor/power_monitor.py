@@ -10,7 +10,7 @@ from ros2_energy_msgs.msg import JointFriction, JointTorque
 from robot_energy.blocks import PowerBlock
 from robot_energy.messages import FrictionReader, TorqueReader
 from robot_energy.pipeline import Ledger, PowerStage
-from ros2_energy_monitor.diagnostics import energy_source
+from ros2_energy_monitor.diagnostics import energy_source, stuck_temperatures
 from ros2_energy_monitor.drain import Inbox
 from ros2_energy_monitor.input_watch import InputWatch
 from ros2_energy_monitor.inputs import drain_all, meter_input
@@ -71,6 +71,7 @@ class PowerMonitor(MonitorNode[PowerParameters]):
                 self._meter,
                 self.parameters.meter_max_gap,
                 torque.judge,
+                stuck_temperatures(self._stage.watch, self.model),
             )
         ]
 

@@ -289,7 +289,7 @@ def test_missing_temperature_is_diagnosed_until_it_comes(bench):
     status = diagnosed.wait(name, "all is well")
     assert status.level == DiagnosticStatus.OK
     assert diagnosed.values(status)["motor_temperature_degc.joint_a6"] == 30.0
-    publisher.publish(temperatures(2, 95.0))
+    publisher.publish(temperatures(30, 95.0))
     assert diagnosed.wait(name, "outside the range").level == DiagnosticStatus.WARN
 
 

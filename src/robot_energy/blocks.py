@@ -43,6 +43,7 @@ class Quality(IntFlag):
     DRIVE_EXTRAPOLATED = 128
     NOT_FINITE = 256
     JOINT_STATE_IMPLAUSIBLE = 512
+    TEMPERATURE_STUCK = 1024
 
 
 class Phase(IntEnum):

@@ -37,7 +37,7 @@ ALLOWED = {
     "torque": {"errors", "blocks", "model_file", "robot", "drivetrain", "effort"},
     "shaft_comparison": {"errors", "blocks", "registers"},
     "comparison": {"errors", "blocks", "registers", "units"},
-    "pipeline": {"errors", "blocks", "model_file", *PHYSICS},
+    "pipeline": {"errors", "blocks", "model_file", "urdf", *PHYSICS},
     "ingest": {"errors", "blocks", "units", "urdf", "wire"},
     "bag": {"errors", "wire", "yaml_text"},
     "state_file": {"errors", "model_file", "pipeline", "registers"},

@@ -8,20 +8,29 @@ from typing import NamedTuple
 import numpy as np
 
 from robot_energy.blocks import (
-    PLAUSIBLE_DEGC,
     Float,
     FrictionBlock,
     Int,
     Quality,
     TemperatureBlock,
-    differences,
     in_any_joint,
     mark,
 )
 from robot_energy.friction import FrictionModel
 from robot_energy.model_file import RobotModel
+from robot_energy.pipeline.temperature_judge import (
+    BACKWARD_JUMP_NS,
+    TemperatureJudge,
+    Verdict,
+)
 
-BACKWARD_JUMP_NS = 1_000_000_000  # older stamps than this are a new epoch, not late ones
+__all__ = ["BACKWARD_JUMP_NS", "FrictionStage"]
+
+REASONS = {
+    Verdict.IMPLAUSIBLE: "temperature_implausible",
+    Verdict.OLDER: "temperature_older",
+    Verdict.STEP: "temperature_step",
+}
 
 
 class _State(NamedTuple):
@@ -36,8 +45,8 @@ class _State(NamedTuple):
 class FrictionStage:
     """Keeps the last temperature of every motor and evaluates the friction laws.
 
-    Readings that are not finite, implausible or older than the last one of their motor
-    are counted and change nothing.
+    Readings that are not finite, implausible, a step without cause or older than the last
+    one of their motor are counted and change nothing.
 
     Args:
         model: The robot's model.
@@ -48,18 +57,15 @@ class FrictionStage:
         n_joints = len(model.joints)
         fallback = np.full(n_joints, model.temperature.fallback_degc)
         self._fallback = self._friction.viscous(fallback)
-        self._temperature: Float = np.full(n_joints, np.nan)
-        self._stamp: Int = np.zeros(n_joints, dtype=np.int64)
-        self._implausible = np.zeros(n_joints, dtype=np.bool_)  # the motor's last reading was
-        self._newest = 0
+        self._judge = TemperatureJudge(n_joints)
         self.received = 0
         self.accepted = 0
         self.rejected: Counter[str] = Counter()
 
     def initial(self) -> FrictionBlock:
         """Return the friction before any temperature is known, valid from the start."""
-        none = np.full_like(self._temperature, np.nan)
-        return self._rows([_State(0, none, np.zeros_like(self._stamp), False)])
+        none = np.full_like(self._fallback, np.nan)
+        return self._rows([_State(0, none, np.zeros(len(none), dtype=np.int64), False)])
 
     def latest(self) -> FrictionBlock:
         """Return the friction as of the newest temperature, one row."""
@@ -77,10 +83,13 @@ class FrictionStage:
         if not len(block):
             return None
         values, stamp = block.motor_temperature_degc, block.stamp_ns
-        plausible = (values >= PLAUSIBLE_DEGC[0]) & (values <= PLAUSIBLE_DEGC[1])
-        newer = differences(stamp, self._newest) >= 0
-        if bool(plausible.all()) and bool(newer.all()) and not self._implausible.any():
-            states = self._take_all(stamp, values)
+        if self._judge.take_all(stamp, values):
+            self.received += values.size
+            self.accepted += values.size
+            states = [
+                _State(at, row, np.full(len(row), at, dtype=np.int64), False)
+                for at, row in zip(stamp.tolist(), values, strict=True)
+            ]
         else:
             states = [
                 self._state()
@@ -89,44 +98,30 @@ class FrictionStage:
             ]
         return self._rows(states) if states else None
 
-    def _take_all(self, stamp: Int, values: Float) -> list[_State]:
-        """Store readings of every motor that are all in order: what `_take` does, at once."""
-        self.received += values.size
-        self.accepted += values.size
-        self._newest = int(stamp[-1])
-        self._temperature[:] = values[-1]
-        self._stamp[:] = stamp[-1]
-        return [
-            _State(at, row, np.full_like(self._stamp, at), False)
-            for at, row in zip(stamp.tolist(), values, strict=True)
-        ]
-
     def _take(self, stamp: int, values: Float) -> bool:
-        """Store one reading; each motor's value is received, accepted or rejected."""
-        given = ~np.isnan(values)
-        self.received += max(int(given.sum()), 1)
-        if not given.any():
+        """Take one reading; each motor's value is received, accepted or rejected."""
+        given = int((~np.isnan(values)).sum())
+        self.received += max(given, 1)
+        if not given:
             self.rejected["temperature_not_finite"] += 1
             return False
-        if stamp < self._newest - BACKWARD_JUMP_NS:
-            self._stamp[:] = 0
-            self._newest = stamp
-        plausible = given & (values >= PLAUSIBLE_DEGC[0]) & (values <= PLAUSIBLE_DEGC[1])
-        newer = plausible & (stamp >= self._stamp)
-        self.rejected["temperature_implausible"] += int((given & ~plausible).sum())
-        self.rejected["temperature_older"] += int((plausible & ~newer).sum())
-        self.accepted += int(newer.sum())
-        self._temperature[newer] = values[newer]
-        self._stamp[newer] = stamp
-        self._newest = max(self._newest, stamp)
-        implausible = np.where(given, ~plausible, self._implausible)
-        turned = bool((implausible != self._implausible).any())
-        self._implausible = implausible
-        return turned or bool(newer.any())
+        before = self._judge.doubted
+        counts = Counter[int](self._judge.take(stamp, values).tolist())
+        for verdict, reason in REASONS.items():
+            if counts[verdict]:
+                self.rejected[reason] += counts[verdict]
+        self.accepted += counts[Verdict.ACCEPTED]
+        turned = bool((before != self._judge.doubted).any())
+        return turned or bool(counts[Verdict.ACCEPTED])
 
     def _state(self) -> _State:
-        implausible = bool(self._implausible.any())
-        return _State(self._newest, self._temperature.copy(), self._stamp.copy(), implausible)
+        judge = self._judge
+        return _State(
+            judge.newest_ns,
+            judge.temperature_degc.copy(),
+            judge.stamp_ns.copy(),
+            bool(judge.doubted.any()),
+        )
 
     def _rows(self, states: list[_State]) -> FrictionBlock:
         """Evaluate the laws for every state at once."""

@@ -28,6 +28,7 @@ from robot_energy.friction import FrictionModel
 from robot_energy.model_file import RobotModel
 from robot_energy.pipeline.friction_stage import BACKWARD_JUMP_NS, FrictionStage
 from robot_energy.pipeline.settings import Settings
+from robot_energy.pipeline.temperature_watch import TemperatureWatch
 
 LARGEST_POWER = 1e6  # no robot draws a megawatt: the joint states are wrong [W]
 HISTORY_NS = 60_000_000_000  # friction kept behind the samples
@@ -44,6 +45,10 @@ class PowerStage:
     Args:
         model: The robot's model.
         settings: The waiting time.
+
+    Attributes:
+        watch: Which temperatures are stuck; they stay in use, as the motor is at least as
+            warm, and are flagged.
     """
 
     def __init__(self, model: RobotModel, settings: Settings | None = None) -> None:
@@ -51,6 +56,7 @@ class PowerStage:
         self._friction = FrictionModel.from_model(model)
         self._drive = drive_from_model(model)
         self._cabinet = CabinetStage(model.cabinet)
+        self.watch = TemperatureWatch(model)
         transmission = np.abs(Drivetrain.from_model(model).transmission)
         still = np.asarray([joint.standstill_velocity for joint in model.joints])
         self._standstill = transmission @ still
@@ -141,6 +147,15 @@ class PowerStage:
         electrical, extrapolated = self._drive.input_power(shaft, speed, torque, winding)
         if extrapolated is not None:
             mark(quality, in_any_joint(extrapolated), Quality.DRIVE_EXTRAPOLATED)
+        drive_loss = electrical - shaft
+        stuck = self.watch.step(
+            block.stamp_ns,
+            block.segment,
+            np.where(standing, 0.0, friction_power + drive_loss),
+            measured_degc,
+        )
+        if stuck is not None:
+            mark(quality, stuck, Quality.TEMPERATURE_STUCK)
         bus = sum_over_joints(electrical)
         bus[np.abs(bus) > LARGEST_POWER] = np.nan
         balance = self._cabinet.step(block.stamp_ns, block.segment, bus)
@@ -161,7 +176,7 @@ class PowerStage:
             shaft_power_measured=block.motor_torque_measured * speed,
             rigid_power=rigid_power,
             friction_power=friction_power,
-            drive_loss=electrical - shaft,
+            drive_loss=drive_loss,
             coulomb=coulomb,
             viscous=viscous,
             motor_temperature_degc=measured_degc,

@@ -258,10 +258,10 @@ def patient_wheel():
 def test_friction_of_a_looped_recording_stays_in_its_epoch():
     # pass one warms from 20 to 40 degC; the temperatures of pass two arrive before its torque
     pipeline = EnergyPipeline(patient_wheel())
-    once = spin(3.0, seconds=4.0, start=100.0)
+    once = spin(3.0, seconds=8.0, start=100.0)
     again = robots.joint_block(once.stamp_ns * 1e-9, once.joint_position, once.joint_velocity)
     again.segment[:] = 1
-    readings = temperatures([100.0, 102.0], [[20.0], [40.0]])
+    readings = temperatures([100.0, 106.0], [[20.0], [40.0]])
     power = run(
         pipeline,
         {"temperatures": readings},
@@ -269,7 +269,7 @@ def test_friction_of_a_looped_recording_stays_in_its_epoch():
         {"joints": once},
         {"joints": again},
     )
-    expected = np.where(power.stamp_ns < 102 * 10**9, 0.04, 0.02)
+    expected = np.where(power.stamp_ns < 106 * 10**9, 0.04, 0.02)
     np.testing.assert_allclose(power.viscous[:, 0], expected)
 
 
