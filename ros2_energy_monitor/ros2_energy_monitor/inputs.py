@@ -115,9 +115,10 @@ def temperature_inboxes(node: Node, ingest: TemperatureIngest, renew_after: floa
 def temperature_inputs(
     ingest: TemperatureIngest, inboxes: Sequence[Inbox]
 ) -> list[tuple[Inbox, Accounting]]:
-    """Return what may be thrown away while the node is inactive, with its account.
+    """Return every inbox of values with its account.
 
-    The keys of values are not: they come once, and are of use later.
+    Not those of the keys: keys come once, and what came while the node was inactive is of
+    use later.
     """
     return [
         (inbox, ingest.account_of(inbox.topic))

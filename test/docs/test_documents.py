@@ -109,6 +109,8 @@ def test_nomenclature_names_every_quality_bit_and_reason():
         for path in sources
         for reason in re.findall(r'(?:reject|_refuse)\(\s*"([a-z_]+)"', path.read_text())
     }
+    adapters = ROOT / "src/robot_energy/ingest/temperature_adapters.py"
+    reasons |= set(re.findall(r'(?:return|else) "([a-z_]+)"', adapters.read_text()))
     assert reasons
     for reason in reasons:
         assert f"`{reason}`" in NOMENCLATURE, f"the nomenclature lacks the reason {reason}"

@@ -122,7 +122,7 @@ class TemperatureSource:
                 "one joint, or the frame id of each joint in names",
             )
         if self.type == DIAGNOSTICS:
-            _fits("names", self.names, self.joints, one_for_all=True)
+            _fits("names", self.names or self.joints, self.joints, one_for_all=True)
             _fits("keys", self.keys, self.joints, one_for_all=True)
         elif self.names:
             _fits("names", self.names, self.joints, one_for_all=False)

@@ -1,0 +1,259 @@
+"""One source of motor temperatures: its messages -> readings of model joints in degC."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robot_energy.blocks import PLAUSIBLE_DEGC, Float, Int, TemperatureBlock, in_any_joint
+from robot_energy.errors import ParameterError
+from robot_energy.ingest.accounting import MOST_NAMES, Accounting
+from robot_energy.ingest.sources import (
+    DIAGNOSTICS,
+    FLOAT_ARRAY,
+    INTERFACE_NAMES,
+    NO_JOINT,
+    TemperatureSource,
+)
+from robot_energy.ingest.temperature_adapters import (
+    ADAPTERS,
+    ZERO_DEGC,
+    InterfaceValuesAdapter,
+    Said,
+)
+from robot_energy.wire.batch import RawBatch
+from robot_energy.wire.layout import Decoder, Run, stamp_ns
+
+if TYPE_CHECKING:
+    from rosbags.typesys.store import Typestore
+
+TENTH_NS = 100_000_000
+
+
+class Readings(NamedTuple):
+    """Readings of one source in order of arrival.
+
+    Attributes:
+        block: The readings.
+        arrival_ns: When each was received, shape (N,). [ns]
+    """
+
+    block: TemperatureBlock
+    arrival_ns: Int
+
+
+class TemperatureReader:
+    """Reads the messages of one source.
+
+    Joints are matched by name in every message; names that the model does not know, or
+    that the source does not list, are ignored and listed. Of a source that is quicker than
+    temperatures change, the first reading of a joint in each tenth of a second counts.
+
+    Args:
+        name: Of the source.
+        source: Its topics, with their full names, and what they mean.
+        joint_names: Modelled joints in model order.
+        typestore: Message definitions of the source; those known here by default.
+
+    Attributes:
+        account: Received, accepted and rejected messages of values.
+        keys_account: The same of the keys of Float64Values.
+        ignored_joints: Names met that are none of the source's joints.
+        missing_readings: Values that were no number, in messages that were accepted.
+        doubt: What the readings look like if not what the source says; empty if they fit.
+
+    Raises:
+        ParameterError: If the source names a joint that the model lacks.
+        MessageTypeError: If the definition of its messages lacks a field.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        source: TemperatureSource,
+        joint_names: Sequence[str],
+        typestore: Typestore | None = None,
+    ) -> None:
+        self.name, self.source = name, source
+        self.account = Accounting()
+        self.keys_account = Accounting()
+        self.ignored_joints: set[str] = set()
+        self.missing_readings = 0
+        self.doubt = ""
+        self._joint_names = tuple(joint_names)
+        self._newest: Int = np.full(len(self._joint_names), -1, dtype=np.int64)
+        self._columns = self._wanted()
+        self._placed: dict[tuple[str, ...], list[tuple[int, int]]] = {}
+        self._adapter = ADAPTERS[source.type](source)
+        self._decoder = Decoder(source.type, self._adapter.fields, typestore)
+        self._keys = None
+        if source.keys_topic:
+            self._keys = Decoder(INTERFACE_NAMES, ("keys",), typestore)
+
+    def read(self, batches: Mapping[str, RawBatch]) -> Readings | None:
+        """Take messages in order of arrival.
+
+        Args:
+            batches: Serialised messages by topic; topics of other sources are left alone.
+
+        Returns:
+            The readings, or None if there are none.
+        """
+        parts = [part for batch in self._pieces(batches) for part in self._decode(batch)]
+        if not parts:
+            return None
+        block = TemperatureBlock.concatenate([part.block for part in parts])
+        arrival = np.concatenate([part.arrival_ns for part in parts])
+        due = self._due(block)
+        if not due.any():
+            return None
+        return Readings(block, arrival) if due.all() else Readings(block[due], arrival[due])
+
+    def _due(self, block: TemperatureBlock) -> NDArray[np.bool_]:
+        """Tell which readings are the first of some joint in their tenth of a second."""
+        given = ~np.isnan(block.motor_temperature_degc)
+        tenth = np.where(given, (block.stamp_ns // TENTH_NS)[:, None], 0)
+        newest = np.maximum.accumulate(np.concatenate([self._newest[None], tenth]), axis=0)
+        self._newest = newest[-1]
+        return in_any_joint(given & (tenth != newest[:-1]))
+
+    def _wanted(self) -> dict[str, int]:
+        """Model column of every name that counts."""
+        columns = {name: index for index, name in enumerate(self._joint_names)}
+        source = self.source
+        joints = [name for name in source.joints if name != NO_JOINT]
+        unknown = [name for name in joints if name not in columns]
+        if unknown:
+            raise ParameterError(
+                f"the temperature source '{self.name}' names {', '.join(unknown)}",
+                f"joints of the model, {', '.join(self._joint_names)}",
+            )
+        if not joints:
+            return columns
+        named = source.names and source.type != DIAGNOSTICS
+        names = source.names if named else joints
+        return {name: columns[joint] for name, joint in zip(names, joints, strict=True)}
+
+    def _pieces(self, batches: Mapping[str, RawBatch]) -> Iterator[RawBatch]:
+        """Yield the batch of values; in pieces where the keys of the values change."""
+        batch = batches.get(self.source.topic)
+        keys = batches.get(self.source.keys_topic) if self._keys is not None else None
+        for arrival_ns, names in self._new_keys(keys) if keys is not None else ():
+            if batch is not None:
+                before = int(np.searchsorted(batch.log_time_ns, arrival_ns))
+                if before:
+                    yield _rows(batch, slice(0, before))
+                batch = _rows(batch, slice(before, None))
+            if isinstance(self._adapter, InterfaceValuesAdapter):
+                self._adapter.keys = names
+        if batch is not None and len(batch):
+            yield batch
+
+    def _new_keys(self, batch: RawBatch) -> list[tuple[int, tuple[str, ...]]]:
+        """Keys and when they arrived, in order."""
+        assert self._keys is not None
+        decoded = self._keys.decode(batch)
+        self.keys_account.received += len(batch)
+        self.keys_account.reject("malformed", len(decoded.malformed))
+        self.keys_account.accepted += len(batch) - len(decoded.malformed)
+        found = [(row, run.names("keys")) for run in decoded.runs for row in run.rows.tolist()]
+        return [(int(batch.log_time_ns[row]), names) for row, names in sorted(found)]
+
+    def _decode(self, batch: RawBatch) -> list[Readings]:
+        """Return the usable readings of a batch in order of arrival."""
+        self.account.received += len(batch)
+        decoded = self._decoder.decode(batch)
+        self.account.reject("malformed", len(decoded.malformed))
+        blocks: list[TemperatureBlock] = []
+        rows: list[Int] = []
+        for run in decoded.runs:
+            said = self._adapter.read(run)
+            block = said if isinstance(said, str) else self._place(run, batch, said)
+            if isinstance(block, str):
+                self.account.reject(block, len(run.rows))
+                continue
+            good = self._usable(block)
+            if good.any():
+                self.account.accepted += int(good.sum())
+                blocks.append(block[good])
+                rows.append(run.rows[good])
+        if not blocks:
+            return []
+        row = np.concatenate(rows)
+        order = np.argsort(row)
+        return [
+            Readings(TemperatureBlock.concatenate(blocks)[order], batch.log_time_ns[row[order]])
+        ]
+
+    def _usable(self, block: TemperatureBlock) -> NDArray[np.bool_]:
+        """Refuse readings without a stamp or without a number."""
+        given = np.isfinite(block.motor_temperature_degc).any(axis=1)
+        stamped = block.stamp_ns != 0
+        self.account.reject("zero_stamp", int((~stamped).sum()))
+        self.account.reject("not_finite", int((stamped & ~given).sum()))
+        return stamped & given
+
+    def _place(self, run: Run, batch: RawBatch, said: Said) -> TemperatureBlock | str:
+        """Put what was said into model joint order, in degC."""
+        places = self._placed.get(said.names)
+        if places is None:
+            places = self._match(said.names)
+        if not places:
+            return "unknown_joint"
+        if len({column for _, column in places}) < len(places):
+            return "repeated_joint"
+        taken = said.values[:, [index for index, _ in places]]
+        if not np.isfinite(taken).all():
+            taken = np.where(np.isfinite(taken), taken, np.nan)
+            self.missing_readings += int(np.isnan(taken).sum())
+        degc = taken - ZERO_DEGC if self.source.unit == "kelvin" else taken
+        self._judge_unit(taken, degc, [column for _, column in places])
+        values = np.full((len(run.rows), len(self._joint_names)), np.nan)
+        values[:, [column for _, column in places]] = degc
+        if self.source.type == FLOAT_ARRAY or self.source.stamps == "receipt":
+            return TemperatureBlock(batch.log_time_ns[run.rows], values)
+        return TemperatureBlock(stamp_ns(run), values)
+
+    def _match(self, names: tuple[str, ...]) -> list[tuple[int, int]]:
+        """Place in the message and model column of every joint that counts."""
+        foreign = {name for name in names if name not in self._columns and name != NO_JOINT}
+        if len(self.ignored_joints) < MOST_NAMES:
+            self.ignored_joints |= foreign
+        if len(self._placed) >= MOST_NAMES:
+            self._placed.clear()
+        self._placed[names] = [
+            (index, self._columns[name])
+            for index, name in enumerate(names)
+            if name in self._columns
+        ]
+        return self._placed[names]
+
+    def _judge_unit(self, values: Float, degc: Float, columns: list[int]) -> None:
+        """Note values that would be plausible in the other unit only, and when it is over."""
+        low, high = PLAUSIBLE_DEGC
+        if bool(((degc >= low) & (degc <= high)).all()):
+            self.doubt = ""
+            return
+        kelvin = self.source.unit == "kelvin"
+        other = values if kelvin else values - ZERO_DEGC
+        doubtful = ~((degc >= low) & (degc <= high)) & (other >= low) & (other <= high)
+        doubtful &= values != 0.0  # what a sensor says that says nothing
+        if doubtful.any():
+            row, place = np.argwhere(doubtful)[-1].tolist()
+            self.doubt = (
+                f"{self.source.topic} reads {values[row, place]:g} for "
+                f"{self._joint_names[columns[place]]}: set unit: {'degc' if kelvin else 'kelvin'}"
+            )
+
+
+def _rows(batch: RawBatch, rows: slice) -> RawBatch:
+    return replace(
+        batch,
+        log_time_ns=batch.log_time_ns[rows],
+        offset=batch.offset[rows],
+        length=batch.length[rows],
+    )
