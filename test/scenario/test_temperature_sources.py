@@ -28,6 +28,7 @@ from robot_energy.ingest.sources import (
 from robot_energy.inputs_file import read_inputs
 from robot_energy.model_file import load
 from robot_energy.replay import Replay, Topics, replay
+from robot_energy.report import summarise
 from robot_energy.wire.layout import Decoder, stamp_ns
 
 BAG = Path(__file__).resolve().parents[2] / "bags" / "kr16_cold"
@@ -68,7 +69,7 @@ def dressed(tmp_path) -> Callable[..., Path]:
 
     def write(dress: Dress, before: tuple[Row, ...] = ()) -> Path:
         reader = BagReader(BAG)
-        path = tmp_path / "dressed"
+        path = tmp_path / dress.__name__
         with BagWriter(path) as bag:
             kept = {t: i.msgtype for t, i in reader.topics.items() if t != TEMPERATURES}
             for topic, msgtype in kept.items():
@@ -116,6 +117,16 @@ def as_frames(stamp, values) -> list[Row]:
 
 def as_array(stamp, values) -> list[Row]:
     return [("/motor_temps", FLOAT_ARRAY, says.float_array([0.0, *values[::-1]]))]
+
+
+def as_stamped_late(stamp, values) -> list[Row]:
+    return [
+        (
+            TEMPERATURES,
+            MOTOR_TEMPERATURES,
+            says.motor_temperatures(stamp + 5_000_000, values, JOINTS),
+        )
+    ]
 
 
 def as_dynamic(stamp, values) -> list[Row]:
@@ -217,19 +228,28 @@ def test_kelvin_that_is_not_said_is_refused_and_named(dressed):
     assert note.endswith("for joint_a1: set unit: kelvin")
 
 
-def test_an_array_counts_from_its_receipt(dressed, reference):
-    """Float64MultiArray has no stamp: each reading counts from its log time, not before.
+def test_temperatures_of_no_joint_are_listed_once(dressed, reference):
+    """A gripper that reports its temperature too changes nothing and is named in the notes."""
+    path = dressed(as_dynamic)
+    result = replay(path, MODEL, inputs=WAYS["dynamic joint states"][1])
+    same_registers(result, reference)
+    assert summarise(result)["notes"] == ["temperatures of what is no joint of the model: gripper"]
 
-    The recorded readings step by at most 0.03 K in a second and are logged as they are
-    stamped, to which the sampling of the log adds nothing: the registers are equal here.
+
+def test_an_array_counts_from_its_receipt(dressed, reference):
+    """Float64MultiArray has no stamp: a reading counts from its receipt, here 5 ms later.
+
+    So the registers are equal to the last bit to those of MotorTemperatures stamped 5 ms
+    later, and differ from the reference by friction that is 1 K behind for 5 ms a second.
     """
-    lag = [log - stamp for log, stamp, _ in readings()]
+    assert {log - stamp for log, stamp, _ in readings()} == {5_000_000}
     inputs = source(topic="motor_temps", type=FLOAT_ARRAY, joints=("-", *JOINTS[::-1]))
     result = replay(dressed(as_array), MODEL, inputs=inputs)
-    if max(lag) == 0:
-        same_registers(result, reference)
+    late = replay(dressed(as_stamped_late), MODEL)
+    same_registers(result, late)
     drawn = [each.ledger.registers.cabinet("grid_import") for each in (result, reference)]
-    assert drawn[0] == pytest.approx(drawn[1], rel=1e-5)
+    assert drawn[0] != drawn[1]
+    assert drawn[0] == pytest.approx(drawn[1], rel=1e-4)
 
 
 def test_the_parameter_file_of_the_node_serves_the_replay(dressed, reference, tmp_path):

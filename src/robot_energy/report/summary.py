@@ -269,6 +269,9 @@ def _notes(result: Replay) -> list[str]:
     ignored = result.joint_states.ignored_joints
     if ignored:
         notes.append(f"joints that the model does not know: {', '.join(sorted(ignored))}")
+    foreign = result.temperatures.ignored_joints - ignored
+    if foreign:
+        notes.append(f"temperatures of what is no joint of the model: {', '.join(sorted(foreign))}")
     notes += [finding.sentence for finding in result.joint_states.findings()]
     jumps = ledger.registers.time.jumps
     if jumps:
