@@ -50,7 +50,8 @@ def live(seconds: float, folder: Path, stop: StopSignal) -> bool:
     with Children(folder, dict(os.environ)) as children:
         children.start("virtual_robot", thermal_speedup=min(WARM_UP / seconds, FASTEST))
         for name in MONITORS:
-            children.start(name, model=MODEL)
+            keep_nothing = {"state_folder": "''"} if name == "power_monitor" else {}
+            children.start(name, model=MODEL, **keep_nothing)
         with ros([]) as context:
             console = Console(context=context)
             executor = SingleThreadedExecutor(context=context)

@@ -67,7 +67,8 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
         self._friction_writer = FrictionWriter(self.model)
         self._torque = torque_publisher(self, depth) if self.parameters.publish_torque else None
         self._friction = friction_publisher(self)
-        self._books = BooksPublisher(self, self.model, self.ledger)
+        self._books = BooksPublisher(self, self.model, self.ledger, self.parameters)
+        self.holds.callback(self._books.checkpoints.close)
         renew = self.parameters.resubscribe_after
         states = joint_state_inboxes(self, self.parameters)
         self.joint_states, *self._further = states
@@ -93,11 +94,13 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
                 self.parameters.meter_max_gap,
                 stuck_temperatures(self._pipeline.power.watch, self.model),
             ),
+            self._books.checkpoints.findings,
         ]
 
     def begin(self) -> None:
         """Publish the friction as it stands, also before the first temperature."""
         super().begin()
+        self._books.begin()
         self._friction.publish(self._friction_writer.encode(self._pipeline.friction.latest()))
 
     @property
@@ -118,16 +121,12 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
         meter = self._meter.step(readings)
         self._publish(self._pipeline.step(joints, temperatures, meter))
 
-    def report(self) -> None:
-        """Publish the registers."""
-        self._books.registers()
-
     def finish(self) -> None:
         """Book and publish what still waits."""
         self.tick()
         self._publish(self._pipeline.step(self.ingest.flush()))
         self._publish(self._pipeline.flush())
-        self._books.registers()
+        self._books.finish()
 
     def _publish(self, output: Output) -> None:
         if output.torque is not None and self._torque is not None:
@@ -135,6 +134,7 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
         if output.friction is not None:
             self._friction.publish(self._friction_writer.encode(output.friction))
         self._books.power(output.means)
+        self._books.checkpoints.poll()
 
 
 def main(args: Sequence[str] | None = None) -> int:

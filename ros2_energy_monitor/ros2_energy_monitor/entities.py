@@ -21,6 +21,11 @@ class Entities:
 
     def restore(self) -> None:
         """Destroy every publisher, subscription, service and timer that came later."""
+        self._destroy()
+        group = self._node.default_callback_group  # keeps a dead reference to each of them
+        group.entities = {reference for reference in group.entities if reference() is not None}
+
+    def _destroy(self) -> None:
         node = self._node
         pairs: list[tuple[list[Any], Callable[[Any], bool]]] = [
             (list(node.timers), node.destroy_timer),
@@ -33,8 +38,6 @@ class Entities:
             for entity in entities:
                 if id(entity) not in self._kept:
                     destroy(entity)
-        group = node.default_callback_group  # keeps a dead reference to each of them
-        group.entities = {reference for reference in group.entities if reference() is not None}
 
     def __len__(self) -> int:
         """Return how many entities the node has now."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from contextlib import ExitStack
 from typing import Any, ClassVar, Generic, TypeVar
 
 from rclpy.clock import Clock
@@ -49,6 +50,7 @@ class MonitorNode(ManagedNode, Generic[P]):
         inputs: Every inbox with the account of its messages, from `set_up`.
         orders: Orders of stamps in which becoming active leaves a gap, from `set_up`.
         sources: What the node says about itself, from `set_up`.
+        holds: What cleanup closes, from `set_up`.
 
     Raises:
         RobotEnergyError: If a parameter, or with ``autostart`` the model, cannot be used.
@@ -65,6 +67,7 @@ class MonitorNode(ManagedNode, Generic[P]):
         self.orders: list[StampOrder] = []
         self.sources: list[Source] = []
         self._description: AwaitedDescription | ComparedDescription | None = None
+        self.holds = ExitStack()
         try:
             self.parameters = declare(self, parameters_type)
             self._steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -125,7 +128,8 @@ class MonitorNode(ManagedNode, Generic[P]):
         self.tick()
 
     def release(self) -> None:
-        """Forget inputs and sources, whose entities cleanup destroys."""
+        """Close what is held; forget inputs and sources, whose entities cleanup destroys."""
+        self.holds.close()
         self.inputs, self.orders, self.sources = [], [], []
         self._description = None
 
@@ -140,6 +144,7 @@ class MonitorNode(ManagedNode, Generic[P]):
         try:
             self._set_up(model)
         except RobotEnergyError:
+            self.holds.close()
             before.restore()
             self.inputs, self.orders, self.sources = [], [], []
             raise

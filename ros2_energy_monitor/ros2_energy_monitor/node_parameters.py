@@ -96,7 +96,7 @@ class FrictionParameters(TemperatureInputs, Common):
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Books(MeterInputs, Common):
+class BooksParameters(MeterInputs, Common):
     """What the nodes that keep the books share."""
 
     power_rate: float = parameter(
@@ -108,10 +108,18 @@ class _Books(MeterInputs, Common):
     meter_max_gap: float = parameter(
         "Longest time between two meter readings that is bridged [s].", 2.0, 0.01, 3600.0
     )
+    state_folder: str = parameter(
+        "Folder that keeps the registers across restarts; $ROS_HOME is ~/.ros where it is not "
+        "set. Empty keeps nothing.",
+        "$ROS_HOME/robot_energy",
+    )
+    checkpoint_period: float = parameter(
+        "How often the registers are brought to disk and published [s].", 1.0, 0.1, 3600.0
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
-class PowerParameters(_Books):
+class PowerParameters(BooksParameters):
     """Parameters of the power monitor."""
 
     joint_torque_depth: int = parameter(
@@ -123,7 +131,7 @@ class PowerParameters(_Books):
 
 
 @dataclass(frozen=True, kw_only=True)
-class EnergyParameters(TorqueParameters, FrictionParameters, _Books):
+class EnergyParameters(TorqueParameters, FrictionParameters, BooksParameters):
     """Parameters of the energy monitor, the three monitors in one process."""
 
     publish_torque: bool = parameter(

@@ -44,7 +44,8 @@ class PowerMonitor(MonitorNode[PowerParameters]):
         self._friction = FrictionReader(self.model)
         self._stage = PowerStage(self.model, settings)
         self.ledger = Ledger(len(self.model.joints), settings)
-        self._books = BooksPublisher(self, self.model, self.ledger)
+        self._books = BooksPublisher(self, self.model, self.ledger, self.parameters)
+        self.holds.callback(self._books.checkpoints.close)
         depth = self.parameters.joint_torque_depth
         renew = self.parameters.resubscribe_after
         self.torques = Inbox(
@@ -72,8 +73,14 @@ class PowerMonitor(MonitorNode[PowerParameters]):
                 self.parameters.meter_max_gap,
                 torque.judge,
                 stuck_temperatures(self._stage.watch, self.model),
-            )
+            ),
+            self._books.checkpoints.findings,
         ]
+
+    def begin(self) -> None:
+        """Keep and publish the registers from now on."""
+        super().begin()
+        self._books.begin()
 
     def tick(self) -> None:
         """Drain all inputs and publish the periods that ended.
@@ -91,17 +98,14 @@ class PowerMonitor(MonitorNode[PowerParameters]):
         torque = self._torque.decode(torques) if torques is not None else None
         if torque is not None:
             self._book(self._stage.step(torque))
-
-    def report(self) -> None:
-        """Publish the registers."""
-        self._books.registers()
+        self._books.checkpoints.poll()
 
     def finish(self) -> None:
         """Book and publish what still waits."""
         self.tick()
         self._book(self._stage.flush())
         self._books.power(self.ledger.flush())
-        self._books.registers()
+        self._books.finish()
 
     def _book(self, power: PowerBlock | None) -> None:
         if power is not None:

@@ -14,6 +14,9 @@ from robot_energy.messages import PowerStateWriter, RegistersWriter
 from robot_energy.model_file import RobotModel
 from robot_energy.pipeline import Ledger
 from robot_energy.pipeline.averaging import MeanBlock
+from ros2_energy_monitor.checkpoints import CLOSING, Checkpoints, folder_of
+from ros2_energy_monitor.node_parameters import BooksParameters
+from ros2_energy_monitor.register_services import RegisterServices
 
 
 def best_effort(depth: int) -> QoSProfile:
@@ -83,26 +86,47 @@ FRICTION_DEPTH = 100  # messages; what a late subscriber gets at most
 
 
 class BooksPublisher:
-    """Publishes powers and registers: ``energy/power`` and ``energy/registers``.
+    """Publishes powers and registers, and keeps the registers on disk.
 
     Args:
-        node: The node that publishes.
+        node: The node that publishes ``energy/power`` and ``energy/registers``.
         model: The robot's model.
         ledger: The books.
+        parameters: Where and how often they are kept.
+
+    Attributes:
+        checkpoints: What keeps them.
     """
 
-    def __init__(self, node: Node, model: RobotModel, ledger: Ledger) -> None:
+    def __init__(
+        self, node: Node, model: RobotModel, ledger: Ledger, parameters: BooksParameters
+    ) -> None:
         self._ledger = ledger
         self._power_writer = PowerStateWriter(model.joint_names, model.model_id)
-        self._registers_writer = RegistersWriter(model.joint_names, model.model_id)
+        writer = RegistersWriter(model.joint_names, model.model_id)
         self._power = RowPublisher(node, PowerState, "energy/power", reliable(100))
-        self._registers = RowPublisher(node, EnergyRegisters, "energy/registers", reliable(10))
+        registers = RowPublisher(node, EnergyRegisters, "energy/registers", reliable(10))
+        self.checkpoints = Checkpoints(
+            node,
+            model,
+            ledger,
+            folder_of(parameters.state_folder),
+            parameters.checkpoint_period,
+            lambda persisted: writer.encode(ledger, persisted),
+            registers.publish,
+        )
+        RegisterServices(node, ledger, self.checkpoints, model.joint_names)
 
     def power(self, means: MeanBlock | None) -> None:
         """Publish the periods that ended."""
         if means is not None:
             self._power.publish(self._power_writer.encode(means, self._ledger.comparison.location))
 
-    def registers(self) -> None:
-        """Publish the registers as they stand, if there are any yet."""
-        self._registers.publish(self._registers_writer.encode(self._ledger))
+    def begin(self) -> None:
+        """Keep and publish the registers from now on."""
+        self.checkpoints.running = True
+
+    def finish(self) -> None:
+        """Keep and publish the registers once more, and then no longer."""
+        self.checkpoints.now(CLOSING)
+        self.checkpoints.running = False

@@ -111,6 +111,12 @@ class Bench:
         self.context.try_shutdown()
 
 
+@pytest.fixture(autouse=True)
+def own_state_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Every test begins with empty registers and leaves none behind."""
+    monkeypatch.setenv("ROS_HOME", str(tmp_path / "ros"))
+
+
 @pytest.fixture
 def bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")

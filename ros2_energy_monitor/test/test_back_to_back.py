@@ -108,7 +108,7 @@ def compare(collected: Collected, offline, ledger) -> None:
 
 
 def test_energy_monitor_equals_replay(bench, messages, offline):
-    node = bench.add(EnergyMonitor, model="kr16", effort="motor_torque")
+    node = bench.add(EnergyMonitor, model="kr16", effort="motor_torque", state_folder="")
     collected = Collected(bench)
     publish_all(
         bench,
@@ -132,7 +132,7 @@ def test_energy_monitor_equals_replay(bench, messages, offline):
 def test_three_nodes_equal_replay(bench, messages, offline):
     torque = bench.add(TorqueMonitor, model="kr16", effort="motor_torque")
     friction = bench.add(FrictionMonitor, model="kr16")
-    power = bench.add(PowerMonitor, model="kr16")
+    power = bench.add(PowerMonitor, model="kr16", state_folder="")
     collected = Collected(bench)
     bench.spin_until(lambda: power.torques.publishers and power.frictions.publishers, "matching")
     rows = 1 + len(messages["/motor_temperatures"])

@@ -204,7 +204,8 @@ def test_a_hundred_lives_leave_nothing_behind(bench, messages):
             bench.executor.spin_once(timeout_sec=0)
         assert len(Entities(node)) == bare[0]
         assert len(list(node.waitables)) == bare[1]
-        assert len(node.default_callback_group.entities) <= bare[2] + 5
+        left = len(node.default_callback_group.entities) - bare[2]
+        assert left <= 20  # of the last life, which the executor may still hold
         if number in (9, 24):
             gc.collect()
             sizes.append((memory(), len(os.listdir("/proc/self/fd"))))

@@ -152,7 +152,7 @@ def test_steps_of_the_system_clock_change_nothing(bench, messages, monkeypatch):
     """Totals, ages and the rates of ticks and reports follow stamps and the steady clock."""
     totals = []
     for steps in ((0,), (3600, -3600, 7200, -86_400)):
-        node = bench.add(EnergyMonitor, model="kr16")
+        node = bench.add(EnergyMonitor, model="kr16", state_folder="")
         publisher = bench.publisher(JointState, "joint_states")
         rows = messages["/joint_states"][:400]
         size = len(rows) // len(steps)

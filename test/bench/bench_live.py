@@ -8,6 +8,7 @@ import signal
 import statistics
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -40,6 +41,7 @@ def measure(case: str, rate: int, seconds: float, domain: int) -> dict[str, floa
         "ROS_DOMAIN_ID": str(domain),
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
         "PYTHONWARNINGS": "ignore",
+        "ROS_HOME": tempfile.mkdtemp(prefix="robot_energy_"),  # registers of this run only
     }
     plain = case.startswith("plain")
     started = [

@@ -133,3 +133,21 @@ def test_state_does_not_depend_on_the_cutting(seed, cuts, other, reset):
         return ledger.state(IDENTITY)
 
     assert run(cuts) == run(other)
+
+
+@settings(deadline=None, max_examples=40)
+@given(seed=seeds, resets=indices)
+def test_resets_lose_and_add_nothing(seed, resets):
+    """What the trace holds of every reset and what was counted since add up to one piece."""
+    block = random_power(seed)
+    whole, ledger = Ledger(2), Ledger(2)
+    whole.step(block)
+    for start, stop in pairwise([0, *resets, SIZE]):
+        if start:
+            ledger.reset("for the test")
+        ledger.step(block[slice(start, stop)])
+    parts = [entry.totals for entry in ledger.trace.entries] + [ledger.tally()]
+    for name, total in whole.tally().cabinet_energy_microjoule.items():
+        assert sum(part.cabinet_energy_microjoule[name] for part in parts) == total
+    for name in ("observed_ns", "gap_ns", "jumps"):
+        assert sum(getattr(part, name) for part in parts) == getattr(whole.tally(), name)

@@ -74,6 +74,7 @@ def _load(
         **os.environ,
         "ROS_DOMAIN_ID": str(domain),
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        "ROS_HOME": str(names.parent / "ros"),  # registers of this run only
     }
     options = [part for key, value in parameters.items() for part in ("-p", f"{key}:={value}")]
     monitor = subprocess.Popen(

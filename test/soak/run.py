@@ -21,6 +21,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 import flips
+import kills
 import load
 import month
 from figure import Figure, LongRun
@@ -29,7 +30,13 @@ from rich.table import Table
 
 import fuzz
 
-RUNS: dict[str, LongRun] = {"month": month, "load": load, "fuzz": fuzz, "flips": flips}
+RUNS: dict[str, LongRun] = {
+    "month": month,
+    "kills": kills,
+    "load": load,
+    "fuzz": fuzz,
+    "flips": flips,
+}
 BUILD = Path(__file__).resolve().parents[2] / "build"
 
 

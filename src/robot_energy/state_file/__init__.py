@@ -1,6 +1,6 @@
 """State files: what must outlive the process, on disk in two alternating slots."""
 
-from robot_energy.state_file.bookkeeper import Bookkeeper, books_of
+from robot_energy.state_file.bookkeeper import Bookkeeper, Submit, books_of
 from robot_energy.state_file.slots import SlotPair, Stored
 
-__all__ = ["Bookkeeper", "SlotPair", "Stored", "books_of"]
+__all__ = ["Bookkeeper", "SlotPair", "Stored", "Submit", "books_of"]

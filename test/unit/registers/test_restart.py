@@ -86,6 +86,17 @@ def test_a_pause_counts_like_a_restart() -> None:
     assert ledger.comparison.compared_ns == round(19.95 * SECOND)
 
 
+def test_a_pause_within_a_gap_is_a_gap_of_its_own() -> None:
+    ledger = Ledger(2)
+    block = steady(0, 1)
+    block.grid_power[-10:] = float("nan")
+    ledger.step(block)
+    ledger.interrupt()
+    ledger.step(steady(2, 3))
+    assert ledger.registers.time.gap_count == 2
+    assert ledger.registers.time.gap_ns == round(1.1 * SECOND)
+
+
 def test_everything_the_books_show_survives() -> None:
     ledger = Ledger(2)
     ledger.measure(counter(0, 10))

@@ -165,6 +165,21 @@ def test_one_writer(tmp_path):
         first.write(b"2")
 
 
+def test_a_writer_whose_lock_file_was_removed_stops_writing(tmp_path):
+    """Someone tidied up, and another process has locked a new file since."""
+    first, second = slots(tmp_path), slots(tmp_path)
+    first.acquire()
+    first.write(b"1")
+    (tmp_path / "arm.lock").unlink()
+    second.acquire()
+    second.write(b"2")
+    with pytest.raises(StateFileError, match=r"arm.lock was replaced"):
+        first.write(b"3")
+    assert not first.held
+    second.release()
+    assert first.acquire().value == b"2"
+
+
 def test_the_time_of_the_files_does_not_matter(tmp_path):
     written(tmp_path, b"1", b"2")
     for name, when in (("arm.a.state", 4e9), ("arm.b.state", 0)):  # 2096 and 1970

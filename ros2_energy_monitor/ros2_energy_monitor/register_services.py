@@ -1,0 +1,98 @@
+"""Services of the registers: reset them, open, close and list intervals."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, TypeVar
+
+from builtin_interfaces.msg import Time
+from rclpy.node import Node
+from ros2_energy_msgs.msg import EnergyInterval, JointEnergy
+from ros2_energy_msgs.srv import CloseInterval, ListIntervals, OpenInterval, ResetRegisters
+
+from robot_energy.errors import RegisterError
+from robot_energy.messages import interval_fields
+from robot_energy.pipeline import Ledger
+from robot_energy.registers import record
+from ros2_energy_monitor.checkpoints import Checkpoints
+
+R = TypeVar("R")
+SECOND_NS = 1_000_000_000
+
+
+class RegisterServices:
+    """Answers the services of one ledger; what they change is on disk before they answer.
+
+    Args:
+        node: The node that serves.
+        ledger: The books.
+        checkpoints: Bring them to disk.
+        joint_names: Joints in model order.
+    """
+
+    def __init__(
+        self, node: Node, ledger: Ledger, checkpoints: Checkpoints, joint_names: Sequence[str]
+    ) -> None:
+        self._node, self._ledger, self._checkpoints = node, ledger, checkpoints
+        self._names = joint_names
+        for kind, name, answer in (
+            (ResetRegisters, "reset_registers", self._reset),
+            (OpenInterval, "open_interval", self._open),
+            (CloseInterval, "close_interval", self._close),
+            (ListIntervals, "list_intervals", self._list),
+        ):
+            node.create_service(kind, f"~/{name}", answer)
+
+    def _reset(self, request: Any, response: Any) -> Any:
+        def change() -> str:
+            before = self._ledger.registers.cabinet("grid_import")
+            self._ledger.reset(request.reason)
+            return f"the registers begin at zero; they had counted {before:.1f} J from the grid"
+
+        return self._change(response, change)
+
+    def _open(self, request: Any, response: Any) -> Any:
+        def change() -> str:
+            interval = self._ledger.open_interval(request.name)
+            response.interval = self._message(interval)
+            return f"interval {interval.interval_id} '{interval.name}' is open"
+
+        return self._change(response, change)
+
+    def _close(self, request: Any, response: Any) -> Any:
+        def change() -> str:
+            interval = self._ledger.close_interval(request.name, request.id)
+            response.interval = self._message(interval)
+            return f"interval {interval.interval_id} '{interval.name}' is closed"
+
+        return self._change(response, change)
+
+    def _list(self, request: Any, response: Any) -> Any:
+        response.energy_start = _time(self._ledger.registers.time.start_ns or 0)
+        response.intervals = [self._message(one) for one in self._ledger.list_intervals()]
+        return response
+
+    def _change(self, response: Any, change: Callable[[], str]) -> Any:
+        """Change the books and bring them to disk before the answer."""
+        try:
+            self._checkpoints.books.require()
+            response.message = change()
+        except RegisterError as error:
+            response.success, response.message = False, str(error)
+            return response
+        response.success = True
+        response.persisted = self._checkpoints.now()
+        if not response.persisted:
+            response.message += "; it is in memory only"
+        self._node.get_logger().info(response.message)
+        return response
+
+    def _message(self, interval: record.EnergyInterval) -> EnergyInterval:
+        fields = interval_fields(interval, self._names)
+        joints = [JointEnergy(**joint) for joint in fields.pop("joints")]
+        start, end = _time(fields.pop("start_ns")), _time(fields.pop("end_ns"))
+        return EnergyInterval(start=start, end=end, joints=joints, **fields)
+
+
+def _time(stamp_ns: int) -> Time:
+    return Time(sec=stamp_ns // SECOND_NS, nanosec=stamp_ns % SECOND_NS)

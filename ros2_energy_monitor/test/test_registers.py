@@ -1,0 +1,274 @@
+"""Registers of the nodes: kept on disk, published when they are there, served."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import threading
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from ros2_energy_msgs.msg import EnergyRegisters
+from ros2_energy_msgs.srv import CloseInterval, ListIntervals, OpenInterval, ResetRegisters
+from sensor_msgs.msg import JointState
+
+from robot_energy.registers.record import FORMAT_VERSION, LedgerRecord
+from robot_energy.state_file.envelope import unwrap
+from ros2_energy_monitor.checkpoints import folder_of
+from ros2_energy_monitor.energy_monitor import EnergyMonitor
+from ros2_energy_monitor.power_monitor import PowerMonitor
+
+FAST: dict[str, Any] = {"model": "kr16", "checkpoint_period": 0.1}
+KILLS = Path(__file__).resolve().parents[2] / "test/soak/kills.py"
+
+
+class Observer:
+    """All registers that were published, and the latest diagnostics of them."""
+
+    def __init__(self, bench) -> None:
+        self._bench = bench
+        self.rows: list[EnergyRegisters] = []
+        self.status: DiagnosticStatus | None = None
+        bench.tester.create_subscription(EnergyRegisters, "energy/registers", self.rows.append, 99)
+        bench.tester.create_subscription(DiagnosticArray, "/diagnostics", self._take, 99)
+
+    def _take(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            if status.name.endswith("_monitor: registers"):
+                self.status = status
+
+    def wait(self, **fields: Any) -> EnergyRegisters:
+        """Return the next message with these fields."""
+        count = len(self.rows)
+
+        def found() -> EnergyRegisters | None:
+            for row in self.rows[count:]:
+                if all(getattr(row, name) == value for name, value in fields.items()):
+                    return row
+            return None
+
+        return self._bench.spin_until(found, f"registers with {fields}")
+
+    def diagnosed(self, *words: str) -> DiagnosticStatus:
+        """Return the status once its message holds all these words."""
+        self.status = None
+        return self._bench.spin_until(
+            lambda: self.status and all(word in self.status.message for word in words)
+            and self.status, f"diagnostics with {words}",
+        )  # fmt: skip
+
+
+def values(status: DiagnosticStatus) -> dict[str, float]:
+    return {pair.key: float(pair.value) for pair in status.values}
+
+
+def call(bench, node, kind: Any, service: str, /, **fields: Any) -> Any:
+    client = bench.tester.create_client(kind, f"{node.get_name()}/{service}")
+    bench.spin_until(client.service_is_ready, service)
+    future = client.call_async(kind.Request(**fields))
+    bench.spin_until(future.done, f"the answer of {service}")
+    bench.tester.destroy_client(client)
+    return future.result()
+
+
+def feed(bench, node, publisher, rows) -> None:
+    """Publish joint states and wait until the node has them."""
+    before = node.joint_states.received
+    for row in rows:
+        publisher.publish(row)
+    bench.spin_until(lambda: node.joint_states.received >= before + len(rows), "joint states")
+
+
+def newest(folder: Path) -> LedgerRecord:
+    states = [unwrap(FORMAT_VERSION, path.read_bytes()) for path in folder.glob("*.state")]
+    return LedgerRecord.from_json(max(states)[1])
+
+
+def start(bench, folder: Path | str, **parameters: Any) -> EnergyMonitor:
+    return bench.add(EnergyMonitor, **{**FAST, "state_folder": str(folder), **parameters})
+
+
+def test_what_is_published_is_on_disk_and_outlives_the_node(bench, messages, tmp_path):
+    node, observer = start(bench, tmp_path), Observer(bench)
+    publisher = bench.publisher(JointState, "joint_states")
+    rows = messages["/joint_states"]
+    feed(bench, node, publisher, rows[:300])
+    row = observer.wait(persisted=True)
+    kept = newest(tmp_path).totals.cabinet_energy_microjoule["grid_import"] * 1e-6
+    assert 0 < row.predicted_import_energy <= kept
+    assert values(observer.diagnosed("all is well"))["checkpoint_failures"] == 0
+    node.close()
+    total = node.ledger.registers.cabinet("grid_import")
+    assert newest(tmp_path).totals.cabinet_energy_microjoule["grid_import"] == total * 1e6
+    bench.remove(node)
+    node = start(bench, tmp_path)
+    assert node.ledger.registers.cabinet("grid_import") == total
+    bench.spin_until(lambda: node.joint_states.publishers, "the publisher")
+    feed(bench, node, publisher, rows[400:500])
+    node.close()
+    time = node.ledger.registers.time
+    assert (time.gap_count, node.ledger.restarts) == (1, 1)
+    assert time.span_ns == time.end_ns - time.start_ns
+    energies = [row.predicted_import_energy for row in observer.rows]
+    assert energies == sorted(energies)
+
+
+def test_where_the_files_are(monkeypatch, tmp_path):
+    monkeypatch.setenv("ROS_HOME", str(tmp_path))
+    assert folder_of("$ROS_HOME/robot_energy") == tmp_path / "robot_energy"
+    monkeypatch.delenv("ROS_HOME")
+    assert folder_of("$ROS_HOME/robot_energy") == Path.home() / ".ros/robot_energy"
+    assert folder_of("~/kept") == Path.home() / "kept"
+    assert folder_of("") is None
+
+
+def test_intervals_and_reset_by_service(bench, messages, tmp_path):
+    node, observer = start(bench, tmp_path), Observer(bench)
+    rows = messages["/joint_states"]
+    early = call(bench, node, OpenInterval, "open_interval", name="job")
+    assert (early.success, early.persisted) == (False, False)
+    assert early.message == "no sample has been booked yet; expected a first joint state."
+    publisher = bench.publisher(JointState, "joint_states")
+    feed(bench, node, publisher, rows[:200])
+    opened = call(bench, node, OpenInterval, "open_interval", name="job")
+    assert (opened.success, opened.persisted, opened.interval.is_open) == (True, True, True)
+    assert [entry.name for entry in newest(tmp_path).open_intervals] == ["job"]
+    again = call(bench, node, OpenInterval, "open_interval", name="job")
+    assert not again.success
+    assert "is open already" in again.message
+    feed(bench, node, publisher, rows[200:400])
+    refused = call(bench, node, ResetRegisters, "reset_registers", reason=" ")
+    assert not refused.success
+    before = node.ledger.registers.cabinet("grid_import")
+    done = call(bench, node, ResetRegisters, "reset_registers", reason="new shift")
+    assert (done.success, done.persisted) == (True, True)
+    row = observer.wait(persisted=True)
+    assert row.predicted_import_energy < before
+    assert row.energy_start.nanosec == newest(tmp_path).energy_start_ns % 10**9
+    assert newest(tmp_path).trace[-1].text == "new shift"
+    feed(bench, node, publisher, rows[400:600])
+    (listed,) = call(bench, node, ListIntervals, "list_intervals").intervals
+    assert listed.is_open
+    closed = call(bench, node, CloseInterval, "close_interval", id=listed.id).interval
+    assert closed.name == "job"
+    assert closed.predicted_import_energy >= listed.predicted_import_energy > 0
+    assert closed.predicted_mean_power == pytest.approx(
+        closed.predicted_import_energy / closed.observed_time
+    )
+    assert closed.predicted_peak_power >= closed.predicted_mean_power
+    assert closed.coverage == 1.0
+    assert np.isnan(closed.measured_energy)
+    assert [joint.name for joint in closed.joints] == list(node.model.joint_names)
+    begin, end = (stamp.sec * 10**9 + stamp.nanosec for stamp in (closed.start, closed.end))
+    assert (end - begin) * 1e-9 == pytest.approx(closed.observed_time + closed.gap_time)
+    (kept,) = newest(tmp_path).closed_intervals
+    assert kept.counted.observed_ns * 1e-9 == closed.observed_time
+
+
+def test_power_monitor_serves_too(bench):
+    node = bench.add(PowerMonitor, **FAST)
+    answer = call(bench, node, CloseInterval, "close_interval", name="job")
+    assert answer.message == "no interval 'job' is open; expected an open interval; none is."
+    assert not call(bench, node, ListIntervals, "list_intervals").intervals
+
+
+def test_a_disk_in_trouble_and_back(bench, messages, tmp_path):
+    """A file stands where the folder should be: an error until it is gone, no restart."""
+    folder = tmp_path / "state"
+    folder.write_text("in the way")
+    node, observer = start(bench, folder), Observer(bench)
+    publisher = bench.publisher(JointState, "joint_states")
+    rows = messages["/joint_states"]
+    feed(bench, node, publisher, rows[:200])
+    row = observer.wait(persisted=False)
+    status = observer.diagnosed("cannot be kept in", str(folder))
+    assert status.level == DiagnosticStatus.ERROR
+    assert values(status)["checkpoint_failures"] > 0
+    answer = call(bench, node, ResetRegisters, "reset_registers", reason="to see")
+    assert not answer.success
+    assert "have not been read yet" in answer.message
+    folder.unlink()
+    assert observer.diagnosed("all is well").level == DiagnosticStatus.OK
+    kept = observer.wait(persisted=True)
+    assert kept.predicted_import_energy >= row.predicted_import_energy > 0
+    for path in folder.iterdir():  # the folder vanishes, as an unplugged disk does
+        path.unlink()
+    folder.rmdir()
+    folder.write_text("in the way again")
+    feed(bench, node, publisher, rows[200:300])
+    observer.wait(persisted=False)
+    answer = call(bench, node, ResetRegisters, "reset_registers", reason="to see")
+    assert (answer.success, answer.persisted) == (True, False)
+    assert answer.message.endswith("it is in memory only")
+    folder.unlink()
+    observer.wait(persisted=True)
+    assert newest(folder).trace[-1].text == "to see"
+
+
+def test_nothing_is_kept_if_so_wished(bench, messages):
+    node, observer = start(bench, ""), Observer(bench)
+    publisher = bench.publisher(JointState, "joint_states")
+    feed(bench, node, publisher, messages["/joint_states"][:200])
+    observer.wait(persisted=False)
+    assert observer.diagnosed("all is well").level == DiagnosticStatus.OK
+
+
+def test_a_second_monitor_says_so_and_takes_over(bench, messages, tmp_path):
+    first = start(bench, tmp_path)
+    publisher = bench.publisher(JointState, "joint_states")
+    rows = messages["/joint_states"]
+    feed(bench, first, publisher, rows[:300])
+    assert first._books.checkpoints.now()
+    total = first.ledger.registers.cabinet("grid_import")
+    second, observer = start(bench, tmp_path), Observer(bench)
+    status = observer.diagnosed("another monitor", str(tmp_path))
+    assert status.level == DiagnosticStatus.ERROR
+    assert not second.ledger.restarts
+    bench.remove(first)
+    bench.spin_until(lambda: second.ledger.restarts, "the take-over")
+    assert second.ledger.registers.cabinet("grid_import") >= total
+    assert observer.diagnosed("all is well").level == DiagnosticStatus.OK
+
+
+def test_ticks_go_on_while_the_disk_hangs(bench, messages, tmp_path):
+    """A card that takes its time: joint states are drained, and no value falls afterwards."""
+    node, observer = start(bench, tmp_path), Observer(bench)
+    publisher = bench.publisher(JointState, "joint_states")
+    rows = messages["/joint_states"]
+    feed(bench, node, publisher, rows[:200])
+    observer.wait(persisted=True)
+    card = threading.Event()
+    node._books.checkpoints._thread.submit(card.wait)
+    try:
+        observer.wait(persisted=False)
+        feed(bench, node, publisher, rows[200:400])
+        observer.diagnosed("has been under way for")
+    finally:
+        card.set()
+    observer.wait(persisted=True)
+    energies = [row.predicted_import_energy for row in observer.rows]
+    assert energies == sorted(energies)
+
+
+def test_files_that_cannot_be_used_are_told(bench, tmp_path):
+    node = start(bench, tmp_path)
+    bench.spin_until(lambda: len(list(tmp_path.glob("*.state"))) == 2, "both slots")
+    bench.remove(node)
+    for path in tmp_path.glob("*.state"):
+        path.write_bytes(b"rubbish")
+    start(bench, tmp_path)
+    status = Observer(bench).diagnosed("begin anew")
+    assert status.level == DiagnosticStatus.WARN
+
+
+def test_fifty_kills_in_motion(child_environment):
+    """See test/soak/kills.py: what a thousand kills must not do, fifty must not do either."""
+    done = subprocess.run(
+        [sys.executable, str(KILLS), "--kills=50"],
+        env=child_environment, capture_output=True, text=True, timeout=280, check=False,
+    )  # fmt: skip
+    print(done.stdout)
+    assert done.returncode == 0, done.stdout + done.stderr
