@@ -53,13 +53,15 @@ class Robot:
         self.limits = joint_limits(root, self.joint_names)
         full = _build(for_dynamics(root))
         locked = self.inventory.locked_joints
-        self._model = _reduce(full, locked)
+        self._unloaded = self._model = _reduce(full, locked)
         _check_mass(self._model, self.joint_names, moved_mass(root, self.joint_names))
-        for body in payload:
-            _attach(full, body)
         if payload:
-            self._model = _reduce(full, locked)
-        self._model.gravity.linear = np.asarray(gravity, dtype=np.float64)
+            loaded = pin.Model(full)
+            for body in payload:
+                _attach(loaded, body)
+            self._model = _reduce(loaded, locked)
+        for model in (self._unloaded, self._model):
+            model.gravity.linear = np.asarray(gravity, dtype=np.float64)
         self._pool = pin.ModelPool(self._model, 1)
         indices = [
             self._model.joints[self._model.getJointId(name)].idx_v for name in self.joint_names
@@ -67,6 +69,7 @@ class Robot:
         self._to_model = np.argsort(np.asarray(indices, dtype=np.int64))
         self._from_model = np.asarray(indices, dtype=np.int64)
         self._same_order = bool(np.array_equal(indices, np.arange(self.n_joints)))
+        self._bodies = [self._model.getJointId(name) for name in self.joint_names]
 
     @classmethod
     def from_model(cls, model: RobotModel) -> Robot:
@@ -121,10 +124,7 @@ class Robot:
         Raises:
             ShapeError: If a shape is not (N, n).
         """
-        shape = (len(joint_position), self.n_joints)
-        check_shape("joint_position", joint_position, shape)
-        check_shape("joint_velocity", joint_velocity, shape)
-        check_shape("joint_acceleration", joint_acceleration, shape)
+        shape = self._check(joint_position, joint_velocity, joint_acceleration)
         if shape[0] == 0:
             return np.empty(shape)
         columns = [
@@ -136,6 +136,59 @@ class Robot:
         if not self._same_order:
             torque = torque[:, self._from_model]
         return np.ascontiguousarray(torque)
+
+    @property
+    def link_parameters(self) -> Float:
+        """Inertial parameters of the moving bodies, without payload, shape (10 n,).
+
+        Ten per joint in model order, of all that moves with it as one body: m [kg]; m cx,
+        m cy, m cz [kg m]; Ixx, Ixy, Iyy, Ixz, Iyz, Izz [kg m^2], in the frame of the joint
+        and about its origin (not about the centre of mass), as Pinocchio orders them.
+        """
+        rows = [self._unloaded.inertias[body].toDynamicParameters() for body in self._bodies]
+        return np.concatenate(rows)
+
+    def torque_regressor(
+        self, joint_position: Float, joint_velocity: Float, joint_acceleration: Float
+    ) -> Float:
+        """Matrix W of ``M(q) qdd + c(q, qd) + g(q) = W link_parameters``, without payload.
+
+        Args:
+            joint_position: Shape (N, n). [rad] or [m]
+            joint_velocity: Shape (N, n). [rad/s] or [m/s]
+            joint_acceleration: Shape (N, n). [rad/s^2] or [m/s^2]
+
+        Returns:
+            Joint torque per unit of each parameter, shape (N, n, 10 n).
+
+        Raises:
+            ShapeError: If a shape is not (N, n).
+        """
+        n_samples, n_joints = self._check(joint_position, joint_velocity, joint_acceleration)
+        result = np.empty((n_samples, n_joints, 10 * n_joints))
+        data = self._unloaded.createData()
+        q, v, a = (
+            values if self._same_order else np.ascontiguousarray(values[:, self._to_model])
+            for values in (joint_position, joint_velocity, joint_acceleration)
+        )
+        for row in range(n_samples):
+            result[row] = pin.computeJointTorqueRegressor(
+                self._unloaded, data, q[row], v[row], a[row]
+            )
+        if self._same_order:
+            return result
+        columns = np.concatenate([np.arange(10) + 10 * (body - 1) for body in self._bodies])
+        return np.ascontiguousarray(result[:, self._from_model][:, :, columns])
+
+    def _check(
+        self, joint_position: Float, joint_velocity: Float, joint_acceleration: Float
+    ) -> tuple[int, int]:
+        """Return the common shape (N, n) of a motion."""
+        shape = (len(joint_position), self.n_joints)
+        check_shape("joint_position", joint_position, shape)
+        check_shape("joint_velocity", joint_velocity, shape)
+        check_shape("joint_acceleration", joint_acceleration, shape)
+        return shape
 
     def link_position(self, joint_position: Float, link: str) -> Float:
         """Position of a link's frame in the base frame at one configuration.

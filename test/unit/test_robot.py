@@ -3,6 +3,7 @@ import pytest
 
 import robots
 from robot_energy.errors import RobotDescriptionError, UnknownJointError
+from robot_energy.model_file import load
 from robot_energy.model_file.schema import Payload
 from robot_energy.robot import Robot
 
@@ -131,3 +132,38 @@ def test_a_payload_whose_least_moment_is_rounded_below_zero_is_carried(rounding)
     loaded = robot.joint_torque(0 * turn, 0 * turn, turn)
     assert robot.moving_mass == pytest.approx(robots.M1 + robots.M2 + 1.0)
     assert loaded[0, 1] - bare[0, 1] == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize("order", [("shoulder", "elbow"), ("elbow", "shoulder")])
+def test_regressor_times_parameters_is_inverse_dynamics(order):
+    """The payload belongs to the torque, not to the parameters of the links."""
+    body = Payload(link="fore", mass=3.0, centre_of_mass=(0.25, 0, 0), tag="assumed")
+    bare = Robot(robots.TWO_LINK_URDF, order, (0, 0, -robots.G))
+    loaded = Robot(robots.TWO_LINK_URDF, order, (0, 0, -robots.G), [body])
+    q, v, a = np.random.default_rng(4).normal(size=(3, 30, 2))
+    np.testing.assert_allclose(
+        loaded.torque_regressor(q, v, a) @ loaded.link_parameters,
+        bare.joint_torque(q, v, a),
+        rtol=1e-10,
+        atol=1e-12,
+    )
+
+
+def test_regressor_of_a_six_axis_robot_with_locked_joint_is_its_inverse_dynamics():
+    model = load("kr16")
+    names = [name for name in model.joint_names if name != model.joint_names[4]]
+    robot = Robot(model.urdf_xml, names)
+    assert len(robot.inventory.locked_joints) == 1
+    q, v, a = np.random.default_rng(5).normal(size=(3, 20, 5))
+    torque = robot.joint_torque(q, v, a)
+    found = robot.torque_regressor(q, v, a) @ robot.link_parameters
+    np.testing.assert_allclose(found, torque, rtol=1e-9, atol=1e-9 * np.abs(torque).max())
+
+
+def test_link_parameters_are_mass_moment_and_inertia_about_the_joint():
+    parameters = Robot(robots.TWO_LINK_URDF, ("shoulder", "elbow")).link_parameters
+    m, c = robots.M1, robots.C1
+    about_joint = robots.I1 + m * c**2  # parallel axis theorem
+    np.testing.assert_allclose(
+        parameters[:10], [m, m * c, 0, 0, 0.001, 0, about_joint, 0, 0, about_joint], atol=1e-15
+    )
