@@ -1,7 +1,7 @@
 """Runs every benchmark, prints tables and writes the figures to build/bench.json.
 
 Every figure stands beside a named alternative measured in the same run; medians.
-Usage: ``make bench`` or ``python test/bench/run.py [replay|pipeline|live ...] [--quick]``.
+Usage: ``make bench`` or ``python test/bench/run.py [replay|pipeline|live|identify ...] [--quick]``.
 """
 
 from __future__ import annotations
@@ -16,12 +16,18 @@ from pathlib import Path
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+import bench_identify
 import bench_live
 import bench_pipeline
 import bench_replay
 from rich.console import Console
 
-BENCHES = {"pipeline": bench_pipeline, "replay": bench_replay, "live": bench_live}
+BENCHES = {
+    "pipeline": bench_pipeline,
+    "replay": bench_replay,
+    "live": bench_live,
+    "identify": bench_identify,
+}
 BUILD = Path(__file__).resolve().parents[2] / "build"
 
 

@@ -36,7 +36,7 @@ def test_readme_has_commands():
 def test_readme_command_runs(command, tmp_path):
     words = shlex.split(command)[1:]
     if any(name in command for name in OWN_FILES):
-        words = [*words[:2], "--help"] if words[0] in ("import", "model") else words
+        words = [*words[:2], "--help"] if words[0] in ("import", "model", "identify") else words
     words = [str(tmp_path / word[6:]) if word.startswith("build/") else word for word in words]
     done = subprocess.run(
         [sys.executable, "-m", "robot_energy", *words],

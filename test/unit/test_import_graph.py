@@ -91,7 +91,10 @@ def test_only_robot_imports_pinocchio():
     assert found == {"robot.py"}
 
 
-@pytest.mark.parametrize("heavy", ["matplotlib", "scipy", "rich", "robot_energy.report"])
+@pytest.mark.parametrize(
+    "heavy",
+    ["matplotlib", "scipy", "rich", "clarabel", "robot_energy.identify", "robot_energy.report"],
+)
 def test_nothing_online_imports_what_only_reports_need(heavy):
     code = (
         "import sys, robot_energy.pipeline, robot_energy.ingest, robot_energy.messages;"

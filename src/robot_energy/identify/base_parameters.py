@@ -1,0 +1,180 @@
+"""Which parameters a robot's torque can tell, alone or in groups (base parameters).
+
+Columns of the regressor that others explain belong to parameters that are only known
+together. A rank-revealing QR decomposition of the columns finds them (paper B, 4.3.1).
+Columns are never scaled to unit length first: a column that is nothing but rounding would
+become as long as any other and count as a parameter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from robot_energy.blocks import Float, Int
+from robot_energy.identify.triangle import triangle_of
+
+ROUNDING = 1e-9  # of the largest pivot: what is below it may be rounding
+SHOWN = 1e-6  # coefficients below are rounding
+INDEPENDENCE = 1e-6  # share of a column, at unit length, that others must leave unexplained
+LINK_PARAMETERS = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
+
+
+@dataclass(frozen=True)
+class BaseParameters:
+    """Groups of standard parameters that the torque depends on.
+
+    ``base = standard[independent] + relation @ standard[dependent]``.
+
+    Attributes:
+        names: Of all standard parameters, shape (P,).
+        independent: One parameter of each group, which names it, shape (B,).
+        dependent: The others; a column of zeros in ``relation`` has no effect, shape (D,).
+        relation: Shape (B, D).
+    """
+
+    names: tuple[str, ...]
+    independent: Int
+    dependent: Int
+    relation: Float
+
+    def __len__(self) -> int:
+        return len(self.independent)
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Names of the parameters that stand for their groups."""
+        places: list[int] = self.independent.tolist()
+        return tuple(self.names[index] for index in places)
+
+    @property
+    def matrix(self) -> Float:
+        """Base parameters per standard parameter, shape (B, P)."""
+        result = np.zeros((len(self.independent), len(self.names)))
+        result[np.arange(len(self)), self.independent] = 1.0
+        result[:, self.dependent] = self.relation
+        return result
+
+    @property
+    def without_effect(self) -> tuple[str, ...]:
+        """Standard parameters that no torque depends on."""
+        free = ~(np.abs(self.relation) > SHOWN).any(axis=0)
+        places: list[int] = self.dependent[free].tolist()
+        return tuple(self.names[index] for index in places)
+
+    def alone(self, name: str) -> bool:
+        """Tell whether a standard parameter is identified by itself."""
+        if name not in self.labels:
+            return False
+        return not (np.abs(self.relation[self.labels.index(name)]) > SHOWN).any()
+
+    def expression(self, group: int) -> str:
+        """Return a group as a sum of standard parameters.
+
+        Args:
+            group: Its place.
+
+        Returns:
+            Such as ``Izz 2 + rotor_inertia 2 + 0.0506 m 3``.
+        """
+        text = self.names[int(self.independent[group])]
+        for coefficient, index in zip(
+            self.relation[group].tolist(), self.dependent.tolist(), strict=True
+        ):
+            if abs(coefficient) > SHOWN:
+                sign = "+" if coefficient > 0 else "-"
+                factor = "" if abs(abs(coefficient) - 1) < SHOWN else f"{abs(coefficient):.4g} "
+                text += f" {sign} {factor}{self.names[index]}"
+        return text
+
+
+def link_parameter_names(joint_names: Sequence[str]) -> list[str]:
+    """Return the names of the link parameters, in the order of `Robot.link_parameters`."""
+    return [f"{parameter} {joint}" for joint in joint_names for parameter in LINK_PARAMETERS]
+
+
+def numerical_rank(pivots: Float) -> int:
+    """Return how many pivots are not rounding: those before the widest gap.
+
+    Args:
+        pivots: Magnitudes on the diagonal of a pivoted QR decomposition, falling.
+
+    Returns:
+        The rank; all of them where none is small enough to be rounding.
+    """
+    size = np.abs(np.asarray(pivots, dtype=np.float64))
+    if not len(size) or size[0] == 0.0:
+        return 0
+    size = np.maximum(size, np.finfo(np.float64).eps * size[0])  # below, sizes say nothing
+    suspect = np.flatnonzero(size[1:] < ROUNDING * size[0])
+    if not len(suspect):
+        return len(size)
+    gap = size[:-1] / size[1:]
+    return int(suspect[np.argmax(gap[suspect])]) + 1
+
+
+def base_parameters(
+    columns: Float, names: Sequence[str], order: Sequence[int] | None = None
+) -> BaseParameters:
+    """Find the groups of parameters that columns tell apart.
+
+    Args:
+        columns: In their own units, on motion that excites everything, shape (M, P).
+        names: Of the parameters.
+        order: Which parameters stand for a group, the preferred first; default as they are.
+
+    Returns:
+        The groups.
+    """
+    from scipy.linalg import qr
+
+    triangle = triangle_of(columns)
+    pivoted: Float = np.asarray(qr(triangle, mode="r", pivoting=True)[0], dtype=np.float64)
+    pivots = np.abs(np.diagonal(pivoted))
+    rank = numerical_rank(pivots)
+    floor = pivots[rank] if rank < len(pivots) else 0.0
+    least = float(np.sqrt(pivots[rank - 1] * max(floor, np.finfo(float).tiny))) if rank else np.inf
+    least = max(least, 10.0 * float(floor))
+    directions = np.zeros((len(triangle), 0))
+    independent: list[int] = []
+    for index in range(columns.shape[1]) if order is None else order:
+        rest = triangle[:, index]
+        for _ in range(2):  # once more, against the rounding of the first time
+            rest = rest - directions @ (directions.T @ rest)
+        size = float(np.linalg.norm(rest))
+        if size > least and len(independent) < rank:
+            directions = np.column_stack([directions, rest / size])
+            independent.append(index)
+    chosen = np.array(sorted(independent), dtype=np.int64)
+    rest_of = [index for index in range(columns.shape[1]) if index not in independent]
+    others = np.array(rest_of, dtype=np.int64)
+    relation = np.linalg.lstsq(triangle[:, chosen], triangle[:, others], rcond=None)[0]
+    return BaseParameters(tuple(names), chosen, others, relation)
+
+
+def not_excited(columns: Float, labels: Sequence[str]) -> tuple[str, ...]:
+    """Return the groups that a recording cannot tell, by name.
+
+    Args:
+        columns: Of independent parameters, on the recorded motion, shape (M, B).
+        labels: Names of the parameters.
+
+    Returns:
+        Those without any torque in the recording, and those that others explain.
+    """
+    if len(columns) < columns.shape[1]:
+        return tuple(labels)
+    length = np.linalg.norm(columns, axis=0)
+    silent = length < ROUNDING * length.max(initial=0.0)
+    names: list[str] = [name for name, weak in zip(labels, silent.tolist(), strict=True) if weak]
+    heard = np.flatnonzero(~silent)
+    if len(heard):
+        triangle = triangle_of(columns[:, heard] / length[heard])
+        _, size, direction = np.linalg.svd(triangle)
+        mixed = direction[size < INDEPENDENCE * size[0]]
+        strength = np.abs(mixed).max(axis=0, initial=0.0)
+        mixed_up: list[int] = heard[strength > 0.1].tolist()
+        names += [labels[index] for index in mixed_up]
+    return tuple(names)

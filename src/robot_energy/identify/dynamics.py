@@ -1,0 +1,318 @@
+"""Bodies, rotors and friction of a robot from recorded motion and motor torque.
+
+The inverse dynamic identification model of paper B, section 4.3: the torque of every row is
+linear in the parameters, so they follow by least squares. Parameters that no torque depends
+on alone are grouped; what the recording does not excite is refused by name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from robot_energy.blocks import Float
+from robot_energy.drivetrain import Drivetrain
+from robot_energy.errors import NotIdentifiableError
+from robot_energy.identify.base_parameters import BaseParameters, base_parameters, not_excited
+from robot_energy.identify.columns import Column, standard_columns
+from robot_energy.identify.consistent import Prior, consistent_fit, link_prior
+from robot_energy.identify.delay import Delay, estimate_delay
+from robot_energy.identify.least_squares import Fit, Method, estimate, factor, fit
+from robot_energy.identify.observations import (
+    Filters,
+    Observations,
+    observe,
+    parameter_names,
+    regressor_of,
+)
+from robot_energy.identify.signals import Channels, Motion
+from robot_energy.identify.sufficiency import (
+    check_channels,
+    check_length,
+    check_motion,
+    poorly_known,
+    remarks,
+)
+from robot_energy.identify.validation import (
+    Estimator,
+    TorqueError,
+    held_out_torque,
+    torque_error,
+)
+from robot_energy.model_file import RobotModel
+from robot_energy.robot import Robot
+
+SAMPLES = 200  # random motions that show the structure of the robot
+LEAST_NOISE = 1e-3  # of the torque: no model of a robot is truer than that
+
+
+@dataclass(frozen=True)
+class DynamicsSettings:
+    """How to identify.
+
+    Attributes:
+        columns: What is fitted beside the links.
+        method: ``ols``, ``wls`` or ``irls``.
+        filters: Of the channels.
+        delay_span: Delays of the torque up to this are looked for, 0: none. [s]
+        folds: Contiguous folds of the validation.
+        uncertainty: Of the URDF's bodies as a prior, share of each figure; the rotor
+            inertias of the model file likewise. [-]
+    """
+
+    columns: tuple[Column, ...] = field(default_factory=standard_columns)
+    method: Method = "wls"
+    filters: Filters = field(default_factory=Filters)
+    delay_span: float = 0.005
+    folds: int = 5
+    uncertainty: float = 1.0
+
+
+@dataclass(frozen=True)
+class Dynamics:
+    """What a recording tells about a robot's dynamics.
+
+    Attributes:
+        model: The model it began with.
+        settings: How it was identified.
+        base: Groups of parameters that torque tells.
+        fit: Values of the groups.
+        in_sample: Torque error on the data of the fit; no measure of accuracy.
+        delay: Between torque and positions.
+        columns: Those that a model file can hold, and offsets.
+        standard: Physically consistent parameters of links and ``columns``.
+        exported: Least-squares fit of ``columns``, for the standard deviations.
+        exported_base: Its groups.
+        poorly_known: Groups of which the recording tells less than the prior: their 95 %
+            interval is wider than a body of that size makes likely.
+        notes: What the user should know.
+        observations: The rows, every parameter, delay undone.
+    """
+
+    model: RobotModel
+    settings: DynamicsSettings
+    base: BaseParameters
+    fit: Fit
+    in_sample: TorqueError
+    delay: Delay
+    columns: tuple[Column, ...]
+    standard: Float
+    exported: Fit
+    exported_base: BaseParameters
+    poorly_known: tuple[str, ...]
+    notes: tuple[str, ...]
+    observations: Observations
+
+    @property
+    def n_inertial(self) -> int:
+        """How many of the groups are named by a parameter of a link."""
+        return int((self.base.independent < 10 * len(self.model.joints)).sum())
+
+    def held_out(self) -> TorqueError:
+        """Torque error of the least-squares fit on contiguous folds held out."""
+        rows = self.observations.with_columns(self.base.independent)
+        return self._held_out(rows, lambda train: estimate(train, self.settings.method)[0])
+
+    def held_out_consistent(self) -> TorqueError:
+        """Torque error of the physically consistent fit on contiguous folds held out."""
+        robot, transmission = _mechanics(self.model)
+        rows = _restricted(self.observations, robot, transmission, self.columns)
+        prior = _prior(self.model, robot, self.columns, self.settings.uncertainty)
+        weight = _whitening(rows, self.exported)
+        return self._held_out(
+            rows,
+            lambda train: _consistent(train, weight, prior, self.columns, robot, transmission),
+        )
+
+    def _held_out(self, rows: Observations, estimator: Estimator) -> TorqueError:
+        with one_thread():
+            guard = 1.0 / self.settings.filters.cutoff
+            return held_out_torque(rows, estimator, self.settings.folds, guard)
+
+    def motor_torque(self, motion: Motion) -> Float:
+        """Motor torque that the exported model must give, offsets of the sensor left out.
+
+        Args:
+            motion: Joint motion.
+
+        Returns:
+            Motor side, shape (N, n). [N m]
+        """
+        robot, transmission = _mechanics(self.model)
+        regressor = regressor_of(motion, robot, transmission, self.columns)
+        names = parameter_names(robot, transmission, self.columns)
+        values = np.where([name.startswith("offset ") for name in names], 0.0, self.standard)
+        payload = robot.joint_torque(
+            motion.joint_position, motion.joint_velocity, motion.joint_acceleration
+        ) - (regressor[:, :, : 10 * robot.n_joints] @ robot.link_parameters)
+        drivetrain = Drivetrain.from_model(self.model)
+        return drivetrain.motor_torque_from_joint(regressor @ values + payload)
+
+
+def identify_dynamics(
+    channels: Sequence[Channels], model: RobotModel, settings: DynamicsSettings | None = None
+) -> Dynamics:
+    """Identify a robot's dynamics.
+
+    Args:
+        channels: Stretches of recordings without gaps, one rate for all.
+        model: Kinematics, drivetrain, payload, and bodies as the prior.
+        settings: How; the defaults suit industrial arms.
+
+    Returns:
+        The result.
+
+    Raises:
+        NotIdentifiableError: If the recording does not tell the parameters; names them and
+            what to record instead.
+    """
+    with one_thread():
+        return _identify(channels, model, settings or DynamicsSettings())
+
+
+def one_thread() -> AbstractContextManager[object]:
+    """Keep to one thread: the matrices are small, more threads only wait for each other."""
+    from threadpoolctl import threadpool_limits
+
+    return threadpool_limits(1)
+
+
+def _identify(
+    channels: Sequence[Channels], model: RobotModel, settings: DynamicsSettings
+) -> Dynamics:
+    check_channels(channels, model)
+    robot, transmission = _mechanics(model)
+    rows = observe(channels, robot, transmission, settings.columns, settings.filters)
+    check_motion(rows, robot, settings.filters)
+    base = structure(robot, transmission, settings.columns)
+    independent = rows.with_columns(base.independent)
+    check_length(independent)
+    weak = not_excited(independent.regressor[independent.used], base.labels)
+    if weak:
+        raise NotIdentifiableError(
+            f"the recording does not excite {', '.join(weak)}",
+            "motion in which each of them makes a torque of its own",
+            "record all joints moving at once, at several speeds and far apart",
+        )
+    guard = 1.0 / settings.filters.cutoff
+    delay = Delay(0.0, 0.0, 0.0, False)
+    if settings.delay_span > 0.0:
+        noise = fit_noise(independent, settings.method)
+        delay = estimate_delay(independent, noise, settings.delay_span, settings.folds, guard)
+        rows = rows.advanced(delay.applied)
+        independent = rows.with_columns(base.independent)
+    result = fit(independent, settings.method)
+    columns = tuple(
+        column for column in settings.columns if column.in_model or column.kind == "offset"
+    )
+    if parameter_names(robot, transmission, columns) == rows.names:
+        exported, exported_base = result, base
+    else:
+        exported_base = structure(robot, transmission, columns)
+        part = _restricted(rows, robot, transmission, columns)
+        exported = fit(part.with_columns(exported_base.independent), settings.method)
+    prior = _prior(model, robot, columns, settings.uncertainty)
+    part = _restricted(rows, robot, transmission, columns)
+    standard = _consistent(part, _whitening(part, exported), prior, columns, robot, transmission)
+    in_sample = torque_error(independent, independent.regressor @ result.values)
+    poor = poorly_known(base, result, link_prior(robot.link_parameters, 1.0))
+    return Dynamics(
+        model,
+        settings,
+        base,
+        result,
+        in_sample,
+        delay,
+        columns,
+        standard,
+        exported,
+        exported_base,
+        poor,
+        tuple(remarks(model, delay, settings.delay_span, in_sample, result, poor)),
+        rows,
+    )
+
+
+def structure(robot: Robot, transmission: Float, columns: Sequence[Column]) -> BaseParameters:
+    """Return the groups of parameters that any motion of a robot can tell.
+
+    Args:
+        robot: Its kinematics.
+        transmission: Motor turns per joint turn, shape (n, n).
+        columns: What is fitted beside the links.
+    """
+    random = np.random.default_rng(0)
+    lower = np.maximum(robot.limits.lower, -np.pi)
+    upper = np.minimum(robot.limits.upper, np.pi)
+    shape = (SAMPLES, robot.n_joints)
+    motion = Motion(random.uniform(lower, upper, shape), *random.normal(size=(2, *shape)))
+    regressor = regressor_of(motion, robot, transmission, columns)
+    names = parameter_names(robot, transmission, columns)
+    return base_parameters(regressor.reshape(-1, len(names)), names)
+
+
+def fit_noise(observations: Observations, method: Method) -> Float:
+    """Return one over the noise of each joint's residual, shape (n,). [1/(N m)]"""
+    values, _ = estimate(observations, method)
+    error = (observations.joint_torque - observations.regressor @ values) * observations.used
+    count = np.maximum(observations.used.sum(axis=0), 1)
+    return 1.0 / np.maximum(np.sqrt((error**2).sum(axis=0) / count), 1e-12)
+
+
+def _mechanics(model: RobotModel) -> tuple[Robot, Float]:
+    return Robot.from_model(model), Drivetrain.from_model(model).transmission
+
+
+def _restricted(
+    rows: Observations, robot: Robot, transmission: Float, columns: Sequence[Column]
+) -> Observations:
+    """Rows with the columns that a model file can hold."""
+    names = parameter_names(robot, transmission, columns)
+    if names == rows.names:
+        return rows
+    return rows.with_columns([rows.names.index(name) for name in names])
+
+
+def _prior(model: RobotModel, robot: Robot, columns: Sequence[Column], uncertainty: float) -> Prior:
+    """The URDF's bodies and the model file's rotors; nothing is known of the rest."""
+    links = link_prior(robot.link_parameters, uncertainty)
+    values, std = [links.values], [links.std]
+    ratio = np.array([joint.gear_ratio.value for joint in model.joints])
+    rotor = np.array([joint.rotor_inertia.value for joint in model.joints]) * ratio**2
+    for column in columns:
+        known = column.kind == "rotor_inertia"
+        values.append(rotor if known else np.zeros(len(rotor)))
+        share = np.where(rotor > 0.0, uncertainty * rotor, np.inf)
+        std.append(share if known else np.full(len(rotor), np.inf))
+    return Prior(np.concatenate(values), np.concatenate(std))
+
+
+def _whitening(rows: Observations, result: Fit) -> Float:
+    """Weights that count only independent rows, shape (N, n)."""
+    used = result.weight > 0.0
+    count = np.maximum(used.sum(axis=0), 1)
+    share = np.sqrt(result.independent_rows / count)
+    torque = np.sqrt((rows.joint_torque**2 * used).sum(axis=0) / count)
+    return used * share / np.maximum(result.noise, LEAST_NOISE * torque)
+
+
+def _consistent(
+    rows: Observations,
+    weight: Float,
+    prior: Prior,
+    columns: Sequence[Column],
+    robot: Robot,
+    transmission: Float,
+) -> Float:
+    triangle, target = factor(rows.regressor, rows.joint_torque, weight * rows.used)
+    n_links = robot.n_joints
+    positive: list[int] = []
+    place = 10 * n_links
+    for column in columns:
+        count = len(column.joints(transmission))
+        positive += range(place, place + count) if column.positive else ()
+        place += count
+    return consistent_fit(triangle, target, prior, n_links, positive)

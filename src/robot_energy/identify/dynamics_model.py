@@ -1,0 +1,124 @@
+"""Identified dynamics -> a model file that the monitor runs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from robot_energy import __version__
+from robot_energy.blocks import Float
+from robot_energy.drivetrain import Drivetrain
+from robot_energy.identify.base_parameters import SHOWN
+from robot_energy.identify.columns import Estimate
+from robot_energy.identify.dynamics import Dynamics
+from robot_energy.identify.inertials import with_link_parameters
+from robot_energy.model_file import RobotModel
+from robot_energy.model_file.schema import Provenance, Urdf
+
+IDENTIFIED_TAGS = {"masses": "derived", "centres_of_mass": "derived", "inertias": "derived"}
+
+
+def to_model(result: Dynamics, recordings: Sequence[str] = (), data_date: str = "") -> RobotModel:
+    """Return the model with identified bodies, rotors and friction.
+
+    Bodies are those of the physically consistent fit: single figures of a body that torque
+    tells only in groups are the prior's share, so their tag is ``derived``; the torque of the
+    whole is what was identified. Rotor inertia and friction carry standard deviations where
+    they are identified on their own. Offsets of the torque sensor stay out.
+
+    Args:
+        result: The identification.
+        recordings: What it was made from, for the provenance.
+        data_date: When it was recorded.
+
+    Returns:
+        The model, not yet saved.
+
+    Raises:
+        NotIdentifiableError: If a body came out without mass.
+    """
+    model, base, values = result.model, result.exported_base, result.standard
+    transmission = Drivetrain.from_model(model).transmission
+    ratio = np.diagonal(transmission)
+    joints = list(model.joints)
+    place = 10 * len(joints)
+    for column in result.columns:
+        owners = column.joints(transmission)
+        names = column.names(model.joint_names, transmission)
+        for owner, name, value in zip(owners, names, values[place:], strict=False):
+            if column.in_model:
+                estimate = _estimate(result, name, float(value))
+                joints[owner] = column.write(joints[owner], float(ratio[owner]), estimate)
+        place += len(owners)
+    urdf_xml = with_link_parameters(model.urdf_xml, model.joint_names, values[: 10 * len(joints)])
+    inertial = int((base.independent < 10 * len(joints)).sum())
+    urdf = Urdf(
+        xml=urdf_xml,
+        tags={**model.urdf.tags, **IDENTIFIED_TAGS},  # type: ignore[dict-item]
+        source=f"{model.urdf.source}; bodies: physically consistent fit of {inertial} groups of "
+        "inertial parameters",
+    )
+    notes = " ".join(
+        text for text in (model.provenance.notes, "Dynamics identified from motor torque.") if text
+    )
+    provenance = Provenance(
+        tool_version=__version__,
+        data_date=data_date or model.provenance.data_date,
+        bags=(*model.provenance.bags, *recordings),
+        notes=notes,
+    )
+    update = {"joints": joints, "urdf": urdf, "provenance": provenance}
+    return model.model_copy(update=update).with_urdf(urdf_xml, model.source)
+
+
+def _estimate(result: Dynamics, name: str, value: float) -> Estimate:
+    """Say how well one parameter is known on its own."""
+    base = result.exported_base
+    if base.alone(name):
+        std = float(result.exported.std[base.labels.index(name)])
+        return Estimate(value, std, "identified", "identify dynamics")
+    index = base.names.index(name)
+    for group, weights in enumerate(base.matrix):
+        if abs(float(weights[index])) > SHOWN:
+            return Estimate(
+                value, None, "derived", f"only the sum {base.expression(group)} is identified"
+            )
+    return Estimate(value, None, "assumed", "no torque depends on it")
+
+
+def friction_at_joints(result: Dynamics) -> dict[str, tuple[Float, Float]]:
+    """Friction as textbooks give it: torque of each joint by its own motion.
+
+    A coupled motor drags the joint that it is coupled to as well, so the viscous torque of
+    a joint per its own velocity sums over all motors that turn with it. Coulomb friction of
+    a coupled joint is its own where it was fitted apart from its motor's.
+
+    Args:
+        result: The identification.
+
+    Returns:
+        ``viscous`` [N m s/rad] and ``coulomb`` [N m]: values and standard deviations, each
+        of shape (n,).
+    """
+    transmission = Drivetrain.from_model(result.model).transmission
+    share = transmission / np.diagonal(transmission)[:, None]
+    names = result.model.joint_names
+    labels = result.base.labels
+    weights = {kind: np.zeros((len(names), len(labels))) for kind in ("viscous", "coulomb")}
+    for joint, name in enumerate(names):
+        for motor, other in enumerate(names):
+            if share[motor, joint] != 0.0 and f"viscous {other}" in labels:
+                place = labels.index(f"viscous {other}")
+                weights["viscous"][joint, place] = share[motor, joint] ** 2
+        if f"joint_viscous {name}" in labels:
+            weights["viscous"][joint, labels.index(f"joint_viscous {name}")] = 1.0
+        for kind in (f"joint_coulomb {name}", f"coulomb {name}"):
+            if kind in labels:
+                weights["coulomb"][joint, labels.index(kind)] = 1.0
+                break
+    fit = result.fit
+    return {
+        kind: (matrix @ fit.values, np.sqrt(np.diag(matrix @ fit.covariance @ matrix.T)))
+        for kind, matrix in weights.items()
+    }

@@ -1,0 +1,243 @@
+"""Measured channels -> rows of the identification model, both sides filtered alike.
+
+``joint_torque = regressor . parameters`` at every row: the observation matrix of paper B,
+eq. 18. Positions and torques pass the same filter before, and both sides of the equation
+the same low-pass after, so that no filter shifts one against the other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robot_energy.blocks import Float, Int
+from robot_energy.identify.base_parameters import link_parameter_names
+from robot_energy.identify.columns import Column
+from robot_energy.identify.signals import (
+    Channels,
+    Motion,
+    inside,
+    later,
+    low_pass,
+    motion_from_position,
+    standing,
+)
+from robot_energy.robot import Robot
+
+MOTION_PER_RATE = 5.0  # samples per period of the filter of the positions
+ROWS_PER_RATE = 10.0  # rows per period of the filter of both sides
+SHARE_OF_RATE = 0.2  # of the recording's rate that the filter of the positions may pass
+
+
+@dataclass(frozen=True)
+class Filters:
+    """How the channels are filtered.
+
+    Attributes:
+        cutoff: Of both sides of the equation. [Hz]
+        motion_cutoff: Of positions and torques before differentiating, at most a fifth of
+            the recording's rate. [Hz]
+        standing_velocity: Joint speed below which nothing counts as moving: friction is
+            then anything up to its Coulomb value. [rad/s] or [m/s]
+    """
+
+    cutoff: float = 10.0
+    motion_cutoff: float = 100.0
+    standing_velocity: float = 0.02
+
+
+@dataclass(frozen=True)
+class Observations:
+    """Rows of the identification model, joint side.
+
+    Attributes:
+        names: Of the parameters, those of the links first.
+        regressor: Torque per unit of each parameter, shape (N, n, P).
+        joint_torque: Measured, payload taken off, shape (N, n). [N m] or [N]
+        used: Rows of each joint that are fitted: not standing, not at an end, shape (N, n).
+        compared: Rows away from the ends, standing or not, shape (N,).
+        segment: Which stretch of the recording a row is of, shape (N,).
+        rate: Rows per second. [Hz]
+        motion: The motion behind the rows, before the low-pass of both sides.
+    """
+
+    names: tuple[str, ...]
+    regressor: Float
+    joint_torque: Float
+    used: NDArray[np.bool_]
+    compared: NDArray[np.bool_]
+    segment: Int
+    rate: float
+    motion: Motion
+
+    @property
+    def duration(self) -> float:
+        """Time that the rows cover. [s]"""
+        return len(self.segment) / self.rate
+
+    def advanced(self, delay: float) -> Observations:
+        """Return the observations with a delay of the torque undone.
+
+        Args:
+            delay: By which the torque channel lags the positions; may be negative. [s]
+        """
+        torque = self.joint_torque.copy()
+        for number in np.unique(self.segment):
+            rows = self.segment == number
+            torque[rows] = later(self.joint_torque[rows], self.rate, delay)
+        return replace(self, joint_torque=torque)
+
+    def with_columns(self, keep: Sequence[int] | Int) -> Observations:
+        """Return the observations with some of the parameters only."""
+        index = np.asarray(keep, dtype=np.int64)
+        return replace(
+            self,
+            names=tuple(self.names[int(column)] for column in keep),
+            regressor=np.ascontiguousarray(self.regressor[:, :, index]),
+        )
+
+
+def observe(
+    channels: Sequence[Channels],
+    robot: Robot,
+    transmission: Float,
+    columns: Sequence[Column],
+    filters: Filters,
+) -> Observations:
+    """Turn recorded channels into rows.
+
+    Args:
+        channels: Stretches of the recording without gaps, one rate for all.
+        robot: Rigid bodies; its payload is known and taken off the torque.
+        transmission: Motor turns per joint turn, shape (n, n).
+        columns: What is fitted beside the links.
+        filters: How to filter.
+
+    Returns:
+        The rows, in the order of the recording.
+
+    Raises:
+        NotIdentifiableError: If a stretch is too short to be filtered.
+    """
+    parts = [
+        _observe(part, number, robot, transmission, columns, filters)
+        for number, part in enumerate(channels)
+    ]
+    if len(parts) == 1:
+        return parts[0]
+    motions = [part.motion for part in parts]
+    return replace(
+        parts[0],
+        **{
+            name: np.concatenate([getattr(part, name) for part in parts])
+            for name in ("regressor", "joint_torque", "used", "compared", "segment")
+        },
+        motion=Motion(
+            np.concatenate([motion.joint_position for motion in motions]),
+            np.concatenate([motion.joint_velocity for motion in motions]),
+            np.concatenate([motion.joint_acceleration for motion in motions]),
+        ),
+    )
+
+
+def _observe(
+    channels: Channels,
+    number: int,
+    robot: Robot,
+    transmission: Float,
+    columns: Sequence[Column],
+    filters: Filters,
+) -> Observations:
+    rate = channels.rate
+    cutoff = min(filters.motion_cutoff, SHARE_OF_RATE * rate)
+    motion = motion_from_position(channels.joint_position, rate, cutoff)
+    torque = low_pass(channels.motor_torque @ transmission, rate, cutoff)
+    step = max(1, int(rate / (MOTION_PER_RATE * cutoff)))
+    rate /= step
+    motion = _every(motion, step)
+    regressor = regressor_of(motion, robot, transmission, columns)
+    links = regressor[:, :, : 10 * robot.n_joints] @ robot.link_parameters
+    payload = (
+        robot.joint_torque(motion.joint_position, motion.joint_velocity, motion.joint_acceleration)
+        - links
+    )
+    regressor = _low_pass_columns(regressor, rate, filters.cutoff)
+    torque = low_pass(torque[::step] - payload, rate, filters.cutoff)
+    used, compared = _usable(motion.joint_velocity, rate, transmission, filters)
+    step = max(1, int(rate / (ROWS_PER_RATE * filters.cutoff)))
+    rows = slice(None, None, step)
+    return Observations(
+        names=parameter_names(robot, transmission, columns),
+        regressor=np.ascontiguousarray(regressor[rows]),
+        joint_torque=torque[rows],
+        used=used[rows],
+        compared=compared[rows],
+        segment=np.full(len(torque[rows]), number, dtype=np.int64),
+        rate=rate / step,
+        motion=_every(motion, step),
+    )
+
+
+def regressor_of(
+    motion: Motion, robot: Robot, transmission: Float, columns: Sequence[Column]
+) -> Float:
+    """Return joint torque per unit of each parameter, links first, shape (N, n, P).
+
+    Args:
+        motion: N samples of it.
+        robot: The rigid bodies.
+        transmission: Motor turns per joint turn, shape (n, n).
+        columns: What comes after the links.
+    """
+    links = robot.torque_regressor(
+        motion.joint_position, motion.joint_velocity, motion.joint_acceleration
+    )
+    return np.concatenate(
+        [links, *(column.torque(motion, transmission) for column in columns)], axis=2
+    )
+
+
+def parameter_names(
+    robot: Robot, transmission: Float, columns: Sequence[Column]
+) -> tuple[str, ...]:
+    """Return the name of every parameter, links first."""
+    names = link_parameter_names(robot.joint_names)
+    for column in columns:
+        names += column.names(robot.joint_names, transmission)
+    return tuple(names)
+
+
+def _every(motion: Motion, step: int) -> Motion:
+    return Motion(
+        motion.joint_position[::step],
+        motion.joint_velocity[::step],
+        motion.joint_acceleration[::step],
+    )
+
+
+def _low_pass_columns(regressor: Float, rate: float, cutoff: float) -> Float:
+    """Filter what is not zero by structure: about half of it."""
+    flat = regressor.reshape(len(regressor), -1)
+    active = flat.any(axis=0)
+    flat[:, active] = low_pass(flat[:, active], rate, cutoff)
+    return regressor
+
+
+def _usable(
+    joint_velocity: Float, rate: float, transmission: Float, filters: Filters
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Rows to fit, per joint, and rows to compare.
+
+    A joint's row is out while a motor that acts on the joint stands: its friction is then
+    unknown. The ends are out for the reach of the filter.
+    """
+    reach = max(1, round(0.5 * rate / filters.cutoff))
+    share = transmission / np.diagonal(transmission)[:, None]
+    still = standing(joint_velocity @ share.T, filters.standing_velocity, reach)
+    acts = transmission != 0.0
+    held = (still.astype(np.float64) @ acts) > 0.0
+    compared = inside(len(joint_velocity), 2 * reach)
+    return ~held & compared[:, None], compared

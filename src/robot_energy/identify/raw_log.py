@@ -1,0 +1,290 @@
+"""Raw drive logs -> channels, by a short YAML file: the direct way, without a bag.
+
+Positions and torques may lie in files of their own, on the motor or on the joint side, with
+the log's own zero. See ``src/examples/identify`` for a commented example.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal, cast
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from robot_energy.blocks import Float
+from robot_energy.drivetrain import Drivetrain
+from robot_energy.errors import LogFormatError, ModelFileError
+from robot_energy.identify.signals import Channels
+from robot_energy.logs.mapping import POSITION_UNITS
+from robot_energy.logs.table import LogTable
+from robot_energy.model_file import RobotModel, parse_yaml, validate
+
+Number = Annotated[float, Field(allow_inf_nan=False)]
+Text = Annotated[str, Field(min_length=1)]
+
+
+class Entry(BaseModel):
+    """Base of all parts: unknown keys are refused."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Channel(Entry):
+    """One quantity of every joint in one file.
+
+    Attributes:
+        file: CSV with a header, plain or gzip, in the data folder.
+        columns: One per joint, base first; absent: the first columns of the file.
+        side: Whether motors or joints were measured.
+    """
+
+    file: Text
+    columns: list[Text] | None = None
+    side: Literal["motor", "joint"]
+
+
+class Position(Channel):
+    """Positions.
+
+    Attributes:
+        unit: Of the motor or joint.
+        zero: Position of each joint in the URDF where the log says 0. [rad] or [m]
+    """
+
+    unit: Literal["rad", "deg", "m", "mm"]
+    zero: list[Number] | None = None
+
+
+class Torque(Channel):
+    """Torques, or currents with the torque constant of each motor.
+
+    Attributes:
+        unit: ``newton_metre``, ``newton`` or ``ampere``.
+        torque_constant: Per motor, for ``ampere``. [N m/A]
+    """
+
+    unit: Literal["newton_metre", "newton", "ampere"]
+    torque_constant: list[Number] | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Torque:
+        if (self.unit == "ampere") != (self.torque_constant is not None):
+            raise ValueError("torque_constant for ampere, and only for it")
+        if self.unit == "ampere" and self.side == "joint":
+            raise ValueError("side: motor for ampere")
+        return self
+
+
+class Coupling(Entry):
+    """A motor that turns along with another joint, as in a model file."""
+
+    motor: Text
+    joint: Text
+    ratio: Number
+
+
+class Reference(Entry):
+    """Published friction, to be printed beside the fit, joint side.
+
+    Attributes:
+        viscous: Torque of each joint per its own velocity. [N m s/rad]
+        coulomb: [N m]
+        source: Where it comes from.
+    """
+
+    viscous: list[Number]
+    coulomb: list[Number]
+    source: str = ""
+
+
+class DriveLog(Entry):
+    """What a raw log holds, and the robot it was made on.
+
+    Attributes:
+        rate: Rows per second. [Hz]
+        urdf: File with kinematics and bodies; not needed beside a model file.
+        joints: As in the URDF, base first.
+        gear_ratio: Motor turns per joint turn; the sign is the sense.
+    """
+
+    schema_version: Literal[1]
+    description: str = ""
+    rate: Annotated[float, Field(gt=0, allow_inf_nan=False)]
+    urdf: Text | None = None
+    joints: Annotated[list[Text], Field(min_length=1)]
+    gear_ratio: list[Number] | None = None
+    coupling: tuple[Coupling, ...] = ()
+    position: Position
+    torque: Torque
+    reference: Reference | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> DriveLog:
+        lists: dict[str, list[Any] | None] = {
+            "gear_ratio": self.gear_ratio,
+            "position.columns": self.position.columns,
+            "position.zero": self.position.zero,
+            "torque.columns": self.torque.columns,
+            "torque.torque_constant": self.torque.torque_constant,
+        }
+        if self.reference is not None:
+            lists["reference.viscous"] = self.reference.viscous
+            lists["reference.coulomb"] = self.reference.coulomb
+        for key, values in lists.items():
+            if values is not None and len(values) != len(self.joints):
+                raise ValueError(
+                    f"{len(self.joints)} entries of {key}, as many as joints; found {len(values)}"
+                )
+        if (self.urdf is None) != (self.gear_ratio is None):
+            raise ValueError("urdf and gear_ratio together (or neither, beside a model file)")
+        return self
+
+
+def load_drive_log(path: str | Path) -> DriveLog:
+    """Load the description of a raw log.
+
+    Args:
+        path: A YAML file.
+
+    Returns:
+        The description.
+
+    Raises:
+        LogFormatError: Naming the bad key, what was found and what was expected.
+    """
+    try:
+        data = parse_yaml(Path(path).read_text(encoding="utf-8"), str(path))
+    except (OSError, UnicodeDecodeError) as error:
+        raise LogFormatError(
+            f"no mapping can be read at '{path}'", "a YAML file", "see src/examples/identify"
+        ) from error
+    except ModelFileError as error:
+        raise LogFormatError(error.found, error.expected, error.remedy) from error
+    if not isinstance(data, dict):
+        raise LogFormatError(
+            f"{path} holds {type(cast('object', data)).__name__}",
+            "a mapping with schema_version, rate, joints, position and torque",
+        )
+    try:
+        return DriveLog.model_validate(data)
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(str(part) for part in first["loc"]) or "the file"
+        if first["type"] == "extra_forbidden":
+            raise LogFormatError(
+                f"{path}: key '{key}' is unknown", "a key of the schema"
+            ) from error
+        raise LogFormatError(
+            f"{path}: key '{key}' does not fit",
+            first["msg"].removeprefix("Value error, ").removeprefix("Input should be "),
+        ) from error
+
+
+def model_of(log: DriveLog, folder: Path) -> RobotModel:
+    """Return a model with what the log says; all else is zero, assumed, to be identified.
+
+    Args:
+        log: The description, with URDF and gear ratios.
+        folder: Where the URDF lies.
+
+    Returns:
+        The model before identification.
+
+    Raises:
+        LogFormatError: If the log names no URDF, or it cannot be read.
+        ModelFileError: If the pieces do not make a model.
+    """
+    if log.urdf is None or log.gear_ratio is None:
+        raise LogFormatError(
+            "the mapping names no urdf and no gear_ratio", "both, or a model file (--model)"
+        )
+    path = folder / log.urdf
+    try:
+        urdf_xml = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise LogFormatError(f"the URDF '{path}' cannot be read", "a URDF file") from error
+    friction = {"coulomb": _figure(0.0), "viscous": {"law": "constant", "viscous": _figure(0.0)}}
+    joints = [
+        {
+            "name": name,
+            "gear_ratio": _figure(ratio, "mapping of the log"),
+            "rotor_inertia": _figure(0.0),
+            "friction": friction,
+        }
+        for name, ratio in zip(log.joints, log.gear_ratio, strict=True)
+    ]
+    coupling = [
+        {**entry.model_dump(), "ratio": _figure(entry.ratio, "mapping of the log")}
+        for entry in log.coupling
+    ]
+    data = {
+        "schema_version": 1,
+        "robot": {"type": log.description or "robot"},
+        "urdf": {"path": log.urdf, "source": log.urdf},
+        "joints": joints,
+        "coupling": coupling,
+        "cabinet": {"loss_grid": _figure(0.0), "loss_dc": _figure(0.0)},
+        "temperature": {"fallback_degc": 25.0},
+    }
+    return validate(data, str(path), urdf_xml)
+
+
+def read_channels(log: DriveLog, model: RobotModel, folder: Path) -> Channels:
+    """Read the files of a raw log.
+
+    Args:
+        log: The description.
+        model: Drivetrain of the robot.
+        folder: Where the files lie.
+
+    Returns:
+        Positions of the joints and torques of the motors, on one clock.
+
+    Raises:
+        LogFormatError: If a file cannot be read, or the two differ in length.
+    """
+    if tuple(log.joints) != model.joint_names:
+        raise LogFormatError(
+            f"the mapping has the joints {', '.join(log.joints)}",
+            f"those of the model in its order: {', '.join(model.joint_names)}",
+        )
+    drivetrain = Drivetrain.from_model(model)
+    position = _read(log.position, len(log.joints), folder) * POSITION_UNITS[log.position.unit]
+    torque = _read(log.torque, len(log.joints), folder)
+    if len(position) != len(torque):
+        raise LogFormatError(
+            f"'{log.position.file}' has {len(position)} rows and '{log.torque.file}' has "
+            f"{len(torque)}",
+            "one torque for every position",
+            "cut both files at the same instants",
+        )
+    if log.position.side == "motor":
+        position = drivetrain.joint_velocity_from_motor(position)  # the same map
+    if log.position.zero is not None:
+        position = position + np.asarray(log.position.zero)
+    if log.torque.torque_constant is not None:
+        torque = torque * np.asarray(log.torque.torque_constant)
+    if log.torque.side == "joint":
+        torque = drivetrain.motor_torque_from_joint(torque)
+    return Channels(log.rate, position, torque)
+
+
+def _figure(value: float, source: str = "not identified") -> dict[str, object]:
+    return {"value": value, "tag": "assumed", "source": source}
+
+
+def _read(channel: Channel, n_joints: int, folder: Path) -> Float:
+    path = folder / channel.file
+    table = LogTable(path)
+    names = channel.columns or list(table.columns[:n_joints])
+    if len(names) < n_joints:
+        raise LogFormatError(f"{path} has {len(names)} columns", f"one per joint: {n_joints}")
+    pick = [table.columns.index(table.require(name)) for name in names]
+    try:
+        return np.loadtxt(path, delimiter=table.delimiter, skiprows=1, usecols=pick, ndmin=2)
+    except (ValueError, OSError, EOFError) as error:
+        raise LogFormatError(
+            f"{path} cannot be read ({' '.join(str(error).split())})",
+            "a number in every cell of the columns used",
+        ) from error

@@ -1,0 +1,230 @@
+"""Recorded channels made ready for a fit: filtered without delay, aligned, cut alike.
+
+Positions and torques go through the same zero-phase Butterworth filter and velocities and
+accelerations are central differences (paper B, section 4.3.3). Whatever is cut off is cut
+off all channels with the same rows, so that no channel can be shifted against another.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robot_energy.blocks import NANOSECOND, Float, Int
+from robot_energy.errors import NotIdentifiableError, ShapeError
+
+ORDER = 2  # of the filter; forward and backward make it 4
+LEAST_SAMPLES = 20
+MEMORY = 1.5  # periods of the cut-off frequency after which a filter has forgotten its start
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Joint motion on a uniform grid.
+
+    Attributes:
+        joint_position: Shape (N, n). [rad] or [m]
+        joint_velocity: Shape (N, n). [rad/s] or [m/s]
+        joint_acceleration: Shape (N, n). [rad/s^2] or [m/s^2]
+    """
+
+    joint_position: Float
+    joint_velocity: Float
+    joint_acceleration: Float
+
+
+@dataclass(frozen=True)
+class Channels:
+    """What one stretch of a recording gives, on a uniform grid in model joint order.
+
+    Attributes:
+        rate: Samples per second. [Hz]
+        joint_position: Shape (N, n). [rad] or [m]
+        motor_torque: Measured, motor side, shape (N, n). [N m]
+    """
+
+    rate: float
+    joint_position: Float
+    motor_torque: Float
+
+    def __post_init__(self) -> None:
+        if self.joint_position.shape != self.motor_torque.shape:
+            raise ShapeError(
+                f"positions have shape {self.joint_position.shape} and torques "
+                f"{self.motor_torque.shape}",
+                "one torque for every position",
+            )
+
+
+def low_pass(values: Float, rate: float, cutoff: float) -> Float:
+    """Filter forward and backward with a Butterworth filter: no delay at any frequency.
+
+    Args:
+        values: Shape (N, ...), uniform in time.
+        rate: [Hz]
+        cutoff: Where the filter, passed twice, halves the amplitude. [Hz]
+
+    Returns:
+        Same shape.
+
+    Raises:
+        NotIdentifiableError: If there are too few samples, or too few per second.
+    """
+    from scipy.signal import butter, sosfiltfilt
+
+    if len(values) < LEAST_SAMPLES:
+        raise NotIdentifiableError(
+            f"a stretch of the recording has {len(values)} samples",
+            f"at least {LEAST_SAMPLES}",
+            "record longer without gaps",
+        )
+    if not 0 < cutoff < 0.5 * rate:
+        raise NotIdentifiableError(
+            f"the filter is to pass {cutoff:g} Hz of a recording at {rate:g} Hz",
+            f"a cut-off frequency below {0.5 * rate:g} Hz",
+            "record faster or lower the cut-off frequency",
+        )
+    # Extended at both ends for as long as the filter remembers, whatever the rate.
+    memory = min(len(values) - 1, int(np.ceil(MEMORY * rate / cutoff)))
+    sections = butter(ORDER, cutoff, fs=rate, output="sos")
+    return np.asarray(sosfiltfilt(sections, values, axis=0, padlen=memory))
+
+
+def motion_from_position(joint_position: Float, rate: float, cutoff: float) -> Motion:
+    """Filter positions and differentiate them twice by central differences.
+
+    Args:
+        joint_position: Shape (N, n). [rad] or [m]
+        rate: [Hz]
+        cutoff: Of the zero-phase filter. [Hz]
+
+    Returns:
+        The motion at the same instants.
+    """
+    position = low_pass(joint_position, rate, cutoff)
+    velocity = np.gradient(position, 1.0 / rate, axis=0)
+    return Motion(position, velocity, np.gradient(velocity, 1.0 / rate, axis=0))
+
+
+def later(values: Float, rate: float, delay: float) -> Float:
+    """Return a channel as it is a while later: undoes a delay of that length.
+
+    The delay need not be a whole number of samples. Beyond the end the last value stands;
+    cut it off with `inside`.
+
+    Args:
+        values: Shape (N, n), uniform in time, smooth.
+        rate: [Hz]
+        delay: Result at t is the channel at t + delay; may be negative. [s]
+
+    Returns:
+        Same shape.
+    """
+    if delay == 0.0:
+        return values
+    from scipy.interpolate import CubicSpline
+
+    at = np.arange(len(values), dtype=np.float64)
+    wanted = np.clip(at + delay * rate, 0.0, at[-1])
+    return np.asarray(CubicSpline(at, values, axis=0)(wanted))
+
+
+def inside(count: int, margin: int) -> NDArray[np.bool_]:
+    """Mark the samples that are not within a margin of either end.
+
+    Used as one mask for all channels, so that both sides of an equation lose the same
+    rows at both ends.
+
+    Args:
+        count: Number of samples.
+        margin: How many to leave out at each end.
+
+    Returns:
+        Shape (count,).
+    """
+    row = np.arange(count)
+    return (row >= margin) & (row < count - margin)
+
+
+def standing(speed: Float, threshold: float, window: int) -> NDArray[np.bool_]:
+    """Mark where something stands still for longer than a moment.
+
+    Args:
+        speed: Shape (N, n), any sign.
+        threshold: Below it nothing moves; same unit.
+        window: Samples around each one that must stand too, so that the instant of a
+            reversal is no standstill.
+
+    Returns:
+        Shape (N, n).
+    """
+    from scipy.ndimage import maximum_filter1d
+
+    size = 2 * window + 1
+    return np.asarray(maximum_filter1d(np.abs(speed), size, axis=0, mode="nearest")) < threshold
+
+
+def uniform(stamp_ns: Int, values: Float, rate: float) -> Float:
+    """Put jittering samples on a uniform grid by linear interpolation.
+
+    Args:
+        stamp_ns: Strictly rising, without gaps, shape (N,). [ns]
+        values: Shape (N, n).
+        rate: Of the grid, which starts at the first stamp. [Hz]
+
+    Returns:
+        Shape (M, n).
+    """
+    since = (stamp_ns - stamp_ns[0]) * NANOSECOND
+    grid = np.arange(int(since[-1] * rate + 1e-9) + 1) / rate
+    columns = [np.interp(grid, since, values[:, joint]) for joint in range(values.shape[1])]
+    return np.stack(columns, axis=1)
+
+
+def stretches(
+    stamp_ns: Int,
+    segment: Int,
+    joint_position: Float,
+    motor_torque: Float,
+    rate: float | None = None,
+    least_duration: float = 1.0,
+) -> list[Channels]:
+    """Cut a recording at its gaps and put every stretch on one uniform grid.
+
+    Args:
+        stamp_ns: Shape (N,). [ns]
+        segment: Changes at every gap or jump of the stamps, shape (N,).
+        joint_position: Shape (N, n). [rad] or [m]
+        motor_torque: Shape (N, n). [N m]
+        rate: Of the grid; default the median rate of the recording. [Hz]
+        least_duration: Shorter stretches are left out. [s]
+
+    Returns:
+        The stretches.
+
+    Raises:
+        NotIdentifiableError: If no stretch is long enough.
+    """
+    cuts = np.flatnonzero(np.diff(segment) != 0) + 1
+    parts = np.split(np.arange(len(stamp_ns)), cuts)
+    steps = np.diff(stamp_ns)[np.diff(segment) == 0]
+    if len(steps):
+        grid = float(1.0 / (np.median(steps) * NANOSECOND)) if rate is None else rate
+        result = [
+            Channels(
+                grid,
+                uniform(stamp_ns[rows], joint_position[rows], grid),
+                uniform(stamp_ns[rows], motor_torque[rows], grid),
+            )
+            for rows in parts
+            if (stamp_ns[rows[-1]] - stamp_ns[rows[0]]) * NANOSECOND >= least_duration
+        ]
+        if result:
+            return result
+    raise NotIdentifiableError(
+        f"the recording has no stretch of {least_duration:g} s without gaps",
+        "continuous motion for several seconds",
+        "record again at a steady rate",
+    )

@@ -1,0 +1,179 @@
+"""Identified dynamics as tables for the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from rich.console import Console
+
+from robot_energy.identify.dynamics import Dynamics
+from robot_energy.identify.dynamics_model import friction_at_joints
+from robot_energy.identify.validation import TorqueError
+from robot_energy.report.printing import line, pairs, table
+
+
+@dataclass(frozen=True)
+class Reference:
+    """Friction known from elsewhere, to be set beside the identified one, joint side.
+
+    Attributes:
+        viscous: Shape (n,). [N m s/rad]
+        coulomb: Shape (n,). [N m]
+        source: In words.
+    """
+
+    viscous: Sequence[float]
+    coulomb: Sequence[float]
+    source: str
+
+
+@dataclass(frozen=True)
+class Effort:
+    """What an identification took.
+
+    Attributes:
+        reading: Time to read the files. [s]
+        fitting: Time from arrays to the model. [s]
+        peak_memory: Of the process. [MB]
+    """
+
+    reading: float
+    fitting: float
+    peak_memory: float
+
+
+def print_dynamics(
+    console: Console,
+    result: Dynamics,
+    held_out: TorqueError,
+    held_out_consistent: TorqueError,
+    reference: Reference | None = None,
+    effort: Effort | None = None,
+    details: bool = False,
+) -> None:
+    """Print an identification.
+
+    Args:
+        console: Where.
+        result: The identification.
+        held_out: Of the least-squares fit.
+        held_out_consistent: Of the fit that the model file holds.
+        reference: Friction to compare with.
+        effort: Time and memory.
+        details: Also every group with value and standard deviation.
+    """
+    settings, delay = result.settings, result.delay
+    applied = "applied" if delay.applied else "not applied"
+    rows = [
+        ("base parameters", f"{len(result.base)}, {result.n_inertial} of them inertial"),
+        (
+            "rows",
+            f"{int(result.observations.used.sum())} torques at {result.observations.rate:g} Hz, "
+            f"as good as {result.fit.independent_rows.sum():.0f} independent ones",
+        ),
+        (
+            "settings",
+            f"{settings.method}, both sides through {settings.filters.cutoff:g} Hz, "
+            + ", ".join(sorted({column.kind for column in settings.columns})),
+        ),
+        (
+            "torque delay",
+            f"{delay.value * 1e3:+.1f} ms would lower the held-out error by {delay.gain:.1%}: "
+            f"{applied}",
+        ),
+    ]
+    if effort is not None:
+        total = effort.reading + effort.fitting
+        rows.append(
+            (
+                "time",
+                f"{total:.2f} s from files to model, {effort.reading:.2f} s of it reading; "
+                "without imports",
+            )
+        )
+        rows.append(("memory", f"{effort.peak_memory:.0f} MB at most"))
+    pairs(console, rows)
+    _errors(console, result, held_out, held_out_consistent)
+    _friction(console, result, reference)
+    if details:
+        _groups(console, result)
+    for note in result.notes:
+        line(console, f"note: {note}")
+
+
+def _errors(
+    console: Console, result: Dynamics, held_out: TorqueError, consistent: TorqueError
+) -> None:
+    errors = (result.in_sample, held_out, consistent)
+    rows = [
+        [name, *(f"{error.joint[joint]:.1%}" for error in errors)]
+        for joint, name in enumerate(result.model.joint_names)
+    ]
+    rows.append(["all, standstill too", *(f"{error.with_standstill:.2%}" for error in errors)])
+    table(
+        console,
+        f"torque error (norm of error / norm of torque); held out: {result.settings.folds} "
+        "contiguous blocks",
+        [
+            "joint, moving",
+            "fitted data: no accuracy",
+            "held out, least squares",
+            "held out, model file",
+        ],
+        rows,
+        ["all, moving", *(f"{error.total:.2%}" for error in errors)],
+    )
+
+
+def _friction(console: Console, result: Dynamics, reference: Reference | None) -> None:
+    friction = friction_at_joints(result)
+    columns = ["joint"]
+    for kind in ("viscous", "Coulomb"):
+        columns += [kind, "known", "off by"] if reference is not None else [kind]
+    rows: list[list[str]] = []
+    worst = 0.0
+    for joint, name in enumerate(result.model.joint_names):
+        row = [name]
+        for kind in ("viscous", "coulomb"):
+            value, std = (float(part[joint]) for part in friction[kind])
+            row.append(f"{value:.3f} +- {std:.3f}")
+            if reference is not None:
+                known = float(getattr(reference, kind)[joint])
+                share = value / known - 1.0 if known else float("nan")
+                worst = max(worst, abs(share))
+                row += [f"{known:.3g}", f"{share:+.1%}"]
+        rows.append(row)
+    labels = result.fit.names
+    for name in result.model.joint_names:
+        if f"joint_coulomb {name}" in labels:  # its motor turns with another joint too
+            row = [f"{name}, motor"]
+            for kind in ("viscous", "coulomb"):
+                place = labels.index(f"{kind} {name}")
+                row.append(f"{result.fit.values[place]:.3f} +- {result.fit.std[place]:.3f}")
+                row += ["", ""] if reference is not None else []
+            rows.append(row)
+    table(
+        console,
+        "friction at the joints, viscous [N m s/rad] and Coulomb [N m] (+- standard deviation)",
+        columns,
+        rows,
+    )
+    if reference is not None:
+        source = f" ({reference.source})" if reference.source else ""
+        line(console, f"largest deviation from the reference{source}: {worst:.1%}")
+
+
+def _groups(console: Console, result: Dynamics) -> None:
+    half = result.fit.interval()
+    rows = [
+        [
+            result.base.expression(group),
+            f"{result.fit.values[group]:.5g}",
+            f"{half[group]:.2g}",
+            "poorly known" if result.base.labels[group] in result.poorly_known else "",
+        ]
+        for group in np.arange(len(result.base)).tolist()
+    ]
+    table(console, "base parameters", ["group", "value", "95 % +-", ""], rows)
