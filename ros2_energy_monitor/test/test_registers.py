@@ -116,6 +116,30 @@ def test_what_is_published_is_on_disk_and_outlives_the_node(bench, messages, tmp
     assert energies == sorted(energies)
 
 
+def test_cleanup_lets_go_and_configure_continues(bench, messages, tmp_path):
+    node = start(bench, tmp_path)
+    publisher = bench.publisher(JointState, "joint_states")
+    rows = messages["/joint_states"]
+    feed(bench, node, publisher, rows[:200])
+    node.trigger_deactivate()
+    before = node.ledger.tally()
+    node.trigger_cleanup()
+    other = start(bench, tmp_path, autostart=False)
+    other.trigger_configure()  # the lock is free
+    assert other.ledger.tally() == before
+    other.trigger_cleanup()
+    node.trigger_configure()
+    assert node.ledger.tally() == before
+    node.trigger_activate()
+    bench.spin_until(lambda: node.joint_states.publishers, "the publisher")
+    feed(bench, node, publisher, rows[300:400])
+    node.close()
+    time = node.ledger.registers.time
+    assert time.gap_count == 1
+    assert time.observed_ns + time.gap_ns == time.end_ns - time.start_ns
+    assert node.ledger.tally().observed_ns > before.observed_ns
+
+
 def test_where_the_files_are(monkeypatch, tmp_path):
     monkeypatch.setenv("ROS_HOME", str(tmp_path))
     assert folder_of("$ROS_HOME/robot_energy") == tmp_path / "robot_energy"
@@ -244,8 +268,10 @@ def test_ticks_go_on_while_the_disk_hangs(bench, messages, tmp_path):
     node._books.checkpoints._thread.submit(card.wait)
     try:
         observer.wait(persisted=False)
+        hung = len(observer.rows)
         feed(bench, node, publisher, rows[200:400])
         observer.diagnosed("has been under way for")
+        assert not any(row.persisted for row in observer.rows[hung:])
     finally:
         card.set()
     observer.wait(persisted=True)
