@@ -131,3 +131,29 @@ def test_every_field_of_every_message_is_explained(message):
     for before, line in pairwise(lines):
         if re.match(r"^[a-z]\S*(\[\d*\])? [a-z_]+$", line):
             assert before.startswith("#"), f"{message}: '{line}' has no comment above it"
+
+
+def tests_named_in(document):
+    """Names of tests in a document, as code."""
+    return sorted(set(re.findall(r"`(test_\w+)`", (ROOT / document).read_text())))
+
+
+@pytest.fixture(scope="module")
+def tests_that_exist():
+    found = set()
+    for folder in ("test", "ros2_energy_monitor/test"):
+        for path in (ROOT / folder).rglob("test_*.py"):
+            found |= set(re.findall(r"^ *def (test_\w+)", path.read_text(), flags=re.MULTILINE))
+    return found
+
+
+def test_every_proof_of_the_failures_exists(tests_that_exist):
+    named = tests_named_in("src/doc/failures.md")
+    assert len(named) > 60
+    assert not [name for name in named if name not in tests_that_exist]
+
+
+def test_the_failures_are_numbered_without_a_hole():
+    text = (ROOT / "src/doc/failures.md").read_text()
+    rows = [int(number) for number in re.findall(r"^\| (\d+) \|", text, flags=re.MULTILINE)]
+    assert rows == list(range(1, 49))
