@@ -133,13 +133,13 @@ def test_every_field_of_every_message_is_explained(message):
             assert before.startswith("#"), f"{message}: '{line}' has no comment above it"
 
 
-def tests_named_in(document):
+def named_tests(document):
     """Names of tests in a document, as code."""
     return sorted(set(re.findall(r"`(test_\w+)`", (ROOT / document).read_text())))
 
 
 @pytest.fixture(scope="module")
-def tests_that_exist():
+def existing_tests():
     found = set()
     for folder in ("test", "ros2_energy_monitor/test"):
         for path in (ROOT / folder).rglob("test_*.py"):
@@ -147,10 +147,10 @@ def tests_that_exist():
     return found
 
 
-def test_every_proof_of_the_failures_exists(tests_that_exist):
-    named = tests_named_in("src/doc/failures.md")
+def test_every_proof_of_the_failures_exists(existing_tests):
+    named = named_tests("src/doc/failures.md")
     assert len(named) > 60
-    assert not [name for name in named if name not in tests_that_exist]
+    assert not [name for name in named if name not in existing_tests]
 
 
 def test_the_failures_are_numbered_without_a_hole():
