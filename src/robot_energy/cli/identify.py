@@ -5,7 +5,12 @@ from __future__ import annotations
 from argparse import ArgumentParser
 from typing import Any
 
-from robot_energy.cli import identify_cabinet, identify_dynamics, identify_friction
+from robot_energy.cli import (
+    identify_cabinet,
+    identify_drives,
+    identify_dynamics,
+    identify_friction,
+)
 
 
 def add_parser(commands: Any) -> None:
@@ -16,5 +21,5 @@ def add_parser(commands: Any) -> None:
         description="Identify a model from recordings; held-out figures say how good it is.",
     )
     subjects = parser.add_subparsers(title="what", metavar="WHAT", required=True)
-    for module in (identify_friction, identify_dynamics, identify_cabinet):
+    for module in (identify_friction, identify_dynamics, identify_cabinet, identify_drives):
         module.add_parser(subjects)

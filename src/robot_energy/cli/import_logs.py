@@ -108,6 +108,7 @@ def _print(report: ImportReport) -> None:
         ("/joint_states", report.joint_states),
         ("/motor_temperatures", report.temperatures),
         ("/power_meter", report.readings),
+        ("/drive_power", report.drive_powers),
     ]
     for topic, count in topics:
         out.print(f"  {topic:<20} {count or 'none'}", soft_wrap=True)

@@ -72,7 +72,7 @@ def read_csv(log: str | Path, mapping: LogMapping) -> tuple[LogTable, Contents, 
     if mapping.time.run is not None:
         table.require(mapping.time.run, "time.run")
     groups: list[list[str]] = []
-    for key in ("position", "velocity", "effort", "temperature"):
+    for key in ("position", "velocity", "effort", "temperature", "drive_power"):
         names = joints.columns(getattr(joints, key))
         groups.append([table.require(name, f"joints.{key}") for name in names])
     groups.append([table.require(name, f"power.{key}") for key, name in _power_columns(power)])
@@ -84,6 +84,7 @@ def read_csv(log: str | Path, mapping: LogMapping) -> tuple[LogTable, Contents, 
         MeterMeaning[power.meaning.upper()] if power else MeterMeaning.UNKNOWN,
         MeterLocation[power.location.upper()] if power else MeterLocation.UNKNOWN,
         power.interval if power and power.interval else float("nan"),
+        joints.drive_power is not None,
     )
     return table, contents, _blocks(table, mapping, groups)
 
@@ -105,12 +106,13 @@ def _blocks(table: LogTable, mapping: LogMapping, groups: list[list[str]]) -> It
     speed = signs * (VELOCITY_UNITS[joints.velocity.unit] if joints.velocity else 1.0)
     effort = signs * (EFFORT_UNITS[joints.effort.unit] if joints.effort else 1.0)
     offset = TEMPERATURE_OFFSETS[joints.temperature.unit] if joints.temperature else 0.0
+    watt = POWER_UNITS[joints.drive_power.unit] if joints.drive_power else 1.0
     last: int | None = None
     clock = Clock(time.column, time.unit, time.rate or float("nan"), time.run, time.apart)
     parts = table.blocks(columns, n_joints, clock)
     for rows in parts:
         kept, last = newer_than(rows, last, table.account)
-        position, velocity, torque, temperature, meter = np.split(kept.values, cuts, axis=1)
+        position, velocity, torque, temperature, drives, meter = np.split(kept.values, cuts, axis=1)
         none = np.full((len(kept.time_ns), n_joints), np.nan)
         yield LogBlock(
             kept.time_ns + time.start_ns,
@@ -119,6 +121,7 @@ def _blocks(table: LogTable, mapping: LogMapping, groups: list[list[str]]) -> It
             torque * effort if joints.effort else none,
             temperature + offset if joints.temperature else none,
             _reading(meter, mapping.power),
+            drives * watt if joints.drive_power else none,
         )
 
 

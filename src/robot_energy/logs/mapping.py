@@ -117,6 +117,12 @@ class Temperature(Columns):
     unit: Literal["celsius", "kelvin"]
 
 
+class DrivePower(Columns):
+    """Electrical power that each drive takes, positive into the drive."""
+
+    unit: Literal["W", "kW", "mW"]
+
+
 class Joints(Entry):
     """The joints and their columns.
 
@@ -133,6 +139,7 @@ class Joints(Entry):
     velocity: Velocity | None = None
     effort: Effort | None = None
     temperature: Temperature | None = None
+    drive_power: DrivePower | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Joints:
@@ -144,7 +151,7 @@ class Joints(Entry):
                 raise ValueError(
                     f"as many {what} as names: {len(self.names)}, found {len(entries)}"
                 )
-        for what in ("position", "velocity", "effort", "temperature"):
+        for what in ("position", "velocity", "effort", "temperature", "drive_power"):
             group = getattr(self, what)
             if group is not None and group.columns and len(group.columns) != len(self.names):
                 raise ValueError(

@@ -14,12 +14,13 @@ from robot_energy.errors import LogFormatError
 from robot_energy.ingest.accounting import Accounting
 from robot_energy.ingest.joint_states import JOINT_STATE
 from robot_energy.ingest.meter import POWER_READING
-from robot_energy.ingest.sources import MOTOR_TEMPERATURES
+from robot_energy.ingest.sources import FLOAT_ARRAY, MOTOR_TEMPERATURES
 from robot_energy.wire import Encoder, stamp_columns
 
 JOINT_STATES_TOPIC = "/joint_states"
 TEMPERATURES_TOPIC = "/motor_temperatures"
 METER_TOPIC = "/power_meter"
+DRIVE_POWER_TOPIC = "/drive_power"
 INTERLEAVED_ROWS = 16  # replay waits only a little for temperatures that come late
 LATEST_NS = (2**31 - 1) * 1_000_000_000  # the stamps of ROS 2 end in 2038
 
@@ -34,6 +35,7 @@ class LogBlock(Block):
         effort: As the log has it: torque or motor current, shape (N, n). [N m] or [A]
         motor_temperature_degc: Shape (N, n). [degC]
         reading: Power or, of a counter, energy, shape (N,). [W] or [J]
+        drive_power: Electrical input of each drive, shape (N, n). [W]
     """
 
     joint_position: Float
@@ -41,6 +43,7 @@ class LogBlock(Block):
     effort: Float
     motor_temperature_degc: Float
     reading: Float
+    drive_power: Float
 
 
 @dataclass(frozen=True)
@@ -55,6 +58,7 @@ class Contents:
         meaning: What a meter reading stands for; UNKNOWN: there is no meter.
         location: Where the meter sits.
         interval: Length of a mean's interval; NaN for other meanings. [s]
+        drive_power: Whether it has the electrical power of each drive.
     """
 
     joint_names: tuple[str, ...]
@@ -64,6 +68,7 @@ class Contents:
     meaning: MeterMeaning = MeterMeaning.UNKNOWN
     location: MeterLocation = MeterLocation.UNKNOWN
     interval: float = float("nan")
+    drive_power: bool = False
 
 
 @dataclass
@@ -97,6 +102,8 @@ class ImportReport:
         joint_states: Messages written.
         temperatures: Messages written; rows without any temperature give none.
         readings: Meter readings written; rows without one give none.
+        drive_powers: Messages written, stamped by their log time alone; rows without any
+            power of a drive give none.
         notes: What a reader of the bag should know, one sentence each.
     """
 
@@ -108,6 +115,7 @@ class ImportReport:
     joint_states: int = 0
     temperatures: int = 0
     readings: int = 0
+    drive_powers: int = 0
     notes: list[str] = field(default_factory=list[str])
 
 
@@ -134,6 +142,7 @@ class _Encoders:
                 "interval": contents.interval,
             },
         )
+        self.drive_power = Encoder(FLOAT_ARRAY, lengths={"layout.dim": 0, "data": n_joints})
 
     def write(self, bag: BagWriter, block: LogBlock, report: ImportReport) -> None:
         """Write all topics, interleaved as a recorder would."""
@@ -169,9 +178,21 @@ class _Encoders:
             len(block),
         )
         every = np.ones(len(block), dtype=np.bool_)
+        driven = np.asarray(np.isfinite(block.drive_power).any(axis=1) & contents.drive_power)
+        flat = np.empty((len(block), 0), dtype=np.uint32)  # one row of values needs no layout
+        driven_rows = self.drive_power.encode(
+            {
+                "layout.dim.size": flat,
+                "layout.dim.stride": flat,
+                "layout.data_offset": 0,
+                "data": block.drive_power,
+            },
+            len(block),
+        )
         streams = (
             (TEMPERATURES_TOPIC, warm, warm_rows),
             (METER_TOPIC, metered, metered_rows),
+            (DRIVE_POWER_TOPIC, driven, driven_rows),
             (JOINT_STATES_TOPIC, every, rows),
         )
         for start in range(0, len(block), INTERLEAVED_ROWS):
@@ -183,6 +204,7 @@ class _Encoders:
         report.joint_states += len(block)
         report.temperatures += int(warm.sum())
         report.readings += int(metered.sum())
+        report.drive_powers += int(driven.sum())
 
 
 def write_bag(
@@ -220,6 +242,8 @@ def write_bag(
                 bag.add_topic(TEMPERATURES_TOPIC, MOTOR_TEMPERATURES)
             if contents.meaning is not MeterMeaning.UNKNOWN:
                 bag.add_topic(METER_TOPIC, POWER_READING)
+            if contents.drive_power:
+                bag.add_topic(DRIVE_POWER_TOPIC, FLOAT_ARRAY)
             for block in blocks:
                 if not len(block):
                     continue

@@ -160,6 +160,7 @@ def _blocks(tables: list[LogTable], offset_ns: int) -> Iterator[LogBlock]:
                 current,
                 temperature,
                 supply[:, 0] * supply[:, 1],
+                np.full_like(position, np.nan),
             )
 
 

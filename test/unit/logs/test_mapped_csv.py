@@ -11,6 +11,7 @@ import yaml
 from logbook import WHEEL_MAPPING, mapping, read_bag, wheel_csv, write_csv
 from robot_energy.blocks import MeterLocation, MeterMeaning
 from robot_energy.errors import BagError, LogFormatError
+from robot_energy.identify.drive_power import read_drive_power
 from robot_energy.logs import import_csv, load_mapping
 
 EXAMPLES = Path(__file__).parents[3] / "src" / "examples" / "mappings"
@@ -71,6 +72,23 @@ def test_voltage_times_current_is_power(tmp_path: Path) -> None:
     assert readings is not None
     assert readings.power.tolist() == [24.0]
     assert readings.interval.tolist() == [0.5]
+
+
+def test_power_of_the_drives_reaches_the_bag_in_watt(tmp_path: Path) -> None:
+    log = write_csv(tmp_path / "log.csv", "t,q_axle,w_axle,p", ["0,0,0,1.5", "1,0,0,", "2,0,0,-2"])
+    joints = {
+        "names": ["axle"],
+        "position": {"column": "q_{joint}", "unit": "rad"},
+        "drive_power": {"columns": ["p"], "unit": "kW"},
+    }
+    report = import_csv(log, mapping(joints=joints), tmp_path / "bag")
+    assert report.drive_powers == 2
+    power = read_drive_power(tmp_path / "bag", "/drive_power", ["axle"])
+    assert power.power.tolist() == [[1500.0], [-2000.0]]
+    assert np.diff(power.stamp_ns).tolist() == [2_000_000_000]
+    middle = power.stamp_ns[:1] + 1_000_000_000
+    assert power.at(middle, 3.0).tolist() == [[-250.0]]  # straight between the readings
+    assert np.isnan(power.at(middle, 1.0)).all()  # too far apart
 
 
 def test_times_from_zero_need_a_start(tmp_path: Path) -> None:

@@ -1,0 +1,161 @@
+"""Loss model of one drive: ``P_el - P_mech = c0 + c1 |w| + c2 w^2 + k (1 + alpha (T - 20)) tau^2``.
+
+No loss is negative, so a coefficient that comes out negative is set to 0 and the rest
+fitted again. A column that the others explain is left out by name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robot_energy.blocks import Float, Int
+from robot_energy.errors import NotIdentifiableError
+from robot_energy.identify.regression import Regression, regress
+from robot_energy.model_file.figure import PositiveFigure
+from robot_energy.model_file.joint import LossDrive
+
+REFERENCE_DEGC = 20.0
+COPPER_COEFFICIENT = 0.0039  # 1/K, usual textbook figure
+TERMS = ("constant", "copper", "linear", "quadratic")
+LEAST_SHARE = 0.05  # of a column that the columns before it do not explain
+LEAST_SAMPLES = 30
+
+
+@dataclass(frozen=True)
+class Losses:
+    """Coefficients that are not negative.
+
+    Attributes:
+        values: By name; 0 where negative or not told.
+        std: By name; 0 where the value was set to 0. NaN where not told.
+        negative: Names of those that came out negative.
+        untold: Names of those that the data do not tell apart from the ones before.
+        samples: Number of samples.
+        rms: What remains, in sample. [W]
+    """
+
+    values: dict[str, float]
+    std: dict[str, float]
+    negative: tuple[str, ...]
+    untold: tuple[str, ...]
+    samples: int
+    rms: float
+    confidence: dict[str, float]
+    """Half widths of the 95 % intervals, by name."""
+
+    def figure(self, name: str, source: str, scale: float = 1.0) -> PositiveFigure:
+        """Return one coefficient for a model file."""
+        std = self.std[name] * scale
+        return PositiveFigure(
+            value=self.values[name] * scale,
+            tag="assumed" if name in self.untold else "identified",
+            std=std if np.isfinite(std) else None,
+            source="not told by the recordings, taken as 0" if name in self.untold else source,
+        )
+
+    def entry(self, source: str = "") -> LossDrive:
+        """Return the losses of one drive for a model file."""
+        return LossDrive(**{name: self.figure(name, source) for name in TERMS})  # pyright: ignore
+
+
+def winding(degc: Float, coefficient: float = COPPER_COEFFICIENT) -> Float:
+    """Resistance of a winding over that at 20 degC."""
+    return 1.0 + coefficient * (degc - REFERENCE_DEGC)
+
+
+def loss_columns(velocity: Float, torque: Float, degc: Float) -> Float:
+    """Columns of the loss model in the order of `TERMS`, shape (N, 4).
+
+    Args:
+        velocity: Motor side, shape (N,). [rad/s]
+        torque: Motor side, shape (N,). [N m]
+        degc: Of the winding, shape (N,). [degC]
+    """
+    speed = np.abs(velocity)
+    heat = winding(degc) * torque * torque
+    return np.column_stack([np.ones(len(speed)), heat, speed, speed * speed])
+
+
+def fit_losses(
+    columns: Float, target: Float, block: Int, names: Sequence[str], what: str
+) -> Losses:
+    """Fit coefficients that are not negative, with deviations from blocks.
+
+    Args:
+        columns: Shape (N, P), those that matter most first.
+        target: Shape (N,). [W]
+        block: Contiguous block of each sample, shape (N,).
+        names: Of the columns.
+        what: What the data are, for messages.
+
+    Raises:
+        NotIdentifiableError: If there are too few samples or no column is excited.
+    """
+    if len(target) < max(LEAST_SAMPLES, 2 * columns.shape[1]):
+        raise NotIdentifiableError(
+            f"{what} have {len(target)} samples with power, torque and speed",
+            f"at least {max(LEAST_SAMPLES, 2 * columns.shape[1])}",
+        )
+    told = independent(columns)
+    if not told.any():
+        raise NotIdentifiableError(f"{what} are all zero", "motion under load")
+    used: list[int] = np.flatnonzero(told).tolist()
+    negative: list[int] = []
+    while True:
+        fit = regress(columns[:, used], target, block, [names[k] for k in used], what=what)
+        worst = int(np.argmin(fit.values * _size(columns[:, used])))
+        if fit.values[worst] >= 0.0 or len(used) == 1:
+            break
+        negative.append(used.pop(worst))
+    return _losses(fit, used, told, negative, names)
+
+
+def independent(columns: Float) -> NDArray[np.bool_]:
+    """Which columns those before them do not explain, shape (P,)."""
+    told = np.zeros(columns.shape[1], dtype=np.bool_)
+    base = np.empty((len(columns), 0))
+    for k, column in enumerate(columns.T):
+        size = float(np.linalg.norm(column))
+        if not size > 0.0:
+            continue
+        rest = column - base @ (base.T @ column)
+        rest = rest - base @ (base.T @ rest)
+        left = float(np.linalg.norm(rest))
+        if left > LEAST_SHARE * size:
+            told[k] = True
+            base = np.column_stack([base, rest / left])
+    return told
+
+
+def _size(columns: Float) -> Float:
+    return np.linalg.norm(columns, axis=0)
+
+
+def _losses(
+    fit: Regression,
+    used: Sequence[int],
+    told: NDArray[np.bool_],
+    negative: Sequence[int],
+    names: Sequence[str],
+) -> Losses:
+    width = fit.interval()
+    values = dict.fromkeys(names, 0.0)
+    std = {name: 0.0 if known else float("nan") for name, known in zip(names, told, strict=True)}
+    confidence = dict(std)
+    for place, k in enumerate(used):
+        values[names[k]] = max(float(fit.values[place]), 0.0)
+        std[names[k]] = float(fit.std[place])
+        confidence[names[k]] = float(width[place])
+    return Losses(
+        values,
+        std,
+        tuple(names[k] for k in negative),
+        tuple(name for name, known in zip(names, told, strict=True) if not known),
+        len(fit.residual),
+        float(np.sqrt(np.mean(fit.residual**2))),
+        confidence,
+    )

@@ -1,0 +1,213 @@
+"""One power meter and all drives, brought to the same pieces of time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robot_energy.blocks import NANOSECOND, Float, Int, MeterLocation
+from robot_energy.comparison.curve import MeterCurve
+from robot_energy.comparison.pieces import Pieces
+from robot_energy.errors import NotIdentifiableError
+from robot_energy.identify.drive_data import DriveData, averaged, location
+from robot_energy.identify.losses import loss_columns
+from robot_energy.model_file import RobotModel
+
+COEFFICIENTS = ("copper", "linear", "quadratic")
+MAX_GAP = 2.0  # s between two readings
+LEAST_READINGS = 20
+
+
+@dataclass(frozen=True)
+class Sums:
+    """Pieces between readings of the meter, with the means of what the drives do in them.
+
+    Attributes:
+        names: Of the joints.
+        location: Where the meter sits.
+        duration: Shape (K,). [s]
+        measured: Mean power, shape (K,). [W]
+        shaft: Sum of the shaft powers, shape (K,). [W]
+        terms: Copper, linear and quadratic column of every joint, shape (K, 3, n).
+        given: What the model's own drives draw, without cabinet, shape (K,). NaN without
+            a model. [W]
+        drives: Sum of the measured powers of the drives, shape (K,); NaN where unknown. [W]
+        recording: Shape (K,).
+        block: Shape (K,).
+        scale: Of each joint's coefficients where axes share them, shape (3, n).
+    """
+
+    names: tuple[str, ...]
+    location: MeterLocation
+    duration: Float
+    measured: Float
+    shaft: Float
+    terms: Float
+    given: Float
+    drives: Float
+    recording: Int
+    block: Int
+    scale: Float
+
+    def __len__(self) -> int:
+        return len(self.duration)
+
+    def rows(self, mask: NDArray[np.bool_]) -> Sums:
+        """Return some of the pieces."""
+        return replace(
+            self,
+            duration=self.duration[mask],
+            measured=self.measured[mask],
+            shaft=self.shaft[mask],
+            terms=self.terms[mask],
+            given=self.given[mask],
+            drives=self.drives[mask],
+            recording=self.recording[mask],
+            block=self.block[mask],
+        )
+
+
+def sums(data: DriveData, model: RobotModel | None) -> Sums:
+    """Bring meter and drives to the same pieces of time.
+
+    Args:
+        data: Samples of all drives, with meters.
+        model: Where coefficients are shared between axes, its own losses say in which
+            ratio, else its torque constants, else they are alike. None for a log.
+
+    Raises:
+        NotIdentifiableError: If there is no meter, or too few readings during samples.
+    """
+    place = location(data)
+    if place is None:
+        raise NotIdentifiableError(
+            "the recordings have no power meter, or meters in different places",
+            "measured power of all drives at the DC bus or the grid",
+            "record the meter's topic, or name its columns in the mapping",
+        )
+    columns = _columns(data, model)
+    parts: list[tuple[Pieces, Float, Int]] = []
+    for number, meter in enumerate(data.meters):
+        rows = np.flatnonzero(data.recording == number)
+        if meter is None or len(rows) < 2:
+            continue
+        for pieces in MeterCurve(MAX_GAP).step(meter):
+            kept, means = _means(pieces, data.stamp_ns[rows], data.stretch[rows], columns[rows])
+            parts.append((kept, means, np.full(len(kept), number)))
+    count = sum(len(pieces) for pieces, _, _ in parts)
+    if count < LEAST_READINGS:
+        raise NotIdentifiableError(
+            f"{count} readings of the meter lie inside the samples of the drives",
+            f"at least {LEAST_READINGS}",
+        )
+    means = np.concatenate([part for _, part, _ in parts])
+    recording = np.concatenate([part for _, _, part in parts])
+    start = np.concatenate([pieces.start_ns for pieces, _, _ in parts])
+    end = np.concatenate([pieces.end_ns for pieces, _, _ in parts])
+    power = np.concatenate([0.5 * (p.start_power + p.end_power) for p, _, _ in parts])
+    rows = np.concatenate([_row(data, p, number) for p, _, number in parts])
+    window = data.window[rows]
+    first = np.diff(window, prepend=-1) != 0
+    span = (end - start) * NANOSECOND
+    duration = averaged(span, window)
+
+    def mean(values: Float) -> Float:
+        weight = span if values.ndim == 1 else span[:, None]
+        total = averaged(values * weight, window)
+        return total / (duration if values.ndim == 1 else duration[:, None])
+
+    means = mean(means)
+    return Sums(
+        data.names,
+        place,
+        duration * np.diff(np.append(np.flatnonzero(first), len(window))),
+        mean(power),
+        means[:, 0],
+        means[:, 3:].reshape(-1, 3, len(data.names)),
+        means[:, 1],
+        means[:, 2],
+        recording[first],
+        data.block[rows][first],
+        _scale(data, model),
+    )
+
+
+def _columns(data: DriveData, model: RobotModel | None) -> Float:
+    """Shaft power, drives as given, measured drives, and the terms; shape (N, 3 + 3 n)."""
+    terms = np.stack(
+        [
+            loss_columns(
+                data.motor_velocity[:, k],
+                data.motor_torque[:, k],
+                data.motor_temperature_degc[:, k],
+            )[:, 1:]
+            for k in range(len(data.names))
+        ],
+        axis=2,
+    )
+    shaft = data.shaft_power.sum(axis=1)
+    shaft[data.braking] = np.nan
+    given = np.full(len(data), np.nan)
+    if model is not None:
+        from robot_energy.drive import drive_from_model
+
+        power, _ = drive_from_model(model).input_power(
+            data.shaft_power, data.motor_velocity, data.motor_torque, data.motor_temperature_degc
+        )
+        given = power.sum(axis=1)
+    measured = data.drive_power.sum(axis=1)
+    return np.column_stack([shaft, given, measured, terms.reshape(len(data), -1)])
+
+
+def _means(pieces: Pieces, stamp: Int, stretch: Int, columns: Float) -> tuple[Pieces, Float]:
+    """Pieces inside the samples and the mean of every column over each, by trapezoids."""
+    step = np.diff(stamp)[:, None] * NANOSECOND
+    known = np.nan_to_num(0.5 * (columns[1:] + columns[:-1]) * step)  # a gap must not spread
+    area = np.vstack([np.zeros(columns.shape[1]), np.cumsum(known, axis=0)])
+    first = np.searchsorted(stamp, pieces.start_ns, side="right") - 1
+    last = np.searchsorted(stamp, pieces.end_ns, side="left")
+    inside = (first >= 0) & (last < len(stamp))
+    first, last = np.clip(first, 0, len(stamp) - 1), np.clip(last, 0, len(stamp) - 1)
+    bad = np.concatenate([[0], np.cumsum(~np.isfinite(columns[:, 0]))])
+    inside &= (stretch[first] == stretch[last]) & (bad[last + 1] == bad[first])
+    kept = pieces[inside]
+    span = ((kept.end_ns - kept.start_ns) * NANOSECOND)[:, None]
+    time = stamp - stamp[0]
+    low, high = kept.start_ns - stamp[0], kept.end_ns - stamp[0]
+    parts: list[Float] = [
+        np.interp(high, time, part) - np.interp(low, time, part) for part in area.T
+    ]
+    means = np.column_stack(parts)
+    gone = np.vstack([np.zeros(columns.shape[1]), np.cumsum(np.isnan(columns), axis=0)])
+    missing = gone[last[inside] + 1] - gone[first[inside]] > 0
+    return kept, np.where(missing, np.nan, means / span)
+
+
+def _row(data: DriveData, pieces: Pieces, number: Int) -> Int:
+    """Sample in the middle of each piece."""
+    if not len(pieces):
+        return np.empty(0, dtype=np.int64)
+    rows = np.flatnonzero(data.recording == number[0])
+    middle = (pieces.start_ns + pieces.end_ns) // 2
+    return rows[np.clip(np.searchsorted(data.stamp_ns[rows], middle), 0, len(rows) - 1)]
+
+
+def _scale(data: DriveData, model: RobotModel | None) -> Float:
+    """Ratio of the coefficients between axes, from what the model knows."""
+    scale = np.ones((3, len(data.names)))
+    if model is None:
+        return scale
+    losses = [joint.losses for joint in model.joints]
+    if all(entry is not None for entry in losses):
+        for row, name in enumerate(COEFFICIENTS):
+            values = np.asarray([getattr(entry, name).value for entry in losses])
+            if values.max() > 0:
+                scale[row] = values
+        return scale
+    constants = [joint.torque_constant for joint in model.joints]
+    known = [figure.value for figure in constants if figure is not None]
+    if len(known) == len(constants):
+        scale[0] = 1.0 / np.asarray(known) ** 2
+    return scale

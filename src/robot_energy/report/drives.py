@@ -1,0 +1,266 @@
+"""What `identify drives` found, as tables for the terminal and as JSON."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from rich.console import Console
+
+from robot_energy.identify.drives import WAYS, AxisFit, DrivesFit
+from robot_energy.identify.losses import TERMS
+from robot_energy.identify.total_power import TotalFit, TotalScore
+from robot_energy.identify.total_sums import COEFFICIENTS, Sums
+from robot_energy.report.printing import line, percent, table
+
+Summary = dict[str, Any]
+
+WAY_NAMES = {
+    "none": "no efficiency",
+    "constant": "constant 87.5 %",
+    "map": "efficiency map, as run",
+    "map_processed": "map, power processed",
+    "losses": "loss model",
+}
+SPLIT_NAMES = {
+    "blocks": "5 blocks",
+    "recordings": "recordings",
+    "beyond": "beyond 60 %",
+}
+TOTAL_NAMES = {
+    "constant": "a constant",
+    "shaft": "shaft power and a constant",
+    "given": "the model as given",
+    "shared": "losses, shared by all axes",
+    "axis_copper": "losses, copper of each axis",
+    "axis": "losses of each axis",
+    "identified": "identified",
+    "drives_measured": "measured drives and a constant",
+}
+STRUCTURE_NAMES = {**TOTAL_NAMES, "shaft": "shaft power alone"}
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def drives_summary(fit: DrivesFit) -> Summary:
+    """Return what was identified from the power of each drive, ready for JSON.
+
+    Args:
+        fit: What was identified.
+    """
+    return {
+        "axes": [_axis(axis) for axis in fit.axes],
+        "comparisons": [
+            {
+                "held_out": comparison.split,
+                "samples": comparison.samples,
+                "energy": comparison.energy,
+                "ways": {
+                    way: {
+                        "energy_accuracy": score.accuracy,
+                        "rms": score.rms,
+                        "axis_rms": [_finite(value) for value in score.axis_rms],
+                    }
+                    for way, score in comparison.scores.items()
+                },
+            }
+            for comparison in fit.comparisons
+        ],
+        "chosen": fit.chosen,
+        "cutoff_hz": fit.cutoff,
+        "notes": [note for axis in fit.axes for note in axis.notes],
+    }
+
+
+def _axis(axis: AxisFit) -> Summary:
+    losses, reduced = axis.losses, axis.map
+    return {
+        "name": axis.name,
+        "losses": None
+        if losses is None
+        else {
+            "values": losses.values,
+            "std": {name: _finite(value) for name, value in losses.std.items()},
+            "untold": list(losses.untold),
+            "negative": list(losses.negative),
+            "samples": losses.samples,
+            "in_sample_rms": losses.rms,
+        },
+        "map": None
+        if reduced is None
+        else {
+            "points": len(reduced.entry.efficiency),
+            "samples": reduced.samples,
+            "removed": reduced.removed,
+            "motor_efficiency": _finite(reduced.motor_efficiency),
+            "generator_efficiency": _finite(reduced.generator_efficiency),
+            "reach": reduced.entry.reach,
+        },
+    }
+
+
+def total_summary(
+    data: Sums, fit: TotalFit, held_out: str, scores: dict[str, TotalScore]
+) -> Summary:
+    """Return what was identified from one meter for all drives, ready for JSON.
+
+    Args:
+        data: Pieces between readings.
+        fit: What was identified.
+        held_out: ``recordings`` or ``blocks``.
+        scores: By way.
+    """
+    negative, untold = fit.losses.negative, fit.losses.untold
+    notes: list[str] = []
+    if untold:
+        notes.append(f"not told apart from the terms before, taken as 0: {', '.join(untold)}")
+    if negative:
+        notes.append(f"negative, set to 0: {', '.join(negative)}")
+    if fit.structure in ("shared", "axis_copper"):
+        notes.append("what axes share cannot be told apart per axis from one meter here")
+    return {
+        "location": data.location.name.lower(),
+        "readings": len(data),
+        "duration": float(data.duration.sum()),
+        "recordings": len(set(data.recording.tolist())),
+        "structure": fit.structure,
+        "constant": fit.constant,
+        "constant_std": _finite(fit.constant_std),
+        "axes": [
+            {
+                "name": name,
+                **{
+                    term: {
+                        "value": float(fit.coefficients[row, k]),
+                        "std": _finite(float(fit.deviations[row, k])),
+                    }
+                    for row, term in enumerate(COEFFICIENTS)
+                },
+            }
+            for k, name in enumerate(data.names)
+        ],
+        "block_rms": dict(fit.errors),
+        "held_out": held_out,
+        "ways": {way: dict(score.__dict__) for way, score in scores.items()},
+        "notes": notes,
+    }
+
+
+def print_drives(summary: Summary, console: Console) -> None:
+    """Print what `identify drives` found.
+
+    Args:
+        summary: ``drives`` and ``total``, where there are such.
+        console: Where to.
+    """
+    if "drives" in summary:
+        _print_drives(summary["drives"], console)
+    if "total" in summary:
+        _print_total(summary["total"], console)
+
+
+def _print_drives(summary: Summary, console: Console) -> None:
+    found: list[tuple[str, ...]] = []
+    maps: list[tuple[str, ...]] = []
+    for axis in summary["axes"]:
+        losses, reduced = axis["losses"], axis["map"]
+        if losses is not None:
+            cells = [_figure(losses["values"][term], losses["std"][term]) for term in TERMS]
+            found.append((axis["name"], *cells))
+        if reduced is not None:
+            maps.append(
+                (
+                    axis["name"],
+                    str(reduced["samples"]),
+                    percent(reduced["removed"]),
+                    str(reduced["points"]),
+                    _number(reduced["motor_efficiency"]),
+                    _number(reduced["generator_efficiency"]),
+                )
+            )
+    table(
+        console,
+        "Losses of the drives beside shaft power",
+        ("axis", "constant [W]", "copper [W/(N m)^2]", "linear [W s/rad]", "quadratic [W s2/rad2]"),
+        found,
+    )
+    table(
+        console,
+        f"Reduced efficiency maps, P_mech / P_el, low-pass {summary['cutoff_hz']:g} Hz",
+        ("axis", "samples", "outliers", "points", "median, motor", "median, generator"),
+        maps,
+    )
+    comparisons = summary["comparisons"]
+    heads = [SPLIT_NAMES[comparison["held_out"]] for comparison in comparisons]
+    for title, key in (
+        (
+            "Energy accuracy on held-out data, 1 - |E - E_measured| / E_measured",
+            "energy_accuracy",
+        ),
+        ("RMS error of the power of a drive on held-out data [W]", "rms"),
+    ):
+        rows: list[tuple[str, ...]] = []
+        for way in WAYS:
+            values = [comparison["ways"][way][key] for comparison in comparisons]
+            shown = [percent(v) if key == "energy_accuracy" else f"{v:.4g}" for v in values]
+            rows.append((WAY_NAMES[way], *shown))
+        table(console, title, ("prediction", *heads), rows)
+    line(
+        console,
+        "held out: contiguous blocks, whole recordings, samples beyond 60 % of the greatest "
+        "speed or torque",
+    )
+    missing = [SPLIT_NAMES[name] for name in SPLIT_NAMES if SPLIT_NAMES[name] not in heads]
+    if missing:
+        line(console, f"too few recordings or samples to hold out: {', '.join(missing)}")
+    chosen = "loss model" if summary["chosen"] == "loss_model" else "efficiency map"
+    line(console, f"the {chosen} is taken, by its held-out RMS error")
+    for note in summary["notes"]:
+        line(console, f"note: {note}")
+
+
+def _figure(value: float, std: float | None) -> str:
+    if std is None:
+        return "not told"
+    return f"{value:.3g} +- {std:.1g}" if std > 0 else f"{value:.3g}"
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.3g}"
+
+
+def _print_total(summary: Summary, console: Console) -> None:
+    place = {"grid": "the grid", "dc_bus": "the DC bus"}.get(summary["location"], "one place")
+    what = "whole recordings" if summary["held_out"] == "recordings" else "contiguous blocks"
+    table(
+        console,
+        f"Measured power at {place}, {summary['readings']} readings in "
+        f"{summary['recordings']} recordings, {summary['duration']:.1f} s; {what} held out",
+        ("prediction", "RMS [W]", "energy", "worst"),
+        [
+            (
+                TOTAL_NAMES[way],
+                f"{score['rms']:.2f}",
+                percent(score["energy_error"]),
+                percent(score["worst"], True),
+            )
+            for way, score in summary["ways"].items()
+        ],
+    )
+    table(
+        console,
+        f"Losses from all recordings: {STRUCTURE_NAMES[summary['structure']]}; constant "
+        f"{_figure(summary['constant'], summary['constant_std'])} W",
+        ("axis", "copper [W/(N m)^2]", "linear [W s/rad]", "quadratic [W s2/rad2]"),
+        [
+            (
+                axis["name"],
+                *(_figure(axis[term]["value"], axis[term]["std"]) for term in COEFFICIENTS),
+            )
+            for axis in summary["axes"]
+        ],
+    )
+    for note in summary["notes"]:
+        line(console, f"note: {note}")

@@ -1,0 +1,78 @@
+"""Figure of reduced efficiency maps in four quadrants, with their points (paper B, fig. A1)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from robot_energy.errors import ShapeError
+from robot_energy.identify.drives import AxisFit
+from robot_energy.model_file.joint import EfficiencyMap
+from robot_energy.report.figures import COLOURS, STYLE, check_format, save_figure
+
+LEVELS = np.linspace(-0.5, 1.5, 21)
+LEAST_POINTS = 4  # of a surface
+
+
+def efficiency_maps(axes: Sequence[AxisFit], path: str | Path, title: str = "") -> None:
+    """Draw the map of every axis.
+
+    Args:
+        axes: With maps.
+        path: File to write: PNG, SVG or PDF by its suffix.
+        title: Above the figure.
+
+    Raises:
+        ShapeError: If there is no map.
+        ReportError: If the suffix is none of these, or the file cannot be written.
+    """
+    maps = [(axis.name, axis.map.entry) for axis in axes if axis.map is not None]
+    if not maps:
+        raise ShapeError("no efficiency map to draw", "measured power of the drives")
+    target = Path(path)
+    check_format(target)
+    from matplotlib import style
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    columns = min(len(maps), 3)
+    rows = -(-len(maps) // columns)
+    with style.context(["default", STYLE]):
+        figure: Any = Figure(figsize=(3.2 * columns + 1.2, 2.8 * rows + 0.6), layout="constrained")
+        FigureCanvasAgg(figure)
+        panels: Any = figure.subplots(rows, columns, squeeze=False)
+        surface: Any = None
+        for panel, (name, entry) in zip(panels.flat, maps, strict=False):
+            surface = _map(panel, entry) or surface
+            panel.set_title(name, fontsize=9, loc="left")
+        for panel in panels.flat[len(maps) :]:
+            panel.set_visible(False)
+        for panel in panels[:, 0]:
+            panel.set_ylabel("motor torque [N m]")
+        for panel in panels[-1]:
+            panel.set_xlabel("motor velocity [rad/s]")
+        if surface is not None:
+            bar = figure.colorbar(surface, ax=panels, shrink=0.9)
+            bar.set_label("efficiency, mechanical over electrical power")
+        if title:
+            figure.suptitle(title, fontsize=10, x=0.02, ha="left")
+        save_figure(figure, target)
+
+
+def _map(panel: Any, entry: EfficiencyMap) -> Any:
+    from matplotlib.tri import Triangulation
+
+    speed, torque = np.asarray(entry.motor_velocity), np.asarray(entry.motor_torque)
+    eta = np.clip(np.asarray(entry.efficiency), LEVELS[0], LEVELS[-1])
+    surface = None
+    if len(eta) >= LEAST_POINTS and min(float(np.ptp(speed)), float(np.ptp(torque))) > 0:
+        shape: Any = Triangulation(speed / np.ptp(speed), torque / np.ptp(torque))
+        flat: Any = Triangulation(speed, torque, shape.triangles)
+        surface = panel.tricontourf(flat, eta, levels=LEVELS, cmap="viridis", extend="both")
+    panel.plot(speed, torque, ".", color=COLOURS["measured"], markersize=1.5)
+    panel.axhline(0.0, color=COLOURS["measured"], linewidth=0.6)
+    panel.axvline(0.0, color=COLOURS["measured"], linewidth=0.6)
+    return surface
