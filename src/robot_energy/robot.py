@@ -190,6 +190,10 @@ class Robot:
         check_shape("joint_acceleration", joint_acceleration, shape)
         return shape
 
+    def has_link(self, link: str) -> bool:
+        """Tell whether the URDF has a link of that name."""
+        return bool(self._model.existFrame(link, pin.FrameType.BODY))
+
     def link_position(self, joint_position: Float, link: str) -> Float:
         """Position of a link's frame in the base frame at one configuration.
 
@@ -203,7 +207,7 @@ class Robot:
         Raises:
             RobotDescriptionError: If there is no such link.
         """
-        if not self._model.existFrame(link, pin.FrameType.BODY):
+        if not self.has_link(link):
             raise RobotDescriptionError(f"the URDF has no link '{link}'")
         data = self._model.createData()
         pin.framesForwardKinematics(self._model, data, np.asarray(joint_position)[self._to_model])

@@ -9,6 +9,7 @@ from robot_energy.cli import (
     identify_cabinet,
     identify_drives,
     identify_dynamics,
+    identify_excitation,
     identify_friction,
 )
 
@@ -21,5 +22,11 @@ def add_parser(commands: Any) -> None:
         description="Identify a model from recordings; held-out figures say how good it is.",
     )
     subjects = parser.add_subparsers(title="what", metavar="WHAT", required=True)
-    for module in (identify_friction, identify_dynamics, identify_cabinet, identify_drives):
+    for module in (
+        identify_excitation,
+        identify_friction,
+        identify_dynamics,
+        identify_cabinet,
+        identify_drives,
+    ):
         module.add_parser(subjects)

@@ -1,9 +1,13 @@
-"""Motions: synchronised point-to-point moves and programs made of them."""
+"""Motions: point-to-point moves, programs made of them, and Fourier series."""
 
+from robot_energy.motion.fourier import FourierBasis, FourierMotion
 from robot_energy.motion.program import Program, random_program, tool_above
-from robot_energy.motion.ptp import MotionLimits, PointToPoint, Profile, Trajectory
+from robot_energy.motion.ptp import JointMotion, MotionLimits, PointToPoint, Profile, Trajectory
 
 __all__ = [
+    "FourierBasis",
+    "FourierMotion",
+    "JointMotion",
     "MotionLimits",
     "PointToPoint",
     "Profile",

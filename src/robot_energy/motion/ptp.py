@@ -11,6 +11,7 @@ the motion lasts ``jerk_time`` longer. With ``jerk_time = 0`` it is the plain tr
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -150,6 +151,19 @@ class Trajectory:
     joint_position: Float
     joint_velocity: Float
     joint_acceleration: Float
+
+
+class JointMotion(Protocol):
+    """What a robot can be made to do: a loop that can be sampled at any time."""
+
+    @property
+    def n_joints(self) -> int:
+        """Number of joints."""
+        ...
+
+    def sample(self, time: Float) -> Trajectory:
+        """Return the motion at times since its start, shape (N,). [s]"""
+        ...
 
 
 class Profile:

@@ -21,7 +21,7 @@ from robot_energy.blocks import (
     sum_over_joints,
 )
 from robot_energy.errors import RigError
-from robot_energy.motion import Program
+from robot_energy.motion import JointMotion
 from robot_energy.rig.config import RigConfig
 from robot_energy.rig.output import RigJoints, RigOutput, Truth
 from robot_energy.rig.plant import DriveFlows, PlantDrives, PlantFriction
@@ -40,7 +40,7 @@ class VirtualRig:
 
     Args:
         profile: The plant.
-        program: What the robot does, from its first via onward.
+        program: What the robot does, from its start onward.
         config: Effects and sensors; everything on by default.
         seed: The same seed gives the same bytes.
         start_temperature_degc: Of motors and gears at the start, one value or (n,). [degC]
@@ -60,7 +60,7 @@ class VirtualRig:
     def __init__(
         self,
         profile: PlantProfile,
-        program: Program,
+        program: JointMotion,
         config: RigConfig | None = None,
         seed: int = 0,
         start_temperature_degc: float | Float = 20.0,
@@ -252,7 +252,7 @@ class VirtualRig:
 
 def _start(
     profile: PlantProfile,
-    program: Program,
+    program: JointMotion,
     start_temperature_degc: float | Float,
     ambient_degc: float,
     rate_hz: float,

@@ -1,0 +1,182 @@
+"""`robot-energy identify excitation`: a motion that tells a robot's parameters."""
+
+from __future__ import annotations
+
+import json
+from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from robot_energy.cli.terminal import add_debug, check_writable, console, progress, write_text
+
+if TYPE_CHECKING:
+    from robot_energy.identify.excitation_limits import Floor
+    from robot_energy.model_file import RobotModel
+
+TOOL = "tool0"
+CSV, BAG = "excitation.csv", "excitation_bag"
+
+DESCRIPTION = """\
+Make a motion for `identify dynamics`: one finite Fourier series per joint that begins and
+ends at rest (paper B, 4.3.2), optimised so that torque tells the base parameters apart,
+within the limits of position, velocity, acceleration and torque. Written are a CSV file and
+a bag with one trajectory_msgs/JointTrajectory.
+
+The robot must be at the start pose first. Collisions are not checked.
+"""
+EPILOG = """\
+examples:
+  robot-energy identify excitation --model kr16 --floor 0.2 --out motion
+  robot-energy identify excitation --model my_robot.yaml --period 20 --criterion condition \\
+      --acceleration 10 8 20 40 40 60 --out motion
+"""
+
+
+def add_parser(subjects: Any) -> None:
+    """Add the subject."""
+    parser: ArgumentParser = subjects.add_parser(
+        "excitation",
+        help="a motion to record for the dynamics",
+        description=DESCRIPTION,
+        epilog=EPILOG,
+        formatter_class=RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--model", required=True, metavar="FILE|NAME", help="model of the robot")
+    parser.add_argument("--out", required=True, metavar="FOLDER", help="folder of the files")
+    parser.add_argument("--json", metavar="FILE", help="write all figures as JSON; - for stdout")
+    parser.add_argument("--overwrite", action="store_true", help="replace files of an earlier run")
+    shape = parser.add_argument_group("the motion")
+    shape.add_argument(
+        "--period",
+        type=float,
+        default=10.0,
+        metavar="S",
+        help="length; the base frequency is one over it (default 10 s)",
+    )
+    shape.add_argument("--harmonics", type=int, default=5, metavar="N", help="default 5")
+    shape.add_argument(
+        "--rate", type=float, default=125.0, metavar="HZ", help="of the points (default 125)"
+    )
+    shape.add_argument(
+        "--loops", type=int, default=1, metavar="N", help="periods in the files (default 1)"
+    )
+    search = parser.add_argument_group("the search")
+    search.add_argument(
+        "--criterion",
+        choices=("determinant", "condition"),
+        default="determinant",
+        help="greatest determinant (D-optimal, default), or least condition number",
+    )
+    search.add_argument("--starts", type=int, default=3, metavar="N", help="default 3")
+    search.add_argument(
+        "--iterations", type=int, default=100, metavar="N", help="of each start (default 100)"
+    )
+    search.add_argument("--seed", type=int, default=0, metavar="N", help="the same gives the same")
+    limits = parser.add_argument_group("limits, beside those of the URDF")
+    limits.add_argument(
+        "--margin",
+        type=float,
+        default=0.9,
+        metavar="SHARE",
+        help="share of every limit that may be used (default 0.9)",
+    )
+    limits.add_argument(
+        "--acceleration",
+        type=float,
+        nargs="+",
+        metavar="A",
+        help="one value or one per joint [rad/s^2] (default: full speed in 0.5 s)",
+    )
+    floor = limits.add_mutually_exclusive_group()
+    floor.add_argument(
+        "--floor",
+        type=float,
+        metavar="M",
+        help="height in the base frame that the tool stays above (default: 0, where there is one)",
+    )
+    floor.add_argument("--no-floor", action="store_true", help="let the tool go anywhere")
+    limits.add_argument(
+        "--tool", metavar="LINK", help=f"link that stays above it (default: payload, or {TOOL})"
+    )
+    add_debug(parser)
+    parser.set_defaults(run=run)
+
+
+def run(args: Namespace) -> int:
+    """Find the motion and write it.
+
+    Raises:
+        RobotEnergyError: If the model cannot be used or no motion is found.
+    """
+    import numpy as np
+
+    from robot_energy.identify.excitation import ExcitationSettings, optimise_excitation
+    from robot_energy.identify.excitation_limits import ExcitationLimits
+    from robot_energy.identify.trajectory_files import (
+        check_sampling,
+        points,
+        write_csv,
+        write_trajectory,
+    )
+    from robot_energy.model_file import load
+    from robot_energy.report.excitation import excitation_summary, print_excitation
+
+    check_writable(args.json, "the JSON report")
+    folder = _folder(args)
+    model = load(args.model)
+    acceleration = None if args.acceleration is None else np.asarray(args.acceleration)
+    limits = ExcitationLimits(model, acceleration, args.margin, _floor(args, model))
+    settings = ExcitationSettings(
+        criterion=args.criterion,
+        harmonics=args.harmonics,
+        period=args.period,
+        starts=args.starts,
+        iterations=args.iterations,
+        seed=args.seed,
+    )
+    check_sampling(args.rate, args.loops)
+    with progress("looking for a motion") as report:
+        found = optimise_excitation(model, limits, settings, report)
+    time, path = points(found.motion, args.rate, args.loops)
+    folder.mkdir(parents=True, exist_ok=True)
+    names = limits.robot.joint_names
+    write_trajectory(folder / BAG, names, time, path, args.overwrite)
+    write_csv(folder / CSV, names, time, path)
+    summary = excitation_summary(found)
+    if args.json is not None:
+        write_text(args.json, json.dumps(summary, indent=2, allow_nan=False) + "\n")
+    if args.json != "-":
+        out = console()
+        print_excitation(summary, out)
+        out.print(f"wrote {folder / CSV} and {folder / BAG}: {len(time)} points", soft_wrap=True)
+    return 0
+
+
+def _folder(args: Namespace) -> Path:
+    """Refuse what cannot be written before the search."""
+    from robot_energy.errors import ReportError
+
+    folder = Path(args.out)
+    if folder.exists() and not folder.is_dir():
+        raise ReportError(f"'{folder}' is a file", "a folder")
+    taken = [name for name in (CSV, BAG) if (folder / name).exists()]
+    if taken and not args.overwrite:
+        raise ReportError(
+            f"the folder '{folder}' holds {' and '.join(taken)} already",
+            "a new folder",
+            "choose another, or allow --overwrite",
+        )
+    return folder
+
+
+def _floor(args: Namespace, model: RobotModel) -> Floor | None:
+    """The tool's floor; by default only where the robot has such a tool."""
+    from robot_energy.identify.excitation_limits import Floor
+    from robot_energy.robot import Robot
+
+    if args.no_floor:
+        return None
+    link = args.tool or (model.payload[0].link if model.payload else TOOL)
+    if args.tool is None and args.floor is None and not Robot.from_model(model).has_link(link):
+        return None
+    return Floor(link, 0.0 if args.floor is None else args.floor)

@@ -1,0 +1,402 @@
+"""Motions that tell a robot's parameters: optimised finite Fourier series (paper B, 4.3.2).
+
+Judged is the observation matrix of the base parameters, links and everything else that
+`identify dynamics` fits. Rows are divided by the joint's RMS torque and columns by their
+RMS, both over states drawn evenly within the limits. These scales belong to the robot and
+not to a motion, so figures of different motions compare, and a small motion is worse than
+a large one. (Columns scaled to unit length by the motion itself would hide its size.)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, Literal, get_args
+
+import numpy as np
+
+from robot_energy.blocks import Float
+from robot_energy.drivetrain import Drivetrain
+from robot_energy.errors import MotionError
+from robot_energy.identify.base_parameters import BaseParameters, not_excited
+from robot_energy.identify.columns import Column, standard_columns
+from robot_energy.identify.dynamics import structure
+from robot_energy.identify.excitation_limits import ExcitationLimits, stepped, steps
+from robot_energy.identify.observations import regressor_of
+from robot_energy.identify.signals import Motion
+from robot_energy.model_file import RobotModel
+from robot_energy.motion import FourierBasis, FourierMotion, JointMotion
+
+Criterion = Literal["condition", "determinant"]
+
+STATES = 400  # drawn for the scales
+SAMPLES_PER_HARMONIC = 20  # of one period, in the optimisation
+CHECKED_RATE = 1000.0  # Hz at which limits are checked in the end
+FIRST_USE = 0.5  # of the limits, by a start
+MAX_TRIES = 200
+SHRINK = 0.98
+MAX_SHRINKS = 30
+MAX_HALVES = 8
+PLATEAU = 1e-4  # change of the criterion's logarithm at which a start is done
+
+
+@dataclass(frozen=True)
+class ExcitationSettings:
+    """How to look for a motion.
+
+    Attributes:
+        criterion: ``determinant`` for the greatest determinant of the information matrix
+            (D-optimal), ``condition`` for the least condition number.
+        harmonics: Of the Fourier series.
+        period: Of the motion. [s]
+        starts: Random motions to begin with; the best result is kept.
+        iterations: At most, of each.
+        seed: Of the starts.
+        columns: What is to be fitted beside the links.
+    """
+
+    criterion: Criterion = "determinant"
+    harmonics: int = 5
+    period: float = 10.0
+    starts: int = 3
+    iterations: int = 100
+    seed: int = 0
+    columns: tuple[Column, ...] = field(default_factory=standard_columns)
+
+    def __post_init__(self) -> None:
+        if self.criterion not in get_args(Criterion):
+            raise MotionError(f"unknown criterion '{self.criterion}'", "condition or determinant")
+        for name, least in (("starts", 1), ("iterations", 1), ("seed", 0)):
+            if getattr(self, name) < least:
+                raise MotionError(f"{name} is {getattr(self, name)}", f"a number from {least} on")
+
+
+@dataclass(frozen=True)
+class Quality:
+    """How well a motion tells the base parameters.
+
+    Attributes:
+        condition: Condition number of the scaled observation matrix.
+        log_determinant: Of the scaled information matrix per row, over the number of base
+            parameters: one more means deviations smaller by ``exp(0.5)`` on average.
+        not_excited: Base parameters that the motion does not tell.
+    """
+
+    condition: float
+    log_determinant: float
+    not_excited: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Excitation:
+    """An optimised motion.
+
+    Attributes:
+        motion: One period of it begins and ends at rest.
+        settings: How it was found.
+        limits: What it keeps to.
+        base: Groups of parameters that any motion can tell.
+        start: Quality of the best random start.
+        quality: Of the motion.
+        use: Of each limit less its margin, by kind, shape (n,); at most 1.
+        height: Least height of the watched link, inf where none is. [m]
+    """
+
+    motion: FourierMotion
+    settings: ExcitationSettings
+    limits: ExcitationLimits
+    base: BaseParameters
+    start: Quality
+    quality: Quality
+    use: dict[str, Float]
+    height: float
+
+
+class Judge:
+    """Scaled observation matrix of the base parameters of one robot.
+
+    Args:
+        model: The robot.
+        limits: Within which it moves.
+        columns: What is fitted beside the links.
+        seed: Of the states behind the scales.
+    """
+
+    def __init__(
+        self,
+        model: RobotModel,
+        limits: ExcitationLimits,
+        columns: tuple[Column, ...],
+        seed: int = 0,
+    ) -> None:
+        self.limits = limits
+        self._columns = columns
+        self._transmission = Drivetrain.from_model(model).transmission
+        self.base = structure(limits.robot, self._transmission, columns)
+        random = np.random.default_rng(seed)
+        shape = (STATES, limits.robot.n_joints)
+        draw = [random.uniform(-1.0, 1.0, shape) for _ in range(3)]
+        states = Motion(
+            limits.middle + limits.reach * draw[0],
+            limits.velocity * draw[1],
+            limits.acceleration * draw[2],
+        )
+        torque = np.sqrt((limits.joint_torque(states) ** 2).mean(axis=0))
+        rows = self._raw(states) / torque[:, None]
+        size = np.sqrt((rows**2).mean(axis=(0, 1)))
+        self._scale = 1.0 / (torque[:, None] * size)
+
+    def _raw(self, motion: Motion) -> Float:
+        regressor = regressor_of(motion, self.limits.robot, self._transmission, self._columns)
+        return regressor[:, :, self.base.independent]
+
+    def rows(self, motion: Motion) -> Float:
+        """Scaled observation matrix over the root of its number of rows, shape (N, n, B)."""
+        rows = self._raw(motion) * self._scale
+        return rows / np.sqrt(rows.shape[0] * rows.shape[1])
+
+    def quality(self, motion: Motion) -> Quality:
+        """Judge a motion.
+
+        Args:
+            motion: Samples of it, evenly in time.
+        """
+        rows = self.rows(motion).reshape(-1, len(self.base))
+        size = np.linalg.svd(rows, compute_uv=False)
+        with np.errstate(divide="ignore"):
+            condition = float(size[0] / size[-1]) if len(rows) >= rows.shape[1] else np.inf
+            determinant = float(2.0 * np.log(size).mean())
+        return Quality(condition, determinant, not_excited(rows, self.base.labels))
+
+    def cost(self, motion: Motion, criterion: Criterion) -> float:
+        """Logarithm of the condition number, or less the mean logarithmic determinant."""
+        rows = self.rows(motion)
+        size = np.linalg.svd(rows.reshape(-1, rows.shape[2]), compute_uv=False)
+        size = np.maximum(size, np.finfo(np.float64).tiny)
+        if criterion == "condition":
+            return float(np.log(size[0] / size[-1]))
+        return float(-2.0 * np.log(size).mean())
+
+    def slopes(self, motion: Motion, criterion: Criterion) -> Float:
+        """Cost per position, velocity and acceleration of every sample, shape (3, N, n)."""
+        rows = self.rows(motion)
+        flat = rows.reshape(-1, rows.shape[2])
+        left, size, right = np.linalg.svd(flat, full_matrices=False)
+        size = np.maximum(size, np.finfo(np.float64).tiny)
+        if criterion == "condition":
+            slope = np.outer(left[:, 0], right[0]) / size[0]
+            slope -= np.outer(left[:, -1], right[-1]) / size[-1]
+        else:
+            slope = (left / size) @ right * (-2.0 / len(size))
+        slope = slope.reshape(rows.shape)
+        step = steps(self.limits)
+        result = np.empty((3, *motion.joint_position.shape))
+        for order in range(3):
+            for joint in range(rows.shape[1]):
+                moved = self.rows(stepped(motion, order, joint, step[order, joint]))
+                result[order, :, joint] = (slope * (moved - rows)).sum(axis=(1, 2))
+                result[order, :, joint] /= step[order, joint]
+        return result
+
+
+def sampled(motion: JointMotion, time: Float) -> Motion:
+    """Return samples of a motion."""
+    path = motion.sample(time)
+    return Motion(path.joint_position, path.joint_velocity, path.joint_acceleration)
+
+
+def optimise_excitation(
+    model: RobotModel,
+    limits: ExcitationLimits,
+    settings: ExcitationSettings | None = None,
+    progress: Callable[[float], None] = lambda share: None,
+) -> Excitation:
+    """Find a motion that tells the base parameters well, within limits.
+
+    Args:
+        model: The robot.
+        limits: What the motion keeps to, at 1 kHz in the end.
+        settings: How to look for it.
+        progress: Called with the share done.
+
+    Returns:
+        The best of all starts.
+
+    Raises:
+        MotionError: If settings make no sense or no allowed motion is found.
+    """
+    from threadpoolctl import threadpool_limits
+
+    settings = settings or ExcitationSettings()
+    with threadpool_limits(1):  # the matrices are small: more threads only wait for each other
+        return _optimise(model, limits, settings, progress)
+
+
+def _optimise(
+    model: RobotModel,
+    limits: ExcitationLimits,
+    settings: ExcitationSettings,
+    progress: Callable[[float], None],
+) -> Excitation:
+    basis = FourierBasis(settings.harmonics, settings.period)
+    judge = Judge(model, limits, settings.columns)
+    random = np.random.default_rng(settings.seed)
+    problem = _Problem(basis, judge, settings.criterion)
+    starts: list[tuple[float, Float]] = []
+    ends: list[tuple[float, Float]] = []
+    for number in range(settings.starts):
+        start = _draw_start(basis, limits, random)
+        end = _shrunk(basis, limits, problem.solve(start, settings.iterations))
+        starts.append((problem.cost_of(start), start))
+        if end is not None:
+            ends.append((problem.cost_of(end), end))
+        progress((number + 1) / settings.starts)
+    ends += starts  # a start that nothing improved on
+    weights = min(ends, key=lambda entry: entry[0])[1]
+    start = min(starts, key=lambda entry: entry[0])[1]
+    motion = FourierMotion(basis, weights)
+    fine = _finely(motion)
+    return Excitation(
+        motion,
+        settings,
+        limits,
+        judge.base,
+        judge.quality(problem.motion(start)),
+        judge.quality(problem.motion(weights)),
+        limits.largest(fine),
+        float(limits.height(fine.joint_position[::10]).min()),
+    )
+
+
+def _finely(motion: FourierMotion) -> Motion:
+    count = round(motion.period * CHECKED_RATE)
+    return sampled(motion, np.arange(count) * (motion.period / count))
+
+
+def _breaks(limits: ExcitationLimits, motion: Motion) -> float:
+    return max(float(use.max()) for use in limits.largest(motion).values())
+
+
+def _draw_start(
+    basis: FourierBasis, limits: ExcitationLimits, random: np.random.Generator
+) -> Float:
+    """A random motion that uses about half of the limits."""
+    count = SAMPLES_PER_HARMONIC * basis.harmonics
+    time = np.arange(count) * (basis.period / count)
+    for _ in range(MAX_TRIES):
+        weights = random.normal(size=(basis.size, limits.robot.n_joints))
+        weights[0] = limits.middle + 0.3 * limits.reach * random.uniform(-1.0, 1.0)
+        still = np.zeros_like(weights)
+        still[0] = weights[0]
+        if _breaks(limits, sampled(FourierMotion(basis, still), time[:1])) > 1.0:
+            continue
+        swing = weights.copy()
+        swing[0] = limits.middle
+        use = limits.largest(sampled(FourierMotion(basis, swing), time))
+        worst = np.max([use[kind] for kind in ("position", "velocity", "acceleration")], axis=0)
+        weights[1:] *= FIRST_USE / worst
+        for _ in range(MAX_HALVES):
+            if _breaks(limits, sampled(FourierMotion(basis, weights), time)) <= 1.0:
+                kept = _shrunk(basis, limits, weights)
+                if kept is not None:
+                    return kept
+                break
+            weights[1:] *= 0.5
+    raise MotionError(
+        f"no allowed motion was found in {MAX_TRIES} tries",
+        "limits that leave room to move",
+        "lower the floor, or check payload and torque limits",
+    )
+
+
+def _shrunk(basis: FourierBasis, limits: ExcitationLimits, weights: Float) -> Float | None:
+    """The motion, smaller where it breaks a limit at 1 kHz; None where that does not help."""
+    weights = weights.copy()
+    for _ in range(MAX_SHRINKS):
+        motion = _finely(FourierMotion(basis, weights))
+        worst = _breaks(limits, motion)
+        if worst <= 1.0:
+            return weights
+        weights[1:] *= min(SHRINK, 1.0 / worst)
+    return None
+
+
+class _Problem:
+    """Cost and limits as functions of free weights, each of the size of its limit."""
+
+    def __init__(self, basis: FourierBasis, judge: Judge, criterion: Criterion) -> None:
+        self._judge, self._limits = judge, judge.limits
+        self._criterion: Criterion = criterion
+        count = SAMPLES_PER_HARMONIC * basis.harmonics
+        self._matrices = basis.sample(np.arange(count) * (basis.period / count))
+        self._unit = np.tile(judge.limits.velocity, (basis.size, 1))
+        self._unit[0] = judge.limits.reach
+
+    def motion(self, weights: Float) -> Motion:
+        """Samples of the motion with some weights."""
+        return Motion(*(matrix @ weights for matrix in self._matrices))
+
+    def cost_of(self, weights: Float) -> float:
+        """Cost of the motion with some weights; inf where it is none."""
+        return self._judge.cost(self.motion(weights), self._criterion)
+
+    def solve(self, start: Float, iterations: int) -> Float:
+        """Return better weights.
+
+        Args:
+            start: Weights to begin with, shape (2 L - 1, n).
+            iterations: At most.
+        """
+        from scipy import optimize
+
+        search: Any = optimize.minimize  # pyright: ignore[reportUnknownMemberType]
+        result: Any = search(
+            self._cost,
+            (start / self._unit).ravel(),
+            jac=self._cost_slope,
+            method="SLSQP",
+            constraints={"type": "ineq", "fun": self._room, "jac": self._room_slope},
+            options={"maxiter": iterations, "ftol": PLATEAU},
+        )
+        return np.asarray(result.x, dtype=np.float64).reshape(self._unit.shape) * self._unit
+
+    def _at(self, free: Float) -> Motion:
+        return self.motion(free.reshape(self._unit.shape) * self._unit)
+
+    def _cost(self, free: Float) -> float:
+        return self._judge.cost(self._at(free), self._criterion)
+
+    def _cost_slope(self, free: Float) -> Float:
+        return self._pulled(self._judge.slopes(self._at(free), self._criterion))
+
+    def _room(self, free: Float) -> Float:
+        return 1.0 - self._limits.smooth(self._at(free))[0]
+
+    def _room_slope(self, free: Float) -> Float:
+        motion = self._at(free)
+        _, parts = self._limits.smooth(motion)
+        kinds = {kind for kind, _, _ in parts}
+        torque = self._limits.torque_slopes(motion) if "torque" in kinds else np.empty(0)
+        floor = self._limits.floor_slopes(motion) if "floor" in kinds else np.empty(0)
+        own = {
+            "position": (0, self._limits.reach),
+            "velocity": (1, self._limits.velocity),
+            "acceleration": (2, self._limits.acceleration),
+        }
+        rows: list[Float] = []
+        for kind, joint, weight in parts:
+            slope = np.zeros((3, *motion.joint_position.shape))
+            if kind == "torque":
+                slope[:] = (torque[:, :, :, joint] * weight).swapaxes(1, 2)
+            elif kind == "floor":
+                slope[0] = (floor * weight).T
+            else:
+                order, limit = own[kind]
+                slope[order, :, joint] = weight / limit[joint]
+            rows.append(-self._pulled(slope))
+        return np.stack(rows)
+
+    def _pulled(self, slope: Float) -> Float:
+        """Slope by free weights from the slope by samples."""
+        total = sum(matrix.T @ part for matrix, part in zip(self._matrices, slope, strict=True))
+        return np.asarray(total * self._unit).ravel()
