@@ -60,7 +60,7 @@ from robot_energy.wire import RawBatch, typestore
 
 JOINTS = ("shoulder", "elbow")
 NAMED = {"link": "fore", "key": "temperature", "value": "35.5 degC"}
-KEYS = ["shoulder.temperature", "elbow.temperature"]
+KEYS = ["shoulder/temperature", "elbow/temperature"]
 MESSAGES = (
     JOINT_STATE,
     POWER_READING,
@@ -215,8 +215,9 @@ def example(kind: str, value: float = 1.0) -> bytes:
 
 def online_seeds() -> list[bytes]:
     """One message of each type, and a second of joint states with a meter."""
-    singles = [pack([(kind, example(kind))]) for kind in MESSAGES if kind != INTERFACE_VALUES]
-    singles.append(pack([(kind, example(kind)) for kind in (INTERFACE_NAMES, INTERFACE_VALUES)]))
+    paired = (INTERFACE_NAMES, INTERFACE_VALUES)  # of use together only
+    singles = [pack([(kind, example(kind))]) for kind in MESSAGES if kind not in paired]
+    singles.append(pack([(kind, example(kind)) for kind in paired]))
     singles.append(pack([(kind, example(kind, 48.0)) for kind in [FLOAT32, FLOAT64] * 4]))
     joint_state = bytearray(example(JOINT_STATE))
     stream: list[tuple[str, bytes]] = []

@@ -19,6 +19,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from robot_energy.blocks import Float
+from robot_energy.errors import ModelFileError
 from robot_energy.identify.signals import Motion
 from robot_energy.model_file.figure import PositiveFigure, Tag
 from robot_energy.model_file.joint import ConstantLaw, Joint, Stribeck
@@ -84,8 +85,11 @@ class Column(ABC):
             joint: The entry.
             ratio: Gear ratio of the motor. [-]
             estimate: The parameter, at the joint.
+
+        Raises:
+            ModelFileError: If a model file has no place for it.
         """
-        raise NotImplementedError(f"a model file has no place for {self.kind}")
+        raise ModelFileError(f"a model file has no place for {self.kind}")
 
 
 @dataclass(frozen=True)

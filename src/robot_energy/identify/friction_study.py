@@ -13,8 +13,9 @@ import numpy as np
 from robot_energy.blocks import Float
 from robot_energy.errors import NotIdentifiableError
 from robot_energy.friction import viscous_law
-from robot_energy.identify.friction import LawName, fit_law, moving_samples
+from robot_energy.identify.friction import moving_samples
 from robot_energy.identify.friction_data import FrictionData
+from robot_energy.identify.friction_laws import LawName, fit_law
 from robot_energy.model_file.joint import ExponentialLaw
 
 

@@ -6,6 +6,7 @@ import pytest
 import robots
 from excited import fourier_motion
 from robot_energy.drivetrain import Drivetrain
+from robot_energy.errors import ModelFileError
 from robot_energy.friction import FrictionModel
 from robot_energy.identify.columns import (
     Coulomb,
@@ -90,7 +91,7 @@ def test_standard_deviation_changes_sides_with_its_value():
 def test_offset_is_a_constant_of_each_joint_and_has_no_place_in_a_model():
     torque = Offset().torque(MOTION, TRANSMISSION) @ np.array(VALUES)
     np.testing.assert_array_equal(torque, np.tile(VALUES, (len(torque), 1)))
-    with pytest.raises(NotImplementedError):
+    with pytest.raises(ModelFileError):
         Offset().write(MODEL.joints[0], 1.0, Estimate(1.0, None, "identified", ""))
 
 

@@ -5,7 +5,8 @@ import pytest
 
 from robot_energy.errors import NotIdentifiableError
 from robot_energy.friction import viscous_law
-from robot_energy.identify.friction import FrictionData, fit_friction
+from robot_energy.identify.friction import fit_friction
+from robot_energy.identify.friction_data import FrictionData
 
 COULOMB, A, B, C = 0.4, 2e-3, 9e-3, 21.0
 

@@ -1,0 +1,181 @@
+"""The laws of viscous friction over temperature, each fitted to samples in motion.
+
+Everything but the temperature scale of the exponential law is linear; that scale is
+searched, and the rest solved for each.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+
+from robot_energy.blocks import Float
+from robot_energy.errors import NotIdentifiableError
+from robot_energy.identify.friction_data import FrictionData
+from robot_energy.identify.regression import Regression, regress
+from robot_energy.model_file.figure import PositiveFigure
+from robot_energy.model_file.joint import ConstantLaw, ExponentialLaw, TableLaw
+
+LawName = Literal["constant", "exponential", "table"]
+Law = ConstantLaw | ExponentialLaw | TableLaw
+
+NODE_SPACING = 6.0  # K between the nodes of the free curve, at least
+LEAST_RANGE = 6.0  # K of motor temperature, below which it cannot be told from a constant
+LEAST_SHARE = 0.02  # of the excitation w^2 that a node must see
+SCALES = np.geomspace(4.0, 120.0, 18)  # K, tried for the exponential law
+IMPOSSIBLE = 1e30  # cost of a law with a negative part; finite, for the search
+
+
+def _nodes(data: FrictionData) -> Float:
+    """Nodes of the free curve, where the data are: one per stretch of temperature seen."""
+    degc, moved = data.motor_temperature_degc, data.motor_velocity**2
+    low, high = float(degc.min()), float(degc.max())
+    if high - low < LEAST_RANGE:
+        return np.array([float(np.average(degc, weights=moved))])
+    count = max(int((high - low) / NODE_SPACING), 2)
+    stretch = np.minimum(((degc - low) / (high - low) * count).astype(np.int64), count - 1)
+    seen = np.bincount(stretch, weights=moved, minlength=count)
+    centre = np.bincount(stretch, weights=moved * degc, minlength=count)
+    kept = np.flatnonzero(seen >= LEAST_SHARE * seen.sum())
+    nodes = centre[kept] / seen[kept]
+    apart = np.append(True, np.diff(nodes) > 0.5 * NODE_SPACING)
+    return nodes[apart]
+
+
+def _hats(degc: Float, nodes: Float) -> Float:
+    """Weights of linear interpolation between nodes, shape (N, K); each row sums to 1."""
+    if len(nodes) == 1:
+        return np.ones((len(degc), 1))
+    return np.stack([np.interp(degc, nodes, row) for row in np.eye(len(nodes))], axis=1)
+
+
+def _columns(data: FrictionData, shape: Float) -> Float:
+    """Columns of fc, of ``shape * w``, of the offset and of the nuisances."""
+    ones = np.ones((len(data), 1))
+    viscous = shape * data.motor_velocity[:, None]
+    return np.hstack([data.sign[:, None], viscous, ones, data.nuisance])
+
+
+def _regress(data: FrictionData, shape: Float, names: Sequence[str]) -> Regression:
+    """Fit fc, the coefficients of ``shape * w``, an offset and the nuisances."""
+    extra = [f"nuisance {number + 1}" for number in range(data.nuisance.shape[1])]
+    return regress(
+        _columns(data, shape),
+        data.friction_torque,
+        data.block,
+        ["Coulomb", *names, "offset", *extra],
+        what=f"the motions of {data.name}",
+    )
+
+
+def fit_law(name: LawName, data: FrictionData, source: str = "") -> tuple[Law, Regression]:
+    """Fit one law.
+
+    Args:
+        name: The law.
+        data: Samples in motion.
+        source: Where they come from, for the model file.
+
+    Returns:
+        The law and the regression behind it: fc first, then fv, the offset, the nuisances.
+
+    Raises:
+        NotIdentifiableError: If they do not tell its parameters or have another shape.
+    """
+    degc = data.motor_temperature_degc
+    if name == "constant":
+        fit = _regress(data, np.ones((len(data), 1)), ["viscous"])
+        value, std = float(fit.values[1]), float(fit.std[1])
+        figure = PositiveFigure(value=max(value, 0.0), tag="identified", std=std, source=source)
+        return ConstantLaw(law="constant", viscous=figure), fit
+    if name == "table":
+        nodes = _nodes(data)
+        if len(nodes) < 2:
+            raise NotIdentifiableError("one temperature makes no table", "several")
+        fit = _regress(data, _hats(degc, nodes), [f"viscous at {node:.0f} degC" for node in nodes])
+        table = TableLaw(
+            law="table",
+            motor_temperature_degc=[round(float(node), 3) for node in nodes],
+            viscous=[max(float(value), 0.0) for value in fit.values[1 : 1 + len(nodes)]],
+            std=[float(value) for value in fit.std[1 : 1 + len(nodes)]],
+            tag="identified",
+            source=source,
+        )
+        return table, fit
+    return _fit_exponential(data, source)
+
+
+def _fit_exponential(data: FrictionData, source: str) -> tuple[ExponentialLaw, Regression]:
+    """Search the temperature scale c; everything else is linear for a given c."""
+    degc = data.motor_temperature_degc
+    middle = float(degc.mean())
+    weight = fit_law("constant" if len(_nodes(data)) < 2 else "table", data)[1].weight
+    fixed = _columns(data, np.ones((len(data), 1)))
+    root = np.sqrt(weight)
+
+    def decay(scale: float) -> Float:
+        return np.exp(-(degc - middle) / scale)
+
+    def cost(scale: float) -> float:
+        columns = np.column_stack([fixed, decay(scale) * data.motor_velocity]) * root[:, None]
+        values, *_ = np.linalg.lstsq(columns.T @ columns, columns.T @ (root * data.friction_torque))
+        if values[1] < 0 or values[-1] < 0:
+            return IMPOSSIBLE
+        residual = root * data.friction_torque - columns @ values
+        return float(residual @ residual)
+
+    costs = [cost(float(scale)) for scale in SCALES]
+    best = int(np.argmin(costs))
+    if costs[best] == IMPOSSIBLE:
+        raise NotIdentifiableError(
+            "the viscous friction does not fall with temperature towards a limit >= 0",
+            "points that do",
+        )
+    from scipy.optimize import minimize_scalar
+
+    low, high = SCALES[max(best - 1, 0)], SCALES[min(best + 1, len(SCALES) - 1)]
+    refined = float(minimize_scalar(cost, bounds=(low, high), method="bounded").x)
+    scale = refined if cost(refined) <= costs[best] else float(SCALES[best])
+    shape = np.stack([np.ones(len(degc)), decay(scale)], axis=1)
+    found = _regress(data, shape, ["hot viscous", "cold viscous"])
+    hot, cold = (max(float(value), 0.0) for value in found.values[1:3])
+    std = _exponential_std(data, found, cold, scale, middle)
+    lift = float(np.exp(middle / scale))
+    law = ExponentialLaw(
+        law="exponential",
+        a=PositiveFigure(value=hot, tag="identified", std=std["hot"], source=source),
+        b=PositiveFigure(value=cold * lift, tag="identified", std=std["zero"], source=source),
+        c=PositiveFigure(value=scale, tag="identified", std=std["scale"], source=source),
+        fitted_degc=(float(degc.min()), float(degc.max())),
+    )
+    return law, found
+
+
+def _exponential_std(
+    data: FrictionData, fit: Regression, cold: float, scale: float, middle: float
+) -> dict[str, float | None]:
+    """Deviations of a, b and c, with c as one more column; None where the data tell none.
+
+    b is the cold part carried to 0 degC: ``b = cold exp(middle/c)``.
+    """
+    degc = data.motor_temperature_degc
+    decay = np.exp(-(degc - middle) / scale)
+    shape = np.stack([np.ones(len(degc)), decay, cold * decay * (degc - middle) / scale**2], axis=1)
+    try:
+        tangent = _regress(
+            replace(data, friction_torque=fit.residual), shape, ["hot", "cold", "scale"]
+        )
+    except NotIdentifiableError:
+        return {"hot": None, "zero": None, "scale": None}
+    lift = np.exp(middle / scale)
+    slope = np.array([lift, -cold * lift * middle / scale**2])
+    variance = float(slope @ tangent.covariance[2:4, 2:4] @ slope)
+    deviations = {
+        "hot": float(tangent.std[1]),
+        "zero": float(np.sqrt(variance)),
+        "scale": float(tangent.std[3]),
+    }
+    return {key: value if np.isfinite(value) else None for key, value in deviations.items()}
