@@ -1,5 +1,9 @@
 """Start the energy monitor: one process, or with `separate:=true` the three nodes.
 
+The nodes configure and activate themselves, so plain node actions are enough. For a life
+cycle manager set `autostart: false` in their configuration. With `respawn:=true` a node that
+ends is started again, also one that refuses its parameters.
+
 With `virtual:=true` a virtual robot is started as well; its model is kr16.
 
 ros2 launch ros2_energy_monitor energy_monitor.launch.py model:=/path/to/robot.yaml
@@ -15,6 +19,7 @@ from launch_ros.substitutions import FindPackageShare
 from launch import LaunchDescription
 
 PACKAGE = "ros2_energy_monitor"
+RESPAWN_DELAY = 2.0  # [s]
 TOGETHER = ("energy_monitor",)
 SEPARATE = ("torque_monitor", "friction_monitor", "power_monitor")
 
@@ -35,6 +40,8 @@ def generate_launch_description() -> LaunchDescription:
             namespace=LaunchConfiguration("namespace"),
             parameters=[share("config", f"{name}.yaml"), {"model": model}],
             output="screen",
+            respawn=LaunchConfiguration("respawn"),
+            respawn_delay=RESPAWN_DELAY,
             condition=condition(separate),
         )
         for names, condition in ((TOGETHER, UnlessCondition), (SEPARATE, IfCondition))
@@ -55,6 +62,9 @@ def generate_launch_description() -> LaunchDescription:
             ),
             DeclareLaunchArgument(
                 "separate", default_value="false", description="Whether to start three processes"
+            ),
+            DeclareLaunchArgument(
+                "respawn", default_value="false", description="Whether to restart what ends"
             ),
             DeclareLaunchArgument(
                 "virtual", default_value="false", description="Whether to start a virtual robot"

@@ -24,6 +24,7 @@ import flips
 import kills
 import load
 import month
+import network
 from figure import Figure, LongRun
 from rich.console import Console
 from rich.table import Table
@@ -36,6 +37,7 @@ RUNS: dict[str, LongRun] = {
     "load": load,
     "fuzz": fuzz,
     "flips": flips,
+    "network": network,
 }
 BUILD = Path(__file__).resolve().parents[2] / "build"
 
