@@ -224,6 +224,7 @@ def test_unknown_parameter_of_a_group_is_named_with_its_neighbour(bench, capfd):
         ("/**/torque_monitor", True),
         ("/*/torque_monitor", False),
         ("torque_moniter", False),
+        ("torque", False),
         ("/cell/torque_monitor", False),
     ],
 )

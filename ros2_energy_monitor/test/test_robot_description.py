@@ -10,7 +10,7 @@ from rclpy.lifecycle import TransitionCallbackReturn
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
-from robot_energy.errors import UrdfAwaitedError
+from robot_energy.errors import RobotDescriptionError, UrdfAwaitedError
 from robot_energy.model_file import load, save
 from ros2_energy_monitor.energy_monitor import EnergyMonitor
 from ros2_energy_monitor.entities import Entities
@@ -71,6 +71,30 @@ def test_what_is_awaited_and_refused_is_said(bench, model, describe):
     describe(KR16)
     diagnosed.wait(NAME, "all is well")
     assert node.active
+
+
+class Fussy(EnergyMonitor):
+    """A monitor that cannot use a description after all."""
+
+    fussy = True
+
+    def set_up(self) -> None:
+        super().set_up()
+        if self.fussy:
+            raise RobotDescriptionError("nobody likes it")
+
+
+def test_a_description_that_cannot_be_adopted_leaves_nothing_behind(bench, model, describe):
+    node = bench.add(Fussy, model=str(model))
+    size = len(Entities(node))
+    diagnosed = bench.diagnosed()
+    describe(KR16)
+    diagnosed.wait(NAME, "nobody likes it")
+    assert len(Entities(node)) == size
+    assert not node.ready
+    node.fussy = False
+    describe(KR16 + " ")
+    bench.spin_until(lambda: node.active, "the next description")
 
 
 def test_later_descriptions_change_nothing(bench, model, describe, messages):
