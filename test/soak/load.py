@@ -24,8 +24,8 @@ from rclpy.executors import SingleThreadedExecutor
 
 MINUTES = (16.5, 1.2)
 HERE = Path(__file__).parent
-STEADY_SHARE = 0.3  # of a run, after which memory should no longer grow
-FLAT = 2.0  # MB/h that count as flat: a tenth of a page per message would be far more
+SETTLED = 200.0  # s: the last minute without a meter is held, then buffers find their size
+FLAT = 2.0  # MB/h that count as flat
 PATIENCE = 60.0  # s until the last message is accounted for
 
 
@@ -152,11 +152,11 @@ def _figures(what: str, published: int, watch: Watch, lossy: bool, cpu: float) -
     received, accepted = _count(values, "received"), _count(values, "accepted")
     lost = _count(values, "lost_in_transport")
     rejected = sum(int(value) for key, value in values.items() if key.startswith("rejected."))
-    first = int(STEADY_SHARE * len(watch.times))
-    growth = slope(watch.times[first:], watch.memory[first:]) * 3600
+    settled = [
+        (at, size) for at, size in zip(watch.times, watch.memory, strict=True) if at > SETTLED
+    ]
+    growth = slope(*zip(*settled, strict=True)) * 3600 if len(settled) > 60 else None
     sums = published == received + lost and received == accepted + rejected
-    spread = max(watch.memory[first:], default=0.0) - min(watch.memory[first:], default=0.0)
-    flat = growth <= FLAT or spread <= 1.0
     return [
         Figure(f"{what}: published", published, "> 0", published > 0),
         Figure(
@@ -166,9 +166,15 @@ def _figures(what: str, published: int, watch: Watch, lossy: bool, cpu: float) -
         Figure(f"{what}: published = received + lost", "yes" if sums else "no", "yes", sums),
         Figure(f"{what}: share of one core", f"{cpu:.1%}"),
         Figure(f"{what}: memory [MB]", round(max(watch.memory, default=0.0), 1)),
-        Figure(f"{what}: its growth [MB/h]", round(growth, 2), f"<= {FLAT:g} or 1 MB in all", flat),
+        _growth(what, growth),
         Figure(f"{what}: errors said", " ".join(watch.levels) or "none", "none", not watch.levels),
     ]
+
+
+def _growth(what: str, growth: float | None) -> Figure:
+    if growth is None:
+        return Figure(f"{what}: growth of memory", "run too short to tell")
+    return Figure(f"{what}: growth [MB/h]", round(growth, 2), f"<= {FLAT:g}", growth <= FLAT)
 
 
 def _memory(pid: int) -> float:
