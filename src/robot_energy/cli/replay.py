@@ -214,7 +214,7 @@ def run(args: Namespace) -> int:
     check_writable(args.json, "the JSON report")
     check_writable(args.plot, "the figure")
     if args.plot is not None:
-        from robot_energy.report.figures import check_format
+        from robot_energy.report.canvas import check_format
 
         check_format(Path(args.plot))
     if args.out is not None and Path(args.out).resolve() == Path(args.bag).resolve():
@@ -289,7 +289,7 @@ def _plot(
     other: dict[str, Any] | None,
 ) -> None:
     from robot_energy.blocks import MeterLocation
-    from robot_energy.report.figures import power_and_energy
+    from robot_energy.report.power_figure import power_and_energy
     from robot_energy.report.series import Role, Series, compared_series, predicted_series
 
     runs: list[tuple[Replay, str, Role]] = [(first, "predicted", "predicted")]

@@ -5,13 +5,11 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from rich.console import Console
-
 from robot_energy.identify.drives import WAYS, AxisFit, DrivesFit
 from robot_energy.identify.losses import TERMS
 from robot_energy.identify.total_power import TotalFit, TotalScore
 from robot_energy.identify.total_sums import COEFFICIENTS, Sums
-from robot_energy.report.printing import line, percent, table
+from robot_energy.report.printing import Page, line, percent, table
 
 Summary = dict[str, Any]
 
@@ -148,20 +146,20 @@ def total_summary(
     }
 
 
-def print_drives(summary: Summary, console: Console) -> None:
+def print_drives(summary: Summary, page: Page) -> None:
     """Print what `identify drives` found.
 
     Args:
         summary: ``drives`` and ``total``, where there are such.
-        console: Where to.
+        page: Where to.
     """
     if "drives" in summary:
-        _print_drives(summary["drives"], console)
+        _print_drives(summary["drives"], page)
     if "total" in summary:
-        _print_total(summary["total"], console)
+        _print_total(summary["total"], page)
 
 
-def _print_drives(summary: Summary, console: Console) -> None:
+def _print_drives(summary: Summary, page: Page) -> None:
     found: list[tuple[str, ...]] = []
     maps: list[tuple[str, ...]] = []
     for axis in summary["axes"]:
@@ -181,13 +179,13 @@ def _print_drives(summary: Summary, console: Console) -> None:
                 )
             )
     table(
-        console,
+        page,
         "Losses of the drives beside shaft power",
         ("axis", "constant [W]", "copper [W/(N m)^2]", "linear [W s/rad]", "quadratic [W s2/rad2]"),
         found,
     )
     table(
-        console,
+        page,
         f"Reduced efficiency maps, P_mech / P_el, low-pass {summary['cutoff_hz']:g} Hz",
         ("axis", "samples", "outliers", "points", "median, motor", "median, generator"),
         maps,
@@ -206,19 +204,19 @@ def _print_drives(summary: Summary, console: Console) -> None:
             values = [comparison["ways"][way][key] for comparison in comparisons]
             shown = [percent(v) if key == "energy_accuracy" else f"{v:.4g}" for v in values]
             rows.append((WAY_NAMES[way], *shown))
-        table(console, title, ("prediction", *heads), rows)
+        table(page, title, ("prediction", *heads), rows)
     line(
-        console,
+        page,
         "held out: contiguous blocks, whole recordings, samples beyond 60 % of the greatest "
         "speed or torque",
     )
     missing = [SPLIT_NAMES[name] for name in SPLIT_NAMES if SPLIT_NAMES[name] not in heads]
     if missing:
-        line(console, f"too few recordings or samples to hold out: {', '.join(missing)}")
+        line(page, f"too few recordings or samples to hold out: {', '.join(missing)}")
     chosen = "loss model" if summary["chosen"] == "loss_model" else "efficiency map"
-    line(console, f"the {chosen} is taken, by its held-out RMS error")
+    line(page, f"the {chosen} is taken, by its held-out RMS error")
     for note in summary["notes"]:
-        line(console, f"note: {note}")
+        line(page, f"note: {note}")
 
 
 def _figure(value: float, std: float | None) -> str:
@@ -231,11 +229,11 @@ def _number(value: float | None) -> str:
     return "-" if value is None else f"{value:.3g}"
 
 
-def _print_total(summary: Summary, console: Console) -> None:
+def _print_total(summary: Summary, page: Page) -> None:
     place = {"grid": "the grid", "dc_bus": "the DC bus"}.get(summary["location"], "one place")
     what = "whole recordings" if summary["held_out"] == "recordings" else "contiguous blocks"
     table(
-        console,
+        page,
         f"Measured power at {place}, {summary['readings']} readings in "
         f"{summary['recordings']} recordings, {summary['duration']:.1f} s; {what} held out",
         ("prediction", "RMS [W]", "energy", "worst"),
@@ -250,7 +248,7 @@ def _print_total(summary: Summary, console: Console) -> None:
         ],
     )
     table(
-        console,
+        page,
         f"Losses from all recordings: {STRUCTURE_NAMES[summary['structure']]}; constant "
         f"{_figure(summary['constant'], summary['constant_std'])} W",
         ("axis", "copper [W/(N m)^2]", "linear [W s/rad]", "quadratic [W s2/rad2]"),
@@ -263,4 +261,4 @@ def _print_total(summary: Summary, console: Console) -> None:
         ],
     )
     for note in summary["notes"]:
-        line(console, f"note: {note}")
+        line(page, f"note: {note}")

@@ -6,12 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from rich.console import Console
 
 from robot_energy.identify.dynamics import Dynamics
 from robot_energy.identify.dynamics_model import friction_at_joints
 from robot_energy.identify.validation import TorqueError
-from robot_energy.report.printing import line, pairs, table
+from robot_energy.report.printing import Page, line, pairs, table
 
 
 @dataclass(frozen=True)
@@ -45,7 +44,7 @@ class Effort:
 
 
 def print_dynamics(
-    console: Console,
+    page: Page,
     result: Dynamics,
     held_out: TorqueError,
     held_out_consistent: TorqueError,
@@ -56,7 +55,7 @@ def print_dynamics(
     """Print an identification.
 
     Args:
-        console: Where.
+        page: Where.
         result: The identification.
         held_out: Of the least-squares fit.
         held_out_consistent: Of the fit that the model file holds.
@@ -94,18 +93,16 @@ def print_dynamics(
             )
         )
         rows.append(("memory", f"{effort.peak_memory:.0f} MB at most"))
-    pairs(console, rows)
-    _errors(console, result, held_out, held_out_consistent)
-    _friction(console, result, reference)
+    pairs(page, rows)
+    _errors(page, result, held_out, held_out_consistent)
+    _friction(page, result, reference)
     if details:
-        _groups(console, result)
+        _groups(page, result)
     for note in result.notes:
-        line(console, f"note: {note}")
+        line(page, f"note: {note}")
 
 
-def _errors(
-    console: Console, result: Dynamics, held_out: TorqueError, consistent: TorqueError
-) -> None:
+def _errors(page: Page, result: Dynamics, held_out: TorqueError, consistent: TorqueError) -> None:
     errors = (result.in_sample, held_out, consistent)
     rows = [
         [name, *(f"{error.joint[joint]:.1%}" for error in errors)]
@@ -113,7 +110,7 @@ def _errors(
     ]
     rows.append(["all, standstill too", *(f"{error.with_standstill:.2%}" for error in errors)])
     table(
-        console,
+        page,
         f"torque error (norm of error / norm of torque); held out: {result.settings.folds} "
         "contiguous blocks",
         [
@@ -127,7 +124,7 @@ def _errors(
     )
 
 
-def _friction(console: Console, result: Dynamics, reference: Reference | None) -> None:
+def _friction(page: Page, result: Dynamics, reference: Reference | None) -> None:
     friction = friction_at_joints(result)
     columns = ["joint"]
     for kind in ("viscous", "Coulomb"):
@@ -155,17 +152,17 @@ def _friction(console: Console, result: Dynamics, reference: Reference | None) -
                 row += ["", ""] if reference is not None else []
             rows.append(row)
     table(
-        console,
+        page,
         "friction at the joints, viscous [N m s/rad] and Coulomb [N m] (+- standard deviation)",
         columns,
         rows,
     )
     if reference is not None:
         source = f" ({reference.source})" if reference.source else ""
-        line(console, f"largest deviation from the reference{source}: {worst:.1%}")
+        line(page, f"largest deviation from the reference{source}: {worst:.1%}")
 
 
-def _groups(console: Console, result: Dynamics) -> None:
+def _groups(page: Page, result: Dynamics) -> None:
     half = result.fit.interval()
     rows = [
         [
@@ -176,4 +173,4 @@ def _groups(console: Console, result: Dynamics) -> None:
         ]
         for group in np.arange(len(result.base)).tolist()
     ]
-    table(console, "base parameters", ["group", "value", "95 % +-", ""], rows)
+    table(page, "base parameters", ["group", "value", "95 % +-", ""], rows)

@@ -11,7 +11,7 @@ import numpy as np
 from robot_energy.errors import ShapeError
 from robot_energy.identify.drives import AxisFit
 from robot_energy.model_file.joint import EfficiencyMap
-from robot_energy.report.figures import COLOURS, STYLE, check_format, save_figure
+from robot_energy.report.canvas import COLOURS, canvas, panel_grid, panels
 
 LEVELS = np.linspace(-0.5, 1.5, 21)
 LEAST_POINTS = 4  # of a surface
@@ -32,34 +32,20 @@ def efficiency_maps(axes: Sequence[AxisFit], path: str | Path, title: str = "") 
     maps = [(axis.name, axis.map.entry) for axis in axes if axis.map is not None]
     if not maps:
         raise ShapeError("no efficiency map to draw", "measured power of the drives")
-    target = Path(path)
-    check_format(target)
-    from matplotlib import style
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    columns = min(len(maps), 3)
-    rows = -(-len(maps) // columns)
-    with style.context(["default", STYLE]):
-        figure: Any = Figure(figsize=(3.2 * columns + 1.2, 2.8 * rows + 0.6), layout="constrained")
-        FigureCanvasAgg(figure)
-        panels: Any = figure.subplots(rows, columns, squeeze=False)
+    columns, rows = panel_grid(len(maps))
+    with canvas(path, (3.2 * columns + 1.2, 2.8 * rows + 0.6), title) as figure:
+        grid = panels(figure, len(maps))
         surface: Any = None
-        for panel, (name, entry) in zip(panels.flat, maps, strict=False):
+        for panel, (name, entry) in zip(grid.flat, maps, strict=False):
             surface = _map(panel, entry) or surface
             panel.set_title(name, fontsize=9, loc="left")
-        for panel in panels.flat[len(maps) :]:
-            panel.set_visible(False)
-        for panel in panels[:, 0]:
+        for panel in grid[:, 0]:
             panel.set_ylabel("motor torque [N m]")
-        for panel in panels[-1]:
+        for panel in grid[-1]:
             panel.set_xlabel("motor velocity [rad/s]")
         if surface is not None:
-            bar = figure.colorbar(surface, ax=panels, shrink=0.9)
+            bar = figure.colorbar(surface, ax=grid, shrink=0.9)
             bar.set_label("efficiency, mechanical over electrical power")
-        if title:
-            figure.suptitle(title, fontsize=10, x=0.02, ha="left")
-        save_figure(figure, target)
 
 
 def _map(panel: Any, entry: EfficiencyMap) -> Any:

@@ -5,10 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from rich.console import Console
 
 from robot_energy.identify.excitation import Excitation, Quality
-from robot_energy.report.printing import NOTHING, line, percent, table
+from robot_energy.report.printing import NOTHING, Page, line, percent, table
 
 KINDS = ("position", "velocity", "acceleration", "torque")
 
@@ -74,12 +73,12 @@ def _quality(quality: Quality) -> dict[str, Any]:
     }
 
 
-def print_excitation(summary: dict[str, Any], console: Console) -> None:
+def print_excitation(summary: dict[str, Any], page: Page) -> None:
     """Print what an excitation motion tells and uses.
 
     Args:
         summary: From `excitation_summary`.
-        console: Where to.
+        page: Where to.
     """
     excited = [entry["name"] for entry in summary["base_parameters"] if entry["excited"]]
     silent = [entry["name"] for entry in summary["base_parameters"] if not entry["excited"]]
@@ -91,7 +90,7 @@ def print_excitation(summary: dict[str, Any], console: Console) -> None:
         )
     ]
     table(
-        console,
+        page,
         f"Observation matrix of {len(summary['base_parameters'])} base parameters, "
         f"{summary['harmonics']} harmonics of {summary['base_frequency']:.4g} Hz, "
         f"{summary['period']:g} s",
@@ -99,7 +98,7 @@ def print_excitation(summary: dict[str, Any], console: Console) -> None:
         rows,
     )
     table(
-        console,
+        page,
         f"Start pose, and use of the limits of URDF and robot (at most "
         f"{100 * summary['margin']:.0f} % was allowed)",
         ("joint", "start [rad or m]", *KINDS),
@@ -115,24 +114,24 @@ def print_excitation(summary: dict[str, Any], console: Console) -> None:
     floor = summary["floor"]
     if floor is not None:
         line(
-            console,
+            page,
             f"{floor['link']} stays above {floor['least']:.3f} m ({floor['height']:g} m allowed)",
         )
     else:
-        line(console, "note: no link is kept above a floor; --floor and --tool do")
-    line(console, f"excited: {', '.join(excited) or NOTHING}")
-    line(console, f"not excited: {', '.join(silent) or NOTHING}")
-    line(console, f"no torque depends on: {', '.join(summary['without_effect']) or NOTHING}")
+        line(page, "note: no link is kept above a floor; --floor and --tool do")
+    line(page, f"excited: {', '.join(excited) or NOTHING}")
+    line(page, f"not excited: {', '.join(silent) or NOTHING}")
+    line(page, f"no torque depends on: {', '.join(summary['without_effect']) or NOTHING}")
     if summary["acceleration_assumed"]:
         line(
-            console,
+            page,
             "note: a URDF knows no acceleration limits; full speed in 0.5 s is assumed, "
             "--acceleration gives those of the robot",
         )
     if any(joint["use"]["torque"] is None for joint in summary["joints"]):
-        line(console, "note: the URDF gives no torque limit for some joints; none was kept there")
+        line(page, "note: the URDF gives no torque limit for some joints; none was kept there")
     line(
-        console,
+        page,
         "note: collisions of the robot with itself and its surroundings are not checked; play "
         "the motion in simulation, then slowly, before recording it",
     )

@@ -11,7 +11,7 @@ import numpy as np
 from robot_energy.errors import ShapeError
 from robot_energy.friction import viscous_law
 from robot_energy.identify.friction import FrictionFit
-from robot_energy.report.figures import COLOURS, STYLE, check_format, save_figure
+from robot_energy.report.canvas import COLOURS, canvas, panel_grid, panels
 
 MILLI = 1e3
 BEYOND = 5.0  # K drawn outside the fitted range, where the edge is held
@@ -36,30 +36,16 @@ def friction_over_temperature(
     """
     if not fits:
         raise ShapeError("no axis to draw", "at least one")
-    target = Path(path)
-    check_format(target)
-    from matplotlib import style
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    columns = min(len(fits), 3)
-    rows = -(-len(fits) // columns)
-    with style.context(["default", STYLE]):
-        figure: Any = Figure(figsize=(3.2 * columns + 0.8, 2.6 * rows + 0.6), layout="constrained")
-        FigureCanvasAgg(figure)
-        panels: Any = figure.subplots(rows, columns, squeeze=False)
-        for axes, fit in zip(panels.flat, fits, strict=False):
+    columns, rows = panel_grid(len(fits))
+    with canvas(path, (3.2 * columns + 0.8, 2.6 * rows + 0.6), title) as figure:
+        grid = panels(figure, len(fits))
+        for axes, fit in zip(grid.flat, fits, strict=False):
             _axis(axes, fit)
-        for axes in panels.flat[len(fits) :]:
-            axes.set_visible(False)
-        for axes in panels[:, 0]:
+        for axes in grid[:, 0]:
             axes.set_ylabel(f"viscous [1e-3 {unit} s/rad]")
-        for axes in panels[-1]:
+        for axes in grid[-1]:
             axes.set_xlabel("motor temperature [degC]")
-        panels.flat[0].legend(loc="best")
-        if title:
-            figure.suptitle(title, fontsize=10, x=0.02, ha="left")
-        save_figure(figure, target)
+        grid.flat[0].legend(loc="best")
 
 
 def _axis(axes: Any, fit: FrictionFit) -> None:

@@ -6,12 +6,11 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from rich.console import Console
 
 from robot_energy.identify.cabinet import CabinetFit, Level
 from robot_energy.identify.friction import FrictionFit
 from robot_energy.identify.friction_study import Study
-from robot_energy.report.printing import line, percent, table
+from robot_energy.report.printing import Page, line, percent, table
 
 Summary = dict[str, Any]
 LAWS = ("constant", "exponential", "table")
@@ -55,12 +54,12 @@ def _axis(fit: FrictionFit) -> Summary:
     }
 
 
-def print_friction(summary: Summary, console: Console) -> None:
+def print_friction(summary: Summary, page: Page) -> None:
     """Print what `identify friction` found.
 
     Args:
         summary: From `friction_summary`.
-        console: Where to.
+        page: Where to.
     """
     unit = "A" if summary["effort"] == "log" else "N m"
     found: list[tuple[str, ...]] = []
@@ -86,19 +85,19 @@ def print_friction(summary: Summary, console: Console) -> None:
         )
     side = "as logged" if summary["effort"] == "log" else "motor side"
     table(
-        console,
+        page,
         f"Friction over motor temperature, {side}",
         ("axis", f"Coulomb [{unit}]", f"viscous [1e-3 {unit} s/rad]", "fitted at"),
         found,
     )
     table(
-        console,
+        page,
         f"RMS torque error on temperatures that the fit has not seen [{unit}]",
         ("axis", "samples", *LAWS, "chosen"),
         tested,
     )
     for sentence in (*summary["warnings"], *summary["refused"]):
-        line(console, f"note: {sentence}")
+        line(page, f"note: {sentence}")
 
 
 def _law_text(axis: Summary) -> str:
@@ -145,16 +144,16 @@ def study_summary(name: str, study: Study, chance: Sequence[float]) -> Summary:
     }
 
 
-def print_friction_study(studies: Sequence[Summary], console: Console) -> None:
+def print_friction_study(studies: Sequence[Summary], page: Page) -> None:
     """Print tests on unseen temperatures.
 
     Args:
         studies: From `study_summary`.
-        console: Where to.
+        page: Where to.
     """
     for study in studies:
         table(
-            console,
+            page,
             f"{study['name']}: fitted at {study['train']} ({study['trained_samples']} samples), "
             f"tested at {study['test']} ({study['tested_samples']} samples)",
             ("viscous friction", "outside its range", "RMS error", "friction power"),
@@ -166,7 +165,7 @@ def print_friction_study(studies: Sequence[Summary], console: Console) -> None:
         mixed = study["shuffled"]
         if mixed["median_gain"] is not None:
             line(
-                console,
+                page,
                 f"RMS of the exponential law over the constant: {study['gain']:.2f}; with "
                 f"temperatures shuffled between runs {mixed['median_gain']:.2f} (median of "
                 f"{mixed['count']}), at best {mixed['least_gain']:.2f}",
@@ -191,12 +190,12 @@ def cabinet_summary(fit: CabinetFit) -> Summary:
     }
 
 
-def print_cabinet(summary: Summary, console: Console) -> None:
+def print_cabinet(summary: Summary, page: Page) -> None:
     """Print what `identify cabinet` found.
 
     Args:
         summary: From `cabinet_summary`.
-        console: Where to.
+        page: Where to.
     """
     rows: list[tuple[str, ...]] = []
     for name, phase in (("HOLD", "hold"), ("GENERATING", "generating")):
@@ -214,13 +213,13 @@ def print_cabinet(summary: Summary, console: Console) -> None:
             )
         )
     table(
-        console,
+        page,
         "Measured power while it is constant, less what the drives take [W]",
         ("phase", "power", "readings", "events", "greatest difference"),
         rows,
     )
     table(
-        console,
+        page,
         "Constant losses [W]",
         ("side", "loss"),
         [
@@ -232,5 +231,5 @@ def print_cabinet(summary: Summary, console: Console) -> None:
         ],
     )
     for sentence in summary["notes"]:
-        line(console, f"note: {sentence}")
-    line(console, "the error class of the meter is not in these deviations")
+        line(page, f"note: {sentence}")
+    line(page, "the error class of the meter is not in these deviations")

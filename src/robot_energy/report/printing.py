@@ -1,4 +1,4 @@
-"""Formats and tables for the terminal; plain lines where there is none."""
+"""Formats, lines and tables for a page: the terminal, a pipe, or an HTML document."""
 
 from __future__ import annotations
 
@@ -10,7 +10,11 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from robot_energy.report.document import Document
+
+Page = Console | Document
 NOTHING = "-"
+NOTE = "note: "  # begins a line that must not be overlooked
 WATT_HOUR = 3600.0  # J
 
 
@@ -63,20 +67,29 @@ def seconds(time_ns: int) -> str:
     return f"{time_ns * 1e-9:.3f} s"
 
 
-def line(console: Console, text: str, style: str = "") -> None:
-    """Print one line as it is, without wrapping or markup."""
-    console.print(Text(text, style=style), soft_wrap=True)
+def line(page: Page, text: str, style: str = "") -> None:
+    """Write one line as it is, without wrapping or markup."""
+    if isinstance(page, Document):
+        if text.startswith(NOTE):
+            page.note(text.removeprefix(NOTE))
+        else:
+            page.paragraph(text)
+        return
+    page.print(Text(text, style=style), soft_wrap=True)
 
 
 def table(
-    console: Console,
+    page: Page,
     title: str,
     columns: Sequence[str],
     rows: Sequence[Sequence[str]],
     total: Sequence[str] | None = None,
 ) -> None:
     """First column left, the others right; a last row of sums below a rule."""
-    line(console, title, style="bold")
+    if isinstance(page, Document):
+        page.table(title, columns, rows, total)
+        return
+    line(page, title, style="bold")
     grid = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     for index, name in enumerate(columns):
         last = index == len(columns) - 1
@@ -93,15 +106,18 @@ def table(
         grid.add_row(*(Text(cell) for cell in row), end_section=last)
     if total is not None:
         grid.add_row(*(Text(cell, style="bold") for cell in total))
-    console.print(grid)
+    page.print(grid)
 
 
-def pairs(console: Console, rows: Sequence[tuple[str, str]]) -> None:
-    """Print names and values, then an empty line."""
+def pairs(page: Page, rows: Sequence[tuple[str, str]]) -> None:
+    """Write names and values, then an empty line."""
+    if isinstance(page, Document):
+        page.table("", ("", ""), rows)
+        return
     grid = Table(box=None, show_header=False, pad_edge=False)
     grid.add_column(no_wrap=True)
     grid.add_column(overflow="fold")
     for name, value in rows:
         grid.add_row(Text(name), Text(value))
-    console.print(grid)
-    console.print()
+    page.print(grid)
+    page.print()

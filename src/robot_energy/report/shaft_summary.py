@@ -5,11 +5,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from rich.console import Console
-
 from robot_energy.blocks import NANOSECOND, EffortMeaning
 from robot_energy.replay import Replay
-from robot_energy.report.printing import NOTHING, Scale, line, percent, table
+from robot_energy.report.printing import NOTHING, Page, Scale, line, percent, table
 
 CAVEATS = {
     "motor_current": "measured = reported current x torque_constant of the model file x speed",
@@ -60,11 +58,11 @@ def shaft_summary(result: Replay) -> dict[str, Any]:
     return {"shaft": {"effort": str(result.effort), "joints": rows}}
 
 
-def print_shaft(console: Console, summary: dict[str, Any], scale: Scale) -> None:
+def print_shaft(page: Page, summary: dict[str, Any], scale: Scale) -> None:
     """Print the section, where there is one.
 
     Args:
-        console: Where to.
+        page: Where to.
         summary: From `summarise`.
         scale: Unit of the report.
     """
@@ -100,7 +98,7 @@ def print_shaft(console: Console, summary: dict[str, Any], scale: Scale) -> None
         "",
     ]
     table(
-        console,
+        page,
         f"Shaft energy, measured by {shaft['effort'].replace('_', ' ')} and predicted over the "
         f"same time [{scale.unit}]",
         (
@@ -116,5 +114,5 @@ def print_shaft(console: Console, summary: dict[str, Any], scale: Scale) -> None
         rows,
         total,
     )
-    line(console, f"  {CAVEATS[shaft['effort']]}")
-    line(console, "")
+    line(page, f"  {CAVEATS[shaft['effort']]}")
+    line(page, "")

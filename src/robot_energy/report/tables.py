@@ -5,11 +5,10 @@ from __future__ import annotations
 from datetime import UTC, datetime
 from typing import Any
 
-from rich.console import Console
-
 from robot_energy.report.payload_summary import payload_lines
 from robot_energy.report.printing import (
     NOTHING,
+    Page,
     Scale,
     energy_text,
     line,
@@ -97,34 +96,34 @@ def beyond_constant(summary: Summary) -> str:
     )
 
 
-def print_replay(summary: Summary, console: Console, other: Summary | None = None) -> None:
+def print_replay(summary: Summary, page: Page, other: Summary | None = None) -> None:
     """Print a replay.
 
     Args:
         summary: From `summarise`.
-        console: Where to.
+        page: Where to.
         other: A second replay of the same bag to set beside it.
     """
-    line(console, headline(summary), style="bold")
+    line(page, headline(summary), style="bold")
     if beyond := beyond_constant(summary):
-        line(console, beyond)
+        line(page, beyond)
     if other is not None:
-        line(console, f"with {other['model']['change']}: {headline(other)}")
+        line(page, f"with {other['model']['change']}: {headline(other)}")
     if summary["origin"]:
-        line(console, f"origin: {summary['origin']}")
+        line(page, f"origin: {summary['origin']}")
     for problem in summary["problems"]:
-        line(console, f"problem: {problem}", style="bold red")
+        line(page, f"problem: {problem}", style="bold red")
     for note in summary["notes"]:
-        line(console, f"note: {note}")
-    line(console, "")
+        line(page, f"note: {note}")
+    line(page, "")
     scale = Scale(max(summary["energy"]["grid_import"], summary["energy"]["grid_return"]))
-    pairs(console, _recording(summary))
-    _print_comparison(console, summary, other, scale)
-    _print_breakdown(console, summary, other, scale)
-    _print_joints(console, summary, scale)
-    print_shaft(console, summary, scale)
-    _print_phases(console, summary, scale)
-    _print_inputs(console, summary)
+    pairs(page, _recording(summary))
+    _print_comparison(page, summary, other, scale)
+    _print_breakdown(page, summary, other, scale)
+    _print_joints(page, summary, scale)
+    print_shaft(page, summary, scale)
+    _print_phases(page, summary, scale)
+    _print_inputs(page, summary)
 
 
 def _recording(summary: Summary) -> list[tuple[str, str]]:
@@ -165,9 +164,7 @@ def _recording(summary: Summary) -> list[tuple[str, str]]:
     return rows
 
 
-def _print_comparison(
-    console: Console, summary: Summary, other: Summary | None, scale: Scale
-) -> None:
+def _print_comparison(page: Page, summary: Summary, other: Summary | None, scale: Scale) -> None:
     compared = summary["comparison"]
     if compared["measured_energy"] is None:
         return
@@ -207,16 +204,14 @@ def _print_comparison(
         f"({percent(compared['coverage'])} of what is predicted)"
     )
     table(
-        console,
+        page,
         title,
         ("", f"energy [{scale.unit}]", "", "mean power", f"error [{scale.unit}]", ""),
         rows,
     )
 
 
-def _print_breakdown(
-    console: Console, summary: Summary, other: Summary | None, scale: Scale
-) -> None:
+def _print_breakdown(page: Page, summary: Summary, other: Summary | None, scale: Scale) -> None:
     energy = summary["energy"]
     net = energy["grid_import"] - energy["grid_return"]
     names = {
@@ -249,7 +244,7 @@ def _print_breakdown(
         columns.append(f"{change}\n[{scale.unit}]")
     over = seconds(summary["time"]["observed_ns"])
     table(
-        console,
+        page,
         f"Where the energy went, predicted, over {over}",
         columns,
         rows,
@@ -257,7 +252,7 @@ def _print_breakdown(
     )
     if energy["grid_return"]:
         line(
-            console,
+            page,
             f"  drawn {scale.joule(energy['grid_import'])} {scale.unit}, "
             f"returned {scale.joule(energy['grid_return'])} {scale.unit}",
         )
@@ -265,14 +260,14 @@ def _print_breakdown(
     mean, peak = power["predicted_mean_grid_power"], power["predicted_peak_grid_power"]
     if mean is not None and peak is not None:
         line(
-            console,
+            page,
             f"  mean {mean:.1f} W, peak {peak:.1f} W from the grid; balance: grid minus "
             f"the sum of its parts = {energy['balance_residual'] * 1e6:.0f} uJ",
         )
-    line(console, "")
+    line(page, "")
 
 
-def _print_joints(console: Console, summary: Summary, scale: Scale) -> None:
+def _print_joints(page: Page, summary: Summary, scale: Scale) -> None:
     keys = (
         "shaft_energy_positive",
         "shaft_energy_negative",
@@ -306,7 +301,7 @@ def _print_joints(console: Console, summary: Summary, scale: Scale) -> None:
     ]
     title = f"Joints, predicted [{scale.unit}]: rigid + friction + drive loss = drive input"
     table(
-        console,
+        page,
         title,
         (
             "",
@@ -324,7 +319,7 @@ def _print_joints(console: Console, summary: Summary, scale: Scale) -> None:
     )
 
 
-def _print_phases(console: Console, summary: Summary, scale: Scale) -> None:
+def _print_phases(page: Page, summary: Summary, scale: Scale) -> None:
     rows = [
         (
             name,
@@ -335,10 +330,10 @@ def _print_phases(console: Console, summary: Summary, scale: Scale) -> None:
         for name, phase in summary["phases"].items()
         if name != "unknown" or phase["time"]
     ]
-    table(console, "Phases, predicted", ("", "time", f"drawn [{scale.unit}]", "mean power"), rows)
+    table(page, "Phases, predicted", ("", "time", f"drawn [{scale.unit}]", "mean power"), rows)
 
 
-def _print_inputs(console: Console, summary: Summary) -> None:
+def _print_inputs(page: Page, summary: Summary) -> None:
     rows: list[tuple[str, str, str, str]] = []
     for key, account in summary["inputs"].items():
         if not account["received"]:
@@ -353,7 +348,7 @@ def _print_inputs(console: Console, summary: Summary) -> None:
                 reasons or "none",
             )
         )
-    table(console, "Inputs", ("", "received", "accepted", "rejected"), rows)
+    table(page, "Inputs", ("", "received", "accepted", "rejected"), rows)
     quality = summary["quality"]
     counts: dict[str, int] = quality["counts"]
     marked = [
@@ -366,7 +361,7 @@ def _print_inputs(console: Console, summary: Summary) -> None:
     ]
     if marked:
         table(
-            console,
+            page,
             f"Quality: marked of {quality['samples']} samples",
             ("", "samples", "share"),
             marked,

@@ -1,12 +1,7 @@
-"""Figures of a replay, and the style of all figures.
-
-Measured and predicted have the same colours in every figure; the same input gives the
-same bytes.
-"""
+"""Figure of a replay: power, residual and energy over time (paper A, fig. 4)."""
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -14,29 +9,12 @@ from typing import Any
 import numpy as np
 
 from robot_energy.blocks import Float
-from robot_energy.errors import ReportError, ShapeError
+from robot_energy.errors import ShapeError
+from robot_energy.report.canvas import COLOURS, LINES, Axes, canvas
 from robot_energy.report.series import Series
 
-Axes = Any  # the annotations of matplotlib are partly unknown
-
-COLOURS = {"measured": "#1a1a1a", "predicted": "#0072b2", "fixed": "#d55e00"}
-LINES = {"measured": "-", "predicted": "-", "fixed": "--"}
-FORMATS = {".png", ".svg", ".pdf"}
 MINUTE = 60.0  # s
 LONG = 600.0  # s, from here on the axis counts minutes
-STYLE = {
-    "font.size": 9.0,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "grid.color": "#e4e4e4",
-    "grid.linewidth": 0.6,
-    "axes.axisbelow": True,
-    "legend.frameon": False,
-    "lines.linewidth": 1.3,
-    "svg.hashsalt": "robot_energy",
-    "figure.dpi": 100.0,
-}
 
 
 def power_and_energy(
@@ -63,17 +41,9 @@ def power_and_energy(
             f"{len(series)} curves, {len(measured)} of them measured",
             "at least one curve, and at most one measured",
         )
-    target = Path(path)
-    check_format(target)
-    from matplotlib import style
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    with style.context(["default", STYLE]):
-        rows = 3 if measured else 2
-        heights = [3.0, 1.3, 2.2] if measured else [3.0, 2.2]
-        figure: Any = Figure(figsize=(8.0, 6.6 if measured else 5.4), layout="constrained")
-        FigureCanvasAgg(figure)
+    rows = 3 if measured else 2
+    heights = [3.0, 1.3, 2.2] if measured else [3.0, 2.2]
+    with canvas(path, (8.0, 6.6 if measured else 5.4), title) as figure:
         axes: Any = figure.subplots(rows, 1, sharex=True, height_ratios=heights)
         longest = max(float(curve.energy_time.max()) for curve in series)
         unit, second = ("min", MINUTE) if longest > LONG else ("s", 1.0)
@@ -84,9 +54,6 @@ def power_and_energy(
         axes[-1].set_xlabel(f"time since the start of the recording [{unit}]")
         axes[-1].set_xlim(0.0, longest / second)
         figure.align_ylabels(axes)
-        if title:
-            figure.suptitle(title, fontsize=10, x=0.02, ha="left")
-        save_figure(figure, target)
 
 
 def _power(axes: Axes, series: Sequence[Series], second: float, place: str) -> None:
@@ -144,34 +111,3 @@ def _energy(axes: Axes, series: Sequence[Series], second: float, place: str) -> 
     axes.set_ylabel(f"energy at {place} [{unit}]")
     if all(float(curve.energy.min()) >= 0 for curve in series):
         axes.set_ylim(bottom=0.0)
-
-
-def check_format(path: Path) -> None:
-    """Refuse a file that is no picture.
-
-    Raises:
-        ReportError: If the suffix is not one of the formats.
-    """
-    if path.suffix.lower() not in FORMATS:
-        raise ReportError(
-            f"the figure '{path}' has no known format",
-            f"a name that ends in {', '.join(sorted(FORMATS))}",
-        )
-
-
-def save_figure(figure: Any, target: Path) -> None:
-    """Write without dates and versions, whole or not at all."""
-    kind = target.suffix.lower().removeprefix(".")
-    metadata: dict[str, Any] = {
-        "png": {"Software": None},
-        "svg": {"Date": None, "Creator": None},
-        "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
-    }[kind]
-    draft = target.with_name(target.name + ".part")
-    try:
-        figure.savefig(draft, format=kind, dpi=150, metadata=metadata)
-        os.replace(draft, target)
-    except OSError as error:
-        raise ReportError(
-            f"the figure '{target}' cannot be written ({error.strerror})", "a writable folder"
-        ) from error

@@ -1,0 +1,111 @@
+"""The HTML document: one file, nothing loaded from elsewhere, nothing lost or misread."""
+
+from __future__ import annotations
+
+import base64
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+
+from robot_energy.errors import ReportError
+from robot_energy.report.canvas import canvas
+from robot_energy.report.document import Document
+from robot_energy.report.printing import line, pairs, table
+
+VOID = {"meta", "img"}
+
+
+class Reader(HTMLParser):
+    """Collects cells and checks that every element is closed in order."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.cells: list[str] = []
+        self.notes = 0
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        if tag not in VOID:
+            self.open.append(tag)
+        if tag in ("td", "th"):
+            self.cells.append("")
+        self.notes += ("class", "note") in attrs
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        if self.open and self.open[-1] in ("td", "th"):
+            self.cells[-1] += data
+
+
+def read(document: Document) -> Reader:
+    reader = Reader()
+    reader.feed(document.html())
+    assert reader.open == []
+    return reader
+
+
+def test_what_is_written_for_a_terminal_is_read_from_the_page() -> None:
+    document = Document("A title", "what it is")
+    table(document, "watts", ("joint", "P [W]"), [("a<1>", "1.5")], ("total", "1.5"))
+    pairs(document, [("name", "a & b")])
+    line(document, "note: `x` is not known")
+    line(document, "a plain line")
+    reader = read(document)
+    assert reader.cells == [
+        "joint",
+        "P [W]",
+        "a<1>",
+        "1.5",
+        "total",
+        "1.5",
+        "",
+        "",
+        "name",
+        "a & b",
+    ]
+    assert reader.notes == 1
+    assert "<code>x</code> is not known" in document.html()
+    assert 'class="total"' in document.html()
+
+
+def test_a_figure_lies_in_the_file(tmp_path: Path) -> None:
+    document = Document("A title")
+
+    def draw(path: Path) -> None:
+        with canvas(path, (3.0, 2.0), "drawn") as figure:
+            figure.subplots().plot([0, 1], [0, 1])
+
+    document.figure(draw, 'a "line"')
+    document.write(tmp_path / "page.html")
+    page = (tmp_path / "page.html").read_text(encoding="utf-8")
+    found = re.search(r'src="data:image/svg\+xml;base64,([^"]+)" alt="a &quot;line&quot;"', page)
+    assert found is not None
+    assert b"</svg>" in base64.b64decode(found[1])
+    assert re.findall(r'(?:src|href)="(?!data:|#)', page) == []
+    assert [path.name for path in tmp_path.iterdir()] == ["page.html"]
+
+
+def test_sections_are_listed_and_reached() -> None:
+    document = Document("A title")
+    for name in ("One", "Two", "Two", "Three & four"):
+        document.heading(name)
+        document.heading("inner", 3)
+    page = document.html()
+    targets = re.findall(r'href="#([^"]+)"', page)
+    assert len(targets) == len(set(targets)) == 4
+    assert all(f'id="{target}"' in page for target in targets)
+
+
+def test_bad_requests_are_refused(tmp_path: Path) -> None:
+    document = Document("A title")
+    with pytest.raises(ReportError, match="has 1 cells"):
+        document.table("t", ("a", "b"), [("1",)])
+    with pytest.raises(ReportError, match="depth 1"):
+        document.heading("x", 1)
+    with pytest.raises(ReportError, match="cannot be written"):
+        document.write(tmp_path / "none" / "page.html")
+    assert list(tmp_path.iterdir()) == []
