@@ -35,15 +35,18 @@ JOINTS = {
     "ur3e": UR_JOINTS,
     "ur5e": UR_JOINTS,
     "ur10e": UR_JOINTS,
+    "irb4600": tuple(f"joint_{axis}" for axis in range(1, 7)),
 }
-MODELS = tuple(JOINTS)
+MODELS = tuple(JOINTS)  # six axes; the machines of paper B beside them are in test_printers.py
 
-# base first [kg]; KR 16 class: profile of 235 kg; UR: page "DH Parameters ..."
+# base first [kg]; KR 16 class: profile of 235 kg; UR: page "DH Parameters ..."; IRB 4600 class:
+# KUKA KR 50 R2500 (111.02, 175.205, 131.16, 76.987, 36.937, 16.209, 3.62) times 0.8
 MASSES = {
     "kr16": (60.0, 77.5, 50.0, 33.0, 10.5, 3.2, 0.8),
     "ur3e": (2.0, 1.98, 3.4445, 1.437, 0.871, 0.805, 0.261),
     "ur5e": (4.0, 3.761, 8.058, 2.846, 1.37, 1.3, 0.365),
     "ur10e": (4.0, 7.369, 13.051, 3.989, 2.1, 1.98, 0.615),
+    "irb4600": (88.816, 140.164, 104.928, 61.590, 29.550, 12.967, 2.896),
 }
 # a2, a3 [m] and d1, d4, d5, d6 [m], same page
 DH = {
@@ -84,6 +87,7 @@ LIMITS = {
     "ur3e": ((54, 54, 28, 9, 9, 9), (180, 180, 180, 360, 360, 360)),
     "ur5e": ((150, 150, 150, 28, 28, 28), (180, 180, 180, 180, 180, 180)),
     "ur10e": ((330, 330, 150, 54, 54, 54), (120, 120, 180, 180, 180, 180)),
+    "irb4600": ((5528.9, 5104.3, 1441.9, 535.6, 483.5, 338.5), (175, 175, 175, 250, 250, 360)),
 }
 KR16_VISCOUS_20 = (7.5e-3, 10.0e-3, 8.7e-3, 2.2e-3, 2.2e-3, 1.6e-3)  # [N m s/rad]
 KR16_VISCOUS_60 = (2.4e-3, 3.2e-3, 2.8e-3, 0.70e-3, 0.70e-3, 0.50e-3)  # rounded by hand
