@@ -63,6 +63,7 @@ class Robot:
         for model in (self._unloaded, self._model):
             model.gravity.linear = np.asarray(gravity, dtype=np.float64)
         self._pool = pin.ModelPool(self._model, 1)
+        self._scratch = self._model.createData()
         indices = [
             self._model.joints[self._model.getJointId(name)].idx_v for name in self.joint_names
         ]
@@ -207,11 +208,73 @@ class Robot:
         Raises:
             RobotDescriptionError: If there is no such link.
         """
+        return self.link_pose(joint_position, link)[0]
+
+    def link_pose(self, joint_position: Float, link: str) -> tuple[Float, Float]:
+        """Pose of a link's frame in the base frame at one configuration.
+
+        Args:
+            joint_position: Shape (n,). [rad] or [m]
+            link: Name of the link.
+
+        Returns:
+            Position, shape (3,) [m], and rotation, shape (3, 3).
+
+        Raises:
+            RobotDescriptionError: If there is no such link.
+        """
+        data, frame = self._placed(joint_position, link, jacobian=False)
+        return np.array(data.oMf[frame].translation), np.array(data.oMf[frame].rotation)
+
+    def link_jacobian(self, joint_position: Float, link: str) -> tuple[Float, Float, Float]:
+        """Pose of a link's frame, and how it moves with the joints, at one configuration.
+
+        Args:
+            joint_position: Shape (n,). [rad] or [m]
+            link: Name of the link.
+
+        Returns:
+            Position, shape (3,) [m]; rotation, shape (3, 3); Jacobian in base axes, shape
+            (6, n): velocity of the frame's origin, then angular velocity, per joint velocity.
+
+        Raises:
+            RobotDescriptionError: If there is no such link.
+        """
+        data, frame = self._placed(joint_position, link, jacobian=True)
+        axes = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        jacobian = pin.getFrameJacobian(self._model, data, frame, axes)
+        place = data.oMf[frame]
+        return (
+            np.array(place.translation),
+            np.array(place.rotation),
+            np.ascontiguousarray(jacobian[:, self._from_model]),
+        )
+
+    def joint_origins(self, joint_position: Float) -> Float:
+        """Origins of the joint frames in the base frame at one configuration.
+
+        Args:
+            joint_position: Shape (n,). [rad] or [m]
+
+        Returns:
+            In model joint order, shape (n, 3). [m]
+        """
+        data = self._model.createData()
+        pin.forwardKinematics(self._model, data, np.asarray(joint_position)[self._to_model])
+        return np.array([data.oMi[body].translation for body in self._bodies])
+
+    def _placed(self, joint_position: Float, link: str, *, jacobian: bool) -> tuple[pin.Data, int]:
         if not self.has_link(link):
             raise RobotDescriptionError(f"the URDF has no link '{link}'")
-        data = self._model.createData()
-        pin.framesForwardKinematics(self._model, data, np.asarray(joint_position)[self._to_model])
-        return np.array(data.oMf[self._model.getFrameId(link, pin.FrameType.BODY)].translation)
+        data = self._scratch
+        q = np.asarray(joint_position, dtype=np.float64)[self._to_model]
+        if jacobian:
+            pin.computeJointJacobians(self._model, data, q)
+        else:
+            pin.forwardKinematics(self._model, data, q)
+        frame = int(self._model.getFrameId(link, pin.FrameType.BODY))
+        pin.updateFramePlacement(self._model, data, frame)
+        return data, frame
 
 
 def _build(urdf_xml: str) -> pin.Model:

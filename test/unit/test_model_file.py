@@ -65,7 +65,7 @@ def test_hostile_yaml_is_refused(text, words):
 
 
 def test_missing_file_names_the_shipped_models():
-    with pytest.raises(RobotEnergyError, match="Shipped models: .*kr16"):
+    with pytest.raises(RobotEnergyError, match=r"Shipped models: .*kr16"):
         load("no_such_robot")
 
 

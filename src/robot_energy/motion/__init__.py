@@ -1,12 +1,14 @@
-"""Motions: point-to-point moves, programs made of them, and Fourier series."""
+"""Motions: point-to-point moves, programs made of them, Fourier series, inverse kinematics."""
 
 from robot_energy.motion.fourier import FourierBasis, FourierMotion
+from robot_energy.motion.inverse import InverseKinematics
 from robot_energy.motion.program import Program, random_program, tool_above
 from robot_energy.motion.ptp import JointMotion, MotionLimits, PointToPoint, Profile, Trajectory
 
 __all__ = [
     "FourierBasis",
     "FourierMotion",
+    "InverseKinematics",
     "JointMotion",
     "MotionLimits",
     "PointToPoint",

@@ -1,0 +1,310 @@
+"""Joint positions that bring a tool to given places, by the structure of the robot.
+
+- A gantry (prismatic joints only): linear, exact.
+- A planar arm (parallel revolute axes): closed form where two joints are free, else the
+  configuration nearest to the start (`motion.planar`).
+- Six or more joints: the tool's orientation is held; Newton steps with the Jacobian, damped
+  where it loses rank, each place from the solution of the one before.
+
+Solutions are continuous along a path that is sampled densely, keep to the position limits and
+bring the tool to within 1e-9 m, or are refused.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robot_energy.blocks import Float
+from robot_energy.errors import MotionError
+from robot_energy.motion.planar import PlanarArm, check_weight
+from robot_energy.robot import Robot
+
+IN_PLACE = 1e-10  # m, and rad of the orientation
+LEVEL = 1e-9  # m: how far a place may lie off the plane of a planar arm
+SINGULAR = 1e-3  # least singular value of a Jacobian [m/rad], a turn counting as one metre
+DAMPING = 1e-2  # below this singular value steps are damped
+LONGEST_STEP = 0.3  # rad
+MOST_STEPS = 100
+JUMP, JUMP_WAY = 0.5, 0.1  # rad in less than so many m is no motion but another branch
+LIMIT_TOLERANCE = 1e-9  # rad or m
+SPATIAL_JOINTS = 6
+
+
+class InverseKinematics:
+    """Joint positions from tool positions.
+
+    Args:
+        robot: The robot.
+        link: Whose frame is the tool, in the URDF.
+        held: Names of joints that stay where they start; planar arms only.
+        weight: Of each joint in the distance from the start, where a planar arm has more
+            joints than it needs: a joint with a small weight moves more. Shape (n,), > 0. [-]
+        lifted: The height of a planar arm's tool is left to an axis outside of the model, as
+            paper B leaves out the print axis: heights are not looked at.
+        orientation: Of the tool in the base frame, for six or more joints; None: as at the
+            start. Shape (3, 3).
+
+    Attributes:
+        structure: ``gantry``, ``planar`` or ``spatial``.
+
+    Raises:
+        MotionError: If the robot is of another structure, or an option does not fit it.
+        RobotDescriptionError: If there is no such link.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        link: str = "tool0",
+        held: Sequence[str] = (),
+        weight: Float | None = None,
+        lifted: bool = False,
+        orientation: Float | None = None,
+    ) -> None:
+        self.robot = robot
+        self.link = link
+        self._weight = check_weight(weight, robot.n_joints)
+        self._lifted = lifted
+        self._orientation = None if orientation is None else _rotation(orientation)
+        self._planar = PlanarArm.of_robot(robot, link)
+        unknown = [name for name in held if name not in robot.joint_names]
+        if unknown:
+            raise MotionError(
+                f"the robot has no joint {', '.join(unknown)} to hold",
+                ", ".join(robot.joint_names),
+            )
+        self._free = [k for k, name in enumerate(robot.joint_names) if name not in set(held)]
+        if self._planar is not None:
+            self.structure = "planar"
+            if len(self._free) < 2:
+                raise MotionError(
+                    f"{len(self._free)} joint of the planar arm is free", "at least two"
+                )
+        elif robot.limits.prismatic.all() and robot.n_joints == 3:
+            self.structure = "gantry"
+        elif robot.n_joints >= SPATIAL_JOINTS:
+            self.structure = "spatial"
+        else:
+            raise MotionError(
+                f"a robot of {robot.n_joints} joints that is neither a gantry of three "
+                "prismatic joints nor a planar arm",
+                "one of these, or six joints or more",
+            )
+        if (held or lifted) and self.structure != "planar":
+            raise MotionError(
+                f"a {self.structure} robot with joints held or its height left out",
+                "these options with planar arms only",
+            )
+
+    def solve(self, tool_position: Float, start: Float) -> Float:
+        """Return joint positions along a path of the tool.
+
+        Args:
+            tool_position: Places of the link's origin in the base frame, shape (N, 3). [m]
+            start: Joint positions from which the first place is looked for; tells elbow and
+                wrist sides, the positions of held joints, and the reference of redundant ones.
+                Shape (n,). [rad] or [m]
+
+        Returns:
+            Shape (N, n). [rad] or [m]
+
+        Raises:
+            MotionError: If a place is not finite, out of reach, singular, or breaks a limit;
+                names the point, its distance and the reach.
+        """
+        wanted = np.asarray(tool_position, dtype=np.float64)
+        begin = np.asarray(start, dtype=np.float64)
+        if wanted.ndim != 2 or wanted.shape[1] != 3 or not len(wanted):
+            raise MotionError(f"tool positions of shape {wanted.shape}", "(N, 3) with N >= 1")
+        if begin.shape != (self.robot.n_joints,) or not np.isfinite(begin).all():
+            raise MotionError(
+                f"the start is {begin.tolist()}",
+                f"one finite figure for each of {self.robot.n_joints} joints",
+            )
+        finite = np.isfinite(wanted).all(axis=1)
+        if not finite.all():
+            row = int(np.argmin(finite))
+            raise MotionError(
+                f"point {row + 1} of the tool path is {wanted[row].tolist()}", "finite figures"
+            )
+        if self._planar is not None:
+            found = self._solve_planar(self._planar, wanted, begin)
+        elif self.structure == "gantry":
+            found = self._solve_gantry(wanted, begin)
+        else:
+            found = self._solve_spatial(wanted, begin)
+        self._check_limits(wanted, found)
+        self._check_jumps(wanted, found)
+        return found
+
+    def _solve_gantry(self, wanted: Float, begin: Float) -> Float:
+        place, _, jacobian = self.robot.link_jacobian(begin, self.link)
+        axes = jacobian[:3]
+        if np.linalg.svd(axes, compute_uv=False)[-1] < SINGULAR:
+            raise MotionError("two axes of the gantry are parallel", "axes that span space")
+        return begin + np.linalg.solve(axes, (wanted - place).T).T
+
+    def _solve_planar(self, arm: PlanarArm, wanted: Float, begin: Float) -> Float:
+        place, above = arm.split(wanted)
+        if not self._lifted and np.abs(above).max() > LEVEL:
+            row = int(np.argmax(np.abs(above) > LEVEL))
+            raise MotionError(
+                f"{_point(wanted, row)} lies {above[row]:.6g} m off the plane in which "
+                f"{self.link} moves",
+                "points in that plane",
+                "move the work piece, or leave the height to an axis outside of the model",
+            )
+        origin, least, greatest = arm.reach(begin, self._free)
+        distance = np.abs(place - origin)
+        far = (distance > greatest) | (distance < least)
+        if far.any():
+            row = int(np.argmax(far))
+            raise self._unreachable(
+                wanted, row, float(distance[row]), least, greatest, self._free[0]
+            )
+        if len(self._free) == 2:
+            found = arm.two_free(place, begin, self._free)
+        else:
+            found = arm.nearest(place, begin, self._free, self._weight)
+        lost = np.isnan(found).any(axis=1)
+        if lost.any():
+            row = int(np.argmax(lost))
+            raise self._singular(wanted, row, float(distance[row]), greatest, self._free[0])
+        return found
+
+    def _solve_spatial(self, wanted: Float, begin: Float) -> Float:
+        orientation = self._orientation
+        if orientation is None:
+            orientation = self.robot.link_pose(begin, self.link)[1]
+        found = np.empty((len(wanted), self.robot.n_joints))
+        posture = begin
+        for row, place in enumerate(wanted):
+            posture, missed, least = self._approach(place, orientation, posture)
+            if missed > IN_PLACE:
+                origins = self.robot.joint_origins(posture)
+                tool = self.robot.link_pose(posture, self.link)[0]
+                chain = np.vstack([origins, tool])
+                reach = float(np.linalg.norm(np.diff(chain, axis=0), axis=1).sum())
+                away = float(np.linalg.norm(place - origins[0]))
+                if away > reach:
+                    raise self._unreachable(wanted, row, away, 0.0, reach, 0)
+                raise self._singular(wanted, row, away, reach, 0, missed)
+            if least < SINGULAR:
+                away = float(np.linalg.norm(place - self.robot.joint_origins(posture)[0]))
+                raise self._singular(wanted, row, away, float("nan"), 0)
+            found[row] = posture
+        return found
+
+    def _approach(
+        self, place: Float, orientation: Float, posture: Float
+    ) -> tuple[Float, float, float]:
+        """Newton steps: posture, distance still missed, least singular value there."""
+        posture = posture.copy()
+        missed, least = np.inf, 0.0
+        for _ in range(MOST_STEPS):
+            here, turned, jacobian = self.robot.link_jacobian(posture, self.link)
+            error = np.concatenate([place - here, _turn(orientation @ turned.T)])
+            missed = float(np.abs(error).max())
+            left, size, right = np.linalg.svd(jacobian, full_matrices=False)
+            least = float(size[-1])
+            if missed < IN_PLACE:
+                break
+            damping = max(0.0, DAMPING - least)
+            step = right.T @ (size / (size**2 + damping**2) * (left.T @ error))
+            longest = float(np.abs(step).max())
+            posture += step * min(1.0, LONGEST_STEP / longest) if longest > 0 else step
+        return posture, missed, least
+
+    def _check_limits(self, wanted: Float, found: Float) -> None:
+        limits = self.robot.limits
+        off = (found < limits.lower - LIMIT_TOLERANCE) | (found > limits.upper + LIMIT_TOLERANCE)
+        if off.any():
+            row, joint = (int(k) for k in np.argwhere(off)[0])
+            raise MotionError(
+                f"{_point(wanted, row)} puts {self.robot.joint_names[joint]} at "
+                f"{found[row, joint]:.6g} {limits.unit(joint)}",
+                f"{limits.lower[joint]:.6g} to {limits.upper[joint]:.6g}",
+                "begin with another configuration, or move the work piece",
+            )
+
+    def _check_jumps(self, wanted: Float, found: Float) -> None:
+        turn = np.abs(np.diff(found[:, ~self.robot.limits.prismatic], axis=0)).max(
+            axis=1, initial=0.0
+        )
+        way = np.linalg.norm(np.diff(wanted, axis=0), axis=1)
+        jump: NDArray[np.bool_] = (turn > JUMP) & (way < JUMP_WAY)
+        if jump.any():
+            row = int(np.argmax(jump)) + 1
+            raise MotionError(
+                f"a joint would turn by {turn[row - 1]:.3g} rad while the tool moves "
+                f"{1e3 * way[row - 1]:.3g} mm to {_point(wanted, row)}",
+                "a path that stays clear of singular configurations",
+                "begin with another configuration, or move the work piece",
+            )
+
+    def _unreachable(
+        self, wanted: Float, row: int, away: float, least: float, greatest: float, joint: int
+    ) -> MotionError:
+        return MotionError(
+            f"{_point(wanted, row)} lies {away:.4g} m from {self.robot.joint_names[joint]}",
+            f"{least:.4g} to {greatest:.4g} m, the reach of {self.link}",
+            "move the work piece or the robot",
+        )
+
+    def _singular(
+        self,
+        wanted: Float,
+        row: int,
+        away: float,
+        reach: float,
+        joint: int,
+        missed: float | None = None,
+    ) -> MotionError:
+        how = "is singular" if missed is None else f"is missed by {missed:.3g} m or rad"
+        text = f", reach {reach:.4g} m" if np.isfinite(reach) else ""
+        return MotionError(
+            f"{_point(wanted, row)} {how}: it lies {away:.4g} m from "
+            f"{self.robot.joint_names[joint]}{text}",
+            "points that the tool reaches in this orientation, clear of stretched configurations",
+            "move the work piece, or begin with another configuration",
+        )
+
+
+def _point(wanted: Float, row: int) -> str:
+    x, y, z = wanted[row]
+    return f"point {row + 1} of the tool path, ({x:.4g}, {y:.4g}, {z:.4g}) m,"
+
+
+def _rotation(orientation: Float) -> Float:
+    matrix = np.asarray(orientation, dtype=np.float64)
+    if (
+        matrix.shape != (3, 3)
+        or not np.allclose(matrix @ matrix.T, np.eye(3), atol=1e-9)
+        or np.linalg.det(matrix) < 0
+    ):
+        raise MotionError(f"the orientation is {matrix.tolist()}", "a rotation matrix (3, 3)")
+    return matrix
+
+
+def _turn(rotation: Float) -> Float:
+    """Rotation vector of a rotation, shape (3,). [rad]"""
+    axis = 0.5 * np.array(
+        [
+            rotation[2, 1] - rotation[1, 2],
+            rotation[0, 2] - rotation[2, 0],
+            rotation[1, 0] - rotation[0, 1],
+        ]
+    )
+    sine = float(np.linalg.norm(axis))
+    angle = np.arctan2(sine, 0.5 * (np.trace(rotation) - 1.0))
+    if sine > 1e-6:
+        return axis * (angle / sine)
+    if angle < 1.0:
+        return axis
+    # Half a turn: its axis is the largest column of R + 1.
+    column = rotation + np.eye(3)
+    best = column[:, int(np.argmax(np.diagonal(column)))]
+    return best * (np.pi / float(np.linalg.norm(best)))

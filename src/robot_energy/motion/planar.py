@@ -1,0 +1,235 @@
+"""Planar arms: revolute joints with parallel axes, in the complex plane across them.
+
+The tool is at ``z = z0 + sum over i of l_i exp(j theta_i)`` with ``theta_i = sum over k <= i of
+s_k q_k``: `l_i` are the links at zero joint positions, ``s_k`` the senses of the axes. Two free
+joints have a closed form; with more, the configuration nearest to a reference is wanted,
+``min 1/2 sum w (q - q_ref)^2`` with the tool in place (paper B, section 4.1, leaves the choice
+open). That one is a function of the tool position alone, so a closed tool path is a closed joint
+path, which steps along a weighted pseudo-inverse would not give.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robot_energy.blocks import Float
+from robot_energy.errors import MotionError
+from robot_energy.robot import Robot
+
+Complex = NDArray[np.complexfloating]
+
+PARALLEL = 1e-9  # sine of the angle between axes that count as parallel
+CLOSE = 1e-12  # m: the tool is in place
+FLAT = 1e-10  # slope of the objective along the redundant motion, per its weight [rad]
+STRETCHED = 1e-4  # sine of the angle between two links that count as one line
+STRIDE = 0.05  # m of tool way from one solution to the next one looked for
+MOST_STEPS = 50
+LONGEST_STEP = 0.3  # rad
+
+
+@dataclass(frozen=True)
+class PlanarArm:
+    """Geometry of a planar arm.
+
+    Attributes:
+        origin: Of the first joint, in the base frame, shape (3,). [m]
+        across: Two unit vectors that span the plane, shape (2, 3).
+        height: Of the tool along the axes, from the first joint's origin. [m]
+        normal: Unit vector along the axes, shape (3,).
+        sense: +1 or -1 per joint, shape (n,).
+        link: From joint to joint, the last to the tool, at zero positions, shape (n,). [m]
+    """
+
+    origin: Float
+    across: Float
+    height: float
+    normal: Float
+    sense: Float
+    link: Complex
+
+    @classmethod
+    def of_robot(cls, robot: Robot, link: str) -> PlanarArm | None:
+        """Read the geometry from a robot; None if it is no planar arm."""
+        zero = np.zeros(robot.n_joints)
+        tool, _, jacobian = robot.link_jacobian(zero, link)
+        axes: Float = jacobian[3:].T
+        if robot.limits.prismatic.any() or robot.n_joints < 2:
+            return None
+        normal = np.array(axes[0])
+        along = axes @ normal
+        if np.abs(axes - np.outer(along, normal)).max() > PARALLEL:
+            return None
+        first = np.eye(3)[int(np.argmin(np.abs(normal)))]
+        first = first - (first @ normal) * normal
+        first /= np.linalg.norm(first)
+        x, y, z = normal
+        crossed = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]) @ first
+        across = np.stack([first, crossed])
+        origins = robot.joint_origins(zero)
+        places = (np.vstack([origins, tool]) - origins[0]) @ across.T
+        steps = np.diff(places[:, 0] + 1j * places[:, 1])
+        sense = np.sign(along)
+        return cls(
+            origins[0], across, float((tool - origins[0]) @ normal), normal, sense, np.array(steps)
+        )
+
+    def split(self, tool_position: Float) -> tuple[Complex, Float]:
+        """Return places in the plane and heights above the tool's own, shape (N,) each. [m]"""
+        away = tool_position - self.origin
+        plane = away @ self.across.T
+        return plane[:, 0] + 1j * plane[:, 1], away @ self.normal - self.height
+
+    def tool(self, joint_position: Float) -> Complex:
+        """Return the tool's place in the plane.
+
+        Args:
+            joint_position: Shape (..., n). [rad]
+
+        Returns:
+            Shape (...,). [m]
+        """
+        theta = np.cumsum(joint_position * self.sense, axis=-1)
+        return np.asarray((self.link * np.exp(1j * theta)).sum(axis=-1))
+
+    def reach(self, joint_position: Float, free: Sequence[int]) -> tuple[complex, float, float]:
+        """Where the tool gets to with some joints only.
+
+        Args:
+            joint_position: Of the others, shape (n,). [rad]
+            free: Indices of the joints that move, rising.
+
+        Returns:
+            Place of the first free joint, least and greatest distance from it. [m]
+        """
+        start, links = self.chain(joint_position, free)
+        size = np.abs(links)
+        total = float(size.sum())
+        return start, max(0.0, 2.0 * float(size.max()) - total), total
+
+    def chain(self, joint_position: Float, free: Sequence[int]) -> tuple[complex, Complex]:
+        """Return the arm with every joint that is held made one with its neighbours.
+
+        Returns:
+            Place of the first free joint, and the links from free joint to free joint, the last
+            to the tool, with the free joints at zero, shape (len(free),). [m]
+        """
+        held = joint_position.copy()
+        held[list(free)] = 0.0
+        vectors = self.link * np.exp(1j * np.cumsum(held * self.sense))
+        edges = [0, *free, len(vectors)]
+        start = complex(vectors[: edges[1]].sum())
+        parts = [vectors[a:b].sum() for a, b in pairwise(edges[1:])]
+        return start, np.array(parts)
+
+    def two_free(self, place: Complex, start: Float, free: Sequence[int]) -> Float:
+        """Closed form for two free joints, on the side of the start.
+
+        Args:
+            place: Of the tool, within reach, shape (N,). [m]
+            start: Joint positions before the first place; tells the side, shape (n,). [rad]
+            free: Indices of the two joints.
+
+        Returns:
+            Shape (N, n); nan where both links lie in one line. [rad]
+        """
+        origin, (inner, outer) = self.chain(start, free)
+        a, b = free
+        bend = np.angle(outer) - np.angle(inner)
+        side = np.sin(self.sense[b] * start[b] + bend)
+        way = place - origin
+        size = abs(inner) * abs(outer)
+        cosine = (np.abs(way) ** 2 - abs(inner) ** 2 - abs(outer) ** 2) / (2.0 * size)
+        sine = np.sqrt(np.maximum(1.0 - cosine**2, 0.0)) * (-1.0 if side < 0 else 1.0)
+        second = np.arctan2(sine, cosine) - bend
+        first = np.angle(way) - np.angle(inner + outer * np.exp(1j * second))
+        result = np.tile(start, (len(place), 1))
+        for joint, angle in ((a, first), (b, second)):
+            turned = np.concatenate([start[joint : joint + 1], angle * self.sense[joint]])
+            result[:, joint] = np.unwrap(turned)[1:]
+        result[np.abs(sine) < STRETCHED] = np.nan
+        return result
+
+    def nearest(self, place: Complex, start: Float, free: Sequence[int], weight: Float) -> Float:
+        """Configurations nearest to the start, tool in place, found along the path.
+
+        Args:
+            place: Of the tool, shape (N,). [m]
+            start: The reference, shape (n,). [rad]
+            free: Indices of the joints that move, three or more.
+            weight: Of each joint's way from the reference, > 0, shape (n,). [-]
+
+        Returns:
+            Shape (N, n); nan from the first place that was not found. [rad]
+        """
+        result = np.full((len(place), len(start)), np.nan)
+        posture, force = start.copy(), np.zeros(2)
+        before = complex(self.tool(posture))
+        for row, wanted in enumerate(place.tolist()):
+            strides = max(1, int(np.ceil(abs(wanted - before) / STRIDE)))
+            for share in np.linspace(0.0, 1.0, strides + 1)[1:]:
+                goal = before + share * (wanted - before)
+                found = self._nearest(goal, posture, force, start, free, weight)
+                if found is None:
+                    return result
+                posture, force = found
+            result[row], before = posture, wanted
+        return result
+
+    def _nearest(
+        self,
+        place: complex,
+        posture: Float,
+        force: Float,
+        start: Float,
+        free: Sequence[int],
+        weight: Float,
+    ) -> tuple[Float, Float] | None:
+        """Newton's method for the tool in place and the objective level along the rest."""
+        index = list(free)
+        count = len(index)
+        later = np.maximum.outer(np.arange(count), np.arange(count))
+        signs = np.outer(self.sense[index], self.sense[index])
+        matrix = np.zeros((count + 2, count + 2))
+        posture = posture.copy()
+        for _ in range(MOST_STEPS):
+            vectors = self.link * np.exp(1j * np.cumsum(posture * self.sense))
+            arms = np.cumsum(vectors[::-1])[::-1]  # from each joint to the tool
+            slope = 1j * self.sense[index] * arms[index]
+            jacobian = np.stack([slope.real, slope.imag])
+            away = complex(arms[0]) - place
+            pull = weight[index] * (posture - start)[index] - force @ jacobian
+            if abs(away) < CLOSE and np.abs(pull / weight[index]).max() < FLAT:
+                return posture, force
+            bent = -signs * arms[index][later]  # second derivatives of the place
+            matrix[:count, :count] = -(force[0] * bent.real + force[1] * bent.imag)
+            matrix[range(count), range(count)] += weight[index]
+            matrix[:count, count:] = -jacobian.T
+            matrix[count:, :count] = jacobian
+            try:
+                step = np.linalg.solve(matrix, -np.concatenate([pull, [away.real, away.imag]]))
+            except np.linalg.LinAlgError:
+                return None
+            size = float(np.abs(step[:count]).max())
+            share = min(1.0, LONGEST_STEP / size) if size > 0 else 1.0
+            posture[index] += share * step[:count]
+            force = force + share * step[count:]
+        return None
+
+
+def check_weight(weight: Float | None, n_joints: int) -> Float:
+    """Return weights of the joints, 1 each by default, shape (n,).
+
+    Raises:
+        MotionError: If they are not n figures > 0.
+    """
+    values = np.ones(n_joints) if weight is None else np.asarray(weight, dtype=np.float64)
+    if values.shape != (n_joints,) or not ((values > 0) & np.isfinite(values)).all():
+        raise MotionError(
+            f"the weights of the joints are {values.tolist()}", f"{n_joints} finite figures > 0"
+        )
+    return values
