@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from robot_energy.motion import Program
     from robot_energy.rig import PlantProfile
 
-ROBOTS = ("kr16",)
+ROBOTS = ("kr16", "mantis", "testbed", "irb4600")
 TOOL, LEAST_HEIGHT = "tool0", 0.2  # m: the random program stays above the floor
 
 DESCRIPTION = """\
@@ -77,6 +77,11 @@ def add_parser(commands: Any) -> None:
         metavar="S",
         help="rest after every motion (default 0.2 s)",
     )
+    parser.add_argument(
+        "--drive-power",
+        action="store_true",
+        help="record the electrical input of each drive as well, on /drive_power",
+    )
     parser.add_argument("--overwrite", action="store_true", help="replace the bag of --out")
     add_debug(parser)
     parser.set_defaults(run=run)
@@ -89,12 +94,12 @@ def run(args: Namespace) -> int:
         RobotEnergyError: If the rig cannot be set up so, or the bag not be written.
     """
     from robot_energy.errors import RigError
-    from robot_energy.rig import RigConfig, VirtualRig, kr16_profile
+    from robot_energy.rig import PROFILES, RigConfig, VirtualRig
     from robot_energy.rig.record import record
 
     if args.seed < 0:
         raise RigError(f"the seed is {args.seed}", "a whole number from 0 on")
-    profile = kr16_profile()
+    profile = PROFILES[args.robot]()
     rig = VirtualRig(
         profile,
         _program(profile, args),
@@ -103,7 +108,9 @@ def run(args: Namespace) -> int:
         args.start_temperature,
         args.ambient,
     )
-    recording = record(rig, args.duration, args.out, overwrite=args.overwrite)
+    recording = record(
+        rig, args.duration, args.out, overwrite=args.overwrite, drive_power=args.drive_power
+    )
     out = console()
     out.print(
         f"wrote {recording.path}: {args.duration:g} s of the virtual rig ({args.robot}), "

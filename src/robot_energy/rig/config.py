@@ -25,6 +25,9 @@ class Sensors:
         meter_meaning: MEAN_OVER_INTERVAL, INSTANTANEOUS or CUMULATIVE.
         meter_class: Gain error is drawn once within +- this share (class 0.5: 0.005). [-]
         meter_noise: Standard deviation of one reading, share of it. [-]
+        drive_power_class: Gain error of each drive's own power, drawn once within +- this
+            share. [-]
+        drive_power_noise: Standard deviation of one reading. [W]
     """
 
     encoder_counts: int = 16384
@@ -38,6 +41,8 @@ class Sensors:
     meter_meaning: MeterMeaning = MeterMeaning.MEAN_OVER_INTERVAL
     meter_class: float = 0.005
     meter_noise: float = 0.002
+    drive_power_class: float = 0.01
+    drive_power_noise: float = 0.5
 
     def __post_init__(self) -> None:
         for name in ("encoder_counts", "temperature_rate", "temperature_resolution", "meter_rate"):
@@ -50,6 +55,8 @@ class Sensors:
             "temperature_noise",
             "meter_class",
             "meter_noise",
+            "drive_power_class",
+            "drive_power_noise",
         ):
             if not 0 <= getattr(self, name) < float("inf"):
                 raise RigError(f"the sensors' {name} is {getattr(self, name)}", "a value >= 0")
@@ -81,6 +88,7 @@ class RigConfig:
         stamp_jitter: On or off.
         temperature_sensor: Temperature readings are noisy and rounded.
         meter_error: Meter has gain error and noise.
+        drive_power_error: So have the power readings of the drives.
         thermal_speedup: Factor on the speed of the temperatures alone, motion stays in
             real time; for warming up fast. [-]
         sensors: Figures of the sensors.
@@ -103,6 +111,7 @@ class RigConfig:
     stamp_jitter: bool = True
     temperature_sensor: bool = True
     meter_error: bool = True
+    drive_power_error: bool = True
     thermal_speedup: float = 1.0
     sensors: Sensors = field(default_factory=Sensors)
 

@@ -19,11 +19,13 @@ class RigJoints(Block):
         joint_velocity: Joint side, shape (N, n). [rad/s]
         measured_motor_torque: Motor side, from current and name-plate torque constant,
             shape (N, n). [N m]
+        measured_drive_power: Electrical input of each drive, as it reports, shape (N, n). [W]
     """
 
     joint_position: Float
     joint_velocity: Float
     measured_motor_torque: Float
+    measured_drive_power: Float
 
     def joint_block(self) -> JointBlock:
         """Return what the pipeline takes: one segment of good samples."""
@@ -90,6 +92,16 @@ class Truth(Block):
     capacitor_power: Float
     bus_voltage: Float
     grid_power: Float
+
+    @property
+    def shaft_power(self) -> Float:
+        """Rigid and friction power of each axis, shape (N, n). [W]"""
+        return self.rigid_power + self.friction_power
+
+    @property
+    def drive_power(self) -> Float:
+        """Electrical input of each drive, shape (N, n). [W]"""
+        return self.shaft_power + self.iron_loss + self.copper_loss + self.inverter_loss
 
 
 @dataclass(frozen=True)

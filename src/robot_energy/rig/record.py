@@ -21,6 +21,7 @@ from robot_energy.wire import Encoder, stamp_columns
 JOINT_STATES = "/joint_states"
 MOTOR_TEMPERATURES = "/motor_temperatures"
 POWER_METER = "/power_meter"
+DRIVE_POWER = "/drive_power"
 
 ORIGIN = "virtual rig: simulated, nothing in it was measured on a robot"
 STEP = 1.0  # s of samples written at once
@@ -67,6 +68,12 @@ class RigEncoder:
             {"temperature_degc": n_joints},
         )
         self._meter = Encoder("ros2_energy_msgs/msg/PowerReading")
+        # Without a layout, as drivers write it: one value per joint in the order of the joints.
+        self._drives = Encoder(
+            "std_msgs/msg/Float64MultiArray",
+            {"layout.data_offset": 0},
+            {"layout.dim": 0, "data": n_joints},
+        )
 
     def joint_states(self, block: RigJoints) -> NDArray[np.uint8]:
         """Return sensor_msgs/JointState messages, shape (N, size)."""
@@ -79,6 +86,12 @@ class RigEncoder:
             },
             len(block),
         )
+
+    def drive_power(self, block: RigJoints) -> NDArray[np.uint8]:
+        """Return std_msgs/Float64MultiArray messages, one value per drive, shape (N, size)."""
+        nothing = np.empty((len(block), 0), dtype=np.uint32)
+        columns = {"layout.dim.size": nothing, "layout.dim.stride": nothing}
+        return self._drives.encode({**columns, "data": block.measured_drive_power}, len(block))
 
     def temperatures(self, block: TemperatureBlock) -> NDArray[np.uint8]:
         """Return ros2_energy_msgs/MotorTemperatures messages, shape (N, size)."""
@@ -159,6 +172,7 @@ def record(
     path: str | Path,
     compression: Literal["zstd", "none"] = "zstd",
     overwrite: bool = False,
+    drive_power: bool = False,
 ) -> Recording:
     """Run a rig and write its topics to a bag.
 
@@ -172,6 +186,8 @@ def record(
         path: Folder of the bag, made here.
         compression: Of the chunks.
         overwrite: Replace a bag that is there.
+        drive_power: Record the electrical input of each drive as well, on ``/drive_power``
+            (std_msgs/Float64MultiArray), at every sample of the joint states.
 
     Returns:
         What was written.
@@ -186,15 +202,19 @@ def record(
         raise RigError(f"a run of {duration} s holds no sample", "a longer duration")
     encoder = RigEncoder(rig.joint_names)
     counts: dict[str, int] = {JOINT_STATES: 0, MOTOR_TEMPERATURES: 0, POWER_METER: 0}
+    if drive_power:
+        counts[DRIVE_POWER] = 0
     energy = 0.0
     queue = _Queue()
     with BagWriter(path, compression, overwrite, origin=ORIGIN) as bag:
         bag.add_topic(JOINT_STATES, "sensor_msgs/msg/JointState", SENSOR_QOS)
         bag.add_topic(MOTOR_TEMPERATURES, "ros2_energy_msgs/msg/MotorTemperatures")
         bag.add_topic(POWER_METER, "ros2_energy_msgs/msg/PowerReading")
+        if drive_power:
+            bag.add_topic(DRIVE_POWER, "std_msgs/msg/Float64MultiArray")
         output: RigOutput | None = first
         while output is not None:
-            for topic, time_ns, rows in _messages(encoder, output):
+            for topic, time_ns, rows in _messages(encoder, output, drive_power):
                 queue.add(topic, time_ns, rows)
                 counts[topic] += len(rows)
             energy += float(output.truth.grid_power.sum()) * rig.period
@@ -205,10 +225,12 @@ def record(
 
 
 def _messages(
-    encoder: RigEncoder, output: RigOutput
+    encoder: RigEncoder, output: RigOutput, drive_power: bool
 ) -> Iterator[tuple[str, Int, NDArray[np.uint8]]]:
     joints = output.joints
     yield JOINT_STATES, joints.stamp_ns + JOINT_DELAY_NS, encoder.joint_states(joints)
+    if drive_power:
+        yield DRIVE_POWER, joints.stamp_ns + JOINT_DELAY_NS, encoder.drive_power(joints)
     if output.temperatures is not None:
         stamp = output.temperatures.stamp_ns + TEMPERATURE_DELAY_NS
         yield MOTOR_TEMPERATURES, stamp, encoder.temperatures(output.temperatures)

@@ -34,6 +34,7 @@ class Stream(IntEnum):
     STAMP = 2
     TEMPERATURE = 3
     METER = 4
+    DRIVE = 5
 
 
 def stream(seed: int, purpose: Stream) -> np.random.Generator:
@@ -61,6 +62,9 @@ class JointSensors:
         self._velocity = stream(seed, Stream.VELOCITY)
         self._torque = stream(seed, Stream.TORQUE)
         self._stamp = stream(seed, Stream.STAMP)
+        self._drive = stream(seed, Stream.DRIVE)
+        gain = self._drive.uniform(-1.0, 1.0, len(drivetrain.rotor_inertia))
+        self._drive_gain = 1.0 + gain * config.sensors.drive_power_class
         self._period_ns = period_ns
 
     def stamp(self, stamp_ns: Int) -> Int:
@@ -94,6 +98,13 @@ class JointSensors:
             return measured_motor_torque
         noise = self._torque.standard_normal(measured_motor_torque.shape)
         return measured_motor_torque + noise * self._config.sensors.torque_noise
+
+    def drive_power(self, drive_power: Float) -> Float:
+        """Return what the drives say of their electrical input, shape (N, n). [W]"""
+        if not self._config.drive_power_error:
+            return drive_power
+        noise = self._drive.standard_normal(drive_power.shape)
+        return drive_power * self._drive_gain + noise * self._config.sensors.drive_power_noise
 
 
 class TemperatureSensor:

@@ -1,4 +1,4 @@
-"""The virtual test rig: a plant of the KR 16 class that runs a program.
+"""The virtual test rig: a plant that runs a program.
 
 Independent of the monitored model: both share rigid bodies and drivetrain, nothing else.
 The robot follows its program exactly.
@@ -197,6 +197,7 @@ class VirtualRig:
             joint_position=sensors.position(truth.joint_position),
             joint_velocity=sensors.velocity(truth.joint_velocity),
             measured_motor_torque=sensors.torque(drives.measured_motor_torque),
+            measured_drive_power=sensors.drive_power(truth.drive_power),
         )
         return joints, truth
 
