@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 from robot_energy.blocks import Quality
 from robot_energy.ingest import Accounting, JointStateIngest, MeterIngest, TemperatureIngest
@@ -45,9 +45,18 @@ def joint_state_source(inboxes: list[Inbox], ingest: JointStateIngest, timeout: 
             "joints_ignored": len(ingest.ignored_joints),
             **{f"age.{name}": age for name, age in ingest.ages.items()},
         }
+        found.remarks += strangers(topics, ingest.ignored_joints)
         return found
 
     return findings
+
+
+def strangers(topics: str, names: Iterable[str]) -> list[str]:
+    """Name joints that a topic brings and the model does not know, one sentence each."""
+    return [
+        f"{topics} also names '{name}', which the model does not know: ignored"
+        for name in sorted(names)
+    ]
 
 
 def temperature_source(
@@ -77,6 +86,7 @@ def temperature_source(
             **{f"readings_{key}": value for key, value in _readings(stage).items()},
             **{f"motor_temperature_degc.{name}": value for name, value in degc.items()},
         }
+        found.remarks += strangers(topics, ingest.ignored_joints)
         for doubt in ingest.doubts:
             found.add(WARN, doubt)
         if unknown and ingest.account.rejected and not ingest.account.accepted:

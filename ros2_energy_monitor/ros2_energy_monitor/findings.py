@@ -19,6 +19,7 @@ OK, WARN, ERROR, STALE = (
     DiagnosticStatus.ERROR,
     DiagnosticStatus.STALE,
 )
+MOST_REMARKS = 100  # kept, so that a topic of ever new names cannot fill the memory
 SEVERITY = {OK: 0, WARN: 1, STALE: 2, ERROR: 3}
 
 
@@ -29,10 +30,12 @@ class Findings:
     Attributes:
         name: What the status is about.
         values: Numeric key values.
+        remarks: Sentences for the log, each said once in the life of the node.
     """
 
     name: str
     values: dict[str, Number] = field(default_factory=lambda: dict[str, Number]())
+    remarks: list[str] = field(default_factory=lambda: list[str]())
     _found: list[tuple[bytes, str]] = field(default_factory=lambda: list[tuple[bytes, str]]())
 
     def add(self, level: bytes, message: str) -> None:
@@ -68,9 +71,10 @@ class Reporter:
     def __init__(self, node: Node) -> None:
         self._node = node
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self._said: set[str] = set()
 
     def publish(self, statuses: list[Findings], model_id: str) -> None:
-        """Publish the statuses.
+        """Publish the statuses, and log the remarks that are new.
 
         Args:
             statuses: What was found, by subject.
@@ -80,6 +84,10 @@ class Reporter:
         message.header.stamp = self._node.get_clock().now().to_msg()
         message.status = [self._status(found, model_id) for found in statuses]
         self._publisher.publish(message)
+        for remark in (remark for found in statuses for remark in found.remarks):
+            if remark not in self._said and len(self._said) < MOST_REMARKS:
+                self._said.add(remark)
+                self._node.get_logger().info(remark)
 
     def _status(self, found: Findings, model_id: str) -> DiagnosticStatus:
         return DiagnosticStatus(

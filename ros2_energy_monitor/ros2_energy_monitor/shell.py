@@ -18,6 +18,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from robot_energy.errors import RobotEnergyError
+from ros2_energy_monitor.shared_memory import clear_ports
 
 EXIT_BAD_SETUP = 2
 PATIENCE = 0.2  # longest time until a signal is noticed [s]
@@ -110,6 +111,8 @@ def run(make_node: Callable[..., Node], args: Sequence[str] | None = None) -> in
     name = getattr(make_node, "NAME", "robot_energy")
     try:
         with ros(args) as context:
+            for sentence in clear_ports():
+                get_logger(name).warning(sentence)
             node = make_node(context=context)
             try:
                 spin(node, context, lambda: stop.received or getattr(node, "finalized", False))

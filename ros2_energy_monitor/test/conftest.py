@@ -24,6 +24,7 @@ from ros2_energy_monitor import monitor_node
 from ros2_energy_monitor.drain import Inbox
 from ros2_energy_monitor.node_parameters import RobotParameters
 from ros2_energy_monitor.publishers import best_effort, reliable
+from ros2_energy_monitor.shared_memory import clear_ports
 from ros2_energy_monitor.virtual_robot import make_rig
 
 PATIENCE = 30.0  # s, on a machine that does much else
@@ -59,6 +60,7 @@ class Bench:
     """Nodes of one test with their executor."""
 
     def __init__(self) -> None:
+        clear_ports()  # of a process that another test has killed
         self.context = Context()
         rclpy.init(args=[], context=self.context, signal_handler_options=SignalHandlerOptions.NO)
         self.executor = SingleThreadedExecutor(context=self.context)

@@ -57,6 +57,25 @@ def test_the_log_says_what_is_modelled(bench, monitor, capfd):
     assert "tick_rate 25.0" in output
 
 
+def test_a_remark_is_logged_once(bench, capfd):
+    bench.add(TorqueMonitor, model="kr16")
+    diagnosed = bench.diagnosed()
+    publisher = bench.publisher(JointState, "joint_states")
+    publisher.publish(JointState(name=["gripper", "lift"], position=[0.0, 0.0]))
+    name = "torque_monitor: joint states"
+
+    def ignored() -> float:
+        return diagnosed.values(diagnosed[name])["joints_ignored"]
+
+    diagnosed.wait(name, "lack joint_a1")
+    bench.spin_until(lambda: ignored() == 2, "a report on two joints")
+    first = diagnosed[name]
+    bench.spin_until(lambda: diagnosed[name] is not first, "another report")
+    output = capfd.readouterr().err
+    for stranger in ("gripper", "lift"):
+        assert output.count(f"also names '{stranger}', which the model does not know") == 1
+
+
 def test_torque_monitor_publishes_one_torque_per_state(bench, messages):
     node = bench.add(TorqueMonitor, model="kr16")
     torques = bench.inbox(JointTorque, "energy/joint_torque")

@@ -21,6 +21,8 @@ from robot_energy.model_file.figure import PositiveFigure
 from robot_energy.model_file.joint import ConstantLaw, ExponentialLaw, JointFriction, TableLaw
 from robot_energy.model_file.schema import RobotModel
 
+SPREAD_POINTS = 101  # of a law, over its range
+
 
 @dataclass(frozen=True)
 class ViscousLaw:
@@ -36,6 +38,7 @@ class ViscousLaw:
     lower_degc: float
     upper_degc: float
     _formula: Callable[[Float], Float]
+    _deviation: Callable[[Float], Float]
 
     def viscous(self, motor_temperature_degc: Float | float) -> Float:
         """Return the viscous coefficient.
@@ -50,6 +53,42 @@ class ViscousLaw:
             np.asarray(motor_temperature_degc, dtype=np.float64), self.lower_degc, self.upper_degc
         )
         return self._formula(inside)
+
+    def std(self, motor_temperature_degc: Float | float) -> Float:
+        """Return the standard deviation of the viscous coefficient at a known temperature.
+
+        Args:
+            motor_temperature_degc: Any shape. [degC]
+
+        Returns:
+            Same shape, motor side; NaN where the law has none, outside its range and where
+            the temperature is NaN. [N m s/rad]
+        """
+        values = np.asarray(motor_temperature_degc, dtype=np.float64)
+        known = np.isfinite(values) & ~self.extrapolated(values)
+        return np.where(known, self._deviation(np.where(known, values, 0.0)), np.nan)
+
+    def std_unknown(self, assumed_degc: float) -> float:
+        """Return the deviation from the coefficient at an assumed temperature.
+
+        The true temperature is taken to lie anywhere in the fitted range, each value as
+        likely as another: ``sqrt(mean((fv(T) - fv(assumed))^2) + std(assumed)^2)``. The
+        second term is left out where it is not known, so the result is a lower bound.
+
+        Args:
+            assumed_degc: Used instead of a measurement. [degC]
+
+        Returns:
+            Motor side; NaN where nothing is known of it, as for a constant law without a
+            deviation. [N m s/rad]
+        """
+        own = float(self.std(assumed_degc))
+        if not np.isfinite([self.lower_degc, self.upper_degc]).all():
+            return own
+        span = np.linspace(self.lower_degc, self.upper_degc, SPREAD_POINTS)
+        off = (self.viscous(span) - self.viscous(assumed_degc)) ** 2
+        spread = float(np.trapezoid(off, span)) / (self.upper_degc - self.lower_degc)
+        return float(np.sqrt(spread + (own**2 if np.isfinite(own) else 0.0)))
 
     def extrapolated(self, motor_temperature_degc: Float | float) -> NDArray[np.bool_]:
         """Tell where the edge of the range is held, same shape."""
@@ -69,17 +108,26 @@ def viscous_law(entry: ConstantLaw | ExponentialLaw | TableLaw) -> ViscousLaw:
     match entry:
         case ConstantLaw():
             value = entry.viscous.value
-            return ViscousLaw(-np.inf, np.inf, lambda t: np.where(np.isnan(t), t, value))
+            std = _level(entry.viscous.std)
+            return ViscousLaw(-np.inf, np.inf, lambda t: np.where(np.isnan(t), t, value), std)
         case ExponentialLaw():
             a, b, c = entry.a.value, entry.b.value, entry.c.value
             lower, upper = entry.fitted_degc
-            return ViscousLaw(lower, upper, lambda t: a + b * np.exp(-t / c))
+            std = _level(entry.std)
+            return ViscousLaw(lower, upper, lambda t: a + b * np.exp(-t / c), std)
         case TableLaw():
             from scipy.interpolate import PchipInterpolator  # monotone, heavy to import
 
             points = entry.motor_temperature_degc
             curve = PchipInterpolator(points, entry.viscous)
-            return ViscousLaw(points[0], points[-1], lambda t: np.asarray(curve(t)))
+            deviations = entry.std
+
+            def between(degc: Float) -> Float:
+                if deviations is None:
+                    return np.full(np.shape(degc), np.nan)
+                return np.interp(degc, points, deviations)
+
+            return ViscousLaw(points[0], points[-1], lambda t: np.asarray(curve(t)), between)
 
 
 class FrictionModel:
@@ -115,6 +163,29 @@ class FrictionModel:
         """
         columns = [law.viscous(motor_temperature_degc[..., i]) for i, law in enumerate(self.laws)]
         return np.stack(columns, axis=-1)
+
+    def viscous_std(self, motor_temperature_degc: Float) -> Float:
+        """Return standard deviations of the viscous coefficients, see `ViscousLaw.std`.
+
+        Args:
+            motor_temperature_degc: Shape (..., n). [degC]
+
+        Returns:
+            Motor side, same shape; NaN where none is known. [N m s/rad]
+        """
+        columns = [law.std(motor_temperature_degc[..., i]) for i, law in enumerate(self.laws)]
+        return np.stack(columns, axis=-1)
+
+    def viscous_std_unknown(self, assumed_degc: float) -> Float:
+        """Return the deviations where the temperature is assumed, see `ViscousLaw.std_unknown`.
+
+        Args:
+            assumed_degc: Used for every motor. [degC]
+
+        Returns:
+            Motor side, shape (n,); NaN where none is known. [N m s/rad]
+        """
+        return np.asarray([law.std_unknown(assumed_degc) for law in self.laws])
 
     def extrapolated(self, motor_temperature_degc: Float) -> NDArray[np.bool_]:
         """Tell where a law is held at the edge of its range, same shape."""
@@ -181,6 +252,12 @@ def with_fixed_friction(model: RobotModel, motor_temperature_degc: float) -> Rob
         friction = joint.friction.model_copy(update={"viscous": law})
         joints[index] = joint.model_copy(update={"friction": friction})
     return model.model_copy(update={"joints": joints}).with_urdf(model.urdf_xml, model.source)
+
+
+def _level(std: float | None) -> Callable[[Float], Float]:
+    """The same deviation at every temperature; NaN for none."""
+    value = np.nan if std is None else std
+    return lambda degc: np.full(np.shape(degc), value)
 
 
 def _values(figures: list[PositiveFigure | None]) -> Float:

@@ -3,7 +3,12 @@ import pytest
 
 import robots
 from robot_energy.friction import FrictionModel, viscous_law, with_fixed_friction
-from robot_energy.model_file.joint import ExponentialLaw, JointFriction, TableLaw
+from robot_energy.model_file.joint import (
+    ConstantLaw,
+    ExponentialLaw,
+    JointFriction,
+    TableLaw,
+)
 from robots import figure
 
 
@@ -102,3 +107,40 @@ def test_fixed_friction_freezes_the_law_at_one_temperature():
         fixed.viscous(np.array([[20.0, 20.0], [80.0, 80.0]])), [[expected, 2e-4]] * 2, rtol=1e-14
     )
     assert with_fixed_friction(robots.two_link(), 60.0).model_id != robots.two_link().model_id
+
+
+def test_friction_at_an_assumed_temperature_is_less_certain():
+    # Law 2 + 8 exp(-T/20) over 20 to 80, assumed at 60: by Simpson's rule on a fine grid.
+    degc = np.linspace(20, 80, 6001)
+    off = 8 * (np.exp(-degc / 20) - np.exp(-60 / 20))
+    weight = np.ones(6001)
+    weight[1:-1:2], weight[2:-1:2] = 4, 2
+    spread = np.sqrt((weight * off**2).sum() / weight.sum())
+    curve = exponential()
+    assert curve.std_unknown(60.0) == pytest.approx(spread, rel=5e-3)
+    known = law(
+        ExponentialLaw,
+        law="exponential",
+        a=figure(2.0),
+        b=figure(8.0),
+        c=figure(20.0),
+        fitted_degc=[20, 80],
+        std=0.3,
+    )
+    assert known.std(60.0) == 0.3
+    assert known.std_unknown(60.0) == pytest.approx(np.hypot(curve.std_unknown(60.0), 0.3))
+    assert known.std_unknown(60.0) > known.std(60.0)
+
+
+def test_no_deviation_is_invented():
+    assert np.isnan(exponential().std(np.array([10.0, 40.0, np.nan]))).all()
+    table = {
+        "law": "table",
+        "motor_temperature_degc": [20.0, 40.0],
+        "viscous": [2.0, 1.0],
+        "tag": "identified",
+    }
+    assert np.isnan(law(TableLaw, **table).std(30.0))
+    found = law(TableLaw, **table, std=[0.1, 0.3]).std(np.array([19.0, 20.0, 30.0, 41.0]))
+    np.testing.assert_allclose(found, [np.nan, 0.1, 0.2, np.nan])
+    assert np.isnan(law(ConstantLaw, law="constant", viscous=figure(2.0)).std_unknown(60.0))

@@ -150,6 +150,7 @@ def _fit_exponential(data: FrictionData, source: str) -> tuple[ExponentialLaw, R
         b=PositiveFigure(value=cold * lift, tag="identified", std=std["zero"], source=source),
         c=PositiveFigure(value=scale, tag="identified", std=std["scale"], source=source),
         fitted_degc=(float(degc.min()), float(degc.max())),
+        std=std["law"],
     )
     return law, found
 
@@ -157,7 +158,7 @@ def _fit_exponential(data: FrictionData, source: str) -> tuple[ExponentialLaw, R
 def _exponential_std(
     data: FrictionData, fit: Regression, cold: float, scale: float, middle: float
 ) -> dict[str, float | None]:
-    """Deviations of a, b and c, with c as one more column; None where the data tell none.
+    """Deviations of a, b, c and of the law, with c as one more column; None for unknown.
 
     b is the cold part carried to 0 degC: ``b = cold exp(middle/c)``.
     """
@@ -169,13 +170,15 @@ def _exponential_std(
             replace(data, friction_torque=fit.residual), shape, ["hot", "cold", "scale"]
         )
     except NotIdentifiableError:
-        return {"hot": None, "zero": None, "scale": None}
+        return {"hot": None, "zero": None, "scale": None, "law": None}
     lift = np.exp(middle / scale)
     slope = np.array([lift, -cold * lift * middle / scale**2])
     variance = float(slope @ tangent.covariance[2:4, 2:4] @ slope)
+    variances = np.einsum("ij,jk,ik->i", shape, tangent.covariance[1:4, 1:4], shape)
     deviations = {
         "hot": float(tangent.std[1]),
         "zero": float(np.sqrt(variance)),
         "scale": float(tangent.std[3]),
+        "law": float(np.sqrt(variances.max(initial=0.0))),
     }
     return {key: value if np.isfinite(value) else None for key, value in deviations.items()}

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.blocks import FrictionBlock, TemperatureOrigin
+from robot_energy.friction import FrictionModel
 from robot_energy.ingest.accounting import Accounting
 from robot_energy.model_file import RobotModel
 from robot_energy.wire.batch import RawBatch
@@ -13,6 +14,7 @@ from robot_energy.wire.layout import Decoder, Encoder, stamp_columns, stamp_ns
 
 JOINT_FRICTION = "ros2_energy_msgs/msg/JointFriction"
 ARRAYS = ("coulomb", "viscous", "viscous_fallback", "motor_temperature_degc")
+DEVIATIONS = ("viscous_std", "viscous_fallback_std")
 
 
 class FrictionWriter:
@@ -24,6 +26,8 @@ class FrictionWriter:
 
     def __init__(self, model: RobotModel) -> None:
         n_joints = len(model.joints)
+        self._friction = FrictionModel.from_model(model)
+        self._unknown = self._friction.viscous_std_unknown(model.temperature.fallback_degc)
         self._encoder = Encoder(
             JOINT_FRICTION,
             {
@@ -32,7 +36,9 @@ class FrictionWriter:
                 "stale_after": model.temperature.stale_after,
                 "fallback_temperature_degc": model.temperature.fallback_degc,
             },
-            dict.fromkeys((*ARRAYS, "temperature_stamp", "temperature_source"), n_joints),
+            dict.fromkeys(
+                (*ARRAYS, *DEVIATIONS, "temperature_stamp", "temperature_source"), n_joints
+            ),
         )
 
     def encode(self, block: FrictionBlock) -> NDArray[np.uint8]:
@@ -40,12 +46,15 @@ class FrictionWriter:
         measured = ~np.isnan(block.motor_temperature_degc)
         source = np.where(measured, TemperatureOrigin.MEASURED, TemperatureOrigin.FALLBACK)
         columns = {name: getattr(block, name) for name in ARRAYS}
+        std = self._friction.viscous_std(block.motor_temperature_degc)
         return self._encoder.encode(
             {
                 **stamp_columns(block.stamp_ns),
                 **stamp_columns(block.temperature_stamp_ns, "temperature_stamp"),
                 "quality": block.quality,
                 "temperature_source": source.astype(np.uint8),
+                "viscous_std": np.where(measured, std, self._unknown),
+                "viscous_fallback_std": np.tile(self._unknown, (len(block), 1)),
                 **columns,
             },
             len(block),

@@ -34,6 +34,8 @@ class ExponentialLaw(Entry):
         b: Amplitude at 0 degC. [N m s/rad]
         c: Temperature scale. [K]
         fitted_degc: Range of temperatures behind the fit; outside, the edge is held.
+        std: Greatest standard deviation of fv(T) in that range, where identification gave
+            one; those of a, b and c alone do not tell it, since they go together. [N m s/rad]
     """
 
     law: Literal["exponential"]
@@ -41,6 +43,7 @@ class ExponentialLaw(Entry):
     b: PositiveFigure
     c: Annotated[PositiveFigure, Field()]
     fitted_degc: tuple[Number, Number]
+    std: Annotated[float, Field(ge=0)] | None = None
 
     @model_validator(mode="after")
     def _check(self) -> ExponentialLaw:

@@ -57,6 +57,18 @@ def test_intervals_of_fc_a_and_c_cover_the_truth():
     assert (inside >= 51).all(), inside
 
 
+def test_the_deviation_of_the_law_covers_the_true_curve():
+    """Two of its standard deviations, over 60 short recordings and the whole fitted range."""
+    inside = []
+    for seed in range(60):
+        law = fit_friction(measurement(seed, minutes=5)).laws["exponential"]
+        degc = np.linspace(*law.fitted_degc, 20)
+        found = viscous_law(law)
+        inside.append(np.abs(found.viscous(degc) - (A + B * np.exp(-degc / C))) <= 2 * law.std)
+    assert np.mean(inside) >= 0.95
+    assert law.std < 0.1 * A
+
+
 def test_a_drift_during_the_measurement_does_not_bias_the_points():
     """The motor warms by 50 K in one go; each point has the friction of its own temperature."""
     for point in fit_friction(measurement(noise=0.0)).points:

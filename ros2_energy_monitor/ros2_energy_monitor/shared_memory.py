@@ -1,0 +1,73 @@
+"""Shared memory that a killed process has left half made.
+
+Fast DDS, the middleware of Jazzy, exchanges messages over files in ``/dev/shm``. One per
+port is opened or made by whoever comes first, which then marks it as ready in its first
+word. A process killed between the two (SIGKILL, out of memory) leaves a port that is never
+ready, and every process that opens it later waits inside the creation of its node, without
+end and without a word: on the whole machine, since ports count up from the same number in
+every domain. So a monitor looks before it makes its node. Making a port takes a fraction of
+a millisecond; one that is not ready after two seconds has no maker any more.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+FOLDER = Path("/dev/shm")
+PORT = re.compile(r"fastrtps_port\d+")
+READY = 2  # first word of a port that is in use; 0 and 1 before
+ORPHANED = 2.0  # s
+LOOK_AGAIN = 0.05  # s
+
+
+def clear_ports(folder: Path = FOLDER, orphaned: float = ORPHANED) -> list[str]:
+    """Remove ports that were left half made, so that nodes can start again.
+
+    Removing takes the name away only; a process that has the file open keeps it.
+
+    Args:
+        folder: Where shared memory lies.
+        orphaned: Age from which a port that is not ready has no maker any more. [s]
+
+    Returns:
+        One sentence for each port found: that it is removed, or why it could not be.
+    """
+    begin = time.monotonic()
+    while half_made := list(_half_made(folder)):
+        if time.monotonic() - begin >= orphaned:
+            return [_remove(path) for path in half_made]
+        time.sleep(LOOK_AGAIN)
+    return []
+
+
+def _half_made(folder: Path) -> Iterator[Path]:
+    try:
+        paths = [path for path in folder.iterdir() if PORT.fullmatch(path.name)]
+    except OSError:
+        return
+    for path in sorted(paths):
+        try:
+            with path.open("rb") as file:
+                word = file.read(4)
+        except OSError:  # gone, or of another user
+            continue
+        if int.from_bytes(word, "little") != READY:
+            yield path
+
+
+def _remove(path: Path) -> str:
+    what = f"{path}, shared memory of the middleware that a killed process left half made"
+    try:
+        os.unlink(path)
+    except FileNotFoundError:
+        return f"{what}, is gone"
+    except OSError as error:
+        return (
+            f"{what}, blocks every node that starts and cannot be removed ({error.strerror}); "
+            f"remove it: sudo rm {path}"
+        )
+    return f"{what}, was removed: no node could start beside it"

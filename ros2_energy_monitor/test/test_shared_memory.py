@@ -1,0 +1,99 @@
+"""Ports of the middleware that a killed process left half made."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+
+from ros2_energy_monitor import shared_memory
+from ros2_energy_monitor.shared_memory import clear_ports
+
+READY, RAW = b"\2" + bytes(99), bytes(100)
+STARTED = "is monitored"
+
+
+def test_what_is_in_use_is_left_alone_at_once(tmp_path: Path) -> None:
+    (tmp_path / "fastrtps_port7000").write_bytes(READY)
+    (tmp_path / "fastrtps_port7000_el").write_bytes(b"")
+    (tmp_path / "fastrtps_0123456789abcdef").write_bytes(RAW)
+    (tmp_path / "sem.fastrtps_port7000_mutex").write_bytes(RAW)
+    (tmp_path / "other").write_bytes(RAW)
+    assert clear_ports(tmp_path, orphaned=1e9) == []
+    assert len(list(tmp_path.iterdir())) == 5
+
+
+@pytest.mark.parametrize("content", [RAW, b"\1" + bytes(99), b""])
+def test_what_nobody_finishes_is_removed_and_said(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / "fastrtps_port7000").write_bytes(READY)
+    (tmp_path / "fastrtps_port7001").write_bytes(content)
+    (sentence,) = clear_ports(tmp_path, orphaned=0.1)
+    assert "fastrtps_port7001" in sentence
+    assert "was removed" in sentence
+    assert [path.name for path in tmp_path.iterdir()] == ["fastrtps_port7000"]
+
+
+def test_a_port_that_is_being_made_is_waited_for(tmp_path: Path) -> None:
+    path = tmp_path / "fastrtps_port7001"
+    path.write_bytes(RAW)
+    maker = threading.Timer(0.2, path.write_bytes, [READY])
+    maker.start()
+    assert clear_ports(tmp_path, orphaned=60.0) == []
+    maker.join()
+    assert path.exists()
+
+
+def test_what_cannot_be_removed_is_said_with_the_remedy(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "fastrtps_port7001").write_bytes(RAW)
+
+    def refuse(path: Path) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(shared_memory.os, "unlink", refuse)
+    (sentence,) = clear_ports(tmp_path, orphaned=0.0)
+    assert "sudo rm" in sentence
+    assert clear_ports(tmp_path / "none") == []
+
+
+@pytest.mark.skipif(not os.access("/dev/shm", os.W_OK), reason="no shared memory here")
+def test_a_monitor_starts_beside_a_port_left_half_made(child_environment: dict[str, str]) -> None:
+    """With the real middleware, which would wait without end."""
+    environment = {**child_environment}
+    environment.pop("FASTDDS_BUILTIN_TRANSPORTS", None)
+    ports = {n: Path(f"/dev/shm/fastrtps_port{7400 + 250 * n + 11}") for n in range(80, 101)}
+    domain, port = next((n, path) for n, path in ports.items() if not path.exists())
+    environment["ROS_DOMAIN_ID"] = str(domain)
+    port.write_bytes(RAW)
+    monitor = subprocess.Popen(
+        [
+            *(sys.executable, "-m", "ros2_energy_monitor.energy_monitor"),
+            *("--ros-args", "-p", "model:=kr16"),
+        ],
+        env=environment,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert monitor.stderr is not None
+    guard = threading.Timer(60.0, monitor.kill)
+    guard.start()
+    try:
+        told = []
+        for line in monitor.stderr:
+            told.append(line)
+            if STARTED in line:
+                break
+        text = "".join(told)
+        assert STARTED in text
+        assert f"{port}, shared memory" in text
+    finally:
+        guard.cancel()
+        monitor.kill()
+        monitor.wait()
+        monitor.stderr.close()
+        port.unlink(missing_ok=True)
