@@ -43,7 +43,6 @@ def live(seconds: float, folder: Path, stop: StopSignal) -> bool:
     environment = {
         "ROS_DOMAIN_ID": str(os.getpid() % 100 + 1),
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-        "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4",  # nothing stays in /dev/shm
     }
     os.environ.update(environment)
     print(f"Live for {seconds:g} s: a virtual robot that warms up, not a real one", flush=True)

@@ -132,7 +132,6 @@ def bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
 def loopback_bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
     """Nodes of this process that meet those of child processes."""
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    monkeypatch.setenv("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
     bench = Bench()
     yield bench
     bench.close()
@@ -144,7 +143,6 @@ def child_environment() -> dict[str, str]:
     return {
         **os.environ,
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-        "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4",  # nothing stays in /dev/shm
         "PYTHONUNBUFFERED": "1",
     }
 

@@ -9,8 +9,10 @@ import threading
 from pathlib import Path
 
 import pytest
+from rclpy.node import Node
 
-from ros2_energy_monitor import shared_memory
+from robot_energy.errors import ParameterError
+from ros2_energy_monitor import shared_memory, shell
 from ros2_energy_monitor.shared_memory import clear_ports
 
 READY, RAW = b"\2" + bytes(99), bytes(100)
@@ -61,14 +63,25 @@ def test_what_cannot_be_removed_is_said_with_the_remedy(
     assert clear_ports(tmp_path / "none") == []
 
 
+def test_what_was_found_is_logged_before_the_node_is_made(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    def make_node(context: object) -> Node:
+        raise ParameterError("a later complaint")
+
+    monkeypatch.setattr(shell, "clear_ports", lambda: ["a port was removed"])
+    monkeypatch.setattr(shell.signal, "signal", lambda number, handler: None)
+    assert shell.run(make_node, []) == shell.EXIT_BAD_SETUP
+    output = capfd.readouterr().err
+    assert 0 < output.index("a port was removed") < output.index("a later complaint")
+
+
 @pytest.mark.skipif(not os.access("/dev/shm", os.W_OK), reason="no shared memory here")
 def test_a_monitor_starts_beside_a_port_left_half_made(child_environment: dict[str, str]) -> None:
     """With the real middleware, which would wait without end."""
-    environment = {**child_environment}
-    environment.pop("FASTDDS_BUILTIN_TRANSPORTS", None)
     ports = {n: Path(f"/dev/shm/fastrtps_port{7400 + 250 * n + 11}") for n in range(80, 101)}
     domain, port = next((n, path) for n, path in ports.items() if not path.exists())
-    environment["ROS_DOMAIN_ID"] = str(domain)
+    environment = {**child_environment, "ROS_DOMAIN_ID": str(domain)}
     port.write_bytes(RAW)
     monitor = subprocess.Popen(
         [
@@ -89,8 +102,7 @@ def test_a_monitor_starts_beside_a_port_left_half_made(child_environment: dict[s
             if STARTED in line:
                 break
         text = "".join(told)
-        assert STARTED in text
-        assert f"{port}, shared memory" in text
+        assert STARTED in text  # whoever removed the port: monitors of others look as well
     finally:
         guard.cancel()
         monitor.kill()
