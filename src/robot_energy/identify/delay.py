@@ -2,7 +2,8 @@
 
 Drives filter and transport their torque on another way than positions. For every delay in
 a small range the model is fitted on four fifths of the recording and tested on the rest;
-the delay of the least held-out error is the estimate, to fractions of a sample.
+the delay of the least held-out error is the estimate, to fractions of a sample. The fits draw
+on the prior: without it, a short recording leaves parameters free that take up any delay.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.blocks import Float
+from robot_energy.identify.consistent import Prior
 from robot_energy.identify.observations import Observations
 from robot_energy.identify.triangle import triangle_of
 from robot_energy.identify.validation import splits
@@ -39,13 +41,19 @@ class Delay:
 
 
 def estimate_delay(
-    observations: Observations, weight: Float, span: float, folds: int, guard: float
+    observations: Observations,
+    weight: Float,
+    prior: Prior,
+    span: float,
+    folds: int,
+    guard: float,
 ) -> Delay:
     """Estimate the delay by cross-validation.
 
     Args:
-        observations: With independent columns only, torque as measured.
-        weight: Of each joint, shape (n,). [1/(N m)]
+        observations: With the prior's columns, torque as measured.
+        weight: Of each joint, shape (n,), one over the noise of an independent row. [1/(N m)]
+        prior: Of every column.
         span: Delays from minus to plus this are tried. [s]
         folds: Number of contiguous folds.
         guard: Time left out beside each fold. [s]
@@ -60,9 +68,10 @@ def estimate_delay(
     triangles = _triangles(observations, torque, used, weight, folds, guard)
     width = observations.regressor.shape[2]
     error = np.zeros(len(delays))
+    known = _prior_rows(prior, len(delays))
     for test in range(len(triangles)):
-        train = np.concatenate([part for fold, part in enumerate(triangles) if fold != test])
-        triangle = triangle_of(train)
+        train = [part for fold, part in enumerate(triangles) if fold != test]
+        triangle = triangle_of(np.concatenate([*train, known]))
         values = np.linalg.lstsq(triangle[:width, :width], triangle[:width, width:], rcond=None)[0]
         held = triangles[test]
         error += ((held[:, :width] @ values - held[:, width:]) ** 2).sum(axis=0)
@@ -79,6 +88,14 @@ def estimate_delay(
             least = float(here - 0.25 * (before - after) * part)
     gain = 1.0 - least / float(size[STEPS]) if size[STEPS] > 0 else 0.0
     return Delay(value, gain, value if gain >= LEAST_GAIN else 0.0, at_edge)
+
+
+def _prior_rows(prior: Prior, delays: int) -> Float:
+    """Rows ``[parameter, value of every delay] / std`` of what is known, shape (K, P + D)."""
+    known = np.isfinite(prior.std)
+    rows = np.diag(np.where(known, 1.0 / np.where(known, prior.std, 1.0), 0.0))
+    values = rows @ prior.values
+    return np.column_stack([rows, *[values] * delays])[known]
 
 
 def _triangles(

@@ -37,9 +37,9 @@ from robot_energy.identify.sufficiency import (
     remarks,
 )
 from robot_energy.identify.validation import (
-    Estimator,
     TorqueError,
     held_out_torque,
+    predict_held_out,
     torque_error,
 )
 from robot_energy.model_file import RobotModel
@@ -61,6 +61,9 @@ class DynamicsSettings:
         folds: Contiguous folds of the validation.
         uncertainty: Of the URDF's bodies as a prior, share of each figure; the rotor
             inertias of the model file likewise. [-]
+        offset: Of a torque channel as a prior: one standard deviation as a share of the
+            greatest torque measured on the axis. Assumed; what a current sensor may be off
+            by. Gravity that little motion does not tell from an offset stays gravity. [-]
     """
 
     columns: tuple[Column, ...] = field(default_factory=standard_columns)
@@ -69,6 +72,7 @@ class DynamicsSettings:
     delay_span: float = 0.005
     folds: int = 5
     uncertainty: float = 1.0
+    offset: float = 0.01
 
 
 @dataclass(frozen=True)
@@ -114,23 +118,66 @@ class Dynamics:
     def held_out(self) -> TorqueError:
         """Torque error of the least-squares fit on contiguous folds held out."""
         rows = self.observations.with_columns(self.base.independent)
-        return self._held_out(rows, lambda train: estimate(train, self.settings.method)[0])
+        with one_thread():
+            return held_out_torque(
+                rows,
+                lambda train: estimate(train, self.settings.method)[0],
+                self.settings.folds,
+                1.0 / self.settings.filters.cutoff,
+            )
 
     def held_out_consistent(self) -> TorqueError:
-        """Torque error of the physically consistent fit on contiguous folds held out."""
+        """Torque error of the model file on contiguous folds held out.
+
+        The physically consistent fit without the offsets of the torque channels, which a
+        model file does not hold.
+        """
+        return torque_error(self.observations, self.predict_held_out())
+
+    def predict_held_out(self) -> Float:
+        """Return what the model file says of every contiguous fold, fitted to the others.
+
+        Returns:
+            Joint torque at the rows of `observations`, shape (N, n). [N m] or [N]
+        """
         robot, transmission = _mechanics(self.model)
         rows = _restricted(self.observations, robot, transmission, self.columns)
-        prior = _prior(self.model, robot, self.columns, self.settings.uncertainty)
+        prior = _prior(self.model, robot, self.columns, self.settings, rows)
         weight = _whitening(rows, self.exported)
-        return self._held_out(
-            rows,
-            lambda train: _consistent(train, weight, prior, self.columns, robot, transmission),
-        )
 
-    def _held_out(self, rows: Observations, estimator: Estimator) -> TorqueError:
+        def estimator(train: Observations) -> Float:
+            values = _consistent(train, weight, prior, self.columns, robot, transmission)
+            return _without_offsets(values, rows.names)
+
         with one_thread():
             guard = 1.0 / self.settings.filters.cutoff
-            return held_out_torque(rows, estimator, self.settings.folds, guard)
+            return predict_held_out(rows, estimator, self.settings.folds, guard)
+
+    def rows_of(self, channels: Sequence[Channels]) -> Observations:
+        """Return the rows of other recordings, filtered alike and with the delay undone.
+
+        Args:
+            channels: Stretches without gaps, at any one rate.
+        """
+        robot, transmission = _mechanics(self.model)
+        with one_thread():
+            rows = observe(
+                channels, robot, transmission, self.settings.columns, self.settings.filters
+            )
+        return rows.advanced(self.delay.applied)
+
+    def predict(self, rows: Observations) -> Float:
+        """Return what the model file says of rows, offsets of the sensor left out.
+
+        Args:
+            rows: Of `rows_of`.
+
+        Returns:
+            Joint torque, shape (N, n). [N m] or [N]
+        """
+        robot, transmission = _mechanics(self.model)
+        part = _restricted(rows, robot, transmission, self.columns)
+        return part.regressor @ _without_offsets(self.standard, part.names)
 
     def motor_torque(self, motion: Motion) -> Float:
         """Motor torque that the exported model must give, offsets of the sensor left out.
@@ -144,7 +191,7 @@ class Dynamics:
         robot, transmission = _mechanics(self.model)
         regressor = regressor_of(motion, robot, transmission, self.columns)
         names = parameter_names(robot, transmission, self.columns)
-        values = np.where([name.startswith("offset ") for name in names], 0.0, self.standard)
+        values = _without_offsets(self.standard, names)
         payload = robot.joint_torque(
             motion.joint_position, motion.joint_velocity, motion.joint_acceleration
         ) - (regressor[:, :, : 10 * robot.n_joints] @ robot.link_parameters)
@@ -197,14 +244,17 @@ def _identify(
             "motion in which each of them makes a torque of its own",
             "record all joints moving at once, at several speeds and far apart",
         )
-    guard = 1.0 / settings.filters.cutoff
+    result = fit(independent, settings.method)
     delay = Delay(0.0, 0.0, 0.0, False)
     if settings.delay_span > 0.0:
-        noise = fit_noise(independent, settings.method)
-        delay = estimate_delay(independent, noise, settings.delay_span, settings.folds, guard)
-        rows = rows.advanced(delay.applied)
-        independent = rows.with_columns(base.independent)
-    result = fit(independent, settings.method)
+        guard = 1.0 / settings.filters.cutoff
+        prior = _prior(model, robot, settings.columns, settings, rows)
+        weight = _whitening(rows, result).max(axis=0)
+        delay = estimate_delay(rows, weight, prior, settings.delay_span, settings.folds, guard)
+        if delay.applied:
+            rows = rows.advanced(delay.applied)
+            independent = rows.with_columns(base.independent)
+            result = fit(independent, settings.method)
     columns = tuple(
         column for column in settings.columns if column.in_model or column.kind == "offset"
     )
@@ -214,8 +264,8 @@ def _identify(
         exported_base = structure(robot, transmission, columns)
         part = _restricted(rows, robot, transmission, columns)
         exported = fit(part.with_columns(exported_base.independent), settings.method)
-    prior = _prior(model, robot, columns, settings.uncertainty)
     part = _restricted(rows, robot, transmission, columns)
+    prior = _prior(model, robot, columns, settings, part)
     standard = _consistent(part, _whitening(part, exported), prior, columns, robot, transmission)
     in_sample = torque_error(independent, independent.regressor @ result.values)
     poor = poorly_known(base, result, link_prior(robot.link_parameters, 1.0))
@@ -254,14 +304,6 @@ def structure(robot: Robot, transmission: Float, columns: Sequence[Column]) -> B
     return base_parameters(regressor.reshape(-1, len(names)), names)
 
 
-def fit_noise(observations: Observations, method: Method) -> Float:
-    """Return one over the noise of each joint's residual, shape (n,). [1/(N m)]"""
-    values, _ = estimate(observations, method)
-    error = (observations.joint_torque - observations.regressor @ values) * observations.used
-    count = np.maximum(observations.used.sum(axis=0), 1)
-    return 1.0 / np.maximum(np.sqrt((error**2).sum(axis=0) / count), 1e-12)
-
-
 def _mechanics(model: RobotModel) -> tuple[Robot, Float]:
     return Robot.from_model(model), Drivetrain.from_model(model).transmission
 
@@ -276,18 +318,35 @@ def _restricted(
     return rows.with_columns([rows.names.index(name) for name in names])
 
 
-def _prior(model: RobotModel, robot: Robot, columns: Sequence[Column], uncertainty: float) -> Prior:
-    """The URDF's bodies and the model file's rotors; nothing is known of the rest."""
-    links = link_prior(robot.link_parameters, uncertainty)
+def _prior(
+    model: RobotModel,
+    robot: Robot,
+    columns: Sequence[Column],
+    settings: DynamicsSettings,
+    rows: Observations,
+) -> Prior:
+    """The URDF's bodies, the model file's rotors, small offsets; nothing else is known."""
+    links = link_prior(robot.link_parameters, settings.uncertainty)
     values, std = [links.values], [links.std]
     ratio = np.array([joint.gear_ratio.value for joint in model.joints])
     rotor = np.array([joint.rotor_inertia.value for joint in model.joints]) * ratio**2
+    greatest = np.abs(rows.joint_torque[rows.compared]).max(axis=0)
+    transmission = Drivetrain.from_model(model).transmission
     for column in columns:
-        known = column.kind == "rotor_inertia"
-        values.append(rotor if known else np.zeros(len(rotor)))
-        share = np.where(rotor > 0.0, uncertainty * rotor, np.inf)
-        std.append(share if known else np.full(len(rotor), np.inf))
+        count = len(column.joints(transmission))
+        centre, width = np.zeros(count), np.full(count, np.inf)
+        if column.kind == "rotor_inertia":
+            centre, width = rotor, np.where(rotor > 0.0, settings.uncertainty * rotor, np.inf)
+        elif column.kind == "offset":
+            width = np.maximum(settings.offset * greatest, np.finfo(float).tiny)
+        values.append(centre)
+        std.append(width)
     return Prior(np.concatenate(values), np.concatenate(std))
+
+
+def _without_offsets(values: Float, names: Sequence[str]) -> Float:
+    """Parameters as a model file holds them."""
+    return np.where([name.startswith("offset ") for name in names], 0.0, values)
 
 
 def _whitening(rows: Observations, result: Fit) -> Float:

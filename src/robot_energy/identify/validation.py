@@ -67,11 +67,28 @@ def held_out_torque(
     Returns:
         The errors of all folds together.
     """
+    return torque_error(observations, predict_held_out(observations, estimate, folds, guard))
+
+
+def predict_held_out(
+    observations: Observations, estimate: Estimator, folds: int, guard: float
+) -> Float:
+    """Return the torque of every fold as the others predict it.
+
+    Args:
+        observations: The rows.
+        estimate: As of `held_out_torque`.
+        folds: Number of contiguous folds.
+        guard: Time left out of the training on both sides of the fold. [s]
+
+    Returns:
+        Joint torque, shape (N, n). [N m] or [N]
+    """
     predicted = np.zeros_like(observations.joint_torque)
     for test, train in splits(observations, folds, guard):
         values = estimate(replace(observations, used=observations.used & train[:, None]))
         predicted[test] = observations.regressor[test] @ values
-    return torque_error(observations, predicted)
+    return predicted
 
 
 def splits(
