@@ -18,12 +18,15 @@ if TYPE_CHECKING:
     from robot_energy.model_file import RobotModel
     from robot_energy.report.dynamics import Reference
 
+    # Model, stretches of every recording by its name, sources, friction known from elsewhere.
+    Read = tuple[RobotModel, dict[str, list[Channels]], list[str], Reference | None]
+
 EFFORTS = ("motor_torque", "joint_torque", "motor_current")
 
 DESCRIPTION = """\
 Identify inertial parameters, rotor inertias and friction of a robot from recorded positions
 and motor torques, with standard deviations and errors on held-out data, and write a model
-file that the monitor runs.
+file that the monitor runs. Of several recordings, each is also predicted from the others.
 
 From bags, with a model file for kinematics and gears; or directly from raw drive logs, by a
 YAML file that says what they hold (src/examples/identify/tx40.yaml). Record all joints moving
@@ -35,6 +38,7 @@ examples:
       --effort motor_torque --out identified.yaml
   robot-energy identify dynamics --log tx40.yaml --data recordings --out tx40_model.yaml
   robot-energy identify dynamics --log tx40.yaml --details --method irls
+  robot-energy identify dynamics --log kr300.yaml --data recordings
 """
 
 
@@ -98,19 +102,22 @@ def run(args: Namespace) -> int:
     Raises:
         RobotEnergyError: If mapping, files or recording cannot be used.
     """
+    from robot_energy.identify.across import across_recordings
     from robot_energy.identify.dynamics import identify_dynamics
     from robot_energy.identify.dynamics_model import to_model
     from robot_energy.model_file import save
-    from robot_energy.report.dynamics import Effort, print_dynamics
+    from robot_energy.report.dynamics import Effort, print_across, print_dynamics
 
     check_writable(args.out, "the model")
     _check(args)
     for name in ("clarabel", "scipy.interpolate", "scipy.ndimage", "scipy.signal", "scipy.stats"):
         import_module(name)  # here, so that the time below is of the work alone
     begin = time.perf_counter()
-    model, channels, sources, reference = _log(args) if args.log else _bags(args)
+    model, recordings, sources, reference = _log(args) if args.log else _bags(args)
     read = time.perf_counter()
-    result = identify_dynamics(channels, model, _settings(args))
+    settings = _settings(args)
+    channels = [part for stretches in recordings.values() for part in stretches]
+    result = identify_dynamics(channels, model, settings)
     written = to_model(result, sources)
     if args.out:
         save(written, args.out)
@@ -126,6 +133,8 @@ def run(args: Namespace) -> int:
         Effort(read - begin, done - read, peak),
         args.details,
     )
+    if len(recordings) > 1:
+        print_across(out, across_recordings(recordings, model, settings), model.joint_names)
     if args.out:
         out.print(f"wrote {args.out}: model {written.model_id}", soft_wrap=True)
     return 0
@@ -143,7 +152,7 @@ def _check(args: Namespace) -> None:
         )
 
 
-def _log(args: Namespace) -> tuple[RobotModel, list[Channels], list[str], Reference | None]:
+def _log(args: Namespace) -> Read:
     """Read raw files by their mapping."""
     from robot_energy.identify.raw_log import load_drive_log, model_of, read_channels
     from robot_energy.model_file import load
@@ -151,14 +160,15 @@ def _log(args: Namespace) -> tuple[RobotModel, list[Channels], list[str], Refere
 
     log = load_drive_log(args.log)
     folder = Path(args.data) if args.data else Path(args.log).parent
-    model = load(args.model) if args.model else model_of(log, folder)
+    beside = Path(args.log).parent
+    model = load(args.model) if args.model else model_of(log, folder, beside)
     known = log.reference
     reference = None if known is None else Reference(known.viscous, known.coulomb, known.source)
-    sources = [log.position.file, log.torque.file]
-    return model, [read_channels(log, model, folder)], sources, reference
+    recordings = {name: [read_channels(log, model, folder, name)] for name in log.names}
+    return model, recordings, list(log.files), reference
 
 
-def _bags(args: Namespace) -> tuple[RobotModel, list[Channels], list[str], Reference | None]:
+def _bags(args: Namespace) -> Read:
     """Run bags through the stages of the monitor."""
     from robot_energy.blocks import EffortMeaning
     from robot_energy.identify.recordings import read_recording
@@ -166,18 +176,22 @@ def _bags(args: Namespace) -> tuple[RobotModel, list[Channels], list[str], Refer
     from robot_energy.model_file import load
 
     model, effort = load(args.model), EffortMeaning[args.effort.upper()]
-    channels: list[Channels] = []
+    recordings: dict[str, list[Channels]] = {}
+    rate: float | None = None
     for bag in args.bags:
         with progress(f"reading {Path(bag).name}") as report:
             block = read_recording(bag, model, effort, progress=report).torque
-        channels += stretches(
+        found = stretches(
             block.stamp_ns,
             block.segment,
             block.joint_position,
             block.motor_torque_measured,
-            channels[0].rate if channels else None,
+            rate,
         )
-    return model, channels, [Path(bag).name for bag in args.bags], None
+        rate = found[0].rate
+        name = Path(bag).name
+        recordings[str(bag) if name in recordings else name] = found
+    return model, recordings, [Path(bag).name for bag in args.bags], None
 
 
 def _settings(args: Namespace) -> DynamicsSettings:

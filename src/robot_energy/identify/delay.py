@@ -30,7 +30,7 @@ class Delay:
     Attributes:
         value: By which the torque lags the positions, at the least held-out error. [s]
         gain: Share of the held-out error it takes away. [-]
-        applied: The value, or 0 where the gain is below 1 %. [s]
+        applied: The value, or 0 where the gain is below 1 % or the value at the end. [s]
         at_edge: Whether the least error is at the end of the range.
     """
 
@@ -87,7 +87,8 @@ def estimate_delay(
             value += float(part) * float(delays[1] - delays[0])
             least = float(here - 0.25 * (before - after) * part)
     gain = 1.0 - least / float(size[STEPS]) if size[STEPS] > 0 else 0.0
-    return Delay(value, gain, value if gain >= LEAST_GAIN else 0.0, at_edge)
+    believed = gain >= LEAST_GAIN and not at_edge  # at the end there is no least error yet
+    return Delay(value, gain, value if believed else 0.0, at_edge)
 
 
 def _prior_rows(prior: Prior, delays: int) -> Float:

@@ -20,8 +20,10 @@ from robot_energy.logs.mapping import POSITION_UNITS
 from robot_energy.logs.table import LogTable
 from robot_energy.model_file import RobotModel, parse_yaml, validate
 
+PLACE = "{recording}"  # in a file name: the name of a recording
 Number = Annotated[float, Field(allow_inf_nan=False)]
 Text = Annotated[str, Field(min_length=1)]
+Name = Annotated[str, Field(pattern=r"^[\w.-]+$")]
 
 
 class Entry(BaseModel):
@@ -34,7 +36,8 @@ class Channel(Entry):
     """One quantity of every joint in one file.
 
     Attributes:
-        file: CSV with a header, plain or gzip, in the data folder.
+        file: CSV with a header, plain or gzip, in the data folder; ``{recording}`` stands
+            for the name of each recording.
         columns: One per joint, base first; absent: the first columns of the file.
         side: Whether motors or joints were measured.
     """
@@ -105,6 +108,7 @@ class DriveLog(Entry):
         rate: Rows per second. [Hz]
         urdf: File with kinematics and bodies; not needed beside a model file.
         joints: As in the URDF, base first.
+        recordings: Names of several recordings of one robot, in files of their own.
         gear_ratio: Motor turns per joint turn; the sign is the sense.
     """
 
@@ -113,6 +117,7 @@ class DriveLog(Entry):
     rate: Annotated[float, Field(gt=0, allow_inf_nan=False)]
     urdf: Text | None = None
     joints: Annotated[list[Text], Field(min_length=1)]
+    recordings: Annotated[list[Name], Field(min_length=1)] | None = None
     gear_ratio: list[Number] | None = None
     coupling: tuple[Coupling, ...] = ()
     position: Position
@@ -138,7 +143,24 @@ class DriveLog(Entry):
                 )
         if (self.urdf is None) != (self.gear_ratio is None):
             raise ValueError("urdf and gear_ratio together (or neither, beside a model file)")
+        named = [PLACE in channel.file for channel in (self.position, self.torque)]
+        if named != [self.recordings is not None] * 2:
+            raise ValueError(f"recordings together with {PLACE} in both file names, or neither")
+        if self.recordings is not None and len(set(self.recordings)) < len(self.recordings):
+            raise ValueError("every name of recordings once")
         return self
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the recordings; one that has none is called by its positions."""
+        return tuple(self.recordings or (self.position.file,))
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """All files, positions first, each once."""
+        channels = (self.position, self.torque)
+        both = [channel.file.replace(PLACE, name) for name in self.names for channel in channels]
+        return tuple(dict.fromkeys(both))
 
 
 def load_drive_log(path: str | Path) -> DriveLog:
@@ -181,12 +203,13 @@ def load_drive_log(path: str | Path) -> DriveLog:
         ) from error
 
 
-def model_of(log: DriveLog, folder: Path) -> RobotModel:
+def model_of(log: DriveLog, folder: Path, beside: Path | None = None) -> RobotModel:
     """Return a model with what the log says; all else is zero, assumed, to be identified.
 
     Args:
         log: The description, with URDF and gear ratios.
         folder: Where the URDF lies.
+        beside: Where it may lie instead: the folder of the description.
 
     Returns:
         The model before identification.
@@ -200,6 +223,8 @@ def model_of(log: DriveLog, folder: Path) -> RobotModel:
             "the mapping names no urdf and no gear_ratio", "both, or a model file (--model)"
         )
     path = folder / log.urdf
+    if beside is not None and not path.exists():
+        path = beside / log.urdf
     try:
         urdf_xml = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
@@ -230,13 +255,16 @@ def model_of(log: DriveLog, folder: Path) -> RobotModel:
     return validate(data, str(path), urdf_xml)
 
 
-def read_channels(log: DriveLog, model: RobotModel, folder: Path) -> Channels:
+def read_channels(
+    log: DriveLog, model: RobotModel, folder: Path, recording: str | None = None
+) -> Channels:
     """Read the files of a raw log.
 
     Args:
         log: The description.
         model: Drivetrain of the robot.
         folder: Where the files lie.
+        recording: One of `DriveLog.names`; default the first.
 
     Returns:
         Positions of the joints and torques of the motors, on one clock.
@@ -250,8 +278,11 @@ def read_channels(log: DriveLog, model: RobotModel, folder: Path) -> Channels:
             f"those of the model in its order: {', '.join(model.joint_names)}",
         )
     drivetrain = Drivetrain.from_model(model)
-    position = _read(log.position, len(log.joints), folder) * POSITION_UNITS[log.position.unit]
-    torque = _read(log.torque, len(log.joints), folder)
+    name = log.names[0] if recording is None else recording
+    position = (
+        _read(log.position, len(log.joints), folder, name) * POSITION_UNITS[log.position.unit]
+    )
+    torque = _read(log.torque, len(log.joints), folder, name)
     if len(position) != len(torque):
         raise LogFormatError(
             f"'{log.position.file}' has {len(position)} rows and '{log.torque.file}' has "
@@ -274,8 +305,8 @@ def _figure(value: float, source: str = "not identified") -> dict[str, object]:
     return {"value": value, "tag": "assumed", "source": source}
 
 
-def _read(channel: Channel, n_joints: int, folder: Path) -> Float:
-    path = folder / channel.file
+def _read(channel: Channel, n_joints: int, folder: Path, recording: str) -> Float:
+    path = folder / channel.file.replace(PLACE, recording)
     table = LogTable(path)
     names = channel.columns or list(table.columns[:n_joints])
     if len(names) < n_joints:

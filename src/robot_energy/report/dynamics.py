@@ -7,9 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from robot_energy.identify.across import Across, Judgement
 from robot_energy.identify.dynamics import Dynamics
 from robot_energy.identify.dynamics_model import friction_at_joints
 from robot_energy.identify.validation import TorqueError
+from robot_energy.identify.work import share_off
 from robot_energy.report.printing import Page, line, pairs, table
 
 
@@ -174,3 +176,63 @@ def _groups(page: Page, result: Dynamics) -> None:
         for group in np.arange(len(result.base)).tolist()
     ]
     table(page, "base parameters", ["group", "value", "95 % +-", ""], rows)
+
+
+def print_across(page: Page, across: Across, joint_names: Sequence[str]) -> None:
+    """Print whole recordings held out: torque of each joint, work of the motors.
+
+    Args:
+        page: Where.
+        across: The judgements.
+        joint_names: Base first.
+    """
+    judgements = across.judgements
+    heads = [_split(judgement) for judgement in judgements]
+    rows = [
+        [name, *(f"{judgement.torque.joint[joint]:.1%}" for judgement in judgements)]
+        for joint, name in enumerate(joint_names)
+    ]
+    rows.append(
+        ["all, standstill too", *(f"{each.torque.with_standstill:.2%}" for each in judgements)]
+    )
+    rows.append(["all, least squares", *(f"{each.least_squares.total:.2%}" for each in judgements)])
+    table(
+        page,
+        "torque error of recordings held out (norm of error / norm of torque); model file, "
+        "without sensor offsets",
+        ["joint, moving", *heads],
+        rows,
+        ["all, moving", *(f"{each.torque.total:.2%}" for each in judgements)],
+    )
+    work: list[list[str]] = []
+    for kind, name in (("net", "net"), ("positive", "given")):
+        sums = [
+            (float(getattr(each.measured, kind).sum()), float(getattr(each.predicted, kind).sum()))
+            for each in judgements
+        ]
+        work.append([f"{name}, measured [J]", *(f"{measured:.0f}" for measured, _ in sums)])
+        work.append([f"{name}, predicted [J]", *(f"{said:.0f}" for _, said in sums)])
+        off = (share_off(said, measured) for measured, said in sums)
+        work.append([f"{name}, off by", *(f"{share:+.1%}" for share in off)])
+    work.append(["worst axis", *(_worst(each, joint_names) for each in judgements)])
+    table(
+        page,
+        "work of the motors, torque times speed: net; given (braking left out); worst axis: error "
+        "of its net work over the work it gave",
+        ["", *heads],
+        work,
+    )
+    for text in across.refused:
+        line(page, f"not predicted: {text}")
+
+
+def _worst(judgement: Judgement, joint_names: Sequence[str]) -> str:
+    off = np.abs(judgement.predicted.net - judgement.measured.net)
+    share = off / np.maximum(judgement.measured.positive, 1e-12)
+    return f"{share.max():.1%} {joint_names[int(np.argmax(share))]}"
+
+
+def _split(judgement: Judgement) -> str:
+    if judgement.trained_on == (judgement.recording,):
+        return f"{judgement.recording}, own blocks"
+    return f"{judgement.recording} from {', '.join(judgement.trained_on)}"
