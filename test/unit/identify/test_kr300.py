@@ -48,7 +48,8 @@ def test_the_flange_is_where_the_published_kinematics_put_it():
     angles = np.random.default_rng(0).uniform(-2.0, 2.0, (20, 6))
     angles[0] = HOME
     expected = [published_flange(row) for row in angles]
-    np.testing.assert_allclose(robot.link_position(angles, "load"), expected, atol=1e-9)
+    found = [robot.link_position(row, "load") for row in angles]
+    np.testing.assert_allclose(found, expected, atol=1e-9)
     assert expected[0] == pytest.approx([0.35 + 1.24, 0.0, 0.675 + 1.15 - 0.041])
 
 

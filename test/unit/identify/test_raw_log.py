@@ -34,6 +34,14 @@ def mapping(**changes):
     return {name: value for name, value in {**data, **changes}.items() if value is not None}
 
 
+def several(names):
+    """Keys for recordings in files of their own."""
+    position = {**mapping()["position"], "file": "position_{recording}.csv.gz"}
+    torque = {**mapping()["torque"], "file": "torque_{recording}.csv"}
+    torque["columns"] = ["first", "second"]
+    return {"recordings": names, "position": position, "torque": torque}
+
+
 @pytest.fixture
 def folder(tmp_path):
     """Files of a recording: motor positions in deg from another zero, motor torques."""
@@ -65,6 +73,33 @@ def test_channels_are_joint_positions_and_motor_torques(folder):
     assert channels.rate == 500.0
     np.testing.assert_allclose(channels.joint_position, expected.joint_position, atol=1e-12)
     np.testing.assert_allclose(channels.motor_torque, expected.motor_torque, atol=1e-12)
+
+
+def test_recordings_in_files_of_their_own_are_held_out(folder, tmp_path_factory, capsys):
+    """The second is the first with twice the torque: neither predicts the other."""
+    lines = (folder / "torque.csv").read_text().splitlines()
+    twice = [";".join(f"{2 * float(cell):.9g}" for cell in row.split(";")) for row in lines[1:]]
+    (folder / "torque_one.csv").write_text("\n".join(lines))
+    (folder / "torque_two.csv").write_text("\n".join([lines[0], *twice]))
+    for name in ("one", "two"):
+        (folder / f"position_{name}.csv.gz").write_bytes((folder / "position.csv.gz").read_bytes())
+    elsewhere = tmp_path_factory.mktemp("mapping")  # the URDF may lie beside the mapping
+    (folder / "arm.urdf").rename(elsewhere / "arm.urdf")
+    path = write(elsewhere, **several(["one", "two"]))
+    log = load_drive_log(path)
+    assert log.names == ("one", "two")
+    assert log.files[1] == "torque_one.csv"
+    model = model_of(log, folder, elsewhere)
+    both = [read_channels(log, model, folder, name).motor_torque for name in log.names]
+    np.testing.assert_allclose(both[1], 2.0 * both[0], rtol=1e-6)
+    assert main(["identify", "dynamics", "--log", str(path), "--data", str(folder)]) == 0
+    text = capsys.readouterr().out
+    assert "one from two" in text
+    assert "two, own blocks" in text
+    said = next(row for row in text.splitlines() if "net, off by" in row).split()[3:]
+    assert [round(float(cell.rstrip("%"))) for cell in said] == pytest.approx(
+        [100, -50, 0, 0], abs=6
+    )
 
 
 def test_currents_and_joint_torques_become_motor_torques(folder):
@@ -127,6 +162,13 @@ def test_command_prints_reference_and_groups(folder, capsys):
         ({"colour": "red"}, "key 'colour' is unknown"),
         ({"gear_ratio": [100]}, "2 entries of gear_ratio, as many as joints; found 1"),
         ({"urdf": None}, "urdf and gear_ratio together"),
+        ({"recordings": ["A"]}, "recordings together with {recording} in both file names"),
+        (
+            {"position": {"file": "{recording}.csv", "side": "motor", "unit": "rad"}},
+            "recordings together with {recording} in both file names",
+        ),
+        ({"recordings": ["../A"]}, "key 'recordings.0' does not fit"),
+        (several(["A", "A"]), "every name of recordings once"),
         (
             {"torque": {"file": "t.csv", "side": "motor", "unit": "ampere"}},
             "torque_constant for ampere",
