@@ -25,7 +25,8 @@ Identify how much electrical power the drives take for torque and speed.
 
 With the power of each drive (--drive-power, or drive_power in the mapping of a log): a
 reduced efficiency map in four quadrants (paper B, section 6) and beside it a loss model,
-both tested on held-out data against a constant efficiency and none. With one power meter
+both tested on held-out data against a constant efficiency and none. A delay of the power
+behind the joint states is found and undone. With one power meter
 for all drives: what of the losses its readings tell apart. Where a recording has both,
 both are done.
 
@@ -106,6 +107,7 @@ def run(args: Namespace) -> int:
             identified.
     """
     from robot_energy.identify.drive_data import location
+    from robot_energy.identify.drive_delay import estimate_power_delay, with_delay_undone
     from robot_energy.identify.drives import fit_drives, with_drives
     from robot_energy.identify.total_power import compare_total, fit_total, with_total
     from robot_energy.identify.total_sums import sums
@@ -121,8 +123,11 @@ def run(args: Namespace) -> int:
     fitted = None
     written = model
     if data.usable.any():
+        delay = estimate_power_delay(data)
+        if delay is not None:
+            data = with_delay_undone(data, delay.applied)
         fitted = fit_drives(data, source, args.cutoff)
-        summary["drives"] = drives_summary(fitted)
+        summary["drives"] = drives_summary(fitted, delay)
         if written is not None:
             written = with_drives(written, fitted, source)
     place = location(data)

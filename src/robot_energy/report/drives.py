@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from robot_energy.identify.drive_delay import PowerDelay
 from robot_energy.identify.drives import WAYS, AxisFit, DrivesFit
 from robot_energy.identify.losses import TERMS
 from robot_energy.identify.total_power import TotalFit, TotalScore
@@ -42,11 +43,12 @@ def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def drives_summary(fit: DrivesFit) -> Summary:
+def drives_summary(fit: DrivesFit, delay: PowerDelay | None = None) -> Summary:
     """Return what was identified from the power of each drive, ready for JSON.
 
     Args:
         fit: What was identified.
+        delay: Of the power behind the joint states; None where it cannot be told.
     """
     return {
         "axes": [_axis(axis) for axis in fit.axes],
@@ -68,8 +70,19 @@ def drives_summary(fit: DrivesFit) -> Summary:
         ],
         "chosen": fit.chosen,
         "cutoff_hz": fit.cutoff,
-        "notes": [note for axis in fit.axes for note in axis.notes],
+        "delay": None if delay is None else dict(delay.__dict__),
+        "notes": [
+            *([] if delay is None or not delay.at_edge else [_beyond(delay)]),
+            *(note for axis in fit.axes for note in axis.notes),
+        ],
     }
+
+
+def _beyond(delay: PowerDelay) -> str:
+    return (
+        f"power and joint states may be shifted by more than {1e3 * delay.span:.0f} ms: check that "
+        "both have one clock"
+    )
 
 
 def _axis(axis: AxisFit) -> Summary:
@@ -213,6 +226,14 @@ def _print_drives(summary: Summary, page: Page) -> None:
     missing = [SPLIT_NAMES[name] for name in SPLIT_NAMES if SPLIT_NAMES[name] not in heads]
     if missing:
         line(page, f"too few recordings or samples to hold out: {', '.join(missing)}")
+    delay = summary["delay"]
+    if delay is not None:
+        line(
+            page,
+            f"delay of the power behind the joint states: {1e3 * delay['value']:+.1f} +- "
+            f"{1e3 * delay['std']:.1g} ms would lower the held-out error by "
+            f"{percent(delay['gain'])}: {'undone' if delay['applied'] else 'not applied'}",
+        )
     chosen = "loss model" if summary["chosen"] == "loss_model" else "efficiency map"
     line(page, f"the {chosen} is taken, by its held-out RMS error")
     for note in summary["notes"]:
