@@ -23,6 +23,7 @@ BLOCKS = 20  # wanted, where the recordings are too short for that many of 5 s
 SHORTEST_BLOCK = 0.2  # s
 APART = 5.0  # s between rows of a log, beyond which another recording begins
 BRIDGED = 0.1  # s between two readings of a drive's power, at most
+HELD = 1.0  # J in a DC link, below which nothing is held
 COOL = 20.0  # degC, where no temperature of a winding is known
 
 
@@ -139,13 +140,46 @@ def drive_data(
         np.concatenate([part.power.motor_temperature_degc for part in recordings]),
         electrical,
         tuple(part.meter for part in recordings),
-        np.concatenate(
-            [
-                (part.power.brake_power > 0) | (np.abs(part.power.capacitor_power) > 1.0)
-                for part in recordings
-            ]
-        ),
+        np.concatenate([_apart_from_supply(part) for part in recordings]),
     )
+
+
+def _apart_from_supply(part: Recording) -> NDArray[np.bool_]:
+    """Where the supply does not pass on what the drives draw, shape (N,).
+
+    While they brake, and, behind a rectifier, until they have drawn as much again as they
+    fed back: a DC link holds some of it and gives that first. How much it holds is not known
+    without a capacitor in the model, so all of it is taken.
+    """
+    power, cabinet = part.power, part.model.cabinet
+    apart = (power.brake_power > 0) | (np.abs(power.capacitor_power) > 1.0)
+    grid = part.meter is not None and part.meter.location is MeterLocation.GRID
+    if not grid or cabinet.capacitor is not None or cabinet.regeneration_efficiency is not None:
+        return apart
+    held = held_energy(power.bus_power + power.loss_dc, power.stamp_ns, power.segment)
+    return apart | (held > HELD)
+
+
+def held_energy(demand: Float, stamp_ns: Int, segment: Int) -> Float:
+    """Return what was fed back to the DC side and not yet drawn again.
+
+    Args:
+        demand: Power drawn from the DC side, negative while braking, shape (N,). [W]
+        stamp_ns: Shape (N,). [ns]
+        segment: A new one starts with nothing, shape (N,).
+
+    Returns:
+        Shape (N,), >= 0. [J]
+    """
+    held = np.zeros(len(demand))
+    step = np.diff(stamp_ns, prepend=stamp_ns[:1]) * NANOSECOND
+    for number in np.unique(segment):
+        rows = np.flatnonzero(segment == number)
+        fed = np.nan_to_num(-demand[rows]) * step[rows]
+        fed[0] = 0.0
+        total = np.cumsum(fed)
+        held[rows] = total - np.minimum(np.minimum.accumulate(total), 0.0)
+    return held
 
 
 def drive_data_of_logs(logs: Sequence[tuple[Contents, Sequence[LogBlock]]], unit: str) -> DriveData:
