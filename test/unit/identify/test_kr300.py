@@ -120,6 +120,14 @@ def test_the_conventions_of_the_axes_are_those_that_predict_best(recordings):
         assert shifted.mean() > 1.5 * as_published.mean(), f"zero of axis {axis + 1}"
 
 
+def test_no_delay_is_made_up_from_ten_seconds(recordings):
+    """Least squares alone would shift recording A by 5 ms, the end of the range, and gain 7 %."""
+    found = identify_dynamics(recordings["A"], model()).delay
+    assert abs(found.value) < 0.003
+    assert found.applied == 0.0
+    assert not found.at_edge
+
+
 def test_offsets_of_the_torque_stay_as_small_as_sensors_have_them(recordings):
     """Free ones would reach 3500 N m on axis 2, whose weight hardly changes in 30 deg."""
     fit = identify_dynamics(recordings["B"], model(), DynamicsSettings(delay_span=0.0))
