@@ -7,11 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from excited import monitor_torque
 from robot_energy.cli.main import main
+from robot_energy.drivetrain import Drivetrain
 from robot_energy.identify.across import across_recordings
 from robot_energy.identify.dynamics import DynamicsSettings, identify_dynamics
+from robot_energy.identify.dynamics_model import to_model
 from robot_energy.identify.raw_log import load_drive_log, model_of, read_channels
+from robot_energy.identify.signals import low_pass
 from robot_energy.identify.validation import torque_error
+from robot_energy.model_file import load, save
 from robot_energy.robot import Robot
 
 MAPPING = Path(__file__).resolve().parents[3] / "src/examples/identify/kr300.yaml"
@@ -85,6 +90,18 @@ def test_blocks_of_the_same_recording_are_predicted(held_out, name):
     assert found.torque.total < 0.10
     said, measured = found.predicted.net.sum(), found.measured.net.sum()
     assert said == pytest.approx(measured, rel=0.045)
+
+
+def test_the_written_model_gives_that_error_through_the_stages_of_the_monitor(recordings, tmp_path):
+    """Rigid bodies, rotors and friction of the saved file, filtered as the measurement is."""
+    fit = identify_dynamics(recordings["A"], model())
+    save(to_model(fit, ["A"]), tmp_path / "a.yaml")
+    rows = fit.rows_of(recordings["B"])
+    motor = monitor_torque(load(tmp_path / "a.yaml"), rows.motion)
+    joint = Drivetrain.from_model(fit.model).joint_torque_from_motor(motor)
+    found = torque_error(rows, low_pass(joint, rows.rate, fit.settings.filters.cutoff))
+    assert found.total == pytest.approx(torque_error(rows, fit.predict(rows)).total, rel=0.02)
+    assert found.total < 0.08
 
 
 def cross_errors(recordings, sense=1.0, zero=0.0):
