@@ -1,0 +1,291 @@
+"""Tool path -> pieces of constant curvature: corners rounded within a tolerance.
+
+A corner between two lines turning by ``theta`` is replaced by a circle of radius ``r``
+tangent to both. It passes the corner at the distance ``r (1 / cos(theta/2) - 1)``, which is
+kept within the tolerance, and takes ``r tan(theta/2)`` of each line, at most one half. It is
+no larger than the commanded speed ``v`` needs: ``r = v^2 / a``. What cannot be rounded -
+reversals, corners with an arc, all corners where the tolerance is 0 - is a stop.
+
+Every piece is ``p(s) = c + r (u cos(k s) + w sin(k s)) + d s`` of its way ``s``: a line has
+``r = 0``, a circle ``d = 0``, a helix neither.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robot_energy.blocks import Float, Int
+from robot_energy.motion.tool_path import Arc, Dwell, Line, Segment, ToolPath
+
+TANGENT = 1e-6  # rad: a smaller corner is rounding
+NEARLY_TANGENT = 0.02  # rad: up to here an unrounded corner is passed, slowly enough
+VELOCITY_STEP = 1e-3  # m/s: change of velocity at such a corner
+REVERSAL = 3.0  # rad: sharper corners are stops
+LARGEST_PIECE = 0.5  # rad of a circle, so that integrals over a piece are exact
+NORMAL_SHARE = 0.8  # of the acceleration on arcs; 0.6 is left along them, together 1
+ALONG_SHARE = 0.6
+
+
+@dataclass(frozen=True)
+class Pieces:
+    """Pieces of a path in order, shape (K,) or (K, 3).
+
+    Attributes:
+        length: Of each, 0 for a dwell. [m]
+        origin: c. [m]
+        radius: r. [m]
+        rate: k. [rad/m]
+        first: u, unit vector.
+        second: w, unit vector.
+        drift: d. [-]
+        commanded: Speed by command. [m/s]
+        speed: Greatest speed, by command and curvature. [m/s]
+        acceleration: Greatest acceleration along the path; 0 on rounded corners. [m/s^2]
+        entry: Greatest speed at the beginning; 0 for a stop, shape (K + 1,). [m/s]
+        dwell: Rest, of dwells alone. [s]
+        source_line: Line of the program.
+        corner: Whether it rounds a corner.
+        feeding: Whether material flows (rounded corners: on both sides).
+    """
+
+    length: Float
+    origin: Float
+    radius: Float
+    rate: Float
+    first: Float
+    second: Float
+    drift: Float
+    commanded: Float
+    speed: Float
+    acceleration: Float
+    entry: Float
+    dwell: Float
+    source_line: Int
+    corner: NDArray[np.bool_]
+    feeding: NDArray[np.bool_]
+
+    def __len__(self) -> int:
+        return len(self.length)
+
+
+Vector = tuple[float, float, float]
+ZERO: Vector = (0.0, 0.0, 0.0)
+
+
+@dataclass(slots=True)
+class _Piece:
+    length: float
+    origin: Vector
+    radius: float
+    rate: float
+    first: Vector
+    second: Vector
+    drift: Vector
+    commanded: float
+    speed: float
+    acceleration: float
+    dwell: float
+    source_line: int
+    corner: bool
+    feeding: bool
+    entry: float  # greatest speed at its beginning
+
+
+def pieces_of(path: ToolPath, acceleration: float, tolerance: float) -> Pieces:
+    """Round the corners of a path.
+
+    Args:
+        path: The path.
+        acceleration: Greatest of the tool, > 0. [m/s^2]
+        tolerance: Greatest distance between path and rounded path, >= 0. [m]
+
+    Returns:
+        The pieces.
+    """
+    maker = _Maker(acceleration, tolerance)
+    moves = path.segments
+    for index, segment in enumerate(moves):
+        following = moves[index + 1] if index + 1 < len(moves) else None
+        maker.take(segment, following)
+    return _stack(maker.pieces)
+
+
+class _Maker:
+    """Goes along a path and writes down its pieces."""
+
+    def __init__(self, acceleration: float, tolerance: float) -> None:
+        self._acceleration = acceleration
+        self._tolerance = tolerance
+        self._cut = 0.0  # taken from the beginning of the next line by the last corner
+        self._entry = 0.0
+        self.pieces: list[_Piece] = []
+
+    def take(self, segment: Segment, following: Segment | None) -> None:
+        """Write the pieces of a segment and of the corner behind it."""
+        if isinstance(segment, Dwell):
+            self._rest(segment)
+            return
+        taken, radius, passing = 0.0, 0.0, 0.0
+        if following is not None and not isinstance(following, Dwell):
+            taken, radius, passing = self._corner(segment, following)
+        if isinstance(segment, Line):
+            self._line(segment, taken)
+        else:
+            self._arc(segment)
+        self._entry, self._cut = passing, taken
+        if radius > 0 and isinstance(segment, Line) and isinstance(following, Line):
+            self._round(segment, following, taken, radius)
+
+    def _corner(self, before: Line | Arc, after: Line | Arc) -> tuple[float, float, float]:
+        """Way taken from both lines, radius, and the greatest speed in between."""
+        turn = _angle(_direction(before, True), _direction(after, False))
+        speed = min(before.speed, after.speed)
+        if turn <= TANGENT:
+            return 0.0, 0.0, speed
+        lines = isinstance(before, Line) and isinstance(after, Line)
+        if lines and turn < REVERSAL and self._tolerance > 0:
+            half = math.tan(0.5 * turn)
+            sagitta = 2.0 * math.sin(0.25 * turn) ** 2 / math.cos(0.5 * turn)
+            radius = min(
+                self._tolerance / sagitta,
+                speed * speed / self._acceleration,
+                0.5 * min(before.length, after.length) / half,
+            )
+            return radius * half, radius, min(speed, math.sqrt(self._acceleration * radius))
+        if turn < NEARLY_TANGENT:
+            return 0.0, 0.0, min(speed, VELOCITY_STEP / (2.0 * math.sin(0.5 * turn)))
+        return 0.0, 0.0, 0.0
+
+    def _line(self, line: Line, taken: float) -> None:
+        length = line.length - self._cut - taken
+        direction = _direction(line, False)
+        if length > TANGENT * line.length:
+            start = _along(line.start, direction, self._cut)
+            self._add(
+                length, start, 0.0, 0.0, ZERO, ZERO, direction, line.speed, line.speed,
+                self._acceleration, line.source_line, feeding=line.extruding,
+            )  # fmt: skip
+
+    def _arc(self, arc: Arc) -> None:
+        parts = max(1, math.ceil(abs(arc.angle) / LARGEST_PIECE))
+        length, radius = arc.length, arc.radius
+        sign = math.copysign(1.0, arc.angle)
+        rate = abs(arc.angle) / length
+        drift = (0.0, 0.0, (arc.end[2] - arc.start[2]) / length)
+        limit = math.sqrt(NORMAL_SHARE * self._acceleration / (radius * rate * rate))
+        begin = math.atan2(arc.start[1] - arc.centre[1], arc.start[0] - arc.centre[0])
+        for part in range(parts):
+            angle = begin + arc.angle * part / parts
+            cosine, sine = math.cos(angle), math.sin(angle)
+            height = arc.start[2] + (arc.end[2] - arc.start[2]) * part / parts
+            self._add(
+                length / parts, (*arc.centre, height), radius, rate, (cosine, sine, 0.0),
+                (-sign * sine, sign * cosine, 0.0), drift, arc.speed,
+                min(arc.speed, limit), ALONG_SHARE * self._acceleration, arc.source_line, feeding=arc.extruding,
+            )  # fmt: skip
+            self._entry = arc.speed
+
+    def _round(self, before: Line, after: Line, taken: float, radius: float) -> None:
+        one, two = _direction(before, False), _direction(after, False)
+        turn = _angle(one, two)
+        begin = _along(before.end, one, -taken)
+        cosine, sine = math.cos(turn), math.sin(turn)
+        inward = tuple((b - a * cosine) / sine for a, b in zip(one, two, strict=True))
+        inward = (inward[0], inward[1], inward[2])
+        centre = _along(begin, inward, radius)
+        commanded = min(before.speed, after.speed)
+        speed = min(commanded, math.sqrt(self._acceleration * radius))
+        parts = max(1, math.ceil(turn / LARGEST_PIECE))
+        for part in range(parts):
+            angle = turn * part / parts
+            c, s = math.cos(angle), math.sin(angle)
+            outward = [-i * c + o * s for i, o in zip(inward, one, strict=True)]
+            forward = [i * s + o * c for i, o in zip(inward, one, strict=True)]
+            self._add(
+                radius * turn / parts, centre, radius, 1.0 / radius,
+                (outward[0], outward[1], outward[2]), (forward[0], forward[1], forward[2]),
+                ZERO, commanded, speed, 0.0, before.source_line, corner=True,
+                feeding=before.extruding and after.extruding,
+            )  # fmt: skip
+            self._entry = speed
+
+    def _rest(self, dwell: Dwell) -> None:
+        self._entry = 0.0
+        self._add(
+            0.0, ZERO, 0.0, 0.0, ZERO, ZERO, ZERO, 0.0, 0.0, 0.0, dwell.source_line,
+            rest=dwell.time,
+        )  # fmt: skip
+        self._entry = 0.0
+
+    def _add(
+        self, length: float, origin: Vector, radius: float, rate: float, first: Vector,
+        second: Vector, drift: Vector, commanded: float, speed: float, acceleration: float,
+        line: int,
+        corner: bool = False, feeding: bool = False, rest: float = 0.0,
+    ) -> None:  # fmt: skip
+        self.pieces.append(
+            _Piece(
+                length, origin, radius, rate, first, second, drift, commanded, speed,
+                acceleration, rest, line, corner, feeding, self._entry,
+            )
+        )  # fmt: skip
+
+
+def _stack(pieces: Sequence[_Piece]) -> Pieces:
+    def column(name: str) -> Float:
+        return np.array([getattr(piece, name) for piece in pieces], dtype=np.float64)
+
+    return Pieces(
+        length=column("length"),
+        origin=column("origin"),
+        radius=column("radius"),
+        rate=column("rate"),
+        first=column("first"),
+        second=column("second"),
+        drift=column("drift"),
+        commanded=column("commanded"),
+        speed=column("speed"),
+        acceleration=column("acceleration"),
+        entry=np.append(column("entry"), 0.0),
+        dwell=column("dwell"),
+        source_line=np.array([piece.source_line for piece in pieces], dtype=np.int64),
+        corner=np.array([piece.corner for piece in pieces], dtype=np.bool_),
+        feeding=np.array([piece.feeding for piece in pieces], dtype=np.bool_),
+    )
+
+
+def _direction(segment: Line | Arc, at_end: bool) -> Vector:
+    """Unit tangent at the beginning or the end."""
+    if isinstance(segment, Line):
+        length = segment.length
+        one, two = segment.start, segment.end
+        return (
+            (two[0] - one[0]) / length,
+            (two[1] - one[1]) / length,
+            (two[2] - one[2]) / length,
+        )
+    point = segment.end if at_end else segment.start
+    angle = math.atan2(point[1] - segment.centre[1], point[0] - segment.centre[0])
+    rise = (segment.end[2] - segment.start[2]) / segment.length
+    flat = math.copysign(math.sqrt(max(1.0 - rise * rise, 0.0)), segment.angle)
+    return -flat * math.sin(angle), flat * math.cos(angle), rise
+
+
+def _angle(one: Vector, two: Vector) -> float:
+    """Angle between unit vectors, accurate when small. [rad]"""
+    return 2.0 * math.atan2(
+        math.dist(one, two), math.hypot(one[0] + two[0], one[1] + two[1], one[2] + two[2])
+    )
+
+
+def _along(point: Vector, direction: Vector, way: float) -> Vector:
+    return (
+        point[0] + way * direction[0],
+        point[1] + way * direction[1],
+        point[2] + way * direction[2],
+    )

@@ -1,0 +1,150 @@
+"""What a tool is told to do: lines, arcs and dwells with their feeds, in metres.
+
+A tool path is geometry and commanded speed, as a program states them. `motion.tool_timing`
+makes a motion in time of it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from robot_energy.errors import MotionError
+
+Point = tuple[float, float, float]  # x, y, z [m]
+
+CLOSED = 1e-9  # m: ends that are nearer than this are the same point
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """A straight move.
+
+    Attributes:
+        start: Where it begins. [m]
+        end: Where it ends. [m]
+        speed: Commanded path speed, > 0. [m/s]
+        source_line: Line of the program, from 1; 0 where there is none.
+        rapid: Whether it was commanded as a positioning move (G0).
+        extruding: Whether material flows.
+    """
+
+    start: Point
+    end: Point
+    speed: float
+    source_line: int = 0
+    rapid: bool = False
+    extruding: bool = False
+
+    @property
+    def length(self) -> float:
+        """Length of the way. [m]"""
+        return math.dist(self.start, self.end)
+
+
+@dataclass(frozen=True, slots=True)
+class Arc:
+    """A circular move about a vertical axis; a helix where it rises.
+
+    Attributes:
+        start: Where it begins. [m]
+        end: Where it ends. [m]
+        centre: x and y of the axis. [m]
+        angle: Swept angle, positive anticlockwise seen from above. [rad]
+        speed: Commanded path speed, > 0. [m/s]
+        source_line: Line of the program, from 1; 0 where there is none.
+        extruding: Whether material flows.
+    """
+
+    start: Point
+    end: Point
+    centre: tuple[float, float]
+    angle: float
+    speed: float
+    source_line: int = 0
+    extruding: bool = False
+
+    @property
+    def radius(self) -> float:
+        """Distance from the axis. [m]"""
+        return math.dist(self.start[:2], self.centre)
+
+    @property
+    def length(self) -> float:
+        """Length of the way. [m]"""
+        return math.hypot(self.radius * self.angle, self.end[2] - self.start[2])
+
+
+@dataclass(frozen=True, slots=True)
+class Dwell:
+    """A rest.
+
+    Attributes:
+        time: How long, >= 0. [s]
+        source_line: Line of the program, from 1; 0 where there is none.
+    """
+
+    time: float
+    source_line: int = 0
+
+
+Segment = Line | Arc | Dwell
+
+
+@dataclass(frozen=True)
+class ToolPath:
+    """A sequence of segments, each beginning where the one before ends.
+
+    Attributes:
+        segments: In order of execution.
+        name: Of the program, for messages.
+
+    Raises:
+        MotionError: If there is no move, or a move does not begin where the last one ended.
+    """
+
+    segments: Sequence[Segment]
+    name: str = "the tool path"
+
+    def __post_init__(self) -> None:
+        at: Point | None = None
+        for segment in self.segments:
+            if isinstance(segment, Dwell):
+                continue
+            if at is not None and math.dist(at, segment.start) > CLOSED:
+                raise MotionError(
+                    f"{self.name}, line {segment.source_line}: the move begins at "
+                    f"{list(segment.start)} m",
+                    f"{list(at)} m, where the one before ended",
+                )
+            at = segment.end
+        if at is None:
+            raise MotionError(
+                f"{self.name} moves nothing", "at least one move (G1, G2 or G3) to a new position"
+            )
+
+    @property
+    def length(self) -> float:
+        """Length of all moves. [m]"""
+        return math.fsum(s.length for s in self.segments if not isinstance(s, Dwell))
+
+    @property
+    def printed_length(self) -> float:
+        """Length of the moves during which material flows. [m]
+
+        Where no move says so, as programs for pumped material do, that of all moves but
+        the rapid ones.
+        """
+        moves = [s for s in self.segments if not isinstance(s, Dwell)]
+        if any(move.extruding for move in moves):
+            return math.fsum(move.length for move in moves if move.extruding)
+        return math.fsum(m.length for m in moves if isinstance(m, Arc) or not m.rapid)
+
+    @property
+    def bounds(self) -> tuple[Point, Point]:
+        """Least and greatest coordinates of all ends; arcs may reach beyond. [m]"""
+        ends = [p for s in self.segments if not isinstance(s, Dwell) for p in (s.start, s.end)]
+        low = min(p[0] for p in ends), min(p[1] for p in ends), min(p[2] for p in ends)
+        high = max(p[0] for p in ends), max(p[1] for p in ends), max(p[2] for p in ends)
+        return low, high
