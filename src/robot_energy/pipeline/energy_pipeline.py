@@ -87,6 +87,26 @@ class EnergyPipeline:
         means = self.ledger.step(power) if power is not None else None
         return Output(torque, friction, power, means, meter)
 
+    def plan(self, joints: JointBlock, temperatures: TemperatureBlock | None = None) -> Output:
+        """Take a planned motion, whose accelerations are known and not derived.
+
+        All else goes the way of `step`.
+
+        Args:
+            joints: Motion in time order, accelerations included.
+            temperatures: Motor temperatures in order of their stamps.
+
+        Returns:
+            The completed samples of every stage.
+        """
+        friction = self.friction.step(temperatures) if temperatures is not None else None
+        if friction is not None:
+            self.power.friction(friction)
+        torque = self.torque.plan(joints)
+        power = self.power.step(torque) if torque is not None else None
+        means = self.ledger.step(power) if power is not None else None
+        return Output(torque, friction, power, means)
+
     def flush(self) -> Output:
         """Complete what still waits, as at the end of a bag."""
         torque = self.torque.flush()

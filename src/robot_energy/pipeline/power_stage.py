@@ -32,6 +32,7 @@ from robot_energy.pipeline.temperature_watch import TemperatureWatch
 
 LARGEST_POWER = 1e6  # no robot draws a megawatt: the joint states are wrong [W]
 HISTORY_NS = 60_000_000_000  # friction kept behind the samples
+NEVER = 1e9  # s, some thirty years
 ALONE_NS = 10_000_000_000  # a jump of friction that torque does not follow by then is its own
 
 
@@ -61,7 +62,9 @@ class PowerStage:
         still = np.asarray([joint.standstill_velocity for joint in model.joints])
         self._standstill = transmission @ still
         self._fallback_degc = model.temperature.fallback_degc
-        self._stale_ns = round(model.temperature.stale_after / NANOSECOND)
+        self._assumed = settings.temperature_assumed
+        stale_after = NEVER if self._assumed else model.temperature.stale_after
+        self._stale_ns = round(stale_after / NANOSECOND)
         self._settle_ns = round(settings.settle / NANOSECOND)
         # Friction by epoch: topics meet a backward jump of the stamps at different times.
         self._timelines = {0: FrictionStage(model).initial()}
@@ -154,7 +157,7 @@ class PowerStage:
             np.where(standing, 0.0, friction_power + drive_loss),
             measured_degc,
         )
-        if stuck is not None:
+        if stuck is not None and not self._assumed:
             mark(quality, stuck, Quality.TEMPERATURE_STUCK)
         bus = sum_over_joints(electrical)
         bus[np.abs(bus) > LARGEST_POWER] = np.nan

@@ -24,6 +24,8 @@ class Settings:
         meter_wraps_at: Reading at which the meter's counter starts again from zero; None:
             it never does. [J]
         meter_unit: Unit the meter was said to use; empty for W or J.
+        temperature_assumed: Temperatures are assumed, as in a prediction: they never become
+            stale and are never taken for stuck.
     """
 
     derivative_window: float = 0.02
@@ -36,6 +38,7 @@ class Settings:
     meter_max_power: float = MAX_POWER
     meter_wraps_at: float | None = None
     meter_unit: str = ""
+    temperature_assumed: bool = False
 
     def with_meter(self, max_power: float, wraps_at: float | None, unit: str) -> Settings:
         """Return the settings with what a source says of its meter.

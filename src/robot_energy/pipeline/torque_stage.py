@@ -84,6 +84,20 @@ class TorqueStage:
             self._newest_ns = int(block.stamp_ns[-1])
         return self._torque(self._derivative.step(block))
 
+    def plan(self, block: JointBlock) -> TorqueBlock | None:
+        """Return the torques of a planned motion, whose accelerations are known exactly.
+
+        Args:
+            block: Motion in time order, accelerations included.
+
+        Returns:
+            Torques at the same instants; None where there are none.
+        """
+        if not len(block):
+            return None
+        self._newest_ns = int(block.stamp_ns[-1])
+        return self._torque([block])
+
     def flush(self) -> TorqueBlock | None:
         """Return what still waits, as at the end of a bag."""
         return self._torque(self._derivative.flush())

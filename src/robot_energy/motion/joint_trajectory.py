@@ -1,0 +1,188 @@
+"""A JointTrajectory: points in time, and the motion between them as controllers make it.
+
+Between two points the position is a polynomial that meets what the points give: of the fifth
+degree with velocities and accelerations, of the third with velocities alone. Points with
+positions only are joined by a spline of the third degree that rests at both ends; controllers
+differ there, so it is noted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from robot_energy.blocks import Float
+from robot_energy.errors import MotionError
+from robot_energy.motion.ptp import Trajectory
+
+MOST_POINTS = 1_000_000
+LARGEST = 1e6  # of any figure
+SECOND = 1_000_000_000  # ns
+
+
+class JointTrajectory:
+    """Motion through given points.
+
+    Args:
+        joint_names: In the order of the columns.
+        time: Of the points since the start, rising, shape (K,), K >= 2. [s]
+        joint_position: Shape (K, n). [rad] or [m]
+        joint_velocity: Same shape, or None. [rad/s] or [m/s]
+        joint_acceleration: Same shape, or None. [rad/s^2] or [m/s^2]
+        name: For messages.
+
+    Attributes:
+        joint_names: As given.
+        duration: From the first to the last point. [s]
+        instants: Of the points since the first, shape (K,). [s]
+        notes: What was assumed, one sentence each.
+
+    Raises:
+        MotionError: If points are missing, out of order or not finite.
+    """
+
+    def __init__(
+        self,
+        joint_names: Sequence[str],
+        time: Float,
+        joint_position: Float,
+        joint_velocity: Float | None = None,
+        joint_acceleration: Float | None = None,
+        name: str = "the trajectory",
+    ) -> None:
+        self.joint_names = tuple(joint_names)
+        size = (len(time), len(self.joint_names))
+        if len(set(self.joint_names)) != len(self.joint_names) or not self.joint_names:
+            raise MotionError(f"{name} names the joints {list(joint_names)}", "each joint once")
+        if not 2 <= len(time) <= MOST_POINTS:
+            raise MotionError(f"{name} has {len(time)} points", f"2 to {MOST_POINTS}")
+        for what, values in (
+            ("time", time),
+            ("position", joint_position),
+            ("velocity", joint_velocity),
+            ("acceleration", joint_acceleration),
+        ):
+            if values is None:
+                continue
+            expected = size[:1] if what == "time" else size
+            if values.shape != expected:
+                raise MotionError(f"{name}: {what} of shape {values.shape}", f"{expected}")
+            if not (np.abs(values) <= LARGEST).all():  # NaN is not, either
+                raise MotionError(
+                    f"{name}: a {what} is not finite or beyond {LARGEST:g}", "finite figures"
+                )
+        if not (np.diff(time) > 0).all():
+            row = int(np.argmin(np.diff(time) > 0))
+            raise MotionError(
+                f"{name}: point {row + 2} comes at {time[row + 1]:.9g} s, after one at "
+                f"{time[row]:.9g} s",
+                "times that rise from point to point",
+            )
+        self.instants: Float = time - time[0]
+        self.duration = float(self.instants[-1])
+        self.notes: tuple[str, ...] = ()
+        if joint_velocity is None:
+            joint_velocity = self._spline_velocity(joint_position)
+            joint_acceleration = None
+            self.notes = (
+                f"{name} gives positions only: a smooth motion from rest to rest through its "
+                "points is assumed",
+            )
+        self._coefficients = _polynomials(
+            np.diff(self.instants), joint_position, joint_velocity, joint_acceleration
+        )
+
+    def _spline_velocity(self, position: Float) -> Float:
+        from scipy.interpolate import CubicSpline
+
+        return np.asarray(CubicSpline(self.instants, position, bc_type="clamped")(self.instants, 1))
+
+    def sample(self, time: Float) -> Trajectory:
+        """Evaluate the motion; it stays at its ends outside.
+
+        Args:
+            time: Since the first point, shape (N,). [s]
+        """
+        inside = np.clip(time, 0.0, self.duration)
+        piece = np.searchsorted(self.instants, inside, side="right") - 1
+        piece = np.minimum(piece, len(self.instants) - 2)
+        local = (inside - self.instants[piece])[:, None]
+        c = self._coefficients[:, piece]
+        result: list[Float] = []
+        for order in range(3):
+            value = np.zeros_like(c[0])
+            for power in range(5, order - 1, -1):
+                factor = float(np.prod(range(power - order + 1, power + 1)))
+                value = value * local + factor * c[power]
+            result.append(value)
+        return Trajectory(*result)
+
+
+def read_points(message: Any, name: str) -> JointTrajectory:
+    """Take a decoded ``trajectory_msgs/msg/JointTrajectory``.
+
+    Args:
+        message: The message.
+        name: Where it comes from, for messages.
+
+    Raises:
+        MotionError: If points are missing, incomplete or out of order.
+    """
+    points: Sequence[Any] = message.points
+    if not 2 <= len(points) <= MOST_POINTS:
+        raise MotionError(f"{name} has {len(points)} points", f"2 to {MOST_POINTS}")
+    time = np.array(
+        [p.time_from_start.sec + p.time_from_start.nanosec / SECOND for p in points],
+        dtype=np.float64,
+    )
+    n_joints = len(message.joint_names)
+    columns = {
+        what: _column(points, what, n_joints, name)
+        for what in ("positions", "velocities", "accelerations")
+    }
+    if columns["positions"] is None:
+        raise MotionError(f"{name} has points without positions", "a position of every joint")
+    return JointTrajectory(
+        [str(joint) for joint in message.joint_names],
+        time,
+        columns["positions"],
+        columns["velocities"],
+        columns["accelerations"],
+        name,
+    )
+
+
+def _column(points: Sequence[Any], what: str, n_joints: int, name: str) -> Float | None:
+    """One kind of figure of all points; None where not every point has it."""
+    rows = [np.asarray(getattr(point, what), dtype=np.float64) for point in points]
+    if any(len(row) not in (0, n_joints) for row in rows):
+        raise MotionError(f"{name} has {what} of another length", f"{n_joints}, or none")
+    return np.stack(rows) if all(len(row) for row in rows) and n_joints else None
+
+
+def _polynomials(
+    length: Float, position: Float, velocity: Float, acceleration: Float | None
+) -> Float:
+    """Coefficients in rising powers of the time since each point, shape (6, K - 1, n)."""
+    h = length[:, None]
+    p, v = position[:-1], velocity[:-1]
+    gap = (position[1:] - p - v * h) / h**2  # what velocity alone leaves, over h^2
+    turn = (velocity[1:] - v) / h
+    zero = np.zeros_like(p)
+    if acceleration is None:
+        return np.stack([p, v, 3 * gap - turn, (turn - 2 * gap) / h, zero, zero])
+    a = 0.5 * acceleration[:-1]
+    gap, turn = gap - a, turn - 2 * a
+    bend = acceleration[1:] - acceleration[:-1]
+    return np.stack(
+        [
+            p,
+            v,
+            a,
+            (10 * gap - 4 * turn + 0.5 * bend) / h,
+            (-15 * gap + 7 * turn - bend) / h**2,
+            (6 * gap - 3 * turn + 0.5 * bend) / h**3,
+        ]
+    )

@@ -1,0 +1,142 @@
+"""Motions that are known before they are made, from start to end, in blocks of samples."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import Protocol
+
+import numpy as np
+
+from robot_energy.blocks import Float
+from robot_energy.errors import MotionError
+from robot_energy.motion.ptp import Trajectory
+
+BLOCK = 4096  # samples
+LONGEST = 1e7  # s, some four months
+MOST_SAMPLES = 1_000_000_000
+CLOSED = 1e-6  # rad or m, by which start and end of a repeated motion may differ
+
+
+class PlannedMotion(Protocol):
+    """What can be predicted: a motion of named joints over a known time."""
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the joints, in the order of the arrays."""
+        ...
+
+    @property
+    def duration(self) -> float:
+        """From start to end. [s]"""
+        ...
+
+    def blocks(self) -> Iterator[tuple[Float, Trajectory]]:
+        """Go through the motion once, from time 0 to its end.
+
+        Yields:
+            Times, shape (N,) [s], rising throughout, and the motion at them, joint side.
+        """
+        ...
+
+
+class Samples(Protocol):
+    """A motion that can be evaluated at any time."""
+
+    def sample(self, time: Float) -> Trajectory:
+        """Return the motion at times since its start, shape (N,). [s]"""
+        ...
+
+
+class SampledMotion:
+    """A motion in closed form, sampled at equal steps.
+
+    Args:
+        motion: To be sampled.
+        joint_names: In the order of its arrays.
+        duration: From start to end, > 0. [s]
+        step: Between samples, at most; the end is always one. [s]
+        instants: Times that are samples as well, where the motion has kinks. [s]
+
+    Attributes:
+        joint_names: As given.
+        duration: As given. [s]
+
+    Raises:
+        MotionError: If duration or step make no sense.
+    """
+
+    def __init__(
+        self,
+        motion: Samples,
+        joint_names: Sequence[str],
+        duration: float,
+        step: float = 5e-3,
+        instants: Sequence[float] = (),
+    ) -> None:
+        if not 0 < duration <= LONGEST:
+            raise MotionError(f"the motion lasts {duration:.4g} s", f"above 0 to {LONGEST:g} s")
+        if not 0 < step < math.inf or duration / step > MOST_SAMPLES:
+            raise MotionError(f"the step is {step} s", f"a time > 0 s, {MOST_SAMPLES} at most")
+        self._motion = motion
+        self.joint_names = tuple(joint_names)
+        self.duration = duration
+        self._count = max(1, math.ceil(duration / step - 1e-9))
+        self._instants = np.asarray(instants, dtype=np.float64)
+
+    def blocks(self) -> Iterator[tuple[Float, Trajectory]]:
+        """See `PlannedMotion.blocks`."""
+        for begin in range(0, self._count + 1, BLOCK):
+            index = np.arange(begin, min(begin + BLOCK, self._count + 1))
+            time = index * (self.duration / self._count)
+            later = (begin + BLOCK) * (self.duration / self._count)
+            inside = (self._instants > time[0]) & (self._instants < min(later, self.duration))
+            if inside.any():
+                time = np.union1d(time, self._instants[inside])
+            yield time, self._motion.sample(time)
+
+
+def repeated(motion: PlannedMotion, times: int) -> Iterator[tuple[Float, Trajectory]]:
+    """Go through a motion several times without a pause.
+
+    Args:
+        motion: The motion.
+        times: How often, >= 1.
+
+    Yields:
+        As `PlannedMotion.blocks`, over all times.
+
+    Raises:
+        MotionError: If it is to be repeated but does not end where it begins.
+    """
+    first = last = np.empty(0)
+    for turn in range(times):
+        for index, (time, path) in enumerate(motion.blocks()):
+            again = turn > 0 and index == 0  # the sample that ended the last turn
+            if turn == 0 and index == 0:
+                first = path.joint_position[0]
+            if again:
+                _check_closed(first, last, motion.joint_names)
+            rows = slice(1 if again else 0, None)
+            last = path.joint_position[-1]
+            if len(time[rows]):
+                yield (
+                    time[rows] + turn * motion.duration,
+                    Trajectory(
+                        path.joint_position[rows],
+                        path.joint_velocity[rows],
+                        path.joint_acceleration[rows],
+                    ),
+                )
+
+
+def _check_closed(first: Float, last: Float, names: Sequence[str]) -> None:
+    apart = np.abs(first - last)
+    if apart.max() > CLOSED:
+        joint = int(np.argmax(apart))
+        raise MotionError(
+            f"the motion is to be repeated, but joint '{names[joint]}' ends {apart[joint]:.4g} "
+            "rad or m from where it began",
+            "an end at the start",
+            "add a move back, or predict the motion once",
+        )

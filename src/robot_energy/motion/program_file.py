@@ -1,0 +1,180 @@
+"""Point-to-point programs as YAML files, validated by pydantic."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal, cast
+
+import numpy as np
+from pydantic import Field, ValidationError, model_validator
+
+from robot_energy.blocks import Float
+from robot_energy.errors import MotionError
+from robot_energy.model_file import parse_yaml
+from robot_energy.model_file.figure import Entry, Number
+from robot_energy.motion.program import Program
+from robot_energy.motion.ptp import DEFAULT_JERK_TIME, MotionLimits
+from robot_energy.urdf import JointLimits
+
+MAX_BYTES = 4 * 1024 * 1024
+MOST_VIAS = 10_000
+RAMP = 0.5  # s to full speed, where nobody gave an acceleration
+DEGREE = np.pi / 180.0  # rad
+Positive = Annotated[Number, Field(gt=0)]
+Time = Annotated[Number, Field(ge=0, le=86_400)]
+Name = Annotated[str, Field(min_length=1)]
+
+
+class ProgramFile(Entry):
+    """A loop of synchronised point-to-point moves.
+
+    The robot rests at each configuration for its dwell time and moves on to the next one,
+    after the last back to the first.
+
+    Attributes:
+        schema_version: 1.
+        motion: Always ``point_to_point``.
+        angle_unit: Of revolute joints; prismatic ones are in m.
+        via: Configurations, each a mapping of all joints by name.
+        dwell: Rest at every configuration, one value or one for each. [s]
+        override: Share of full speed, in (0, 1]. [-]
+        acceleration: Greatest, one value or by joint name, in the unit per s^2; absent: full
+            speed in 0.5 s, assumed.
+        jerk_time: Time over which acceleration builds up. [s]
+        repeat: How often the loop is run.
+    """
+
+    schema_version: Literal[1]
+    motion: Literal["point_to_point"]
+    angle_unit: Literal["rad", "deg"]
+    via: Annotated[list[dict[Name, Number]], Field(min_length=1, max_length=MOST_VIAS)]
+    dwell: Time | list[Time] = 0.2
+    override: Annotated[Number, Field(gt=0, le=1)] = 1.0
+    acceleration: Positive | dict[Name, Positive] | None = None
+    jerk_time: Annotated[Number, Field(ge=0, le=10)] = DEFAULT_JERK_TIME
+    repeat: Annotated[int, Field(ge=1, le=100_000, strict=True)] = 1
+
+    @model_validator(mode="after")
+    def _check(self) -> ProgramFile:
+        names = set(self.via[0])
+        if not names:
+            raise ValueError("the first configuration names no joint")
+        for index, configuration in enumerate(self.via, start=1):
+            if other := names ^ set(configuration):
+                raise ValueError(
+                    f"configuration {index} of via and the first differ in {sorted(other)[0]!r}; "
+                    "every one needs all joints"
+                )
+        if isinstance(self.dwell, list) and len(self.dwell) != len(self.via):
+            raise ValueError(f"{len(self.dwell)} dwell times for {len(self.via)} configurations")
+        if isinstance(self.acceleration, dict) and set(self.acceleration) != names:
+            raise ValueError("acceleration needs the same joints as via")
+        return self
+
+
+@dataclass(frozen=True)
+class LoadedProgram:
+    """A program for one robot.
+
+    Attributes:
+        program: The loop.
+        repeat: How often it is run.
+        notes: What was assumed, one sentence each.
+    """
+
+    program: Program
+    repeat: int
+    notes: tuple[str, ...]
+
+
+def read_program(path: str | Path) -> ProgramFile:
+    """Read a program file.
+
+    Args:
+        path: A YAML file.
+
+    Returns:
+        The validated program.
+
+    Raises:
+        MotionError: Naming the bad key, what was found and what was expected.
+    """
+    try:
+        if Path(path).stat().st_size > MAX_BYTES:
+            raise MotionError(f"{path} is larger than {MAX_BYTES} bytes", "a program file")
+        text = Path(path).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        why = error.strerror if isinstance(error, OSError) else "not UTF-8"
+        raise MotionError(f"{path} cannot be read ({why})", "a YAML file") from error
+    data: Any = parse_yaml(text, str(path), MotionError)
+    if not isinstance(data, dict):
+        raise MotionError(
+            f"{path} holds {type(cast('object', data)).__name__}",
+            "a mapping with schema_version, motion, angle_unit and via",
+        )
+    try:
+        return ProgramFile.model_validate(data)
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(str(part) for part in first["loc"]) or "the file"
+        found = str(first["input"])
+        shown = found if len(found) <= 60 else type(first["input"]).__name__
+        why = first["msg"].removeprefix("Value error, ")
+        raise MotionError(f"{path}: {key} is {shown}", why[:1].lower() + why[1:]) from error
+
+
+def program_for(file: ProgramFile, limits: JointLimits, name: str = "the program") -> LoadedProgram:
+    """Make the motion of a program file for one robot.
+
+    Args:
+        file: The program.
+        limits: Of the robot, from its URDF.
+        name: Of the program, for messages.
+
+    Returns:
+        The loop and what was assumed.
+
+    Raises:
+        MotionError: If joints are missing or unknown, a configuration breaks a limit, or
+            the URDF gives no speed.
+    """
+    _same_joints(set(file.via[0]), limits.joint_names, name)
+    factor = np.where(limits.prismatic, 1.0, DEGREE if file.angle_unit == "deg" else 1.0)
+    via = np.array([[row[joint] for joint in limits.joint_names] for row in file.via]) * factor
+    notes: list[str] = []
+    if not np.isfinite(limits.velocity).all():
+        joint = limits.joint_names[int(np.argmin(np.isfinite(limits.velocity)))]
+        raise MotionError(
+            f"{name}: the URDF gives no velocity limit for joint '{joint}'",
+            "one on every joint, as moves run at a share of it",
+        )
+    acceleration: Float = limits.velocity / RAMP
+    if file.acceleration is None:
+        notes.append(
+            f"{name} gives no acceleration: full speed in {RAMP:g} s is assumed on every joint"
+        )
+    elif isinstance(file.acceleration, dict):
+        given = file.acceleration
+        acceleration = np.array([given[joint] for joint in limits.joint_names]) * factor
+    else:
+        acceleration = np.full(len(via[0]), file.acceleration) * factor
+    bounds = MotionLimits(limits.lower, limits.upper, limits.velocity, acceleration, file.jerk_time)
+    try:
+        program = Program(via, bounds, file.dwell, file.override)
+    except MotionError as error:
+        raise MotionError(f"{name}: {error.found}", error.expected, error.remedy) from error
+    return LoadedProgram(program, file.repeat, tuple(notes))
+
+
+def _same_joints(found: set[str], expected: Sequence[str], name: str) -> None:
+    missing = [joint for joint in expected if joint not in found]
+    foreign = sorted(found - set(expected))
+    if missing or foreign:
+        raise MotionError(
+            f"{name} moves {', '.join(sorted(found))}",
+            f"the joints of the model, {', '.join(expected)}",
+            f"{'it lacks ' + missing[0] if missing else foreign[0] + ' is no joint of the model'}; "
+            "write the program for this robot",
+        )

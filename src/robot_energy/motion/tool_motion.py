@@ -1,0 +1,233 @@
+"""Motion of a tool -> motion of the joints.
+
+The joint positions come from the inverse kinematics at equal steps of time; a spline of the fifth degree goes through them, and its derivatives are the
+joint velocities and accelerations. So all three belong to one motion whatever the robot,
+redundant ones included, and no kinematics but the inverse is needed.
+
+The spline is made in blocks that overlap by `MARGIN` knots, within which the influence of its
+ends has died away (a factor of 0.43 per knot), so memory does not grow with the length.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from robot_energy.blocks import Float
+from robot_energy.errors import MotionError
+from robot_energy.motion.ptp import Trajectory
+from robot_energy.motion.tool_timing import TimedPath
+from robot_energy.urdf import JointLimits
+
+DEGREE = 5
+STEP = 0.01  # s; see decision 0038 for what a shorter one changes
+MARGIN = 40  # knots: 0.43^40 = 2e-15
+BLOCK = 4096  # knots
+MOST_KNOTS = 20_000_000
+TOLERANCE = 1e-6  # rad or m, by which a limit of position may be exceeded: rounding
+LARGEST_JUMP = 0.5  # rad or m between two knots
+
+
+class ToolKinematics(Protocol):
+    """What turns positions of the tool into positions of the joints."""
+
+    def solve(self, tool_position: Float, start: Float) -> Float:
+        """Return joint positions that follow a path of the tool.
+
+        Args:
+            tool_position: In the robot's base frame, shape (N, 3). [m]
+            start: Joint positions to begin from, shape (n,). [rad] or [m]
+
+        Returns:
+            Shape (N, n). [rad] or [m]
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class Placement:
+    """Where the robot's base stands in the frame of the program.
+
+    Attributes:
+        x: [m]
+        y: [m]
+        z: [m]
+        yaw: Turn of the base about the vertical axis, anticlockwise. [rad]
+    """
+
+    x: float = 0.0
+    y: float = 0.0
+    z: float = 0.0
+    yaw: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not all(map(math.isfinite, (self.x, self.y, self.z, self.yaw))):
+            raise MotionError(f"the base stands at {self}", "finite numbers")
+
+    def in_base(self, position: Float) -> Float:
+        """Return positions of the program's frame in the base frame.
+
+        Args:
+            position: Shape (N, 3). [m]
+        """
+        moved = position - np.array([self.x, self.y, self.z])
+        cosine, sine = math.cos(self.yaw), math.sin(self.yaw)
+        turn = np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+        return moved @ turn.T
+
+
+class ToolMotion:
+    """Motion of the joints that moves a tool along a timed path.
+
+    Args:
+        path: Motion of the tool.
+        kinematics: Inverse kinematics.
+        start: Joint positions near the first one; decides which solution is taken,
+            shape (n,). [rad] or [m]
+        limits: Of the joints; a motion beyond them is refused.
+        placement: Of the robot's base in the frame of the program.
+        step: Time between knots, > 0. [s]
+        anchored: Whether every solution depends on ``start``, as where a redundant arm stays
+            as near to it as it can; otherwise each is solved from the one before.
+
+    Attributes:
+        duration: [s]
+
+    Raises:
+        MotionError: If the step makes no sense or the motion is too long for it.
+    """
+
+    def __init__(
+        self,
+        path: TimedPath,
+        kinematics: ToolKinematics,
+        start: Float,
+        limits: JointLimits,
+        placement: Placement | None = None,
+        step: float = STEP,
+        anchored: bool = False,
+    ) -> None:
+        if not 0 < step < math.inf:
+            raise MotionError(f"the step is {step} s", "a time > 0 s")
+        if not path.duration / step <= MOST_KNOTS:
+            raise MotionError(
+                f"{path.path.name} lasts {path.duration:.4g} s, which makes more than "
+                f"{MOST_KNOTS} steps of {step:g} s",
+                "fewer",
+                "check the feeds, or take longer steps",
+            )
+        self._path = path
+        self._kinematics = kinematics
+        self._start = np.asarray(start, dtype=np.float64)
+        self._anchored = anchored
+        self._limits = limits
+        self._placement = placement or Placement()
+        self._count = max(2 * DEGREE, math.ceil(path.duration / step - 1e-9)) + 1
+        self._step = path.duration / (self._count - 1)
+        self.duration = path.duration
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the joints, in the order of the arrays."""
+        return self._limits.joint_names
+
+    def blocks(self) -> Iterator[tuple[Float, Trajectory]]:
+        """Go through the motion once.
+
+        Yields:
+            Times since the start, shape (N,) [s], and the motion at them, joint side; equal
+            steps, none twice.
+
+        Raises:
+            MotionError: If a position cannot be reached or a limit is exceeded; the text
+                names joint, time and line of the program.
+        """
+        joints = np.empty((0, len(self._start)))
+        first, solved, last = 0, 0, self._start  # first: index of the first row of joints
+        done = 0
+        while done < self._count:
+            until = min(done + BLOCK, self._count)
+            need = min(until + MARGIN, self._count)
+            if need > solved:
+                fresh = self._solve(solved, need, last)
+                joints = np.concatenate([joints, fresh])
+                solved, last = need, joints[-1]
+            yield self._derive(joints, first, done, until)
+            keep = max(until - MARGIN, 0)
+            joints, first, done = joints[keep - first :], keep, until
+
+    def _solve(self, begin: int, end: int, start: Float) -> Float:
+        time = np.arange(begin, end) * self._step
+        tool = self._placement.in_base(self._path.sample(time).position)
+        try:
+            joints = self._kinematics.solve(tool, self._start if self._anchored else start)
+        except MotionError as error:
+            raise MotionError(
+                f"{self._path.path.name}, between {time[0]:.3f} s and {time[-1]:.3f} s (lines "
+                f"{self._lines(time)}): {error.found}",
+                error.expected,
+                error.remedy,
+            ) from error
+        if joints.shape != (len(time), len(self._start)) or not np.isfinite(joints).all():
+            raise MotionError(
+                f"the inverse kinematics gave {joints.shape} or values that are not finite",
+                f"({len(time)}, {len(self._start)})",
+            )
+        jump = np.abs(np.diff(joints, axis=0, prepend=start[None, :] if begin else joints[:1]))
+        self._refuse(jump > LARGEST_JUMP, time, jump, "jumps by", f"at most {LARGEST_JUMP}",
+                     "the path passes a singular configuration; move the base or start elsewhere")  # fmt: skip
+        low, high = self._limits.lower - TOLERANCE, self._limits.upper + TOLERANCE
+        self._refuse((joints < low) | (joints > high), time, joints, "is at", "",
+                     "move the base, start elsewhere, or take another robot")  # fmt: skip
+        return joints
+
+    def _derive(
+        self, joints: Float, first: int, begin: int, end: int
+    ) -> tuple[Float, Trajectory]:
+        """Derivatives of the spline through all knots at hand."""
+        from scipy.interpolate import make_interp_spline
+
+        knots = np.arange(first, first + len(joints)) * self._step
+        spline = make_interp_spline(knots, joints, k=DEGREE)
+        rows = slice(begin - first, end - first)
+        time = knots[rows]
+        velocity = np.asarray(spline.derivative(1)(time))
+        self._refuse(
+            np.abs(velocity) > self._limits.velocity * (1 + 1e-9), time, velocity, "moves at", "",
+            "reduce the feed, move the base or start elsewhere", speed=True,
+        )  # fmt: skip
+        acceleration = np.asarray(spline.derivative(2)(time))
+        return time, Trajectory(joints[rows], velocity, acceleration)
+
+    def _refuse(
+        self, bad: np.ndarray, time: Float, values: Float, verb: str, expected: str, remedy: str,
+        speed: bool = False,
+    ) -> None:  # fmt: skip
+        """Refuse the first of some samples."""
+        if not bad.any():
+            return
+        row = int(np.argmax(bad.any(axis=1)))
+        joint = int(np.argmax(bad[row]))
+        limits = self._limits
+        unit = ("m" if limits.prismatic[joint] else "rad") + ("/s" if speed else "")
+        if not expected:
+            expected = (
+                f"at most {limits.velocity[joint]:.4g}"
+                if speed
+                else f"{limits.lower[joint]:.4g} to {limits.upper[joint]:.4g}"
+            )
+        line = int(self._path.source_line(time[row : row + 1])[0])
+        raise MotionError(
+            f"{self._path.path.name}, line {line}: joint '{limits.joint_names[joint]}' {verb} "
+            f"{values[row, joint]:.4g} {unit} at {time[row]:.3f} s",
+            f"{expected} {unit}",
+            remedy,
+        )
+
+    def _lines(self, time: Float) -> str:
+        lines = self._path.source_line(time[[0, -1]])
+        return f"{lines[0]} to {lines[1]}"

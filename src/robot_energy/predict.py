@@ -1,0 +1,185 @@
+"""Prediction: the energy of a motion before it is made, through the stages that run live.
+
+The motion is known, so its accelerations are taken as they are instead of being derived from
+samples (`EnergyPipeline.plan`); torque, friction, drives, cabinet and books are those of live
+operation and replay. Motor temperatures are assumed and held.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from robot_energy.blocks import PLAUSIBLE_DEGC, Float, JointBlock, TemperatureBlock
+from robot_energy.errors import MotionError, UnknownJointError
+from robot_energy.friction import FrictionModel
+from robot_energy.model_file import RobotModel
+from robot_energy.model_file.joint import ConstantLaw
+from robot_energy.model_file.payload import Payload
+from robot_energy.motion.planned import LONGEST, PlannedMotion, repeated
+from robot_energy.motion.ptp import Trajectory
+from robot_energy.pipeline import EnergyPipeline, Ledger, Output, Settings
+from robot_energy.pipeline.averaging import MeanBlock
+
+START_NS = 1_000_000_000  # stamps of 0 mean that there is none
+POINTS = 1500  # of the curve of power, at most
+SHORTEST_PERIOD = 0.02  # s
+MOST_REPEATS = 1_000_000
+Progress = Callable[[float], None]
+
+
+@dataclass
+class Prediction:
+    """What a prediction gave.
+
+    Attributes:
+        program: Name of the motion.
+        model: The model used.
+        motor_temperature_degc: Assumed and held, shape (n,). [degC]
+        extrapolated: Joints whose friction law does not reach that temperature.
+        one_temperature: Joints whose friction law is the same at every temperature.
+        duration: Of all repetitions. [s]
+        repeat: How often the motion is made.
+        pipeline: With its books closed.
+        means: Power over time.
+        notes: What a reader should know, one sentence each.
+        payload: What the robot carries beside the payload of its model.
+    """
+
+    program: str
+    model: RobotModel
+    motor_temperature_degc: Float
+    extrapolated: tuple[str, ...]
+    one_temperature: tuple[str, ...]
+    duration: float
+    repeat: int
+    pipeline: EnergyPipeline
+    means: MeanBlock | None = None
+    notes: list[str] = field(default_factory=list[str])
+    payload: tuple[Payload, ...] = ()
+
+    @property
+    def ledger(self) -> Ledger:
+        """Registers and phases."""
+        return self.pipeline.ledger
+
+
+def predict(
+    model: RobotModel,
+    motion: PlannedMotion,
+    motor_temperature_degc: float | Sequence[float] | Float,
+    program: str = "the motion",
+    repeat: int = 1,
+    payload: Sequence[Payload] = (),
+    notes: Sequence[str] = (),
+    progress: Progress | None = None,
+) -> Prediction:
+    """Predict the energy of a motion.
+
+    Args:
+        model: The robot's model.
+        motion: From start to end; its joints are matched by name.
+        motor_temperature_degc: Of all motors, or one for each joint of the model. [degC]
+        program: Name of the motion, for reports.
+        repeat: How often the motion is made without a pause.
+        payload: Bodies that the robot carries from start to end.
+        notes: What a reader should know of the motion, one sentence each.
+        progress: Called with the share done, 0 to 1.
+
+    Returns:
+        The closed books.
+
+    Raises:
+        MotionError: If the motion cannot be made, or figures make no sense.
+        UnknownJointError: If the motion lacks joints of the model.
+        RobotEnergyError: If the model cannot be used.
+    """
+    temperature = _temperatures(motor_temperature_degc, len(model.joints))
+    order = _order(model, motion.joint_names)
+    if not 1 <= repeat <= MOST_REPEATS:
+        raise MotionError(f"{repeat} repetitions were asked for", f"1 to {MOST_REPEATS}")
+    duration = motion.duration * repeat
+    if not 0 < duration <= LONGEST:
+        raise MotionError(f"all repetitions last {duration:.4g} s", f"at most {LONGEST:g} s")
+    period = max(SHORTEST_PERIOD, duration / POINTS)
+    pipeline = EnergyPipeline(model, Settings(power_period=period, temperature_assumed=True))
+    for body in payload:
+        pipeline.torque.set_payload(body)
+    friction = FrictionModel.from_model(model)
+    outside = friction.extrapolated(temperature)
+    names = model.joint_names
+    result = Prediction(
+        program=program,
+        model=model,
+        motor_temperature_degc=temperature,
+        extrapolated=tuple(name for name, is_so in zip(names, outside, strict=True) if is_so),
+        one_temperature=tuple(
+            joint.name for joint in model.joints if isinstance(joint.friction.viscous, ConstantLaw)
+        ),
+        duration=duration,
+        repeat=repeat,
+        pipeline=pipeline,
+        notes=list(notes),
+        payload=tuple(payload),
+    )
+    means: list[MeanBlock] = []
+    held: TemperatureBlock | None = TemperatureBlock(
+        stamp_ns=np.array([START_NS]), motor_temperature_degc=temperature[None, :]
+    )
+    for time, path in repeated(motion, repeat):
+        _keep(means, pipeline.plan(_joint_block(time, path, order), held))
+        held = None
+        if progress is not None:
+            progress(min(1.0, float(time[-1]) / duration))
+    _keep(means, pipeline.flush())
+    result.means = MeanBlock.concatenate(means) if means else None
+    return result
+
+
+def _keep(means: list[MeanBlock], output: Output) -> None:
+    if output.means is not None:
+        means.append(output.means)
+
+
+def _temperatures(given: float | Sequence[float] | Float, n_joints: int) -> Float:
+    values = np.atleast_1d(np.asarray(given, dtype=np.float64))
+    if values.shape not in ((1,), (n_joints,)):
+        raise MotionError(
+            f"{values.size} motor temperatures were given",
+            f"one for all motors, or one for each of {n_joints} joints",
+        )
+    low, high = PLAUSIBLE_DEGC
+    if not ((values >= low) & (values <= high)).all():
+        raise MotionError(
+            f"the motor temperatures are {values.tolist()} degC", f"{low:g} to {high:g} degC"
+        )
+    return np.broadcast_to(values, (n_joints,)).copy()
+
+
+def _order(model: RobotModel, joint_names: Sequence[str]) -> list[int]:
+    """Columns of the motion in the order of the model."""
+    missing = [name for name in model.joint_names if name not in joint_names]
+    foreign = [name for name in joint_names if name not in model.joint_names]
+    if missing or foreign:
+        which = f"lacks {missing[0]}" if missing else f"moves {foreign[0]} as well"
+        raise UnknownJointError(
+            f"the motion moves {', '.join(joint_names)} and {which}",
+            f"the joints of the model, {', '.join(model.joint_names)}",
+            "use the model of this robot",
+        )
+    return [list(joint_names).index(name) for name in model.joint_names]
+
+
+def _joint_block(time: Float, path: Trajectory, order: list[int]) -> JointBlock:
+    stamp = START_NS + np.rint(time * 1e9).astype(np.int64)
+    return JointBlock(
+        stamp_ns=stamp,
+        segment=np.zeros(len(stamp), dtype=np.int64),
+        quality=np.zeros(len(stamp), dtype=np.uint32),
+        joint_position=np.ascontiguousarray(path.joint_position[:, order]),
+        joint_velocity=np.ascontiguousarray(path.joint_velocity[:, order]),
+        joint_acceleration=np.ascontiguousarray(path.joint_acceleration[:, order]),
+        joint_effort=np.full((len(stamp), len(order)), np.nan),
+    )
