@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from typing import cast
 
 from robot_energy import __version__
-from robot_energy.cli import identify, import_logs, info, models, replay, simulate
+from robot_energy.cli import identify, import_logs, info, models, predict, replay, simulate
 from robot_energy.errors import RobotEnergyError
 
 DONE, UNEXPECTED, REFUSED, DAMAGED, INTERRUPTED = 0, 1, 2, 3, 130
@@ -20,6 +20,7 @@ examples:
   robot-energy import ur-rtde log_*.csv --out bag    turn a UR recording into a bag
   robot-energy replay bag --model ur3e --plot p.png  where its energy went
   robot-energy replay bag --model ur3e --compare     beside friction that knows no temperature
+  robot-energy predict moves.yaml --model kr16 --temperature 20   energy before it is run
 
 exit codes: 0 done; 1 unexpected error; 2 input refused; 3 done, but the bag is damaged
 and was read in part; 130 interrupted
@@ -38,7 +39,7 @@ def build_parser() -> ArgumentParser:
     parser.add_argument("--version", action="version", version=f"robot-energy {__version__}")
     parser.set_defaults(debug=False)
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    for module in (replay, import_logs, identify, models, info, simulate):
+    for module in (replay, import_logs, identify, predict, models, info, simulate):
         module.add_parser(commands)
     return parser
 

@@ -79,6 +79,12 @@ class Program:
         """Number of motions in one loop."""
         return len(self.via)
 
+    @property
+    def instants(self) -> Float:
+        """Begin and end of every move within the first loop, shape (2 K,). [s]"""
+        ends = np.append(self._begin[1:], self.period)
+        return np.stack([self._begin + self._dwell, ends], axis=1).ravel()
+
     def sample(self, time: Float) -> Trajectory:
         """Evaluate the program.
 

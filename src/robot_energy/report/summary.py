@@ -7,11 +7,13 @@ Energies in J, powers in W, times in s; integer times in ns end in ``_ns``, temp
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 from robot_energy import __version__
 from robot_energy.blocks import NANOSECOND, MeterLocation, Phase, Quality
-from robot_energy.registers import CABINET_REGISTERS, JOINT_REGISTERS, PER_JOULE
+from robot_energy.pipeline import Ledger
+from robot_energy.registers import CABINET_REGISTERS, JOINT_REGISTERS, PER_JOULE, Registers
 from robot_energy.replay import Replay
 from robot_energy.report.model_summary import count_tags
 from robot_energy.report.payload_summary import payload_summary
@@ -38,7 +40,7 @@ def summarise(result: Replay, settings_note: str | None = None) -> dict[str, Any
     Returns:
         Plain values that JSON can hold; NaN became None.
     """
-    energy = _energy(result)
+    energy = breakdown(result.ledger.registers)
     summary = {
         "summary_version": SUMMARY_VERSION,
         "tool_version": __version__,
@@ -53,14 +55,8 @@ def summarise(result: Replay, settings_note: str | None = None) -> dict[str, Any
         "time": _time(result),
         "comparison": _comparison(result),
         "energy": energy,
-        "power": _power(result),
-        "phases": {
-            phase.name.lower(): {
-                "time": result.ledger.phase_time(phase),
-                "grid_import_energy": result.ledger.phase_energy(phase),
-            }
-            for phase in Phase
-        },
+        "power": peak_and_mean(result.ledger),
+        "phases": phases(result.ledger),
         "joints": _joints(result, energy["grid_import"] - energy["grid_return"]),
         **shaft_summary(result),
         **payload_summary(result),
@@ -75,7 +71,7 @@ def summarise(result: Replay, settings_note: str | None = None) -> dict[str, Any
         "problems": _problems(result, energy),
         "notes": _notes(result),
     }
-    return _plain(summary)
+    return plain(summary)
 
 
 def _model(result: Replay, note: str | None) -> dict[str, Any]:
@@ -154,9 +150,12 @@ def _constant_power(result: Replay) -> float:
     return constant + (cabinet.loss_grid.value if at_grid else 0.0)
 
 
-def _energy(result: Replay) -> dict[str, Any]:
-    """The breakdown, and whether it sums to what the grid gave."""
-    registers = result.ledger.registers
+def breakdown(registers: Registers) -> dict[str, Any]:
+    """Return where the energy went, and whether the parts sum to what the grid gave. [J]
+
+    Args:
+        registers: Energy registers of one robot.
+    """
     cabinet = {name: registers.cabinet(name) for name in CABINET_REGISTERS}
     joints = {
         name: math.fsum(registers.joints(name).tolist())
@@ -177,22 +176,58 @@ def _energy(result: Replay) -> dict[str, Any]:
     }
 
 
-def _power(result: Replay) -> dict[str, Any]:
-    registers = result.ledger.registers
+def peak_and_mean(ledger: Ledger) -> dict[str, Any]:
+    """Return the highest and the mean predicted power at the grid. [W]
+
+    Args:
+        ledger: The books of one robot.
+    """
+    registers = ledger.registers
     seconds = registers.time.observed_ns * NANOSECOND
     net = registers.cabinet("grid_import") - registers.cabinet("grid_return")
     return {
-        "predicted_peak_grid_power": result.ledger.peak_power,
+        "predicted_peak_grid_power": ledger.peak_power,
         "predicted_mean_grid_power": net / seconds if seconds else math.nan,
     }
 
 
+def phases(ledger: Ledger) -> dict[str, Any]:
+    """Return time [s] and energy [J] of each phase.
+
+    Args:
+        ledger: The books of one robot.
+    """
+    return {
+        phase.name.lower(): {
+            "time": ledger.phase_time(phase),
+            "grid_import_energy": ledger.phase_energy(phase),
+        }
+        for phase in Phase
+    }
+
+
 def _joints(result: Replay, net: float) -> list[dict[str, Any]]:
-    registers = result.ledger.registers
-    columns = {key: registers.joints(name).tolist() for name, key in JOINT_KEYS.items()}
     temperature = result.pipeline.friction.latest().motor_temperature_degc[0].tolist()
+    rows = joint_energies(result.ledger.registers, result.model.joint_names, net)
+    return [
+        {**row, "last_motor_temperature_degc": degc}
+        for row, degc in zip(rows, temperature, strict=True)
+    ]
+
+
+def joint_energies(
+    registers: Registers, joint_names: Sequence[str], net: float
+) -> list[dict[str, Any]]:
+    """Return where each joint's energy went. [J]
+
+    Args:
+        registers: Energy registers of one robot.
+        joint_names: In their order.
+        net: Energy from the grid less what was returned, for the shares. [J]
+    """
+    columns = {key: registers.joints(name).tolist() for name, key in JOINT_KEYS.items()}
     rows: list[dict[str, Any]] = []
-    for index, name in enumerate(result.model.joint_names):
+    for index, name in enumerate(joint_names):
         row = {key: values[index] for key, values in columns.items()}
         drawn = row["rigid_energy"] + row["friction_energy"] + row["drive_loss_energy"]
         rows.append(
@@ -201,7 +236,6 @@ def _joints(result: Replay, net: float) -> list[dict[str, Any]]:
                 **row,
                 "drive_input_energy": drawn,
                 "share_of_grid": drawn / net if net > 0 else math.nan,
-                "last_motor_temperature_degc": temperature[index],
             }
         )
     return rows
@@ -279,12 +313,12 @@ def _notes(result: Replay) -> list[str]:
     return notes
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
     """Replace NaN and infinities by None, which JSON can hold."""
     if isinstance(value, dict):
-        return {str(key): _plain(entry) for key, entry in value.items()}  # pyright: ignore
+        return {str(key): plain(entry) for key, entry in value.items()}  # pyright: ignore
     if isinstance(value, list):
-        return [_plain(entry) for entry in value]  # pyright: ignore
+        return [plain(entry) for entry in value]  # pyright: ignore
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value

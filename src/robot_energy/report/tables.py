@@ -120,9 +120,9 @@ def print_replay(summary: Summary, page: Page, other: Summary | None = None) -> 
     pairs(page, _recording(summary))
     _print_comparison(page, summary, other, scale)
     _print_breakdown(page, summary, other, scale)
-    _print_joints(page, summary, scale)
+    print_joints(page, summary, scale)
     print_shaft(page, summary, scale)
-    _print_phases(page, summary, scale)
+    print_phases(page, summary, scale)
     _print_inputs(page, summary)
 
 
@@ -211,20 +211,27 @@ def _print_comparison(page: Page, summary: Summary, other: Summary | None, scale
     )
 
 
-def _print_breakdown(page: Page, summary: Summary, other: Summary | None, scale: Scale) -> None:
-    energy = summary["energy"]
-    net = energy["grid_import"] - energy["grid_return"]
-    names = {
+def part_names(drive: str) -> dict[str, str]:
+    """Return the names of the parts of the energy from the grid, in their order.
+
+    Args:
+        drive: Drive model of the robot.
+    """
+    return {
         "rigid": "lifting and accelerating, net",
         "friction": "friction",
-        "drive_loss": "drive losses"
-        if summary["model"]["drive"] != "ideal"
-        else "drive losses (not modelled)",
+        "drive_loss": "drive losses" + (" (not modelled)" if drive == "ideal" else ""),
         "loss_dc": "constant losses, DC side",
         "loss_grid": "constant and supply losses, grid",
         "brake": "brake resistor",
         "capacitor": "into the DC-link capacitor, net",
     }
+
+
+def _print_breakdown(page: Page, summary: Summary, other: Summary | None, scale: Scale) -> None:
+    energy = summary["energy"]
+    net = energy["grid_import"] - energy["grid_return"]
+    names = part_names(summary["model"]["drive"])
 
     def row(name: str, value: float, second: float | None) -> list[str]:
         share = value / net if net > 0 else None
@@ -267,7 +274,14 @@ def _print_breakdown(page: Page, summary: Summary, other: Summary | None, scale:
     line(page, "")
 
 
-def _print_joints(page: Page, summary: Summary, scale: Scale) -> None:
+def print_joints(page: Page, summary: Summary, scale: Scale) -> None:
+    """Print where the energy of each joint went.
+
+    Args:
+        page: Where to.
+        summary: With ``joints``.
+        scale: Unit of the energies.
+    """
     keys = (
         "shaft_energy_positive",
         "shaft_energy_negative",
@@ -319,7 +333,14 @@ def _print_joints(page: Page, summary: Summary, scale: Scale) -> None:
     )
 
 
-def _print_phases(page: Page, summary: Summary, scale: Scale) -> None:
+def print_phases(page: Page, summary: Summary, scale: Scale) -> None:
+    """Print time and energy of the phases.
+
+    Args:
+        page: Where to.
+        summary: With ``phases``.
+        scale: Unit of the energies.
+    """
     rows = [
         (
             name,

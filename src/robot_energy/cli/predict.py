@@ -1,0 +1,272 @@
+"""`robot-energy predict`: the energy of motion programs before they are run."""
+
+from __future__ import annotations
+
+import json
+import shlex
+import sys
+from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+from robot_energy.cli.terminal import add_debug, check_writable, console, progress, write_text
+
+if TYPE_CHECKING:
+    from robot_energy.model_file.payload import Payload
+    from robot_energy.motion.programs import LoadedMotion, ToolOptions
+    from robot_energy.predict import Prediction
+    from robot_energy.report.document import Document
+
+MOST_RUNS = 100
+PAYLOAD_LINK = "tool0"
+
+DESCRIPTION = """\
+Predict the energy of motion programs before they are run, for one robot or several side by
+side, at motor temperatures that you give. A program is G-code, a YAML file of point-to-point
+moves, a bag with a trajectory_msgs/JointTrajectory, or such a trajectory as CSV. The figures go
+through the same stages as live operation and replay; every watt has its place: bodies,
+friction, drives, constant losses, brake. Nothing is measured here. Collisions are not checked.
+"""
+EPILOG = """\
+examples:
+  robot-energy predict moves.yaml --model kr16 --temperature 20 --temperature 60
+  robot-energy predict wall_layer.gcode --model mantis --base=-1.2,-0.2,0 \\
+      --model testbed --base 0,0,0 --model irb4600 --base=-1,0.15,0 --temperature 40 \\
+      --report wall.html
+"""
+
+
+def add_parser(commands: Any) -> None:
+    """Add the sub-command."""
+    parser: ArgumentParser = commands.add_parser(
+        "predict",
+        help="the energy of motion programs before they are run",
+        description=DESCRIPTION,
+        epilog=EPILOG,
+        formatter_class=RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("program", nargs="+", metavar="PROGRAM", help="program of motion")
+    parser.add_argument(
+        "--model",
+        required=True,
+        action="append",
+        metavar="FILE|NAME",
+        help="model of the robot; several times for several robots",
+    )
+    parser.add_argument(
+        "--temperature",
+        required=True,
+        action="append",
+        metavar="DEGC[,DEGC...]",
+        help="of all motors, or one per joint, held throughout; several times to compare",
+    )
+    parser.add_argument(
+        "--payload",
+        metavar="KG[,X,Y,Z][@LINK]",
+        help=f"what the robot carries, its centre of mass in the frame of the link [m] "
+        f"(default link {PAYLOAD_LINK})",
+    )
+    parser.add_argument(
+        "--repeat", type=int, metavar="N", help="how often (default: as the program says, or 1)"
+    )
+    parser.add_argument("--topic", metavar="NAME", help="of the JointTrajectory in a bag")
+    output = parser.add_argument_group("output")
+    output.add_argument("--json", metavar="FILE", help="write all figures as JSON; - for stdout")
+    output.add_argument("--report", metavar="FILE", help="write one HTML file with everything")
+    output.add_argument("--plot", metavar="FILE", help="draw energy and power: png, svg or pdf")
+    tool = parser.add_argument_group("G-code")
+    tool.add_argument(
+        "--base",
+        action="append",
+        metavar="X,Y,Z[,YAW]",
+        help="where the robot's base stands in the frame of the program [m], and its turn about "
+        "the vertical axis [deg]; once for all robots, or once per model",
+    )
+    tool.add_argument(
+        "--start",
+        action="append",
+        metavar="Q,Q,...",
+        help="joint positions near the first one [rad or m], which decide elbow and wrist; once, "
+        "or once per model (default: middle of the ranges, bent)",
+    )
+    tool.add_argument("--tool", default="tool0", metavar="LINK", help="default tool0")
+    tool.add_argument(
+        "--tool-acceleration", type=float, metavar="A", help="greatest, default 2 m/s^2, assumed"
+    )
+    tool.add_argument(
+        "--corner-tolerance",
+        type=float,
+        metavar="MM",
+        help="greatest distance from a corner, default 3 mm; 0 stops in every corner",
+    )
+    tool.add_argument(
+        "--smoothing", type=float, metavar="S", help="of the tool's motion, default 0.02 s"
+    )
+    tool.add_argument(
+        "--rapid", type=float, metavar="M_PER_S", help="speed of G0 without F, default 0.25 m/s"
+    )
+    add_debug(parser)
+    parser.set_defaults(run=run)
+
+
+def run(args: Namespace) -> int:
+    """Predict and print.
+
+    Raises:
+        RobotEnergyError: If a model or program cannot be used.
+    """
+    from robot_energy.errors import MotionError
+    from robot_energy.report.prediction import (
+        prediction_summary,
+        predictions_summary,
+        print_predictions,
+    )
+
+    for path, what in (
+        (args.json, "the JSON report"),
+        (args.report, "the report"),
+        (args.plot, "the figure"),
+    ):
+        check_writable(path, what)
+    if args.plot is not None:
+        from pathlib import Path
+
+        from robot_energy.report.canvas import check_format
+
+        check_format(Path(args.plot))
+    count = len(args.program) * len(args.model) * len(args.temperature)
+    if count > MOST_RUNS:
+        raise MotionError(f"{count} predictions were asked for", f"at most {MOST_RUNS}")
+    found = _predictions(args)
+    runs = [prediction_summary(result, motion) for result, motion in found]
+    results = [result for result, _ in found]
+    if args.json is not None:
+        text = json.dumps(predictions_summary(runs), indent=2, allow_nan=False)
+        write_text(args.json, text + "\n")
+    if args.report is not None:
+        _report(args, results, runs)
+    if args.plot is not None:
+        from robot_energy.report.prediction import label
+        from robot_energy.report.prediction_figure import both
+
+        both(results, runs, [label(one, runs) for one in runs], args.plot)
+    if args.json != "-":
+        out = console()
+        print_predictions(runs, out)
+        for path in (args.report, args.plot):
+            if path is not None:
+                out.print(f"wrote {path}", soft_wrap=True)
+    return 0
+
+
+def _predictions(args: Namespace) -> list[tuple[Prediction, LoadedMotion]]:
+    """All programs by all robots at all temperatures."""
+    from robot_energy.errors import MotionError
+    from robot_energy.model_file import load
+    from robot_energy.motion.programs import joint_list, load_motion
+    from robot_energy.predict import predict
+    from robot_energy.robot import Robot
+
+    models = [load(name) for name in args.model]
+    bases = _per_model(args.base, len(models), "--base")
+    starts = _per_model(args.start, len(models), "--start")
+    payload = [] if args.payload is None else [_payload(args.payload)]
+    if args.repeat is not None and args.repeat < 1:
+        raise MotionError(f"--repeat is {args.repeat}", "a whole number from 1 on")
+    found: list[tuple[Prediction, LoadedMotion]] = []
+    for program in args.program:
+        for model, base, start in zip(models, bases, starts, strict=True):
+            robot = Robot.from_model(model)
+            motion = load_motion(program, robot, _tool_options(args, base, start), args.topic)
+            for text in args.temperature:
+                degc = joint_list(text, "--temperature", sorted({1, robot.n_joints}))
+                with progress(f"{motion.name}, {model.robot.type}") as show:
+                    result = predict(
+                        model,
+                        motion.motion,
+                        degc,
+                        motion.name,
+                        motion.repeat if args.repeat is None else args.repeat,
+                        payload,
+                        motion.notes,
+                        show,
+                    )
+                found.append((result, motion))
+    return found
+
+
+def _per_model(values: Sequence[str] | None, count: int, option: str) -> list[str | None]:
+    from robot_energy.errors import MotionError
+
+    if values is None:
+        return [None] * count
+    if len(values) not in (1, count):
+        raise MotionError(
+            f"{option} was given {len(values)} times", f"once, or {count} times, once per model"
+        )
+    return [values[0]] * count if len(values) == 1 else list(values)
+
+
+def _tool_options(args: Namespace, base: str | None, start: str | None) -> ToolOptions:
+    import math
+    from dataclasses import replace
+
+    from robot_energy.motion.programs import ToolOptions, joint_list
+    from robot_energy.motion.tool_motion import Placement
+    from robot_energy.motion.tool_timing import ToolLimits
+
+    placement = Placement()
+    if base is not None:
+        values = joint_list(base, "--base", (3, 4)).tolist()
+        yaw = math.radians(values[3]) if len(values) == 4 else 0.0
+        placement = Placement(values[0], values[1], values[2], yaw)
+    given: dict[str, float] = {}
+    if args.tool_acceleration is not None:
+        given["acceleration"] = args.tool_acceleration
+    if args.corner_tolerance is not None:
+        given["corner_tolerance"] = args.corner_tolerance * 1e-3
+    if args.smoothing is not None:
+        given["smoothing"] = args.smoothing
+    options = ToolOptions(
+        link=args.tool,
+        placement=placement,
+        start=None if start is None else joint_list(start, "--start", ()),
+        limits=ToolLimits(**given),
+    )
+    return options if args.rapid is None else replace(options, rapid_speed=args.rapid)
+
+
+def _payload(text: str) -> Payload:
+    from robot_energy.model_file.payload import payload
+    from robot_energy.motion.programs import joint_list
+
+    figures, _, link = text.partition("@")
+    values = joint_list(figures, "--payload", (1, 4)).tolist()
+    return payload(link or PAYLOAD_LINK, values[0], values[1:] or (0.0, 0.0, 0.0), source=text)
+
+
+def _report(args: Namespace, results: Sequence[Prediction], runs: list[dict[str, Any]]) -> None:
+    from robot_energy.report.document import Document
+    from robot_energy.report.prediction import label, print_predictions
+    from robot_energy.report.prediction_figure import energy_bars, power_curves
+
+    labels = [label(one, runs) for one in runs]
+    page = Document(
+        "Predicted energy",
+        "Motion programs before they are run, through the models of the robots. "
+        "Nothing in this report was measured.",
+    )
+    page.command("robot-energy " + shlex.join(sys.argv[1:]))
+
+    def figures(document: Document) -> None:
+        document.figure(
+            lambda path: energy_bars(runs, labels, path),
+            "Predicted energy from the grid and where it goes.",
+        )
+        document.figure(
+            lambda path: power_curves(results, labels, path),
+            "Predicted power from the grid, means over short periods.",
+        )
+
+    print_predictions(runs, page, figures)
+    page.write(args.report)

@@ -1,0 +1,200 @@
+"""Motion programs of any kind -> planned motions of one robot."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from robot_energy.blocks import Float
+from robot_energy.errors import MotionError, RobotDescriptionError
+from robot_energy.motion.gcode import RAPID_SPEED, load_gcode
+from robot_energy.motion.inverse import InverseKinematics
+from robot_energy.motion.planned import PlannedMotion, SampledMotion
+from robot_energy.motion.program_file import program_for, read_program
+from robot_energy.motion.tool_motion import STEP, Placement, ToolMotion
+from robot_energy.motion.tool_timing import TimedPath, ToolLimits
+from robot_energy.motion.trajectory_file import read_bag_trajectory, read_csv_trajectory
+from robot_energy.robot import Robot
+
+GCODE = (".gcode", ".gco", ".g", ".nc", ".ngc", ".cnc", ".tap")
+YAML = (".yaml", ".yml")
+BAG = (".mcap", ".db3", ".zstd")
+BENT = 0.6  # rad: a joint that would start in the middle of its range, stretched, starts bent
+TOOL_DOWN = np.diag([1.0, -1.0, -1.0])  # z of the tool points down, its x forward
+
+
+@dataclass(frozen=True)
+class ToolOptions:
+    """What a G-code program does not say.
+
+    Attributes:
+        link: The tool's frame in the URDF.
+        placement: Of the base in the frame of the program.
+        start: Joint positions near the first one; None: the middle of the ranges, bent.
+            Shape (n,). [rad] or [m]
+        limits: Of the tool's motion.
+        rapid_speed: Of G0 without feed. [m/s]
+        step: Between solutions of the inverse kinematics. [s]
+    """
+
+    link: str = "tool0"
+    placement: Placement = field(default_factory=Placement)
+    start: Float | None = None
+    limits: ToolLimits = field(default_factory=ToolLimits)
+    rapid_speed: float = RAPID_SPEED
+    step: float = STEP
+
+
+@dataclass(frozen=True)
+class LoadedMotion:
+    """A program made ready for one robot.
+
+    Attributes:
+        motion: To be predicted.
+        name: Of the file.
+        repeat: How often the program itself says that it runs.
+        notes: What was assumed or read over, one sentence each.
+        length: Way of the tool, where the program is one of a tool. [m]
+        printed_length: Way during which material flows. [m]
+        stops: Rests of the tool in corners that could not be rounded.
+        full_speed_share: Share of the way at the programmed speed. [-]
+    """
+
+    motion: PlannedMotion
+    name: str
+    repeat: int = 1
+    notes: tuple[str, ...] = ()
+    length: float | None = None
+    printed_length: float | None = None
+    stops: int | None = None
+    full_speed_share: float | None = None
+
+
+def load_motion(
+    path: str | Path, robot: Robot, tool: ToolOptions | None = None, topic: str | None = None
+) -> LoadedMotion:
+    """Read a program and make it a motion of a robot.
+
+    Args:
+        path: G-code, a YAML file of point-to-point moves, a bag with a JointTrajectory, or
+            such a trajectory as CSV; told by the end of its name.
+        robot: Whose motion.
+        tool: What G-code does not say.
+        topic: Of the trajectory in a bag; None where there is one only.
+
+    Returns:
+        The motion.
+
+    Raises:
+        RobotEnergyError: If the program cannot be read or made by this robot.
+    """
+    file = Path(path)
+    suffix = file.suffix.lower()
+    if not file.exists():
+        raise MotionError(f"there is no program '{path}'", "a file or a bag")
+    if suffix in GCODE:
+        return _tool_program(file, robot, tool or ToolOptions())
+    if suffix in YAML and file.name != "metadata.yaml":
+        loaded = program_for(read_program(file), robot.limits, str(path))
+        motion = SampledMotion(
+            loaded.program, robot.joint_names, loaded.program.period,
+            instants=loaded.program.instants.tolist(),
+        )  # fmt: skip
+        return LoadedMotion(motion, str(path), loaded.repeat, loaded.notes)
+    if suffix == ".csv" or suffix in BAG or file.is_dir():
+        found = read_csv_trajectory(file) if suffix == ".csv" else read_bag_trajectory(file, topic)
+        motion = SampledMotion(
+            found, found.joint_names, found.duration, instants=found.instants.tolist()
+        )
+        return LoadedMotion(motion, str(path), notes=found.notes)
+    raise MotionError(
+        f"'{path}' is no program of a known kind",
+        f"G-code ({', '.join(GCODE)}), moves ({', '.join(YAML)}), a bag or .csv with a "
+        "JointTrajectory",
+    )
+
+
+def _tool_program(file: Path, robot: Robot, options: ToolOptions) -> LoadedMotion:
+    program = load_gcode(file, options.rapid_speed)
+    timed = TimedPath(program.path, options.limits)
+    notes = list(program.notes)
+    if not robot.has_link(options.link):
+        raise RobotDescriptionError(
+            f"the robot has no link '{options.link}' that could be the tool",
+            "a link of its URDF",
+            "name it with --tool",
+        )
+    kinematics = InverseKinematics(robot, options.link)
+    planar = kinematics.structure == "planar"
+    if planar:
+        kinematics = InverseKinematics(robot, options.link, lifted=True)
+        notes.append(
+            "the robot is a planar arm: heights are left to an axis outside of the model, as in "
+            "paper B"
+        )
+    elif kinematics.structure == "spatial" and options.start is None:
+        kinematics = InverseKinematics(robot, options.link, orientation=TOOL_DOWN)
+        notes.append("no start was given: the tool points down, z of its frame downward")
+    start = _start(robot, kinematics.structure) if options.start is None else options.start
+    if start.shape != (robot.n_joints,):
+        raise MotionError(
+            f"the start has {start.size} joint positions", f"{robot.n_joints}, one per joint"
+        )
+    limits = options.limits
+    notes.append(
+        f"the program states no accelerations: {limits.acceleration:g} m/s^2 at the tool and "
+        f"corners within {limits.corner_tolerance * 1e3:g} mm are assumed"
+    )
+    if timed.stops:
+        notes.append(f"the tool comes to rest in {timed.stops} corners that cannot be rounded")
+    motion = ToolMotion(
+        timed, kinematics, start, robot.limits, options.placement, options.step, anchored=planar
+    )
+    return LoadedMotion(
+        motion,
+        str(file),
+        notes=tuple(notes),
+        length=timed.length,
+        printed_length=program.path.printed_length,
+        stops=timed.stops,
+        full_speed_share=timed.full_speed_share,
+    )
+
+
+def _start(robot: Robot, structure: str) -> Float:
+    """Middle of the ranges; joints that would be stretched are bent."""
+    limits = robot.limits
+    bounded = np.isfinite(limits.lower) & np.isfinite(limits.upper)
+    middle = np.where(bounded, 0.5 * (limits.lower + limits.upper), 0.0)
+    if structure == "gantry":
+        return np.asarray(middle)
+    bend = np.where((np.abs(middle) < BENT) & ~limits.prismatic, BENT, 0.0)
+    bend[0] = 0.0
+    return np.asarray(middle + bend)
+
+
+def joint_list(text: str, what: str, counts: Sequence[int]) -> Float:
+    """Read numbers divided by commas.
+
+    Args:
+        text: Such as ``0.1,0.2,0.3``.
+        what: They are, for the message.
+        counts: How many there may be.
+
+    Returns:
+        Shape (k,).
+
+    Raises:
+        MotionError: If they are no finite numbers or not as many.
+    """
+    try:
+        values = np.array([float(part) for part in text.split(",")])
+    except ValueError as error:
+        raise MotionError(f"{what} is '{text}'", "numbers divided by commas") from error
+    if not np.isfinite(values).all() or (counts and len(values) not in counts):
+        number = " or ".join(map(str, counts)) or "any number of"
+        raise MotionError(f"{what} is '{text}'", f"{number} finite numbers divided by commas")
+    return values

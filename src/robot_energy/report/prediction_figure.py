@@ -1,0 +1,122 @@
+"""Figure of predictions: where the energy goes, and power over time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from robot_energy.predict import START_NS, Prediction
+from robot_energy.report.canvas import SERIES, Axes, canvas
+from robot_energy.report.printing import Scale
+from robot_energy.report.tables import Summary
+
+PARTS = {
+    "rigid, net": ("rigid",),
+    "friction": ("friction",),
+    "drive losses": ("drive_loss",),
+    "constant losses": ("loss_dc", "loss_grid"),
+    "brake, capacitor": ("brake", "capacitor"),
+}
+MINUTE, LONG = 60.0, 600.0  # s
+BAR = 0.45  # inch per run
+THIN = 0.9  # line width where curves lie over each other
+
+
+def energy_bars(runs: Sequence[Summary], labels: Sequence[str], path: str | Path) -> None:
+    """Draw where the energy of each run goes.
+
+    Args:
+        runs: From `prediction_summary`.
+        labels: One per run.
+        path: File to write: PNG, SVG or PDF by its suffix.
+    """
+    with canvas(path, (8.0, 1.4 + BAR * len(runs)), "predicted energy from the grid") as figure:
+        _bars(figure.subplots(), runs, labels)
+
+
+def power_curves(
+    results: Sequence[Prediction], labels: Sequence[str], path: str | Path
+) -> None:
+    """Draw the predicted power of each run over time.
+
+    Args:
+        results: Predictions.
+        labels: One per prediction.
+        path: File to write: PNG, SVG or PDF by its suffix.
+    """
+    with canvas(path, (8.0, 3.4), "predicted power from the grid") as figure:
+        _curves(figure.subplots(), results, labels)
+
+
+def both(
+    results: Sequence[Prediction],
+    runs: Sequence[Summary],
+    labels: Sequence[str],
+    path: str | Path,
+) -> None:
+    """Draw energies above powers.
+
+    Args:
+        results: Predictions.
+        runs: Their summaries.
+        labels: One per prediction.
+        path: File to write: PNG, SVG or PDF by its suffix.
+    """
+    bars = 0.9 + BAR * len(runs)
+    with canvas(path, (8.0, bars + 3.2), "predicted energy and power from the grid") as figure:
+        axes: Any = figure.subplots(2, 1, height_ratios=[bars, 3.2])
+        _bars(axes[0], runs, labels)
+        _curves(axes[1], results, labels)
+
+
+def _bars(axes: Axes, runs: Sequence[Summary], labels: Sequence[str]) -> None:
+    scale = Scale(max(run["energy"]["grid_import"] for run in runs))
+    place = np.arange(len(runs))[::-1]
+    right, left = np.zeros(len(runs)), np.zeros(len(runs))
+    for colour, (name, keys) in zip(SERIES, PARTS.items(), strict=False):
+        width = np.array([sum(run["energy"][key] for key in keys) for run in runs]) / scale.factor
+        if not width.any():
+            continue
+        start = np.where(width >= 0, right, left)
+        axes.barh(place, width, 0.6, left=start, color=colour, label=name)
+        right += np.maximum(width, 0.0)
+        left += np.minimum(width, 0.0)
+    for row, run in zip(place.tolist(), runs, strict=True):
+        net = run["energy"]["grid_import"] - run["energy"]["grid_return"]
+        axes.annotate(
+            f"{scale.joule(net)} {scale.unit}",
+            (max(right[len(runs) - 1 - row], 0.0), row),
+            xytext=(4, 0),
+            textcoords="offset points",
+            va="center",
+        )
+    axes.set_yticks(place, labels)
+    axes.grid(visible=False, axis="y")
+    axes.margins(x=0.14)
+    axes.set_xlim(left=min(float(left.min()) * 1.05, 0.0))
+    axes.set_xlabel(f"energy [{scale.unit}]")
+    axes.legend(loc="lower center", bbox_to_anchor=(0.45, 1.0), ncols=len(PARTS))
+
+
+def _curves(axes: Axes, results: Sequence[Prediction], labels: Sequence[str]) -> None:
+    longest = max(result.duration for result in results)
+    unit, second = ("min", MINUTE) if longest > LONG else ("s", 1.0)
+    for index, (result, name) in enumerate(zip(results, labels, strict=True)):
+        means = result.means
+        if means is None:
+            continue
+        power = means.mean("grid_import") - means.mean("grid_return")
+        time = (means.stamp_ns - START_NS) * 1e-9
+        axes.plot(
+            (time - 0.5 * means.period) / second, power, color=SERIES[index % len(SERIES)],
+            label=name, linewidth=THIN,
+        )  # fmt: skip
+    axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
+    axes.set_xlim(0.0, longest / second)
+    axes.set_xlabel(f"time since the start of the motion [{unit}]")
+    axes.set_ylabel("power from the grid [W]")
+    if len(results) > 1:
+        axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=min(len(results), 3))
