@@ -379,7 +379,7 @@ class _Machine:
 
     def _note_leftover(self, words: list[Word]) -> None:
         for word in words:
-            if word.letter not in "EFM":
+            if word.letter not in "EFMT":
                 self._note(word.letter)
 
     def _note(self, code: str) -> None:

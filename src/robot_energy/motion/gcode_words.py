@@ -20,6 +20,7 @@ MOST_WORDS = 40  # of a line
 WORD = re.compile(r"([A-Za-z])[ \t]*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))")
 COMMENT = re.compile(r"\([^()]*\)")
 NUMBER = re.compile(r"[ \t]*[Nn][ \t]*[0-9]+")
+MESSAGE = re.compile(r"[ \t]*(?:[Nn][ \t]*[0-9]+)?[ \t]*[Mm][ \t]*([0-9]{1,4})(?![0-9.])")
 TEXT_CODES = {20, 21, 23, 28, 29, 30, 32, 33, 36, 117, 118, 486, 928}  # M codes before free text
 MOST_DIGITS = 30  # of a number; more are no measure
 QUOTED = 24  # characters of bad text that a message repeats
@@ -62,6 +63,8 @@ def words_of(text: str, where: str) -> list[Word]:
             "check that this is a G-code file",
         )
     code = text.partition(";")[0]
+    if (message := MESSAGE.match(code)) is not None and int(message[1]) in TEXT_CODES:
+        return [Word("M", float(message[1]))]
     code = _checked(code, where) if "*" in code else code
     bare = COMMENT.sub(" ", code)
     for mark in "()":
@@ -90,8 +93,6 @@ def words_of(text: str, where: str) -> list[Word]:
         found.append(Word(letter, value))
         if len(found) > MOST_WORDS:
             raise MotionError(f"{where} has more than {MOST_WORDS} words", "fewer")
-        if letter == "M" and len(found) == 1 and value in TEXT_CODES:
-            break
         place = word.end()
     return found
 

@@ -1,0 +1,50 @@
+"""The wall of paper B."""
+
+from pathlib import Path
+
+import pytest
+
+from robot_energy.errors import MotionError
+from robot_energy.motion.gcode import load_gcode, read_gcode
+from robot_energy.motion.tool_timing import TimedPath
+from robot_energy.motion.wall import Wall
+
+EXAMPLE = Path(__file__).parents[3] / "src" / "examples" / "programs" / "wall_layer.gcode"
+
+
+def test_one_layer_is_the_outline_at_125_mm_per_second():
+    """Twice 1200 mm and 300 mm: 3 m, 24 s."""
+    path = read_gcode(Wall().gcode()).path
+    assert path.length == pytest.approx(3.0)
+    assert path.bounds == ((0.0, 0.0, 0.0), (1.2, 0.3, 0.0))
+    assert {segment.speed for segment in path.segments} == {0.125}
+    motion = TimedPath(path)
+    assert motion.duration == pytest.approx(24.0, abs=0.1)
+    assert motion.full_speed_share > 0.98
+
+
+def test_a_hundred_layers_make_a_metre():
+    path = read_gcode(Wall(layers=100).gcode()).path
+    low, high = path.bounds
+    assert high[2] - low[2] + 0.01 == pytest.approx(1.0)
+    assert path.length == pytest.approx(100 * 3.0 + 99 * 0.01)
+
+
+@pytest.mark.parametrize("strokes", [1, 2, 7, 8])
+def test_an_infill_ends_where_it_begins(strokes):
+    path = read_gcode(Wall(strokes=strokes).gcode()).path
+    assert path.segments[-1].end == (0.0, 0.0, 0.0)
+    diagonal = ((1.2 / strokes) ** 2 + 0.3**2) ** 0.5
+    home = 1.2 + (0.3 if strokes % 2 else 0.0)
+    assert path.length == pytest.approx(3.0 + strokes * diagonal + home, abs=1e-5)
+
+
+def test_the_example_is_what_the_module_makes():
+    assert EXAMPLE.read_text() == Wall().gcode()
+    assert load_gcode(EXAMPLE).notes == ()
+
+
+@pytest.mark.parametrize("bad", [{"length": 0.0}, {"layers": 0}, {"speed": -1}, {"strokes": -1}])
+def test_walls_that_cannot_be(bad):
+    with pytest.raises(MotionError, match="the wall|the infill"):
+        Wall(**bad)
