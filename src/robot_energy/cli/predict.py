@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shlex
-import sys
 from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
@@ -256,7 +255,7 @@ def _report(args: Namespace, results: Sequence[Prediction], runs: list[dict[str,
         "Motion programs before they are run, through the models of the robots. "
         "Nothing in this report was measured.",
     )
-    page.command("robot-energy " + shlex.join(sys.argv[1:]))
+    page.command(_command(args))
 
     def figures(document: Document) -> None:
         document.figure(
@@ -270,3 +269,15 @@ def _report(args: Namespace, results: Sequence[Prediction], runs: list[dict[str,
 
     print_predictions(runs, page, figures)
     page.write(args.report)
+
+
+def _command(args: Namespace) -> str:
+    """The command line that makes the same report."""
+    words = ["robot-energy", "predict", *args.program]
+    for name, value in sorted(vars(args).items()):
+        if name in ("program", "run", "debug") or value in (None, "tool0"):
+            continue
+        option = f"--{name.replace('_', '-')}"
+        given = [str(entry) for entry in value] if isinstance(value, list) else [str(value)]  # pyright: ignore
+        words += [f"{option}={entry}" for entry in given]
+    return shlex.join(words)

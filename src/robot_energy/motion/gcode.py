@@ -330,9 +330,7 @@ class _Machine:
             end = (x, y, end[2])
         self._add(Arc(start, end, centre, angle, self._feed(), self.line, extruding))
 
-    def _centre(
-        self, start: Point, end: Point, centre: tuple[float, float]
-    ) -> tuple[float, float]:
+    def _centre(self, start: Point, end: Point, centre: tuple[float, float]) -> tuple[float, float]:
         """Accept the centre, moved by the rounding of its words so that both radii agree."""
         first, last = math.dist(start[:2], centre), math.dist(end[:2], centre)
         slack = ARC_SLACK + ARC_SHARE * first

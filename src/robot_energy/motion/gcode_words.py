@@ -10,8 +10,6 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from functools import reduce
-from operator import xor
 
 from robot_energy.errors import MotionError
 
@@ -101,7 +99,9 @@ def _checked(code: str, where: str) -> str:
     """Verify and remove a checksum."""
     body, _, given = code.partition("*")
     given = given.strip()
-    actual = reduce(xor, body.encode("utf-8", "replace"), 0)
+    actual = 0
+    for byte in body.encode("utf-8", "replace"):
+        actual ^= byte
     if not (given.isascii() and given.isdigit()) or len(given) > 3 or int(given) != actual:
         raise MotionError(
             f"{where} has the checksum '{_printable(given)}'",

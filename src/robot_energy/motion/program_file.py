@@ -175,6 +175,6 @@ def _same_joints(found: set[str], expected: Sequence[str], name: str) -> None:
         raise MotionError(
             f"{name} moves {', '.join(sorted(found))}",
             f"the joints of the model, {', '.join(expected)}",
-            f"{'it lacks ' + missing[0] if missing else foreign[0] + ' is no joint of the model'}; "
-            "write the program for this robot",
+            "write the program for this robot: "
+            + (f"it lacks {missing[0]}" if missing else f"{foreign[0]} is no joint of the model"),
         )

@@ -186,7 +186,8 @@ class _Maker:
             self._add(
                 length / parts, (*arc.centre, height), radius, rate, (cosine, sine, 0.0),
                 (-sign * sine, sign * cosine, 0.0), drift, arc.speed,
-                min(arc.speed, limit), ALONG_SHARE * self._acceleration, arc.source_line, feeding=arc.extruding,
+                min(arc.speed, limit), ALONG_SHARE * self._acceleration, arc.source_line,
+                feeding=arc.extruding,
             )  # fmt: skip
             self._entry = arc.speed
 

@@ -1,8 +1,9 @@
 """Motion of a tool -> motion of the joints.
 
-The joint positions come from the inverse kinematics at equal steps of time; a spline of the fifth degree goes through them, and its derivatives are the
-joint velocities and accelerations. So all three belong to one motion whatever the robot,
-redundant ones included, and no kinematics but the inverse is needed.
+The joint positions come from the inverse kinematics at equal steps of time; a spline of the
+fifth degree goes through them, and its derivatives are the joint velocities and accelerations.
+So all three belong to one motion whatever the robot, redundant ones included, and no kinematics
+but the inverse is needed.
 
 The spline is made in blocks that overlap by `MARGIN` knots, within which the influence of its
 ends has died away (a factor of 0.43 per knot), so memory does not grow with the length.
@@ -178,16 +179,18 @@ class ToolMotion:
                 f"({len(time)}, {len(self._start)})",
             )
         jump = np.abs(np.diff(joints, axis=0, prepend=start[None, :] if begin else joints[:1]))
-        self._refuse(jump > LARGEST_JUMP, time, jump, "jumps by", f"at most {LARGEST_JUMP}",
-                     "the path passes a singular configuration; move the base or start elsewhere")  # fmt: skip
+        self._refuse(
+            jump > LARGEST_JUMP, time, jump, "jumps by", f"at most {LARGEST_JUMP}",
+            "the path passes a singular configuration; move the base or start elsewhere",
+        )  # fmt: skip
         low, high = self._limits.lower - TOLERANCE, self._limits.upper + TOLERANCE
-        self._refuse((joints < low) | (joints > high), time, joints, "is at", "",
-                     "move the base, start elsewhere, or take another robot")  # fmt: skip
+        self._refuse(
+            (joints < low) | (joints > high), time, joints, "is at", "",
+            "move the base, start elsewhere, or take another robot",
+        )  # fmt: skip
         return joints
 
-    def _derive(
-        self, joints: Float, first: int, begin: int, end: int
-    ) -> tuple[Float, Trajectory]:
+    def _derive(self, joints: Float, first: int, begin: int, end: int) -> tuple[Float, Trajectory]:
         """Derivatives of the spline through all knots at hand."""
         from scipy.interpolate import make_interp_spline
 

@@ -114,9 +114,7 @@ class TimedPath:
         pieces = self._pieces
         first, last, a = junction[:-1], junction[1:], pieces.acceleration
         moves, rises = pieces.length > 0, a > 0
-        peak = np.minimum(
-            pieces.speed, np.sqrt(0.5 * (first**2 + last**2) + a * pieces.length)
-        )
+        peak = np.minimum(pieces.speed, np.sqrt(0.5 * (first**2 + last**2) + a * pieces.length))
         peak = np.maximum(peak, np.maximum(first, last))  # rounding
         some = np.where(rises, a, 1.0)
         rise, fall = (np.where(rises, (peak - end) / some, 0.0) for end in (first, last))

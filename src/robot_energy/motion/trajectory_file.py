@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -113,7 +114,7 @@ def read_csv_trajectory(path: str | Path) -> JointTrajectory:
     )
 
 
-def _stacked(columns: list[Float | None]) -> Float | None:
+def _stacked(columns: Sequence[Float | None]) -> Float | None:
     """Columns of all joints; None where one is missing."""
     known = [values for values in columns if values is not None]
     return np.column_stack(known) if len(known) == len(columns) else None

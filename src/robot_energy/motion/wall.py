@@ -54,7 +54,7 @@ class Wall:
 
     @property
     def corners(self) -> list[tuple[float, float]]:
-        """x and y of the ends of all lines of a layer, after the first corner. [m]"""
+        """Places of the ends of all lines of a layer, after the first corner: x, y. [m]"""
         outline = [(self.length, 0.0), (self.length, self.width), (0.0, self.width), (0.0, 0.0)]
         step = self.length / max(self.strokes, 1)
         zigzag = [(k * step, self.width * (k % 2)) for k in range(1, self.strokes + 1)]

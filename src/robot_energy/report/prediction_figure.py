@@ -37,9 +37,7 @@ def energy_bars(runs: Sequence[Summary], labels: Sequence[str], path: str | Path
         _bars(figure.subplots(), runs, labels)
 
 
-def power_curves(
-    results: Sequence[Prediction], labels: Sequence[str], path: str | Path
-) -> None:
+def power_curves(results: Sequence[Prediction], labels: Sequence[str], path: str | Path) -> None:
     """Draw the predicted power of each run over time.
 
     Args:

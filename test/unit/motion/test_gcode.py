@@ -97,7 +97,12 @@ def test_g92_shifts_the_coordinates():
 
 def test_unknown_machine_codes_are_noted_and_read_over():
     program = read_gcode(HEAD + "M104 S200 X99\nM117 Layer (1 of G1 X5\nT1\nG28 X0\nG1 X1 F60\n")
-    assert program.unknown == {"M104": 1, "M117": 1, "T1": 1, "G28 (homing; the position is kept)": 1}
+    assert program.unknown == {
+        "M104": 1,
+        "M117": 1,
+        "T1": 1,
+        "G28 (homing; the position is kept)": 1,
+    }
     assert len(program.path.segments) == 1
     assert all("no effect" in note for note in program.notes)
 

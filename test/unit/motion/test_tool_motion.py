@@ -167,9 +167,8 @@ def test_the_nozzle_of_every_printing_robot_follows_the_wall(name, tmp_path):
     time, q, _, _ = together(planned)
     wanted = planned._path.sample(time).position
     for row in range(0, len(time), 40):
-        tool = robot.link_position(q[row], "tool0") + [
-            BASES[name].x, BASES[name].y, BASES[name].z
-        ]  # fmt: skip
+        base = np.array([BASES[name].x, BASES[name].y, BASES[name].z])
+        tool = robot.link_position(q[row], "tool0") + base
         heights = slice(0, 2 if name == "mantis" else 3)
         np.testing.assert_allclose(tool[heights], wanted[row][heights], atol=1e-8)
     np.testing.assert_allclose(q[-1], q[0], atol=1e-7)  # a closed path, redundant or not

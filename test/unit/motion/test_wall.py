@@ -46,5 +46,5 @@ def test_the_example_is_what_the_module_makes():
 
 @pytest.mark.parametrize("bad", [{"length": 0.0}, {"layers": 0}, {"speed": -1}, {"strokes": -1}])
 def test_walls_that_cannot_be(bad):
-    with pytest.raises(MotionError, match="the wall|the infill"):
+    with pytest.raises(MotionError, match=r"the wall|the infill"):
         Wall(**bad)

@@ -1,0 +1,197 @@
+"""Predicted energy of motions that can be worked out by hand, and what is said about it."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import quad
+
+from robot_energy.blocks import Phase, Quality
+from robot_energy.errors import MotionError, UnknownJointError
+from robot_energy.model_file.payload import payload
+from robot_energy.motion import MotionLimits, Program
+from robot_energy.motion.planned import SampledMotion
+from robot_energy.predict import START_NS, predict
+from robot_energy.report.prediction import prediction_summary
+from robots import G, figure, joint_block, one_wheel, two_link
+
+# The wheel of robots.one_wheel, joint side: inertia 2 + 0.01 10^2 = 3 kg m^2, Coulomb friction
+# 0.5 * 10 = 5 N m, viscous friction 0.02 * 10^2 = 2 N m s/rad; 20 W and 30 W constant losses.
+INERTIA, COULOMB, VISCOUS = 3.0, 5.0, 2.0
+WAY, SPEED = 6.0, 2.0  # rad, rad/s
+
+
+def wheel(acceleration, dwell=1.0, step=1e-3):
+    """There and back by WAY at SPEED, with rests."""
+    bounds = (np.array([-9.0]), np.array([9.0]), np.array([SPEED]), np.array([acceleration]))
+    program = Program(np.array([[0.0], [WAY]]), MotionLimits(*bounds, jerk_time=0.0), dwell)
+    return SampledMotion(program, ("axle",), program.period, step, program.instants.tolist())
+
+
+def test_a_wheel_that_is_turned_gently_as_worked_out_by_hand():
+    """At 1 rad/s^2 friction outweighs the braking torque: all kinetic energy comes back to the
+    shaft, and friction takes fc way + fv integral of the squared speed, which is
+    v^2 (cruise + 2/3 ramp) for a trapezoid."""
+    ramp = SPEED / 1.0
+    cruise = WAY / SPEED - ramp
+    friction = 2 * (COULOMB * WAY + VISCOUS * SPEED**2 * (cruise + 2 * ramp / 3))
+    time = 2 * (1.0 + cruise + 2 * ramp)
+    result = predict(one_wheel(), wheel(1.0), 25.0)
+    energy = prediction_summary(result)["energy"]
+    assert result.duration == pytest.approx(time)
+    assert energy["friction"] == pytest.approx(friction, rel=1e-5)
+    assert energy["rigid"] == pytest.approx(0.0, abs=1e-3)
+    assert energy["brake"] == 0.0
+    assert energy["loss_dc"] == pytest.approx(20 * time, rel=1e-9)
+    assert energy["loss_grid"] == pytest.approx(30 * time, rel=1e-9)
+    assert energy["grid_import"] == pytest.approx(friction + 50 * time, rel=1e-6)
+    assert energy["balanced"]
+    # Highest: at the end of the ramp up, 3 * 1 * 2 + 5 * 2 + 2 * 2^2 + 50 W.
+    assert result.ledger.peak_power == pytest.approx(6 + 10 + 8 + 50, rel=1e-3)
+    assert result.ledger.phase_time(Phase.HOLD) == pytest.approx(2.0, abs=0.02)
+
+
+def test_a_wheel_that_is_stopped_hard_feeds_the_brake_as_worked_out_by_hand():
+    """At 20 rad/s^2 the shaft gives 60 - 5 - 2 v N m back; beyond 20 W it is burnt."""
+    ramp = SPEED / 20.0
+
+    def burnt(at):
+        speed = SPEED - 20.0 * at
+        return max((INERTIA * 20.0 - COULOMB - VISCOUS * speed) * speed - 20.0, 0.0)
+
+    expected = 2 * quad(burnt, 0.0, ramp, limit=200)[0]
+    # The torque jumps, so the sum over samples is off by up to half a step of the jump.
+    result = predict(one_wheel(), wheel(20.0, step=5e-5), 25.0)
+    energy = prediction_summary(result)["energy"]
+    assert expected > 5.0
+    assert energy["brake"] == pytest.approx(expected, rel=1e-3)
+    assert energy["balanced"]
+
+
+def test_holding_a_weight_takes_nothing_from_ideal_drives_and_lifting_it_takes_m_g_h():
+    """Two-link arm, shoulder from 0 to 0.5 rad with the elbow kept: change of potential energy."""
+    bounds = (np.full(2, -3.0), np.full(2, 3.0), np.full(2, 1.0), np.full(2, 2.0))
+    program = Program(np.array([[0.0, 0.0], [0.5, 0.0]]), MotionLimits(*bounds), 0.3)
+    motion = SampledMotion(program, ("shoulder", "elbow"), program.period / 2, 1e-3)
+    result = predict(two_link(), motion, 25.0, payload=[payload("fore", 1.0, (0.3, 0, 0))])
+    lifted = (4.0 * 0.2 + 2.0 * (0.5 + 0.15) + 1.0 * (0.5 + 0.3)) * np.sin(0.5)
+    rigid = prediction_summary(result)["energy"]["rigid"]
+    assert rigid == pytest.approx(G * lifted, rel=1e-5)
+
+
+def test_a_prediction_equals_a_replay_of_the_same_motion_sampled_finely():
+    """One path: the same stages give the same joules where only the derivative differs."""
+    from robot_energy.pipeline import EnergyPipeline
+
+    motion = wheel(1.0)
+    result = predict(one_wheel(), motion, 25.0)
+    pipeline = EnergyPipeline(one_wheel())
+    for time, path in motion.blocks():
+        pipeline.step(joint_block(1.0 + time, path.joint_position, velocity=path.joint_velocity))
+    pipeline.flush()
+    live, planned = pipeline.ledger.registers, result.ledger.registers
+    for name in ("grid_import", "loss_dc"):
+        assert planned.cabinet(name) == pytest.approx(live.cabinet(name), rel=1e-4)
+    assert planned.joints("friction") == pytest.approx(live.joints("friction"), rel=1e-4)
+
+
+def test_repetition_repeats_the_energy():
+    once, thrice = (predict(one_wheel(), wheel(20.0), 25.0, repeat=n) for n in (1, 3))
+    assert thrice.duration == pytest.approx(3 * once.duration)
+    for name in ("grid_import", "brake"):
+        one, three = (r.ledger.registers.cabinet(name) for r in (once, thrice))
+        assert three == pytest.approx(3 * one, abs=3e-6)
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.floats(20.0, 80.0), st.floats(0.3, 20.0), st.floats(0.0, 2.0))
+def test_the_parts_sum_and_friction_falls_with_temperature(degc, acceleration, dwell):
+    law = {
+        "law": "exponential",
+        "a": figure(0.01),
+        "b": figure(0.05),
+        "c": figure(20.0),
+        "fitted_degc": [20.0, 80.0],
+    }
+    model = one_wheel()
+    data = model.model_dump(mode="json", exclude_none=True)
+    data["joints"][0]["friction"]["viscous"] = law
+    warm = one_wheel(joints=data["joints"])
+    motion = wheel(acceleration, dwell)
+    found, cold = (prediction_summary(predict(warm, motion, t)) for t in (degc, 20.0))
+    assert found["energy"]["balanced"]
+    assert found["problems"] == []
+    assert found["quality"]["counts"] == {}
+    assert found["energy"]["friction"] <= cold["energy"]["friction"] * (1 + 1e-12)
+
+
+def test_long_rests_are_never_stale_or_stuck():
+    """A held temperature is an assumption; the model calls readings stale after 5 s."""
+    result = predict(two_link(), _rest(600.0), 40.0)
+    assert not result.ledger.quality
+    assert result.means is not None
+    assert len(result.means) <= 1502
+    assert result.ledger.registers.cabinet("grid_import") == pytest.approx(50.0 * 600.0)
+
+
+def _rest(time):
+    bounds = (np.full(2, -3.0), np.full(2, 3.0), np.full(2, 1.0), np.full(2, 2.0))
+    program = Program(np.zeros((1, 2)), MotionLimits(*bounds), time)
+    return SampledMotion(program, ("shoulder", "elbow"), time, 0.05)
+
+
+def test_temperatures_that_no_law_covers_are_said():
+    """The shoulder was fitted from 20 to 80 degC; the elbow has one value for all."""
+    result = predict(two_link(), _rest(1.0), [10.0, 30.0])
+    summary = prediction_summary(result)
+    assert result.extrapolated == ("shoulder",)
+    assert summary["friction"] == {
+        "extrapolated_joints": ["shoulder"],
+        "one_temperature_joints": ["elbow"],
+    }
+    assert any(
+        note.startswith("EXTRAPOLATED: the friction of shoulder") for note in summary["notes"]
+    )
+    assert result.ledger.quality[int(Quality.EXTRAPOLATED)] == result.ledger.samples
+    assert summary["motor_temperature_degc"] == {"shoulder": 10.0, "elbow": 30.0}
+
+
+def test_joints_are_matched_by_name():
+    """The same motion with its joints in another order."""
+    bounds = (np.full(2, -3.0), np.full(2, 3.0), np.array([1.0, 2.0]), np.array([2.0, 3.0]))
+    via = np.array([[0.0, 0.1], [0.5, -0.7]])
+    one = Program(via, MotionLimits(*bounds), 0.1)
+    other = Program(via[:, ::-1], MotionLimits(*(b[::-1] for b in bounds)), 0.1)
+    energies = [
+        predict(two_link(), SampledMotion(p, names, p.period), 25.0).ledger.registers.microjoule
+        for p, names in ((one, ("shoulder", "elbow")), (other, ("elbow", "shoulder")))
+    ]
+    np.testing.assert_array_equal(*energies)
+
+
+def test_progress_rises_to_one():
+    shares = []
+    predict(one_wheel(), wheel(1.0), 25.0, progress=shares.append)
+    assert shares == sorted(shares)
+    assert shares[-1] == 1.0
+
+
+def test_stamps_begin_above_zero():
+    assert predict(one_wheel(), wheel(1.0), 25.0).ledger.registers.time.start_ns == START_NS
+
+
+@pytest.mark.parametrize(
+    ("changes", "error", "text"),
+    [
+        ({"motor_temperature_degc": [1.0, 2.0]}, MotionError, "2 motor temperatures"),
+        ({"motor_temperature_degc": 300.0}, MotionError, "-40 to 200 degC"),
+        ({"motor_temperature_degc": float("nan")}, MotionError, "-40 to 200 degC"),
+        ({"repeat": 0}, MotionError, "0 repetitions"),
+        ({"repeat": 1_000_000_0}, MotionError, "repetitions"),
+        ({"model": two_link()}, UnknownJointError, "lacks shoulder"),
+    ],
+)
+def test_what_cannot_be_predicted_is_refused(changes, error, text):
+    given = {"model": one_wheel(), "motion": wheel(1.0), "motor_temperature_degc": 25.0}
+    with pytest.raises(error, match=text):
+        predict(**{**given, **changes})
