@@ -164,14 +164,16 @@ class ToolMotion:
     def _solve(self, begin: int, end: int, start: Float) -> Float:
         time = np.arange(begin, end) * self._step
         tool = self._placement.in_base(self._path.sample(time).position)
+        begin_from = self._start if self._anchored else start
         try:
-            joints = self._kinematics.solve(tool, self._start if self._anchored else start)
+            joints = self._kinematics.solve(tool, begin_from)
         except MotionError as error:
+            row, first = self._first_refused(tool, begin_from, error)
+            line = int(self._path.source_line(time[row : row + 1])[0])
             raise MotionError(
-                f"{self._path.path.name}, between {time[0]:.3f} s and {time[-1]:.3f} s (lines "
-                f"{self._lines(time)}): {error.found}",
-                error.expected,
-                error.remedy,
+                f"{self._path.path.name}, line {line}, at {time[row]:.3f} s: {first.found}",
+                first.expected,
+                first.remedy,
             ) from error
         if joints.shape != (len(time), len(self._start)) or not np.isfinite(joints).all():
             raise MotionError(
@@ -231,6 +233,16 @@ class ToolMotion:
             remedy,
         )
 
-    def _lines(self, time: Float) -> str:
-        lines = self._path.source_line(time[[0, -1]])
-        return f"{lines[0]} to {lines[1]}"
+    def _first_refused(
+        self, tool: Float, start: Float, error: MotionError
+    ) -> tuple[int, MotionError]:
+        """Find the first place that cannot be solved, and why: ever shorter beginnings."""
+        good, bad = 0, len(tool)  # the first `good` places can, the first `bad` cannot
+        while bad - good > 1:
+            middle = (good + bad) // 2
+            try:
+                self._kinematics.solve(tool[:middle], start)
+                good = middle
+            except MotionError as sooner:
+                bad, error = middle, sooner
+        return bad - 1, error

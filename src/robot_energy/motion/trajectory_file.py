@@ -5,9 +5,11 @@ from __future__ import annotations
 import struct
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from rosbags.serde import SerdeError
+from rosbags.typesys.store import Typestore
 
 from robot_energy.bag import BagReader
 from robot_energy.blocks import Float
@@ -57,15 +59,30 @@ def read_bag_trajectory(path: str | Path, topic: str | None = None) -> JointTraj
                 )
     if not messages:
         raise MotionError(f"{path} has no message on {topic}", "one trajectory")
-    if len(messages[0]) > MAX_BYTES:
-        raise MotionError(f"the message on {topic} has over {MAX_BYTES} bytes", "a shorter motion")
+    name = f"{path}, {topic}"
+    return read_points(decode_trajectory(bag.typestore, messages[0], name), name)
+
+
+def decode_trajectory(store: Typestore, data: bytes, name: str) -> Any:
+    """Decode a serialized ``trajectory_msgs/msg/JointTrajectory``.
+
+    Args:
+        store: Message definitions.
+        data: The message.
+        name: Where it comes from, for messages.
+
+    Returns:
+        The message, for `read_points`.
+
+    Raises:
+        MotionError: If it is too long or no such message.
+    """
+    if len(data) > MAX_BYTES:
+        raise MotionError(f"{name} has over {MAX_BYTES} bytes", "a shorter motion")
     try:
-        message = bag.typestore.deserialize_cdr(messages[0], MESSAGE)
+        return store.deserialize_cdr(data, MESSAGE)
     except (SerdeError, ValueError, IndexError, AssertionError, struct.error) as error:
-        raise MotionError(
-            f"the message on {topic} of {path} cannot be decoded", f"a {MESSAGE}"
-        ) from error
-    return read_points(message, f"{path}, {topic}")
+        raise MotionError(f"{name} cannot be decoded", f"a {MESSAGE}") from error
 
 
 def read_csv_trajectory(path: str | Path) -> JointTrajectory:
@@ -84,22 +101,24 @@ def read_csv_trajectory(path: str | Path) -> JointTrajectory:
     try:
         if file.stat().st_size > MAX_BYTES:
             raise MotionError(f"{path} has over {MAX_BYTES} bytes", "a shorter motion")
-        with file.open(encoding="utf-8") as text:
-            header = [name.strip() for name in text.readline(100_000).split(",")]
-            table = np.loadtxt(text, delimiter=",", ndmin=2, max_rows=MOST_POINTS + 1)
+        lines = file.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise MotionError(f"{path} cannot be read", "a CSV file") from error
-    except ValueError as error:
-        raise MotionError(f"{path} holds what is no number: {error}", "numbers") from error
+    header = [name.strip() for name in lines[0].split(",")] if lines else []
     joints = [name.removeprefix("position_") for name in header if name.startswith("position_")]
     expected = {"time", *(f"{kind}_{joint}" for kind in KINDS for joint in joints)}
-    if not joints or "time" not in header or not set(header) <= expected:
+    known = set(header) <= expected and len(set(header)) == len(header)
+    if not joints or "time" not in header or not known:
         raise MotionError(
             f"{path} has the columns {', '.join(header)[:200]}",
             "time and, for every joint J, position_J; velocity_J and acceleration_J if known",
         )
-    if table.shape[1] != len(header):
-        raise MotionError(f"{path} has rows of {table.shape[1]} values", f"{len(header)}")
+    if len(lines) > MOST_POINTS + 1:
+        raise MotionError(f"{path} has {len(lines) - 1} points", f"at most {MOST_POINTS}")
+    table = np.array(
+        [_numbers(line, len(header), f"{path}, line {row}") for row, line in enumerate(lines, 1)
+         if row > 1 and line.strip()]
+    ).reshape(-1, len(header))  # fmt: skip
     column = {name: table[:, index] for index, name in enumerate(header)}
     position, velocity, acceleration = (
         [column.get(f"{kind}_{joint}") for joint in joints] for kind in KINDS
@@ -112,6 +131,17 @@ def read_csv_trajectory(path: str | Path) -> JointTrajectory:
         _stacked(acceleration),
         str(path),
     )
+
+
+def _numbers(line: str, count: int, where: str) -> list[float]:
+    """Numbers of one row."""
+    try:
+        values = [float(cell) for cell in line.split(",")]
+    except ValueError as error:
+        raise MotionError(f"{where} holds what is no number", f"{count} numbers") from error
+    if len(values) != count:
+        raise MotionError(f"{where} has {len(values)} values", f"{count}")
+    return values
 
 
 def _stacked(columns: Sequence[Float | None]) -> Float | None:

@@ -217,8 +217,8 @@ def test_bags_and_tables_without_a_trajectory_are_refused(tmp_path):
     table = tmp_path / "t.csv"
     for text, why in (
         ("time,angle\n0,1\n1,2\n", "has the columns"),
-        ("time,position_a\n0,x\n", "no number"),
-        ("time,position_a\n0,1,2\n1,2,3\n", "rows of 3 values"),
+        ("time,position_a\n0,x\n", "line 2 holds what is no number"),
+        ("time,position_a\n0,1,2\n1,2,3\n", "line 2 has 3 values"),
         ("time,position_a\n0,1\n", "1 points"),
     ):
         table.write_text(text)

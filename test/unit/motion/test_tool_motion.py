@@ -124,9 +124,15 @@ def test_position_beyond_a_limit_names_joint_time_and_line():
         together(motion(limits=limits(lower=-0.5)))
 
 
-def test_what_is_out_of_reach_is_told_with_its_lines():
-    with pytest.raises(MotionError, match=r"lines 3 to 4\): a point lies out of reach"):
+def test_what_is_out_of_reach_is_told_with_its_line_and_time():
+    """The arm of 1.1 m leaves its reach on the second line, from (0.7, -0.2) along x at
+    x = sqrt(1.1^2 - 0.2^2) = 1.0817 m: some 3.1 s later at 125 mm/s."""
+    with pytest.raises(
+        MotionError, match=r"line 4, at (\d+\.\d+) s: a point lies out of r"
+    ) as found:
         together(motion("G1 X700 F7500\nG1 X2000\n"))
+    time = float(str(found.value).split(", at ")[1].split(" s:")[0])
+    assert time == pytest.approx((1.0817 - 0.5) / 0.125 + 0.0625 / 2 + 0.01, abs=0.02)
 
 
 def test_a_jump_between_solutions_is_refused():

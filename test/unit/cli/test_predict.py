@@ -1,0 +1,153 @@
+"""`robot-energy predict`: programs of every kind, several robots, refusals in one sentence."""
+
+import json
+from pathlib import Path
+
+import pytest
+import yaml
+
+from robot_energy.cli import main
+from robot_energy.motion.wall import Wall
+
+EXAMPLES = Path(__file__).parents[3] / "src" / "examples" / "programs"
+MOVES = EXAMPLES / "kr16_pick_and_place.yaml"
+ROBOTS = ["--model", "mantis", "--base=-1.2,-0.2,0", "--model", "testbed", "--base=0,0,0",
+          "--model", "irb4600", "--base=-1,0.15,0"]  # fmt: skip
+
+
+def run(*args):
+    return main(["predict", *map(str, args)])
+
+
+def refused(capsys, *args):
+    assert run(*args) == 2
+    out, err = capsys.readouterr()
+    assert err.startswith("robot-energy: ")
+    assert err.count("\n") == 1
+    assert "Traceback" not in out + err
+    return err
+
+
+@pytest.fixture
+def wall(tmp_path):
+    path = tmp_path / "wall.gcode"
+    path.write_text(Wall(length=0.3, width=0.1).gcode())
+    return path
+
+
+def test_one_wall_by_three_robots_side_by_side(tmp_path, capsys, wall):
+    outputs = [tmp_path / name for name in ("p.json", "p.html", "p.svg")]
+    options = [f"--{kind}={path}" for kind, path in zip(("json", "report", "plot"), outputs,
+                                                         strict=True)]  # fmt: skip
+    assert run(wall, *ROBOTS, "--temperature", "40", *options) == 0
+    out = capsys.readouterr().out
+    assert "Time, and power from the grid" in out
+    assert "planar arm: heights are left to an axis outside of the model" in out
+    runs = json.loads(outputs[0].read_text())["runs"]
+    assert [one["model"]["robot"].split()[0] for one in runs] == ["Printing", "TestBed", "IRB"]
+    for one in runs:
+        energy = one["energy"]
+        assert energy["balanced"]
+        assert one["problems"] == []
+        parts = ("rigid", "friction", "drive_loss", "loss_dc", "loss_grid", "brake", "capacitor")
+        net = energy["grid_import"] - energy["grid_return"]
+        assert sum(energy[part] for part in parts) == pytest.approx(net, abs=1e-4)
+        joints = sum(joint["drive_input_energy"] for joint in one["joints"])
+        assert joints == pytest.approx(sum(energy[part] for part in parts[:3]), abs=1e-4)
+        assert one["tool"]["energy_per_printed_metre"] == pytest.approx(net / 0.8, rel=1e-9)
+        assert one["time"]["duration"] == pytest.approx(0.8 / 0.125, abs=0.15)
+    html = outputs[1].read_text()
+    assert html.count("<figure>") == 2
+    assert "predict" in html
+    assert "--base=-1.2,-0.2,0" in html
+    assert outputs[2].read_text().startswith("<?xml")
+
+
+def test_moves_at_two_temperatures(tmp_path, capsys):
+    report = tmp_path / "p.json"
+    assert run(MOVES, "--model", "kr16", "--temperature", "20", "--temperature", "60",
+               "--payload", "15,0,0,0.12", "--json", report) == 0  # fmt: skip
+    cold, warm = json.loads(report.read_text())["runs"]
+    assert cold["energy"]["friction"] > 1.2 * warm["energy"]["friction"]
+    assert cold["repeat"] == 5
+    assert cold["payload"][0]["mass"] == 15.0
+    assert "KR 16 class, 60 degC" in capsys.readouterr().out
+
+
+def test_a_temperature_outside_of_what_was_fitted_is_flagged(capsys):
+    assert run(MOVES, "--model", "kr16", "--temperature", "0,60,60,60,60,60", "--repeat", "1") == 0
+    out = capsys.readouterr().out
+    assert "EXTRAPOLATED: the friction of joint_a1 was never fitted" in out
+    assert "friction law outside its fitted temperatures, edge held" in out
+
+
+def test_a_trajectory_in_a_bag_and_as_csv_take_the_same_energy(tmp_path, capsys):
+    folder = tmp_path / "motion"
+    assert main(["identify", "excitation", "--model", "kr16", "--starts", "1", "--iterations",
+                 "1", "--rate", "50", "--out", str(folder)]) == 0  # fmt: skip
+    report = tmp_path / "p.json"
+    assert run(folder / "excitation_bag", folder / "excitation.csv", "--model", "kr16",
+               "--temperature", "40", "--json", report) == 0  # fmt: skip
+    bag, csv = json.loads(report.read_text())["runs"]
+    assert bag["energy"]["grid_import"] == pytest.approx(csv["energy"]["grid_import"], rel=1e-6)
+    assert bag["time"]["duration"] == pytest.approx(10.0)
+
+
+def test_json_alone_on_standard_output(capsys):
+    assert run(MOVES, "--model", "kr16", "--temperature", "40", "--repeat", "1", "--json", "-") == 0
+    assert json.loads(capsys.readouterr().out)["runs"][0]["energy"]["balanced"]
+
+
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        (["--temperature", "hot"], "--temperature is 'hot'"),
+        (["--temperature", "20,30"], "--temperature is '20,30'"),
+        (["--temperature", "500"], "motor temperatures are"),
+        (["--temperature", "20", "--repeat", "0"], "--repeat is 0"),
+        (["--temperature", "20", "--payload", "-3"], "payload"),
+        (["--temperature", "20", "--payload", "3@nowhere"], "nowhere"),
+        (["--temperature", "20", "--payload", "3,1"], "--payload is '3,1'"),
+        (["--temperature", "20", "--plot", "a.txt"], "no known format"),
+        (["--temperature", "20", "--report", "/nowhere/a.html"], "there is no folder"),
+        (["--temperature", "20", "--model", "kr16", "--base", "0,0,0", "--base", "1,0,0",
+          "--base", "2,0,0"], "--base was given 3 times"),
+    ],
+)  # fmt: skip
+def test_wrong_options_are_refused_in_one_sentence(capsys, options, text):
+    assert text in refused(capsys, MOVES, "--model", "kr16", *options)
+
+
+def test_programs_that_a_robot_cannot_make_are_refused_in_one_sentence(tmp_path, capsys, wall):
+    text = refused(capsys, MOVES, "--model", "ur5e", "--temperature", "20")
+    assert "it lacks shoulder_pan_joint" in text
+    text = refused(capsys, wall, "--model", "mantis", "--base=9,0,0", "--temperature", "20")
+    assert "wall.gcode, line 9, at 0.000 s: point 1" in text
+    assert "the reach of tool0" in text
+    text = refused(capsys, wall, "--model", "testbed", "--base=1,0,0", "--temperature", "20")
+    assert "puts joint_x at -1 m" in text
+    text = refused(capsys, wall, "--model", "mantis", "--tool", "hook", "--temperature", "20")
+    assert "no link 'hook'" in text
+    text = refused(capsys, wall, "--model", "mantis", "--start", "0,1", "--temperature", "20")
+    assert "the start has 2 joint positions" in text
+    text = refused(capsys, tmp_path / "none.gcode", "--model", "mantis", "--temperature", "20")
+    assert "there is no program" in text
+    fast = tmp_path / "fast.gcode"
+    fast.write_text("G0 X500 Y500 Z500\nG1 X900 F120000\n")
+    text = refused(capsys, fast, "--model", "testbed", "--temperature", "20")
+    assert "fast.gcode, line 2: joint 'joint_x' moves at 0.5" in text
+    assert "expected at most 0.5 m/s" in text
+
+
+def test_a_program_that_does_not_end_where_it_began_is_not_repeated(tmp_path, capsys):
+    path = tmp_path / "line.gcode"
+    path.write_text("G0 X500 Y500 Z500\nG1 X900 F6000\n")
+    text = refused(capsys, path, "--model", "testbed", "--temperature", "20", "--repeat", "2")
+    assert "joint 'joint_x' ends 0.4" in text
+
+
+def test_the_example_of_moves_is_complete():
+    assert set(yaml.safe_load(MOVES.read_text())) == {
+        "schema_version", "motion", "angle_unit", "via", "dwell", "override", "acceleration",
+        "repeat",
+    }  # fmt: skip
