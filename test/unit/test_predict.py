@@ -134,6 +134,17 @@ def test_long_rests_are_never_stale_or_stuck():
     assert result.ledger.registers.cabinet("grid_import") == pytest.approx(50.0 * 600.0)
 
 
+def test_an_assumed_temperature_is_not_taken_for_a_stuck_thermometer():
+    """Twenty minutes of work at one temperature; a replay would call such a reading stuck."""
+    data = one_wheel().model_dump(mode="json", exclude_none=True)
+    data["joints"][0]["friction"]["coulomb"] = figure(5.0)
+    stiff = one_wheel(joints=data["joints"])
+    result = predict(stiff, wheel(1.0, 0.0, 0.02), 25.0, repeat=150)
+    assert result.duration > 1200
+    assert result.pipeline.power.watch.stuck.all()  # it would be
+    assert not result.ledger.quality
+
+
 def _rest(time):
     bounds = (np.full(2, -3.0), np.full(2, 3.0), np.full(2, 1.0), np.full(2, 2.0))
     program = Program(np.zeros((1, 2)), MotionLimits(*bounds), time)

@@ -196,10 +196,15 @@ class ToolMotion:
         """Derivatives of the spline through all knots at hand."""
         from scipy.interpolate import make_interp_spline
 
-        knots = np.arange(first, first + len(joints)) * self._step
-        spline = make_interp_spline(knots, joints, k=DEGREE)
+        before = MARGIN if first == 0 else 0  # the robot rests before the start
+        after = MARGIN if first + len(joints) == self._count else 0  # and after the end
+        known = np.concatenate(
+            [np.repeat(joints[:1], before, axis=0), joints, np.repeat(joints[-1:], after, axis=0)]
+        )
+        knots = np.arange(first - before, first + len(joints) + after) * self._step
+        spline = make_interp_spline(knots, known, k=DEGREE)
         rows = slice(begin - first, end - first)
-        time = knots[rows]
+        time = np.arange(begin, end) * self._step
         velocity = np.asarray(spline.derivative(1)(time))
         self._refuse(
             np.abs(velocity) > self._limits.velocity * (1 + 1e-9), time, velocity, "moves at", "",

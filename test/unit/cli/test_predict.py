@@ -139,6 +139,18 @@ def test_programs_that_a_robot_cannot_make_are_refused_in_one_sentence(tmp_path,
     assert "expected at most 0.5 m/s" in text
 
 
+def test_a_wall_printed_twice_takes_the_same_per_metre(tmp_path, capsys, wall):
+    report = tmp_path / "p.json"
+    found = []
+    for times in ("1", "2"):
+        assert run(wall, *ROBOTS[:3], "--temperature=40", "--repeat", times, "--json", report) == 0
+        found.append(json.loads(report.read_text())["runs"][0]["tool"])
+    assert found[1]["length"] == pytest.approx(2 * found[0]["length"])
+    assert found[1]["energy_per_printed_metre"] == pytest.approx(
+        found[0]["energy_per_printed_metre"], rel=1e-5
+    )
+
+
 def test_a_program_that_does_not_end_where_it_began_is_not_repeated(tmp_path, capsys):
     path = tmp_path / "line.gcode"
     path.write_text("G0 X500 Y500 Z500\nG1 X900 F6000\n")

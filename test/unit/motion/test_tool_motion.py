@@ -93,6 +93,14 @@ def test_derivatives_agree_with_differences_at_a_finer_step():
     assert np.abs(qdd - reference)[constant].max() < 1e-5 * greatest
 
 
+def test_it_begins_and_ends_at_rest():
+    """The tool's acceleration rises from 0, so nothing pulls at the robot at either end."""
+    _, _, qd, qdd = together(motion(step=5e-3))
+    greatest = np.abs(qdd).max()
+    assert np.abs(qd[[0, -1]]).max() < 0.02 * np.abs(qd).max()
+    assert np.abs(qdd[[0, -1]]).max() < 0.05 * greatest
+
+
 def test_blocks_do_not_show(monkeypatch):
     whole = together(motion())
     monkeypatch.setattr(tool_motion, "BLOCK", 64)
@@ -163,8 +171,9 @@ BASES = {
 
 
 @pytest.mark.parametrize("name", BASES)
-def test_the_nozzle_of_every_printing_robot_follows_the_wall(name, tmp_path):
-    """Forward kinematics of the joint motion give the path of paper B back."""
+def test_the_nozzle_of_every_printing_robot_follows_the_wall(name, tmp_path, monkeypatch):
+    """Forward kinematics of the joint motion give the path of paper B back, in many blocks."""
+    monkeypatch.setattr(tool_motion, "BLOCK", 100)
     program = tmp_path / "wall.gcode"
     program.write_text(Wall(length=0.4, width=0.2).gcode())
     robot = Robot.from_model(load(name))

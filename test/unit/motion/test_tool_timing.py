@@ -73,6 +73,36 @@ def test_a_corner_is_no_larger_than_the_speed_needs():
     np.testing.assert_allclose(speed(motion, time), 0.125, rtol=1e-12)
 
 
+def test_smoothing_is_taken_off_the_tolerance():
+    """1 mm allowed, of which 2 m/s^2 (0.05 s)^2 / 24 = 0.208 mm are left to smoothing."""
+    limits = ToolLimits(2.0, 1e-3, 0.05)
+    assert limits.averaging_deviation == pytest.approx(2.083e-4, rel=1e-3)
+    motion = TimedPath(path("G1 X200 F60000\nG1 Y200\n"), limits)
+    tool = motion.sample(np.linspace(0.0, motion.duration, 20_001)).position
+    away = np.minimum(np.abs(tool[:, 1]), np.abs(tool[:, 0] - 0.2)).max()
+    corner = np.linalg.norm(tool - [0.2, 0.0, 0.0], axis=1).min()
+    assert away < corner <= 1e-3 + 1e-9
+    assert corner > 0.95e-3
+
+
+def test_corners_close_together_share_the_line_between_them():
+    """Lines of 2 mm, tolerance without bounds: each corner takes half, nothing is left over:
+    quarter circles of radius 1 mm, passed at sqrt(0.001) m/s."""
+    text = "".join(f"G1 X{2 * k + 2} F60000\nG1 Y{2 * k + 2}\n" for k in range(10))
+    motion = TimedPath(path(text), ToolLimits(1.0, 1.0, 0.0))
+    assert motion.length == pytest.approx(0.002 + 19 * 0.001 * math.pi / 2, rel=1e-9)
+    time = np.linspace(0.1, motion.duration - 0.1, 5000)
+    np.testing.assert_allclose(speed(motion, time), math.sqrt(1e-3), rtol=1e-9)
+
+
+def test_speed_is_built_up_over_short_lines():
+    """Ten lines of 1 mm in a row are one of 10 mm: from rest to rest 2 sqrt(0.01 / 1) s."""
+    text = "".join(f"G1 X{k + 1} F60000\n" for k in range(10))
+    motion = TimedPath(path(text), SHARP)
+    assert motion.duration == pytest.approx(0.2)
+    assert np.abs(np.diff(motion.sample(np.linspace(0, 0.2, 1001)).position[:, 0])).max() < 2.1e-5
+
+
 def test_without_tolerance_every_corner_is_a_stop():
     motion = TimedPath(path("G1 X200 F7500\nG1 Y200\nG1 X0\n"), SHARP)
     assert motion.stops == 2
@@ -144,6 +174,9 @@ def test_any_polygon_keeps_its_bounds(points, feeds, acceleration, tolerance, sm
     tool = motion.sample(time)
     assert np.linalg.norm(tool.velocity, axis=1).max() <= max(x.speed for x in lines) * (1 + 1e-9)
     assert np.linalg.norm(tool.acceleration, axis=1).max() <= acceleration * (1 + 1e-9)
+    steps = np.linalg.norm(np.diff(tool.position, axis=0), axis=1)
+    fastest = max(x.speed for x in lines)
+    assert steps.max() <= fastest * np.diff(time).max() * (1 + 1e-6) + 1e-9  # nothing jumps
     distance = np.full(len(time), np.inf)
     for line in lines:
         start, end = np.array(line.start), np.array(line.end)
