@@ -81,7 +81,12 @@ def test_a_monitor_starts_beside_a_port_left_half_made(child_environment: dict[s
     """With the real middleware, which would wait without end."""
     ports = {n: Path(f"/dev/shm/fastrtps_port{7400 + 250 * n + 11}") for n in range(80, 101)}
     domain, port = next((n, path) for n, path in ports.items() if not path.exists())
-    environment = {**child_environment, "ROS_DOMAIN_ID": str(domain)}
+    environment = {
+        **child_environment,
+        "ROS_DOMAIN_ID": str(domain),
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+    }
+    del environment["FASTRTPS_DEFAULT_PROFILES_FILE"]
     port.write_bytes(RAW)
     monitor = subprocess.Popen(
         [

@@ -17,7 +17,6 @@ Usage: ``python test/soak/kills.py [--kills N]``; also a run of ``make soak``.
 from __future__ import annotations
 
 import argparse
-import fcntl
 import os
 import random
 import signal
@@ -61,7 +60,8 @@ YOUNG = 0.7  # share of the monitors that are killed in their first second, what
 PATIENCE = 60.0  # s
 SECOND_NS = 10**9
 ISOLATED = {
-    "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+    "ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET",
+    "FASTRTPS_DEFAULT_PROFILES_FILE": str(HERE.parent / "loopback.xml"),  # no shared memory
     "OMP_NUM_THREADS": "1",
     "OPENBLAS_NUM_THREADS": "1",  # a process with threads should not fork
 }
@@ -83,19 +83,6 @@ def kill(folder: str, kills: int) -> list[Figure]:
     finally:
         harness.close()
         rclpy.try_shutdown()
-        _sweep()
-
-
-def _sweep() -> None:
-    """Remove the shared memory of the killed: half a megabyte each, in no use by its lock.
-
-    On the loopback range Fast DDS takes shared memory whatever the environment says.
-    """
-    for lock in Path("/dev/shm").glob("fastrtps_*_el"):
-        with suppress(OSError), lock.open() as file:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            lock.with_name(lock.name.removesuffix("_el")).unlink(missing_ok=True)
-            lock.unlink()
 
 
 @dataclass
