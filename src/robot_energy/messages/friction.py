@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.blocks import FrictionBlock, TemperatureOrigin
-from robot_energy.friction import FrictionModel
 from robot_energy.ingest.accounting import Accounting
 from robot_energy.model_file import RobotModel
+from robot_energy.pipeline.friction_certainty import FrictionCertainty
 from robot_energy.wire.batch import RawBatch
 from robot_energy.wire.layout import Decoder, Encoder, stamp_columns, stamp_ns
 
@@ -26,8 +26,7 @@ class FrictionWriter:
 
     def __init__(self, model: RobotModel) -> None:
         n_joints = len(model.joints)
-        self._friction = FrictionModel.from_model(model)
-        self._unknown = self._friction.viscous_std_unknown(model.temperature.fallback_degc)
+        self._certainty = FrictionCertainty(model)
         self._encoder = Encoder(
             JOINT_FRICTION,
             {
@@ -46,15 +45,14 @@ class FrictionWriter:
         measured = ~np.isnan(block.motor_temperature_degc)
         source = np.where(measured, TemperatureOrigin.MEASURED, TemperatureOrigin.FALLBACK)
         columns = {name: getattr(block, name) for name in ARRAYS}
-        std = self._friction.viscous_std(block.motor_temperature_degc)
         return self._encoder.encode(
             {
                 **stamp_columns(block.stamp_ns),
                 **stamp_columns(block.temperature_stamp_ns, "temperature_stamp"),
                 "quality": block.quality,
                 "temperature_source": source.astype(np.uint8),
-                "viscous_std": np.where(measured, std, self._unknown),
-                "viscous_fallback_std": np.tile(self._unknown, (len(block), 1)),
+                "viscous_std": self._certainty.std(block),
+                "viscous_fallback_std": np.tile(self._certainty.fallback_std, (len(block), 1)),
                 **columns,
             },
             len(block),
