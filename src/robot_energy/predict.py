@@ -15,6 +15,7 @@ import numpy as np
 from robot_energy.blocks import PLAUSIBLE_DEGC, Float, JointBlock, TemperatureBlock
 from robot_energy.errors import MotionError, UnknownJointError
 from robot_energy.friction import FrictionModel
+from robot_energy.limit_use import LimitUse
 from robot_energy.model_file import RobotModel
 from robot_energy.model_file.joint import ConstantLaw
 from robot_energy.model_file.payload import Payload
@@ -43,6 +44,7 @@ class Prediction:
         duration: Of all repetitions. [s]
         repeat: How often the motion is made.
         pipeline: With its books closed.
+        limits: How much of the speed and torque limits is used.
         means: Power over time.
         notes: What a reader should know, one sentence each.
         payload: What the robot carries beside the payload of its model.
@@ -56,6 +58,7 @@ class Prediction:
     duration: float
     repeat: int
     pipeline: EnergyPipeline
+    limits: LimitUse
     means: MeanBlock | None = None
     notes: list[str] = field(default_factory=list[str])
     payload: tuple[Payload, ...] = ()
@@ -121,6 +124,7 @@ def predict(
         duration=duration,
         repeat=repeat,
         pipeline=pipeline,
+        limits=LimitUse(model, pipeline.torque.robot.limits, START_NS),
         notes=list(notes),
         payload=tuple(payload),
     )
@@ -129,16 +133,20 @@ def predict(
         stamp_ns=np.array([START_NS]), motor_temperature_degc=temperature[None, :]
     )
     for time, path in repeated(motion, repeat):
-        _keep(means, pipeline.plan(_joint_block(time, path, order), held))
+        _take(result, means, pipeline.plan(_joint_block(time, path, order), held))
         held = None
         if progress is not None:
             progress(min(1.0, float(time[-1]) / duration))
-    _keep(means, pipeline.flush())
+    _take(result, means, pipeline.flush())
     result.means = MeanBlock.concatenate(means) if means else None
     return result
 
 
-def _keep(means: list[MeanBlock], output: Output) -> None:
+def _take(result: Prediction, means: list[MeanBlock], output: Output) -> None:
+    if output.torque is not None:
+        result.limits.motion(output.torque)
+    if output.power is not None:
+        result.limits.drives(output.power)
     if output.means is not None:
         means.append(output.means)
 

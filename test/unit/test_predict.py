@@ -151,6 +151,23 @@ def _rest(time):
     return SampledMotion(program, ("shoulder", "elbow"), time, 0.05)
 
 
+def test_the_use_of_limits_as_worked_out_by_hand():
+    """Shoulder: 4 rad/s and 100 N m. Held level it needs G (4 0.2 + 2 (0.5 + 0.15)) N m."""
+    held = predict(two_link(), _rest(1.0), 25.0)
+    assert held.limits.torque[0] == pytest.approx(G * 2.1 / 100)
+    assert np.isnan(held.limits.torque[1])  # the URDF gives no limit
+    assert held.limits.sentences() == []
+    bounds = (np.full(2, -9.0), np.full(2, 9.0), np.array([5.0, 1.0]), np.array([90.0, 2.0]))
+    program = Program(np.array([[0.0, 0.0], [4.0, 0.0]]), MotionLimits(*bounds), 0.1)
+    motion = SampledMotion(program, ("shoulder", "elbow"), program.period)
+    result = predict(two_link(), motion, 25.0)
+    assert result.limits.speed[0] == pytest.approx(1.25)
+    problems = prediction_summary(result)["problems"]
+    assert "joint 'shoulder' is 1 rad beyond its range" in problems[0]
+    assert "joint 'shoulder' needs 125 % of its speed limit" in problems[1]
+    assert "of its torque limit" in problems[2]
+
+
 def test_temperatures_that_no_law_covers_are_said():
     """The shoulder was fitted from 20 to 80 degC; the elbow has one value for all."""
     result = predict(two_link(), _rest(1.0), [10.0, 30.0])

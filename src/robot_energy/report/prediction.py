@@ -92,6 +92,15 @@ def prediction_summary(result: Prediction, motion: LoadedMotion | None = None) -
                 joint_energies(registers, model.joint_names, net), temperature, strict=True
             )
         ],
+        "limits": [
+            {"name": name, "speed_use": speed, "torque_use": torque}
+            for name, speed, torque in zip(
+                model.joint_names,
+                result.limits.speed.tolist(),
+                result.limits.torque.tolist(),
+                strict=True,
+            )
+        ],
         "friction": {
             "extrapolated_joints": list(result.extrapolated),
             "one_temperature_joints": list(result.one_temperature),
@@ -125,6 +134,7 @@ def _problems(result: Prediction, energy: dict[str, Any]) -> list[str]:
             "the parts of the energy do not sum to the grid: "
             f"{energy['balance_residual']:g} J are left"
         )
+    problems += result.limits.sentences()
     time = result.ledger.registers.time
     if time.gap_ns:
         problems.append(
@@ -305,6 +315,15 @@ def print_prediction(run: Summary, page: Page) -> None:
     )
     print_joints(page, run, scale)
     print_phases(page, run, scale)
+    table(
+        page,
+        "Greatest use of the limits of the URDF",
+        ("", "speed", "torque"),
+        [
+            (joint["name"], *(percent(joint[key]) for key in ("speed_use", "torque_use")))
+            for joint in run["limits"]
+        ],
+    )
     counts: dict[str, int] = run["quality"]["counts"]
     marked = [
         (QUALITY_NAMES.get(name, name), str(count), percent(count / run["quality"]["samples"]))

@@ -22,6 +22,8 @@ PARTS = {
 }
 MINUTE, LONG = 60.0, 600.0  # s
 BAR = 0.45  # inch per run
+LETTERS = 78  # of a legend side by side
+DASHES = ("-", "--", ":", "-.")  # when the colours begin again
 THIN = 0.9  # line width where curves lie over each other
 
 
@@ -45,7 +47,8 @@ def power_curves(results: Sequence[Prediction], labels: Sequence[str], path: str
         labels: One per prediction.
         path: File to write: PNG, SVG or PDF by its suffix.
     """
-    with canvas(path, (8.0, 3.4), "predicted power from the grid") as figure:
+    high = 3.2 + 0.12 * len(results)
+    with canvas(path, (8.0, high), "predicted power from the grid") as figure:
         _curves(figure.subplots(), results, labels)
 
 
@@ -109,12 +112,13 @@ def _curves(axes: Axes, results: Sequence[Prediction], labels: Sequence[str]) ->
         power = means.mean("grid_import") - means.mean("grid_return")
         time = (means.stamp_ns - START_NS) * 1e-9
         axes.plot(
-            (time - 0.5 * means.period) / second, power, color=SERIES[index % len(SERIES)],
-            label=name, linewidth=THIN,
+            (time - 0.5 * means.period) / second, power, DASHES[index // len(SERIES) % len(DASHES)],
+            color=SERIES[index % len(SERIES)], label=name, linewidth=THIN,
         )  # fmt: skip
     axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
     axes.set_xlim(0.0, longest / second)
     axes.set_xlabel(f"time since the start of the motion [{unit}]")
     axes.set_ylabel("power from the grid [W]")
     if len(results) > 1:
-        axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=min(len(results), 3))
+        columns = max(1, min(3, LETTERS // max(map(len, labels))))
+        axes.legend(loc="lower center", bbox_to_anchor=(0.45, 1.0), ncols=columns)
