@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -83,11 +84,17 @@ def drive_data(seeds: list[int], config: RigConfig | None = None, **options: flo
     return drive_data_of_logs(logs, "newton_metre")
 
 
-def record(folder: Path, seed: int, duration: float = 40.0) -> Path:
-    """Write a bag with the power of the drives and a meter at the DC bus."""
+def record(folder: Path, seed: int, duration: float = 40.0, grid: bool = False) -> Path:
+    """Write a bag with the power of the drives, and a meter at the DC bus or the grid.
+
+    The meter at the bus also counts what the drives feed back beyond what the bus uses.
+    """
     rig, output = run(seed, duration)
     power = reported(electrical(output.truth), seed)
     block = log_block(output, power, motor_side=False)
-    account = FileAccount(path=folder)
-    write_bag(folder, contents(rig.joint_names), [block], [account], origin="virtual rig")
+    held = contents(rig.joint_names)
+    if grid:
+        block = replace(block, reading=output.truth.grid_power)
+        held = replace(held, location=MeterLocation.GRID)
+    write_bag(folder, held, [block], [FileAccount(path=folder)], origin="virtual rig")
     return folder

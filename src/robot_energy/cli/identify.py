@@ -6,6 +6,7 @@ from argparse import ArgumentParser
 from typing import Any
 
 from robot_energy.cli import (
+    identify_all,
     identify_cabinet,
     identify_drives,
     identify_dynamics,
@@ -23,6 +24,7 @@ def add_parser(commands: Any) -> None:
     )
     subjects = parser.add_subparsers(title="what", metavar="WHAT", required=True)
     for module in (
+        identify_all,
         identify_excitation,
         identify_friction,
         identify_dynamics,

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-import json
 from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from robot_energy.cli.terminal import add_debug, check_writable, console, progress, write_text
-
-if TYPE_CHECKING:
-    from robot_energy.identify.recordings import Recording
+from robot_energy.cli.identify_inputs import (
+    add_bags,
+    add_results,
+    check_results,
+    present,
+    read_recordings,
+    source_of,
+)
 
 DESCRIPTION = """\
 Identify the constant losses of the cabinet from recordings with a power meter (paper A,
@@ -34,11 +36,8 @@ def add_parser(commands: Any) -> None:
         epilog=EPILOG,
         formatter_class=RawDescriptionHelpFormatter,
     )
-    parser.add_argument("bags", nargs="+", metavar="BAG", help="recordings of one robot")
-    parser.add_argument("--model", required=True, metavar="FILE|NAME", help="model of the robot")
-    parser.add_argument("--out", metavar="FILE", help="write the model with these losses")
-    parser.add_argument("--json", metavar="FILE", help="write all figures as JSON; - for stdout")
-    add_debug(parser)
+    add_bags(parser, effort="")
+    add_results(parser, "these losses")
     parser.set_defaults(run=run)
 
 
@@ -49,23 +48,20 @@ def run(args: Namespace) -> int:
         RobotEnergyError: If recordings or model cannot be used.
     """
     from robot_energy.identify.cabinet import fit_cabinet, with_cabinet
-    from robot_energy.identify.recordings import read_recording
     from robot_energy.model_file import load, save
     from robot_energy.report.identification import cabinet_summary, print_cabinet
 
-    check_writable(args.json, "the JSON report")
-    check_writable(args.out, "the model file")
+    check_results(args)
     model = load(args.model)
-    recordings: list[Recording] = []
-    for bag in args.bags:
-        with progress(f"reading {Path(bag).name}") as report:
-            recordings.append(read_recording(bag, model, progress=report))
-    fit = fit_cabinet(recordings)
+    fit = fit_cabinet(read_recordings(args, model))
     summary = cabinet_summary(fit)
     if args.out is not None:
-        save(with_cabinet(model, fit, ", ".join(Path(bag).name for bag in args.bags)), args.out)
-    if args.json is not None:
-        write_text(args.json, json.dumps(summary, indent=2, allow_nan=False) + "\n")
-    if args.json != "-":
-        print_cabinet(summary, console())
+        save(with_cabinet(model, fit, source_of(args)), args.out)
+    present(
+        args,
+        f"Cabinet of {model.robot.type}",
+        summary,
+        lambda page: print_cabinet(summary, page),
+        lead=f"Constant losses identified from {source_of(args)}.",
+    )
     return 0

@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
-import json
 from argparse import ArgumentParser, ArgumentTypeError, Namespace, RawDescriptionHelpFormatter
 from contextlib import ExitStack
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
-from robot_energy.cli.terminal import add_debug, check_writable, console, progress, write_text
-from robot_energy.errors import ModelFileError, NotIdentifiableError
+from robot_energy.cli.identify_inputs import (
+    add_bags,
+    add_results,
+    check_results,
+    check_source,
+    present,
+    read_recordings,
+    read_sources,
+)
+from robot_energy.errors import ModelFileError
 
 if TYPE_CHECKING:
     from robot_energy.identify.drive_data import DriveData
-    from robot_energy.identify.drive_power import DrivePower
-    from robot_energy.identify.recordings import Recording
     from robot_energy.model_file import RobotModel
-
-EFFORTS = ("motor_torque", "joint_torque", "motor_current")
+    from robot_energy.report.document import Document
 
 DESCRIPTION = """\
 Identify how much electrical power the drives take for torque and speed.
@@ -52,12 +56,10 @@ def add_parser(commands: Any) -> None:
         epilog=EPILOG,
         formatter_class=RawDescriptionHelpFormatter,
     )
-    parser.add_argument("bags", nargs="*", metavar="BAG", help="recordings of one robot")
-    parser.add_argument("--model", metavar="FILE|NAME", help="model of the robot")
-    parser.add_argument(
-        "--effort",
-        choices=EFFORTS,
-        help="what the effort in the joint states means; without it the model's own torque "
+    add_bags(
+        parser,
+        required=False,
+        effort="what the effort in the joint states means; without it the model's own torque "
         "is used, rigid bodies and friction",
     )
     parser.add_argument(
@@ -79,13 +81,10 @@ def add_parser(commands: Any) -> None:
         metavar="HZ",
         help="of the low-pass of the maps (default 5 Hz)",
     )
-    parser.add_argument("--out", metavar="FILE", help="write the model with these drives")
-    parser.add_argument("--json", metavar="FILE", help="write all figures as JSON; - for stdout")
-    parser.add_argument("--plot", metavar="FILE", help="draw the maps (.png, .svg, .pdf)")
+    add_results(parser, "these drives", "draw the maps (.png, .svg, .pdf)")
     log = parser.add_argument_group("from logs with torque, without a model")
     log.add_argument("--log", nargs="+", metavar="CSV", help="CSV logs, plain or .gz")
     log.add_argument("--mapping", metavar="FILE", help="what their columns mean")
-    add_debug(parser)
     parser.set_defaults(run=run)
 
 
@@ -106,66 +105,50 @@ def run(args: Namespace) -> int:
         RobotEnergyError: If recordings, logs or model cannot be used, or nothing can be
             identified.
     """
-    from robot_energy.identify.drive_data import location
-    from robot_energy.identify.drive_delay import estimate_power_delay, with_delay_undone
-    from robot_energy.identify.drives import fit_drives, with_drives
-    from robot_energy.identify.total_power import compare_total, fit_total, with_total
-    from robot_energy.identify.total_sums import sums
-    from robot_energy.report.drives import drives_summary, print_drives, total_summary
+    from robot_energy.identify.all_drives import find_drives
+    from robot_energy.report.drives import drives_found_summary, print_drives
+    from robot_energy.report.efficiency_figure import efficiency_maps
 
-    check_writable(args.json, "the JSON report")
-    check_writable(args.out, "the model file")
-    check_writable(args.plot, "the figure")
+    check_results(args)
     _check(args)
-    data, model = _data(args)
+    data, model, torque = _data(args)
     source = ", ".join(Path(name).name for name in args.bags or args.log)
-    summary: dict[str, Any] = {"torque": args.effort or ("log" if args.log else "model")}
-    fitted = None
-    written = model
-    if data.usable.any():
-        delay = estimate_power_delay(data)
-        if delay is not None:
-            data = with_delay_undone(data, delay.applied)
-        fitted = fit_drives(data, source, args.cutoff)
-        summary["drives"] = drives_summary(fitted, delay)
-        if written is not None:
-            written = with_drives(written, fitted, source)
-    place = location(data)
-    if place is not None:
-        total = sums(data, model)
-        fit = fit_total(total)
-        summary["total"] = total_summary(total, fit, *compare_total(total, model))
-        if written is not None and fitted is None:
-            written, notes = with_total(written, fit, place, source)
+    found = find_drives(data, model, source, args.cutoff)
+    summary = drives_found_summary(found, torque)
+    if model is not None:
+        written, notes = found.write(model, source)
+        if notes:
             summary["total"]["notes"] += notes
-    elif fitted is None:
-        raise NotIdentifiableError(
-            "the recordings have neither the power of the drives nor a power meter",
-            "measured electrical power beside torque and speed",
-            "name the topic of the drives with --drive-power, or record the meter's topic",
-        )
-    if args.out is not None and written is not None:
-        from robot_energy.model_file import save
+        if args.out is not None:
+            from robot_energy.model_file import save
 
-        save(written, args.out)
-    if args.json is not None:
-        write_text(args.json, json.dumps(summary, indent=2, allow_nan=False) + "\n")
+            save(written, args.out)
+    axes = [] if found.drives is None else list(found.drives.axes)
+    maps = [axis for axis in axes if axis.map is not None]
     if args.plot is not None:
-        from robot_energy.report.efficiency_figure import efficiency_maps
-
-        maps = [axis for axis in fitted.axes if axis.map is not None] if fitted else []
         efficiency_maps(maps, args.plot, source)
-    if args.json != "-":
-        print_drives(summary, console())
+
+    def draw(document: Document) -> None:
+        if maps:
+            document.figure(
+                lambda path: efficiency_maps(maps, path),
+                "Reduced efficiency maps in four quadrants, with their points.",
+            )
+
+    present(
+        args,
+        "Electrical power of the drives",
+        summary,
+        lambda page: print_drives(summary, page),
+        draw,
+        f"Identified from {source}.",
+    )
     return 0
 
 
 def _check(args: Namespace) -> None:
     """Refuse options that do not fit together."""
-    if bool(args.bags) == bool(args.log):
-        raise ModelFileError("neither recordings nor logs, or both", "BAG... or --log")
-    if args.bags and args.model is None:
-        raise ModelFileError("recordings need --model", "a model file")
+    check_source(args)
     if args.log and args.mapping is None:
         raise ModelFileError("the log has no --mapping", "a YAML file that names its columns")
     if args.log and (args.out or args.model or args.effort):
@@ -178,7 +161,8 @@ def _check(args: Namespace) -> None:
         raise ModelFileError("recordings of RTDE have no power of each drive", "no --drive-power")
 
 
-def _data(args: Namespace) -> tuple[DriveData, RobotModel | None]:
+def _data(args: Namespace) -> tuple[DriveData, RobotModel | None, str]:
+    """Samples, the model, and where the torque comes from."""
     from robot_energy.identify.drive_data import drive_data, drive_data_of_logs
 
     if args.log:
@@ -188,28 +172,30 @@ def _data(args: Namespace) -> tuple[DriveData, RobotModel | None]:
         mapping = load_mapping(args.mapping)
         logs = [read_csv(log, mapping) for log in args.log]
         unit = mapping.joints.effort.unit if mapping.joints.effort is not None else ""
-        return drive_data_of_logs([(held, list(parts)) for _, held, parts in logs], unit), None
+        data = drive_data_of_logs([(held, list(parts)) for _, held, parts in logs], unit)
+        return data, None, "log"
     from robot_energy.blocks import EffortMeaning
     from robot_energy.identify.drive_power import read_drive_power
-    from robot_energy.identify.recordings import read_recording
     from robot_energy.logs import import_ur_rtde
     from robot_energy.model_file import load
 
     model = load(args.model)
-    effort = EffortMeaning[args.effort.upper()] if args.effort else EffortMeaning.NONE
-    recordings: list[Recording] = []
-    powers: list[DrivePower | None] = []
+    effort, _ = read_sources(args)
     with ExitStack() as stack:
-        for number, name in enumerate(args.bags):
-            bag = name
-            if args.ur_rtde:
-                folder = Path(stack.enter_context(TemporaryDirectory()))
-                bag = import_ur_rtde([name], folder / str(number), model.joint_names).bag
-            with progress(f"reading {Path(name).name}") as report:
-                recordings.append(read_recording(bag, model, effort, progress=report))
-            powers.append(
-                read_drive_power(bag, args.drive_power, model.joint_names, args.drive_joints)
-                if args.drive_power
-                else None
-            )
-    return drive_data(recordings, powers, measured_torque=args.effort is not None), model
+        if args.ur_rtde:
+            folder = Path(stack.enter_context(TemporaryDirectory()))
+            bags = [
+                import_ur_rtde([name], folder / str(number), model.joint_names).bag
+                for number, name in enumerate(args.bags)
+            ]
+        else:
+            bags = args.bags
+        recordings = read_recordings(args, model, bags=bags)
+        powers = [
+            read_drive_power(bag, args.drive_power, model.joint_names, args.drive_joints)
+            if args.drive_power
+            else None
+            for bag in bags
+        ]
+    measured = effort is not EffortMeaning.NONE
+    return drive_data(recordings, powers, measured), model, effort.value if measured else "model"

@@ -9,19 +9,24 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from robot_energy.cli.terminal import add_debug, check_writable, console, progress
-from robot_energy.errors import ModelFileError
+from robot_energy.cli.identify_inputs import (
+    add_bags,
+    add_results,
+    check_results,
+    check_source,
+    present,
+    read_recordings,
+)
 
 if TYPE_CHECKING:
     from robot_energy.identify.dynamics import DynamicsSettings
     from robot_energy.identify.signals import Channels
     from robot_energy.model_file import RobotModel
     from robot_energy.report.dynamics import Reference
+    from robot_energy.report.printing import Page
 
     # Model, stretches of every recording by its name, sources, friction known from elsewhere.
     Read = tuple[RobotModel, dict[str, list[Channels]], list[str], Reference | None]
-
-EFFORTS = ("motor_torque", "joint_torque", "motor_current")
 
 DESCRIPTION = """\
 Identify inertial parameters, rotor inertias and friction of a robot from recorded positions
@@ -51,16 +56,11 @@ def add_parser(subjects: Any) -> None:
         epilog=EPILOG,
         formatter_class=RawDescriptionHelpFormatter,
     )
-    parser.add_argument("bags", nargs="*", metavar="BAG", help="recordings of one robot")
-    parser.add_argument(
-        "--effort", choices=EFFORTS, help="what the effort in the joint states of bags means"
-    )
+    add_bags(parser, required=False, effort="what the effort in the joint states of bags means")
     parser.add_argument("--log", metavar="FILE", help="instead of bags: what raw files hold")
     parser.add_argument(
         "--data", metavar="FOLDER", help="where the raw files lie (default: beside the mapping)"
     )
-    parser.add_argument("--model", metavar="FILE|NAME", help="model file to begin with")
-    parser.add_argument("--out", metavar="FILE", help="model file to write")
     parser.add_argument(
         "--method",
         choices=("ols", "wls", "irls"),
@@ -92,7 +92,7 @@ def add_parser(subjects: Any) -> None:
         help="look for delays of the torque up to this (default: 5; 0: do not)",
     )
     parser.add_argument("--details", action="store_true", help="print every base parameter")
-    add_debug(parser)
+    add_results(parser, "these dynamics")
     parser.set_defaults(run=run)
 
 
@@ -106,10 +106,16 @@ def run(args: Namespace) -> int:
     from robot_energy.identify.dynamics import identify_dynamics
     from robot_energy.identify.dynamics_model import to_model
     from robot_energy.model_file import save
-    from robot_energy.report.dynamics import Effort, print_across, print_dynamics
+    from robot_energy.report.document import Document
+    from robot_energy.report.dynamics import (
+        Effort,
+        dynamics_summary,
+        print_across,
+        print_dynamics,
+    )
 
-    check_writable(args.out, "the model")
-    _check(args)
+    check_results(args)
+    check_source(args, needs_effort=True)
     for name in ("clarabel", "scipy.interpolate", "scipy.ndimage", "scipy.signal", "scipy.stats"):
         import_module(name)  # here, so that the time below is of the work alone
     begin = time.perf_counter()
@@ -123,33 +129,25 @@ def run(args: Namespace) -> int:
         save(written, args.out)
     done = time.perf_counter()
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
-    out = console()
-    print_dynamics(
-        out,
-        result,
-        result.held_out(),
-        result.held_out_consistent(),
-        reference,
-        Effort(read - begin, done - read, peak),
-        args.details,
+    held_out, consistent = result.held_out(), result.held_out_consistent()
+    effort = Effort(read - begin, done - read, peak)
+
+    across = across_recordings(recordings, model, settings) if len(recordings) > 1 else None
+
+    def show(page: Page) -> None:
+        details = args.details or isinstance(page, Document)
+        print_dynamics(page, result, held_out, consistent, reference, effort, details)
+        if across is not None:
+            print_across(page, across, model.joint_names)
+
+    present(
+        args,
+        f"Dynamics of {model.robot.type}",
+        dynamics_summary(result, held_out, consistent),
+        show,
+        lead=f"Identified from {', '.join(sources)}. Model {written.model_id}.",
     )
-    if len(recordings) > 1:
-        print_across(out, across_recordings(recordings, model, settings), model.joint_names)
-    if args.out:
-        out.print(f"wrote {args.out}: model {written.model_id}", soft_wrap=True)
     return 0
-
-
-def _check(args: Namespace) -> None:
-    """Refuse options that do not fit together."""
-    if bool(args.bags) == bool(args.log):
-        raise ModelFileError("neither bags nor a log, or both", "BAG... or --log")
-    if args.bags and (args.model is None or args.effort is None):
-        raise ModelFileError(
-            "bags need --model and --effort",
-            f"a model file, and one of {', '.join(EFFORTS)}",
-            "the effort of a driver is never guessed",
-        )
 
 
 def _log(args: Namespace) -> Read:
@@ -170,24 +168,14 @@ def _log(args: Namespace) -> Read:
 
 def _bags(args: Namespace) -> Read:
     """Run bags through the stages of the monitor."""
-    from robot_energy.blocks import EffortMeaning
-    from robot_energy.identify.recordings import read_recording
-    from robot_energy.identify.signals import stretches
+    from robot_energy.identify.recordings import channels_of
     from robot_energy.model_file import load
 
-    model, effort = load(args.model), EffortMeaning[args.effort.upper()]
+    model = load(args.model)
     recordings: dict[str, list[Channels]] = {}
     rate: float | None = None
-    for bag in args.bags:
-        with progress(f"reading {Path(bag).name}") as report:
-            block = read_recording(bag, model, effort, progress=report).torque
-        found = stretches(
-            block.stamp_ns,
-            block.segment,
-            block.joint_position,
-            block.motor_torque_measured,
-            rate,
-        )
+    for bag, part in zip(args.bags, read_recordings(args, model, needs_effort=True), strict=True):
+        found = channels_of([part], rate=rate)
         rate = found[0].rate
         name = Path(bag).name
         recordings[str(bag) if name in recordings else name] = found

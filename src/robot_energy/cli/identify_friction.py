@@ -2,27 +2,26 @@
 
 from __future__ import annotations
 
-import json
 from argparse import ArgumentParser, ArgumentTypeError, Namespace, RawDescriptionHelpFormatter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from robot_energy.cli.terminal import (
-    add_debug,
-    check_writable,
-    console,
-    progress,
-    write_text,
+from robot_energy.cli.identify_inputs import (
+    add_bags,
+    add_results,
+    check_results,
+    check_source,
+    present,
+    read_recordings,
+    source_of,
 )
 from robot_energy.errors import ModelFileError, NotIdentifiableError
 
 if TYPE_CHECKING:
-    from robot_energy.identify.friction import FrictionFit
     from robot_energy.identify.friction_data import FrictionData
     from robot_energy.identify.friction_study import Span
     from robot_energy.model_file import RobotModel
 
-EFFORTS = ("motor_torque", "joint_torque", "motor_current")
 SHUFFLES = 20
 
 DESCRIPTION = """\
@@ -52,16 +51,8 @@ def add_parser(commands: Any) -> None:
         epilog=EPILOG,
         formatter_class=RawDescriptionHelpFormatter,
     )
-    parser.add_argument("bags", nargs="*", metavar="BAG", help="recordings of one robot")
-    parser.add_argument(
-        "--model", metavar="FILE|NAME", help="model whose bodies and drivetrain are used"
-    )
-    parser.add_argument(
-        "--effort", choices=EFFORTS, help="what the effort in the joint states means"
-    )
-    parser.add_argument("--out", metavar="FILE", help="write the model with this friction")
-    parser.add_argument("--json", metavar="FILE", help="write all figures as JSON; - for stdout")
-    parser.add_argument("--plot", metavar="FILE", help="draw points and laws (.png, .svg, .pdf)")
+    add_bags(parser, required=False)
+    add_results(parser, "this friction", "draw points and laws (.png, .svg, .pdf)")
     log = parser.add_argument_group(
         "from a log of single-joint motions, without a model (relative figures)"
     )
@@ -70,7 +61,6 @@ def add_parser(commands: Any) -> None:
     split = parser.add_argument_group("test on temperatures that the fit has not seen")
     split.add_argument("--train", type=_span, metavar="LOW:HIGH", help="[degC], one may be empty")
     split.add_argument("--test", type=_span, metavar="LOW:HIGH", help="[degC]")
-    add_debug(parser)
     parser.set_defaults(run=run)
 
 
@@ -94,63 +84,49 @@ def run(args: Namespace) -> int:
     Raises:
         RobotEnergyError: If recordings, log or model cannot be used.
     """
-    from robot_energy.identify.friction import fit_friction
+    from robot_energy.identify.friction import fit_axes, with_friction
+    from robot_energy.report.friction_figure import friction_over_temperature
     from robot_energy.report.identification import (
         friction_summary,
         print_friction,
         print_friction_study,
     )
 
-    check_writable(args.json, "the JSON report")
-    check_writable(args.out, "the model file")
-    check_writable(args.plot, "the figure")
+    check_results(args)
     _check(args)
     data, model = _data(args)
+    source = source_of(args) or Path(args.log).name
     if args.train is not None:
         studies = [_study(axis, args) for axis in data]
-        if args.json is not None:
-            write_text(args.json, json.dumps(studies, indent=2, allow_nan=False) + "\n")
-        if args.json != "-":
-            print_friction_study(studies, console())
+        title = "Friction at temperatures that were not seen"
+        present(args, title, studies, lambda page: print_friction_study(studies, page), lead=source)
         return 0
-    source = ", ".join(Path(bag).name for bag in args.bags)
-    fits: list[FrictionFit] = []
-    refused: list[str] = []
-    for axis in data:
-        try:
-            fits.append(fit_friction(axis, source))
-        except NotIdentifiableError as error:
-            refused.append(str(error))
-    if not fits:
-        raise NotIdentifiableError(refused[0].rstrip("."))
-    summary = friction_summary(fits, refused, args.effort or "log")
+    fits, refused = fit_axes(data, source_of(args))
+    unit = "A" if args.log else "N m"
+    summary = friction_summary(fits, refused, "log" if args.log else args.effort or "measured")
     if args.out is not None and model is not None:
-        from robot_energy.identify.friction import with_friction
         from robot_energy.model_file import save
 
         save(with_friction(model, fits, source), args.out)
-    if args.json is not None:
-        write_text(args.json, json.dumps(summary, indent=2, allow_nan=False) + "\n")
     if args.plot is not None:
-        from robot_energy.report.friction_figure import friction_over_temperature
-
-        unit = "A" if args.log else "N m"
-        friction_over_temperature(fits, args.plot, unit, source or Path(args.log).name)
-    if args.json != "-":
-        print_friction(summary, console())
+        friction_over_temperature(fits, args.plot, unit, source)
+    present(
+        args,
+        "Friction over motor temperature",
+        summary,
+        lambda page: print_friction(summary, page),
+        lambda document: document.figure(
+            lambda path: friction_over_temperature(fits, path, unit),
+            "Free points and the laws that competed on temperatures that their fits have not seen.",
+        ),
+        f"Identified from {source}.",
+    )
     return 0
 
 
 def _check(args: Namespace) -> None:
     """Refuse options that do not fit together."""
-    if bool(args.bags) == bool(args.log):
-        raise ModelFileError("neither bags nor a log, or both", "BAG... or --log")
-    if args.bags and (args.model is None or args.effort is None):
-        raise ModelFileError(
-            "bags need --model and --effort",
-            f"a model file, and one of {', '.join(EFFORTS)}",
-            "the effort of a driver is never guessed",
-        )
+    check_source(args, needs_effort=True)
     if args.log and args.mapping is None:
         raise ModelFileError("the log has no --mapping", "a YAML file that names its columns")
     if args.log and args.out is not None:
@@ -172,16 +148,11 @@ def _data(args: Namespace) -> tuple[list[FrictionData], RobotModel | None]:
         _, contents, parts = read_csv(args.log, load_mapping(args.mapping))
         blocks, names = list(parts), contents.joint_names
         return [friction_data_of_log(blocks, names, j) for j in range(len(names))], None
-    from robot_energy.blocks import EffortMeaning
     from robot_energy.identify.friction_data import friction_data
-    from robot_energy.identify.recordings import Recording, read_recording
     from robot_energy.model_file import load
 
-    model, effort = load(args.model), EffortMeaning[args.effort.upper()]
-    recordings: list[Recording] = []
-    for bag in args.bags:
-        with progress(f"reading {Path(bag).name}") as report:
-            recordings.append(read_recording(bag, model, effort, progress=report))
+    model = load(args.model)
+    recordings = read_recordings(args, model, needs_effort=True)
     return [friction_data(recordings, joint) for joint in range(len(model.joints))], model
 
 

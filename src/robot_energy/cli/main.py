@@ -58,6 +58,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         args = build_parser().parse_args(argv)
     except SystemExit as exit_:  # --help, --version, or a wrong argument
         return exit_.code if isinstance(exit_.code, int) else REFUSED
+    args.words = tuple(sys.argv[1:] if argv is None else argv)  # for reports
     run = cast("Callable[[Namespace], int]", args.run)
     try:
         code = run(args)

@@ -10,7 +10,7 @@ model, and only readings that lie inside one whole phase count.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,9 @@ from robot_energy.blocks import Float, Int, MeterLocation, Phase, PowerBlock
 from robot_energy.comparison.curve import MeterCurve
 from robot_energy.comparison.pieces import Pieces
 from robot_energy.errors import NotIdentifiableError
+from robot_energy.identify.drive_data import DriveData
 from robot_energy.identify.recordings import Recording
+from robot_energy.identify.total_sums import sums
 from robot_energy.model_file import RobotModel
 from robot_energy.model_file.figure import PositiveFigure
 
@@ -32,6 +34,7 @@ BRIDGED = 2.0  # s between two readings
 CLEAR = 0.5  # of the DC loss that braking must exceed for a phase to count as generating
 EVENT_GAP = 1_000 * MILLISECOND  # readings further apart belong to different events
 LEAST_READINGS = 5
+STORED = 0.05  # of the constant losses: what the DC link may give without being named
 
 
 @dataclass(frozen=True)
@@ -79,11 +82,26 @@ class CabinetFit:
     notes: tuple[str, ...]
 
 
-def fit_cabinet(recordings: Sequence[Recording]) -> CabinetFit:
+@dataclass(frozen=True)
+class Beside:
+    """What the meter shows beside drives whose power is measured.
+
+    Attributes:
+        level: Power of all that is constant.
+        notes: What it rests on, one sentence each.
+    """
+
+    level: Level
+    notes: tuple[str, ...]
+
+
+def fit_cabinet(recordings: Sequence[Recording], beside: Beside | None = None) -> CabinetFit:
     """Identify the constant losses.
 
     Args:
         recordings: Run with one model, with a power meter.
+        beside: Power of the meter less the measured power of all drives, from
+            `beside_drives`; where there is such, it is taken instead of HOLD.
 
     Returns:
         The losses and what they rest on.
@@ -107,7 +125,10 @@ def fit_cabinet(recordings: Sequence[Recording]) -> CabinetFit:
     location = locations.pop()
     cabinet = metered[0].model.cabinet
     held = [_readings(part, _holding(part.power), SETTLED, BEFORE_MOTION) for part in metered]
-    hold = _level([_less_drives(*entry) for entry in zip(metered, held, strict=True)])
+    if beside is not None:
+        hold: Level | None = beside.level
+    else:
+        hold = _level([_less_drives(*entry) for entry in zip(metered, held, strict=True)])
     generating = None
     if location is MeterLocation.GRID and cabinet.regeneration_efficiency is None:
         fed = [_readings(part, _feeding(part), INSIDE, INSIDE) for part in metered]
@@ -118,7 +139,43 @@ def fit_cabinet(recordings: Sequence[Recording]) -> CabinetFit:
             "both",
             "record at least ten seconds of rest with active drives, and fast motions",
         )
-    return _split(location, hold, generating, metered[0].model)
+    fit = _split(location, hold, generating, metered[0].model)
+    return fit if beside is None else replace(fit, notes=(*beside.notes, *fit.notes))
+
+
+def beside_drives(data: DriveData, model: RobotModel) -> Beside | None:
+    """What the meter shows beside the drives, where the power of every drive is measured.
+
+    Args:
+        data: Samples of all drives, with meters.
+        model: Of the robot.
+
+    Returns:
+        Median of the readings with its deviation over blocks, and the greatest difference
+        between recordings; None where a power is missing.
+    """
+    try:
+        pieces = sums(data, model)
+    except NotIdentifiableError:
+        return None
+    pieces = pieces.rows(np.isfinite(pieces.drives))
+    if len(pieces) < LEAST_READINGS:
+        return None
+    rest = pieces.measured - pieces.drives
+    # median: after braking the DC link feeds the drives for a moment, and the meter sees less
+    blocks = [float(np.median(rest[pieces.block == k])) for k in np.unique(pieces.block)]
+    runs = [float(np.median(rest[pieces.recording == k])) for k in np.unique(pieces.recording)]
+    std = float(np.std(blocks, ddof=1) / np.sqrt(len(blocks))) if len(blocks) > 1 else np.inf
+    power, spread = float(np.median(rest)), float(np.ptp(runs))
+    notes = ["HOLD is here the meter less the measured power of all drives, in motion as well"]
+    missing = power - float(np.average(rest, weights=pieces.duration))
+    if missing > STORED * power:
+        notes.append(
+            f"on the average the meter shows {missing:.0f} W less than drives and constant losses "
+            "together: after braking the DC link feeds the drives, which a model file without "
+            "cabinet.capacitor cannot tell"
+        )
+    return Beside(Level(power, std, len(pieces), len(blocks), spread), tuple(notes))
 
 
 def _split(

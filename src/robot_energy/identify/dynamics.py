@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -153,6 +153,29 @@ class Dynamics:
             guard = 1.0 / self.settings.filters.cutoff
             return predict_held_out(rows, estimator, self.settings.folds, guard)
 
+    def held_out_given_bodies(self) -> TorqueError:
+        """Torque error on contiguous folds held out, with the bodies that it began with.
+
+        Rotors, friction and offsets are refitted in every fold and offsets left out of the
+        prediction, so that the difference to `held_out_consistent` is what the identified
+        bodies are worth.
+        """
+        robot, transmission = _mechanics(self.model)
+        rows = _restricted(self.observations, robot, transmission, self.columns)
+        links = robot.link_parameters.ravel()
+        rest = range(links.size, rows.regressor.shape[2])
+
+        def estimator(train: Observations) -> Float:
+            carried = train.regressor[:, :, : links.size] @ links
+            part = replace(train.with_columns(rest), joint_torque=train.joint_torque - carried)
+            values = np.concatenate([links, estimate(part, self.settings.method)[0]])
+            return _without_offsets(values, rows.names)
+
+        with one_thread():
+            guard = 1.0 / self.settings.filters.cutoff
+            predicted = predict_held_out(rows, estimator, self.settings.folds, guard)
+        return torque_error(self.observations, predicted)
+
     def rows_of(self, channels: Sequence[Channels]) -> Observations:
         """Return the rows of other recordings, filtered alike and with the delay undone.
 
@@ -281,7 +304,7 @@ def _identify(
         exported,
         exported_base,
         poor,
-        tuple(remarks(model, delay, settings.delay_span, in_sample, result, poor)),
+        tuple(remarks(delay, settings.delay_span, in_sample, result, poor)),
         rows,
     )
 

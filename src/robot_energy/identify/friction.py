@@ -115,6 +115,32 @@ def fit_friction(data: FrictionData, source: str = "") -> FrictionFit:
         return _fit(moving_samples(data), source)
 
 
+def fit_axes(axes: Sequence[FrictionData], source: str = "") -> tuple[list[FrictionFit], list[str]]:
+    """Identify the friction of every axis that the data tell.
+
+    Args:
+        axes: Samples, one entry per axis.
+        source: Where they come from, for the model file.
+
+    Returns:
+        The fits, and why the other axes could not be identified, one sentence each.
+
+    Raises:
+        NotIdentifiableError: If not one axis can be identified.
+    """
+    fits: list[FrictionFit] = []
+    refused: list[NotIdentifiableError] = []
+    for axis in axes:
+        try:
+            fits.append(fit_friction(axis, source))
+        except NotIdentifiableError as error:
+            refused.append(error)
+    if not fits:
+        first = refused[0]
+        raise NotIdentifiableError(first.found, first.expected, first.remedy)
+    return fits, [str(error) for error in refused]
+
+
 def _fit(moving: FrictionData, source: str) -> FrictionFit:
     degc = moving.motor_temperature_degc
     span = (float(degc.min()), float(degc.max()))

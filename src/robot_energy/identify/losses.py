@@ -99,6 +99,7 @@ def fit_losses(
         raise NotIdentifiableError(
             f"{what} have {len(target)} samples with power, torque and speed",
             f"at least {max(LEAST_SAMPLES, 2 * columns.shape[1])}",
+            "record longer, with power beside the joint states",
         )
     told = independent(columns)
     if not told.any():

@@ -6,20 +6,26 @@ arrays, so what is fitted is what runs.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.blocks import (
+    NANOSECOND,
     EffortMeaning,
+    Int,
     MeterBlock,
     PowerBlock,
     Quality,
     TorqueBlock,
 )
+from robot_energy.comparison import Compared
 from robot_energy.errors import BagError
+from robot_energy.identify.signals import Channels, stretches
+from robot_energy.ingest.sources import Inputs
 from robot_energy.model_file import RobotModel
 from robot_energy.pipeline import Output, Settings
 from robot_energy.replay import Progress, Topics, replay
@@ -40,6 +46,7 @@ class Recording:
         meter: Readings of the power meter, None without one.
         origin: Where the recording comes from, as its writer said.
         problems: What was wrong with the bag, one sentence each.
+        compared: Predicted beside measured energy, wherever both are known.
     """
 
     path: Path
@@ -49,6 +56,7 @@ class Recording:
     meter: MeterBlock | None
     origin: str
     problems: tuple[str, ...]
+    compared: tuple[Compared, ...] = ()
 
     def __len__(self) -> int:
         return len(self.torque)
@@ -58,6 +66,59 @@ class Recording:
         """Which samples have a full derivative window and finite figures, shape (N,)."""
         return np.asarray((self.torque.quality & np.uint32(DOUBTFUL)) == 0)
 
+    @property
+    def span_ns(self) -> tuple[int, int]:
+        """First and last stamp. [ns]"""
+        return int(self.torque.stamp_ns.min()), int(self.torque.stamp_ns.max())
+
+    def between(self, start_ns: int, end_ns: int) -> Recording:
+        """Return what lies in ``start_ns <= stamp < end_ns``; what was compared stays out."""
+        rows = _inside(self.torque.stamp_ns, start_ns, end_ns)
+        meter = self.meter
+        if meter is not None:
+            meter = meter[_inside(meter.stamp_ns, start_ns, end_ns)]
+        return replace(
+            self,
+            torque=self.torque[rows],
+            power=self.power[rows],
+            meter=meter if meter is not None and len(meter) else None,
+            compared=(),
+        )
+
+
+def _inside(stamp_ns: Int, start_ns: int, end_ns: int) -> NDArray[np.bool_]:
+    return np.asarray((stamp_ns >= start_ns) & (stamp_ns < end_ns))
+
+
+def channels_of(
+    recordings: Sequence[Recording], most: float = np.inf, rate: float | None = None
+) -> list[Channels]:
+    """Cut the measured motor torque and position at gaps, on one uniform grid.
+
+    Args:
+        recordings: Of one robot.
+        most: Time to take from the start of each recording. [s]
+        rate: Of the grid; None for that of the first recording. [Hz]
+
+    Returns:
+        The stretches of all recordings.
+
+    Raises:
+        NotIdentifiableError: If a recording has no stretch that is long enough.
+    """
+    channels: list[Channels] = []
+    for recording in recordings:
+        block = recording.torque
+        block = block[(block.stamp_ns - block.stamp_ns[0]) * NANOSECOND <= most]
+        channels += stretches(
+            block.stamp_ns,
+            block.segment,
+            block.joint_position,
+            block.motor_torque_measured,
+            channels[0].rate if channels else rate,
+        )
+    return channels
+
 
 def read_recording(
     path: str | Path,
@@ -65,6 +126,7 @@ def read_recording(
     effort: EffortMeaning = EffortMeaning.NONE,
     topics: Topics | None = None,
     progress: Progress | None = None,
+    inputs: Inputs | None = None,
 ) -> Recording:
     """Run a bag through the stages and keep every sample.
 
@@ -74,6 +136,7 @@ def read_recording(
         effort: What the effort in the joint states means.
         topics: Topics to use where they cannot be told by type.
         progress: Called with the share done, 0 to 1.
+        inputs: What the inputs of a live monitor are, to read the bag in the same way.
 
     Returns:
         The recording; memory grows with its length, about 1 kB per sample of six joints.
@@ -83,7 +146,16 @@ def read_recording(
     """
     outputs: list[Output] = []
     settings = Settings(effort=effort, power_period=None)
-    result = replay(path, model, topics, settings, progress=progress, on_output=outputs.append)
+    result = replay(
+        path,
+        model,
+        topics,
+        settings,
+        keep_means=True,
+        progress=progress,
+        inputs=inputs,
+        on_output=outputs.append,
+    )
     torque = [output.torque for output in outputs if output.torque is not None]
     power = [output.power for output in outputs if output.power is not None]
     meter = [output.meter for output in outputs if output.meter is not None]
@@ -97,4 +169,5 @@ def read_recording(
         MeterBlock.concatenate(meter) if meter else None,
         result.origin,
         tuple(result.problems),
+        tuple(part for part in result.compared if len(part.duration_ns)),
     )

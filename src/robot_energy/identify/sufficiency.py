@@ -140,8 +140,22 @@ def poorly_known(base: BaseParameters, result: Fit, prior: Prior) -> tuple[str, 
     return tuple(label for label, bad in zip(base.labels, weak.tolist(), strict=True) if bad)
 
 
+def temperature_remark(model: RobotModel) -> str:
+    """Return what becomes of friction over temperature; empty if the model had none.
+
+    Args:
+        model: The model that an identification of dynamics began with.
+    """
+    warm = [joint.name for joint in model.joints if joint.friction.viscous.law != "constant"]
+    if not warm:
+        return ""
+    return (
+        f"friction of {', '.join(warm)} no longer follows the temperature: it is that of this "
+        "recording; identify friction from recordings at several temperatures"
+    )
+
+
 def remarks(
-    model: RobotModel,
     delay: Delay,
     delay_span: float,
     in_sample: TorqueError,
@@ -151,7 +165,6 @@ def remarks(
     """Return what the user should know about a result, one sentence each.
 
     Args:
-        model: The model that it began with.
         delay: Of the torque channel.
         delay_span: Largest delay that was tried. [s]
         in_sample: Error on the data of the fit.
@@ -168,12 +181,6 @@ def remarks(
         found.append(
             f"the fit leaves {in_sample.total:.0%} of the torque: check units, gear ratios, signs "
             "and zero offsets"
-        )
-    warm = [joint.name for joint in model.joints if joint.friction.viscous.law != "constant"]
-    if warm:
-        found.append(
-            f"friction of {', '.join(warm)} no longer follows the temperature: it is that of this "
-            "recording; identify friction from recordings at several temperatures"
         )
     if poor:
         found.append(

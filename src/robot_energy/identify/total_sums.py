@@ -101,6 +101,7 @@ def sums(data: DriveData, model: RobotModel | None) -> Sums:
         raise NotIdentifiableError(
             f"{count} readings of the meter lie inside the samples of the drives",
             f"at least {LEAST_READINGS}",
+            "record longer, with the meter running",
         )
     means = np.concatenate([part for _, part, _ in parts])
     recording = np.concatenate([part for _, _, part in parts])

@@ -36,7 +36,8 @@ nav { margin: 1rem 0; font-size: .93rem; }
 nav ol { margin: 0; padding-left: 1.4rem; }
 a { color: #0072b2; }
 .wide { overflow-x: auto; margin: .8rem 0 1.2rem; }
-table { border-collapse: collapse; font-size: .88rem; font-variant-numeric: tabular-nums; }
+table { min-width: min(100%, 28rem); border-collapse: collapse; font-size: .88rem;
+  font-variant-numeric: tabular-nums; }
 caption { text-align: left; font-weight: 600; padding-bottom: .3rem; }
 th, td { padding: .22rem .8rem .22rem 0; text-align: right; vertical-align: baseline; }
 th { border-bottom: 1px solid #1a1a1a; font-weight: 600; vertical-align: bottom; }

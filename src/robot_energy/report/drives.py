@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from robot_energy.identify.all_drives import DrivesFound
 from robot_energy.identify.drive_delay import PowerDelay
 from robot_energy.identify.drives import WAYS, AxisFit, DrivesFit
 from robot_energy.identify.losses import TERMS
@@ -157,6 +158,22 @@ def total_summary(
         "ways": {way: dict(score.__dict__) for way, score in scores.items()},
         "notes": notes,
     }
+
+
+def drives_found_summary(found: DrivesFound, torque: str = "") -> Summary:
+    """Return all that was found of the drives, ready for JSON.
+
+    Args:
+        found: From the power of each drive, from one meter, or both.
+        torque: Where the torque comes from.
+    """
+    summary: Summary = {"torque": torque} if torque else {}
+    if found.drives is not None:
+        summary["drives"] = drives_summary(found.drives, found.delay)
+    if found.total is not None:
+        total = found.total
+        summary["total"] = total_summary(total.data, total.fit, total.held_out, total.scores)
+    return summary
 
 
 def print_drives(summary: Summary, page: Page) -> None:

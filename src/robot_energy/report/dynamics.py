@@ -1,15 +1,18 @@
-"""Identified dynamics as tables for the terminal."""
+"""Identified dynamics as tables, and as JSON."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from robot_energy.identify.across import Across, Judgement
 from robot_energy.identify.dynamics import Dynamics
 from robot_energy.identify.dynamics_model import friction_at_joints
+from robot_energy.identify.sufficiency import temperature_remark
 from robot_energy.identify.validation import TorqueError
 from robot_energy.identify.work import share_off
 from robot_energy.report.printing import Page, line, pairs, table
@@ -53,6 +56,7 @@ def print_dynamics(
     reference: Reference | None = None,
     effort: Effort | None = None,
     details: bool = False,
+    friction_follows: bool = False,
 ) -> None:
     """Print an identification.
 
@@ -64,6 +68,7 @@ def print_dynamics(
         reference: Friction to compare with.
         effort: Time and memory.
         details: Also every group with value and standard deviation.
+        friction_follows: Whether friction over temperature is identified afterwards.
     """
     settings, delay = result.settings, result.delay
     applied = "applied" if delay.applied else "not applied"
@@ -100,8 +105,12 @@ def print_dynamics(
     _friction(page, result, reference)
     if details:
         _groups(page, result)
-    for note in result.notes:
-        line(page, f"note: {note}")
+    else:
+        _weak(page, result)
+    last = () if friction_follows else (temperature_remark(result.model),)
+    for note in (*result.notes, *last):
+        if note:
+            line(page, f"note: {note}")
 
 
 def _errors(page: Page, result: Dynamics, held_out: TorqueError, consistent: TorqueError) -> None:
@@ -164,18 +173,45 @@ def _friction(page: Page, result: Dynamics, reference: Reference | None) -> None
         line(page, f"largest deviation from the reference{source}: {worst:.1%}")
 
 
+def weakly_excited(result: Dynamics) -> tuple[str, ...]:
+    """Return the base parameters whose 95 % interval exceeds their size, by name."""
+    weak = np.abs(result.fit.values) < result.fit.interval()
+    return tuple(name for name, w in zip(result.base.labels, weak.tolist(), strict=True) if w)
+
+
+def _weak(page: Page, result: Dynamics) -> None:
+    weak = weakly_excited(result)
+    if weak:
+        line(
+            page,
+            f"weakly excited, 95 % interval wider than the parameter itself, {len(weak)} of "
+            f"{len(result.base)}: {', '.join(weak)}",
+        )
+
+
 def _groups(page: Page, result: Dynamics) -> None:
-    half = result.fit.interval()
-    rows = [
-        [
-            result.base.expression(group),
-            f"{result.fit.values[group]:.5g}",
-            f"{half[group]:.2g}",
-            "poorly known" if result.base.labels[group] in result.poorly_known else "",
+    """Every group, those that are weakly excited in a table of their own."""
+    half, weak = result.fit.interval(), set(weakly_excited(result))
+    groups = list(enumerate(result.base.labels))
+    for title, chosen in (
+        ("base parameters that the recording tells", [g for g, n in groups if n not in weak]),
+        (
+            "base parameters weakly excited: 95 % interval wider than the parameter itself",
+            [g for g, n in groups if n in weak],
+        ),
+    ):
+        rows = [
+            [
+                result.base.expression(group),
+                f"{result.fit.values[group]:.5g}",
+                f"{result.fit.std[group]:.2g}",
+                f"{half[group]:.2g}",
+                "less than the URDF" if result.base.labels[group] in result.poorly_known else "",
+            ]
+            for group in chosen
         ]
-        for group in np.arange(len(result.base)).tolist()
-    ]
-    table(page, "base parameters", ["group", "value", "95 % +-", ""], rows)
+        if rows:
+            table(page, title, ["group", "value", "std", "95 % +-", "told"], rows)
 
 
 def print_across(page: Page, across: Across, joint_names: Sequence[str]) -> None:
@@ -236,3 +272,48 @@ def _split(judgement: Judgement) -> str:
     if judgement.trained_on == (judgement.recording,):
         return f"{judgement.recording}, own blocks"
     return f"{judgement.recording} from {', '.join(judgement.trained_on)}"
+
+
+def dynamics_summary(
+    result: Dynamics, held_out: TorqueError, held_out_consistent: TorqueError
+) -> dict[str, Any]:
+    """Return what `identify dynamics` found, ready for JSON.
+
+    Args:
+        result: The identification.
+        held_out: Of the least-squares fit.
+        held_out_consistent: Of the fit that the model file holds.
+    """
+    half, weak = result.fit.interval(), set(weakly_excited(result))
+    return {
+        "base_parameters": [
+            {
+                "name": name,
+                "sum": result.base.expression(group),
+                "value": float(result.fit.values[group]),
+                "std": _finite(float(result.fit.std[group])),
+                "interval_95": _finite(float(half[group])),
+                "weakly_excited": name in weak,
+                "told_less_than_urdf": name in result.poorly_known,
+            }
+            for group, name in enumerate(result.base.labels)
+        ],
+        "torque_error": {
+            name: {
+                "joints": [_finite(value) for value in error.joint.tolist()],
+                "moving": _finite(error.total),
+                "with_standstill": _finite(error.with_standstill),
+            }
+            for name, error in (
+                ("held_out", held_out),
+                ("held_out_model_file", held_out_consistent),
+            )
+        },
+        "delay": result.delay.value,
+        "delay_applied": result.delay.applied,
+        "notes": list(result.notes),
+    }
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None

@@ -71,5 +71,6 @@ def _axis(axes: Any, fit: FrictionFit) -> None:
         linewidth=1,
         label="points, 2 std",
     )
+    axes.margins(y=0.15)
     axes.set_ylim(bottom=0.0)
     axes.set_title(f"{fit.name}: Coulomb {fit.coulomb:.3g}", fontsize=9, loc="left")

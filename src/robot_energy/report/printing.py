@@ -67,6 +67,15 @@ def seconds(time_ns: int) -> str:
     return f"{time_ns * 1e-9:.3f} s"
 
 
+def heading(page: Page, text: str, depth: int = 2) -> None:
+    """Begin a section."""
+    if isinstance(page, Document):
+        page.heading(text, depth)
+        return
+    page.print()
+    line(page, text.upper() if depth == 2 else text, style="bold underline")
+
+
 def line(page: Page, text: str, style: str = "") -> None:
     """Write one line as it is, without wrapping or markup."""
     if isinstance(page, Document):

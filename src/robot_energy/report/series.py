@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
 from robot_energy.blocks import NANOSECOND, Float, Int
+from robot_energy.comparison import Compared
 from robot_energy.replay import Replay
 
 MAX_POINTS = 2000
@@ -52,9 +54,26 @@ def compared_series(
         Measured and predicted, or None where nothing was compared. Their last energies
         are those of the comparison.
     """
-    parts = [part for part in result.compared if len(part.duration_ns)]
     start_ns = result.ledger.registers.time.start_ns
-    if not parts or start_ns is None:
+    return None if start_ns is None else series_of(result.compared, start_ns, label, role)
+
+
+def series_of(
+    compared: Sequence[Compared], start_ns: int, label: str = "predicted", role: Role = "predicted"
+) -> tuple[Series, Series] | None:
+    """Return measured and predicted power at the meter.
+
+    Args:
+        compared: What was compared, in the order of time.
+        start_ns: Where the axis of time begins. [ns]
+        label: Of the prediction.
+        role: Of the prediction.
+
+    Returns:
+        Measured and predicted, or None where nothing was compared.
+    """
+    parts = [part for part in compared if len(part.duration_ns)]
+    if not parts:
         return None
     stamp = np.concatenate([part.available_ns for part in parts])
     duration = np.concatenate([part.duration_ns for part in parts])

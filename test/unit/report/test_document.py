@@ -4,48 +4,15 @@ from __future__ import annotations
 
 import base64
 import re
-from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
 
+from pages import read
 from robot_energy.errors import ReportError
 from robot_energy.report.canvas import canvas
 from robot_energy.report.document import Document
 from robot_energy.report.printing import line, pairs, table
-
-VOID = {"meta", "img"}
-
-
-class Reader(HTMLParser):
-    """Collects cells and checks that every element is closed in order."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.open: list[str] = []
-        self.cells: list[str] = []
-        self.notes = 0
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        if tag not in VOID:
-            self.open.append(tag)
-        if tag in ("td", "th"):
-            self.cells.append("")
-        self.notes += ("class", "note") in attrs
-
-    def handle_endtag(self, tag: str) -> None:
-        assert self.open.pop() == tag
-
-    def handle_data(self, data: str) -> None:
-        if self.open and self.open[-1] in ("td", "th"):
-            self.cells[-1] += data
-
-
-def read(document: Document) -> Reader:
-    reader = Reader()
-    reader.feed(document.html())
-    assert reader.open == []
-    return reader
 
 
 def test_what_is_written_for_a_terminal_is_read_from_the_page() -> None:
@@ -54,7 +21,7 @@ def test_what_is_written_for_a_terminal_is_read_from_the_page() -> None:
     pairs(document, [("name", "a & b")])
     line(document, "note: `x` is not known")
     line(document, "a plain line")
-    reader = read(document)
+    reader = read(document.html())
     assert reader.cells == [
         "joint",
         "P [W]",

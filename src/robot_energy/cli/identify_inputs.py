@@ -1,0 +1,201 @@
+"""What the commands under `robot-energy identify` share: bags to read, results to write."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from argparse import ArgumentParser, Namespace
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from robot_energy.cli.terminal import add_debug, check_writable, console, progress, write_text
+from robot_energy.errors import ModelFileError, ParameterError
+
+if TYPE_CHECKING:
+    from robot_energy.blocks import EffortMeaning
+    from robot_energy.identify.recordings import Recording
+    from robot_energy.ingest.sources import Inputs
+    from robot_energy.model_file import RobotModel
+    from robot_energy.report.document import Document
+    from robot_energy.report.printing import Page
+
+EFFORTS = ("motor_torque", "joint_torque", "motor_current")
+
+
+def add_bags(
+    parser: ArgumentParser,
+    required: bool = True,
+    effort: str = "what the effort in the joint states means",
+) -> None:
+    """Add recordings, model and what their topics mean.
+
+    Args:
+        parser: Of the command.
+        required: Whether there is no other input, such as a log.
+        effort: Help of ``--effort``; empty for a command that needs none.
+    """
+    parser.add_argument(
+        "bags", nargs="+" if required else "*", metavar="BAG", help="recordings of one robot"
+    )
+    parser.add_argument(
+        "--model", required=required, metavar="FILE|NAME", help="model file to begin with"
+    )
+    if effort:
+        parser.add_argument("--effort", choices=EFFORTS, help=effort)
+    parser.add_argument(
+        "--inputs",
+        metavar="FILE",
+        help="parameter file of a monitor node: read the bags as that node reads its topics",
+    )
+
+
+def add_results(parser: ArgumentParser, what: str, plot: str = "") -> None:
+    """Add what can be written.
+
+    Args:
+        parser: Of the command.
+        what: Content of the model file.
+        plot: Help of ``--plot``; empty for a command without a figure.
+    """
+    parser.add_argument("--out", metavar="FILE", help=f"write the model with {what}")
+    parser.add_argument("--json", metavar="FILE", help="write all figures as JSON; - for stdout")
+    parser.add_argument(
+        "--report", metavar="FILE", help="write tables and figures as one HTML file"
+    )
+    if plot:
+        parser.add_argument("--plot", metavar="FILE", help=plot)
+    add_debug(parser)
+
+
+def check_results(args: Namespace) -> None:
+    """Refuse files that cannot be written, before the work.
+
+    Raises:
+        ReportError: If one of them cannot be.
+    """
+    check_writable(args.out, "the model file")
+    check_writable(args.json, "the JSON report")
+    check_writable(args.report, "the HTML report")
+    check_writable(getattr(args, "plot", None), "the figure")
+
+
+def check_source(args: Namespace, needs_effort: bool = False) -> None:
+    """Refuse bags together with logs, or without what they need.
+
+    Raises:
+        ModelFileError: Saying which options belong together.
+    """
+    if bool(args.bags) == bool(args.log):
+        raise ModelFileError("neither bags nor a log, or both", "BAG... or --log")
+    if not args.bags:
+        return
+    if needs_effort and (args.model is None or (args.effort is None and args.inputs is None)):
+        raise ModelFileError(
+            "bags need --model and --effort",
+            f"a model file, and one of {', '.join(EFFORTS)}",
+            "the effort of a driver is never guessed",
+        )
+    if args.model is None:
+        raise ModelFileError("bags need --model", "a model file")
+
+
+def read_sources(args: Namespace) -> tuple[EffortMeaning, Inputs | None]:
+    """Return what the effort means, by --effort or else by --inputs, and the inputs.
+
+    Raises:
+        RobotEnergyError: If the parameter file cannot be used.
+    """
+    from robot_energy.blocks import EffortMeaning
+    from robot_energy.inputs_file import read_inputs
+
+    inputs = None
+    if args.inputs is not None:
+        inputs, notes = read_inputs(args.inputs)
+        if notes:
+            raise ParameterError(notes[0])
+    named = getattr(args, "effort", None) or (inputs.effort if inputs is not None else "none")
+    return EffortMeaning(named), inputs
+
+
+def read_recordings(
+    args: Namespace,
+    model: RobotModel,
+    needs_effort: bool = False,
+    bags: Sequence[str | Path] | None = None,
+) -> list[Recording]:
+    """Run the bags through the stages of the monitor.
+
+    Args:
+        args: Of the command.
+        model: Of the robot.
+        needs_effort: Whether to refuse an effort without a meaning.
+        bags: Instead of those that the command names.
+
+    Raises:
+        RobotEnergyError: If a bag cannot be used, or its effort has no meaning but needs one.
+    """
+    from robot_energy.blocks import EffortMeaning
+    from robot_energy.identify.recordings import read_recording
+
+    effort, inputs = read_sources(args)
+    if needs_effort and effort is EffortMeaning.NONE:
+        raise ModelFileError(
+            f"{args.inputs} does not say what the effort means",
+            f"--effort, one of {', '.join(EFFORTS)}",
+            "the effort of a driver is never guessed",
+        )
+    recordings: list[Recording] = []
+    for bag in args.bags if bags is None else bags:
+        with progress(f"reading {Path(bag).name}") as report:
+            recordings.append(read_recording(bag, model, effort, None, report, inputs))
+    return recordings
+
+
+def source_of(args: Namespace) -> str:
+    """Return the names of the recordings, for the model file."""
+    return ", ".join(Path(bag).name for bag in args.bags)
+
+
+def command_of(args: Namespace) -> str:
+    """Return the command line as it was typed."""
+    return shlex.join(["robot-energy", *getattr(args, "words", ())])
+
+
+def present(
+    args: Namespace,
+    title: str,
+    summary: dict[str, Any] | Sequence[Any],
+    show: Callable[[Page], None],
+    draw: Callable[[Document], None] | None = None,
+    lead: str = "",
+) -> None:
+    """Write JSON and HTML where they were asked for, and print.
+
+    Args:
+        args: Of the command.
+        title: Of the HTML document.
+        summary: What goes into the JSON file.
+        show: Writes lines and tables.
+        draw: Adds figures to a document.
+        lead: First sentence of the document.
+    """
+    if args.json is not None:
+        write_text(args.json, json.dumps(summary, indent=2, allow_nan=False) + "\n")
+    if args.report is not None:
+        from robot_energy.report.document import Document
+
+        page = Document(title, lead)
+        show(page)
+        if draw is not None:
+            draw(page)
+        if getattr(args, "words", None):
+            page.paragraph("This report was made by")
+            page.command(command_of(args))
+        page.write(args.report)
+    if args.json != "-":  # last: the reader of a pipe may close it early
+        out = console()
+        show(out)
+        for what, path in (("model file", args.out), ("report", args.report)):
+            if path is not None:
+                out.print(f"wrote {path}: {what}", soft_wrap=True)

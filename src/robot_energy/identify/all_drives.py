@@ -1,0 +1,115 @@
+"""All that recordings tell of the drives: from their own power, and from one meter for all."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from robot_energy.blocks import MeterLocation
+from robot_energy.errors import NotIdentifiableError
+from robot_energy.identify.drive_data import DriveData, location
+from robot_energy.identify.drive_delay import (
+    PowerDelay,
+    estimate_power_delay,
+    with_delay_undone,
+)
+from robot_energy.identify.drives import DrivesFit, fit_drives, with_drives
+from robot_energy.identify.efficiency import CUTOFF
+from robot_energy.identify.total_power import (
+    TotalFit,
+    TotalScore,
+    compare_total,
+    fit_total,
+    with_total,
+)
+from robot_energy.identify.total_sums import Sums, sums
+from robot_energy.model_file import RobotModel
+
+
+@dataclass(frozen=True)
+class TotalFound:
+    """What one meter for all drives tells.
+
+    Attributes:
+        data: Pieces between its readings.
+        fit: Losses behind them.
+        held_out: ``recordings`` or ``blocks``.
+        scores: On held-out data, by way.
+    """
+
+    data: Sums
+    fit: TotalFit
+    held_out: str
+    scores: dict[str, TotalScore]
+
+    @property
+    def place(self) -> MeterLocation:
+        """Where the meter sits."""
+        return self.data.location
+
+
+@dataclass(frozen=True)
+class DrivesFound:
+    """What recordings tell of the drives.
+
+    Attributes:
+        drives: From the power of each drive; None without.
+        total: From one meter for all; None without.
+        delay: Of the power of the drives behind the joint states; undone where it is sure.
+    """
+
+    drives: DrivesFit | None
+    total: TotalFound | None
+    delay: PowerDelay | None = None
+
+    def write(self, model: RobotModel, source: str) -> tuple[RobotModel, list[str]]:
+        """Return a model with these drives; each drive's own power comes before the meter.
+
+        Args:
+            model: Any model of the same robot.
+            source: Where the data come from.
+
+        Returns:
+            The model, and what was decided without data, one sentence each.
+
+        Raises:
+            NotIdentifiableError: If a drive was not identified and the model has none of it.
+        """
+        if self.drives is not None:
+            return with_drives(model, self.drives, source), []
+        if self.total is not None:
+            return with_total(model, self.total.fit, self.total.place, source)
+        return model, []
+
+
+def find_drives(
+    data: DriveData, model: RobotModel | None, source: str = "", cutoff: float = CUTOFF
+) -> DrivesFound:
+    """Identify the drives by whatever was measured of them.
+
+    Args:
+        data: Samples of all drives.
+        model: Of the robot; None for a log.
+        source: Where the data come from.
+        cutoff: Of the low-pass of the maps. [Hz]
+
+    Raises:
+        NotIdentifiableError: If neither power of drives nor a meter tells anything.
+    """
+    drives = delay = None
+    if data.usable.any():
+        delay = estimate_power_delay(data)
+        if delay is not None:
+            data = with_delay_undone(data, delay.applied)
+        drives = fit_drives(data, source, cutoff)
+    total = None
+    if location(data) is not None:
+        pieces = sums(data, model)
+        fit = fit_total(pieces)
+        total = TotalFound(pieces, fit, *compare_total(pieces, model))
+    if drives is None and total is None:
+        raise NotIdentifiableError(
+            "the recordings have neither the power of the drives nor a power meter",
+            "measured electrical power beside torque and speed",
+            "name the topic of the drives with --drive-power, or record the meter's topic",
+        )
+    return DrivesFound(drives, total, delay)

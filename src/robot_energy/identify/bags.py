@@ -1,0 +1,194 @@
+"""Bags that are read again with every model that identification makes of them.
+
+What a recording gives depends on the model: the rigid-body torque on its bodies, the power
+of the drives on its friction. So each step of an identification reads the bags with the
+model that the steps before it left.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+
+from robot_energy.blocks import NANOSECOND, EffortMeaning, Float, MeterLocation
+from robot_energy.identify.drive_power import DrivePower
+from robot_energy.identify.recordings import Recording, read_recording
+from robot_energy.ingest.sources import Inputs
+from robot_energy.model_file import RobotModel
+from robot_energy.replay import Progress
+
+Span = tuple[int, int]  # [ns), from and to
+EVER: Span = (-(2**62), 2**62)
+DIGITS = 12  # of a hash
+VIRTUAL = "virtual rig"  # whose stamps are no dates
+YEAR_2000 = 946_684_800_000_000_000  # ns: stamps before it are no dates
+
+
+@dataclass(frozen=True)
+class Bag:
+    """One bag, or some stretches of it.
+
+    Attributes:
+        path: MCAP file or rosbag2 folder.
+        effort: What the effort in the joint states means.
+        inputs: What the inputs of a live monitor are, to read the bag in the same way.
+        drive_power: Measured power of its drives, None without.
+        spans: Stretches that count. [ns]
+    """
+
+    path: Path
+    effort: EffortMeaning = EffortMeaning.NONE
+    inputs: Inputs | None = None
+    drive_power: DrivePower | None = None
+    spans: tuple[Span, ...] = (EVER,)
+
+    @property
+    def name(self) -> str:
+        """Its name without folders."""
+        return self.path.resolve().name
+
+    def whole(self, model: RobotModel, progress: Progress | None = None) -> Recording:
+        """Read all of the bag with a model.
+
+        Raises:
+            RobotEnergyError: If bag or model cannot be used.
+        """
+        return read_recording(self.path, model, self.effort, None, progress, self.inputs)
+
+    def read(self, model: RobotModel) -> list[Recording]:
+        """Read the stretches that count with a model, each as a recording of its own.
+
+        Raises:
+            RobotEnergyError: If bag or model cannot be used.
+        """
+        recording = self.whole(model)
+        if self.spans == (EVER,):
+            return [recording]
+        parts = [recording.between(*span) for span in self.spans]
+        return [part for part in parts if len(part) > 1]
+
+    def only(self, span: Span) -> Bag:
+        """Return one stretch of the bag."""
+        return replace(self, spans=(span,))
+
+    def without(self, span: Span, guard_ns: int) -> Bag:
+        """Return the bag less a stretch and a moment on both sides of it. [ns]"""
+        first, last = span
+        return replace(self, spans=((EVER[0], first - guard_ns), (last + guard_ns, EVER[1])))
+
+    def sha256(self) -> str:
+        """First digits of the hash over the files with messages, in the order of their names."""
+        files = [self.path]
+        if self.path.is_dir():
+            files = sorted(p for p in self.path.iterdir() if p.suffix in (".mcap", ".db3", ".zstd"))
+        digest = hashlib.sha256()
+        for file in files:
+            with file.open("rb") as stream:
+                while part := stream.read(1 << 20):
+                    digest.update(part)
+        return digest.hexdigest()[:DIGITS]
+
+
+@dataclass(frozen=True)
+class BagFacts:
+    """What a bag holds, as far as identification cares.
+
+    Attributes:
+        name: Of the bag.
+        sha256: First digits of its hash.
+        origin: Where it comes from, as its writer said; may be empty.
+        date: Of its first sample, empty where stamps are no dates.
+        duration: From first to last sample. [s]
+        rate: Median of the samples. [Hz]
+        range_degc: Of all motor temperatures; None if there is none. [degC]
+        effort: What the effort is; NONE if it was not told, or no sample has one.
+        meter: Where the meter sits; None without one.
+        readings: Of the meter.
+        drives: Whether the power of the drives is measured.
+        problems: What was wrong with the bag, one sentence each.
+    """
+
+    name: str
+    sha256: str
+    origin: str
+    date: str
+    duration: float
+    rate: float
+    range_degc: tuple[float, float] | None
+    effort: EffortMeaning
+    meter: MeterLocation | None
+    readings: int
+    drives: bool
+    problems: tuple[str, ...]
+
+
+def facts(bag: Bag, recording: Recording) -> BagFacts:
+    """Return what a bag holds.
+
+    Args:
+        bag: The bag.
+        recording: All of it, read with any model of the robot.
+    """
+    start, end = recording.span_ns
+    degc = recording.power.motor_temperature_degc
+    warm = np.isfinite(degc)
+    known = bool(np.isfinite(recording.torque.motor_torque_measured).any())
+    step = float(np.median(np.diff(recording.torque.stamp_ns))) if len(recording) > 1 else np.nan
+    meter = recording.meter
+    return BagFacts(
+        name=bag.name,
+        sha256=bag.sha256(),
+        origin=recording.origin,
+        date=datetime.fromtimestamp(start * NANOSECOND, UTC).date().isoformat()
+        if start > YEAR_2000 and VIRTUAL not in recording.origin
+        else "",
+        duration=(end - start) * NANOSECOND,
+        rate=1.0 / (step * NANOSECOND) if step > 0 else float("nan"),
+        range_degc=(float(degc[warm].min()), float(degc[warm].max())) if warm.any() else None,
+        effort=bag.effort if known else EffortMeaning.NONE,
+        meter=None if meter is None else meter.location,
+        readings=0 if meter is None else len(meter),
+        drives=bag.drive_power is not None,
+        problems=recording.problems,
+    )
+
+
+def temperature_ranges(recordings: Sequence[Recording]) -> Float:
+    """Return the lowest and highest temperature of each motor.
+
+    Args:
+        recordings: Of one robot.
+
+    Returns:
+        Shape (2, n); NaN for a motor of which none is known. [degC]
+    """
+    parts = [part.power.motor_temperature_degc for part in recordings if len(part)]
+    if not parts:
+        return np.full((2, 1), np.nan)
+    degc = np.concatenate(parts)
+    low = np.where(np.isfinite(degc), degc, np.inf).min(axis=0)
+    high = np.where(np.isfinite(degc), degc, -np.inf).max(axis=0)
+    return np.where(low <= high, np.stack([low, high]), np.nan)
+
+
+def read_all(bags: Sequence[Bag], model: RobotModel) -> list[Recording]:
+    """Read all stretches of all bags with one model."""
+    return [part for bag in bags for part in bag.read(model)]
+
+
+def powers_of(
+    bags: Sequence[Bag], model: RobotModel
+) -> tuple[list[Recording], list[DrivePower | None]]:
+    """Read all bags, and say which measured power of drives belongs to which recording."""
+    recordings: list[Recording] = []
+    powers: list[DrivePower | None] = []
+    for bag in bags:
+        parts = bag.read(model)
+        recordings += parts
+        powers += [bag.drive_power] * len(parts)
+    return recordings, powers

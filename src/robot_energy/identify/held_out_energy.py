@@ -1,0 +1,346 @@
+"""Energy error of a model on recordings that it was not made from.
+
+Whole recordings are held out, one group after the other, and everything is identified
+again from the rest; recordings named for the test are used instead, and a single recording
+is cut into contiguous blocks. Each step's model is run as the monitor runs it and compared
+with the meter, over the time that both cover. Energies of the recordings that a model was
+made from are never given: a fit makes them small by construction.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from robot_energy.blocks import NANOSECOND, Float, Int, MeterLocation
+from robot_energy.comparison import Compared
+from robot_energy.identify.bags import EVER, Bag, Span, read_all, temperature_ranges
+from robot_energy.identify.everything import Everything, Subject, identify_everything
+from robot_energy.identify.recordings import Recording
+
+Kind = Literal["test", "recordings", "blocks"]
+FOLDS = 5
+GUARD = 0.5  # s left out of the fit on both sides of a block
+SHOWN = 10.0  # s of torque kept for a figure
+OUTSIDE = 5.0  # K beyond the temperatures of the fit: friction is then that of the edge
+GIVEN = "given"
+
+
+@dataclass(frozen=True)
+class Fold:
+    """What is fitted together and what is tested on it.
+
+    Attributes:
+        train: Bags of the fit.
+        test: Bags, or stretches, that the fit does not see.
+    """
+
+    train: tuple[Bag, ...]
+    test: tuple[Bag, ...]
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """A model on one held-out recording.
+
+    Attributes:
+        compared: Predicted beside measured energy, in the order of time.
+        energy: Predicted, where it was compared. [J]
+        rms: Of predicted less measured power, per reading. [W]
+        shaft: Shaft energy of all axes from the model's torque. [J]
+        motor_torque: Of the stretch that is shown, shape (K, n). [N m]
+    """
+
+    compared: tuple[Compared, ...]
+    energy: float
+    rms: float
+    shaft: float
+    motor_torque: Float
+
+
+@dataclass(frozen=True)
+class Tested:
+    """One held-out recording.
+
+    Attributes:
+        name: Of the recording, or of the block.
+        duration: Time that was compared with the meter. [s]
+        measured: Energy that the meter saw in it; NaN without a meter. [J]
+        shaft: Measured shaft energy of all axes; NaN without measured torque. [J]
+        predictions: By ``given`` and by each subject, as the model was after its step.
+        start_ns: Of the recording. [ns]
+        location: Where the meter sits; None without one.
+        time: Of the stretch that is shown, since the start, shape (K,). [s]
+        motor_torque: Measured in it, shape (K, n). [N m]
+        taken: Subjects of which this test's model has new figures.
+        beyond: How far a motor was colder or warmer than in the fit, at most; 0 if none
+            was. [K]
+    """
+
+    name: str
+    duration: float
+    measured: float
+    shaft: float
+    predictions: dict[str, Prediction]
+    start_ns: int
+    location: MeterLocation | None
+    time: Float
+    motor_torque: Float
+    taken: tuple[Subject, ...]
+    beyond: float
+
+    def error(self, stage: str) -> float:
+        """Predicted over measured energy less 1; NaN without a meter."""
+        return self.predictions[stage].energy / self.measured - 1.0
+
+    def shaft_error(self, stage: str) -> float:
+        """Predicted over measured shaft energy less 1; NaN without measured torque."""
+        return self.predictions[stage].shaft / self.shaft - 1.0
+
+
+@dataclass(frozen=True)
+class HeldOutEnergy:
+    """The test of the whole.
+
+    Attributes:
+        kind: How data were held out.
+        stages: ``given``, then the subjects in the order of the steps.
+        tested: One entry per held-out recording or block.
+    """
+
+    kind: Kind
+    stages: tuple[str, ...]
+    tested: tuple[Tested, ...]
+
+    @property
+    def metered(self) -> tuple[Tested, ...]:
+        """Those that can be compared with a meter."""
+        return tuple(entry for entry in self.tested if entry.measured > 0.0)
+
+    @property
+    def with_torque(self) -> tuple[Tested, ...]:
+        """Those with measured shaft energy."""
+        return tuple(entry for entry in self.tested if np.isfinite(entry.shaft) and entry.shaft)
+
+    @property
+    def within(self) -> tuple[Tested, ...]:
+        """Those of `metered` at temperatures of their fit."""
+        return tuple(entry for entry in self.metered if entry.beyond <= OUTSIDE)
+
+    @property
+    def beyond(self) -> tuple[Tested, ...]:
+        """Those of `metered` at temperatures that their fit has not seen."""
+        return tuple(entry for entry in self.metered if entry.beyond > OUTSIDE)
+
+    def mean_error(self, stage: str, entries: Sequence[Tested] | None = None) -> float:
+        """Mean size of the energy error at the meter, of all that can be compared or of some."""
+        chosen = self.metered if entries is None else entries
+        return float(np.mean([abs(entry.error(stage)) for entry in chosen]))
+
+    @property
+    def worst(self) -> Tested | None:
+        """The recording with the greatest energy error of the final model.
+
+        Among those at temperatures of their fit, where there is any.
+        """
+        last = self.stages[-1]
+        return max(
+            self.within or self.metered, key=lambda entry: abs(entry.error(last)), default=None
+        )
+
+    def mean_rms(self, stage: str, entries: Sequence[Tested]) -> float:
+        """Mean RMS error of power from reading to reading. [W]"""
+        return float(np.mean([entry.predictions[stage].rms for entry in entries]))
+
+    @property
+    def judged(self) -> tuple[Tested, ...]:
+        """What the models are judged by: recordings at temperatures of their fit, if any.
+
+        The final model knows the temperatures of all recordings.
+        """
+        return self.within or self.metered
+
+    @property
+    def less_energy_error(self) -> bool:
+        """Whether the final model's mean energy error is below that of the model as given."""
+        last = self.mean_error(self.stages[-1], self.judged)
+        return last < self.mean_error(GIVEN, self.judged)
+
+    @property
+    def less_power_error(self) -> bool:
+        """The same of the power from reading to reading, which forgives nothing that cancels."""
+        last = self.mean_rms(self.stages[-1], self.judged)
+        return last < self.mean_rms(GIVEN, self.judged)
+
+
+def folds_of(
+    bags: Sequence[Bag], tests: Sequence[Bag], spans: Sequence[Span]
+) -> tuple[Kind, list[Fold]]:
+    """Decide what is held out.
+
+    Args:
+        bags: Of the fit.
+        tests: Bags for the test alone; may be empty.
+        spans: First and last stamp of each bag of the fit. [ns]
+
+    Returns:
+        ``test`` where there are such bags, ``recordings`` where there are several, else
+        ``blocks``; and the folds.
+    """
+    if tests:
+        return "test", [Fold(tuple(bags), tuple(tests))]
+    if len(bags) > 1:
+        count = min(FOLDS, len(bags))  # neighbours, often alike in temperature, go apart
+        return "recordings", [
+            Fold(
+                tuple(bag for place, bag in enumerate(bags) if place % count != number),
+                tuple(bags[number::count]),
+            )
+            for number in range(count)
+        ]
+    start, end = spans[0]
+    edges = np.linspace(0, end - start, FOLDS + 1).astype(np.int64).tolist()
+    guard = round(min(GUARD / NANOSECOND, (end - start) / (4 * FOLDS)))
+    blocks = [(start + edges[k], start + edges[k + 1]) for k in range(FOLDS)]
+    return "blocks", [Fold((bags[0].without(b, guard),), (bags[0].only(b),)) for b in blocks]
+
+
+def held_out_energy(
+    kind: Kind,
+    folds: Sequence[Fold],
+    whole: Everything,
+    skip: Sequence[Subject] = (),
+    progress: Callable[[str, float], None] | None = None,
+) -> HeldOutEnergy:
+    """Test the whole on what it has not seen.
+
+    Args:
+        kind: From `folds_of`.
+        folds: From `folds_of`.
+        whole: Identified from all bags of the fit; it is what a ``test`` is made with.
+        skip: As it was identified.
+        progress: Called with what is going on and the share done, 0 to 1.
+
+    Returns:
+        The test; where a fold does not allow a step, its model is that of the step before.
+    """
+    stages = (GIVEN, *(step.subject for step in whole.steps))
+    tested: list[tuple[int, Tested]] = []  # with the place among the bags
+    for number, fold in enumerate(folds):
+        if progress is not None:
+            progress("testing", number / len(folds))
+        # every choice is made again without the held-out data
+        fitted = whole if kind == "test" else identify_everything(fold.train, whole.given, skip)
+        seen = temperature_ranges(read_all(fold.train, whole.given))
+        tested += [
+            (number + place * len(folds), _test(bag, fitted, kind, number, seen))
+            for place, bag in enumerate(fold.test)
+        ]
+    tested.sort(key=lambda entry: entry[0])
+    return HeldOutEnergy(kind, stages, tuple(entry for _, entry in tested))
+
+
+def _test(bag: Bag, fitted: Everything, kind: Kind, number: int, seen: Float) -> Tested:
+    models = {GIVEN: fitted.given, **{step.subject: step.model for step in fitted.steps}}
+    predictions: dict[str, Prediction] = {}
+    done: dict[int, Prediction] = {}
+    (span,) = bag.spans
+    first: Recording | None = None
+    for stage, model in models.items():
+        if id(model) not in done:
+            recording = bag.whole(model)
+            done[id(model)] = _prediction(recording, span)
+            first = first or recording
+        predictions[stage] = done[id(model)]
+    assert first is not None  # there is always the model as given
+    measured, seconds = _measured(predictions[GIVEN].compared)
+    rows = _shown(first, span)
+    stamp = first.torque.stamp_ns
+    return Tested(
+        name=f"{bag.name}, block {number + 1}" if kind == "blocks" else bag.name,
+        duration=seconds,
+        measured=measured,
+        shaft=_shaft(first, first.torque.motor_torque_measured, span),
+        predictions=predictions,
+        start_ns=int(stamp[0]),
+        location=None if first.meter is None else first.meter.location,
+        time=(stamp[rows] - stamp[0]) * NANOSECOND,
+        motor_torque=first.torque.motor_torque_measured[rows],
+        taken=fitted.taken,
+        beyond=_beyond(seen, temperature_ranges([first.between(*span)])),
+    )
+
+
+def _beyond(seen: Float, met: Float) -> float:
+    """How far temperatures lie outside of those that a fit has seen. [K]"""
+    off = np.maximum(seen[0] - met[0], met[1] - seen[1])
+    return float(np.max(off[np.isfinite(off)], initial=0.0))
+
+
+def _prediction(recording: Recording, span: Span) -> Prediction:
+    compared = tuple(
+        part for part in (_within(part, span) for part in recording.compared) if len(part.measured)
+    )
+    return Prediction(
+        compared,
+        float(sum(part.predicted.sum() for part in compared)),
+        _rms(compared),
+        _shaft(recording, recording.power.motor_torque, span),
+        recording.power.motor_torque[_shown(recording, span)],
+    )
+
+
+def _within(part: Compared, span: Span) -> Compared:
+    """The readings that lie wholly inside a span."""
+    rows = (part.available_ns - part.duration_ns >= span[0]) & (part.available_ns <= span[1])
+    return Compared(
+        part.available_ns[rows], part.duration_ns[rows], part.measured[rows], part.predicted[rows]
+    )
+
+
+def _measured(compared: Sequence[Compared]) -> tuple[float, float]:
+    """Energy that the meter saw, NaN if nothing was compared [J], and the time [s]."""
+    if not compared:
+        return float("nan"), 0.0
+    seconds = sum(int(part.duration_ns.sum()) for part in compared) * NANOSECOND
+    return float(sum(part.measured.sum() for part in compared)), seconds
+
+
+def _rms(compared: Sequence[Compared]) -> float:
+    """Of the mean power between readings, each reading weighted by its time. [W]"""
+    if not compared:
+        return float("nan")
+    stamp = np.concatenate([part.available_ns for part in compared])
+    first = np.flatnonzero(np.diff(stamp, prepend=stamp[0] - 1))
+    error = np.concatenate([part.predicted - part.measured for part in compared])
+    seconds = np.concatenate([part.duration_ns for part in compared]) * NANOSECOND
+    energy, time = np.add.reduceat(error, first), np.add.reduceat(seconds, first)
+    return float(np.sqrt(np.sum(energy**2 / time) / time.sum()))
+
+
+def _shaft(recording: Recording, motor_torque: Float, span: Span) -> float:
+    """Shaft energy of all axes where the torque was measured; NaN if it never was. [J]"""
+    block = recording.torque
+    known = np.isfinite(block.motor_torque_measured).all(axis=1) & recording.sound
+    known &= np.isfinite(recording.power.motor_torque).all(axis=1)
+    known &= (block.stamp_ns >= span[0]) & (block.stamp_ns < span[1])
+    known[-1] = False
+    known[:-1] &= np.diff(block.segment) == 0
+    if not known.any():
+        return float("nan")
+    rows = np.flatnonzero(known)
+    step = (block.stamp_ns[rows + 1] - block.stamp_ns[rows]) * NANOSECOND
+    power = (motor_torque[rows] * block.motor_velocity[rows]).sum(axis=1)
+    return float(np.sum(power * step))
+
+
+def _shown(recording: Recording, span: Span) -> Int:
+    """Rows in the middle of what was held out."""
+    stamp = recording.torque.stamp_ns
+    start, end = (int(stamp[0]), int(stamp[-1])) if span == EVER else span
+    half = min(round(0.5 * SHOWN / NANOSECOND), (end - start) // 2)
+    middle = (start + end) // 2
+    return np.flatnonzero((stamp >= middle - half) & (stamp <= middle + half))

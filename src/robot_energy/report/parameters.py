@@ -1,0 +1,124 @@
+"""Figures of two model files of one robot beside each other."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from robot_energy.friction import viscous_law
+from robot_energy.model_file import RobotModel
+from robot_energy.model_file.figure import Figure
+from robot_energy.model_file.joint import ConstantLaw, ExponentialLaw, Joint, TableLaw
+from robot_energy.report.printing import NOTHING, Page, line, table
+
+WIDE = 1.96  # standard deviations of a 95 % interval
+SHOWN_DEGC = (20.0, 40.0, 60.0)
+
+
+@dataclass(frozen=True)
+class Change:
+    """One figure of a model file, before and after.
+
+    Attributes:
+        name: With its joint.
+        unit: Of both values.
+        before: As given; None if there was none.
+        after: Now.
+    """
+
+    name: str
+    unit: str
+    before: Figure | None
+    after: Figure
+
+    @property
+    def weak(self) -> bool:
+        """Whether the 95 % interval is wider than the value itself."""
+        return self.after.std is not None and WIDE * self.after.std > abs(self.after.value)
+
+
+def changes(before: RobotModel, after: RobotModel) -> list[Change]:
+    """Return the figures that differ, but for those of the bodies and of laws over temperature.
+
+    Args:
+        before: A model of the robot.
+        after: Another one.
+    """
+    return [change for change in _pairs(before, after) if change.before != change.after]
+
+
+def _pairs(before: RobotModel, after: RobotModel) -> Iterator[Change]:
+    for old, new in zip(before.joints, after.joints, strict=True):
+        yield Change(f"{new.name} rotor inertia", "kg m^2", old.rotor_inertia, new.rotor_inertia)
+        yield Change(f"{new.name} Coulomb", "N m", old.friction.coulomb, new.friction.coulomb)
+        if new.losses is None:
+            continue
+        for key, unit in (
+            ("constant", "W"),
+            ("copper", "W/(N m)^2"),
+            ("linear", "W s/rad"),
+            ("quadratic", "W s2/rad2"),
+        ):
+            was = None if old.losses is None else getattr(old.losses, key)
+            yield Change(f"{new.name} {key} loss", unit, was, getattr(new.losses, key))
+    for key, name in (("loss_grid", "grid side"), ("loss_dc", "DC side")):
+        was, now = getattr(before.cabinet, key), getattr(after.cabinet, key)
+        yield Change(f"{name} constant loss", "W", was, now)
+
+
+def print_changes(before: RobotModel, after: RobotModel, page: Page) -> None:
+    """Print what is new in a model file; what is hardly known stands apart, by name.
+
+    Args:
+        before: As given.
+        after: As identified.
+        page: Where to.
+    """
+    found = changes(before, after)
+    for title, chosen in (
+        ("New figures of the model file, motor side", [c for c in found if not c.weak]),
+        (
+            "New figures that are hardly known: 95 % interval wider than the figure itself",
+            [c for c in found if c.weak],
+        ),
+    ):
+        if chosen:
+            table(
+                page,
+                title,
+                ("figure", "unit", "as given", "now", "std", "known as"),
+                [_row(change) for change in chosen],
+            )
+    laws = [
+        (new.name, _viscous(old), _viscous(new), new.friction.viscous.law)
+        for old, new in zip(before.joints, after.joints, strict=True)
+        if old.friction.viscous != new.friction.viscous
+    ]
+    if laws:
+        degc = ", ".join(f"{t:g}" for t in SHOWN_DEGC)
+        table(
+            page,
+            f"Viscous friction at {degc} degC [1e-3 N m s/rad], motor side",
+            ("joint", "as given", "now", "law"),
+            laws,
+        )
+    if not found and not laws:
+        line(page, "no figure of the model file changed")
+
+
+def _row(change: Change) -> tuple[str, ...]:
+    std = change.after.std
+    return (
+        change.name,
+        change.unit,
+        NOTHING if change.before is None else f"{change.before.value:.4g}",
+        f"{change.after.value:.4g}",
+        NOTHING if std is None else f"{std:.2g}",
+        change.after.tag,
+    )
+
+
+def _viscous(joint: Joint) -> str:
+    entry: ConstantLaw | ExponentialLaw | TableLaw = joint.friction.viscous
+    law = viscous_law(entry)
+    return " ".join(f"{1e3 * float(law.viscous(degc)):.3g}" for degc in SHOWN_DEGC)

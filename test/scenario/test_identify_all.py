@@ -1,0 +1,126 @@
+"""One command from recordings to a model file and a report, on a robot it does not know.
+
+The plant is the two-link rig; the model file it begins with has other friction, other
+losses and no drives. Everything that is compared was held out.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from pages import read
+from plants import PROGRAM, two_link_profile
+from robot_energy.cli.main import main
+from robot_energy.model_file import load
+from robot_energy.replay import replay
+from robot_energy.report.summary import summarise
+from robot_energy.rig import RigConfig, VirtualRig
+from robot_energy.rig.record import record
+
+TEMPERATURES = (25, 55, 70)
+UNSEEN = 40
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    where = tmp_path_factory.mktemp("campaign")
+    profile = two_link_profile(where)
+    for number, degc in enumerate((*TEMPERATURES, UNSEEN)):
+        rig = VirtualRig(profile, PROGRAM, RigConfig(), number, float(degc))
+        record(rig, 20.0, where / f"at_{degc}")
+    return where
+
+
+@pytest.fixture(scope="module")
+def outcome(folder: Path) -> Path:
+    """The command, once."""
+    bags = [str(folder / f"at_{degc}") for degc in TEMPERATURES]
+    model = ["--model", str(folder / "two_link.yaml"), "--effort", "motor_torque"]
+    test = ["--test", str(folder / f"at_{UNSEEN}")]
+    names = (("--out", "model.yaml"), ("--report", "report.html"), ("--json", "report.json"))
+    files = [word for option, name in names for word in (option, str(folder / name))]
+    assert main(["identify", "all", *bags, *model, *test, *files]) == 0
+    return folder
+
+
+def error(bag: Path, model: Path) -> float:
+    comparison = summarise(replay(bag, load(model)))["comparison"]
+    return float(comparison["predicted_minus_measured_relative"])
+
+
+def test_the_model_file_predicts_an_unseen_run_at_an_unseen_temperature(outcome: Path) -> None:
+    unseen = outcome / f"at_{UNSEEN}"
+    before, after = (error(unseen, outcome / name) for name in ("two_link.yaml", "model.yaml"))
+    assert abs(before) > 0.3
+    assert abs(after) < 0.03
+    known = json.loads((outcome / "report.json").read_text())["energy"]["recordings"]
+    (entry,) = known
+    assert entry["predicted"]["given"]["relative"] == pytest.approx(before)
+    assert entry["predicted"]["drives"]["relative"] == pytest.approx(after)
+
+
+def test_the_report_is_whole_and_says_everything(outcome: Path) -> None:
+    page = (outcome / "report.html").read_text()
+    reader = read(page)
+    for title in ("In short", "What was read", "Dynamics", "Friction over", "Drives", "Energy on"):
+        assert title in page
+    for name in ("at_25", "at_40", "dynamics", "friction", "viscous elbow", "elbow Coulomb"):
+        assert any(name in cell for cell in reader.cells), name
+    assert page.count("<img ") == 5  # friction, errors, power, torque, residual torque
+    assert "virtual rig" in page
+    assert "stands still for a second" in page  # why the cabinet was left as it is
+    assert "robot-energy identify all" in page
+    assert "weakly excited: 95 % interval wider" in page
+    model = load(outcome / "model.yaml")
+    assert all(name in page for name in model.provenance.bags)
+
+
+def test_weakly_excited_parameters_are_those_whose_interval_exceeds_them(outcome: Path) -> None:
+    steps = json.loads((outcome / "report.json").read_text())["steps"]
+    found = {step["subject"]: step for step in steps}
+    parameters = found["dynamics"]["found"]["base_parameters"]
+    for entry in parameters:
+        assert entry["weakly_excited"] == (abs(entry["value"]) < entry["interval_95"])
+    assert any(entry["weakly_excited"] for entry in parameters)
+    assert not found["cabinet"]["taken"]
+    assert "record at least ten seconds of rest" in found["cabinet"]["reason"].lower()
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["BAG", "--skip", "dynamics", "friction", "cabinet", "drives"], "leaves nothing"),
+        (["BAG", "--test", "BAG"], "named twice"),
+        (["BAG", "--test", "BAG", "--no-test"], "exclude each other"),
+        (["BAG", "--drive-joints", "elbow"], "without --drive-power"),
+        (["BAG", "--skip", "drives", "cabinet"], "nothing can be identified"),
+        (["BAG", "--report", "."], "which is a folder"),
+        (["none"], "none"),
+    ],
+)
+def test_what_cannot_be_done_is_refused_in_one_sentence(
+    folder: Path, capsys: pytest.CaptureFixture[str], words: list[str], sentence: str
+) -> None:
+    bag = str(folder / "at_25")
+    words = [bag if word == "BAG" else word for word in words]
+    assert main(["identify", "all", *words, "--model", str(folder / "two_link.yaml")]) == 2
+    found = capsys.readouterr().err
+    assert found.startswith("robot-energy: ")
+    assert found.count("\n") == 1
+    assert sentence in found
+
+
+@pytest.mark.parametrize("subject", ["friction", "dynamics", "drives"])
+def test_single_commands_write_reports_too(folder: Path, tmp_path: Path, subject: str) -> None:
+    bags = [str(folder / f"at_{degc}") for degc in TEMPERATURES]
+    model = ["--model", str(folder / "two_link.yaml"), "--effort", "motor_torque"]
+    report = tmp_path / "page.html"
+    words = ["identify", subject, *bags, *model, "--json", str(tmp_path / "x.json")]
+    assert main([*words, "--report", str(report)]) == 0
+    page = report.read_text()
+    assert read(page).cells
+    assert f"robot-energy identify {subject}" in page
+    assert json.loads((tmp_path / "x.json").read_text())

@@ -1,0 +1,266 @@
+"""The order of an identification, what it leaves out and why, and its test on held-out data."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import drive_reports
+from plants import PROGRAM, two_link_profile
+from robot_energy.blocks import EffortMeaning, Phase
+from robot_energy.identify.all_drives import DrivesFound
+from robot_energy.identify.bags import Bag, facts
+from robot_energy.identify.drive_power import DrivePower, read_drive_power
+from robot_energy.identify.everything import (
+    DynamicsFound,
+    Everything,
+    identify_everything,
+    order_of,
+    usable_effort,
+    with_provenance,
+)
+from robot_energy.identify.held_out_energy import GIVEN, folds_of, held_out_energy
+from robot_energy.identify.recordings import Recording
+from robot_energy.model_file import RobotModel, load
+from robot_energy.replay import Progress, replay
+from robot_energy.report.summary import summarise
+from robot_energy.rig import RigConfig, VirtualRig
+from robot_energy.rig.record import record
+
+TORQUE = EffortMeaning.MOTOR_TORQUE
+NEVER = DrivePower(np.empty(0, np.int64), np.empty((0, 2)), 0)
+
+
+@dataclass(frozen=True)
+class Altered(Bag):
+    """A bag of which something is missing or wrong."""
+
+    missing: str = ""
+
+    def whole(self, model: RobotModel, progress: Progress | None = None) -> Recording:
+        recording = super().whole(model, progress)
+        torque, power, meter = recording.torque, recording.power, recording.meter
+        assert meter is not None
+        match self.missing:
+            case "effort":
+                gone = np.full_like(torque.motor_torque_measured, np.nan)
+                torque = replace(torque, motor_torque_measured=gone)
+            case "temperature":
+                gone = np.full_like(power.motor_temperature_degc, np.nan)
+                power = replace(power, motor_temperature_degc=gone)
+            case "meter":
+                meter = None
+            case "rest":  # neither rest nor braking, and hardly a reading
+                power = replace(power, phase=np.full_like(power.phase, Phase.MOTION))
+                power = replace(power, bus_power=np.abs(power.bus_power))
+                meter = meter[:10]
+            case "truth":
+                meter = replace(meter, power=3.0 * meter.power)
+            case _:
+                pass
+        return replace(recording, torque=torque, power=power, meter=meter)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The two-link rig at three temperatures, and the model file of another robot like it."""
+    where = tmp_path_factory.mktemp("rig")
+    profile = two_link_profile(where)
+    for number, degc in enumerate((25.0, 40.0, 55.0)):
+        rig = VirtualRig(profile, PROGRAM, RigConfig(), number, degc)
+        record(rig, 15.0, where / f"at_{degc:.0f}")
+    return where
+
+
+@pytest.fixture(scope="module")
+def model(folder: Path) -> RobotModel:
+    return load(folder / "two_link.yaml")
+
+
+def bags_in(folder: Path, missing: str = "", effort: EffortMeaning = TORQUE) -> list[Bag]:
+    return [Altered(folder / f"at_{degc}", effort, missing=missing) for degc in (25, 40, 55)]
+
+
+@pytest.fixture(scope="module")
+def whole(folder: Path, model: RobotModel) -> Everything:
+    return identify_everything(bags_in(folder), model)
+
+
+def test_each_step_begins_with_what_the_one_before_left(
+    whole: Everything, folder: Path, model: RobotModel
+) -> None:
+    assert [step.subject for step in whole.steps] == ["dynamics", "friction", "cabinet", "drives"]
+    assert {"dynamics", "friction", "drives"} <= set(whole.taken)
+    bodies = whole.step("dynamics").model.urdf_xml
+    assert bodies != model.urdf_xml
+    assert whole.model.urdf_xml == bodies
+    assert whole.model.drive == "loss_model"
+    # friction alone, on the bodies of the dynamics, is the friction of the whole
+    alone = identify_everything(
+        bags_in(folder), whole.step("dynamics").model, ("dynamics", "cabinet", "drives")
+    )
+    for one, other in zip(alone.model.joints, whole.model.joints, strict=True):
+        assert one.friction.coulomb.value == pytest.approx(other.friction.coulomb.value, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("missing", "subjects", "sentence"),
+    [
+        ("effort", ("dynamics", "friction"), "have no effort"),
+        ("temperature", ("friction",), "no motor temperature of shoulder is known"),
+        ("meter", ("cabinet",), "no recording has a power meter"),
+        ("meter", ("drives",), "neither the power of the drives nor a power meter"),
+        ("rest", ("cabinet",), "record at least ten seconds of rest"),
+        ("rest", ("drives",), "record longer"),
+    ],
+)
+def test_what_is_missing_is_said_and_the_rest_goes_on(
+    folder: Path, model: RobotModel, missing: str, subjects: tuple[str, ...], sentence: str
+) -> None:
+    others = ("dynamics",) if "dynamics" not in subjects else ("cabinet", "drives")
+    result = identify_everything(bags_in(folder, missing), model, others)
+    for step in result.steps:
+        if step.subject in subjects:
+            assert step.found is None
+            assert sentence.lower() in step.reason.lower()
+            assert step.reason.endswith(".")
+        elif step.subject in others:
+            assert step.reason == "left out, as asked"
+    assert result.model is not None
+
+
+def test_an_effort_without_a_meaning_or_a_constant_is_not_used(
+    folder: Path, model: RobotModel
+) -> None:
+    result = identify_everything(bags_in(folder, effort=EffortMeaning.NONE), model)
+    for subject in ("dynamics", "friction"):
+        assert "--effort" in result.step(subject).reason
+    refused = usable_effort(model, EffortMeaning.MOTOR_CURRENT)
+    assert "torque_constant" in refused
+    assert usable_effort(model, TORQUE) == ""
+    bags = bags_in(folder, effort=EffortMeaning.NONE)
+    assert (
+        identify_everything(bags, model, effort_refused=refused).step("friction").reason == refused
+    )
+
+
+def test_without_temperatures_dynamics_tells_friction(folder: Path, model: RobotModel) -> None:
+    result = identify_everything(bags_in(folder, "temperature"), model, ("cabinet", "drives"))
+    assert result.taken == ("dynamics",)
+    assert {joint.friction.viscous.law for joint in result.model.joints} == {"constant"}
+
+
+def test_bodies_that_are_right_already_stay(folder: Path, whole: Everything) -> None:
+    """The bodies of the first pass are those of the plant as well as these data tell."""
+    again = identify_everything(bags_in(folder), whole.model, ("friction", "cabinet", "drives"))
+    step = again.step("dynamics")
+    assert step.found is not None
+    assert not step.taken
+    assert "so they stay" in step.reason
+    assert again.model is whole.model
+
+
+def test_bodies_are_told_at_one_temperature(
+    folder: Path, model: RobotModel, whole: Everything
+) -> None:
+    """What temperature does to friction is no error of the bodies, where temperatures are known."""
+    others = ("friction", "cabinet", "drives")
+    blind = identify_everything(bags_in(folder, "temperature"), model, others).steps[0].found
+    known = whole.step("dynamics").found
+    assert isinstance(blind, DynamicsFound)
+    assert isinstance(known, DynamicsFound)
+    assert known.consistent.total < 0.97 * blind.consistent.total
+    assert known.given.total < 0.97 * blind.given.total
+    assert "taken off first" in whole.step("dynamics").notes[0]
+
+
+def test_drives_come_first_where_their_power_is_measured(folder: Path) -> None:
+    bags = bags_in(folder)
+    assert order_of(bags) == ("dynamics", "friction", "cabinet", "drives")
+    bags[1] = replace(bags[1], drive_power=NEVER)
+    assert order_of(bags) == ("dynamics", "friction", "drives", "cabinet")
+
+
+def test_the_cabinet_is_the_meter_less_measured_drives(tmp_path: Path) -> None:
+    """The meter at the DC bus shows the drives and 90 W of the rig's DC side."""
+    kr16 = load("kr16")
+    path = drive_reports.record(tmp_path / "bag", 1, 20.0)
+    power = read_drive_power(path, "/drive_power", kr16.joint_names)
+    bags = [Bag(path, TORQUE, None, power)]
+    result = identify_everything(bags, kr16, ("dynamics", "friction"))
+    assert isinstance(result.step("drives").found, DrivesFound)
+    assert result.model.cabinet.loss_dc.value == pytest.approx(90.0, abs=0.5)
+    assert result.model.cabinet.loss_dc.tag == "identified"
+
+
+def test_what_is_tested_is_never_fitted(folder: Path, model: RobotModel, whole: Everything) -> None:
+    """A meter that lies in one recording changes no prediction of that recording."""
+    skip = ("dynamics", "friction")
+    sound = bags_in(folder)
+    lying = [sound[0], Altered(sound[1].path, TORQUE, missing="truth"), sound[2]]
+    predicted: list[list[float]] = []
+    for bags in (sound, lying):
+        kind, folds = folds_of(bags, [], [])
+        assert kind == "recordings"
+        fitted = identify_everything(bags, model, skip)
+        test = held_out_energy(kind, folds, fitted, skip)
+        assert [entry.name for entry in test.tested] == ["at_25", "at_40", "at_55"]
+        predicted.append([entry.predictions["drives"].energy for entry in test.tested])
+    assert predicted[0][1] == predicted[1][1]
+    assert predicted[0][0] != predicted[1][0]
+
+
+def test_energy_errors_are_those_of_replay(
+    folder: Path, model: RobotModel, whole: Everything
+) -> None:
+    kind, folds = folds_of(bags_in(folder)[:2], bags_in(folder)[2:], [])
+    assert kind == "test"
+    test = held_out_energy(kind, folds, whole)
+    (entry,) = test.tested
+    for stage, used in ((GIVEN, model), ("drives", whole.model)):
+        known = summarise(replay(folder / "at_55", used))["comparison"]
+        assert entry.error(stage) == pytest.approx(known["predicted_minus_measured_relative"])
+        assert entry.duration == pytest.approx(known["compared_time"])
+    assert entry.beyond == pytest.approx(14.0, abs=2.0)  # the fit knows 25 and 40 degC
+    assert test.within == ()
+    assert test.less_energy_error
+    assert test.less_power_error
+
+
+def test_blocks_of_one_recording_do_not_overlap_with_their_fit(
+    folder: Path, model: RobotModel
+) -> None:
+    bag = bags_in(folder)[0]
+    span = bag.whole(model).span_ns
+    kind, folds = folds_of([bag], [], [span])
+    assert kind == "blocks"
+    assert len(folds) == 5
+    seen = 0
+    for fold in folds:
+        tested = np.concatenate([part.torque.stamp_ns for part in fold.test[0].read(model)])
+        fitted = np.concatenate([part.torque.stamp_ns for part in fold.train[0].read(model)])
+        apart = np.abs(tested[:, None] - fitted[None, ::10]).min()
+        assert apart >= 0.4e9
+        seen += len(tested)
+    assert seen >= len(bag.whole(model)) - 1
+    skip = ("dynamics", "friction", "cabinet")
+    test = held_out_energy(kind, folds, identify_everything([bag], model, skip), skip)
+    assert [entry.name for entry in test.tested] == [f"at_25, block {k}" for k in range(1, 6)]
+    assert sum(entry.duration for entry in test.tested) < 15.0
+
+
+def test_the_model_says_what_it_was_made_from(
+    folder: Path, model: RobotModel, whole: Everything
+) -> None:
+    read = [facts(bag, bag.whole(model)) for bag in bags_in(folder)]
+    assert len({entry.sha256 for entry in read}) == 3
+    written = with_provenance(whole, read)
+    assert written.provenance.bags == tuple(f"{e.name} sha256:{e.sha256}" for e in read)
+    assert "virtual rig" in written.provenance.notes
+    assert written.provenance.data_date == ""  # stamps of the rig are no dates
+    other = folder / "at_25" / "metadata.yaml"
+    other.write_text(other.read_text() + "\n")
+    assert bags_in(folder)[0].sha256() == read[0].sha256  # of the messages, not of the index
