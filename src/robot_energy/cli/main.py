@@ -9,7 +9,16 @@ from collections.abc import Callable, Sequence
 from typing import cast
 
 from robot_energy import __version__
-from robot_energy.cli import identify, import_logs, info, models, predict, replay, simulate
+from robot_energy.cli import (
+    identify,
+    import_logs,
+    info,
+    models,
+    predict,
+    replay,
+    reproduce,
+    simulate,
+)
 from robot_energy.errors import RobotEnergyError
 
 DONE, UNEXPECTED, REFUSED, DAMAGED, INTERRUPTED = 0, 1, 2, 3, 130
@@ -39,7 +48,7 @@ def build_parser() -> ArgumentParser:
     parser.add_argument("--version", action="version", version=f"robot-energy {__version__}")
     parser.set_defaults(debug=False)
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    for module in (replay, import_logs, identify, predict, models, info, simulate):
+    for module in (replay, import_logs, identify, predict, models, info, simulate, reproduce):
         module.add_parser(commands)
     return parser
 

@@ -100,7 +100,11 @@ class DrivesFit:
 
 
 def fit_drives(
-    data: DriveData, source: str = "", cutoff: float = CUTOFF, points: int = POINTS
+    data: DriveData,
+    source: str = "",
+    cutoff: float = CUTOFF,
+    points: int = POINTS,
+    compare: bool = True,
 ) -> DrivesFit:
     """Identify every drive whose power is measured.
 
@@ -109,6 +113,7 @@ def fit_drives(
         source: Where they come from, for the model file.
         cutoff: Of the low-pass of the maps. [Hz]
         points: Greatest number of points of a map.
+        compare: Test all ways on parts held out; without it the loss model is chosen.
 
     Raises:
         NotIdentifiableError: If no drive can be identified.
@@ -126,7 +131,7 @@ def fit_drives(
             )
         comparisons = [
             comparison
-            for split, test in _splits(data).items()
+            for split, test in (_splits(data) if compare else {}).items()
             if (comparison := fitter.compare(split, test)) is not None
         ]
     return DrivesFit(axes, tuple(comparisons), _choose(axes, comparisons), cutoff)

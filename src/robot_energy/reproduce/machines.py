@@ -1,0 +1,291 @@
+"""The wall of paper B printed by its three machines: energy, and where it goes.
+
+The shipped models predict (nobody has the machines), through the stages of the monitor. One layer
+is played on the virtual rigs as well, whose friction and losses are others.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from robot_energy.blocks import Float, JointBlock, PowerBlock, TemperatureBlock
+from robot_energy.drivetrain import Drivetrain
+from robot_energy.model_file import RobotModel, load
+from robot_energy.motion import InverseKinematics, Trajectory
+from robot_energy.motion.gcode import read_gcode
+from robot_energy.motion.tool_motion import Placement, ToolMotion
+from robot_energy.motion.tool_timing import TimedPath
+from robot_energy.motion.wall import Wall
+from robot_energy.pipeline import EnergyPipeline, Output, Settings
+from robot_energy.reproduce.mantis import Smooth
+from robot_energy.rig import PROFILES, RigOutput, VirtualRig
+from robot_energy.rig.record import outputs
+from robot_energy.robot import Robot
+
+QUARTER = 0.5 * np.pi
+MOTOR_DEGC = 25.0
+START_NS = 1_000_000_000  # stamps of 0 mean that there is none
+ARM = "irb4600"
+PARTS = {
+    "friction": "friction",
+    "holding": "copper, holding the weight",
+    "copper": "copper, the rest",
+    "iron": "iron",
+    "amplifier": "amplifiers, constant",
+}
+"""Where the energy goes, as the models have it; what is lifted comes back."""
+
+
+@dataclass(frozen=True)
+class Machine:
+    """A machine and how it stands to the wall.
+
+    Attributes:
+        name: In tables and figures.
+        model: Name of the shipped model.
+        link: The tool.
+        start: Joint positions near the first ones.
+        placement: Of the base in the frame of the program.
+        options: Of the inverse kinematics.
+        paper: Energy beside the arm's as paper B has it, relative; None for the arm. [-]
+    """
+
+    name: str
+    model: str
+    link: str
+    start: tuple[float, ...]
+    placement: Placement
+    options: dict[str, Any]
+    paper: float | None
+
+
+# The wall is 1.2 m along x and 0.3 m along y of the program. Arms stand before its long side.
+MACHINES = {
+    "mantis_held": Machine(
+        "Mantis, 1 held", "mantis", "tool0", (0.0, -1.2, 1.8),
+        Placement(0.6, -1.9, 0.0, QUARTER), {"held": ("joint_1",), "lifted": True}, -0.93,
+    ),
+    "mantis_all": Machine(
+        "Mantis, all", "mantis", "tool0", (0.0, -1.2, 1.8),
+        Placement(0.6, -1.9, 0.0, QUARTER),
+        {"weight": np.array([0.05, 1.0, 1.0]), "lifted": True}, -0.92,
+    ),
+    "testbed": Machine(
+        "gantry", "testbed", "tool0", (1.0, 0.4, 0.0), Placement(-1.15, -0.4, 0.0), {},
+        -0.77,
+    ),
+    "irb4600": Machine(
+        "arm", "irb4600", "nozzle", (0.1, 0.3, 0.2, 0.0, 1.07, 0.0),
+        Placement(0.6, -1.3, -0.2, QUARTER), {"orientation": np.diag([-1.0, 1.0, -1.0])}, None,
+    ),
+}  # fmt: skip
+
+
+def wall_motion(machine: Machine, layers: int = 1, height: float = 0.0) -> ToolMotion:
+    """Return the motion of a machine's joints that prints the wall.
+
+    Args:
+        machine: The machine.
+        layers: Printed one after the other.
+        height: Of the first one above the bottom of the wall. [m]
+    """
+    place = machine.placement
+    robot = Robot.from_model(load(machine.model))
+    timed = TimedPath(read_gcode(Wall(layers=layers).gcode(), "wall").path)
+    kinematics = InverseKinematics(robot, machine.link, **machine.options)
+    return ToolMotion(
+        timed,
+        kinematics,
+        np.array(machine.start),
+        robot.limits,
+        Placement(place.x, place.y, place.z - height, place.yaw),
+        anchored=kinematics.structure == "planar",
+    )
+
+
+@dataclass(frozen=True)
+class Energies:
+    """Energy of one machine for one motion, motor side unless said. [J]
+
+    Attributes:
+        duration: [s]
+        net: Of each joint's shaft, braking negative, shape (n,).
+        positive: Of each joint's shaft while it drives, shape (n,).
+        absolute: Magnitude of each joint's shaft power, shape (n,).
+        electrical: Into each drive, braking negative, shape (n,).
+        parts: By the keys of `PARTS`, all joints together; empty for a rig.
+        cabinet: Constant losses over the time.
+    """
+
+    duration: float
+    net: Float
+    positive: Float
+    absolute: Float
+    electrical: Float
+    parts: dict[str, float]
+    cabinet: float
+
+    def plus(self, other: Energies) -> Energies:
+        """Return the sum of two stretches of time."""
+        return Energies(
+            self.duration + other.duration,
+            self.net + other.net,
+            self.positive + other.positive,
+            self.absolute + other.absolute,
+            self.electrical + other.electrical,
+            {key: self.parts[key] + other.parts[key] for key in self.parts},
+            self.cabinet + other.cabinet,
+        )
+
+    @property
+    def figures(self) -> dict[str, float]:
+        """What machines are compared by. [J]"""
+        return {
+            "mechanical, net": float(self.net.sum()),
+            "mechanical, positive": float(self.positive.sum()),
+            "mechanical, magnitude": float(self.absolute.sum()),
+            "electrical, drives": float(self.electrical.sum()),
+        }
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Power of one machine over one layer, all joints together.
+
+    Attributes:
+        time: Shape (N,). [s]
+        net: Of the shafts, shape (N,). [W]
+        positive: Of the shafts that drive, shape (N,). [W]
+        electrical: Of the drives, shape (N,). [W]
+        joint_position: Shape (N, n). [rad] or [m]
+    """
+
+    time: Float
+    net: Float
+    positive: Float
+    electrical: Float
+    joint_position: Float
+
+
+def predicted(model: RobotModel, motion: ToolMotion) -> tuple[Energies, Curve]:
+    """Predict a motion with a model, motors at 25 degC throughout.
+
+    Args:
+        model: The model.
+        motion: The motion.
+    """
+    pipeline = EnergyPipeline(model, Settings(power_period=None, temperature_assumed=True))
+    warm: TemperatureBlock | None = TemperatureBlock(
+        np.array([START_NS]), np.full((1, len(model.joints)), MOTOR_DEGC)
+    )
+    times: list[Float] = []
+    paths: list[Trajectory] = []
+    powers: list[PowerBlock] = []
+    for time, path in motion.blocks():
+        _keep(powers, pipeline.plan(_block(time, path), warm))
+        warm = None
+        times.append(time)
+        paths.append(path)
+    _keep(powers, pipeline.flush())  # the last samples wait for temperatures still to come
+    time = np.concatenate(times)
+    position = np.concatenate([path.joint_position for path in paths])
+    power = PowerBlock.concatenate(powers)
+    shaft = power.rigid_power + power.friction_power
+    electrical = shaft + power.drive_loss
+    loss = _integral(_Parts(model).of(position, power), time)
+    friction = float(_integral(power.friction_power.sum(axis=1), time))
+    energies = Energies(
+        float(time[-1]),
+        _integral(shaft, time),
+        _integral(np.maximum(shaft, 0.0), time),
+        _integral(np.abs(shaft), time),
+        _integral(electrical, time),
+        dict(zip(PARTS, [friction, *loss.tolist()], strict=True)),
+        float(_integral(power.loss_dc + power.loss_grid, time)),
+    )
+    return energies, _curve(time, shaft, electrical, position)
+
+
+def played(machine: Machine, motion: ToolMotion, seed: int) -> tuple[Energies, Curve]:
+    """Play a motion on the machine's virtual rig; what is returned is its truth.
+
+    Args:
+        machine: The machine.
+        motion: The motion.
+        seed: Of the rig.
+    """
+    smooth = Smooth(motion)
+    profile = PROFILES[machine.model]()
+    rig = VirtualRig(profile, smooth, None, seed, MOTOR_DEGC, MOTOR_DEGC)
+    truth = RigOutput.concatenate(list(outputs(rig, smooth.duration))).truth
+    time = (truth.stamp_ns - truth.stamp_ns[0]) * 1e-9
+    shaft, electrical = truth.shaft_power, truth.drive_power
+    energies = Energies(
+        smooth.duration,
+        _integral(shaft, time),
+        _integral(np.maximum(shaft, 0.0), time),
+        _integral(np.abs(shaft), time),
+        _integral(electrical, time),
+        {},
+        float(_integral(truth.loss_dc + truth.loss_grid, time)),
+    )
+    return energies, _curve(time, shaft, electrical, truth.joint_position)
+
+
+class _Parts:
+    """Splits the drive loss of a model; the copper loss of holding still is that of gravity."""
+
+    def __init__(self, model: RobotModel) -> None:
+        self._robot = Robot.from_model(model)
+        self._drivetrain = Drivetrain.from_model(model)
+        losses = [joint.losses for joint in model.joints if joint.losses is not None]
+        warm = [1.0 + e.copper_temperature_coefficient.value * (MOTOR_DEGC - 20.0) for e in losses]
+        self._copper = np.array([e.copper.value for e in losses]) * warm
+        self._amplifier = np.array([entry.constant.value for entry in losses])
+
+    def of(self, joint_position: Float, power: PowerBlock) -> Float:
+        """Holding, other copper, iron and amplifier loss, shape (N, 4). [W]"""
+        still = np.zeros_like(joint_position)
+        weight = self._robot.joint_torque(joint_position, still, still)
+        holding = self._copper * self._drivetrain.motor_torque_from_joint(weight) ** 2
+        copper = self._copper * power.motor_torque**2
+        amplifier = np.broadcast_to(self._amplifier, copper.shape)
+        iron = power.drive_loss - copper - amplifier
+        parts = holding, copper - holding, iron, amplifier
+        return np.stack([part.sum(axis=1) for part in parts], axis=1)
+
+
+def _curve(time: Float, shaft: Float, electrical: Float, position: Float) -> Curve:
+    return Curve(
+        time,
+        shaft.sum(axis=1),
+        np.maximum(shaft, 0.0).sum(axis=1),
+        electrical.sum(axis=1),
+        position,
+    )
+
+
+def _integral(power: Float, time: Float) -> Float:
+    """Integrate over time by trapezoids, along the first axis. [J]"""
+    step = np.diff(time)
+    return np.asarray(np.tensordot(step, 0.5 * (power[1:] + power[:-1]), axes=1))
+
+
+def _keep(powers: list[PowerBlock], output: Output) -> None:
+    if output.power is not None:
+        powers.append(output.power)
+
+
+def _block(time: Float, path: Trajectory) -> JointBlock:
+    return JointBlock(
+        START_NS + np.rint(time * 1e9).astype(np.int64),
+        np.zeros(len(time), dtype=np.int64),
+        np.zeros(len(time), dtype=np.uint32),
+        path.joint_position,
+        path.joint_velocity,
+        path.joint_acceleration,
+        np.full_like(path.joint_position, np.nan),
+    )

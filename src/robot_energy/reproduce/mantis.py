@@ -1,0 +1,177 @@
+"""The measurements of paper B on the virtual Mantis: excitation, validation and printed wall.
+
+Every run is recorded to a bag as a robot's own topics would be, power of the drives included, and
+read back by the stages of the monitor.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robot_energy.blocks import NANOSECOND, EffortMeaning, Float
+from robot_energy.identify.drive_data import BRIDGED
+from robot_energy.identify.drive_power import DrivePower, read_drive_power
+from robot_energy.identify.excitation import ExcitationSettings, optimise_excitation
+from robot_energy.identify.excitation_limits import ExcitationLimits
+from robot_energy.identify.recordings import Recording, read_recording
+from robot_energy.model_file import RobotModel
+from robot_energy.motion import (
+    FourierBasis,
+    FourierMotion,
+    JointMotion,
+    Trajectory,
+)
+from robot_energy.motion.tool_motion import ToolMotion
+from robot_energy.rig import PlantProfile, VirtualRig
+from robot_energy.rig.record import DRIVE_POWER, record
+
+RATE = 500.0  # Hz; paper B samples at 2.5 kHz, which changes nothing at these speeds
+HARMONICS, PERIOD = 5, 20.0  # of the Fourier series; paper B: five, "20 Hz" (see decision 0042)
+START_DEGC = 25.0
+LEAD = 1.2  # s at rest, until thermometers (1 Hz) and derivative filter have begun
+
+
+@dataclass(frozen=True)
+class Run:
+    """One recorded motion, read back with one model.
+
+    Attributes:
+        recording: Its stages.
+        power: Of the drives, as measured.
+        begin: First instant of the motion itself. [ns]
+        end: Its last instant. [ns]
+    """
+
+    recording: Recording
+    power: DrivePower
+    begin: int
+    end: int
+
+    @property
+    def rows(self) -> NDArray[np.bool_]:
+        """Samples of the motion itself with sound figures, shape (N,)."""
+        stamp = self.recording.torque.stamp_ns
+        inside = (stamp >= self.begin) & (stamp <= self.end)
+        return np.asarray(self.recording.sound & inside)
+
+    @property
+    def duration(self) -> Float:
+        """Time that each of the `rows` stands for. [s]"""
+        stamp = self.recording.torque.stamp_ns[self.rows]
+        return np.asarray(np.gradient((stamp - stamp[0]) * NANOSECOND))
+
+    @property
+    def time(self) -> Float:
+        """Of the `rows`, since the motion began. [s]"""
+        return (self.recording.torque.stamp_ns[self.rows] - self.begin) * NANOSECOND
+
+    @property
+    def shaft_predicted(self) -> Float:
+        """Of the model, motor side, shape (N, n). [W]"""
+        power = self.recording.power
+        return (power.rigid_power + power.friction_power)[self.rows]
+
+    @property
+    def shaft_measured(self) -> Float:
+        """Measured torque times speed, motor side (paper B, eq. 4), shape (N, n). [W]"""
+        return self.recording.power.shaft_power_measured[self.rows]
+
+    @property
+    def electrical(self) -> Float:
+        """Measured input of the drives (paper B, eq. 1), shape (N, n). [W]"""
+        return self.power.at(self.recording.torque.stamp_ns[self.rows], BRIDGED)
+
+
+class AfterRest:
+    """A motion that begins after a rest, and rests at its end.
+
+    Args:
+        motion: The motion.
+        duration: After which it rests. [s]
+    """
+
+    def __init__(self, motion: JointMotion, duration: float) -> None:
+        self._motion = motion
+        self._duration = duration
+
+    @property
+    def n_joints(self) -> int:
+        """Number of joints."""
+        return self._motion.n_joints
+
+    def sample(self, time: Float) -> Trajectory:
+        """Return the motion at times since the start of the rest, shape (N,). [s]"""
+        local = np.asarray(time, dtype=np.float64) - LEAD
+        moving = ((local >= 0.0) & (local <= self._duration))[:, None]
+        # A whole period is the start again: stay just before it.
+        path = self._motion.sample(np.clip(local, 0.0, self._duration * (1.0 - 1e-12)))
+        return Trajectory(
+            path.joint_position, path.joint_velocity * moving, path.joint_acceleration * moving
+        )
+
+
+class Smooth:
+    """A planned motion of a tool as a motion that can be sampled anywhere.
+
+    Args:
+        motion: The planned motion.
+    """
+
+    def __init__(self, motion: ToolMotion) -> None:
+        from scipy.interpolate import make_interp_spline
+
+        parts = list(motion.blocks())
+        time = np.concatenate([part[0] for part in parts])
+        position = np.concatenate([part[1].joint_position for part in parts])
+        spline = make_interp_spline(time, position, k=5)
+        self._curves = [spline, spline.derivative(1), spline.derivative(2)]
+        self.duration = float(time[-1])
+        self.n_joints = position.shape[1]
+
+    def sample(self, time: Float) -> Trajectory:
+        """Return the motion at times since its start, held at both ends, shape (N,). [s]"""
+        inside = np.clip(time, 0.0, self.duration)
+        return Trajectory(*(np.asarray(curve(inside)) for curve in self._curves))
+
+
+def excitation(
+    model: RobotModel, profile: PlantProfile, seed: int, iterations: int = 40
+) -> FourierMotion:
+    """Return an optimised excitation motion (paper B, 4.3.2)."""
+    limits = ExcitationLimits(model, profile.acceleration)
+    settings = ExcitationSettings(
+        harmonics=HARMONICS, period=PERIOD, starts=1, iterations=iterations, seed=seed
+    )
+    return optimise_excitation(model, limits, settings).motion
+
+
+def slower(motion: FourierMotion, share: float) -> FourierMotion:
+    """Return the same path at a share of the speed: accelerations fall with its square."""
+    basis = FourierBasis(motion.basis.harmonics, motion.period / share)
+    weights = motion.weights.copy()
+    weights[1:] *= share
+    return FourierMotion(basis, weights)
+
+
+def recorded(
+    profile: PlantProfile, motion: JointMotion, duration: float, path: Path, seed: int
+) -> Path:
+    """Play a motion between two rests on the rig and record it to a bag."""
+    rig = VirtualRig(
+        profile, AfterRest(motion, duration), None, seed, START_DEGC, START_DEGC, rate_hz=RATE
+    )
+    record(rig, duration + 2.0 * LEAD, path, drive_power=True, overwrite=True)
+    return path
+
+
+def read_run(path: Path, model: RobotModel) -> Run:
+    """Read a recorded run back with a model."""
+    recording = read_recording(path, model, EffortMeaning.MOTOR_TORQUE)
+    power = read_drive_power(path, DRIVE_POWER, model.joint_names)
+    stamp = recording.torque.stamp_ns
+    lead = round(LEAD / NANOSECOND)
+    return Run(recording, power, int(stamp[0]) + lead, int(stamp[-1]) - lead)

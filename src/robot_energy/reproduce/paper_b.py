@@ -1,0 +1,276 @@
+"""The studies of paper B from end to end: identification, efficiency of drives, three machines."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from robot_energy.blocks import Float
+from robot_energy.identify.drives import DrivesFit
+from robot_energy.identify.dynamics import Dynamics, DynamicsSettings, identify_dynamics
+from robot_energy.identify.dynamics_model import to_model
+from robot_energy.identify.signals import Channels, stretches
+from robot_energy.model_file import RobotModel, load
+from robot_energy.motion import JointMotion
+from robot_energy.reproduce.accuracy import Accuracy, Definition, accuracies
+from robot_energy.reproduce.drive_study import DriveTest, identify_drives, tested
+from robot_energy.reproduce.machines import (
+    MACHINES,
+    Curve,
+    Energies,
+    played,
+    predicted,
+    wall_motion,
+)
+from robot_energy.reproduce.mantis import Run, Smooth, excitation, read_run, recorded, slower
+from robot_energy.rig import mantis_profile
+
+Progress = Callable[[float], None]
+SLOW = 0.4  # of the speed, for the second excitation
+STEPS = 9
+WALL, WALL_HELD, VALIDATION = "wall, all joints", "wall, joint 1 held", "validation"
+FAST, SLOWED, BOTH = "full speed", "40 % of it", "both speeds"
+TRAININGS = {BOTH: (FAST, SLOWED), FAST: (FAST,), SLOWED: (SLOWED,)}
+"""Excitation runs behind each identification."""
+SEED_STEP = 100  # between the seeds of two studies
+
+
+@dataclass(frozen=True)
+class Scale:
+    """How much is done.
+
+    Attributes:
+        iterations: Of the search for an excitation.
+        layers: Of the wall, all of them simulated; 0: single layers at `heights` instead.
+        heights: Of single layers. [m]
+    """
+
+    iterations: int
+    layers: int
+    heights: tuple[float, ...]
+
+
+FULL = Scale(100, 100, (0.0, 0.25, 0.5, 0.75, 0.99))
+QUICK = Scale(25, 0, (0.0, 0.5, 0.99))
+
+
+@dataclass(frozen=True)
+class MechanicalTest:
+    """Mechanical energy of one run, predicted beside measured.
+
+    Attributes:
+        run: The run, read with the identified model.
+        accuracy: By definition.
+    """
+
+    run: Run
+    accuracy: dict[Definition, Accuracy]
+
+
+@dataclass(frozen=True)
+class Trained:
+    """What was identified from some excitation, and how it predicts what it has not seen.
+
+    Attributes:
+        dynamics: By ordinary least squares, as in the paper.
+        model: The Mantis's model with it.
+        drives: Maps and losses.
+        mechanical: By run.
+        tests: Of the drives, one per run.
+    """
+
+    dynamics: Dynamics
+    model: RobotModel
+    drives: DrivesFit
+    mechanical: dict[str, MechanicalTest]
+    tests: dict[str, DriveTest]
+
+
+@dataclass(frozen=True)
+class MachineResult:
+    """One machine at the wall.
+
+    Attributes:
+        layer: One layer at the bottom, predicted by the shipped model.
+        curve: Its power over time.
+        rig: The same layer on the virtual rig.
+        heights: One layer at each of the heights of the scale, predicted.
+        wall: The whole wall: all its layers, or those at several heights as their mean.
+    """
+
+    layer: Energies
+    curve: Curve
+    rig: Energies
+    heights: tuple[Energies, ...]
+    wall: Energies
+
+
+@dataclass(frozen=True)
+class PaperB:
+    """Everything the studies found.
+
+    Attributes:
+        seed: Of motions and rigs.
+        scale: How much was done.
+        trained: By the excitation that was identified from, keys of `TRAININGS`.
+        weighted: Accuracy on the validation run of the weighted fit, our default.
+        machines: By the keys of `MACHINES`.
+    """
+
+    seed: int
+    scale: Scale
+    trained: dict[str, Trained]
+    weighted: dict[Definition, Accuracy]
+    machines: dict[str, MachineResult]
+
+    @property
+    def quick(self) -> bool:
+        """Whether this is the short form."""
+        return self.scale.layers == 0
+
+    @property
+    def main(self) -> Trained:
+        """Identified from both excitation runs."""
+        return self.trained[BOTH]
+
+
+def study(folder: Path, seed: int, scale: Scale, progress: Progress | None = None) -> PaperB:
+    """Do all studies.
+
+    Args:
+        folder: For the bags; it exists.
+        seed: Of motions and rigs.
+        scale: How much to do.
+        progress: Called with the share done, 0 to 1.
+
+    Raises:
+        RobotEnergyError: If a rig, a recording or a fit fails.
+    """
+    done = 0
+
+    def step() -> None:
+        nonlocal done
+        done += 1
+        if progress is not None:
+            progress(min(1.0, done / STEPS))
+
+    start, profile = load("mantis"), mantis_profile()
+    first = seed * SEED_STEP
+    train = excitation(start, profile, first + 1, scale.iterations)
+    other = excitation(start, profile, first + 2, scale.iterations)
+    slow = slower(train, SLOW)
+    step()
+    motions: dict[str, tuple[JointMotion, float]] = {
+        FAST: (train, train.period),
+        SLOWED: (slow, slow.period),
+        VALIDATION: (other, other.period),
+    }
+    for name, key in ((WALL, "mantis_all"), (WALL_HELD, "mantis_held")):
+        motion = Smooth(wall_motion(MACHINES[key]))
+        motions[name] = motion, motion.duration
+    paths = {
+        name: recorded(profile, motion, duration, folder / f"mantis_{number}", first + 3 + number)
+        for number, (name, (motion, duration)) in enumerate(motions.items())
+    }
+    step()
+    fitted = {name: read_run(paths[name], start) for name in (FAST, SLOWED)}
+    trained: dict[str, Trained] = {}
+    for name, parts in TRAININGS.items():
+        trained[name] = _trained([fitted[part] for part in parts], start, paths)
+        step()
+    weighted = identify_mechanics([fitted[FAST], fitted[SLOWED]], start, "wls")
+    check = read_run(paths[VALIDATION], to_model(weighted))
+    machines: dict[str, MachineResult] = {}
+    for number, key in enumerate(MACHINES):
+        machines[key] = _machine(key, scale, first + 10 + number)
+        step()
+    return PaperB(seed, scale, trained, _accuracy(check), machines)
+
+
+def identify_mechanics(
+    runs: Sequence[Run], model: RobotModel, method: Literal["ols", "wls"]
+) -> Dynamics:
+    """Identify bodies and friction from excitation runs.
+
+    Args:
+        runs: Read with ``model``.
+        model: Kinematics and gears.
+        method: Ordinary (paper B) or weighted least squares.
+    """
+    channels: list[Channels] = []
+    for run in runs:
+        torque = run.recording.torque
+        channels += stretches(
+            torque.stamp_ns,
+            torque.segment,
+            torque.joint_position,
+            torque.motor_torque_measured,
+            channels[0].rate if channels else None,
+        )
+    return identify_dynamics(channels, model, DynamicsSettings(method=method))
+
+
+def _trained(runs: list[Run], start: RobotModel, paths: Mapping[str, Path]) -> Trained:
+    dynamics = identify_mechanics(runs, start, "ols")
+    model = to_model(dynamics, ["excitation on the virtual rig"])
+    drives = identify_drives(runs)
+    held_out = {name: read_run(paths[name], model) for name in (WALL, WALL_HELD, VALIDATION)}
+    mechanical = {name: MechanicalTest(run, _accuracy(run)) for name, run in held_out.items()}
+    return Trained(dynamics, model, drives, mechanical, tested(held_out, drives))
+
+
+def _accuracy(run: Run) -> dict[Definition, Accuracy]:
+    return accuracies(run.shaft_predicted, run.shaft_measured, run.duration)
+
+
+def _machine(key: str, scale: Scale, seed: int) -> MachineResult:
+    machine = MACHINES[key]
+    model = load(machine.model)
+    single = wall_motion(machine)
+    layer, curve = predicted(model, single)
+    rig, _ = played(machine, single, seed)
+    heights = tuple(
+        predicted(model, wall_motion(machine, height=height))[0] for height in scale.heights
+    )
+    if scale.layers:
+        wall, _ = predicted(model, wall_motion(machine, scale.layers))
+    else:
+        wall = _sum(heights)
+    return MachineResult(layer, curve, rig, heights, wall)
+
+
+def _sum(parts: tuple[Energies, ...]) -> Energies:
+    total = parts[0]
+    for part in parts[1:]:
+        total = total.plus(part)
+    return total
+
+
+def relative(result: PaperB, stage: str) -> dict[str, dict[str, float]]:
+    """Energy of every machine over that of the arm, less one.
+
+    Args:
+        result: The studies.
+        stage: ``layer``, ``wall`` or ``rig``.
+
+    Returns:
+        By machine and figure. [-]
+    """
+    energies: dict[str, Energies] = {
+        key: getattr(found, stage) for key, found in result.machines.items()
+    }
+    arm = energies["irb4600"].figures
+    return {
+        key: {name: value / arm[name] - 1.0 for name, value in found.figures.items()}
+        for key, found in energies.items()
+        if key != "irb4600"
+    }
+
+
+def at_heights(result: PaperB, key: str) -> Float:
+    """Electrical energy of one layer at each height, shape (K,). [J]"""
+    return np.array([float(e.electrical.sum()) for e in result.machines[key].heights])
