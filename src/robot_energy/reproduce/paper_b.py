@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 
 from robot_energy.blocks import Float
+from robot_energy.identify.columns import standard_columns
 from robot_energy.identify.drives import DrivesFit
 from robot_energy.identify.dynamics import Dynamics, DynamicsSettings, identify_dynamics
 from robot_energy.identify.dynamics_model import to_model
@@ -36,6 +37,7 @@ WALL, WALL_HELD, VALIDATION = "wall, all joints", "wall, joint 1 held", "validat
 FAST, SLOWED, BOTH = "full speed", "40 % of it", "both speeds"
 TRAININGS = {BOTH: (FAST, SLOWED), FAST: (FAST,), SLOWED: (SLOWED,)}
 """Excitation runs behind each identification."""
+SIGN_VELOCITY = 2e-3  # rad/s of the smooth sign; paper B has a plain one, joints print at 0.05
 SEED_STEP = 100  # between the seeds of two studies
 
 
@@ -211,7 +213,8 @@ def identify_mechanics(
             torque.motor_torque_measured,
             channels[0].rate if channels else None,
         )
-    return identify_dynamics(channels, model, DynamicsSettings(method=method))
+    columns = standard_columns(SIGN_VELOCITY)
+    return identify_dynamics(channels, model, DynamicsSettings(columns, method))
 
 
 def _trained(runs: list[Run], start: RobotModel, paths: Mapping[str, Path]) -> Trained:
