@@ -101,6 +101,14 @@ def test_independent_names_columns_that_others_explain():
     assert independent(columns).tolist() == [True, True, False, False]
 
 
+def test_without_a_comparison_the_fits_are_the_same():
+    whole, quick = fit_drives(data(1)), fit_drives(data(1), compare=False)
+    assert whole.comparisons
+    assert not quick.comparisons
+    assert quick.axes[0].losses.values == whole.axes[0].losses.values
+    assert quick.chosen == "loss_model"
+
+
 def test_without_measured_power_nothing_is_identified():
     block = hand_made()
     empty = replace(block, drive_power=np.full_like(block.drive_power, np.nan))

@@ -9,7 +9,14 @@ import pytest
 
 from robot_energy.cli.main import main
 from robot_energy.model_file import load
-from robot_energy.reproduce.machines import MACHINES, PARTS, predicted, wall_motion
+from robot_energy.predict import predict
+from robot_energy.reproduce.machines import (
+    MACHINES,
+    MOTOR_DEGC,
+    PARTS,
+    predicted,
+    wall_motion,
+)
 
 TRAINED = ("both speeds", "full speed", "40 % of it")
 WALL, HELD, VALIDATION = "wall, all joints", "wall, joint 1 held", "validation"
@@ -107,6 +114,20 @@ def test_friction_of_the_gantry_by_hand():
     cruising = np.abs(curve.time - 5.0) < 3.0
     expected = 300.0 * 0.125 + 0.003 * factor * speed**2
     np.testing.assert_allclose(curve.net[cruising], expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize("key", ["mantis_held", "irb4600"])
+def test_energies_are_those_of_the_prediction(found, key):
+    """The books of `robot-energy predict`, which sums in registers of its own."""
+    machine = MACHINES[key]
+    books = predict(load(machine.model), wall_motion(machine), MOTOR_DEGC).ledger.registers
+    layer = found[0]["machines"][key]["layer"]
+    booked = {name: books.joints(name) for name in ("shaft_positive", "shaft_negative")}
+    net = sum(np.abs(booked["shaft_positive"])) - sum(np.abs(booked["shaft_negative"]))
+    assert sum(booked["shaft_positive"]) == pytest.approx(layer["mechanical, positive"], rel=2e-3)
+    assert net == pytest.approx(layer["mechanical, net"], rel=5e-3)
+    drives = sum(books.joints("rigid") + books.joints("friction") + books.joints("drive_loss"))
+    assert drives == pytest.approx(layer["electrical, drives"], rel=1e-3)
 
 
 @pytest.mark.parametrize("key", MACHINES)
