@@ -22,6 +22,8 @@ from figure import Figure, slope
 from many_joints import write_cell
 from rclpy.executors import SingleThreadedExecutor
 
+from ros2_energy_monitor.shared_memory import clear_ports
+
 MINUTES = (16.5, 1.2)
 HERE = Path(__file__).parent
 SETTLED = 200.0  # s: the last minute without a meter is held, then buffers find their size
@@ -77,6 +79,7 @@ def _load(
         "ROS_HOME": str(names.parent / "ros"),  # registers of this run only
     }
     options = [part for key, value in parameters.items() for part in ("-p", f"{key}:={value}")]
+    clear_ports()  # of another process that was killed: the driver would wait without end
     monitor = subprocess.Popen(
         [
             *(sys.executable, "-m", "ros2_energy_monitor.energy_monitor", "--ros-args"),
