@@ -13,6 +13,7 @@ from robot_energy.report.canvas import COLOURS, SERIES, canvas, panels
 
 WIDE = 9.0  # inch
 GREY = "#9a9a9a"
+MOST_POINTS = 1500  # of a curve, about
 SHOWN = 0.995  # quantile of the values up to which an axis reaches: corners have high peaks
 
 
@@ -33,6 +34,11 @@ class Line:
     values: Float
     colour: str
     width: float = 1.0
+
+    def points(self, column: int) -> tuple[Float, Float]:
+        """Times and values of one column, thinned to what a figure can show, shape (M,) each."""
+        rows = slice(None, None, max(1, len(self.time) // MOST_POINTS))
+        return self.time[rows], self.values[rows, column]
 
 
 def measured_and(lines: Sequence[tuple[str, Float, str, float]], time: Float) -> list[Line]:
@@ -74,7 +80,7 @@ def joint_panels(
         for column, (panel, name) in enumerate(zip(grid.flat, names, strict=False)):
             for line in lines:
                 panel.plot(
-                    line.time, line.values[:, column], color=line.colour, label=line.label,
+                    *line.points(column), color=line.colour, label=line.label,
                     linewidth=line.width,
                 )  # fmt: skip
             panel.set_title(name, fontsize=9, loc="left")
@@ -194,7 +200,7 @@ def powers_over_time(
         grid = figure.subplots(len(panels_), 1, sharex=True, squeeze=False)[:, 0]
         for axes, (name, lines) in zip(grid, panels_.items(), strict=True):
             for line in lines:
-                axes.plot(line.time, line.values[:, 0], color=line.colour, label=line.label,
+                axes.plot(*line.points(0), color=line.colour, label=line.label,
                           linewidth=line.width)  # fmt: skip
             values = np.concatenate([line.values[:, 0] for line in lines])
             low, high = np.quantile(values, [1.0 - SHOWN, SHOWN])

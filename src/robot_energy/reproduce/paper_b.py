@@ -20,6 +20,7 @@ from robot_energy.motion import JointMotion
 from robot_energy.reproduce.accuracy import Accuracy, Definition, accuracies
 from robot_energy.reproduce.drive_study import DriveTest, identify_drives, tested
 from robot_energy.reproduce.machines import (
+    ARM,
     MACHINES,
     Curve,
     Energies,
@@ -236,9 +237,11 @@ def _machine(key: str, scale: Scale, seed: int) -> MachineResult:
     single = wall_motion(machine)
     layer, curve = predicted(model, single)
     rig, _ = played(machine, single, seed)
-    heights = tuple(
-        predicted(model, wall_motion(machine, height=height))[0] for height in scale.heights
-    )
+    heights = (layer,) * len(scale.heights)
+    if scale.layers or key == ARM:  # the other machines do not know the height (full form)
+        heights = tuple(
+            predicted(model, wall_motion(machine, height=height))[0] for height in scale.heights
+        )
     if scale.layers:
         wall, _ = predicted(model, wall_motion(machine, scale.layers))
     else:
@@ -266,11 +269,11 @@ def relative(result: PaperB, stage: str) -> dict[str, dict[str, float]]:
     energies: dict[str, Energies] = {
         key: getattr(found, stage) for key, found in result.machines.items()
     }
-    arm = energies["irb4600"].figures
+    arm = energies[ARM].figures
     return {
         key: {name: value / arm[name] - 1.0 for name, value in found.figures.items()}
         for key, found in energies.items()
-        if key != "irb4600"
+        if key != ARM
     }
 
 
