@@ -5,7 +5,7 @@ from __future__ import annotations
 from argparse import ArgumentParser
 from typing import Any
 
-from robot_energy.cli import reproduce_paper_b
+from robot_energy.cli import reproduce_paper_a, reproduce_paper_b
 
 
 def add_parser(commands: Any) -> None:
@@ -16,5 +16,5 @@ def add_parser(commands: Any) -> None:
         description="Do the experiments of a paper again; every figure says what it is of.",
     )
     papers = parser.add_subparsers(title="papers", metavar="PAPER", required=True)
-    for module in (reproduce_paper_b,):
+    for module in (reproduce_paper_a, reproduce_paper_b):
         module.add_parser(papers)

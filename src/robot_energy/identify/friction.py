@@ -241,9 +241,12 @@ def _held_out(name: LawName, data: FrictionData) -> HeldOut:
 
     The nuisances and the offset of the test samples come from the training samples too.
     """
-    fold = folds_by_value(data.motor_temperature_degc, FOLDS)
-    if len(np.unique(fold)) < 2:
-        fold = np.unique(data.block, return_inverse=True)[1] * FOLDS // (data.block.max() + 1)
+    degc = data.motor_temperature_degc
+    fold = folds_by_value(degc, FOLDS)
+    if len(np.unique(fold)) < 2 or float(np.ptp(degc)) < LEAST_RANGE:
+        # One thermal state: a fold by temperature would be a few motions, perhaps all one way.
+        number = np.unique(data.block, return_inverse=True)[1]
+        fold = number * FOLDS // (number.max() + 1)
 
     def predict(train: NDArray[np.bool_], test: NDArray[np.bool_]) -> Float:
         law, fit = fit_law(name, data.rows(train))

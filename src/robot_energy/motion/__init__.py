@@ -4,6 +4,7 @@ from robot_energy.motion.fourier import FourierBasis, FourierMotion
 from robot_energy.motion.inverse import InverseKinematics
 from robot_energy.motion.program import Program, random_program, tool_above
 from robot_energy.motion.ptp import JointMotion, MotionLimits, PointToPoint, Profile, Trajectory
+from robot_energy.motion.sequence import Sequence
 
 __all__ = [
     "FourierBasis",
@@ -14,6 +15,7 @@ __all__ = [
     "PointToPoint",
     "Profile",
     "Program",
+    "Sequence",
     "Trajectory",
     "random_program",
     "tool_above",

@@ -116,6 +116,7 @@ def random_program(
     dwell: float = 0.2,
     override: float = 1.0,
     accept: Callable[[Float], bool] | None = None,
+    start: Float | None = None,
 ) -> Program:
     """Draw a program of random configurations, the same for the same seed.
 
@@ -129,6 +130,8 @@ def random_program(
         override: Share of full speed. [-]
         accept: Whether a configuration, shape (n,), is allowed; asked at points along
             every motion, the way back to the first via included. See `tool_above`.
+        start: First via, so that programs can follow one another, shape (n,); default: drawn
+            like the others. [rad] or [m]
 
     Returns:
         The program.
@@ -150,7 +153,7 @@ def random_program(
     generator = np.random.default_rng(seed)
     middle = 0.5 * (limits.lower + limits.upper)
     reach = 0.5 * share * (limits.upper - limits.lower)
-    via: list[Float] = []
+    via: list[Float] = [] if start is None else [np.array(start, dtype=np.float64)]
     for _ in range(MAX_TRIES):
         candidate = middle + reach * generator.uniform(-1.0, 1.0, limits.n_joints)
         last = len(via) == moves - 1

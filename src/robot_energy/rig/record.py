@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.bag import SENSOR_QOS, BagWriter
-from robot_energy.blocks import NANOSECOND, Int, MeterBlock, TemperatureBlock
+from robot_energy.blocks import NANOSECOND, Float, Int, MeterBlock, TemperatureBlock
 from robot_energy.errors import RigError
 from robot_energy.rig.output import RigJoints, RigOutput
 from robot_energy.rig.virtual_rig import VirtualRig
@@ -38,11 +38,17 @@ class Recording:
         path: Folder of the bag.
         messages: Number of messages by topic.
         energy: True energy drawn from the grid. [J]
+        peak_power: Greatest true power from the grid. [W]
+        motor_temperature_degc: True ones at the first and the last sample, shape (2, n). [degC]
+        gear_temperature_degc: The same of the oil, shape (2, n). [degC]
     """
 
     path: Path
     messages: dict[str, int]
     energy: float
+    peak_power: float
+    motor_temperature_degc: Float
+    gear_temperature_degc: Float
 
 
 class RigEncoder:
@@ -204,7 +210,8 @@ def record(
     counts: dict[str, int] = {JOINT_STATES: 0, MOTOR_TEMPERATURES: 0, POWER_METER: 0}
     if drive_power:
         counts[DRIVE_POWER] = 0
-    energy = 0.0
+    energy, peak = 0.0, 0.0
+    begin = end = first.truth
     queue = _Queue()
     with BagWriter(path, compression, overwrite, origin=ORIGIN) as bag:
         bag.add_topic(JOINT_STATES, "sensor_msgs/msg/JointState", SENSOR_QOS)
@@ -217,11 +224,20 @@ def record(
             for topic, time_ns, rows in _messages(encoder, output, drive_power):
                 queue.add(topic, time_ns, rows)
                 counts[topic] += len(rows)
-            energy += float(output.truth.grid_power.sum()) * rig.period
+            end = output.truth
+            energy += float(end.grid_power.sum()) * rig.period
+            peak = max(peak, float(end.grid_power.max()))
             queue.write(bag, int(output.truth.stamp_ns[-1]))
             output = next(pieces, None)
         queue.write(bag, None)
-    return Recording(Path(path), counts, energy)
+    return Recording(
+        Path(path),
+        counts,
+        energy,
+        peak,
+        np.stack([begin.motor_temperature_degc[0], end.motor_temperature_degc[-1]]),
+        np.stack([begin.gear_temperature_degc[0], end.gear_temperature_degc[-1]]),
+    )
 
 
 def _messages(

@@ -1,0 +1,124 @@
+"""`robot-energy reproduce paper-a`: energy over robot temperature."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from argparse import ArgumentParser, ArgumentTypeError, Namespace, RawDescriptionHelpFormatter
+from pathlib import Path
+from typing import Any
+
+from robot_energy.cli.terminal import add_debug, console, progress, write_text
+
+DESCRIPTION = """\
+Do the experiment of paper A again on the virtual rig: sets of 20 motions while a robot of
+the KR 16 class warms up from 20 to about 80 degC, identification from the recorded bags,
+and grid energy of held-out motions with friction that is fixed and friction that follows
+temperature. Writes report.html, figures.json, front.svg, the identified model and the bags.
+
+Nothing in it was measured on a robot: it proves the method.
+"""
+EPILOG = """\
+example:
+  robot-energy reproduce paper-a --quick --out build/paper_a
+"""
+REPORT, FIGURES, FRONT, MODEL = "report.html", "figures.json", "front.svg", "identified.yaml"
+BAGS, OURS = "bags", ("train_*", "test_*")
+WORKERS = 2
+
+
+def add_parser(papers: Any) -> None:
+    """Add the sub-command."""
+    parser: ArgumentParser = papers.add_parser(
+        "paper-a",
+        help="energy over robot temperature",
+        description=DESCRIPTION,
+        epilog=EPILOG,
+        formatter_class=RawDescriptionHelpFormatter,
+    )
+    parser.add_argument(
+        "--quick",
+        action="store_true",
+        help="a few temperatures, short sets, rigs that start at their temperature",
+    )
+    parser.add_argument(
+        "--out", default="paper_a", metavar="FOLDER", help="to write to (default paper_a)"
+    )
+    parser.add_argument(
+        "--seed", type=_count(0), default=0, metavar="N", help="of motions and rigs (default 0)"
+    )
+    parser.add_argument(
+        "--workers",
+        type=_count(1),
+        metavar="N",
+        help=f"processes at once (default {WORKERS}, with --quick 1); changes no figure",
+    )
+    parser.add_argument("--overwrite", action="store_true", help="replace an earlier study")
+    add_debug(parser)
+    parser.set_defaults(run=run)
+
+
+def _count(least: int) -> Any:
+    def parse(text: str) -> int:
+        value = int(text) if text.isdecimal() else -1
+        if value < least:
+            raise ArgumentTypeError(f"'{text}' is no whole number from {least} on")
+        return value
+
+    return parse
+
+
+def run(args: Namespace) -> int:
+    """Do the study and write everything.
+
+    Raises:
+        RobotEnergyError: If the folder cannot be used, or a run or fit fails.
+    """
+    from robot_energy.model_file import save
+    from robot_energy.report.printing import line
+    from robot_energy.reproduce.models import FOLLOWS
+    from robot_energy.reproduce.paper_a import FULL, QUICK, study
+    from robot_energy.reproduce.paper_a_figures import figures
+    from robot_energy.reproduce.paper_a_numbers import hardest
+    from robot_energy.reproduce.paper_a_page import front_picture, page, print_errors
+
+    folder = _folder(args.out, overwrite=args.overwrite)
+    workers = args.workers or (1 if args.quick else WORKERS)
+    with progress("recording, identifying, testing") as report:
+        result = study(folder / BAGS, args.seed, QUICK if args.quick else FULL, workers, report)
+    page(result, _command(args)).write(folder / REPORT)
+    text = json.dumps(figures(result), indent=2, allow_nan=False) + "\n"
+    write_text(str(folder / FIGURES), text)
+    save(result.identified.models[FOLLOWS], folder / MODEL)
+    front_picture(result, folder / FRONT)
+    out = console()
+    print_errors(result, out)
+    line(out, hardest(result))
+    for name in (REPORT, FIGURES, FRONT, MODEL, BAGS):
+        line(out, f"wrote {folder / name}")
+    return 0
+
+
+def _command(args: Namespace) -> str:
+    """The command line that makes this page, without where and how fast."""
+    seed = f" --seed {args.seed}" if args.seed else ""
+    return f"robot-energy reproduce paper-a{' --quick' if args.quick else ''}{seed}"
+
+
+def _folder(name: str, *, overwrite: bool) -> Path:
+    """Make the folder, and clear what an earlier study left in it."""
+    from robot_energy.errors import ReportError
+
+    folder = Path(name)
+    if folder.exists() and not folder.is_dir():
+        raise ReportError(f"'{name}' is a file", "a folder", "name another one with --out")
+    if folder.is_dir() and any(folder.iterdir()):
+        if not overwrite:
+            raise ReportError(
+                f"the folder '{name}' is not empty", "a new folder", "or give --overwrite"
+            )
+        for pattern in OURS:
+            for bag in (folder / BAGS).glob(pattern):
+                shutil.rmtree(bag)
+    (folder / BAGS).mkdir(parents=True, exist_ok=True)
+    return folder

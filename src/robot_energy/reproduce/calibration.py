@@ -1,0 +1,150 @@
+"""What plant the rig plays, in the figures that paper A gives of its KR 16.
+
+Truth of the rig throughout: no model and no meter takes part.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from robot_energy.blocks import Float
+from robot_energy.errors import RigError
+from robot_energy.motion import random_program, tool_above
+from robot_energy.reproduce.experiment import FIRST_SEED, LEAST_HEIGHT, SEED_STEP, TOOL
+from robot_energy.rig import PlantProfile, RigConfig, VirtualRig
+from robot_energy.rig.plant import PlantDrives
+from robot_energy.rig.record import outputs
+from robot_energy.rig.study import temperature_study
+from robot_energy.rig.supply import Supply
+
+POSES = 300
+PROGRAM_DEGC = (20.0, 22.0, 60.0, 80.0)
+FLOWS = (
+    "rigid_power",
+    "friction_power",
+    "iron_loss",
+    "copper_loss",
+    "inverter_loss",
+    "rectifier_loss",
+    "brake_power",
+    "capacitor_power",
+    "loss_dc",
+    "loss_grid",
+    "grid_power",
+)
+
+
+@dataclass(frozen=True)
+class Holding:
+    """Grid power at rest over poses, drives on.
+
+    Attributes:
+        mean: Over random poses. [W]
+        least: [W]
+        greatest: [W]
+        poses: How many.
+    """
+
+    mean: float
+    least: float
+    greatest: float
+    poses: int
+
+    @property
+    def deviation(self) -> float:
+        """Greatest deviation from the mean, relative to it. [-]"""
+        return max(self.greatest - self.mean, self.mean - self.least) / self.mean
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """The plant in figures.
+
+    Attributes:
+        mean_power: Of random programs at each start temperature, shape (programs, K). [W]
+        peak_power: The same, greatest power. [W]
+        start_degc: The start temperatures, shape (K,). [degC]
+        holding: Power at rest.
+        flows: Mean power of every flow during the first program, by temperature. [W]
+    """
+
+    mean_power: Float
+    peak_power: Float
+    start_degc: Float
+    holding: Holding
+    flows: dict[float, dict[str, float]]
+
+    def ratio(self, cold: float, hot: float) -> Float:
+        """Return the energy at one temperature over that at another, by program."""
+        column = self.start_degc.tolist()
+        return self.mean_power[:, column.index(cold)] / self.mean_power[:, column.index(hot)]
+
+
+def holding_power(profile: PlantProfile, joint_position: Float, motor_degc: float) -> Float:
+    """Return the grid power while the drives hold poses.
+
+    At rest friction and iron take nothing; copper and inverter carry gravity.
+
+    Args:
+        profile: The plant.
+        joint_position: Poses, shape (N, n). [rad]
+        motor_degc: Of every winding. [degC]
+
+    Returns:
+        Shape (N,). [W]
+    """
+    robot, drivetrain = profile.mechanics()
+    config, still = RigConfig(), np.zeros_like(joint_position)
+    torque = drivetrain.motor_torque_from_joint(robot.joint_torque(joint_position, still, still))
+    flows = PlantDrives(profile, config).flows(
+        still, torque, np.full(profile.n_joints, float(motor_degc))
+    )
+    bus = (flows.copper_loss + flows.inverter_loss).sum(axis=1)
+    return Supply(profile, config, 1.0).step(bus).grid_power
+
+
+def calibrate(profile: PlantProfile, seed: int, programs: int, moves: int) -> Calibration:
+    """Play random programs from several temperatures, and hold random poses.
+
+    Args:
+        profile: The plant.
+        seed: Of the study.
+        programs: How many programs of the kind of the experiment; >= 1.
+        moves: Motions in each.
+
+    Raises:
+        RigError: If no program is asked for.
+    """
+    if programs < 1:
+        raise RigError(f"{programs} programs were asked for", "at least 1")
+    robot, _ = profile.mechanics()
+    limits = profile.motion_limits(robot)
+    above = tool_above(robot, TOOL, LEAST_HEIGHT)
+    first = FIRST_SEED + SEED_STEP * seed
+    mean, peak = np.empty((programs, len(PROGRAM_DEGC))), np.empty((programs, len(PROGRAM_DEGC)))
+    flows: dict[float, dict[str, float]] = {}
+    for number in range(programs):
+        program = random_program(limits, first + number, moves, accept=above)
+        rows = temperature_study(profile, program, {}, PROGRAM_DEGC, seed=seed)
+        mean[number] = [row.true_power for row in rows]
+        peak[number] = [row.peak_power for row in rows]
+        if number == 0:
+            for degc in PROGRAM_DEGC:
+                rig = VirtualRig(profile, program, None, seed, degc)
+                truth = [piece.truth for piece in outputs(rig, program.period)]
+                rows_of = sum(len(part) for part in truth)
+                flows[degc] = {
+                    name: float(sum(getattr(part, name).sum() for part in truth)) / rows_of
+                    for name in FLOWS
+                }
+    generator = np.random.default_rng(seed)
+    drawn: list[Float] = []
+    while len(drawn) < POSES:
+        pose: Float = generator.uniform(0.9 * limits.lower, 0.9 * limits.upper)
+        if above(pose):
+            drawn.append(pose)
+    power = holding_power(profile, np.stack(drawn), 60.0)
+    holding = Holding(float(power.mean()), float(power.min()), float(power.max()), POSES)
+    return Calibration(mean, peak, np.asarray(PROGRAM_DEGC), holding, flows)

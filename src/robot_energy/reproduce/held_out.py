@@ -1,0 +1,146 @@
+"""Identified models on motions that no fit has seen: grid energy beside the meter."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from robot_energy.blocks import NANOSECOND, EffortMeaning, Quality
+from robot_energy.errors import RigError
+from robot_energy.identify.recordings import read_recording
+from robot_energy.model_file import RobotModel
+from robot_energy.replay import replay
+from robot_energy.reproduce.experiment import MotionSet
+
+
+@dataclass(frozen=True)
+class TestRow:
+    """One set.
+
+    Attributes:
+        bag: Name of the recording.
+        way: ``heating``, ``cooling`` or ``soaked``.
+        robot_degc: Mean over the motors of their mean temperature in the set. [degC]
+        coldest_degc: The coldest motor. [degC]
+        warmest_degc: The warmest motor. [degC]
+        rise: Of the motor that warmed most in the set. [K]
+        lag: Mean motor minus gear temperature, truth. [K]
+        measured_energy: By the meter, over the compared time. [J]
+        compared: That time. [s]
+        peak_power: Truth. [W]
+        predicted: Energy over the same time, by model. [J]
+        extrapolated: Share of the samples in which a friction law was held at the edge of
+            its fitted range. [-]
+    """
+
+    __test__ = False  # not a test case
+
+    bag: str
+    way: str
+    robot_degc: float
+    coldest_degc: float
+    warmest_degc: float
+    rise: float
+    lag: float
+    measured_energy: float
+    compared: float
+    peak_power: float
+    predicted: dict[str, float]
+    extrapolated: float
+
+    @property
+    def mean_power(self) -> float:
+        """Measured energy over the compared time. [W]"""
+        return self.measured_energy / self.compared
+
+    def error(self, model: str) -> float:
+        """Return predicted over measured energy, less 1. [-]"""
+        return self.predicted[model] / self.measured_energy - 1.0
+
+
+def held_out(
+    sets: Sequence[MotionSet], models: Mapping[str, RobotModel], reference: str
+) -> list[TestRow]:
+    """Replay every set with every model.
+
+    Args:
+        sets: Recordings that were not used in any fit.
+        models: By name.
+        reference: The model whose temperatures and extrapolation are reported.
+
+    Returns:
+        One row per set, in their order.
+
+    Raises:
+        RigError: If the meter covers nothing of a set.
+        RobotEnergyError: If a recording or model cannot be used.
+    """
+    return [_row(entry, models, reference) for entry in sets]
+
+
+def _row(entry: MotionSet, models: Mapping[str, RobotModel], reference: str) -> TestRow:
+    predicted: dict[str, float] = {}
+    measured = compared = extrapolated = 0.0
+    for name, model in models.items():
+        result = replay(entry.path, model)
+        books = result.ledger.comparison
+        if not books.measured_energy > 0:
+            raise RigError(f"in {entry.path} the meter covers nothing", "readings during the set")
+        predicted[name] = books.predicted_energy
+        if name == reference:
+            measured, compared = books.measured_energy, books.compared_ns * NANOSECOND
+            held = result.ledger.quality.get(int(Quality.EXTRAPOLATED), 0)
+            extrapolated = held / max(result.ledger.samples, 1)
+    truth = entry.recording.motor_temperature_degc.mean(axis=0)
+    return TestRow(
+        entry.path.name,
+        entry.way,
+        float(truth.mean()),
+        float(truth.min()),
+        float(truth.max()),
+        entry.rise,
+        entry.lag,
+        measured,
+        compared,
+        entry.recording.peak_power,
+        predicted,
+        extrapolated,
+    )
+
+
+def worst(rows: Sequence[TestRow], model: str) -> float:
+    """Return the greatest error of a model in size, with its sign. [-]"""
+    errors = [row.error(model) for row in rows]
+    return max(errors, key=abs)
+
+
+def normalised(rows: Sequence[TestRow], degc: float) -> float:
+    """Return the measured mean power at one temperature, straight between the sets. [W]
+
+    Args:
+        rows: Sets of the same motions.
+        degc: Mean motor temperature; held at the ends. [degC]
+    """
+    order = sorted(rows, key=lambda row: row.robot_degc)
+    return float(
+        np.interp(degc, [row.robot_degc for row in order], [row.mean_power for row in order])
+    )
+
+
+def shaft_power(bag: Path, model: RobotModel, axis: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return time and measured shaft power of one axis: traced torque times speed.
+
+    Args:
+        bag: A recording with motor torque in the effort.
+        model: Its bodies and gears.
+        axis: Index of the joint.
+
+    Returns:
+        Time since the first sample [s] and power [W], shape (N,) each.
+    """
+    torque = read_recording(bag, model, EffortMeaning.MOTOR_TORQUE).torque
+    time = (torque.stamp_ns - torque.stamp_ns[0]) * NANOSECOND
+    return time, torque.motor_torque_measured[:, axis] * torque.motor_velocity[:, axis]

@@ -1,0 +1,213 @@
+"""Models identified from recordings, as paper A describes it and beyond.
+
+The start is a model that knows bodies and gears and nothing of friction and cabinet. What
+is tested is what comes out here; no shipped figure of friction or losses takes part.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from robot_energy.blocks import EffortMeaning, Float
+from robot_energy.errors import NotIdentifiableError
+from robot_energy.identify.cabinet import CabinetFit, fit_cabinet, with_cabinet
+from robot_energy.identify.drive_data import drive_data, location
+from robot_energy.identify.friction import FrictionFit, fit_friction, with_friction
+from robot_energy.identify.friction_data import friction_data
+from robot_energy.identify.recordings import Recording, read_recording
+from robot_energy.identify.total_power import TotalFit, fit_total, with_total
+from robot_energy.identify.total_sums import sums
+from robot_energy.model_file import RobotModel
+from robot_energy.model_file.figure import PositiveFigure
+from robot_energy.model_file.joint import ConstantLaw, JointFriction
+from robot_energy.model_file.schema import Capacitor
+from robot_energy.rig import SupplyProfile
+
+FOLLOWS = "follows"  # the paper's proposed model: fv follows the motor temperature
+TABLE = "table"  # the same with fv as a table of points, "saved directly"
+LOSSES = "losses"  # the proposed model and drive losses from the grid meter
+CAPACITOR = "capacitor"  # and the DC link's capacitor by its name plate
+FIXED_DEGC = (22.0, 60.0)  # the two operating points that the paper names
+UNKNOWN = "unknown before identification"
+GUESS = 100.0  # W, constant losses before identification; from 0 no rest could be told
+
+
+@dataclass(frozen=True)
+class SetFriction:
+    """Friction of every axis from one set alone, as in eq. 9, shape (n,) each.
+
+    Attributes:
+        motor_temperature_degc: Mean over the set. [degC]
+        coulomb: Motor side. [N m]
+        viscous: Motor side. [N m s/rad]
+    """
+
+    motor_temperature_degc: Float
+    coulomb: Float
+    viscous: Float
+
+
+@dataclass(frozen=True)
+class Identified:
+    """What was identified.
+
+    Attributes:
+        fits: Friction of every axis over temperature.
+        cabinet: Constant losses.
+        total: Drive losses behind the grid meter; None where the data do not tell them.
+        models: By name: ``follows``, ``table``, ``fixed_22`` ..., ``losses``, ``capacitor``.
+        fixed_degc: Mean motor temperature of the set behind each fixed model. [degC]
+        sets: Friction from each set alone.
+        notes: What was decided on the way, one sentence each.
+    """
+
+    fits: tuple[FrictionFit, ...]
+    cabinet: CabinetFit
+    total: TotalFit | None
+    models: dict[str, RobotModel]
+    fixed_degc: dict[str, float]
+    sets: tuple[SetFriction, ...]
+    notes: tuple[str, ...]
+
+
+def fixed_name(degc: float) -> str:
+    """Return the name of the model whose friction is that of one operating point."""
+    return f"fixed_{degc:.0f}"
+
+
+def without_knowledge(model: RobotModel) -> RobotModel:
+    """Return a model with bodies and gears only: no friction, no losses.
+
+    Args:
+        model: Any model.
+    """
+    zero = PositiveFigure(value=0.0, tag="assumed", source=UNKNOWN)
+    friction = JointFriction(coulomb=zero, viscous=ConstantLaw(law="constant", viscous=zero))
+    joints = [joint.model_copy(update={"friction": friction}) for joint in model.joints]
+    guess = PositiveFigure(value=GUESS, tag="assumed", source=UNKNOWN)
+    cabinet = model.cabinet.model_copy(update={"loss_grid": guess, "loss_dc": guess})
+    update = {"joints": joints, "cabinet": cabinet, "drive": "ideal"}
+    return model.model_copy(update=update).with_urdf(model.urdf_xml, model.source)
+
+
+def identify(
+    bags: Sequence[Path],
+    rest: Path,
+    start: RobotModel,
+    supply: SupplyProfile | None = None,
+    fixed_degc: Sequence[float] = FIXED_DEGC,
+    beyond: bool = True,
+) -> Identified:
+    """Identify friction, cabinet and, beyond the paper, drive losses.
+
+    Args:
+        bags: Sets of motions for identification, with motor torque in the effort.
+        rest: Recording with rest in several poses.
+        start: Model with the bodies and gears; its friction and losses are not used.
+        supply: Of whose name plate the capacitor is read; None: no such model is made.
+        fixed_degc: Operating points of the models with fixed friction. [degC]
+        beyond: Whether to go beyond the paper: friction of each set, tables, losses.
+
+    Returns:
+        The models.
+
+    Raises:
+        NotIdentifiableError: If the recordings do not tell friction or constant losses.
+        RobotEnergyError: If a recording cannot be used.
+    """
+    blank = without_knowledge(start)
+    source = f"{len(bags)} sets of motions on the virtual rig"
+    read = [read_recording(bag, blank, EffortMeaning.MOTOR_TORQUE) for bag in bags]
+    axes = range(len(blank.joints))
+    fits = tuple(fit_friction(friction_data(read, axis), source) for axis in axes)
+    sets = tuple(_of_one(recording) for recording in read) if beyond else ()
+    degc = np.array([np.nanmean(part.power.motor_temperature_degc) for part in read])
+    frictions: dict[str, Sequence[FrictionFit]] = {FOLLOWS: fits}
+    chosen: dict[str, float] = {}
+    for wanted in fixed_degc:
+        nearest = int(np.argmin(np.abs(degc - wanted)))
+        one = [fit_friction(friction_data(read[nearest : nearest + 1], axis)) for axis in axes]
+        frictions[fixed_name(wanted)] = one
+        chosen[fixed_name(wanted)] = float(degc[nearest])
+    del read
+    # Braking is found with the shaft power, so the losses need a model with friction.
+    model = with_friction(blank, fits, source)
+    powered = [read_recording(bag, model) for bag in (rest, *bags)]
+    cabinet = fit_cabinet(powered)
+    models = {
+        name: with_cabinet(with_friction(blank, found, source), cabinet, source)
+        for name, found in frictions.items()
+    }
+    total, notes = None, list[str]()
+    if beyond:
+        models[TABLE] = _with_tables(models[FOLLOWS], fits)
+        total, notes = _with_losses(models, powered, supply)
+    return Identified(fits, cabinet, total, models, chosen, sets, tuple(notes))
+
+
+def _of_one(recording: Recording) -> SetFriction:
+    """Friction of one set by one constant law per axis."""
+    axes = range(len(recording.model.joints))
+    fits = [fit_friction(friction_data([recording], axis)) for axis in axes]
+    return SetFriction(
+        np.nanmean(recording.power.motor_temperature_degc, axis=0),
+        np.array([fit.coulomb for fit in fits]),
+        np.array([fit.points[0].viscous for fit in fits]),
+    )
+
+
+def _with_tables(model: RobotModel, fits: Sequence[FrictionFit]) -> RobotModel:
+    """The same friction with every axis as a table, where one was fitted."""
+    joints = [
+        joint.model_copy(
+            update={"friction": joint.friction.model_copy(update={"viscous": fit.laws["table"]})}
+        )
+        if "table" in fit.laws
+        else joint
+        for joint, fit in zip(model.joints, fits, strict=True)
+    ]
+    return model.model_copy(update={"joints": joints}).with_urdf(model.urdf_xml, model.source)
+
+
+def _with_losses(
+    models: dict[str, RobotModel], powered: Sequence[Recording], supply: SupplyProfile | None
+) -> tuple[TotalFit | None, list[str]]:
+    """Add the models beyond the paper."""
+    model = models[FOLLOWS]
+    # The torque of the model under test is what it will have when it predicts.
+    data = drive_data(powered, [None] * len(powered), measured_torque=False)
+    place = location(data)
+    if place is None:
+        return None, ["no meter, so no losses of the drives"]
+    try:
+        total = fit_total(sums(data, model))
+    except NotIdentifiableError as error:
+        return None, [error.found]
+    models[LOSSES], notes = with_total(model, total, place, "grid meter of the virtual rig")
+    if supply is not None:
+        models[CAPACITOR] = with_capacitor(models[LOSSES], supply)
+    return total, notes
+
+
+def with_capacitor(model: RobotModel, supply: SupplyProfile) -> RobotModel:
+    """Return a model with the capacitor of a DC link, as on its name plate.
+
+    Args:
+        model: Any model.
+        supply: Capacitance and voltages.
+    """
+
+    def plate(value: float) -> PositiveFigure:
+        return PositiveFigure(value=value, tag="assumed", source="name plate of the rig's DC link")
+
+    capacitor = Capacitor(
+        capacitance=plate(supply.capacitance),
+        nominal_voltage=plate(supply.rectified_voltage),
+        chopper_voltage=plate(supply.chopper_on_voltage),
+    )
+    cabinet = model.cabinet.model_copy(update={"capacitor": capacitor})
+    return model.model_copy(update={"cabinet": cabinet}).with_urdf(model.urdf_xml, model.source)
