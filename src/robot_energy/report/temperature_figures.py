@@ -75,7 +75,7 @@ def energy_over_temperature(study: EnergyStudy, path: str | Path, title: str = "
         ReportError: If the file cannot be written.
     """
     _check(study)
-    with canvas(path, (6.4, 3.7), title) as figure:
+    with canvas(path, (6.4, 4.2), title) as figure:
         axes: Any = figure.subplots()
         _energies(axes, study)
         axes.set_xlabel("robot temperature, mean of the motors [degC]")
@@ -94,7 +94,7 @@ def energy_and_deviation(study: EnergyStudy, path: str | Path, title: str = "") 
         ReportError: If the file cannot be written.
     """
     _check(study)
-    with canvas(path, (7.2, 6.6), title) as figure:
+    with canvas(path, (8.0, 7.0), title) as figure:
         axes: Any = figure.subplots(2, 1, sharex=True)
         _energies(axes[0], study)
         axes[1].axhspan(-PERCENT * BAND, PERCENT * BAND, color="#ececec", zorder=0)
@@ -123,8 +123,8 @@ def shaft_power_over_temperature(
     """
     if not curves:
         raise ShapeError("no curve to draw", "at least one temperature")
-    colours = (SERIES[0], SERIES[4], SERIES[1], SERIES[3])
-    with canvas(path, (7.2, 3.4), title) as figure:
+    colours = (SERIES[0], SERIES[2], SERIES[1], SERIES[3])
+    with canvas(path, (8.0, 3.4), title) as figure:
         axes: Any = figure.subplots()
         axes.axhline(0.0, color="#9a9a9a", linewidth=0.8)
         for (label, (time, power)), colour in zip(curves.items(), colours, strict=False):
@@ -159,7 +159,7 @@ def _energies(axes: Axes, study: EnergyStudy) -> None:
                 label=label,
             )
     axes.set_ylabel(f"grid energy / measured at {study.reference_degc:g} degC")
-    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+    axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
 
 
 def _curve(

@@ -68,7 +68,7 @@ class EffectRow:
     Attributes:
         name: Of the rig: ``without x``, ``only x``, or one of the three that frame them.
         follows: Error of the proposed model at each held-out temperature. [-]
-        fixed: The same of friction fixed at 22 degC. [-]
+        fixed: The same of friction fixed at the coldest set. [-]
     """
 
     name: str

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from robot_energy.blocks import NANOSECOND, EffortMeaning, Quality
+from robot_energy.blocks import NANOSECOND, EffortMeaning, Float, Quality
 from robot_energy.errors import RigError
 from robot_energy.identify.recordings import read_recording
 from robot_energy.model_file import RobotModel
@@ -17,7 +17,7 @@ from robot_energy.reproduce.experiment import MotionSet
 
 
 @dataclass(frozen=True)
-class TestRow:
+class SetRow:
     """One set.
 
     Attributes:
@@ -35,8 +35,6 @@ class TestRow:
         extrapolated: Share of the samples in which a friction law was held at the edge of
             its fitted range. [-]
     """
-
-    __test__ = False  # not a test case
 
     bag: str
     way: str
@@ -63,7 +61,7 @@ class TestRow:
 
 def held_out(
     sets: Sequence[MotionSet], models: Mapping[str, RobotModel], reference: str
-) -> list[TestRow]:
+) -> list[SetRow]:
     """Replay every set with every model.
 
     Args:
@@ -81,7 +79,7 @@ def held_out(
     return [_row(entry, models, reference) for entry in sets]
 
 
-def _row(entry: MotionSet, models: Mapping[str, RobotModel], reference: str) -> TestRow:
+def _row(entry: MotionSet, models: Mapping[str, RobotModel], reference: str) -> SetRow:
     predicted: dict[str, float] = {}
     measured = compared = extrapolated = 0.0
     for name, model in models.items():
@@ -95,7 +93,7 @@ def _row(entry: MotionSet, models: Mapping[str, RobotModel], reference: str) -> 
             held = result.ledger.quality.get(int(Quality.EXTRAPOLATED), 0)
             extrapolated = held / max(result.ledger.samples, 1)
     truth = entry.recording.motor_temperature_degc.mean(axis=0)
-    return TestRow(
+    return SetRow(
         entry.path.name,
         entry.way,
         float(truth.mean()),
@@ -111,13 +109,13 @@ def _row(entry: MotionSet, models: Mapping[str, RobotModel], reference: str) -> 
     )
 
 
-def worst(rows: Sequence[TestRow], model: str) -> float:
+def worst(rows: Sequence[SetRow], model: str) -> float:
     """Return the greatest error of a model in size, with its sign. [-]"""
     errors = [row.error(model) for row in rows]
     return max(errors, key=abs)
 
 
-def normalised(rows: Sequence[TestRow], degc: float) -> float:
+def normalised(rows: Sequence[SetRow], degc: float) -> float:
     """Return the measured mean power at one temperature, straight between the sets. [W]
 
     Args:
@@ -130,7 +128,7 @@ def normalised(rows: Sequence[TestRow], degc: float) -> float:
     )
 
 
-def shaft_power(bag: Path, model: RobotModel, axis: int) -> tuple[np.ndarray, np.ndarray]:
+def shaft_power(bag: Path, model: RobotModel, axis: int) -> tuple[Float, Float]:
     """Return time and measured shaft power of one axis: traced torque times speed.
 
     Args:

@@ -31,7 +31,7 @@ FOLLOWS = "follows"  # the paper's proposed model: fv follows the motor temperat
 TABLE = "table"  # the same with fv as a table of points, "saved directly"
 LOSSES = "losses"  # the proposed model and drive losses from the grid meter
 CAPACITOR = "capacitor"  # and the DC link's capacitor by its name plate
-FIXED_DEGC = (22.0, 60.0)  # the two operating points that the paper names
+FIXED_DEGC = (20.0, 60.0)  # the cold end of the paper's range, and the state of its fig. 4
 UNKNOWN = "unknown before identification"
 GUESS = 100.0  # W, constant losses before identification; from 0 no rest could be told
 
@@ -59,7 +59,7 @@ class Identified:
         fits: Friction of every axis over temperature.
         cabinet: Constant losses.
         total: Drive losses behind the grid meter; None where the data do not tell them.
-        models: By name: ``follows``, ``table``, ``fixed_22`` ..., ``losses``, ``capacitor``.
+        models: By name: ``follows``, ``table``, ``fixed_20`` ..., ``losses``, ``capacitor``.
         fixed_degc: Mean motor temperature of the set behind each fixed model. [degC]
         sets: Friction from each set alone.
         notes: What was decided on the way, one sentence each.

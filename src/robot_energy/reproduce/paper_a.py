@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Callable, Generator
 from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from robot_energy.blocks import Float
+from robot_energy.errors import RigError
 from robot_energy.model_file import load
 from robot_energy.reproduce.calibration import Calibration, calibrate
 from robot_energy.reproduce.effects import EffectRow, Rigs, configurations, effect_row, rig_seeds
@@ -24,7 +26,7 @@ from robot_energy.reproduce.experiment import (
     make_programs,
     soaked,
 )
-from robot_energy.reproduce.held_out import TestRow, held_out, shaft_power
+from robot_energy.reproduce.held_out import SetRow, held_out, shaft_power
 from robot_energy.reproduce.models import FOLLOWS, Identified, identify
 from robot_energy.rig import RigConfig, kr16_profile
 from robot_energy.rig.plant import PlantFriction
@@ -76,13 +78,13 @@ FULL = Scale(
     programs=6,
 )
 QUICK = Scale(
-    moves=10,
+    moves=12,
     train=None,
     test=None,
     train_degc=(20.0, 40.0, 60.0, 80.0),
     test_degc=(22.0, 40.0, 60.0, 78.0),
     effects=("copper", "capacitor"),
-    rigs=Rigs((20.0, 50.0, 80.0), (22.0, 78.0), 10),
+    rigs=Rigs((20.0, 50.0, 80.0), (22.0, 78.0), 12),
     programs=2,
 )
 
@@ -142,7 +144,7 @@ class PaperA:
     test: list[MotionSet]
     rest: Recording
     identified: Identified
-    rows: list[TestRow]
+    rows: list[SetRow]
     shaft: list[ShaftCurve]
     truth: list[TrueFriction]
     effects: list[EffectRow]
@@ -176,8 +178,8 @@ def study(
     step = _Steps(len(rigs) + 3, progress)
     with _pool(workers, step.done) as run:
         work = [
-            run(train_sets, folder, seed, scale),
-            run(test_sets, folder, seed, scale),
+            run(record_training, folder, seed, scale),
+            run(record_test, folder, seed, scale),
             *(run(effect_row, name, rig, scale.rigs, seed) for name, rig in rigs.items()),
             run(calibrate, profile, seed, scale.programs, scale.moves),
         ]
@@ -207,13 +209,16 @@ def study(
     )
 
 
-def train_sets(folder: Path, seed: int, scale: Scale) -> tuple[list[MotionSet], Recording]:
+def record_training(folder: Path, seed: int, scale: Scale) -> tuple[list[MotionSet], Recording]:
     """Record the sets for identification and the rest in several poses.
 
     Args:
         folder: For the bags.
         seed: Of the study.
         scale: How much.
+
+    Raises:
+        RobotEnergyError: If rig or bags cannot be made.
     """
     profile = kr16_profile()
     programs, rig = make_programs(profile, seed, scale.moves), rig_seeds(seed)[0]
@@ -225,11 +230,12 @@ def train_sets(folder: Path, seed: int, scale: Scale) -> tuple[list[MotionSet], 
         profile, programs.train, programs.train_warm_up, scale.train, folder, "train", rig,
         programs.hold,
     )  # fmt: skip
-    assert rest is not None
+    if rest is None:
+        raise RigError("the experiment recorded no rest", "a program that holds")
     return sets, rest
 
 
-def test_sets(folder: Path, seed: int, scale: Scale) -> list[MotionSet]:
+def record_test(folder: Path, seed: int, scale: Scale) -> list[MotionSet]:
     """Record the sets that no fit sees.
 
     Args:
@@ -247,11 +253,8 @@ def test_sets(folder: Path, seed: int, scale: Scale) -> list[MotionSet]:
     return sets
 
 
-test_sets.__test__ = False  # type: ignore[attr-defined]
-
-
 def _shaft_curves(
-    test: list[MotionSet], rows: list[TestRow], identified: Identified
+    test: list[MotionSet], rows: list[SetRow], identified: Identified
 ) -> list[ShaftCurve]:
     """Coldest, middle and hottest set of warming up."""
     heating = [index for index, row in enumerate(rows) if row.way != "cooling"]
@@ -304,7 +307,10 @@ def _pool(
         yield now
         return
     # A fresh interpreter in each: a fork would copy the threads of numerical libraries.
-    pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn"))
+    others = set(active_children())
+    pool = ProcessPoolExecutor(
+        workers, mp_context=get_context("spawn"), initializer=_leave_interrupts
+    )
 
     def later(job: Callable[..., Any], *args: Any) -> Future[Any]:
         future = pool.submit(job, *args)
@@ -313,8 +319,17 @@ def _pool(
 
     try:
         yield later
-    finally:
-        pool.shutdown(cancel_futures=True)
+    except BaseException:  # nobody waits half a minute for results that nobody wants
+        pool.shutdown(wait=False, cancel_futures=True)
+        for child in set(active_children()) - others:
+            child.terminate()
+        raise
+    pool.shutdown()
+
+
+def _leave_interrupts() -> None:
+    """Ctrl-C is for the parent, which ends its workers."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def mean_shaft_power(curve: ShaftCurve) -> float:

@@ -10,13 +10,13 @@ from robot_energy.blocks import Float
 from robot_energy.friction import viscous_law
 from robot_energy.report.identification import cabinet_summary, friction_summary
 from robot_energy.reproduce.calibration import Calibration
-from robot_energy.reproduce.held_out import TestRow, normalised, worst
+from robot_energy.reproduce.held_out import SetRow, normalised, worst
 from robot_energy.reproduce.models import FOLLOWS
 from robot_energy.reproduce.paper_a import PaperA, mean_shaft_power
 
 REFERENCE_DEGC = 22.0  # of fig. 7a
 POWER_DEGC = 60.0  # of fig. 4
-FIXED = ("fixed_22", "fixed_60")
+FIXED = ("fixed_20", "fixed_60")
 LABEL = "virtual rig, KR 16 class; nothing here was measured on a robot"
 Figures = dict[str, Any]
 
@@ -88,7 +88,7 @@ def figures(result: PaperA) -> Figures:
             {
                 "rig": row.name,
                 "follows": list(row.follows),
-                "fixed_22": list(row.fixed),
+                "fixed_20": list(row.fixed),
                 "mean": row.mean,
                 "worst": row.worst,
             }
@@ -99,7 +99,7 @@ def figures(result: PaperA) -> Figures:
     }
 
 
-def warming(result: PaperA) -> list[TestRow]:
+def warming(result: PaperA) -> list[SetRow]:
     """Return the held-out sets that were not recorded while cooling, coldest first."""
     rows = [row for row in result.rows if row.way != "cooling"]
     return sorted(rows, key=lambda row: row.robot_degc)
@@ -157,7 +157,7 @@ def electrical_over_mechanical(calibration: Calibration, degc: float) -> float:
     return sum(flow[name] for name in electrical) / flow["friction_power"]
 
 
-def _row(row: TestRow) -> Figures:
+def _row(row: SetRow) -> Figures:
     return {
         "bag": row.bag,
         "way": row.way,
@@ -193,6 +193,16 @@ def _calibration(found: Calibration) -> Figures:
             f"{degc:g}": electrical_over_mechanical(found, degc) for degc in found.flows
         },
     }
+
+
+SHORT = {
+    "fixed_20": "fixed cold",
+    "fixed_60": "fixed warm",
+    "follows": "follows",
+    "table": "table",
+    "losses": "+ losses",
+    "capacitor": "+ DC link",
+}
 
 
 def model_names(result: PaperA) -> dict[str, str]:

@@ -68,8 +68,8 @@ def numbers(result: PaperA) -> list[Row]:
             "HOLD power over the most extreme poses",
             "at most approx. 10 %",
             f"{percent(holding.deviation)} of {holding.mean:.0f} W",
-            f"{holding.poses} random poses; phase resistances of the rig are assumed, and the "
-            "lower copper loss of a real KR 16 would explain 10 %",
+            f"{holding.poses} random poses; phase resistances of the rig are assumed; half "
+            "of its copper loss would give the paper's figure",
         ),
         (
             "that deviation against the peak power",
@@ -102,8 +102,8 @@ def numbers(result: PaperA) -> list[Row]:
             "assumed, after its ref. 11",
             f"{percent(float(drift.min()), True)} to {percent(float(drift.max()), True)} from "
             "the coldest to the hottest set, by axis",
-            "each set fitted alone (eq. 9); truly constant in the rig, weaker magnets let it "
-            "seem to grow",
+            "each set fitted alone; truly constant in the rig, but warm magnets distort the "
+            "traced torque: without that effect it stays within some 1 %",
         ),
         (
             "viscous friction falls with temperature (fig. 6)",

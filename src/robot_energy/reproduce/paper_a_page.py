@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from robot_energy.blocks import Float
 from robot_energy.friction import with_fixed_friction
 from robot_energy.replay import replay
 from robot_energy.report.document import Document
@@ -34,6 +35,7 @@ from robot_energy.reproduce.paper_a_figures import (
     FIXED,
     POWER_DEGC,
     REFERENCE_DEGC,
+    SHORT,
     figures,
     friction_errors,
     model_names,
@@ -184,15 +186,17 @@ def print_errors(result: PaperA, out: Page) -> None:
         out: Where to.
     """
     names = model_names(result)
+    if not isinstance(out, Document):  # a terminal is narrow
+        names = {name: SHORT[name] for name in names}
     table(
         out,
         f"Predicted over measured grid energy less 1, held-out motions, {RIG}",
-        ("robot", "state", "power", *names.values()),
+        ("robot [degC]", "state", "power [W]", *names.values()),
         [
             (
-                f"{row.robot_degc:.1f} degC",
+                f"{row.robot_degc:.1f}",
                 row.way,
-                f"{row.mean_power:.0f} W",
+                f"{row.mean_power:.0f}",
                 *(percent(row.error(name), True) for name in names),
             )
             for row in result.rows
@@ -261,7 +265,7 @@ def _power(document: Document, result: PaperA) -> None:
         "The dashed curve is the same model with friction held at 22 degC.",
     )
     curves = {
-        f"robot {curve.robot_degc:.0f} degC, motor {curve.motor_degc:.0f} degC": _window(
+        f"robot {curve.robot_degc:.0f}, motor {curve.motor_degc:.0f} degC": _window(
             curve.time, curve.power, result
         )
         for curve in result.shaft
@@ -302,7 +306,7 @@ def _series(bag: Path, result: PaperA) -> list[Series]:
     return [*found, held[1]]
 
 
-def _window(time: np.ndarray, power: np.ndarray, result: PaperA) -> tuple[np.ndarray, np.ndarray]:
+def _window(time: Float, power: Float, result: PaperA) -> tuple[Float, Float]:
     """The seconds in which axis 1 works hardest in the coldest set, smoothed a little."""
     first = result.shaft[0]
     length = round(WINDOW / float(np.median(np.diff(first.time))))
@@ -391,7 +395,7 @@ def _effects(document: Document, result: PaperA) -> None:
     no_oil = rows[NO_OIL]
     document.paragraph(
         "Control: with the oil held at one temperature nothing may be gained. There the model with "
-        f"friction identified at 22 degC is off by {percent(max(no_oil.fixed, key=abs), True)} at "
+        f"friction identified cold is off by {percent(max(no_oil.fixed, key=abs), True)} at "
         f"worst, the one that follows temperature by {percent(no_oil.worst, True)}; with all "
         f"effects it is {percent(max(rows[ALL].fixed, key=abs), True)} against "
         f"{percent(rows[ALL].worst, True)}."
@@ -458,6 +462,7 @@ def _calibration(document: Document, result: PaperA) -> None:
 
 def _beside(document: Document, result: PaperA) -> None:
     document.heading("Number by number")
+    document.paragraph("All of it comes from the one command at the top of this page.")
     table(document, "Text of the paper beside the virtual rig", COLUMNS, numbers(result))
     if LOSSES in result.identified.models:
         data = figures(result)["error_range"]

@@ -1,5 +1,7 @@
 """Friction over temperature: recovered from torque that was made another way."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -142,3 +144,14 @@ def test_data_that_cannot_tell_friction_are_refused_with_what_to_record(change, 
         getattr(data, name)[:] = value
     with pytest.raises(NotIdentifiableError, match=words):
         fit_friction(data)
+
+
+def test_one_thermal_state_is_held_out_in_time_not_by_temperature():
+    """The sensor's two readings split these motions by direction: each fold alone says nothing."""
+    data = measurement(minutes=1, degc=(20.0, 20.0))
+    degc = np.where(data.motor_velocity > 0, 20.0, 21.0)
+    fit = fit_friction(replace(data, motor_temperature_degc=degc))
+    assert fit.chosen == "constant"
+    assert fit.coulomb == pytest.approx(COULOMB, abs=0.03)
+    assert fit.law.viscous.value == pytest.approx(viscous(20.0), rel=0.03)
+    assert fit.errors["constant"].rms == pytest.approx(0.05, rel=0.3)  # the noise

@@ -111,3 +111,12 @@ def test_random_program_needs_position_limits():
     endless = MotionLimits(np.array([-np.inf]), np.array([np.inf]), np.ones(1), np.ones(1))
     with pytest.raises(MotionError, match="no position limits"):
         random_program(endless, 0)
+
+
+def test_random_programs_can_share_their_first_via():
+    start = np.array([0.5, -0.5])
+    one, two = (random_program(LIMITS, seed, moves=5, start=start) for seed in (1, 2))
+    for program in (one, two):
+        np.testing.assert_array_equal(program.via[0], start)
+        assert program.moves == 5
+    assert not np.allclose(one.via[1:], two.via[1:])

@@ -93,3 +93,17 @@ def test_refuses_no_time_and_a_bag_that_is_there(profile, tmp_path):
     record(VirtualRig(profile, PROGRAM), 0.1, tmp_path / "bag")
     with pytest.raises(BagError, match="exists"):
         record(VirtualRig(profile, PROGRAM), 0.1, tmp_path / "bag")
+
+
+def test_what_was_true_is_told_beside_the_bag(profile, tmp_path):
+    config = RigConfig(thermal_speedup=20.0)
+    made = record(VirtualRig(profile, PROGRAM, config, seed=3), 5.0, tmp_path / "bag")
+    truth = RigOutput.concatenate(
+        list(outputs(VirtualRig(profile, PROGRAM, config, seed=3), 5.0))
+    ).truth
+    assert made.peak_power == truth.grid_power.max()
+    np.testing.assert_array_equal(
+        made.motor_temperature_degc, truth.motor_temperature_degc[[0, -1]]
+    )
+    np.testing.assert_array_equal(made.gear_temperature_degc, truth.gear_temperature_degc[[0, -1]])
+    assert (made.motor_temperature_degc[1] > made.motor_temperature_degc[0]).all()

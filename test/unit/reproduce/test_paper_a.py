@@ -1,0 +1,145 @@
+"""The study of paper A: its short form through the command, and what it must not depend on."""
+
+import json
+import re
+from dataclasses import replace
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from robot_energy.cli import main
+from robot_energy.friction import viscous_law
+from robot_energy.model_file import load
+from robot_energy.replay import replay
+from robot_energy.reproduce.effects import Rigs
+from robot_energy.reproduce.experiment import make_programs, soaked
+from robot_energy.reproduce.held_out import held_out
+from robot_energy.reproduce.models import FOLLOWS, identify
+from robot_energy.reproduce.paper_a import QUICK, study
+from robot_energy.reproduce.paper_a_figures import figures
+from robot_energy.rig import RigConfig, kr16_profile
+
+TINY = replace(
+    QUICK,
+    moves=12,
+    train_degc=(20.0, 70.0),
+    test_degc=(45.0,),
+    effects=(),
+    rigs=Rigs((20.0, 70.0), (45.0,), 12),
+    programs=1,
+)
+
+
+@pytest.fixture(scope="module")
+def quick(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("paper_a") / "out"
+    assert main(["reproduce", "paper-a", "--quick", "--out", str(folder)]) == 0
+    return folder, json.loads((folder / "figures.json").read_text())
+
+
+def test_the_papers_result_comes_out_on_held_out_motions(quick):
+    _, data = quick
+    assert "virtual rig" in data["label"]
+    worst = data["worst_error"]
+    assert 0.40 < worst["fixed_20"] < 0.60  # paper A: up to 45 %
+    assert -0.40 < worst["fixed_60"] < -0.28
+    assert abs(worst["follows"]) < 0.055  # paper A: approx. 5 %
+    assert abs(worst["capacitor"]) < 0.02  # with the terms beyond the paper
+    assert 1.4 < data["energy_cold_over_hot"] < 1.8
+    assert 6e3 < data["peak_power"] < 10e3
+    assert data["greatest_rise_in_a_set"] < 2.0
+    assert all(row["extrapolated"] == 0.0 for row in data["sets"])
+    assert {axis["law"] for axis in data["friction"]["axes"]} == {"exponential"}
+
+
+def test_a_model_of_one_temperature_predicts_one_energy(quick):
+    """The motions are the same at every temperature, and so is what it says of them."""
+    _, data = quick
+    for name in ("fixed_20", "fixed_60"):
+        power = [row["predicted_energy"][name] / row["compared_time"] for row in data["sets"]]
+        assert np.ptp(power) < 0.002 * np.mean(power)
+    measured = [row["mean_power"] for row in data["sets"]]
+    assert measured == sorted(measured, reverse=True)
+
+
+def test_what_unmodelled_effects_cost_has_the_sign_of_physics(quick):
+    _, data = quick
+    rows = {row["rig"]: row for row in data["effects"]}
+    assert abs(rows["none of them"]["worst"]) < 0.01  # only the shape of the law is wrong
+    assert rows["only copper"]["mean"] < -0.03  # heat that the model does not see
+    assert rows["only capacitor"]["mean"] > 0.02  # braking energy that comes back
+    assert rows["without copper"]["mean"] > rows["all effects"]["mean"]
+    assert rows["without capacitor"]["mean"] < rows["all effects"]["mean"]
+    control = rows["oil at one temperature"]
+    assert abs(control["fixed_20"][-1] - control["follows"][-1]) < 0.03  # nothing to gain
+    assert rows["all effects"]["fixed_20"][-1] - rows["all effects"]["follows"][-1] > 0.4
+
+
+def test_the_identified_model_is_the_tested_one(quick):
+    """Replaying a test bag with the model file that was written gives the figure on the page."""
+    folder, data = quick
+    model = load(str(folder / "identified.yaml"))
+    row = data["sets"][0]
+    books = replay(folder / "bags" / row["bag"], model).ledger.comparison
+    assert books.predicted_energy == pytest.approx(row["predicted_energy"]["follows"], rel=1e-12)
+    assert books.measured_energy == pytest.approx(row["measured_energy"], rel=1e-12)
+    shipped = load("kr16")
+    for joint, before in zip(model.joints, shipped.joints, strict=True):
+        assert joint.friction.coulomb.tag == "identified"
+        assert joint.friction.coulomb.value != before.friction.coulomb.value
+
+
+def test_the_page_holds_all_of_it_and_needs_nothing_else(quick):
+    folder, _ = quick
+    text = (folder / "report.html").read_text()
+    assert text.count("<figure>") == 5
+    assert not re.search(r'(src|href)="(?!data:|#)', text)
+    assert "Nothing on this page was measured on a robot" in text
+    for figure in (1, 4, 5, 6, 7):
+        assert f"Counterpart of fig. {figure}" in text
+    assert "robot-energy reproduce paper-a --quick" in text
+    ElementTree.parse(folder / "front.svg")
+
+
+def test_the_command_refuses_in_one_sentence(quick, capsys, tmp_path):
+    folder, _ = quick
+    assert main(["reproduce", "paper-a", "--out", str(folder)]) == 2
+    assert "is not empty" in capsys.readouterr().err
+    (tmp_path / "file").write_text("")
+    assert main(["reproduce", "paper-a", "--out", str(tmp_path / "file")]) == 2
+    assert "is a file" in capsys.readouterr().err
+    assert main(["reproduce", "paper-a", "--seed", "-1"]) == 2
+    assert "no whole number" in capsys.readouterr().err
+
+
+def test_figures_do_not_depend_on_the_number_of_processes(tmp_path):
+    texts = []
+    for workers in (1, 2):
+        folder = tmp_path / str(workers)
+        folder.mkdir()
+        shares = []
+        result = study(folder, 3, TINY, workers, shares.append)
+        texts.append(json.dumps(figures(result)))
+        assert shares == sorted(shares)
+        assert shares[-1] == 1.0
+    assert texts[0] == texts[1]
+
+
+def test_a_rig_that_has_only_what_the_model_has_is_recovered(tmp_path):
+    """No hidden effect: friction and constants are those of the plant, the energy is exact."""
+    profile, config = kr16_profile(), RigConfig.plain()
+    programs = make_programs(profile, 0, moves=12)
+    train = soaked(profile, programs.train, (20.0, 50.0), tmp_path, "train", 1, config)
+    rest = soaked(profile, programs.hold, (50.0,), tmp_path, "rest", 1, config)
+    test = soaked(profile, programs.test, (50.0,), tmp_path, "test", 2, config)
+    found = identify([entry.path for entry in train], rest[0].path, load("kr16"), beyond=False)
+    oil = [lubricant.friction_factor(60.0) for lubricant in profile.lubricant]
+    for axis, fit in enumerate(found.fits):
+        law = viscous_law(fit.law).viscous(35.0)
+        assert law == pytest.approx(profile.viscous_40[axis] * oil[axis], rel=0.02)
+        assert fit.coulomb == pytest.approx(profile.coulomb[axis], rel=0.03)
+    assert found.cabinet.loss_grid == pytest.approx(250.0, abs=0.5)
+    assert found.cabinet.loss_dc == pytest.approx(90.0, abs=0.5)
+    (row,) = held_out(test, found.models, FOLLOWS)
+    assert abs(row.error(FOLLOWS)) < 0.003
