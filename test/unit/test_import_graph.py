@@ -42,6 +42,31 @@ ALLOWED = {
     "bag": {"errors", "wire", "yaml_text"},
     "state_file": {"errors", "model_file", "pipeline", "registers"},
     "messages": {"errors", "blocks", "model_file", "wire", "ingest", "pipeline", *BOOKS},
+    "motion": {"errors", "blocks", "robot"},
+    "rig": {
+        "errors",
+        "blocks",
+        "model_file",
+        "robot",
+        "drivetrain",
+        "pipeline",
+        "bag",
+        "wire",
+        "motion",
+    },
+    "reproduce": {
+        "errors",
+        "blocks",
+        "model_file",
+        "friction",
+        "drivetrain",
+        "robot",
+        "replay",
+        "motion",
+        "rig",
+        "identify",
+        "report",
+    },
 }
 FOREIGN = {
     "rclpy",
@@ -74,6 +99,13 @@ def test_modules_import_only_what_stands_before_them_in_the_chain():
             continue
         used = {part.split(".")[1] for part in imports(path) if part.startswith("robot_energy.")}
         assert used <= ALLOWED[name] | {name}, f"{path} imports {used - ALLOWED[name]}"
+
+
+def test_nothing_but_the_command_imports_reproduce():
+    """The studies stand on everything else and nothing stands on them."""
+    for name, path in modules():
+        if name not in ("reproduce", "cli"):
+            assert not any(part.startswith("robot_energy.reproduce") for part in imports(path))
 
 
 def test_the_library_imports_no_ros():

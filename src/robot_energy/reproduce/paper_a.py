@@ -78,13 +78,13 @@ FULL = Scale(
     programs=6,
 )
 QUICK = Scale(
-    moves=12,
+    moves=14,
     train=None,
     test=None,
     train_degc=(20.0, 40.0, 60.0, 80.0),
     test_degc=(22.0, 40.0, 60.0, 78.0),
     effects=("copper", "capacitor"),
-    rigs=Rigs((20.0, 50.0, 80.0), (22.0, 78.0), 12),
+    rigs=Rigs((20.0, 50.0, 80.0), (22.0, 78.0), 14),
     programs=2,
 )
 
