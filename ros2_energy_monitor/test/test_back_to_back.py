@@ -8,9 +8,13 @@ from ros2_energy_msgs.msg import EnergyRegisters, MotorTemperatures, PowerReadin
 from sensor_msgs.msg import JointState
 
 from robot_energy.blocks import EffortMeaning
-from robot_energy.model_file import load
+from robot_energy.model_file import load, save
 from robot_energy.pipeline import Settings
 from robot_energy.replay import replay
+from robot_energy.reproduce.experiment import make_programs, soaked
+from robot_energy.reproduce.held_out import held_out
+from robot_energy.reproduce.models import FOLLOWS, fixed_name, identify
+from robot_energy.rig import kr16_profile
 from robot_energy.wire.batch import RawBatch
 from robot_energy.wire.layout import Decoder
 from ros2_energy_monitor.energy_monitor import EnergyMonitor
@@ -130,9 +134,52 @@ def test_energy_monitor_equals_replay(bench, messages, offline):
 
 
 def test_three_nodes_equal_replay(bench, messages, offline):
-    torque = bench.add(TorqueMonitor, model="kr16", effort="motor_torque")
-    friction = bench.add(FrictionMonitor, model="kr16")
-    power = bench.add(PowerMonitor, model="kr16", state_folder="")
+    power, collected = through_three_nodes(bench, messages, "kr16", len(offline[1]))
+    bench.spin_until(
+        lambda: collected.take() or offline[2][-1] in collected.registers, "the last registers"
+    )
+    compare(collected, offline, power.ledger)
+
+
+@pytest.mark.parametrize("kind", [FOLLOWS, fixed_name(20.0)])
+def test_three_nodes_give_the_figures_of_the_study_of_paper_a(bench, study, kind, read_bag):
+    """A held-out set at 60 degC, live: the errors of the identified models are those of replay."""
+    entry, models, row, folder = study
+    model = str(folder / f"{kind}.yaml")
+    save(models[kind], model)
+    states = replay(entry.path, models[kind], out=folder / f"{kind}_out")
+    rows = len(read_bag(folder / f"{kind}_out")["/energy/power"])
+    power, _ = through_three_nodes(bench, read_bag(entry.path), model, rows)
+    books, expected = power.ledger.comparison, states.ledger
+    assert np.array_equal(power.ledger.registers.microjoule, expected.registers.microjoule)
+    assert power.ledger.registers.time == expected.registers.time
+    assert books.predicted_energy == expected.comparison.predicted_energy
+    assert books.predicted_energy == row.predicted[kind]
+    assert books.measured_energy == row.measured_energy
+    error = books.predicted_energy / books.measured_energy - 1.0
+    assert abs(error) < 0.055 if kind == FOLLOWS else error > 0.3
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory):
+    """A small study of paper A: models identified at three temperatures, tested at 60 degC."""
+    folder = tmp_path_factory.mktemp("paper_a")
+    profile = kr16_profile()
+    programs = make_programs(profile, 0, moves=14)
+    train = soaked(profile, programs.train, (20.0, 45.0, 75.0), folder, "train", 1)
+    rest = soaked(profile, programs.hold, (50.0,), folder, "rest", 1)
+    (entry,) = soaked(profile, programs.test, (60.0,), folder, "test", 2)
+    bags = [one.path for one in train]
+    models = identify(bags, rest[0].path, load("kr16"), beyond=False).models
+    (row,) = held_out([entry], models, FOLLOWS)
+    return entry, models, row, folder
+
+
+def through_three_nodes(bench, messages, model, states) -> tuple[PowerMonitor, Collected]:
+    """Play messages through the three nodes and wait until they have published all of it."""
+    torque = bench.add(TorqueMonitor, model=model, effort="motor_torque")
+    friction = bench.add(FrictionMonitor, model=model)
+    power = bench.add(PowerMonitor, model=model, state_folder="")
     collected = Collected(bench)
     bench.spin_until(lambda: power.torques.publishers and power.frictions.publishers, "matching")
     rows = 1 + len(messages["/motor_temperatures"])
@@ -150,10 +197,5 @@ def test_three_nodes_equal_replay(bench, messages, offline):
     bench.spin_until(lambda: power.torques.received == accepted, "all torques")
     friction.close()
     power.close()
-    bench.spin_until(
-        lambda: collected.take() or len(collected.power) >= len(offline[1]), "all power states"
-    )
-    bench.spin_until(
-        lambda: collected.take() or offline[2][-1] in collected.registers, "the last registers"
-    )
-    compare(collected, offline, power.ledger)
+    bench.spin_until(lambda: collected.take() or len(collected.power) >= states, "all power states")
+    return power, collected

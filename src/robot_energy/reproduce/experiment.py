@@ -30,8 +30,8 @@ MOVES = 20  # paper A, section IV
 WARM_UP = 60.0  # s, paper A, section IV
 TOOL, LEAST_HEIGHT = "tool0", 0.2  # m: programs stay above the floor
 # Shares of the joint ranges that let all axes run fast and none overheat.
-TRAIN_WARM_UP_ZONE = (0.8, 0.65, 0.75, 0.6, 1.0, 1.0)
-TEST_WARM_UP_ZONE = (0.55, 0.25, 0.6, 0.5, 0.65, 0.5)
+TRAIN_WARM_UP_ZONE = (0.9, 0.65, 0.75, 0.6, 1.0, 1.0)
+TEST_WARM_UP_ZONE = (0.45, 0.25, 0.6, 0.5, 0.65, 0.5)
 POSES, POSE_DWELL = 8, 3.0  # of the recording at rest; s
 # Rest before a set, until the thermometers (1 Hz) have spoken: no motion is predicted with
 # the friction of a temperature that is not known yet.

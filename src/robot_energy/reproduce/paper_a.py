@@ -67,9 +67,9 @@ class Scale:
 # because the paper normalises to it.
 FULL = Scale(
     moves=MOVES,
-    train=Plan(125, (20.0, 22.0, *range(26, 94, 4)), ambient_degc=32.0),
+    train=Plan(125, (20.0, 22.0, *range(24, 94, 4)), ambient_degc=32.0),
     test=Plan(
-        115, (20.0, 22.0, *range(26, 90, 4)), 14, tuple(range(70, 34, -6)), ambient_degc=30.0
+        115, (20.0, 22.0, *range(24, 90, 4)), 14, tuple(range(70, 34, -6)), ambient_degc=30.0
     ),
     train_degc=(),
     test_degc=(),

@@ -205,6 +205,15 @@ SHORT = {
 }
 
 
+def curve_names(result: PaperA) -> dict[str, str]:
+    """Return what each model is called in a legend."""
+    at = result.identified.fixed_degc
+    names = {name: f"predicted, friction of {at[name]:.0f} degC" for name in FIXED}
+    names[FOLLOWS] = "predicted, friction follows temperature"
+    names["capacitor"] = "and drive losses, DC link"
+    return names
+
+
 def model_names(result: PaperA) -> dict[str, str]:
     """Return what each model is called on the page, in its order."""
     at = result.identified.fixed_degc

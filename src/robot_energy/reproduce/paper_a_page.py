@@ -36,6 +36,7 @@ from robot_energy.reproduce.paper_a_figures import (
     POWER_DEGC,
     REFERENCE_DEGC,
     SHORT,
+    curve_names,
     figures,
     friction_errors,
     model_names,
@@ -66,7 +67,7 @@ def energy_study(result: PaperA, models: tuple[str, ...]) -> EnergyStudy:
         result: The study.
         models: Which of its models.
     """
-    reference, names = reference_power(result), model_names(result)
+    reference, names = reference_power(result), curve_names(result)
     curves = [
         EnergyCurve(
             names[name],
@@ -185,13 +186,13 @@ def print_errors(result: PaperA, out: Page) -> None:
         result: The study.
         out: Where to.
     """
-    names = model_names(result)
+    names, degc, watt = model_names(result), "robot [degC]", "power [W]"
     if not isinstance(out, Document):  # a terminal is narrow
-        names = {name: SHORT[name] for name in names}
+        names, degc, watt = {name: SHORT[name] for name in names}, "degC", "W"
     table(
         out,
         f"Predicted over measured grid energy less 1, held-out motions, {RIG}",
-        ("robot [degC]", "state", "power [W]", *names.values()),
+        (degc, "state", watt, *names.values()),
         [
             (
                 f"{row.robot_degc:.1f}",
