@@ -28,6 +28,7 @@ SENSORS = (
     "stamp_jitter",
     "temperature_sensor",
     "meter_error",
+    "drive_power_error",  # of readings that this study does not use
 )
 EFFECTS: dict[str, tuple[str, ...]] = {
     "copper": ("copper", "copper_temperature"),
