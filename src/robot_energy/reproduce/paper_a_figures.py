@@ -18,6 +18,7 @@ REFERENCE_DEGC = 22.0  # of fig. 7a
 POWER_DEGC = 60.0  # of fig. 4
 FIXED = ("fixed_20", "fixed_60")
 LABEL = "virtual rig, KR 16 class; nothing here was measured on a robot"
+ROUNDING = 0.5  # K
 Figures = dict[str, Any]
 
 
@@ -123,6 +124,23 @@ def friction_errors(result: PaperA) -> list[tuple[Float, Float]]:
         law = np.array([float(one.viscous(value)) for one, value in zip(laws, degc, strict=True)])
         found.append((degc, law / entry.viscous - 1.0))
     return found
+
+
+def beyond_range(result: PaperA) -> tuple[int, float]:
+    """Return in how many held-out sets a motor was outside the fitted range of its law.
+
+    Returns:
+        The count, and the greatest distance from a range. [K]
+    """
+    low = np.array([fit.range_degc[0] for fit in result.identified.fits])
+    high = np.array([fit.range_degc[1] for fit in result.identified.fits])
+    away = [
+        float(np.maximum(low - degc, degc - high).max())
+        for degc in (entry.recording.motor_temperature_degc for entry in result.test)
+    ]
+    # Readings are whole degrees: what lies within their rounding is not outside.
+    outside = [kelvin for kelvin in away if kelvin > ROUNDING]
+    return len(outside), max(outside, default=0.0)
 
 
 def nearest_row(result: PaperA, degc: float) -> int:

@@ -36,6 +36,7 @@ from robot_energy.reproduce.paper_a_figures import (
     POWER_DEGC,
     REFERENCE_DEGC,
     SHORT,
+    beyond_range,
     curve_names,
     figures,
     friction_errors,
@@ -170,12 +171,12 @@ def _result(document: Document, result: PaperA) -> None:
         "robot temperature relative to the measured one at 22 degC, and its deviation. Held out.",
     )
     print_errors(result, document)
-    held = max(row.extrapolated for row in result.rows)
+    count, kelvin = beyond_range(result)
     document.paragraph(
-        "In no set was a friction law used outside its fitted range."
-        if held == 0
-        else f"In the worst set {percent(held)} of the samples used a friction law at the edge of "
-        "its fitted range."
+        "In no set was a motor outside the temperatures at which its friction was fitted."
+        if count == 0
+        else f"In {count} of {len(result.rows)} sets a motor was outside the temperatures at which "
+        f"its friction was fitted, by at most {kelvin:.1f} K; there the law is held at its edge."
     )
 
 
