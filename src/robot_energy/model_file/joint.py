@@ -15,6 +15,11 @@ from pydantic import (
 from robot_energy.model_file.figure import Entry, Figure, Number, PositiveFigure, Tag
 
 
+def without_absent(entries: dict[str, Any], key: str) -> dict[str, Any]:
+    """Leave out a key that came later than the files that lack it, where it says nothing."""
+    return {name: value for name, value in entries.items() if name != key or value is not None}
+
+
 class ConstantLaw(Entry):
     """Viscous friction that does not know temperature.
 
@@ -52,6 +57,11 @@ class ExponentialLaw(Entry):
         if not self.fitted_degc[0] < self.fitted_degc[1]:
             raise ValueError(f"fitted_degc must rise, found {list(self.fitted_degc)}")
         return self
+
+    @model_serializer(mode="wrap")
+    def _dump(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave out an absent deviation: a model without one keeps its identity."""
+        return without_absent(dump(self), "std")
 
 
 class TableLaw(Entry):
@@ -205,7 +215,4 @@ class Joint(Entry):
     @model_serializer(mode="wrap")
     def _dump(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """Leave out an absent torque constant: a model without one keeps its identity."""
-        entries: dict[str, Any] = dump(self)
-        if self.torque_constant is None:
-            entries.pop("torque_constant", None)
-        return entries
+        return without_absent(dump(self), "torque_constant")

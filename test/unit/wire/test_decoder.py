@@ -185,7 +185,8 @@ def test_arrays_of_stamps_are_decoded_to_ns(messages):
         "model_id": "m",
     }
     fields = [name for name, _ in messages.store.fielddefs[msgtype][1]]
-    arrays = {"coulomb", "viscous", "viscous_fallback", "motor_temperature_degc"}
+    kinds = messages.store.fielddefs[msgtype][1]
+    arrays = {name for name, (kind, _) in kinds if kind.name == "SEQUENCE"}
     values = [defaults.get(name, np.zeros(3) if name in arrays else 0) for name in fields]
     row = messages.serialize(make(msgtype, *values))
     (run,) = decoder.decode(messages.batch([row, row], msgtype)).runs
