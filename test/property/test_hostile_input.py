@@ -1,7 +1,7 @@
 """Arbitrary and damaged input: counted online, refused in files, never anything else."""
 
 import pytest
-import targets
+import target
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from targets import TARGETS
@@ -45,7 +45,7 @@ def damaged(seed: bytes, edits) -> bytes:
 @pytest.fixture(scope="module", autouse=True)
 def scratch():
     yield
-    targets.discard_scratch()
+    target.discard_scratch()
 
 
 def profile(examples):

@@ -11,28 +11,19 @@ from pathlib import Path
 
 from figure import Figure
 
-NAMES = (
-    "online",
-    "model_file",
-    "urdf",
-    "mcap",
-    "sqlite",
-    "bag_folder",
-    "log_csv",
-    "log_ur",
-    "log_mapping",
-    "inputs_file",
-    "state_file",
-)
-SECONDS = (120, 5)  # for each, whole and quick
-MINUTES = tuple(len(NAMES) * (seconds + 5) / 60 for seconds in SECONDS)
-FOUND = ("crash-*", "timeout-*", "oom-*", "leak-*")
 HERE = Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE.parent / "fuzz"))
+
+from targets import TARGETS
+
+SECONDS = (120, 5)  # for each, whole and quick
+MINUTES = tuple(len(TARGETS) * (seconds + 5) / 60 for seconds in SECONDS)
+FOUND = ("crash-*", "timeout-*", "oom-*", "leak-*")
 
 
 def run(folder: str, quick: bool) -> list[Figure]:
     """Try every target for the same time, one after the other."""
-    return [_try(name, Path(folder) / name, SECONDS[quick]) for name in NAMES]
+    return [_try(name, Path(folder) / name, SECONDS[quick]) for name in TARGETS]
 
 
 def _try(name: str, folder: Path, seconds: int) -> Figure:

@@ -1,0 +1,120 @@
+"""Models, URDFs, parameter files of inputs, state files: anything or a refusal."""
+
+import functools
+import json
+import shutil
+
+import numpy as np
+import yaml
+from target import JOINTS, done, in_file, scratch
+
+import robots
+from robot_energy.ingest.sources import (
+    TEMPERATURE_TYPES,
+)
+from robot_energy.inputs_file import read_inputs
+from robot_energy.model_file import parse_yaml, validate
+from robot_energy.pipeline import EnergyPipeline, Ledger
+from robot_energy.registers.record import FORMAT_VERSION
+from robot_energy.robot import Robot
+from robot_energy.state_file import books_of
+from robot_energy.state_file.bookkeeper import file_name_of, identity_of
+from robot_energy.state_file.envelope import wrap
+
+
+def model_file(data: bytes) -> bool:
+    """A model file is refused, or makes a pipeline."""
+
+    def read() -> None:
+        model = validate(parse_yaml(data.decode("utf-8", "replace"), "fuzz.yaml"), "fuzz.yaml")
+        EnergyPipeline(model)
+
+    return done(read)
+
+
+def model_seeds() -> list[bytes]:
+    """The two-link arm, with all drives and laws."""
+    plain, rich = robots.two_link_data(), robots.two_link_data()
+    figure = robots.figure
+    law = {"law": "table", "motor_temperature_degc": [20, 60], "viscous": [2e-4, 1e-4]}
+    points = {"motor_velocity": [1, 2], "motor_torque": [1, -1], "efficiency": [0.8, 1.2]}
+    for joint in rich["joints"]:
+        joint["friction"]["viscous"] = {**law, "tag": "identified"}
+        joint["friction"]["stribeck"] = {"torque": figure(0.1), "velocity": figure(1.0)}
+        joint["friction"]["smooth_velocity"] = figure(0.1)
+        joint["efficiency_map"] = {**points, "tag": "derived"}
+        joint["losses"] = {
+            name: figure(1e-3) for name in ("constant", "linear", "quadratic", "copper")
+        }
+    rich["cabinet"]["capacitor"] = {
+        "capacitance": figure(1e-3),
+        "nominal_voltage": figure(300.0),
+        "chopper_voltage": figure(380.0),
+    }
+    rich["payload"] = [{"link": "fore", "mass": 1.0, "tag": "assumed"}]
+    drives = [{**rich, "drive": drive} for drive in ("loss_model", "efficiency_map")]
+    apart = [json.loads(json.dumps(data)) for data in (plain, *drives)]  # no aliases
+    return [yaml.safe_dump(data).encode() for data in apart]
+
+
+def urdf(data: bytes) -> bool:
+    """A robot description is refused, or makes a robot with finite torques at rest."""
+
+    def read() -> None:
+        robot = Robot(data.decode("utf-8", "replace"), JOINTS)
+        pose = np.zeros((1, 2))
+        assert np.isfinite(robot.joint_torque(pose, pose, pose)).all()
+
+    return done(read)
+
+
+def urdf_seeds() -> list[bytes]:
+    """The two-link arm."""
+    return [robots.TWO_LINK_URDF.encode()]
+
+
+def inputs_file(data: bytes) -> bool:
+    """The inputs of a replay are refused, or read."""
+    path = in_file("inputs.yaml", data)
+    return done(lambda: read_inputs(path))
+
+
+def inputs_seeds() -> list[bytes]:
+    """Parameters of a node."""
+    source = {"topic": "/a", "type": TEMPERATURE_TYPES[0], "unit": "kelvin", "joints": ["a"]}
+    nodes = {"/**": {"ros__parameters": {"temperature_sources": ["m"], "m": source, "rate": 2}}}
+    return [yaml.safe_dump(nodes).encode()]
+
+
+def state_file(data: bytes) -> bool:
+    """State files are continued or moved aside; what a newer release wrote stays, with a word."""
+    model, ledger = robots.two_link(), Ledger(2)
+    folder = scratch() / "state"
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir()
+    name = file_name_of(identity_of(model))
+    (folder / f"{name}.a.state").write_bytes(data)
+    payload = data.partition(b"\n")[2]
+    (folder / f"{name}.b.state").write_bytes(wrap(FORMAT_VERSION, 1, payload))
+    keeper = books_of(ledger, model, folder)
+    keeper.open()
+    taken = keeper.sequence > 0
+    kept = keeper.close()
+    assert kept == keeper.loaded
+    assert kept or keeper.trouble
+    return taken
+
+
+@functools.cache
+def state_seeds() -> list[bytes]:
+    """The books of an arm that has moved."""
+    model, folder = robots.two_link(), scratch() / "state_seed"
+    pipeline = EnergyPipeline(model)
+    keeper = books_of(pipeline.ledger, model, folder)
+    keeper.open()
+    stamp, pose = 10 + np.arange(20) / 100, np.full((20, 2), 0.3)
+    pipeline.step(robots.joint_block(stamp, pose, pose))
+    pipeline.flush()
+    assert keeper.checkpoint()
+    assert keeper.close()
+    return [path.read_bytes() for path in sorted(folder.glob("*.state"))]
