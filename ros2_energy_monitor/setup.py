@@ -12,6 +12,8 @@ EXECUTABLES = [
     "energy_monitor",
     "virtual_robot",
     "console",
+    "player",
+    "live_study",
 ]
 
 setup(

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 from ros2_energy_msgs.msg import JointFriction, JointTorque
@@ -65,6 +67,8 @@ class PowerMonitor(MonitorNode[PowerParameters]):
         self.orders = [self._torque.order]
         timeout = self.parameters.input_timeout
         torque = InputWatch("joint torque", self.torques, self._torque.account, timeout)
+        # Friction comes with temperatures only, and latched: silence is no fault, absence is.
+        friction = InputWatch("joint friction", self.frictions, self._friction.account, math.inf)
         self.sources = [
             energy_source(
                 self.ledger,
@@ -72,6 +76,7 @@ class PowerMonitor(MonitorNode[PowerParameters]):
                 self._meter,
                 self.parameters.meter_max_gap,
                 torque.judge,
+                partial(friction.judge, prefix="friction_"),
                 stuck_temperatures(self._stage.watch, self.model),
             ),
             self._books.checkpoints.findings,

@@ -56,21 +56,20 @@ class Children:
         """Return the nodes that have ended, which they should not by themselves."""
         return [name for name, child in self._running.items() if child.poll() is not None]
 
-    def stop(self) -> dict[str, int]:
-        """Interrupt every node, kill what does not end, and return the exit codes."""
-        for child in self._running.values():
+    def stop(self, *names: str) -> dict[str, int]:
+        """Interrupt some nodes or all, kill what does not end, and return the exit codes."""
+        chosen = {name: self._running.pop(name) for name in names or tuple(self._running)}
+        for child in chosen.values():
             if child.poll() is None:
                 child.send_signal(signal.SIGINT)
         deadline = time.monotonic() + GRACE
-        for child in self._running.values():
+        for child in chosen.values():
             try:
                 child.wait(timeout=max(0.0, deadline - time.monotonic()))
             except subprocess.TimeoutExpired:
                 child.kill()
                 child.wait()
-        codes = {name: child.returncode for name, child in self._running.items()}
-        self._running.clear()
-        return codes
+        return {name: child.returncode for name, child in chosen.items()}
 
     def __enter__(self) -> Self:
         return self

@@ -57,6 +57,19 @@ def test_the_log_says_what_is_modelled(bench, monitor, capfd):
     assert "tick_rate 25.0" in output
 
 
+def test_a_missing_friction_monitor_is_said(bench):
+    bench.add(PowerMonitor, model="kr16", state_folder="")
+    diagnosed = bench.diagnosed()
+    sentence = "no joint friction has arrived on /energy/joint_friction, which has no publisher"
+    diagnosed.wait("power_monitor: energy", sentence)
+    bench.add(FrictionMonitor, model="kr16")
+
+    def arrived() -> bool:
+        return sentence[:30] not in diagnosed["power_monitor: energy"].message
+
+    bench.spin_until(arrived, "friction of before any temperature")
+
+
 def test_a_remark_is_logged_once(bench, capfd):
     bench.add(TorqueMonitor, model="kr16")
     diagnosed = bench.diagnosed()

@@ -16,9 +16,10 @@ import time
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from figure import Figure, slope
+from figure import Figure
 from many_joints import write_cell
 from rclpy.executors import SingleThreadedExecutor
 
@@ -28,6 +29,8 @@ MINUTES = (16.5, 1.2)
 HERE = Path(__file__).parent
 SETTLED = 200.0  # s: the last minute without a meter is held, then buffers find their size
 FLAT = 2.0  # MB/h that count as flat
+PIECE = 20.0  # s over which growth is read; the median of the pieces is what creeps
+LEAST_PIECES = 4
 PATIENCE = 60.0  # s until the last message is accounted for
 
 
@@ -155,10 +158,6 @@ def _figures(what: str, published: int, watch: Watch, lossy: bool, cpu: float) -
     received, accepted = _count(values, "received"), _count(values, "accepted")
     lost = _count(values, "lost_in_transport")
     rejected = sum(int(value) for key, value in values.items() if key.startswith("rejected."))
-    settled = [
-        (at, size) for at, size in zip(watch.times, watch.memory, strict=True) if at > SETTLED
-    ]
-    growth = slope(*zip(*settled, strict=True)) * 3600 if len(settled) > 60 else None
     sums = published == received + lost and received == accepted + rejected
     return [
         Figure(f"{what}: published", published, "> 0", published > 0),
@@ -169,15 +168,28 @@ def _figures(what: str, published: int, watch: Watch, lossy: bool, cpu: float) -
         Figure(f"{what}: published = received + lost", "yes" if sums else "no", "yes", sums),
         Figure(f"{what}: share of one core", f"{cpu:.1%}"),
         Figure(f"{what}: memory [MB]", round(max(watch.memory, default=0.0), 1)),
-        _growth(what, growth),
+        *_growth(what, watch),
         Figure(f"{what}: errors said", " ".join(watch.levels) or "none", "none", not watch.levels),
     ]
 
 
-def _growth(what: str, growth: float | None) -> Figure:
-    if growth is None:
-        return Figure(f"{what}: growth of memory", "run too short to tell")
-    return Figure(f"{what}: growth [MB/h]", round(growth, 2), f"<= {FLAT:g}", growth <= FLAT)
+def _growth(what: str, watch: Watch) -> list[Figure]:
+    """Split growth into what creeps and what comes in steps.
+
+    A node that was held up (a busy machine) takes a longer queue at once and keeps the memory
+    for it: a step, bounded by the depth of the queue. What is lost for good with every
+    message, or with time, creeps in every piece.
+    """
+    time, memory = np.array(watch.times), np.array(watch.memory)
+    marks = np.arange(SETTLED, time[-1] if len(time) else 0.0, PIECE)
+    if len(marks) < LEAST_PIECES:
+        return [Figure(f"{what}: growth of memory", "run too short to tell")]
+    pieces = np.diff(np.interp(marks, time, memory))
+    creep = float(np.median(pieces)) / PIECE * 3600
+    return [
+        Figure(f"{what}: memory creeps by [MB/h]", round(creep, 2), f"<= {FLAT:g}", creep <= FLAT),
+        Figure(f"{what}: steps of it in the run [MB]", round(float(pieces.sum()), 2)),
+    ]
 
 
 def _memory(pid: int) -> float:

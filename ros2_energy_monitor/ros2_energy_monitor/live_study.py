@@ -1,0 +1,212 @@
+"""The held-out motions of the study of paper A, live through the three nodes.
+
+`robot-energy reproduce paper-a` leaves recordings of motions that no model was fitted to,
+and says what the identified model predicts of each by replay. Here the same recordings are
+played to the three monitors as processes of their own, faster than nature, and the energies
+that they publish are set beside those of the replay.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.node import Node
+from ros2_energy_msgs.msg import EnergyRegisters
+
+from robot_energy.bag import BagReader
+from robot_energy.errors import ReportError, RobotEnergyError
+from ros2_energy_monitor.player import LEAD, Player, pausing
+from ros2_energy_monitor.processes import Children
+from ros2_energy_monitor.publishers import reliable
+from ros2_energy_monitor.shared_memory import clear_ports
+from ros2_energy_monitor.shell import StopSignal, ros
+
+MODEL = "follows"  # of the study: friction follows temperature, plain as in the paper
+TOPICS = ("/joint_states", "/motor_temperatures", "/power_meter")
+MET = {  # inputs of the monitors by the status that counts their publishers
+    "torque_monitor: joint states": ("input_publishers",),
+    "friction_monitor: motor temperatures": ("input_publishers",),
+    "power_monitor: energy": (
+        "input_publishers",
+        "friction_input_publishers",
+        "meter_input_publishers",
+    ),
+}
+SAME = 1e-6  # share by which energies of nodes and replay may differ
+START_LIMIT = 30.0  # s until the monitors listen
+
+
+@dataclass(frozen=True)
+class Expected:
+    """What the study says of one recording, by replay.
+
+    Attributes:
+        bag: Folder of the recording.
+        robot_degc: Mean temperature of the motors. [degC]
+        measured: Energy by the meter. [J]
+        predicted: By the model, over the same time. [J]
+    """
+
+    bag: Path
+    robot_degc: float
+    measured: float
+    predicted: float
+
+
+def read_study(folder: Path) -> list[Expected]:
+    """Return what a study says of its held-out recordings.
+
+    Args:
+        folder: Output of `robot-energy reproduce paper-a`.
+
+    Raises:
+        ReportError: If it is none.
+    """
+    try:
+        sets = json.loads((folder / "figures.json").read_text(encoding="utf-8"))["sets"]
+        return [
+            Expected(
+                folder / "bags" / entry["bag"],
+                entry["robot_degc"],
+                entry["measured_energy"],
+                entry["predicted_energy"][MODEL],
+            )
+            for entry in sets
+        ]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise ReportError(
+            f"'{folder}' holds no study of paper A ({error})",
+            "the folder that --out named",
+            "make one with robot-energy reproduce paper-a --quick --out build/paper_a",
+        ) from error
+
+
+def live_energies(
+    expected: Expected, model: Path, rate: float, log: Path, stop: StopSignal
+) -> EnergyRegisters | None:
+    """Play one recording to the three monitors and return their last registers.
+
+    Args:
+        expected: The recording.
+        model: Model file for all three.
+        rate: Times the speed of nature.
+        log: Folder for the logs of the nodes.
+        stop: Ends it early.
+
+    Returns:
+        None if nothing was published, or it was stopped.
+    """
+    with ros([]) as context, Children(log, dict(os.environ)) as children:
+        children.start("torque_monitor", model=model, effort="motor_torque")
+        children.start("friction_monitor", model=model)
+        children.start("power_monitor", model=model, state_folder="''")
+        node = rclpy.create_node("live_study", context=context)
+        seen = _Seen(node)
+        with pausing(node, stop) as pause:
+            player = Player(node, BagReader(expected.bag), rate, TOPICS)
+            limit = time.monotonic() + START_LIMIT
+            while not seen.met() and time.monotonic() < limit and pause(0.05):
+                pass
+            if seen.met():
+                player.play(pause)
+            pause(LEAD)
+            for name in ("torque_monitor", "friction_monitor", "power_monitor"):
+                children.stop(name)  # each hands on what it has left
+                pause(LEAD)
+            return None if stop.received else seen.registers
+
+
+class _Seen:
+    """What the monitors say."""
+
+    def __init__(self, node: Node) -> None:
+        self.registers: Any = None
+        self._publishers: dict[tuple[str, str], float] = {}
+        node.create_subscription(EnergyRegisters, "energy/registers", self._take, reliable(100))
+        node.create_subscription(DiagnosticArray, "/diagnostics", self._look, reliable(100))
+
+    def met(self) -> bool:
+        """Whether every input of every monitor has met its publisher."""
+        return all(
+            self._publishers.get((name, key), 0) > 0 for name, keys in MET.items() for key in keys
+        )
+
+    def _take(self, registers: EnergyRegisters) -> None:
+        self.registers = registers
+
+    def _look(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            for pair in status.values:
+                if pair.key in MET.get(status.name, ()):
+                    self._publishers[status.name, pair.key] = float(pair.value)
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Play the recordings of a study.
+
+    Args:
+        args: Command line without the program; None for that of the process.
+
+    Returns:
+        Exit code: 0 if nodes and replay agree, 1 if not, 2 if there is no study, 130 if
+        interrupted.
+    """
+    parser = argparse.ArgumentParser(
+        prog="live_study", description="Play a study of paper A through the three nodes."
+    )
+    parser.add_argument("study", type=Path, help="folder of `robot-energy reproduce paper-a`")
+    parser.add_argument("--rate", type=float, default=10.0, help="times the speed of nature")
+    options = parser.parse_args(args)
+    if not 0 < options.rate < float("inf"):
+        parser.error(f"--rate is {options.rate:g}; expected a finite factor > 0")
+    os.environ["ROS_DOMAIN_ID"] = str(os.getpid() % 100 + 1)
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    stop = StopSignal()
+    try:
+        studied = read_study(options.study)
+        for sentence in clear_ports():
+            print(sentence, flush=True)
+        print(f"virtual rig; {options.rate:g} times the speed of nature; predicted over measured")
+        print("recording                  degC    replay   three nodes", flush=True)
+        agree = True
+        for one in studied:
+            found = live_energies(
+                one, options.study / "identified.yaml", options.rate, options.study / "log", stop
+            )
+            if stop.received:
+                print("interrupted; all nodes are stopped", flush=True)
+                return 130
+            agree &= _tell(one, found)
+    except RobotEnergyError as error:
+        print(f"live_study: {error}", flush=True)
+        return 2
+    print("nodes and replay agree" if agree else "nodes and replay differ", flush=True)
+    return 0 if agree else 1
+
+
+def _tell(expected: Expected, found: Any) -> bool:
+    replayed = expected.predicted / expected.measured - 1.0
+    start = f"{expected.bag.name:24s} {expected.robot_degc:6.1f}  {replayed:+7.2%}"
+    if found is None:
+        print(f"{start}   nothing was published; see the log folder of the study", flush=True)
+        return False
+    same = (
+        abs(found.predicted_energy_at_meter / expected.predicted - 1.0) <= SAME
+        and abs(found.measured_energy / expected.measured - 1.0) <= SAME
+    )
+    live = found.predicted_energy_at_meter / found.measured_energy - 1.0
+    print(f"{start}   {live:+11.2%}{'' if same else '   differs'}", flush=True)
+    return same
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

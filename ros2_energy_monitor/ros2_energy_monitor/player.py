@@ -1,0 +1,203 @@
+"""Plays a bag to the monitors at any pace, where there is no `ros2 bag play`.
+
+Messages go out byte for byte, with the stamps they were recorded with; what is scaled is the
+time between them. Topics other than joint states go out a little earlier than they are due:
+at many times the speed of nature the ticks of the nodes, which know no such speed, would
+otherwise bring temperatures and readings late.
+"""
+
+from __future__ import annotations
+
+import argparse
+import heapq
+import importlib
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+
+from robot_energy.bag import BagReader
+from robot_energy.errors import MissingTopicError, RobotEnergyError
+from robot_energy.ingest.joint_states import JOINT_STATE
+from robot_energy.wire.batch import RawBatch
+from ros2_energy_monitor.publishers import reliable
+from ros2_energy_monitor.shared_memory import clear_ports
+from ros2_energy_monitor.shell import StopSignal, ros
+
+DEPTH = 5000  # messages that a subscriber may lag behind
+LEAD = 0.5  # s of the clock by which slow topics are early, at most ...
+MOST_LEAD = 5.0  # s of the recording: from 10 s on a stream counts as having another clock
+MATCHING = 10.0  # s until every topic that has a subscriber has met it
+LISTENING = 1.0  # s after the first subscriber, for the others
+SECOND_NS = 1_000_000_000
+
+
+class Player:
+    """Publishes what a bag holds.
+
+    Args:
+        node: The node that publishes.
+        bag: The bag.
+        rate: Times the speed of nature, > 0.
+        topics: Which to play; None for all whose message package is installed.
+
+    Attributes:
+        unknown: Topics left out, whose message type cannot be imported.
+        played: Messages by topic.
+
+    Raises:
+        MissingTopicError: If the bag lacks a topic.
+    """
+
+    def __init__(
+        self, node: Node, bag: BagReader, rate: float, topics: Sequence[str] | None = None
+    ) -> None:
+        self.unknown: list[str] = []
+        self.played: Counter[str] = Counter()
+        self._node, self._bag, self._rate = node, bag, rate
+        self._publishers: dict[str, Any] = {}
+        for topic in bag.topics if topics is None else topics:
+            info = bag.topics.get(topic)
+            if info is None:
+                raise MissingTopicError(
+                    f"{bag.path} has no {topic}", f"one of {', '.join(bag.topics) or 'none'}"
+                )
+            kind = message_type(info.msgtype)
+            if kind is None:
+                self.unknown.append(topic)
+            else:
+                self._publishers[topic] = node.create_publisher(kind, topic, reliable(DEPTH))
+
+    def heard(self) -> list[str]:
+        """Return the topics that somebody listens to."""
+        return [
+            topic
+            for topic, publisher in self._publishers.items()
+            if publisher.get_subscription_count()
+        ]
+
+    def play(self, pause: Callable[[float], bool]) -> None:
+        """Publish all of it.
+
+        Args:
+            pause: Waits some seconds; tells whether to go on.
+        """
+        begin, first = time.monotonic(), None
+        for due_ns, topic, message in self._messages():
+            first = due_ns if first is None else first
+            wait = begin + (due_ns - first) / SECOND_NS / self._rate - time.monotonic()
+            if wait > 0 and not pause(wait):
+                return
+            self._publishers[topic].publish(message)
+            self.played[topic] += 1
+
+    def _messages(self) -> Iterator[tuple[int, str, bytes]]:
+        """All messages in the order in which they are due; the bag is never held whole."""
+        early = round(min(LEAD * self._rate, MOST_LEAD) * SECOND_NS)
+        streams = []
+        for topic in self._publishers:
+            lead = 0 if self._bag.topics[topic].msgtype == JOINT_STATE else early
+            streams.append(_stream(self._bag, topic, lead))
+        yield from heapq.merge(*streams, key=lambda entry: entry[0])
+
+
+def _stream(bag: BagReader, topic: str, lead_ns: int) -> Iterator[tuple[int, str, bytes]]:
+    for part in bag.parts([topic]):
+        batch: RawBatch = part[topic]
+        for index, logged in enumerate(batch.log_time_ns.tolist()):
+            yield logged - lead_ns, topic, batch.row(index)
+
+
+def message_type(name: str) -> type[Any] | None:
+    """Return the class of a message type such as ``sensor_msgs/msg/JointState``, if installed."""
+    package, _, short = name.partition("/msg/")
+    try:
+        return getattr(importlib.import_module(f"{package}.msg"), short, None)
+    except ImportError:
+        return None
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Play a bag.
+
+    Args:
+        args: Command line without the program; None for that of the process.
+
+    Returns:
+        Exit code: 0; 1 if nobody listens; 2 if the bag cannot be played; 130 if interrupted.
+    """
+    parser = argparse.ArgumentParser(prog="player", description="Play a bag to the monitors.")
+    parser.add_argument("bag", help="MCAP file, or rosbag2 folder")
+    parser.add_argument("--rate", type=float, default=1.0, help="times the speed of nature")
+    parser.add_argument("--topics", nargs="+", metavar="TOPIC", help="only these")
+    options = parser.parse_args(args)
+    if not 0 < options.rate < float("inf"):
+        parser.error(f"--rate is {options.rate:g}; expected a finite factor > 0")
+    stop = StopSignal()
+    try:
+        bag = BagReader(options.bag)
+        with ros([]) as context:
+            for sentence in clear_ports():
+                print(sentence, flush=True)
+            node = rclpy.create_node("player", context=context)
+            return _play(bag, options.rate, options.topics, node, stop)
+    except RobotEnergyError as error:
+        print(f"player: {error}", flush=True)
+        return 2
+
+
+@contextmanager
+def pausing(node: Node, stop: StopSignal) -> Iterator[Callable[[float], bool]]:
+    """Execute a node in the pauses of a program that has something else to do.
+
+    Args:
+        node: The node; destroyed at the end.
+        stop: Ends every pause.
+
+    Yields:
+        Waits some seconds; tells whether to go on.
+    """
+    executor = SingleThreadedExecutor(context=node.context)
+    executor.add_node(node)
+
+    def pause(seconds: float) -> bool:
+        end = time.monotonic() + seconds
+        while not stop.received and (left := end - time.monotonic()) > 0:
+            executor.spin_once(timeout_sec=min(left, 0.2))
+        return not stop.received
+
+    try:
+        yield pause
+    finally:
+        executor.shutdown()
+        node.destroy_node()
+
+
+def _play(
+    bag: BagReader, rate: float, topics: Sequence[str] | None, node: Node, stop: StopSignal
+) -> int:
+    with pausing(node, stop) as pause:
+        player = Player(node, bag, rate, topics)
+        for topic in player.unknown:
+            print(f"left out, its messages are not installed: {topic}", flush=True)
+        limit = time.monotonic() + MATCHING
+        while not player.heard() and time.monotonic() < limit and pause(0.05):
+            pass
+        if not player.heard() and not stop.received:
+            print(f"nobody listens to {', '.join(bag.topics)}", flush=True)
+            return 1
+        if pause(LISTENING):
+            player.play(pause)
+        for topic, count in player.played.items():
+            print(f"{count:8d} {topic}", flush=True)
+        pause(LEAD)  # until what was sent last has been taken
+        return 130 if stop.received else 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
