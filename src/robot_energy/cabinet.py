@@ -13,7 +13,9 @@ and gives it back first. In every case
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from dataclasses import dataclass
+from math import isfinite
 
 import numpy as np
 
@@ -88,20 +90,26 @@ class CabinetStage:
     def _charge(self, stamp_ns: Int, segment: Int, demand: Float) -> Float:
         """Power into the capacitor, taken as constant over the interval before a sample."""
         flow = np.zeros_like(demand)
-        for row, (stamp, part, wanted) in enumerate(
-            zip(stamp_ns.tolist(), segment.tolist(), demand.tolist(), strict=True)
-        ):
-            last, self._last = self._last, (stamp, part)
-            if last is None or last[1] != part:
-                self._stored = 0.0
-                continue
-            duration = (stamp - last[0]) * NANOSECOND
-            if not np.isfinite(wanted):
-                continue
-            if wanted < 0:
-                energy = min(-wanted * duration, self._swing - self._stored)
-            else:
-                energy = -min(wanted * duration, self._stored)
-            self._stored += energy
-            flow[row] = energy / duration
+        stamp, part = (stamp_ns[0], segment[0]) if self._last is None else self._last
+        duration = np.diff(stamp_ns, prepend=stamp) * NANOSECOND
+        fresh = np.diff(segment, prepend=part) != 0
+        fresh[0] |= self._last is None
+        self._last = int(stamp_ns[-1]), int(segment[-1])
+        fed = np.flatnonzero(demand < 0).tolist()
+        row, place, stored = 0, 0, self._stored
+        while row < len(demand):
+            if stored == 0.0:  # nothing happens before the drives feed back again
+                place = bisect_left(fed, row, place)
+                if place == len(fed):
+                    break
+                row = fed[place]
+            wanted, time = float(demand[row]), float(duration[row])
+            if fresh[row]:
+                stored = 0.0
+            elif isfinite(wanted):
+                energy = min(max(-wanted * time, -stored), self._swing - stored)
+                stored += energy
+                flow[row] = energy / time
+            row += 1
+        self._stored = stored
         return flow

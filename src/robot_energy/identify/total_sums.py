@@ -94,7 +94,7 @@ def sums(data: DriveData, model: RobotModel | None) -> Sums:
         if meter is None or len(rows) < 2:
             continue
         for pieces in MeterCurve(MAX_GAP).step(meter):
-            kept, means = _means(pieces, data.stamp_ns[rows], data.stretch[rows], columns[rows])
+            kept, means = piece_means(pieces, data.stamp_ns[rows], data.stretch[rows], columns[rows])
             parts.append((kept, means, np.full(len(kept), number)))
     count = sum(len(pieces) for pieces, _, _ in parts)
     if count < LEAST_READINGS:
@@ -162,8 +162,19 @@ def _columns(data: DriveData, model: RobotModel | None) -> Float:
     return np.column_stack([shaft, given, measured, terms.reshape(len(data), -1)])
 
 
-def _means(pieces: Pieces, stamp: Int, stretch: Int, columns: Float) -> tuple[Pieces, Float]:
-    """Pieces inside the samples and the mean of every column over each, by trapezoids."""
+def piece_means(pieces: Pieces, stamp: Int, stretch: Int, columns: Float) -> tuple[Pieces, Float]:
+    """Return the pieces inside the samples and the mean of every column over each.
+
+    Args:
+        pieces: Of one meter.
+        stamp: Of the samples, shape (N,). [ns]
+        stretch: Number of the uninterrupted stretch of each sample, shape (N,).
+        columns: Shape (N, K); a piece with a NaN in the first column is left out.
+
+    Returns:
+        The pieces that are left, and means by trapezoids, shape (pieces, K); NaN where
+        another column is NaN.
+    """
     step = np.diff(stamp)[:, None] * NANOSECOND
     known = np.nan_to_num(0.5 * (columns[1:] + columns[:-1]) * step)  # a gap must not spread
     area = np.vstack([np.zeros(columns.shape[1]), np.cumsum(known, axis=0)])

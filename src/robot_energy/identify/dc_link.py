@@ -1,0 +1,483 @@
+"""Energy that the DC link stores, from a power meter at the grid.
+
+While the drives feed back, the link takes ``1/2 C (U_on^2 - U_rect^2)`` before the chopper
+burns the rest; afterwards it feeds the drives, and the grid gives nothing until it is empty.
+A meter at the grid sees how much energy it gives back, not capacity or voltages. That energy
+is found by least squares: the model's own cabinet (`cabinet.CabinetStage`) runs with one
+energy after the other, each with the constant of the DC side that fits best, so that the two
+cannot stand in for each other. The constant itself is not changed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robot_energy.blocks import NANOSECOND, Float, Int, MeterLocation
+from robot_energy.cabinet import CabinetStage
+from robot_energy.comparison.curve import MeterCurve
+from robot_energy.comparison.pieces import Pieces
+from robot_energy.errors import NotIdentifiableError
+from robot_energy.identify.drive_data import BLOCK, BLOCKS, SHORTEST_BLOCK, held_energy
+from robot_energy.identify.quality import folds_in_order
+from robot_energy.identify.recordings import Recording
+from robot_energy.identify.total_sums import LEAST_READINGS, MAX_GAP, piece_means
+from robot_energy.model_file import RobotModel
+from robot_energy.model_file.figure import PositiveFigure
+from robot_energy.model_file.schema import Cabinet, Capacitor
+
+NOMINAL_VOLTAGE = 566.0  # V: peak of 3 x 400 V mains, taken where no model file says other
+CHOPPER_VOLTAGE = 700.0  # V: the same
+COARSE = 16  # energies tried first,
+FINE = 9  # and between the neighbours of the best one, twice
+LEAST_SHARE = 1e-3  # of the greatest energy that was fed back at once: least energy tried
+LEAST_EVENTS = 5  # times that the link must have been full
+FULL = 1.0  # W into the brake resistor, or J in the link: above it there is some
+SLOPE = 5.0  # W of the constant for its effect on the meter
+SETTLED = 1.0  # W of the constant between two rounds
+ROUNDS = 4
+WIDEST = 0.5  # of the energy: half width of a 95 % interval that still counts as told
+FOLDS = 5
+GAIN = 0.98  # what replaces figures of the model must be better by this factor
+
+
+@dataclass(frozen=True)
+class LinkScore:
+    """A cabinet on readings that were held out; constants as the model has them.
+
+    Attributes:
+        rms: Of predicted less measured power. [W]
+        energy_error: Predicted over measured energy less 1, mean size over the folds. [-]
+    """
+
+    rms: float
+    energy_error: float
+
+
+@dataclass(frozen=True)
+class LinkFit:
+    """Energy between the rectified voltage and that of the chopper.
+
+    A chopper with hysteresis leaves the link between two voltages; the energy is then what
+    the link holds on the average when braking ends.
+
+    Attributes:
+        energy: [J]
+        std: From leaving out one contiguous block after the other. [J]
+        interval: Of 95 %, Student's t with the number of blocks less one. [J]
+        loss_dc_shift: By which the constant of the DC side would change if it were free. [W]
+        loss_dc_shift_std: [W]
+        events: How often the link was full.
+        readings: Of the meter.
+        spacing: Median time that a reading stands for. [s]
+        emptying: Median time for which the link holds energy. [s]
+        held_out: ``recordings`` or ``blocks``.
+        given: The model as given, on what was held out.
+        identified: With the energy from the other folds.
+        tried: Energies that were tried, rising, shape (K,). [J]
+        tried_rms: RMS error with each, fitted readings, constant free, shape (K,). [W]
+    """
+
+    energy: float
+    std: float
+    interval: tuple[float, float]
+    loss_dc_shift: float
+    loss_dc_shift_std: float
+    events: int
+    readings: int
+    spacing: float
+    emptying: float
+    held_out: Literal["recordings", "blocks"]
+    given: LinkScore
+    identified: LinkScore
+    tried: Float
+    tried_rms: Float
+
+    @property
+    def reason(self) -> str:
+        """Why it is not taken; empty if held-out readings are predicted better with it."""
+        given, new = self.given, self.identified
+        if new.rms < GAIN * given.rms and new.energy_error <= given.energy_error:
+            return ""
+        return (
+            f"a DC link of {self.energy:.3g} J predicts held-out readings of the meter no better "
+            f"(energy {100 * new.energy_error:.1f} % off and {new.rms:.3g} W RMS; as given "
+            f"{100 * given.energy_error:.1f} % and {given.rms:.3g} W), so it stays as given; "
+            "losses of the drives that the model lacks can hide it"
+        )
+
+
+@dataclass(frozen=True)
+class _Readings:
+    """Measured power, and that predicted with every energy, shape (K,) and (K, energies)."""
+
+    measured: Float
+    predicted: Float
+    slope: Float
+    duration: Float
+    recording: Int
+    block: Int
+
+    def squares(self) -> Float:
+        """Sums by block of r^2, r d and d^2, shape (blocks, 3, energies)."""
+        rest = self.measured[:, None] - self.predicted
+        sums = [
+            np.stack([np.bincount(self.block, self.duration * column) for column in part.T], axis=1)
+            for part in (rest * rest, rest * self.slope, self.slope * self.slope)
+        ]
+        return np.stack(sums, axis=1)
+
+
+def fit_link(recordings: Sequence[Recording], cabinet: Cabinet | None = None) -> LinkFit:
+    """Identify the energy.
+
+    Args:
+        recordings: Run with one model, whose drives should be known already.
+        cabinet: To begin with; None for that of the model.
+
+    Returns:
+        The energy with its interval and what it is worth on held-out readings.
+
+    Raises:
+        NotIdentifiableError: If there is no meter at the grid, the supply feeds back to the
+            grid, the robot hardly brakes, or the meter averages for too long.
+    """
+    metered = [part for part in recordings if part.meter is not None]
+    cabinet = cabinet or recordings[0].model.cabinet
+    _require_grid_meter(metered, cabinet)
+    top = max(_held(part, cabinet.loss_dc.value) for part in metered)
+    if top <= FULL:
+        raise NotIdentifiableError(
+            "the drives never feed back more than the DC side uses",
+            "braking that fills the DC link",
+            "record fast motions that stop hard, ten times or more",
+        )
+    given = 0.0 if cabinet.capacitor is None else cabinet.capacitor.swing
+    base = cabinet.loss_dc.value
+    energies, data = np.empty(0), None
+    for _ in range(ROUNDS):
+        energies, data = _tried(metered, cabinet, base, top)
+        shift = _best(energies, data.squares().sum(axis=0))[1]
+        base += shift
+        if abs(shift) < SETTLED:
+            break
+    assert data is not None
+    squares = data.squares()
+    energy, shift = _best(energies, squares.sum(axis=0))
+    std, shift_std, half = _deviations(energies, squares)
+    spacing = float(np.median(data.duration))
+    events, emptying = _use(metered, _with_energy(cabinet, base, energy))
+    _require_told(energy, half, events, top, spacing, emptying)
+    fold, kind = _folds(data)
+    scores = _scores(metered, cabinet, given, energies, squares, data, fold)
+    error = _error(squares.sum(axis=0))
+    return LinkFit(
+        energy,
+        std,
+        (max(energy - half, 0.0), energy + half),
+        base + shift - cabinet.loss_dc.value,
+        shift_std,
+        events,
+        len(data.measured),
+        spacing,
+        emptying,
+        kind,
+        *scores,
+        energies,
+        np.sqrt(error / data.duration.sum()),
+    )
+
+
+def with_link(
+    model: RobotModel,
+    fit: LinkFit,
+    source: str,
+    voltages: tuple[float, float] | None = None,
+) -> tuple[RobotModel, str]:
+    """Return a model whose DC link stores the identified energy.
+
+    Args:
+        model: Any model of the same robot.
+        fit: The energy.
+        source: Where the data come from.
+        voltages: Rectified and of the chopper, where the user says them; else those of the
+            model's capacitor, else those of 3 x 400 V mains, assumed. [V]
+
+    Returns:
+        The model, and what was taken for the voltages, one sentence.
+    """
+    before = model.cabinet.capacitor
+    if voltages is not None:
+        low, high = (
+            PositiveFigure(value=value, tag="published", source="as the user says")
+            for value in voltages
+        )
+        told = "as given"
+    elif before is not None:
+        low, high, told = before.nominal_voltage, before.chopper_voltage, "as in the model file"
+    else:
+        text = "usual for 3 x 400 V; only the energy between the voltages is identified"
+        low, high = (
+            PositiveFigure(value=value, tag="assumed", source=text)
+            for value in (NOMINAL_VOLTAGE, CHOPPER_VOLTAGE)
+        )
+        told = "assumed, usual for 3 x 400 V"
+    half = 0.5 * (high.value**2 - low.value**2)
+    capacitor = Capacitor(
+        capacitance=PositiveFigure(
+            value=fit.energy / half,
+            tag="identified",
+            std=fit.std / half,
+            source=f"{fit.energy:.4g} +- {fit.std:.2g} J between the two voltages: {source}",
+        ),
+        nominal_voltage=low,
+        chopper_voltage=high,
+    )
+    cabinet = model.cabinet.model_copy(update={"capacitor": capacitor})
+    changed = model.model_copy(update={"cabinet": cabinet})
+    return changed.with_urdf(model.urdf_xml, model.source), (
+        f"the grid tells the energy of the DC link; its {1e3 * fit.energy / half:.3g} mF follow "
+        f"from {low.value:g} and {high.value:g} V, {told}"
+    )
+
+
+def rebalanced(recording: Recording, cabinet: Cabinet) -> Recording:
+    """Return a recording as if its model had another cabinet; what was compared stays out."""
+    power = recording.power
+    flows = CabinetStage(cabinet).step(power.stamp_ns, power.segment, power.bus_power)
+    return replace(
+        recording,
+        model=recording.model.model_copy(update={"cabinet": cabinet}),
+        power=replace(power, **flows.__dict__),
+        compared=(),
+    )
+
+
+def _require_grid_meter(metered: Sequence[Recording], cabinet: Cabinet) -> None:
+    if not metered:
+        raise NotIdentifiableError(
+            "no recording has a power meter",
+            "measured grid power beside the joint states",
+            "record the meter's topic too",
+        )
+    if any(part.meter and part.meter.location is not MeterLocation.GRID for part in metered):
+        raise NotIdentifiableError(
+            "a meter that is not at the grid does not see what the DC link gives back",
+            "a meter at the grid",
+        )
+    if cabinet.regeneration_efficiency is not None:
+        raise NotIdentifiableError(
+            "the supply feeds braking energy back to the grid, so the DC link hardly stores any",
+            "a rectifier with a brake resistor",
+        )
+
+
+def _held(part: Recording, loss_dc: float) -> float:
+    """Most energy that was fed back and not yet drawn again. [J]"""
+    power = part.power
+    return float(held_energy(power.bus_power + loss_dc, power.stamp_ns, power.segment).max())
+
+
+def _with_energy(cabinet: Cabinet, loss_dc: float, energy: float) -> Cabinet:
+    update: dict[str, PositiveFigure | Capacitor | None] = {
+        "loss_dc": cabinet.loss_dc.model_copy(update={"value": loss_dc}),
+        "capacitor": None,
+    }
+    if energy > 0.0:
+        low, high, size = (
+            PositiveFigure(value=value, tag="assumed") for value in (0.0, 1.0, 2.0 * energy)
+        )
+        update["capacitor"] = Capacitor(
+            capacitance=size, nominal_voltage=low, chopper_voltage=high
+        )
+    return cabinet.model_copy(update=update)
+
+
+def _tried(
+    metered: Sequence[Recording], cabinet: Cabinet, base: float, top: float
+) -> tuple[Float, _Readings]:
+    """Try energies, closer and closer to the best, with a constant and a little more of it."""
+    data: _Readings | None = None
+    energies = np.empty(0)
+    new = np.concatenate([[0.0], np.geomspace(max(LEAST_SHARE * top, FULL), top, COARSE)])
+    for _ in range(3):
+        cabinets = [_with_energy(cabinet, base, energy) for energy in new.tolist()]
+        more = [_with_energy(cabinet, base + SLOPE, energy) for energy in new.tolist()]
+        part = _readings(metered, [*cabinets, *more])
+        predicted, other = np.hsplit(part.predicted, 2)
+        slope = (other - predicted) / SLOPE
+        if data is not None:
+            predicted = np.hstack([data.predicted, predicted])
+            slope = np.hstack([data.slope, slope])
+        energies = np.concatenate([energies, new])
+        order = np.argsort(energies)
+        energies = energies[order]
+        data = replace(part, predicted=predicted[:, order], slope=slope[:, order])
+        best = int(np.argmin(_error(data.squares().sum(axis=0))))
+        low, high = energies[max(best - 1, 0)], energies[min(best + 1, len(energies) - 1)]
+        new = np.setdiff1d(np.linspace(low, high, FINE), energies)
+    assert data is not None
+    return energies, data
+
+
+def _readings(metered: Sequence[Recording], cabinets: Sequence[Cabinet]) -> _Readings:
+    """Run every cabinet, and take the means over the same time as each reading."""
+    parts: list[tuple[Pieces, Float, Int]] = []
+    for number, recording in enumerate(metered):
+        power, meter = recording.power, recording.meter
+        assert meter is not None
+        stamp, segment = power.stamp_ns, power.segment
+        grid = np.column_stack(
+            [
+                CabinetStage(entry).step(stamp, segment, power.bus_power).grid_power
+                for entry in cabinets
+            ]
+        )
+        for pieces in MeterCurve(MAX_GAP).step(meter):
+            kept, means = piece_means(pieces, stamp, segment, grid)
+            parts.append((kept, means, np.full(len(kept), number)))
+    count = sum(len(pieces) for pieces, _, _ in parts)
+    if count < LEAST_READINGS:
+        raise NotIdentifiableError(
+            f"{count} readings of the meter lie inside the samples of the robot",
+            f"at least {LEAST_READINGS}",
+            "record longer, with the meter running",
+        )
+    start = np.concatenate([pieces.start_ns for pieces, _, _ in parts])
+    end = np.concatenate([pieces.end_ns for pieces, _, _ in parts])
+    predicted = np.concatenate([means for _, means, _ in parts])
+    recording = np.concatenate([number for _, _, number in parts])
+    duration = (end - start) * NANOSECOND
+    length = min(BLOCK, max(SHORTEST_BLOCK, float(duration.sum()) / BLOCKS))
+    origin = np.asarray([part.power.stamp_ns[0] for part in metered])[recording]
+    place = np.stack([recording, (start - origin) // round(length / NANOSECOND)])
+    return _Readings(
+        np.concatenate([0.5 * (p.start_power + p.end_power) for p, _, _ in parts]),
+        predicted,
+        predicted,
+        duration,
+        recording,
+        np.unique(place, axis=1, return_inverse=True)[1].ravel(),
+    )
+
+
+def _error(squares: Float) -> Float:
+    """Squared error with every energy, the constant free, shape (energies,). [W^2 s]"""
+    return squares[0] - squares[1] ** 2 / np.maximum(squares[2], np.finfo(float).tiny)
+
+
+def _best(energies: Float, squares: Float) -> tuple[float, float]:
+    """Energy of the least error, by the parabola through its neighbours [J], and shift [W]."""
+    error = _error(squares)
+    shift = squares[1] / np.maximum(squares[2], np.finfo(float).tiny)
+    best = int(np.argmin(error))
+    energy = float(energies[best])
+    if 0 < best < len(energies) - 1:
+        x = energies[best - 1 : best + 2] - energy
+        bend, slope, _ = np.polyfit(x, error[best - 1 : best + 2] - error[best], 2)
+        if bend > 0.0:
+            energy += float(np.clip(-0.5 * slope / bend, x[0], x[2]))
+    return energy, float(np.interp(energy, energies, shift))
+
+
+def _deviations(energies: Float, squares: Float) -> tuple[float, float, float]:
+    """Deviations of energy and shift, and half a 95 % interval of the energy (jackknife)."""
+    from scipy.stats import t
+
+    blocks = len(squares)
+    if blocks < 2:
+        return np.inf, np.inf, np.inf
+    whole = squares.sum(axis=0)
+    left_out = np.asarray([_best(energies, whole - part) for part in squares])
+    std, shift_std = np.sqrt((blocks - 1) * left_out.var(axis=0)).tolist()
+    return std, shift_std, std * float(t.ppf(0.975, blocks - 1))
+
+
+def _use(metered: Sequence[Recording], cabinet: Cabinet) -> tuple[int, float]:
+    """How often a link was full, and the median time for which it holds energy. [s]"""
+    events, times = 0, [0.0]
+    for part in metered:
+        power = part.power
+        stamp, segment = power.stamp_ns, power.segment
+        flows = CabinetStage(cabinet).step(stamp, segment, power.bus_power)
+        step = np.diff(stamp, prepend=stamp[:1]) * NANOSECOND
+        stored = np.cumsum(np.nan_to_num(flows.capacitor_power) * step)
+        holds = _runs(stored > FULL)
+        full = np.concatenate([[0], np.cumsum(flows.brake_power > FULL)])
+        events += sum(bool(full[last] > full[first]) for first, last in holds)
+        times += [(stamp[last - 1] - stamp[first]) * NANOSECOND for first, last in holds]
+    return events, float(np.median(times[1:] or times))
+
+
+def _runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
+    return [(int(first), int(last)) for first, last in edges.reshape(-1, 2)]
+
+
+def _require_told(
+    energy: float, half: float, events: int, top: float, spacing: float, emptying: float
+) -> None:
+    """Refuse an energy that the readings do not tell."""
+    if events < LEAST_EVENTS:
+        raise NotIdentifiableError(
+            f"the drives feed back {top:.3g} J at once at most, and the DC link of least error "
+            f"({energy:.3g} J) was full {events} times",
+            f"braking that fills it, at least {LEAST_EVENTS} times",
+            "record fast motions with load that stop hard, with rest or motion in between",
+        )
+    if half <= WIDEST * energy:
+        return
+    found = f"the energy of the DC link is only told to {energy:.3g} +- {half:.2g} J"
+    if spacing > emptying:
+        raise NotIdentifiableError(
+            f"{found}: a reading stands for {spacing:.2g} s, and the link is empty again "
+            f"{emptying:.2g} s after it began to fill",
+            f"a reading every {emptying:.1g} s or faster, or a longer recording",
+        )
+    raise NotIdentifiableError(
+        found,
+        f"a 95 % interval within {100 * WIDEST:.0f} % of it",
+        "record longer, with more fast motions that stop hard, and identify the drives first",
+    )
+
+
+def _folds(data: _Readings) -> tuple[Int, Literal["recordings", "blocks"]]:
+    """Whole recordings, else contiguous parts; no block of the jackknife is in two of them."""
+    if data.recording[0] != data.recording[-1]:
+        return data.recording, "recordings"
+    return folds_in_order(int(data.block.max()) + 1, FOLDS)[data.block], "blocks"
+
+
+def _scores(
+    metered: Sequence[Recording],
+    cabinet: Cabinet,
+    given: float,
+    energies: Float,
+    squares: Float,
+    data: _Readings,
+    fold: Int,
+) -> tuple[LinkScore, LinkScore]:
+    """Predict every fold as the model runs, with the energy given and that of the others."""
+    names = np.unique(fold).tolist()
+    own = [np.unique(data.block[fold == name]) for name in names]
+    whole = squares.sum(axis=0)
+    found = [_best(energies, whole - squares[part].sum(axis=0))[0] for part in own]
+    loss = cabinet.loss_dc.value
+    run = _readings(metered, [_with_energy(cabinet, loss, value) for value in (given, *found)])
+    place = np.searchsorted(names, fold)
+
+    def score(column: Callable[[int], int]) -> LinkScore:
+        error = np.choose(place, [run.predicted[:, column(k)] for k in range(len(names))])
+        energy = (error - run.measured) * run.duration
+        parts = [
+            abs(energy[place == k].sum() / (run.measured * run.duration)[place == k].sum())
+            for k in range(len(names))
+        ]
+        rms = np.sqrt(np.sum(energy**2 / run.duration) / run.duration.sum())
+        return LinkScore(float(rms), float(np.mean(parts)))
+
+    return score(lambda _: 0), score(lambda k: k + 1)
