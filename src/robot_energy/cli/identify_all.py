@@ -10,9 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 from robot_energy.cli.identify_inputs import (
     add_bags,
+    add_link_voltages,
     add_results,
     check_results,
     command_of,
+    link_voltages,
     read_sources,
 )
 from robot_energy.cli.terminal import console, progress, write_text
@@ -23,14 +25,15 @@ if TYPE_CHECKING:
     from robot_energy.identify.everything import Everything
     from robot_energy.model_file import RobotModel
 
-SUBJECTS = ("dynamics", "friction", "cabinet", "drives")
+SUBJECTS = ("dynamics", "friction", "cabinet", "drives", "capacitor")
 
 DESCRIPTION = """\
 Identify everything that the recordings allow, in the order of the power: bodies and rotors
 from measured torque, friction over temperature, constant losses of the cabinet, losses of the
-drives. What they do not allow is left as the model has it, with a sentence that says what to
-record. Then the energy of the old and the new model is compared with the meter on recordings
-that the fit has not seen: whole recordings in turn, or those of --test.
+drives, energy that the DC link stores. What they do not allow is left as the model has it, with
+a sentence that says what to record. Then the energy of the old and the new model is compared
+with the meter on recordings that the fit has not seen: whole recordings in turn, or those of
+--test.
 """
 EPILOG = """\
 examples:
@@ -73,6 +76,7 @@ def add_parser(commands: Any) -> None:
     parser.add_argument(
         "--no-test", action="store_true", help="do not test the energy on held-out recordings"
     )
+    add_link_voltages(parser)
     add_results(parser, "all that was identified")
     parser.set_defaults(run=run)
 
@@ -96,6 +100,7 @@ def run(args: Namespace) -> int:
 
     check_results(args)
     _check(args)
+    voltages = link_voltages(args)
     model = load(args.model)
     bags, refused = _bags(args, model, args.bags)
     tests, _ = _bags(args, model, args.test)
@@ -106,7 +111,9 @@ def run(args: Namespace) -> int:
         known.append((facts(bag, recording), recording.span_ns))
     read = [entry for entry, _ in known[: len(bags)]]
     with progress("identifying") as report:
-        whole = identify_everything(bags, model, args.skip, lambda _, share: report(share), refused)
+        whole = identify_everything(
+            bags, model, args.skip, lambda _, share: report(share), refused, voltages
+        )
     _require_something(whole)
     test = None
     if not args.no_test:

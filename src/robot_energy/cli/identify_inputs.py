@@ -68,6 +68,35 @@ def add_results(parser: ArgumentParser, what: str, plot: str = "") -> None:
     add_debug(parser)
 
 
+def add_link_voltages(parser: ArgumentParser) -> None:
+    """Add the voltages of the DC link, which the grid meter cannot tell."""
+    parser.add_argument(
+        "--link-voltages",
+        nargs=2,
+        type=float,
+        metavar=("MAINS", "CHOPPER"),
+        help="of the DC link: rectified mains, and where the brake chopper starts [V] (default: "
+        "those of the model file, else 566 and 700, assumed)",
+    )
+
+
+def link_voltages(args: Namespace) -> tuple[float, float] | None:
+    """Return the voltages of the DC link, None if they were not given.
+
+    Raises:
+        ModelFileError: If they do not rise from above 0.
+    """
+    if args.link_voltages is None:
+        return None
+    low, high = args.link_voltages
+    if not 0.0 < low < high < float("inf"):
+        raise ModelFileError(
+            f"--link-voltages are {low:g} and {high:g} V",
+            "rectified mains above 0, then the higher voltage of the chopper",
+        )
+    return low, high
+
+
 def check_results(args: Namespace) -> None:
     """Refuse files that cannot be written, before the work.
 

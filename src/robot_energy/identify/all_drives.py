@@ -14,6 +14,7 @@ from robot_energy.identify.drive_delay import (
 )
 from robot_energy.identify.drives import DrivesFit, fit_drives, with_drives
 from robot_energy.identify.efficiency import CUTOFF
+from robot_energy.identify.meter_delay import estimate_meter_delay, with_meters_earlier
 from robot_energy.identify.total_power import (
     TotalFit,
     TotalScore,
@@ -34,12 +35,15 @@ class TotalFound:
         fit: Losses behind them.
         held_out: ``recordings`` or ``blocks``.
         scores: On held-out data, by way.
+        delay: Of the meter behind the joint states; undone where it is sure. None where it
+            cannot be told.
     """
 
     data: Sums
     fit: TotalFit
     held_out: str
     scores: dict[str, TotalScore]
+    delay: PowerDelay | None = None
 
     @property
     def place(self) -> MeterLocation:
@@ -103,9 +107,12 @@ def find_drives(
         drives = fit_drives(data, source, cutoff)
     total = None
     if location(data) is not None:
+        lag = estimate_meter_delay(data)
+        if lag is not None:
+            data = with_meters_earlier(data, lag.applied)
         pieces = sums(data, model)
         fit = fit_total(pieces)
-        total = TotalFound(pieces, fit, *compare_total(pieces, model))
+        total = TotalFound(pieces, fit, *compare_total(pieces, model), lag)
     if drives is None and total is None:
         raise NotIdentifiableError(
             "the recordings have neither the power of the drives nor a power meter",

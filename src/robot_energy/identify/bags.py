@@ -39,6 +39,7 @@ class Bag:
         inputs: What the inputs of a live monitor are, to read the bag in the same way.
         drive_power: Measured power of its drives, None without.
         spans: Stretches that count. [ns]
+        meter_delay: Of the power meter behind the joint states, undone when read. [s]
     """
 
     path: Path
@@ -46,6 +47,7 @@ class Bag:
     inputs: Inputs | None = None
     drive_power: DrivePower | None = None
     spans: tuple[Span, ...] = (EVER,)
+    meter_delay: float = 0.0
 
     @property
     def name(self) -> str:
@@ -58,7 +60,8 @@ class Bag:
         Raises:
             RobotEnergyError: If bag or model cannot be used.
         """
-        return read_recording(self.path, model, self.effort, None, progress, self.inputs)
+        recording = read_recording(self.path, model, self.effort, None, progress, self.inputs)
+        return recording.with_meter_earlier(self.meter_delay)
 
     def read(self, model: RobotModel) -> list[Recording]:
         """Read the stretches that count with a model, each as a recording of its own.

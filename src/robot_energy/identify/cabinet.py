@@ -20,6 +20,7 @@ from robot_energy.comparison.curve import MeterCurve
 from robot_energy.comparison.pieces import Pieces
 from robot_energy.errors import NotIdentifiableError
 from robot_energy.identify.drive_data import DriveData
+from robot_energy.identify.losses import at_bound
 from robot_energy.identify.recordings import Recording
 from robot_energy.identify.total_sums import sums
 from robot_energy.model_file import RobotModel
@@ -30,6 +31,7 @@ SETTLED = 500 * MILLISECOND  # after a motion, until the DC link and the drives 
 BEFORE_MOTION = 50 * MILLISECOND
 AROUND = 50 * MILLISECOND  # to each side, in which most samples must hold
 INSIDE = 10 * MILLISECOND  # between a reading and the ends of a generating phase
+LINK_AT_REST = 1.0  # W
 BRIDGED = 2.0  # s between two readings
 CLEAR = 0.5  # of the DC loss that braking must exceed for a phase to count as generating
 EVENT_GAP = 1_000 * MILLISECOND  # readings further apart belong to different events
@@ -209,7 +211,10 @@ def _split(
         )
     for name, value in (("grid", grid), ("DC", loss_dc)):
         if value is not None and value < 0:
-            notes.append(f"the loss on the {name} side is negative and set to 0: check the meter")
+            notes.append(
+                f"the loss on the {name} side is at its bound 0, negative otherwise: "
+                "check the meter"
+            )
     return CabinetFit(location, hold, generating, grid, grid_std, loss_dc, dc_std, tuple(notes))
 
 
@@ -227,17 +232,23 @@ def with_cabinet(model: RobotModel, fit: CabinetFit, source: str) -> RobotModel:
         ("loss_dc", fit.loss_dc, fit.loss_dc_std),
     ):
         if value is not None:
-            update[name] = PositiveFigure(
-                value=max(value, 0.0), tag="identified", std=std, source=source
+            update[name] = (
+                at_bound(source)
+                if value <= 0.0
+                else PositiveFigure(value=value, tag="identified", std=std, source=source)
             )
     cabinet = model.cabinet.model_copy(update=update)
     return model.model_copy(update={"cabinet": cabinet}).with_urdf(model.urdf_xml, model.source)
 
 
 def _holding(power: PowerBlock) -> NDArray[np.bool_]:
-    """Where most samples around are of the phase HOLD: noise of the velocity is no motion."""
+    """Where most samples around are of the phase HOLD: noise of the velocity is no motion.
+
+    Not while a DC link that the model knows takes or gives.
+    """
     stamp = power.stamp_ns
-    held = np.concatenate([[0], np.cumsum(power.phase == Phase.HOLD)])
+    still = (power.phase == Phase.HOLD) & (np.abs(power.capacitor_power) <= LINK_AT_REST)
+    held = np.concatenate([[0], np.cumsum(still)])
     first = np.searchsorted(stamp, stamp - AROUND, side="left")
     last = np.searchsorted(stamp, stamp + AROUND, side="right")
     return np.asarray(held[last] - held[first] > 0.5 * (last - first))

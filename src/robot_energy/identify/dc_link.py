@@ -25,6 +25,7 @@ from robot_energy.errors import NotIdentifiableError
 from robot_energy.identify.drive_data import BLOCK, BLOCKS, SHORTEST_BLOCK, held_energy
 from robot_energy.identify.quality import folds_in_order
 from robot_energy.identify.recordings import Recording
+from robot_energy.identify.total_power import GAIN
 from robot_energy.identify.total_sums import LEAST_READINGS, MAX_GAP, piece_means
 from robot_energy.model_file import RobotModel
 from robot_energy.model_file.figure import PositiveFigure
@@ -42,7 +43,7 @@ SETTLED = 1.0  # W of the constant between two rounds
 ROUNDS = 4
 WIDEST = 0.5  # of the energy: half width of a 95 % interval that still counts as told
 FOLDS = 5
-GAIN = 0.98  # what replaces figures of the model must be better by this factor
+Voltages = tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -125,11 +126,10 @@ class _Readings:
     def squares(self) -> Float:
         """Sums by block of r^2, r d and d^2, shape (blocks, 3, energies)."""
         rest = self.measured[:, None] - self.predicted
-        sums = [
-            np.stack([np.bincount(self.block, self.duration * column) for column in part.T], axis=1)
-            for part in (rest * rest, rest * self.slope, self.slope * self.slope)
-        ]
-        return np.stack(sums, axis=1)
+        parts = np.stack([rest * rest, rest * self.slope, self.slope * self.slope], axis=1)
+        sums = np.zeros((int(self.block.max()) + 1, *parts.shape[1:]))
+        np.add.at(sums, self.block, self.duration[:, None, None] * parts)
+        return sums
 
 
 def fit_link(recordings: Sequence[Recording], cabinet: Cabinet | None = None) -> LinkFit:
@@ -196,7 +196,7 @@ def with_link(
     model: RobotModel,
     fit: LinkFit,
     source: str,
-    voltages: tuple[float, float] | None = None,
+    voltages: Voltages | None = None,
 ) -> tuple[RobotModel, str]:
     """Return a model whose DC link stores the identified energy.
 
@@ -291,9 +291,7 @@ def _with_energy(cabinet: Cabinet, loss_dc: float, energy: float) -> Cabinet:
         low, high, size = (
             PositiveFigure(value=value, tag="assumed") for value in (0.0, 1.0, 2.0 * energy)
         )
-        update["capacitor"] = Capacitor(
-            capacitance=size, nominal_voltage=low, chopper_voltage=high
-        )
+        update["capacitor"] = Capacitor(capacitance=size, nominal_voltage=low, chopper_voltage=high)
     return cabinet.model_copy(update=update)
 
 
@@ -302,8 +300,8 @@ def _tried(
 ) -> tuple[Float, _Readings]:
     """Try energies, closer and closer to the best, with a constant and a little more of it."""
     data: _Readings | None = None
-    energies = np.empty(0)
-    new = np.concatenate([[0.0], np.geomspace(max(LEAST_SHARE * top, FULL), top, COARSE)])
+    energies, least = np.empty(0), max(LEAST_SHARE * top, FULL)
+    new = np.append(0.0, least * (top / least) ** (np.arange(COARSE) / (COARSE - 1)))
     for _ in range(3):
         cabinets = [_with_energy(cabinet, base, energy) for energy in new.tolist()]
         more = [_with_energy(cabinet, base + SLOPE, energy) for energy in new.tolist()]
@@ -319,7 +317,8 @@ def _tried(
         data = replace(part, predicted=predicted[:, order], slope=slope[:, order])
         best = int(np.argmin(_error(data.squares().sum(axis=0))))
         low, high = energies[max(best - 1, 0)], energies[min(best + 1, len(energies) - 1)]
-        new = np.setdiff1d(np.linspace(low, high, FINE), energies)
+        new = low + (high - low) * np.arange(1, FINE) / FINE
+        new = new[~np.isin(new, energies)]
     assert data is not None
     return energies, data
 
@@ -377,10 +376,12 @@ def _best(energies: Float, squares: Float) -> tuple[float, float]:
     best = int(np.argmin(error))
     energy = float(energies[best])
     if 0 < best < len(energies) - 1:
-        x = energies[best - 1 : best + 2] - energy
-        bend, slope, _ = np.polyfit(x, error[best - 1 : best + 2] - error[best], 2)
+        before, after = float(energies[best - 1]) - energy, float(energies[best + 1]) - energy
+        rise, fall = (float(error[k] - error[best]) for k in (best - 1, best + 1))
+        bend = rise * after - fall * before  # of the parabola through the three, > 0
         if bend > 0.0:
-            energy += float(np.clip(-0.5 * slope / bend, x[0], x[2]))
+            move = 0.5 * (rise * after * after - fall * before * before) / bend
+            energy += min(max(move, before), after)
     return energy, float(np.interp(energy, energies, shift))
 
 

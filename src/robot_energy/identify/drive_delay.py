@@ -76,22 +76,31 @@ def estimate_power_delay(data: DriveData, span: float = SPAN) -> PowerDelay | No
     if not curves:
         return None
     # Every drive counts by its noise: what is left at its own best delay.
-    middle = len(lags) // 2
     error = np.zeros_like(curves[0])
     for curve in curves:
         error += curve / max(float(curve.sum(axis=0).min()), np.finfo(float).tiny)
-    step = float(stride * period)
+    middle = len(lags) // 2
+    return delay_of(error, lags * period, error[:, middle], float(lags[-1]) * period)
+
+
+def delay_of(error: Float, delays: Float, undelayed: Float, span: float) -> PowerDelay:
+    """Return the delay of least error and whether to believe it.
+
+    Args:
+        error: Squared held-out error by block and delay, shape (blocks, delays).
+        delays: Evenly spaced, shape (delays,). [s]
+        undelayed: Squared held-out error without a delay, shape (blocks,).
+        span: Delays up to this were tried. [s]
+    """
+    count, step = len(error), float(delays[1] - delays[0])
     place, least = _least(error.sum(axis=0))
-    value = (place - middle) * step
+    value = float(delays[0]) + place * step
     left_out = [_least(error.sum(axis=0) - part)[0] * step for part in error]
-    count = len(left_out)
     std = float(np.sqrt((count - 1) * np.var(left_out)))
-    gain = 1.0 - float(np.sqrt(max(least, 0.0) / float(error[:, middle].sum())))
-    at_edge = place in (0.0, len(lags) - 1.0)
+    gain = 1.0 - float(np.sqrt(max(least, 0.0) / float(undelayed.sum())))
+    at_edge = place in (0.0, len(delays) - 1.0)
     believed = gain >= LEAST_GAIN and abs(value) > SIGNIFICANT * std and not at_edge
-    return PowerDelay(
-        value, std, gain, value if believed else 0.0, at_edge, float(lags[-1]) * period
-    )
+    return PowerDelay(value, std, gain, value if believed else 0.0, at_edge, span)
 
 
 def with_delay_undone(data: DriveData, delay: float) -> DriveData:

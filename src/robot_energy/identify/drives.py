@@ -228,7 +228,7 @@ class _Fitter:
                 )
             if losses.negative:
                 notes.append(
-                    f"{name}: {', '.join(losses.negative)} came out negative and is set to 0"
+                    f"{name}: {', '.join(losses.negative)} at its bound 0, negative otherwise"
                 )
             reduced = self.map(joint, rows, source)
         except NotIdentifiableError as error:

@@ -20,6 +20,7 @@ from robot_energy.errors import NotIdentifiableError
 from robot_energy.friction import viscous_law
 from robot_energy.identify.friction_data import FrictionData
 from robot_energy.identify.friction_laws import LEAST_RANGE, Law, LawName, fit_law
+from robot_energy.identify.losses import at_bound
 from robot_energy.identify.quality import HeldOut, folds_by_value, held_out
 from robot_energy.identify.regression import Regression
 from robot_energy.model_file import RobotModel
@@ -89,9 +90,11 @@ class FrictionFit:
             before: What the file held; its optional terms stay.
             source: Where the data come from.
         """
-        coulomb = PositiveFigure(
-            value=max(self.coulomb, 0.0), tag="identified", std=self.coulomb_std, source=source
-        )
+        coulomb = at_bound(source)
+        if self.coulomb > 0.0:
+            coulomb = PositiveFigure(
+                value=self.coulomb, tag="identified", std=self.coulomb_std, source=source
+            )
         return before.model_copy(update={"coulomb": coulomb, "viscous": self.law})
 
 
@@ -169,7 +172,7 @@ def _fit(moving: FrictionData, source: str) -> FrictionFit:
     coulomb = float(regression.values[0])
     if coulomb < 0:
         warnings.append(
-            f"{moving.name}: the Coulomb torque is negative ({coulomb:.3g}) and set to 0; "
+            f"{moving.name}: the Coulomb torque is at its bound 0, {coulomb:.3g} otherwise; "
             "check the sign and the meaning of the measured torque"
         )
     return FrictionFit(

@@ -10,7 +10,7 @@ made from are never given: a fit makes them small by construction.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -18,8 +18,9 @@ import numpy as np
 from robot_energy.blocks import NANOSECOND, Float, Int, MeterLocation
 from robot_energy.comparison import Compared
 from robot_energy.identify.bags import EVER, Bag, Span, read_all, temperature_ranges
-from robot_energy.identify.everything import Everything, Subject, identify_everything
+from robot_energy.identify.everything import Everything, identify_everything
 from robot_energy.identify.recordings import Recording
+from robot_energy.identify.steps import Subject
 
 Kind = Literal["test", "recordings", "blocks"]
 FOLDS = 5
@@ -244,6 +245,8 @@ def held_out_energy(
 
 
 def _test(bag: Bag, fitted: Everything, kind: Kind, number: int, seen: Float) -> Tested:
+    if fitted.meter_delay is not None:  # the same meter
+        bag = replace(bag, meter_delay=fitted.meter_delay.applied)
     models = {GIVEN: fitted.given, **{step.subject: step.model for step in fitted.steps}}
     predictions: dict[str, Prediction] = {}
     done: dict[int, Prediction] = {}

@@ -31,7 +31,8 @@ class Losses:
 
     Attributes:
         values: By name; 0 where negative or not told.
-        std: By name; 0 where the value was set to 0. NaN where not told.
+        std: By name; 0 where the value was set to 0, which a model file does not repeat. NaN
+            where not told.
         negative: Names of those that came out negative.
         untold: Names of those that the data do not tell apart from the ones before.
         samples: Number of samples.
@@ -49,6 +50,8 @@ class Losses:
 
     def figure(self, name: str, source: str, scale: float = 1.0) -> PositiveFigure:
         """Return one coefficient for a model file."""
+        if name in self.negative:
+            return at_bound(source)
         std = self.std[name] * scale
         return PositiveFigure(
             value=self.values[name] * scale,
@@ -60,6 +63,12 @@ class Losses:
     def entry(self, source: str = "") -> LossDrive:
         """Return the losses of one drive for a model file."""
         return LossDrive(**{name: self.figure(name, source) for name in TERMS})  # pyright: ignore
+
+
+def at_bound(source: str) -> PositiveFigure:
+    """Return a figure that no data may make negative; a bound has no standard deviation."""
+    text = f"at its bound 0: {source}" if source else "at its bound 0"
+    return PositiveFigure(value=0.0, tag="identified", source=text)
 
 
 def winding(degc: Float, coefficient: float = COPPER_COEFFICIENT) -> Float:

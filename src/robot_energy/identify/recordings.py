@@ -22,7 +22,7 @@ from robot_energy.blocks import (
     Quality,
     TorqueBlock,
 )
-from robot_energy.comparison import Compared
+from robot_energy.comparison import Compared, Comparison
 from robot_energy.errors import BagError
 from robot_energy.identify.signals import Channels, stretches
 from robot_energy.ingest.sources import Inputs
@@ -84,6 +84,19 @@ class Recording:
             meter=meter if meter is not None and len(meter) else None,
             compared=(),
         )
+
+    def with_meter_earlier(self, delay: float) -> Recording:
+        """Return the recording with a delay of its meter undone, compared again. [s]"""
+        if delay == 0.0 or self.meter is None:
+            return self
+        meter = replace(self.meter, stamp_ns=self.meter.stamp_ns - round(delay / NANOSECOND))
+        comparison = Comparison()
+        comparison.measure(meter)
+        supply = self.power.supply
+        compared = comparison.predict(
+            supply.stamp_ns, supply.segment, supply.power_at(meter.location)
+        )
+        return replace(self, meter=meter, compared=(compared,))
 
 
 def _inside(stamp_ns: Int, start_ns: int, end_ns: int) -> NDArray[np.bool_]:

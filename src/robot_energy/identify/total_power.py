@@ -16,7 +16,7 @@ import numpy as np
 
 from robot_energy.blocks import Float, Int, MeterLocation
 from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.losses import Losses, fit_losses
+from robot_energy.identify.losses import Losses, at_bound, fit_losses
 from robot_energy.identify.quality import folds_in_order
 from robot_energy.identify.total_sums import COEFFICIENTS, Sums
 from robot_energy.model_file import RobotModel
@@ -271,6 +271,9 @@ def _entry(fit: TotalFit, joint: int, source: str) -> LossDrive:
     }
     for row, name in enumerate(COEFFICIENTS):
         std = float(fit.deviations[row, joint])
+        if std == 0.0 and fit.coefficients[row, joint] == 0.0 and fit.structure != "shaft":
+            entries[name] = at_bound(source)
+            continue
         told = np.isfinite(std)
         entries[name] = PositiveFigure(
             value=float(fit.coefficients[row, joint]),

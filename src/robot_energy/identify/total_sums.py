@@ -94,7 +94,9 @@ def sums(data: DriveData, model: RobotModel | None) -> Sums:
         if meter is None or len(rows) < 2:
             continue
         for pieces in MeterCurve(MAX_GAP).step(meter):
-            kept, means = piece_means(pieces, data.stamp_ns[rows], data.stretch[rows], columns[rows])
+            kept, means = piece_means(
+                pieces, data.stamp_ns[rows], data.stretch[rows], columns[rows]
+            )
             parts.append((kept, means, np.full(len(kept), number)))
     count = sum(len(pieces) for pieces, _, _ in parts)
     if count < LEAST_READINGS:

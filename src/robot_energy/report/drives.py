@@ -129,7 +129,7 @@ def total_summary(
     if untold:
         notes.append(f"not told apart from the terms before, taken as 0: {', '.join(untold)}")
     if negative:
-        notes.append(f"negative, set to 0: {', '.join(negative)}")
+        notes.append(f"at its bound 0, negative otherwise: {', '.join(negative)}")
     if fit.structure in ("shared", "axis_copper"):
         notes.append("what axes share cannot be told apart per axis from one meter here")
     return {
@@ -172,7 +172,10 @@ def drives_found_summary(found: DrivesFound, torque: str = "") -> Summary:
         summary["drives"] = drives_summary(found.drives, found.delay)
     if found.total is not None:
         total = found.total
-        summary["total"] = total_summary(total.data, total.fit, total.held_out, total.scores)
+        summary["total"] = {
+            **total_summary(total.data, total.fit, total.held_out, total.scores),
+            "meter_delay": None if total.delay is None else dict(total.delay.__dict__),
+        }
     return summary
 
 
@@ -245,16 +248,25 @@ def _print_drives(summary: Summary, page: Page) -> None:
         line(page, f"too few recordings or samples to hold out: {', '.join(missing)}")
     delay = summary["delay"]
     if delay is not None:
-        line(
-            page,
-            f"delay of the power behind the joint states: {1e3 * delay['value']:+.1f} +- "
-            f"{1e3 * delay['std']:.1g} ms would lower the held-out error by "
-            f"{percent(delay['gain'])}: {'undone' if delay['applied'] else 'not applied'}",
-        )
+        line(page, delay_text("the power", delay))
     chosen = "loss model" if summary["chosen"] == "loss_model" else "efficiency map"
     line(page, f"the {chosen} is taken, by its held-out RMS error")
     for note in summary["notes"]:
         line(page, f"note: {note}")
+
+
+def delay_text(what: str, delay: Summary) -> str:
+    """Return a delay behind the joint states in one line.
+
+    Args:
+        what: Of what.
+        delay: Fields of a `PowerDelay`.
+    """
+    return (
+        f"delay of {what} behind the joint states: {1e3 * delay['value']:+.1f} +- "
+        f"{1e3 * delay['std']:.1g} ms would lower the held-out error by "
+        f"{percent(delay['gain'])}: {'undone' if delay['applied'] else 'not applied'}"
+    )
 
 
 def _figure(value: float, std: float | None) -> str:
@@ -298,5 +310,8 @@ def _print_total(summary: Summary, page: Page) -> None:
             for axis in summary["axes"]
         ],
     )
+    delay = summary.get("meter_delay")
+    if delay is not None:
+        line(page, delay_text("the meter", delay))
     for note in summary["notes"]:
         line(page, f"note: {note}")

@@ -12,16 +12,14 @@ from robot_energy.blocks import EffortMeaning
 from robot_energy.identify.all_drives import DrivesFound
 from robot_energy.identify.bags import VIRTUAL, BagFacts
 from robot_energy.identify.cabinet import CabinetFit
-from robot_energy.identify.everything import (
-    DynamicsFound,
-    Everything,
-    FrictionFound,
-    Step,
-)
+from robot_energy.identify.dc_link import LinkFit
+from robot_energy.identify.everything import Everything
 from robot_energy.identify.held_out_energy import HeldOutEnergy
+from robot_energy.identify.steps import DynamicsFound, FrictionFound, Step
 from robot_energy.model_file import RobotModel
+from robot_energy.report.dc_link import error_over_energy, link_summary, print_link
 from robot_energy.report.document import Document
-from robot_energy.report.drives import drives_found_summary, print_drives
+from robot_energy.report.drives import delay_text, drives_found_summary, print_drives
 from robot_energy.report.dynamics import dynamics_summary, print_dynamics, weakly_excited
 from robot_energy.report.efficiency_figure import efficiency_maps
 from robot_energy.report.friction_figure import friction_over_temperature
@@ -50,6 +48,7 @@ TITLES = {
     "friction": "Friction over motor temperature",
     "cabinet": "Constant losses of the cabinet",
     "drives": "Drives: electrical power",
+    "capacitor": "Energy of the DC link",
 }
 
 
@@ -152,6 +151,10 @@ def _came_of(step: Step) -> str:
             if found.drives is None:
                 return "losses behind one meter for all drives"
             return f"each drive by its own power: {found.drives.chosen.replace('_', ' ')}"
+        case LinkFit() as fit:
+            return (
+                f"{fit.energy:.0f} J, 95 % interval {fit.interval[0]:.0f} to {fit.interval[1]:.0f}"
+            )
         case None:
             return ""
 
@@ -185,6 +188,9 @@ def _read(found: Identification, page: Page) -> None:
         ),
         rows,
     )
+    delay = found.whole.meter_delay
+    if delay is not None:
+        line(page, delay_text("the power meter", dict(delay.__dict__)))
     for entry in (*found.read, *found.tests):
         for problem in entry.problems:
             line(page, f"{NOTE}{entry.name}: {problem}")
@@ -234,6 +240,14 @@ def _step(step: Step, found: Identification, page: Page) -> None:
                     lambda path: efficiency_maps(mapped, path),
                     "Reduced efficiency maps in four quadrants, with their points.",
                 )
+        case LinkFit() as fit:
+            print_link(summary, page)
+            if isinstance(page, Document):
+                page.figure(
+                    lambda path: error_over_energy(fit, path),
+                    "Error of the predicted power at the grid over the energy of the DC link, the "
+                    "constant of the DC side free beside it; shaded: 95 % interval.",
+                )
     for note in step.notes:
         line(page, f"{NOTE}{note}")
 
@@ -252,6 +266,8 @@ def step_summary(step: Step, whole: Everything) -> dict[str, Any]:
             return cabinet_summary(fit)
         case DrivesFound() as found:
             return drives_found_summary(found)
+        case LinkFit() as fit:
+            return link_summary(fit)
         case None:
             return {}
 
@@ -307,6 +323,9 @@ def identification_summary(found: Identification) -> dict[str, Any]:
             }
             for step in found.whole.steps
         ],
+        "meter_delay": None
+        if found.whole.meter_delay is None
+        else dict(found.whole.meter_delay.__dict__),
         "energy": energy_summary(found.test),
     }
 

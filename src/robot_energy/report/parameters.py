@@ -64,6 +64,16 @@ def _pairs(before: RobotModel, after: RobotModel) -> Iterator[Change]:
     for key, name in (("loss_grid", "grid side"), ("loss_dc", "DC side")):
         was, now = getattr(before.cabinet, key), getattr(after.cabinet, key)
         yield Change(f"{name} constant loss", "W", was, now)
+    old_link, new_link = before.cabinet.capacitor, after.cabinet.capacitor
+    if new_link is None:
+        return
+    for key, name, unit in (
+        ("capacitance", "DC link capacitance", "F"),
+        ("nominal_voltage", "DC link, rectified mains", "V"),
+        ("chopper_voltage", "DC link, chopper", "V"),
+    ):
+        was = None if old_link is None else getattr(old_link, key)
+        yield Change(name, unit, was, getattr(new_link, key))
 
 
 def print_changes(before: RobotModel, after: RobotModel, page: Page) -> None:

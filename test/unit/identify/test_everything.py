@@ -15,7 +15,6 @@ from robot_energy.identify.all_drives import DrivesFound
 from robot_energy.identify.bags import Bag, facts
 from robot_energy.identify.drive_power import DrivePower, read_drive_power
 from robot_energy.identify.everything import (
-    DynamicsFound,
     Everything,
     identify_everything,
     order_of,
@@ -24,6 +23,7 @@ from robot_energy.identify.everything import (
 )
 from robot_energy.identify.held_out_energy import GIVEN, folds_of, held_out_energy
 from robot_energy.identify.recordings import Recording
+from robot_energy.identify.steps import DynamicsFound
 from robot_energy.model_file import RobotModel, load
 from robot_energy.replay import Progress, replay
 from robot_energy.report.summary import summarise

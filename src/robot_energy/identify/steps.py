@@ -1,0 +1,272 @@
+"""The steps of a whole identification: what each finds, and when it is taken.
+
+Every step reads the recordings with the model that the step before left.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+
+from robot_energy.blocks import EffortMeaning
+from robot_energy.errors import NotIdentifiableError
+from robot_energy.friction import viscous_law
+from robot_energy.identify.all_drives import DrivesFound, TotalFound, find_drives
+from robot_energy.identify.bags import Bag, powers_of, read_all
+from robot_energy.identify.cabinet import CabinetFit, beside_drives, fit_cabinet, with_cabinet
+from robot_energy.identify.dc_link import LinkFit, Voltages, fit_link, with_link
+from robot_energy.identify.drive_data import drive_data
+from robot_energy.identify.dynamics import Dynamics, identify_dynamics
+from robot_energy.identify.dynamics_model import to_model
+from robot_energy.identify.friction import FrictionFit, fit_axes, with_friction
+from robot_energy.identify.friction_data import friction_data
+from robot_energy.identify.recordings import Recording, channels_of
+from robot_energy.identify.validation import TorqueError
+from robot_energy.model_file import RobotModel
+
+Subject = Literal["dynamics", "friction", "cabinet", "drives", "capacitor"]
+SUBJECTS: tuple[Subject, ...] = ("dynamics", "friction", "cabinet", "drives", "capacitor")
+GAIN = 0.98  # what replaces figures of the model must be better by this factor
+LONGEST = 240.0  # s of motion for the dynamics: more tells little, and memory grows with it
+
+
+@dataclass(frozen=True)
+class DynamicsFound:
+    """Bodies, rotors and friction, and what the bodies are worth.
+
+    Attributes:
+        result: The identification.
+        consistent: Held-out torque error of what the model file would hold.
+        given: The same with the bodies as given; rotors and friction refitted.
+        seconds: Taken from the start of each recording; infinite for all. [s]
+    """
+
+    result: Dynamics
+    consistent: TorqueError
+    given: TorqueError
+    seconds: float
+
+    @cached_property
+    def least_squares(self) -> TorqueError:
+        """Held-out torque error of the least-squares fit."""
+        return self.result.held_out()
+
+
+@dataclass(frozen=True)
+class FrictionFound:
+    """Friction over temperature.
+
+    Attributes:
+        fits: One per axis that could be identified.
+        refused: Why the others could not, one sentence each.
+    """
+
+    fits: tuple[FrictionFit, ...]
+    refused: tuple[str, ...]
+
+
+Found = DynamicsFound | FrictionFound | CabinetFit | DrivesFound | LinkFit
+
+
+@dataclass(frozen=True)
+class Step:
+    """One step of the whole.
+
+    Attributes:
+        subject: What it is about.
+        found: What the recordings tell; None if the step was left out.
+        reason: Why it was left out, or why what was found was not taken; empty otherwise.
+        model: As the step left it.
+        notes: What was decided without data, one sentence each.
+    """
+
+    subject: Subject
+    found: Found | None
+    reason: str
+    model: RobotModel
+    notes: tuple[str, ...] = ()
+
+    @property
+    def taken(self) -> bool:
+        """Whether the model holds what was found."""
+        return self.found is not None and not self.reason
+
+
+def _measured(bags: Sequence[Bag], model: RobotModel) -> list[Recording]:
+    """Recordings with measured torque.
+
+    Raises:
+        NotIdentifiableError: If no bag has any, saying what is missing.
+    """
+    told = [bag for bag in bags if bag.effort is not EffortMeaning.NONE]
+    if not told:
+        raise NotIdentifiableError(
+            "what the effort in the joint states means was not told",
+            "measured torque or current",
+            "say it with --effort, or record a driver that sends torque or current",
+        )
+    known = [
+        part
+        for part in read_all(told, model)
+        if np.isfinite(part.torque.motor_torque_measured).any()
+    ]
+    if not known:
+        raise NotIdentifiableError(
+            "the joint states of the recordings have no effort",
+            "measured torque or current of every joint",
+            "record a driver that sends it",
+        )
+    return known
+
+
+def _warm(recordings: Sequence[Recording]) -> bool:
+    return any(np.isfinite(part.power.motor_temperature_degc).any() for part in recordings)
+
+
+def _dynamics(bags: Sequence[Bag], model: RobotModel, source: str) -> Step:
+    """Bodies are taken if they predict torque better than those of the model."""
+    recordings = _measured(bags, model)
+    spans = [part.span_ns for part in recordings]
+    total = sum(end - start for start, end in spans) * 1e-9
+    seconds = LONGEST / len(recordings) if total > LONGEST else np.inf
+    level, notes = _at_one_temperature(recordings)
+    result = identify_dynamics(channels_of(level, seconds), model)
+    found = DynamicsFound(
+        result, result.held_out_consistent(), result.held_out_given_bodies(), seconds
+    )
+    new, old = found.consistent.total, found.given.total
+    # without temperatures this step alone tells friction, so equal bodies will do
+    if new < old * (GAIN if _warm(recordings) else 1.0 / GAIN):
+        return Step("dynamics", found, "", to_model(result, ()), notes)
+    return Step(
+        "dynamics",
+        found,
+        f"the bodies as given predict held-out torque as well or better ({100 * old:.1f} % off, "
+        f"the identified ones {100 * new:.1f} %), so they stay",
+        model,
+        notes,
+    )
+
+
+def _at_one_temperature(
+    recordings: Sequence[Recording],
+) -> tuple[list[Recording], tuple[str, ...]]:
+    """Measured torque as if every motor always had its median temperature.
+
+    The dynamics know one viscous friction fv per joint. Where friction follows the temperature
+    T, ``(fv(T) - fv(T_median)) w`` is taken off, by laws fitted with the bodies as given. Their
+    difference over temperature hardly depends on the bodies.
+    """
+    axes = [friction_data(recordings, joint) for joint in range(len(recordings[0].model.joints))]
+    try:
+        fits, _ = fit_axes(axes)
+    except NotIdentifiableError:
+        return list(recordings), ()
+    warm = {fit.name: viscous_law(fit.law) for fit in fits if fit.chosen != "constant"}
+    if not warm:
+        return list(recordings), ()
+    torques = [part.torque.motor_torque_measured.copy() for part in recordings]
+    for joint, name in enumerate(recordings[0].model.joint_names):
+        if name not in warm:
+            continue
+        degc = [part.power.motor_temperature_degc[:, joint] for part in recordings]
+        usual = float(warm[name].viscous(float(np.nanmedian(np.concatenate(degc)))))
+        for part, torque, own in zip(recordings, torques, degc, strict=True):
+            known = np.where(np.isfinite(own), warm[name].viscous(own), usual)
+            torque[:, joint] -= (known - usual) * part.torque.motor_velocity[:, joint]
+    level = [
+        replace(part, torque=replace(part.torque, motor_torque_measured=torque))
+        for part, torque in zip(recordings, torques, strict=True)
+    ]
+    return level, (
+        f"what temperature does to the friction of {', '.join(warm)} was taken off first, so the "
+        "friction of this step is that of the median temperature",
+    )
+
+
+def _friction(bags: Sequence[Bag], model: RobotModel, source: str) -> Step:
+    recordings = _measured(bags, model)
+    axes = [friction_data(recordings, joint) for joint in range(len(model.joints))]
+    fits, refused = fit_axes(axes, source)
+    found = FrictionFound(tuple(fits), tuple(refused))
+    notes: tuple[str, ...] = ()
+    if any(bag.effort is EffortMeaning.JOINT_TORQUE for bag in bags):
+        notes = (
+            "joint torque was measured: a sensor behind the gear sees none of the friction "
+            "before it, and then this friction is too small",
+        )
+    return Step("friction", found, "", with_friction(model, fits, source), notes)
+
+
+def _cabinet(bags: Sequence[Bag], model: RobotModel, source: str) -> Step:
+    recordings, powers = powers_of(bags, model)
+    beside = None
+    if any(power is not None for power in powers):
+        beside = beside_drives(drive_data(recordings, powers, measured_torque=False), model)
+    fit = fit_cabinet(recordings, beside)
+    if fit.loss_grid is None and fit.loss_dc is None:
+        raise NotIdentifiableError(
+            "the meter tells neither the loss of the grid side nor that of the DC side",
+            "rest, or hard braking with a meter at the grid",
+            "record at least ten seconds of rest with active drives, and fast motions",
+        )
+    return Step("cabinet", fit, "", with_cabinet(model, fit, source))
+
+
+def _drives(bags: Sequence[Bag], model: RobotModel, source: str) -> Step:
+    """Each drive by measured torque; one meter for all by that of the model, which is what runs."""
+    recordings, powers = powers_of(bags, model)
+    measured = any(power is not None for power in powers) and all(
+        bag.effort in (EffortMeaning.MOTOR_TORQUE, EffortMeaning.MOTOR_CURRENT)
+        and np.isfinite(part.torque.motor_torque_measured).any()
+        for bag in bags
+        for part in recordings
+    )
+    found = find_drives(drive_data(recordings, powers, measured), model, source)
+    reason = ""
+    if found.drives is None and found.total is not None:
+        reason = _not_better(found.total)
+    if reason:
+        return Step("drives", found, reason, model)
+    written, notes = found.write(model, source)
+    return Step("drives", found, "", written, tuple(notes))
+
+
+def _not_better(total: TotalFound) -> str:
+    """Why losses from one meter are not taken; empty if they are better than the model's own."""
+    given, new = total.scores.get("given"), total.scores.get("identified")
+    if new is None:
+        return "too few readings to test the losses on readings that they have not seen"
+    if given is None or not np.isfinite(given.rms):
+        return ""
+    if new.rms < GAIN * given.rms and new.energy_error <= given.energy_error:
+        return ""
+    return (
+        "the drives as given predict held-out readings of the meter as well or better "
+        f"(energy {100 * given.energy_error:.1f} % off and {given.rms:.3g} W RMS; losses fitted "
+        f"to the meter {100 * new.energy_error:.1f} % and {new.rms:.3g} W), so they stay"
+    )
+
+
+def capacitor_step(
+    bags: Sequence[Bag], model: RobotModel, source: str, voltages: Voltages | None = None
+) -> Step:
+    """Find the energy of the DC link, after all that decides when it fills."""
+    fit = fit_link(read_all(bags, model))
+    if fit.reason:
+        return Step("capacitor", fit, fit.reason, model)
+    written, note = with_link(model, fit, source, voltages)
+    return Step("capacitor", fit, "", written, (note,))
+
+
+STEPS: dict[Subject, Callable[[Sequence[Bag], RobotModel, str], Step]] = {
+    "dynamics": _dynamics,
+    "friction": _friction,
+    "cabinet": _cabinet,
+    "drives": _drives,
+    "capacitor": capacitor_step,
+}

@@ -1,0 +1,87 @@
+"""Cabinet and DC link together, each found again with what the other says.
+
+Rest tells the constants only once the DC link has given what it holds, and the constants say
+when that is. So the constants come first, then the link, then both once more. A third round
+changes nothing that matters: rest is told by readings half a second and more after motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from robot_energy.errors import NotIdentifiableError
+from robot_energy.identify.cabinet import CabinetFit, fit_cabinet, with_cabinet
+from robot_energy.identify.dc_link import LinkFit, Voltages, fit_link, rebalanced, with_link
+from robot_energy.identify.drive_data import drive_data
+from robot_energy.identify.drive_delay import PowerDelay
+from robot_energy.identify.meter_delay import estimate_meter_delay
+from robot_energy.identify.recordings import Recording
+from robot_energy.model_file import RobotModel
+
+
+@dataclass(frozen=True)
+class SupplyFound:
+    """What a meter tells of everything behind the drives.
+
+    Attributes:
+        cabinet: Constant losses.
+        link: Energy of the DC link; None if it was not told.
+        reason: Why the link is not in the model; empty if it is.
+        note: What was taken for its voltages; empty if it is not in the model.
+        delay: Of the meter behind the joint states; undone where it is sure.
+        model: With all that was taken.
+    """
+
+    cabinet: CabinetFit
+    link: LinkFit | None
+    reason: str
+    note: str
+    delay: PowerDelay | None
+    model: RobotModel
+
+
+def fit_supply(
+    recordings: Sequence[Recording], source: str, voltages: Voltages | None = None
+) -> SupplyFound:
+    """Identify constant losses and DC link.
+
+    Args:
+        recordings: Run with one model.
+        source: Where the data come from.
+        voltages: Of the DC link, rectified and of the chopper; None if they are not known. [V]
+
+    Raises:
+        NotIdentifiableError: If not even the constants are told.
+    """
+    delay = None
+    if any(part.meter is not None for part in recordings):
+        data = drive_data(recordings, [None] * len(recordings), measured_torque=False)
+        delay = estimate_meter_delay(data)
+    if delay is not None:
+        recordings = [part.with_meter_earlier(delay.applied) for part in recordings]
+    given = recordings[0].model
+    cabinet = fit_cabinet(recordings)
+    model = with_cabinet(given, cabinet, source)
+    link, reason = _link(recordings, model)
+    if link is None:
+        return SupplyFound(cabinet, None, reason, "", delay, model)
+    # Judged after both rounds: before, readings at rest may still be too low.
+    linked, _ = with_link(model, link, source, voltages)
+    again = fit_cabinet([rebalanced(part, linked.cabinet) for part in recordings])
+    if again.loss_dc is not None or cabinet.loss_dc is None:  # enough rest is left
+        link, reason = _link(recordings, with_cabinet(given, again, source))
+        if link is not None and not reason:
+            cabinet, model = again, with_cabinet(given, again, source)
+    if link is None or reason:
+        return SupplyFound(cabinet, link, reason, "", delay, model)
+    model, note = with_link(model, link, source, voltages)
+    return SupplyFound(cabinet, link, "", note, delay, model)
+
+
+def _link(recordings: Sequence[Recording], model: RobotModel) -> tuple[LinkFit | None, str]:
+    try:
+        link = fit_link(recordings, model.cabinet)
+    except NotIdentifiableError as error:
+        return None, str(error)
+    return link, link.reason
