@@ -1,5 +1,7 @@
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from robot_energy.cabinet import CabinetStage
 from robot_energy.model_file.schema import Cabinet
@@ -54,3 +56,37 @@ def test_nan_stays_nan():
     balance = step([np.nan, 0.0])
     assert np.isnan(balance.grid_power[0])
     assert balance.grid_power[1] == pytest.approx(400.0)
+
+
+def plain_recursion(stamp, segment, demand, swing):
+    """The capacitor sample by sample, nothing skipped. [W]"""
+    stored, flow = 0.0, np.zeros(len(demand))
+    for k in range(len(demand)):
+        if k == 0 or segment[k] != segment[k - 1]:
+            stored = 0.0
+        elif np.isfinite(demand[k]):
+            duration = (stamp[k] - stamp[k - 1]) * 1e-9
+            after = min(max(stored - demand[k] * duration, 0.0), swing)
+            flow[k], stored = (after - stored) / duration, after
+    return flow
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 10_000), st.lists(st.integers(1, 40), min_size=1, max_size=6))
+def test_capacitor_is_the_plain_recursion_however_the_input_is_cut(seed, cuts):
+    random = np.random.default_rng(seed)
+    count = sum(cuts)
+    bus = np.cumsum(random.normal(0.0, 4000.0, count))
+    bus[random.random(count) < 0.05] = np.nan
+    stamp = np.cumsum(random.integers(1, 9_000_000, count))
+    segment = np.cumsum(random.random(count) < 0.05)
+    cabinet = Cabinet.model_validate(
+        {"loss_grid": figure(250.0), "loss_dc": figure(150.0), "capacitor": CAPACITOR}
+    )
+    stage, flow, first = CabinetStage(cabinet), [], 0
+    for cut in cuts:
+        rows = slice(first, first + cut)
+        flow.append(stage.step(stamp[rows], segment[rows], bus[rows]).capacitor_power)
+        first += cut
+    expected = plain_recursion(stamp, segment, bus + 150.0, 176.4)
+    np.testing.assert_allclose(np.concatenate(flow), expected, rtol=1e-9, atol=1e-6)

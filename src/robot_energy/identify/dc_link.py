@@ -11,34 +11,35 @@ cannot stand in for each other. The constant itself is not changed.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from robot_energy.blocks import NANOSECOND, Float, Int, MeterLocation
-from robot_energy.cabinet import CabinetStage
-from robot_energy.comparison.curve import MeterCurve
-from robot_energy.comparison.pieces import Pieces
+from robot_energy.blocks import Float, Int, MeterLocation
 from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.drive_data import BLOCK, BLOCKS, SHORTEST_BLOCK, held_energy
+from robot_energy.identify.link_readings import (
+    FULL,
+    Readings,
+    best_energy,
+    braking_time,
+    fed_at_once,
+    readings_of,
+    squared_error,
+    tried,
+    use_of,
+    with_energy,
+)
 from robot_energy.identify.quality import folds_in_order
 from robot_energy.identify.recordings import Recording
 from robot_energy.identify.total_power import GAIN
-from robot_energy.identify.total_sums import LEAST_READINGS, MAX_GAP, piece_means
 from robot_energy.model_file import RobotModel
 from robot_energy.model_file.figure import PositiveFigure
 from robot_energy.model_file.schema import Cabinet, Capacitor
 
 NOMINAL_VOLTAGE = 566.0  # V: peak of 3 x 400 V mains, taken where no model file says other
 CHOPPER_VOLTAGE = 700.0  # V: the same
-COARSE = 16  # energies tried first,
-FINE = 9  # and between the neighbours of the best one, twice
-LEAST_SHARE = 1e-3  # of the greatest energy that was fed back at once: least energy tried
 LEAST_EVENTS = 5  # times that the link must have been full
-FULL = 1.0  # W into the brake resistor, or J in the link: above it there is some
-SLOPE = 5.0  # W of the constant for its effect on the meter
 SETTLED = 1.0  # W of the constant between two rounds
 ROUNDS = 4
 WIDEST = 0.5  # of the energy: half width of a 95 % interval that still counts as told
@@ -112,26 +113,6 @@ class LinkFit:
         )
 
 
-@dataclass(frozen=True)
-class _Readings:
-    """Measured power, and that predicted with every energy, shape (K,) and (K, energies)."""
-
-    measured: Float
-    predicted: Float
-    slope: Float
-    duration: Float
-    recording: Int
-    block: Int
-
-    def squares(self) -> Float:
-        """Sums by block of r^2, r d and d^2, shape (blocks, 3, energies)."""
-        rest = self.measured[:, None] - self.predicted
-        parts = np.stack([rest * rest, rest * self.slope, self.slope * self.slope], axis=1)
-        sums = np.zeros((int(self.block.max()) + 1, *parts.shape[1:]))
-        np.add.at(sums, self.block, self.duration[:, None, None] * parts)
-        return sums
-
-
 def fit_link(recordings: Sequence[Recording], cabinet: Cabinet | None = None) -> LinkFit:
     """Identify the energy.
 
@@ -149,7 +130,7 @@ def fit_link(recordings: Sequence[Recording], cabinet: Cabinet | None = None) ->
     metered = [part for part in recordings if part.meter is not None]
     cabinet = cabinet or recordings[0].model.cabinet
     _require_grid_meter(metered, cabinet)
-    top = max(_held(part, cabinet.loss_dc.value) for part in metered)
+    top = max(fed_at_once(part, cabinet.loss_dc.value) for part in metered)
     if top <= FULL:
         raise NotIdentifiableError(
             "the drives never feed back more than the DC side uses",
@@ -160,21 +141,22 @@ def fit_link(recordings: Sequence[Recording], cabinet: Cabinet | None = None) ->
     base = cabinet.loss_dc.value
     energies, data = np.empty(0), None
     for _ in range(ROUNDS):
-        energies, data = _tried(metered, cabinet, base, top)
-        shift = _best(energies, data.squares().sum(axis=0))[1]
+        energies, data = tried(metered, cabinet, base, top)
+        shift = best_energy(energies, data.squares().sum(axis=0))[1]
         base += shift
         if abs(shift) < SETTLED:
             break
     assert data is not None
     squares = data.squares()
-    energy, shift = _best(energies, squares.sum(axis=0))
+    energy, shift = best_energy(energies, squares.sum(axis=0))
     std, shift_std, half = _deviations(energies, squares)
     spacing = float(np.median(data.duration))
-    events, emptying = _use(metered, _with_energy(cabinet, base, energy))
-    _require_told(energy, half, events, top, spacing, emptying)
+    events, emptying = use_of(metered, with_energy(cabinet, base, energy))
+    braking = braking_time(metered, cabinet.loss_dc.value)
+    _require_told(energy, half, events, top, spacing, braking)
     fold, kind = _folds(data)
     scores = _scores(metered, cabinet, given, energies, squares, data, fold)
-    error = _error(squares.sum(axis=0))
+    error = squared_error(squares.sum(axis=0))
     return LinkFit(
         energy,
         std,
@@ -245,18 +227,6 @@ def with_link(
     )
 
 
-def rebalanced(recording: Recording, cabinet: Cabinet) -> Recording:
-    """Return a recording as if its model had another cabinet; what was compared stays out."""
-    power = recording.power
-    flows = CabinetStage(cabinet).step(power.stamp_ns, power.segment, power.bus_power)
-    return replace(
-        recording,
-        model=recording.model.model_copy(update={"cabinet": cabinet}),
-        power=replace(power, **flows.__dict__),
-        compared=(),
-    )
-
-
 def _require_grid_meter(metered: Sequence[Recording], cabinet: Cabinet) -> None:
     if not metered:
         raise NotIdentifiableError(
@@ -276,115 +246,6 @@ def _require_grid_meter(metered: Sequence[Recording], cabinet: Cabinet) -> None:
         )
 
 
-def _held(part: Recording, loss_dc: float) -> float:
-    """Most energy that was fed back and not yet drawn again. [J]"""
-    power = part.power
-    return float(held_energy(power.bus_power + loss_dc, power.stamp_ns, power.segment).max())
-
-
-def _with_energy(cabinet: Cabinet, loss_dc: float, energy: float) -> Cabinet:
-    update: dict[str, PositiveFigure | Capacitor | None] = {
-        "loss_dc": cabinet.loss_dc.model_copy(update={"value": loss_dc}),
-        "capacitor": None,
-    }
-    if energy > 0.0:
-        low, high, size = (
-            PositiveFigure(value=value, tag="assumed") for value in (0.0, 1.0, 2.0 * energy)
-        )
-        update["capacitor"] = Capacitor(capacitance=size, nominal_voltage=low, chopper_voltage=high)
-    return cabinet.model_copy(update=update)
-
-
-def _tried(
-    metered: Sequence[Recording], cabinet: Cabinet, base: float, top: float
-) -> tuple[Float, _Readings]:
-    """Try energies, closer and closer to the best, with a constant and a little more of it."""
-    data: _Readings | None = None
-    energies, least = np.empty(0), max(LEAST_SHARE * top, FULL)
-    new = np.append(0.0, least * (top / least) ** (np.arange(COARSE) / (COARSE - 1)))
-    for _ in range(3):
-        cabinets = [_with_energy(cabinet, base, energy) for energy in new.tolist()]
-        more = [_with_energy(cabinet, base + SLOPE, energy) for energy in new.tolist()]
-        part = _readings(metered, [*cabinets, *more])
-        predicted, other = np.hsplit(part.predicted, 2)
-        slope = (other - predicted) / SLOPE
-        if data is not None:
-            predicted = np.hstack([data.predicted, predicted])
-            slope = np.hstack([data.slope, slope])
-        energies = np.concatenate([energies, new])
-        order = np.argsort(energies)
-        energies = energies[order]
-        data = replace(part, predicted=predicted[:, order], slope=slope[:, order])
-        best = int(np.argmin(_error(data.squares().sum(axis=0))))
-        low, high = energies[max(best - 1, 0)], energies[min(best + 1, len(energies) - 1)]
-        new = low + (high - low) * np.arange(1, FINE) / FINE
-        new = new[~np.isin(new, energies)]
-    assert data is not None
-    return energies, data
-
-
-def _readings(metered: Sequence[Recording], cabinets: Sequence[Cabinet]) -> _Readings:
-    """Run every cabinet, and take the means over the same time as each reading."""
-    parts: list[tuple[Pieces, Float, Int]] = []
-    for number, recording in enumerate(metered):
-        power, meter = recording.power, recording.meter
-        assert meter is not None
-        stamp, segment = power.stamp_ns, power.segment
-        grid = np.column_stack(
-            [
-                CabinetStage(entry).step(stamp, segment, power.bus_power).grid_power
-                for entry in cabinets
-            ]
-        )
-        for pieces in MeterCurve(MAX_GAP).step(meter):
-            kept, means = piece_means(pieces, stamp, segment, grid)
-            parts.append((kept, means, np.full(len(kept), number)))
-    count = sum(len(pieces) for pieces, _, _ in parts)
-    if count < LEAST_READINGS:
-        raise NotIdentifiableError(
-            f"{count} readings of the meter lie inside the samples of the robot",
-            f"at least {LEAST_READINGS}",
-            "record longer, with the meter running",
-        )
-    start = np.concatenate([pieces.start_ns for pieces, _, _ in parts])
-    end = np.concatenate([pieces.end_ns for pieces, _, _ in parts])
-    predicted = np.concatenate([means for _, means, _ in parts])
-    recording = np.concatenate([number for _, _, number in parts])
-    duration = (end - start) * NANOSECOND
-    length = min(BLOCK, max(SHORTEST_BLOCK, float(duration.sum()) / BLOCKS))
-    origin = np.asarray([part.power.stamp_ns[0] for part in metered])[recording]
-    place = np.stack([recording, (start - origin) // round(length / NANOSECOND)])
-    return _Readings(
-        np.concatenate([0.5 * (p.start_power + p.end_power) for p, _, _ in parts]),
-        predicted,
-        predicted,
-        duration,
-        recording,
-        np.unique(place, axis=1, return_inverse=True)[1].ravel(),
-    )
-
-
-def _error(squares: Float) -> Float:
-    """Squared error with every energy, the constant free, shape (energies,). [W^2 s]"""
-    return squares[0] - squares[1] ** 2 / np.maximum(squares[2], np.finfo(float).tiny)
-
-
-def _best(energies: Float, squares: Float) -> tuple[float, float]:
-    """Energy of the least error, by the parabola through its neighbours [J], and shift [W]."""
-    error = _error(squares)
-    shift = squares[1] / np.maximum(squares[2], np.finfo(float).tiny)
-    best = int(np.argmin(error))
-    energy = float(energies[best])
-    if 0 < best < len(energies) - 1:
-        before, after = float(energies[best - 1]) - energy, float(energies[best + 1]) - energy
-        rise, fall = (float(error[k] - error[best]) for k in (best - 1, best + 1))
-        bend = rise * after - fall * before  # of the parabola through the three, > 0
-        if bend > 0.0:
-            move = 0.5 * (rise * after * after - fall * before * before) / bend
-            energy += min(max(move, before), after)
-    return energy, float(np.interp(energy, energies, shift))
-
-
 def _deviations(energies: Float, squares: Float) -> tuple[float, float, float]:
     """Deviations of energy and shift, and half a 95 % interval of the energy (jackknife)."""
     from scipy.stats import t
@@ -393,36 +254,23 @@ def _deviations(energies: Float, squares: Float) -> tuple[float, float, float]:
     if blocks < 2:
         return np.inf, np.inf, np.inf
     whole = squares.sum(axis=0)
-    left_out = np.asarray([_best(energies, whole - part) for part in squares])
+    left_out = np.asarray([best_energy(energies, whole - part) for part in squares])
     std, shift_std = np.sqrt((blocks - 1) * left_out.var(axis=0)).tolist()
     return std, shift_std, std * float(t.ppf(0.975, blocks - 1))
 
 
-def _use(metered: Sequence[Recording], cabinet: Cabinet) -> tuple[int, float]:
-    """How often a link was full, and the median time for which it holds energy. [s]"""
-    events, times = 0, [0.0]
-    for part in metered:
-        power = part.power
-        stamp, segment = power.stamp_ns, power.segment
-        flows = CabinetStage(cabinet).step(stamp, segment, power.bus_power)
-        step = np.diff(stamp, prepend=stamp[:1]) * NANOSECOND
-        stored = np.cumsum(np.nan_to_num(flows.capacitor_power) * step)
-        holds = _runs(stored > FULL)
-        full = np.concatenate([[0], np.cumsum(flows.brake_power > FULL)])
-        events += sum(bool(full[last] > full[first]) for first, last in holds)
-        times += [(stamp[last - 1] - stamp[first]) * NANOSECOND for first, last in holds]
-    return events, float(np.median(times[1:] or times))
-
-
-def _runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
-    return [(int(first), int(last)) for first, last in edges.reshape(-1, 2)]
-
-
 def _require_told(
-    energy: float, half: float, events: int, top: float, spacing: float, emptying: float
+    energy: float, half: float, events: int, top: float, spacing: float, braking: float
 ) -> None:
     """Refuse an energy that the readings do not tell."""
+    told = half <= WIDEST * energy
+    found = f"the energy of the DC link is only told to {energy:.3g} +- {half:.2g} J"
+    if not told and spacing > braking:
+        raise NotIdentifiableError(
+            f"{found}: a reading stands for {spacing:.2g} s, and the robot brakes for "
+            f"{braking:.2g} s",
+            f"a reading every {braking:.1g} s or faster, or a longer recording with varied motion",
+        )
     if events < LEAST_EVENTS:
         raise NotIdentifiableError(
             f"the drives feed back {top:.3g} J at once at most, and the DC link of least error "
@@ -430,23 +278,15 @@ def _require_told(
             f"braking that fills it, at least {LEAST_EVENTS} times",
             "record fast motions with load that stop hard, with rest or motion in between",
         )
-    if half <= WIDEST * energy:
-        return
-    found = f"the energy of the DC link is only told to {energy:.3g} +- {half:.2g} J"
-    if spacing > emptying:
+    if not told:
         raise NotIdentifiableError(
-            f"{found}: a reading stands for {spacing:.2g} s, and the link is empty again "
-            f"{emptying:.2g} s after it began to fill",
-            f"a reading every {emptying:.1g} s or faster, or a longer recording",
+            found,
+            f"a 95 % interval within {100 * WIDEST:.0f} % of it",
+            "record longer, with more fast motions that stop hard, and identify the drives first",
         )
-    raise NotIdentifiableError(
-        found,
-        f"a 95 % interval within {100 * WIDEST:.0f} % of it",
-        "record longer, with more fast motions that stop hard, and identify the drives first",
-    )
 
 
-def _folds(data: _Readings) -> tuple[Int, Literal["recordings", "blocks"]]:
+def _folds(data: Readings) -> tuple[Int, Literal["recordings", "blocks"]]:
     """Whole recordings, else contiguous parts; no block of the jackknife is in two of them."""
     if data.recording[0] != data.recording[-1]:
         return data.recording, "recordings"
@@ -459,16 +299,16 @@ def _scores(
     given: float,
     energies: Float,
     squares: Float,
-    data: _Readings,
+    data: Readings,
     fold: Int,
 ) -> tuple[LinkScore, LinkScore]:
     """Predict every fold as the model runs, with the energy given and that of the others."""
     names = np.unique(fold).tolist()
     own = [np.unique(data.block[fold == name]) for name in names]
     whole = squares.sum(axis=0)
-    found = [_best(energies, whole - squares[part].sum(axis=0))[0] for part in own]
+    found = [best_energy(energies, whole - squares[part].sum(axis=0))[0] for part in own]
     loss = cabinet.loss_dc.value
-    run = _readings(metered, [_with_energy(cabinet, loss, value) for value in (given, *found)])
+    run = readings_of(metered, [with_energy(cabinet, loss, value) for value in (given, *found)])
     place = np.searchsorted(names, fold)
 
     def score(column: Callable[[int], int]) -> LinkScore:

@@ -12,9 +12,10 @@ from dataclasses import dataclass
 
 from robot_energy.errors import NotIdentifiableError
 from robot_energy.identify.cabinet import CabinetFit, fit_cabinet, with_cabinet
-from robot_energy.identify.dc_link import LinkFit, Voltages, fit_link, rebalanced, with_link
+from robot_energy.identify.dc_link import LinkFit, Voltages, fit_link, with_link
 from robot_energy.identify.drive_data import drive_data
 from robot_energy.identify.drive_delay import PowerDelay
+from robot_energy.identify.link_readings import rebalanced
 from robot_energy.identify.meter_delay import estimate_meter_delay
 from robot_energy.identify.recordings import Recording
 from robot_energy.model_file import RobotModel

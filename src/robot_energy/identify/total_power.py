@@ -28,6 +28,10 @@ STRUCTURES: tuple[Structure, ...] = ("shaft", "shared", "axis_copper", "axis")
 FOLDS = 5
 GAIN = 0.98  # a structure with more parameters must be better by this factor
 
+NO_BETTER = PositiveFigure(
+    value=0.0, tag="assumed", source="losses predict held-out readings no better than 0"
+)
+
 
 @dataclass(frozen=True)
 class TotalFit:
@@ -271,8 +275,8 @@ def _entry(fit: TotalFit, joint: int, source: str) -> LossDrive:
     }
     for row, name in enumerate(COEFFICIENTS):
         std = float(fit.deviations[row, joint])
-        if std == 0.0 and fit.coefficients[row, joint] == 0.0 and fit.structure != "shaft":
-            entries[name] = at_bound(source)
+        if std == 0.0 and fit.coefficients[row, joint] == 0.0:
+            entries[name] = at_bound(source) if fit.structure != "shaft" else NO_BETTER
             continue
         told = np.isfinite(std)
         entries[name] = PositiveFigure(

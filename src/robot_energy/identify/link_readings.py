@@ -1,0 +1,211 @@
+"""A meter at the grid beside a cabinet that runs with one DC link after the other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robot_energy.blocks import NANOSECOND, Float, Int
+from robot_energy.cabinet import CabinetStage
+from robot_energy.comparison.curve import MeterCurve
+from robot_energy.comparison.pieces import Pieces
+from robot_energy.errors import NotIdentifiableError
+from robot_energy.identify.drive_data import BLOCK, BLOCKS, SHORTEST_BLOCK, held_energy
+from robot_energy.identify.recordings import Recording
+from robot_energy.identify.total_sums import LEAST_READINGS, MAX_GAP, piece_means
+from robot_energy.model_file.figure import PositiveFigure
+from robot_energy.model_file.schema import Cabinet, Capacitor
+
+COARSE = 16  # energies tried first,
+FINE = 9  # and between the neighbours of the best one, twice
+LEAST_SHARE = 1e-3  # of the greatest energy that was fed back at once: least energy tried
+FULL = 1.0  # W into the brake resistor, or J in the link: above it there is some
+SLOPE = 5.0  # W of the constant for its effect on the meter
+
+
+@dataclass(frozen=True)
+class Readings:
+    """Readings of the meter and what several cabinets would have shown.
+
+    Attributes:
+        measured: Shape (K,). [W]
+        predicted: With every cabinet, shape (K, cabinets). [W]
+        slope: Change of it with the constant of the DC side, same shape. [-]
+        duration: That a reading stands for, shape (K,). [s]
+        recording: Number of the recording, shape (K,).
+        block: Number of the contiguous block, shape (K,).
+    """
+
+    measured: Float
+    predicted: Float
+    slope: Float
+    duration: Float
+    recording: Int
+    block: Int
+
+    def squares(self) -> Float:
+        """Sums by block of r^2, r d and d^2, shape (blocks, 3, energies)."""
+        rest = self.measured[:, None] - self.predicted
+        parts = np.stack([rest * rest, rest * self.slope, self.slope * self.slope], axis=1)
+        sums = np.zeros((int(self.block.max()) + 1, *parts.shape[1:]))
+        np.add.at(sums, self.block, self.duration[:, None, None] * parts)
+        return sums
+
+
+def rebalanced(recording: Recording, cabinet: Cabinet) -> Recording:
+    """Return a recording as if its model had another cabinet; what was compared stays out."""
+    power = recording.power
+    flows = CabinetStage(cabinet).step(power.stamp_ns, power.segment, power.bus_power)
+    return replace(
+        recording,
+        model=recording.model.model_copy(update={"cabinet": cabinet}),
+        power=replace(power, **flows.__dict__),
+        compared=(),
+    )
+
+
+def fed_at_once(part: Recording, loss_dc: float) -> float:
+    """Most energy that was fed back and not yet drawn again. [J]"""
+    power = part.power
+    return float(held_energy(power.bus_power + loss_dc, power.stamp_ns, power.segment).max())
+
+
+def with_energy(cabinet: Cabinet, loss_dc: float, energy: float) -> Cabinet:
+    """Return a cabinet with another constant [W] and a link of some energy, 0 for none. [J]"""
+    update: dict[str, PositiveFigure | Capacitor | None] = {
+        "loss_dc": cabinet.loss_dc.model_copy(update={"value": loss_dc}),
+        "capacitor": None,
+    }
+    if energy > 0.0:
+        low, high, size = (
+            PositiveFigure(value=value, tag="assumed") for value in (0.0, 1.0, 2.0 * energy)
+        )
+        update["capacitor"] = Capacitor(capacitance=size, nominal_voltage=low, chopper_voltage=high)
+    return cabinet.model_copy(update=update)
+
+
+def tried(
+    metered: Sequence[Recording], cabinet: Cabinet, base: float, top: float
+) -> tuple[Float, Readings]:
+    """Try energies, closer and closer to the best, with a constant and a little more of it."""
+    data: Readings | None = None
+    energies, least = np.empty(0), max(LEAST_SHARE * top, FULL)
+    new = np.append(0.0, least * (top / least) ** (np.arange(COARSE) / (COARSE - 1)))
+    for _ in range(3):
+        cabinets = [with_energy(cabinet, base, energy) for energy in new.tolist()]
+        more = [with_energy(cabinet, base + SLOPE, energy) for energy in new.tolist()]
+        part = readings_of(metered, [*cabinets, *more])
+        predicted, other = np.hsplit(part.predicted, 2)
+        slope = (other - predicted) / SLOPE
+        if data is not None:
+            predicted = np.hstack([data.predicted, predicted])
+            slope = np.hstack([data.slope, slope])
+        energies = np.concatenate([energies, new])
+        order = np.argsort(energies)
+        energies = energies[order]
+        data = replace(part, predicted=predicted[:, order], slope=slope[:, order])
+        best = int(np.argmin(squared_error(data.squares().sum(axis=0))))
+        low, high = energies[max(best - 1, 0)], energies[min(best + 1, len(energies) - 1)]
+        new = low + (high - low) * np.arange(1, FINE) / FINE
+        new = new[~np.isin(new, energies)]
+    assert data is not None
+    return energies, data
+
+
+def readings_of(metered: Sequence[Recording], cabinets: Sequence[Cabinet]) -> Readings:
+    """Run every cabinet, and take the means over the same time as each reading."""
+    parts: list[tuple[Pieces, Float, Int]] = []
+    for number, recording in enumerate(metered):
+        power, meter = recording.power, recording.meter
+        assert meter is not None
+        stamp, segment = power.stamp_ns, power.segment
+        grid = np.column_stack(
+            [
+                CabinetStage(entry).step(stamp, segment, power.bus_power).grid_power
+                for entry in cabinets
+            ]
+        )
+        for pieces in MeterCurve(MAX_GAP).step(meter):
+            kept, means = piece_means(pieces, stamp, segment, grid)
+            parts.append((kept, means, np.full(len(kept), number)))
+    count = sum(len(pieces) for pieces, _, _ in parts)
+    if count < LEAST_READINGS:
+        raise NotIdentifiableError(
+            f"{count} readings of the meter lie inside the samples of the robot",
+            f"at least {LEAST_READINGS}",
+            "record longer, with the meter running",
+        )
+    start = np.concatenate([pieces.start_ns for pieces, _, _ in parts])
+    end = np.concatenate([pieces.end_ns for pieces, _, _ in parts])
+    predicted = np.concatenate([means for _, means, _ in parts])
+    recording = np.concatenate([number for _, _, number in parts])
+    duration = (end - start) * NANOSECOND
+    length = min(BLOCK, max(SHORTEST_BLOCK, float(duration.sum()) / BLOCKS))
+    origin = np.asarray([part.power.stamp_ns[0] for part in metered])[recording]
+    place = np.stack([recording, (start - origin) // round(length / NANOSECOND)])
+    return Readings(
+        np.concatenate([0.5 * (p.start_power + p.end_power) for p, _, _ in parts]),
+        predicted,
+        predicted,
+        duration,
+        recording,
+        np.unique(place, axis=1, return_inverse=True)[1].ravel(),
+    )
+
+
+def squared_error(squares: Float) -> Float:
+    """Squared error with every energy, the constant free, shape (energies,). [W^2 s]"""
+    return squares[0] - squares[1] ** 2 / np.maximum(squares[2], np.finfo(float).tiny)
+
+
+def best_energy(energies: Float, squares: Float) -> tuple[float, float]:
+    """Energy of the least error, by the parabola through its neighbours [J], and shift [W]."""
+    error = squared_error(squares)
+    shift = squares[1] / np.maximum(squares[2], np.finfo(float).tiny)
+    best = int(np.argmin(error))
+    energy = float(energies[best])
+    if 0 < best < len(energies) - 1:
+        before, after = float(energies[best - 1]) - energy, float(energies[best + 1]) - energy
+        rise = float(error[best - 1]) - float(error[best])
+        fall = float(error[best + 1]) - float(error[best])
+        bend = rise * after - fall * before  # of the parabola through the three, > 0
+        if bend > 0.0:
+            move = 0.5 * (rise * after * after - fall * before * before) / bend
+            energy += float(min(max(move, before), after))
+    return energy, float(shift[best])
+
+
+def braking_time(metered: Sequence[Recording], loss_dc: float) -> float:
+    """Median time for which the drives feed back more than the DC side uses. [s]"""
+    times = [
+        (part.power.stamp_ns[last - 1] - part.power.stamp_ns[first]) * NANOSECOND
+        for part in metered
+        for first, last in _runs(part.power.bus_power + loss_dc < 0.0)
+    ]
+    return float(np.median([time for time in times if time > 0.0] or [0.0]))
+
+
+def use_of(metered: Sequence[Recording], cabinet: Cabinet) -> tuple[int, float]:
+    """How often a link was full, and the median time for which it holds energy. [s]"""
+    events, times = 0, [0.0]
+    for part in metered:
+        power = part.power
+        stamp, segment = power.stamp_ns, power.segment
+        flows = CabinetStage(cabinet).step(stamp, segment, power.bus_power)
+        step = np.diff(stamp, prepend=stamp[:1]) * NANOSECOND
+        stored = np.cumsum(np.nan_to_num(flows.capacitor_power) * step)
+        first = np.flatnonzero(np.diff(segment, prepend=segment[0] - 1))  # empty there
+        stored -= np.repeat(stored[first], np.diff(np.append(first, len(stored))))
+        holds = _runs(stored > FULL)
+        full = np.concatenate([[0], np.cumsum(flows.brake_power > FULL)])
+        events += sum(bool(full[last] > full[first]) for first, last in holds)
+        times += [(stamp[last - 1] - stamp[first]) * NANOSECOND for first, last in holds]
+    return events, float(np.median(times[1:] or times))
+
+
+def _runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
+    return [(int(first), int(last)) for first, last in edges.reshape(-1, 2)]

@@ -1,0 +1,79 @@
+"""A meter that lags the joint states is found out, and its readings are brought back."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from plants import PROGRAM, two_link_profile
+from robot_energy.blocks import EffortMeaning, MeterMeaning
+from robot_energy.identify.all_drives import find_drives
+from robot_energy.identify.bags import Bag
+from robot_energy.identify.drive_data import drive_data
+from robot_energy.identify.meter_delay import estimate_meter_delay, with_meters_earlier
+from robot_energy.identify.recordings import read_recording
+from robot_energy.model_file import load
+from robot_energy.rig import RigConfig, Sensors, VirtualRig
+from robot_energy.rig.record import record
+
+
+@pytest.fixture(scope="module", params=[MeterMeaning.MEAN_OVER_INTERVAL, MeterMeaning.CUMULATIVE])
+def recording(tmp_path_factory, request):
+    """The two-link rig, every effect on, with a meter that keeps time."""
+    folder = tmp_path_factory.mktemp("meter")
+    profile = two_link_profile(folder)
+    config = RigConfig(sensors=Sensors(meter_meaning=request.param, meter_rate=20.0))
+    record(VirtualRig(profile, PROGRAM, config, 1, 40.0), 40.0, folder / "bag")
+    model = load(folder / "two_link.yaml")
+    return read_recording(folder / "bag", model, EffortMeaning.MOTOR_TORQUE)
+
+
+def data_of(recording):
+    return drive_data([recording], [None], measured_torque=True)
+
+
+@pytest.mark.parametrize("delay", [-0.06, 0.04, 0.137])
+def test_a_known_delay_is_found_and_undone(recording, delay):
+    late = recording.with_meter_earlier(-delay)
+    found = estimate_meter_delay(data_of(late))
+    own = estimate_meter_delay(data_of(recording)).value
+    assert abs(own) < 0.015  # the model is not the plant: its braking ends a little early or late
+    assert found.applied == pytest.approx(delay + own, abs=0.002)
+    back = late.with_meter_earlier(found.applied)
+    assert abs(estimate_meter_delay(data_of(back)).value) < 0.002
+    total = find_drives(data_of(late), late.model).total
+    assert total.delay.applied == found.applied
+    in_time = find_drives(data_of(recording), recording.model).total
+    assert total.fit.constant == pytest.approx(in_time.fit.constant, rel=0.02)
+
+
+def test_a_meter_in_time_is_left_as_it_is(recording):
+    found = estimate_meter_delay(data_of(recording))
+    assert found.applied == 0.0
+    assert with_meters_earlier(data_of(recording), 0.0).meters[0] is recording.meter
+
+
+def test_readings_moved_are_compared_again(recording):
+    """A tenth of a second later, what is predicted for a reading is another energy."""
+    moved = recording.with_meter_earlier(0.1)
+    np.testing.assert_array_equal(moved.meter.stamp_ns, recording.meter.stamp_ns - 100_000_000)
+    before = np.concatenate([part.predicted for part in recording.compared]).sum()
+    after = np.concatenate([part.predicted for part in moved.compared]).sum()
+    assert after == pytest.approx(before, rel=0.02)
+    assert after != before
+    same = recording.with_meter_earlier(1e-9).with_meter_earlier(-1e-9)  # compared twice
+    again = np.concatenate([part.predicted for part in same.compared]).sum()
+    assert again == pytest.approx(before, rel=1e-9)
+
+
+def test_a_bag_with_a_delay_is_read_without_it(recording):
+    bag = Bag(recording.path, EffortMeaning.MOTOR_TORQUE)
+    late = replace(bag, meter_delay=0.1).whole(recording.model)
+    np.testing.assert_array_equal(late.meter.stamp_ns, recording.meter.stamp_ns - 100_000_000)
+
+
+def test_few_readings_tell_no_delay(recording):
+    short = replace(recording, meter=recording.meter[:50])
+    assert estimate_meter_delay(data_of(short)) is None
