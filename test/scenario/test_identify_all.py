@@ -92,11 +92,11 @@ def test_weakly_excited_parameters_are_those_whose_interval_exceeds_them(outcome
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (["BAG", "--skip", "dynamics", "friction", "cabinet", "drives"], "leaves nothing"),
+        (["BAG", "--skip", "dynamics", "friction", "cabinet", "drives", "capacitor"], "leaves nothing"),
         (["BAG", "--test", "BAG"], "named twice"),
         (["BAG", "--test", "BAG", "--no-test"], "exclude each other"),
         (["BAG", "--drive-joints", "elbow"], "without --drive-power"),
-        (["BAG", "--skip", "drives", "cabinet"], "nothing can be identified"),
+        (["BAG", "--skip", "drives", "cabinet", "capacitor"], "nothing can be identified"),
         (["BAG", "--report", "."], "which is a folder"),
         (["none"], "none"),
     ],

@@ -92,7 +92,13 @@ def whole(folder: Path, model: RobotModel) -> Everything:
 def test_each_step_begins_with_what_the_one_before_left(
     whole: Everything, folder: Path, model: RobotModel
 ) -> None:
-    assert [step.subject for step in whole.steps] == ["dynamics", "friction", "cabinet", "drives"]
+    assert [step.subject for step in whole.steps] == [
+        "dynamics",
+        "friction",
+        "cabinet",
+        "drives",
+        "capacitor",
+    ]
     assert {"dynamics", "friction", "drives"} <= set(whole.taken)
     bodies = whole.step("dynamics").model.urdf_xml
     assert bodies != model.urdf_xml
@@ -100,7 +106,9 @@ def test_each_step_begins_with_what_the_one_before_left(
     assert whole.model.drive == "loss_model"
     # friction alone, on the bodies of the dynamics, is the friction of the whole
     alone = identify_everything(
-        bags_in(folder), whole.step("dynamics").model, ("dynamics", "cabinet", "drives")
+        bags_in(folder),
+        whole.step("dynamics").model,
+        ("dynamics", "cabinet", "drives", "capacitor"),
     )
     for one, other in zip(alone.model.joints, whole.model.joints, strict=True):
         assert one.friction.coulomb.value == pytest.approx(other.friction.coulomb.value, rel=1e-12)
@@ -120,7 +128,7 @@ def test_each_step_begins_with_what_the_one_before_left(
 def test_what_is_missing_is_said_and_the_rest_goes_on(
     folder: Path, model: RobotModel, missing: str, subjects: tuple[str, ...], sentence: str
 ) -> None:
-    others = ("dynamics",) if "dynamics" not in subjects else ("cabinet", "drives")
+    others = ("dynamics",) if "dynamics" not in subjects else ("cabinet", "drives", "capacitor")
     result = identify_everything(bags_in(folder, missing), model, others)
     for step in result.steps:
         if step.subject in subjects:
@@ -148,14 +156,14 @@ def test_an_effort_without_a_meaning_or_a_constant_is_not_used(
 
 
 def test_without_temperatures_dynamics_tells_friction(folder: Path, model: RobotModel) -> None:
-    result = identify_everything(bags_in(folder, "temperature"), model, ("cabinet", "drives"))
+    result = identify_everything(bags_in(folder, "temperature"), model, ("cabinet", "drives", "capacitor"))
     assert result.taken == ("dynamics",)
     assert {joint.friction.viscous.law for joint in result.model.joints} == {"constant"}
 
 
 def test_bodies_that_are_right_already_stay(folder: Path, whole: Everything) -> None:
     """The bodies of the first pass are those of the plant as well as these data tell."""
-    again = identify_everything(bags_in(folder), whole.model, ("friction", "cabinet", "drives"))
+    again = identify_everything(bags_in(folder), whole.model, ("friction", "cabinet", "drives", "capacitor"))
     step = again.step("dynamics")
     assert step.found is not None
     assert not step.taken
@@ -167,7 +175,7 @@ def test_bodies_are_told_at_one_temperature(
     folder: Path, model: RobotModel, whole: Everything
 ) -> None:
     """What temperature does to friction is no error of the bodies, where temperatures are known."""
-    others = ("friction", "cabinet", "drives")
+    others = ("friction", "cabinet", "drives", "capacitor")
     blind = identify_everything(bags_in(folder, "temperature"), model, others).steps[0].found
     known = whole.step("dynamics").found
     assert isinstance(blind, DynamicsFound)
@@ -179,9 +187,9 @@ def test_bodies_are_told_at_one_temperature(
 
 def test_drives_come_first_where_their_power_is_measured(folder: Path) -> None:
     bags = bags_in(folder)
-    assert order_of(bags) == ("dynamics", "friction", "cabinet", "drives")
+    assert order_of(bags) == ("dynamics", "friction", "cabinet", "drives", "capacitor")
     bags[1] = replace(bags[1], drive_power=NEVER)
-    assert order_of(bags) == ("dynamics", "friction", "drives", "cabinet")
+    assert order_of(bags) == ("dynamics", "friction", "drives", "cabinet", "capacitor")
 
 
 def test_the_cabinet_is_the_meter_less_measured_drives(tmp_path: Path) -> None:
@@ -220,7 +228,7 @@ def test_energy_errors_are_those_of_replay(
     assert kind == "test"
     test = held_out_energy(kind, folds, whole)
     (entry,) = test.tested
-    for stage, used in ((GIVEN, model), ("drives", whole.model)):
+    for stage, used in ((GIVEN, model), ("capacitor", whole.model)):
         known = summarise(replay(folder / "at_55", used))["comparison"]
         assert entry.error(stage) == pytest.approx(known["predicted_minus_measured_relative"])
         assert entry.duration == pytest.approx(known["compared_time"])
