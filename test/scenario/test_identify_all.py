@@ -92,7 +92,10 @@ def test_weakly_excited_parameters_are_those_whose_interval_exceeds_them(outcome
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (["BAG", "--skip", "dynamics", "friction", "cabinet", "drives", "capacitor"], "leaves nothing"),
+        (
+            ["BAG", "--skip", "dynamics", "friction", "cabinet", "drives", "capacitor"],
+            "leaves nothing",
+        ),
         (["BAG", "--test", "BAG"], "named twice"),
         (["BAG", "--test", "BAG", "--no-test"], "exclude each other"),
         (["BAG", "--drive-joints", "elbow"], "without --drive-power"),

@@ -156,14 +156,18 @@ def test_an_effort_without_a_meaning_or_a_constant_is_not_used(
 
 
 def test_without_temperatures_dynamics_tells_friction(folder: Path, model: RobotModel) -> None:
-    result = identify_everything(bags_in(folder, "temperature"), model, ("cabinet", "drives", "capacitor"))
+    result = identify_everything(
+        bags_in(folder, "temperature"), model, ("cabinet", "drives", "capacitor")
+    )
     assert result.taken == ("dynamics",)
     assert {joint.friction.viscous.law for joint in result.model.joints} == {"constant"}
 
 
 def test_bodies_that_are_right_already_stay(folder: Path, whole: Everything) -> None:
     """The bodies of the first pass are those of the plant as well as these data tell."""
-    again = identify_everything(bags_in(folder), whole.model, ("friction", "cabinet", "drives", "capacitor"))
+    again = identify_everything(
+        bags_in(folder), whole.model, ("friction", "cabinet", "drives", "capacitor")
+    )
     step = again.step("dynamics")
     assert step.found is not None
     assert not step.taken
