@@ -115,7 +115,7 @@ def _overview(found: Identification, page: Page) -> None:
     if virtual:
         line(
             page,
-            f"{NOTE}virtual rig: {', '.join(virtual)} was simulated; figures on it show the "
+            f"{NOTE}virtual rig: {', '.join(virtual)} simulated; figures on it show the "
             "method, not a robot",
         )
 
