@@ -84,9 +84,9 @@ def front_picture(result: PaperA, path: Path) -> None:
     Raises:
         ReportError: If it cannot be written.
     """
-    energy_over_temperature(
-        energy_study(result, (FOLLOWS, *FIXED)), path, f"Held-out motions, {RIG}"
-    )
+    more = (CAPACITOR,) if CAPACITOR in result.identified.models else ()
+    study = energy_study(result, (FOLLOWS, *FIXED, *more))
+    energy_over_temperature(study, path, f"Held-out motions, {RIG}")
 
 
 def page(result: PaperA, command: str) -> Document:
