@@ -193,9 +193,9 @@ def _growth(what: str, watch: Watch) -> list[Figure]:
 
 
 def _memory(pid: int) -> float:
-    """Resident memory of a process. [MB]"""
+    """Resident memory of a process of its own, without files and shared buffers. [MB]"""
     with open(f"/proc/{pid}/status") as status:
-        kib = next(int(line.split()[1]) for line in status if line.startswith("VmRSS"))
+        kib = next(int(line.split()[1]) for line in status if line.startswith("RssAnon"))
     return kib / 1024
 
 

@@ -115,7 +115,8 @@ class MeterIngest:
         if kind is None:
             return self._told(stamp, column, stamped)
         if self.source.type == BATTERY_STATE:
-            value = -column["voltage"] * column["current"]  # discharging is negative
+            with np.errstate(over="ignore"):
+                value = -column["voltage"] * column["current"]  # discharging is negative
         else:
             value = column[self._value_paths[0]]
         finite = np.isfinite(value)
@@ -165,11 +166,10 @@ class MeterIngest:
         self.account.reject("changed_meaning", int((good & ~same).sum()))
         rows = good & same
         self.account.accepted += int(rows.sum())
-        factor = self.source.factor
         return MeterBlock(
             stamp[rows] + self.source.shift_ns,
-            column["power"][rows] * factor,
-            column["energy"][rows] * factor,
+            self._scaled(column["power"][rows]),
+            self._scaled(column["energy"][rows]),
             column["interval"][rows],
             meaning,
             location,
@@ -178,7 +178,7 @@ class MeterIngest:
     def _readings(self, stamp: Int, value: Float, kind: Kind) -> MeterBlock:
         """Readings whose meaning the source says."""
         meaning, location = kind
-        value, none = value * self.source.factor, np.full(len(value), np.nan)
+        value, none = self._scaled(value), np.full(len(value), np.nan)
         cumulative = meaning is MeterMeaning.CUMULATIVE
         mean = meaning is MeterMeaning.MEAN_OVER_INTERVAL
         return MeterBlock(
@@ -189,6 +189,11 @@ class MeterIngest:
             meaning,
             location,
         )
+
+    def _scaled(self, value: Float) -> Float:
+        """In SI; what is beyond all numbers then is infinite, which the comparison refuses."""
+        with np.errstate(over="ignore"):
+            return value * self.source.factor
 
     def _pair(self, batches: Sequence[RawBatch], kind: Kind) -> MeterBlock | None:
         voltage = [self._values(b) for b in batches if b.topic == self.source.voltage_topic]

@@ -63,7 +63,8 @@ class Pairing:
         ready = int(np.searchsorted(self._current[0], newest))
         stamp, ampere = self._current[0][:ready], self._current[1][:ready]
         self._current = self._current[0][ready:], self._current[1][ready:]
-        power = ampere * self._voltage_at(stamp)
+        with np.errstate(over="ignore"):  # beyond all numbers: refused below
+            power = ampere * self._voltage_at(stamp)
         found = np.isfinite(power)
         self._refuse(int((~found).sum()))
         self._prune(newest)

@@ -13,6 +13,7 @@ from robot_energy.model_file import parse_yaml
 from robot_energy.units import ENERGY_UNITS
 
 PLACEHOLDER = "{joint}"
+LATEST_NS = 2**62  # from 1970 on, either way: sums with times of the log stay within 64 bits
 DEGREE = 0.017453292519943295  # rad
 POSITION_UNITS = {"rad": 1.0, "deg": DEGREE, "m": 1.0, "mm": 1e-3}
 VELOCITY_UNITS = {"rad_per_s": 1.0, "deg_per_s": DEGREE, "m_per_s": 1.0, "mm_per_s": 1e-3}
@@ -55,6 +56,8 @@ class Time(Entry):
             raise ValueError("either column or rate, not both")
         if self.rate is not None and self.start is None:
             raise ValueError("a start beside rate")
+        if abs(self.start_ns) > LATEST_NS:
+            raise ValueError(f"a start within the years 1824 to 2116, found {self.start}")
         return self
 
     @property

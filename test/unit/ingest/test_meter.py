@@ -100,6 +100,15 @@ def test_float32_is_read_as_well():
     assert compared(block, 3.0) == (pytest.approx(200.0), 1.0)
 
 
+@pytest.mark.parametrize("source", [{**POWER, "unit": "kW"}, {**COUNTER, "unit": "kWh"}])
+def test_a_reading_beyond_all_numbers_is_counted_and_compared_with_nothing(source):
+    ingest = MeterIngest(MeterSource(**source))
+    block = ingest.step([floats("/p", [1.0, 2.0, 3.0], [1e308, 1e308, 1e308])])
+    assert ingest.account.received == 3
+    assert ingest.account.balanced
+    assert compared(block, 4.0)[0] == 0.0
+
+
 @pytest.mark.parametrize(
     ("unit", "joule"), [("J", 1.0), ("kJ", 1e3), ("Wh", 3600.0), ("kWh", 3.6e6)]
 )
