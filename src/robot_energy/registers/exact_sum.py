@@ -12,7 +12,7 @@ from robot_energy.blocks import Float, Int
 
 PER_JOULE = 1e6  # microjoules
 REMAINDER_BITS = 40  # the remainder counts units of 2^-40 microjoule
-BLOCK = 1 << 12  # rows whose remainders add up exactly in a float
+BLOCK = 1 << 10  # rows whose remainders add up exactly in a float
 ROUND_WHOLE = 1.5 * 2.0**52  # adding and subtracting this rounds to an integer,
 ROUND_REMAINDER = 1.5 * 2.0 ** (52 - REMAINDER_BITS)  # and this to the remainder's unit
 

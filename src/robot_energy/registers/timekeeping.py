@@ -62,6 +62,7 @@ class Timekeeping:
         return self.observed_ns / self.span_ns if self.span_ns else float("nan")
 
 
+PIECE = 512  # samples worked on at a time
 LARGEST_ENERGY = 2e6  # of one interval, which sums exactly [J]
 NO_SEGMENT = -1  # segments count from zero: nothing is integrated from this one
 
@@ -109,12 +110,18 @@ class Trapezoid:
             self.time.start_ns = int(stamp_ns[0])
         elapsed = differences(stamp_ns, self._last[0])
         same = differences(segment, self._last[1]) == 0
-        energy = np.empty_like(power)
-        np.add(power[1:], power[:-1], out=energy[1:])
-        np.add(power[0], self._last[2], out=energy[0])
         observed = same & (elapsed >= 0)
-        energy *= (np.where(observed, elapsed, 0) * (0.5 * NANOSECOND))[:, None]
-        if not (energy.max() <= LARGEST_ENERGY and energy.min() >= -LARGEST_ENERGY):
+        half = (np.where(observed, elapsed, 0) * (0.5 * NANOSECOND))[:, None]
+        energy = np.empty_like(power)
+        np.add(power[0], self._last[2], out=energy[0])
+        bounded = True
+        for start in range(0, len(power), PIECE):  # small enough for the cache
+            end, first = min(start + PIECE, len(power)), max(start, 1)
+            np.add(power[first:end], power[first - 1 : end - 1], out=energy[first:end])
+            piece = energy[start:end]
+            piece *= half[start:end]
+            bounded &= bool(piece.max() <= LARGEST_ENERGY and piece.min() >= -LARGEST_ENERGY)
+        if not bounded:
             bookable = (np.abs(energy) <= LARGEST_ENERGY).all(axis=1)
             energy[~bookable] = 0.0
             observed &= bookable
