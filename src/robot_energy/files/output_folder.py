@@ -1,0 +1,198 @@
+"""Folders for the user: whole or not at all, and never over what is not ours."""
+
+from __future__ import annotations
+
+import io
+import os
+import stat
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from robot_energy.errors import ReportError, RobotEnergyError
+from robot_energy.files.output_files import GENERATOR, ErrorType, Names, checked_path, refuse_inputs
+from robot_energy.files.placement import OutputPlacement, all_or_none, remove_remains
+from robot_energy.shown_text import shown
+
+
+class OutputFolder:
+    """A folder that appears whole, with all its files, or not at all.
+
+    Args:
+        path: The folder.
+        foreign: Names what in a folder is not ours.
+        overwrite: Replace a folder that is there, if all in it is ours.
+        inputs: Files and folders that the command reads.
+        error: Class of the errors.
+
+    Raises:
+        RobotEnergyError: If it cannot be made, or must not be replaced.
+    """
+
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        foreign: Callable[[Path], list[str]],
+        overwrite: bool = False,
+        inputs: Names = (),
+        error: ErrorType = ReportError,
+    ) -> None:
+        self._error = error
+        self.path = folder_path(path, error)
+        inputs = tuple(inputs)
+        remove_remains(self.path)
+        check_folder(path, foreign, overwrite, inputs, error)
+        self._placement = OutputPlacement(
+            self.path,
+            lambda place: check_folder(place, foreign, overwrite, inputs, error),
+            self.told,
+        )
+        try:
+            self._placement.make_folder()
+        except BaseException:
+            self.discard()
+            raise
+
+    @property
+    def draft(self) -> Path:
+        """Where its files are written until it is placed."""
+        return self._placement.draft
+
+    def open(self, name: str, buffering: int = 2**20) -> BinaryIO:
+        """Open a new file in it.
+
+        Raises:
+            RobotEnergyError: If the disk refuses.
+        """
+        try:
+            return io.BufferedWriter(_SyncedFile(self.draft / name), buffering)  # pyright: ignore
+        except OSError as trouble:
+            raise self.told(trouble) from trouble
+
+    def make(self, name: str) -> None:
+        """Make a folder in it.
+
+        Raises:
+            RobotEnergyError: If the disk refuses.
+        """
+        try:
+            os.mkdir(self.draft / name)
+        except OSError as trouble:
+            raise self.told(trouble) from trouble
+
+    def place(self) -> None:
+        """Put it into place, now or at the end of the block `all_or_none` around this.
+
+        Raises:
+            RobotEnergyError: If the disk refuses, or what stands there must not be replaced.
+        """
+        try:
+            with all_or_none() as waiting:
+                waiting.append(self._placement)
+        except BaseException:
+            self.discard()
+            raise
+
+    def discard(self) -> None:
+        """Leave everything as it was."""
+        self._placement.undo()
+
+    def told(self, trouble: OSError) -> RobotEnergyError:
+        """Return the error that names this folder and what the disk said."""
+        return self._error(
+            f"{shown(str(self.path))} cannot be written ({trouble.strerror or trouble})",
+            "a folder that can be written to, with room",
+        )
+
+
+class _SyncedFile(io.RawIOBase):
+    """A new file whose content is on the disk when it is closed."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC
+        self._number = os.open(path, flags, 0o666)
+        self._at = 0
+
+    def writable(self) -> bool:
+        return True
+
+    def tell(self) -> int:
+        return self._at
+
+    def write(self, data: Any, /) -> int:
+        written = os.write(self._number, data)
+        self._at += written
+        return written
+
+    def close(self) -> None:
+        if self.closed:
+            return
+        super().close()
+        try:
+            os.fsync(self._number)
+        finally:
+            os.close(self._number)
+
+
+def folder_path(path: str | os.PathLike[str], error: ErrorType = ReportError) -> Path:
+    """Return the path of an output folder with a name of its own.
+
+    Raises:
+        RobotEnergyError: If it can name no folder.
+    """
+    target = checked_path(path, "the folder", error)
+    if target.name in ("", ".."):
+        target = target.resolve()
+    if not target.name:
+        raise error(f"'{shown(str(path))}' is the root of the file system", "a folder of its own")
+    return target
+
+
+def check_folder(
+    path: str | os.PathLike[str],
+    foreign: Callable[[Path], list[str]],
+    overwrite: bool = False,
+    inputs: Names = (),
+    error: ErrorType = ReportError,
+) -> None:
+    """Refuse an output folder, before the work that it is for.
+
+    Args:
+        path: The folder.
+        foreign: Names what in a folder is not ours.
+        overwrite: Whether it may be replaced if all in it is ours.
+        inputs: Files and folders that the command reads; names that do not exist are none.
+        error: Class of the error.
+
+    Raises:
+        RobotEnergyError: If it must not be replaced, or lies in an input.
+    """
+    target = folder_path(path, error)
+    name = shown(str(target))
+    try:
+        refuse_inputs(target, inputs, f"{name} cannot be written", error)
+        try:
+            found = os.lstat(target)
+        except FileNotFoundError:
+            return
+        if stat.S_ISLNK(found.st_mode):
+            raise error(f"{name} is a link", "a new folder", "name the folder that it leads to")
+        if not stat.S_ISDIR(found.st_mode):
+            raise error(f"{name} exists and is no folder", "a new folder", "choose another name")
+        if not any(target.iterdir()):
+            return
+        strange = foreign(target)
+    except OSError as trouble:
+        raise error(
+            f"{name} cannot be made ({trouble.strerror})", "a folder that can be written to"
+        ) from trouble
+    if strange:
+        more = f" and {len(strange) - 3} more" if len(strange) > 3 else ""
+        raise error(
+            f"{name} exists and holds {[shown(entry) for entry in strange[:3]]}{more}",
+            f"a new folder, or one with nothing but what {GENERATOR} wrote",
+            "choose another name",
+        )
+    if not overwrite:
+        raise error(f"{name} exists", "a new folder", "choose another name, or give --overwrite")

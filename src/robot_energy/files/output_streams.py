@@ -1,0 +1,60 @@
+"""Devices, pipes and open descriptors named as outputs: written to, not replaced."""
+
+from __future__ import annotations
+
+import errno
+import os
+import stat
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import BinaryIO
+
+MAX_READER_WAIT = 2.0  # s until somebody must read a pipe
+_LOOK_PERIOD = 0.02  # s
+_STREAMS = {"/dev/stdin": 0, "/dev/stdout": 1, "/dev/stderr": 2}
+_STREAM_FOLDERS = ("/dev/fd", "/proc/self/fd")
+
+
+def stream_number(target: Path) -> int | None:
+    """The descriptor that a path such as /dev/stdout names."""
+    if (text := str(target)) in _STREAMS:
+        return _STREAMS[text]
+    named = str(target.parent) in _STREAM_FOLDERS and target.name.isdecimal()
+    return int(target.name) if named else None
+
+
+def open_stream(target: Path, told: Callable[[OSError], Exception]) -> BinaryIO | None:
+    """Open a device, a pipe or a descriptor for writing; None for a plain file."""
+    try:
+        number = stream_number(target)
+        if number is not None:
+            if number in (1, 2):
+                (sys.stdout if number == 1 else sys.stderr).flush()
+            return os.fdopen(os.dup(number), "wb")
+        mode = os.lstat(target).st_mode
+        if stat.S_ISCHR(mode):
+            return os.fdopen(os.open(target, os.O_WRONLY | os.O_CLOEXEC | os.O_NOCTTY), "wb")
+        return _open_pipe(target) if stat.S_ISFIFO(mode) else None
+    except FileNotFoundError:
+        return None
+    except OSError as trouble:
+        raise told(trouble) from trouble
+
+
+def _open_pipe(target: Path) -> BinaryIO:
+    """Open a pipe for writing once it has a reader."""
+    limit = time.monotonic() + MAX_READER_WAIT
+    while True:
+        try:
+            number = os.open(target, os.O_WRONLY | os.O_CLOEXEC | os.O_NONBLOCK)
+        except OSError as trouble:
+            if trouble.errno != errno.ENXIO:
+                raise
+            if time.monotonic() > limit:
+                raise OSError(errno.ENXIO, "nobody reads the pipe", str(target)) from trouble
+            time.sleep(_LOOK_PERIOD)
+            continue
+        os.set_blocking(number, True)
+        return os.fdopen(number, "wb")

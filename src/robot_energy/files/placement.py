@@ -1,0 +1,345 @@
+"""Drafts beside their targets, moved into place together or not at all.
+
+A draft bears a name of its own (`.robot-energy-...new`); what it replaces is kept beside it
+(`...old`) until all drafts of a command stand. An exception before that puts everything back.
+Only the kill that cannot be caught leaves such files; the next run for the same target
+removes them once their process is gone.
+"""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import hashlib
+import os
+import re
+import secrets
+import shutil
+import signal
+import stat
+import threading
+import weakref
+from collections.abc import Callable, Generator
+from contextlib import ExitStack, contextmanager, suppress
+from contextvars import ContextVar
+from pathlib import Path
+from types import FrameType
+
+PREFIX = ".robot-energy-"
+_NAME = re.compile(r"\.robot-energy-([0-9a-f]{12})-(\d+)-[0-9a-f]{8}\.(new|old)")
+_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+_NO_LINKS = {errno.EPERM, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK}
+
+Check = Callable[[Path], None]
+
+
+class OutputPlacement:
+    """One file or folder on its way into place.
+
+    Args:
+        target: Where it shall stand.
+        check: Raises if what stands at a path (it may be nothing) must not be replaced.
+        told: Makes the exception to raise of an error of the disk.
+    """
+
+    def __init__(self, target: Path, check: Check, told: Callable[[OSError], Exception]) -> None:
+        self.target = target
+        stem = f"{_beginning(target)}{os.getpid()}-{secrets.token_hex(4)}"
+        self.draft = target.parent / f"{stem}.new"
+        self._aside = target.parent / f"{stem}.old"
+        self._check = check
+        self._told = told
+        self._lock: int | None = None
+        self._made: list[Path] = []  # parents that were not there
+        self._identity: tuple[int, int] | None = None  # device and inode of the draft
+        self._closed = False
+        self._undone = weakref.finalize(self, _leave, self.draft, os.getpid())
+
+    def open_file(self) -> int:
+        """Make the draft of a file and return its descriptor, open for writing.
+
+        Raises:
+            Exception: As `told` makes it.
+        """
+        try:
+            self._lock = os.open(
+                self.draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666
+            )
+            self._hold()
+            with suppress(OSError):  # the mode of what it replaces
+                old = os.lstat(self.target)
+                if stat.S_ISREG(old.st_mode):
+                    os.fchmod(self._lock, stat.S_IMODE(old.st_mode))
+        except OSError as error:
+            raise self._told(error) from error
+        return self._lock
+
+    def make_folder(self) -> None:
+        """Make the draft of a folder, and the folders above it.
+
+        Raises:
+            Exception: As `told` makes it.
+        """
+        try:
+            parent = self.target.parent
+            missing = [one for one in (parent, *parent.parents) if not one.exists()]
+            for folder in reversed(missing):
+                self._made.append(folder)
+                os.mkdir(folder)
+            os.mkdir(self.draft)
+            self._lock = os.open(self.draft, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+            self._hold()
+        except OSError as error:
+            raise self._told(error) from error
+
+    def move(self) -> None:
+        """Put the draft in place, and what stood there beside it.
+
+        Raises:
+            Exception: As `told` makes it, or from the check.
+        """
+        try:
+            self._check(self.target)
+            folder = self.draft.is_dir()
+            if folder:
+                _sync(self.draft)
+            if os.path.lexists(self.target):
+                self._set_aside(folder)
+            if folder:
+                os.rename(self.draft, self.target)
+            else:
+                os.replace(self.draft, self.target)
+        except OSError as error:
+            raise self._told(error) from error
+
+    def sync(self) -> None:
+        """Have the disk know its new place.
+
+        Raises:
+            Exception: As `told` makes it.
+        """
+        try:
+            _sync(self.target.parent)
+        except OSError as error:
+            raise self._told(error) from error
+
+    def undo(self) -> None:
+        """Put everything back as it was; of no effect once it stands or was undone."""
+        if self._closed:
+            return
+        self._closed = True
+        with suppress(OSError):
+            if self._identity is not None and _identity(self.target) == self._identity:
+                if self.target.is_dir():
+                    os.rename(self.target, self.draft)
+                elif not os.path.lexists(self._aside):
+                    os.unlink(self.target)
+        with suppress(OSError):
+            if os.path.lexists(self._aside):
+                if _identity(self._aside) == _identity(self.target):  # two names of one file
+                    os.unlink(self._aside)
+                else:
+                    os.replace(self._aside, self.target)
+        _remove(self.draft)
+        for folder in reversed(self._made):
+            with suppress(OSError):
+                os.rmdir(folder)
+        self._release()
+
+    def keep(self) -> None:
+        """Leave it where it stands, whatever comes."""
+        self._closed = True
+
+    def finish(self) -> None:
+        """Remove what was replaced."""
+        _remove(self._aside)
+        self._release()
+
+    def _set_aside(self, folder: bool) -> None:
+        if folder:
+            os.rename(self.target, self._aside)
+            self._check(self._aside)  # nothing was added to it at the last moment
+            return
+        try:
+            os.link(self.target, self._aside, follow_symlinks=False)
+        except OSError as error:  # not every file system has links
+            if error.errno not in _NO_LINKS:
+                raise
+            os.rename(self.target, self._aside)
+
+    def _hold(self) -> None:
+        assert self._lock is not None
+        self._identity = _identity(self.draft)
+        with suppress(OSError):  # not every file system has locks
+            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+    def _release(self) -> None:
+        self._undone.detach()
+        lock, self._lock = self._lock, None
+        if lock is not None:
+            with suppress(OSError):
+                os.close(lock)
+
+
+_waiting: ContextVar[list[OutputPlacement] | None] = ContextVar("waiting placements", default=None)
+
+
+@contextmanager
+def all_or_none() -> Generator[list[OutputPlacement]]:
+    """Put all that is written in the block into place at its end, or nothing of it.
+
+    A block inside another one leaves that to the outer one.
+
+    Yields:
+        The drafts that wait.
+    """
+    waiting = _waiting.get()
+    if waiting is not None:
+        yield waiting
+        return
+    mine: list[OutputPlacement] = []
+    token = _waiting.set(mine)
+    try:
+        yield mine
+        place_all()
+    except BaseException:
+        with deferred_signals():
+            for placement in reversed(mine):
+                placement.undo()
+        raise
+    finally:
+        _waiting.reset(token)
+
+
+def place_all() -> None:
+    """Put what was written in a block `all_or_none` so far into place before its end.
+
+    Raises:
+        Exception: If one cannot be; the block, which it ends, undoes the others.
+    """
+    waiting = _waiting.get() or []
+    with deferred_signals():
+        for placement in waiting:
+            placement.move()
+        for placement in {one.target.parent: one for one in waiting}.values():
+            placement.sync()
+        for placement in waiting:
+            placement.keep()
+        with ExitStack() as stack:  # each is finished, even if one is not
+            for placement in waiting:
+                stack.callback(placement.finish)
+            waiting.clear()
+
+
+@contextmanager
+def deferred_signals() -> Generator[None]:
+    """Let the block end before a signal to stop is acted upon."""
+    if threading.current_thread() is not threading.main_thread():
+        yield  # signals are handled in the main thread only
+        return
+    met: list[int] = []
+
+    def remember(number: int, frame: FrameType | None) -> None:
+        del frame
+        met.append(number)
+
+    handlers = {number: signal.getsignal(number) for number in _SIGNALS}
+    changed = [number for number, handler in handlers.items() if callable(handler)]
+    try:
+        for number in changed:
+            signal.signal(number, remember)
+        yield
+    finally:
+        for number in changed:
+            signal.signal(number, handlers[number])
+        for number in met:
+            signal.raise_signal(number)
+
+
+def remove_remains(target: Path) -> None:
+    """Remove what a killed run left for a target, and put back what it had set aside."""
+    folder, beginning = target.parent, _beginning(target)
+    with suppress(OSError), os.scandir(folder) as entries:
+        names = [entry.name for entry in entries if entry.name.startswith(beginning)]
+        for name in names:
+            match, path = _NAME.fullmatch(name), folder / name
+            if match is None or _is_running(int(match[2])) or is_locked(path):
+                continue
+            if match[3] == "old" and not os.path.lexists(target):
+                os.rename(path, target)
+            else:
+                _remove(path)
+
+
+def _beginning(target: Path) -> str:
+    """Of the names of drafts: short, whatever the length of the target's name."""
+    digest = hashlib.blake2b(os.fsencode(target.name), digest_size=6).hexdigest()
+    return f"{PREFIX}{digest}-"
+
+
+def is_locked(path: Path) -> bool:
+    """Whether a process holds the lock of a file or folder."""
+    try:
+        number = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK)
+    except OSError:
+        return False
+    try:
+        fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return True
+    finally:
+        os.close(number)
+    return False
+
+
+def _is_running(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except (OSError, OverflowError):
+        return True
+    return True
+
+
+def _identity(path: Path) -> tuple[int, int] | None:
+    try:
+        found = os.lstat(path)
+    except OSError:
+        return None
+    return found.st_dev, found.st_ino
+
+
+def _sync(folder: Path) -> None:
+    number = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        os.fsync(number)
+    except OSError as error:
+        if error.errno != errno.EINVAL:  # not every file system can
+            raise
+    finally:
+        os.close(number)
+
+
+def _leave(draft: Path, pid: int) -> None:
+    """Remove a draft that nobody placed or gave up; a forked child leaves it alone."""
+    if os.getpid() == pid:
+        _remove(draft)
+
+
+def _remove(path: Path) -> None:
+    """Remove a draft or what was replaced; a later run removes what cannot be removed now."""
+    try:
+        _remove_once(path)
+    except BaseException as error:
+        with suppress(OSError):
+            _remove_once(path)
+        if not isinstance(error, OSError):
+            raise
+
+
+def _remove_once(path: Path) -> None:
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path)
+    elif os.path.lexists(path):
+        os.unlink(path)

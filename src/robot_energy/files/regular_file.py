@@ -1,0 +1,95 @@
+"""Reads files that others name: regular ones alone, at once, and no more than is asked for.
+
+A pipe would be waited for, a device may never end, and opening one can have effects. So a file
+is opened without waiting, looked at, and read only if it is a regular one. What is wrong is an
+``OSError`` whose ``strerror`` completes "cannot be read (...)".
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import stat
+from pathlib import Path
+from typing import BinaryIO
+
+_KINDS = {
+    stat.S_IFIFO: "it is a pipe; write its content to a file and name that",
+    stat.S_IFCHR: "it is a device; write its content to a file and name that",
+    stat.S_IFBLK: "it is a device; write its content to a file and name that",
+    stat.S_IFSOCK: "it is a socket; write its content to a file and name that",
+    stat.S_IFDIR: "it is a folder",
+}
+
+
+def open_regular(path: str | Path, buffering: int = -1) -> BinaryIO:
+    """Open a regular file, or a link to one, for reading.
+
+    Args:
+        path: The file.
+        buffering: As of ``open``. [bytes]
+
+    Returns:
+        The open file.
+
+    Raises:
+        OSError: If it cannot be opened or is no regular file.
+    """
+    flags = os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC
+    try:
+        _require_regular(os.stat(path).st_mode, path)  # not even opened otherwise
+        number = os.open(path, flags)
+    except ValueError as error:
+        raise OSError(errno.EINVAL, "its name holds a NUL", repr(path)) from error
+    try:
+        _require_regular(os.fstat(number).st_mode, path)
+    except OSError:
+        os.close(number)
+        raise
+    return os.fdopen(number, "rb", buffering)
+
+
+def read_regular(path: str | Path, max_bytes: int) -> bytes:
+    """Read a regular file of bounded size.
+
+    Args:
+        path: The file.
+        max_bytes: Its largest size. [bytes]
+
+    Raises:
+        OSError: If it cannot be read, is no regular file or is larger.
+    """
+    with open_regular(path) as file:
+        data = b""
+        if os.fstat(file.fileno()).st_size <= max_bytes:
+            data = file.read(max_bytes + 1)  # it may grow
+            if len(data) <= max_bytes:
+                return data
+    raise OSError(errno.EFBIG, f"it is larger than {max_bytes} bytes", str(path))
+
+
+def read_regular_text(path: str | Path, max_bytes: int) -> str:
+    """Read a regular UTF-8 file of bounded size, with line feeds alone.
+
+    Args:
+        path: The file.
+        max_bytes: Its largest size. [bytes]
+
+    Raises:
+        OSError: If it cannot be read, is no regular file or is larger.
+        UnicodeDecodeError: If it is not UTF-8.
+    """
+    text = read_regular(path, max_bytes).decode("utf-8")
+    return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def why_unreadable(error: OSError | UnicodeDecodeError) -> str:
+    """Return what is wrong with a file, to stand in brackets."""
+    return str(error.strerror) if isinstance(error, OSError) else "it is not UTF-8"
+
+
+def _require_regular(mode: int, path: str | Path) -> None:
+    if not stat.S_ISREG(mode):
+        kind = _KINDS.get(stat.S_IFMT(mode), "it is no regular file")
+        number = errno.EISDIR if stat.S_ISDIR(mode) else errno.EINVAL
+        raise OSError(number, kind, str(path))
