@@ -1,7 +1,7 @@
 """Keeps the books of one robot on disk: restores, checkpoints, recovers.
 
 The disk may be full, read-only, gone or held by another monitor, at any time and for any
-time: counting goes on in memory, `Bookkeeper.trouble` says why, and every checkpoint tries
+time: counting goes on in memory, `AccountStore.trouble` says why, and every checkpoint tries
 again. Work on the disk is handed to ``submit``, so that a node can do it beside its ticks;
 by default it is done at once.
 """
@@ -15,37 +15,52 @@ from concurrent.futures import Future, wait
 from pathlib import Path
 from typing import Any, cast
 
-from robot_energy.errors import RegisterError, StateFileError
-from robot_energy.model_file import RobotModel
-from robot_energy.pipeline.ledger import Ledger
-from robot_energy.registers.record import (
+from robot_energy.accounting.account import EnergyAccount
+from robot_energy.accounting.plain_text import MAX_TEXT
+from robot_energy.accounting.record import (
     FORMAT_VERSION,
     Identity,
     LedgerRecord,
     TraceEntry,
     TraceKind,
 )
-from robot_energy.state_file.slots import SlotPair, Stored
+from robot_energy.errors import RegisterError, StateFileError
+from robot_energy.model import RobotModel
+from robot_energy.shown_text import shown
+from robot_energy.store.envelope import follows, is_newer
+from robot_energy.store.slots import SlotPair, Stored
 
 Submit = Callable[[Callable[[], Any]], "Future[Any]"]
 
 
-def identity_of(model: RobotModel) -> Identity:
-    """Return whose registers a model counts."""
+def identity_of(model: RobotModel, node: str = "") -> Identity:
+    """Return whose registers a node counts with a model.
+
+    Args:
+        model: The robot's model.
+        node: Full name of the node; empty for none.
+    """
     return Identity(
         robot_type=model.robot.type,
         robot_serial=model.robot.serial or "",
         joint_names=tuple(model.joint_names),
         model_id=model.model_id,
+        node=node,
     )
 
 
 def file_name_of(identity: Identity) -> str:
-    """Return how the files of a robot begin: type and serial, readable and unique."""
-    exact = f"{identity.robot_type}\n{identity.robot_serial}"
-    text = f"{identity.robot_type} {identity.robot_serial}".lower()
-    readable = re.sub(r"[^a-z0-9]+", "-", text).strip("-")[:60]
-    return f"{readable or 'robot'}-{hashlib.sha256(exact.encode()).hexdigest()[:8]}"
+    """Return how the files of registers begin, readable and unique.
+
+    That is the full name of the node with type and serial of the robot; without a node,
+    as in earlier releases, type and serial alone.
+    """
+    parts = [identity.robot_type, identity.robot_serial]
+    if identity.node:
+        parts.insert(0, identity.node)
+    readable = re.sub(r"[^a-z0-9]+", "-", " ".join(parts).lower()).strip("-")[:60]
+    digits = hashlib.sha256("\n".join(parts).encode()).hexdigest()
+    return f"{readable or 'robot'}-{digits[: 16 if identity.node else 8]}"
 
 
 def at_once(job: Callable[[], Any]) -> Future[Any]:
@@ -58,9 +73,13 @@ def at_once(job: Callable[[], Any]) -> Future[Any]:
     return future
 
 
-def books_of(
-    ledger: Ledger, model: RobotModel, folder: Path | None, submit: Submit = at_once
-) -> Bookkeeper:
+def load_account(
+    ledger: EnergyAccount,
+    model: RobotModel,
+    folder: Path | None,
+    submit: Submit = at_once,
+    node: str = "",
+) -> AccountStore:
     """Return the keeper of a robot's books.
 
     Args:
@@ -68,16 +87,19 @@ def books_of(
         model: The robot's model.
         folder: Where the state files lie; None keeps nothing.
         submit: Does work on the disk; jobs must run one after the other.
+        node: Full name of the node that counts; its files are its own. Empty for none.
     """
-    identity = identity_of(model)
+    identity = identity_of(model, node)
     slots = None
     if folder is not None:
-        name = file_name_of(identity)
-        slots = SlotPair(folder, name, FORMAT_VERSION, LedgerRecord.from_json)
-    return Bookkeeper(ledger, identity, slots, submit)
+        earlier = file_name_of(identity_of(model)) if node else None
+        slots = SlotPair(
+            folder, file_name_of(identity), FORMAT_VERSION, LedgerRecord.from_json, earlier, node
+        )
+    return AccountStore(ledger, identity, slots, submit)
 
 
-class Bookkeeper:
+class AccountStore:
     """Brings the books and their state files together.
 
     Args:
@@ -92,11 +114,12 @@ class Bookkeeper:
         failures: Checkpoints that failed.
         checkpoints: Checkpoints that reached the disk.
         notices: What the user should know, oldest first; take them out.
+        adopted: What was taken over from an earlier release; empty if nothing was.
     """
 
     def __init__(
         self,
-        ledger: Ledger,
+        ledger: EnergyAccount,
         identity: Identity,
         slots: SlotPair[LedgerRecord] | None,
         submit: Submit = at_once,
@@ -107,6 +130,7 @@ class Bookkeeper:
         self.failures = 0
         self.checkpoints = 0
         self.notices: list[str] = []
+        self.adopted = ""
         self._identity = identity
         self._slots = slots
         self._submit = submit
@@ -145,7 +169,7 @@ class Bookkeeper:
         if not self._slots.held:
             self._pending = self._submit(self._slots.acquire)
             return False
-        self._attempted = self._slots.sequence + 1
+        self._attempted = follows(self._slots.sequence)
         slots, payload = self._slots, self.ledger.state(self._identity).to_json()
         self._pending = self._submit(lambda: slots.write(payload))
         return True
@@ -241,11 +265,12 @@ class Bookkeeper:
         self.notices += stored.notices
         for notice in stored.notices:
             self._note("file_lost", notice)
-        if self.loaded and stored.sequence <= self._attempted:
+        if self.loaded and not is_newer(stored.sequence, self._attempted):
             return  # the folder was away for a while
         record = stored.value
         try:
             if record is not None:
+                self._note_repairs(record)
                 record = self._fitting(record)
         except StateFileError:
             assert self._slots is not None
@@ -257,7 +282,7 @@ class Bookkeeper:
                 self._began_anew("no state file could be used")
             return
         lost = self.ledger.trace.entries  # of the files that were read just now
-        start_ns = self.ledger.registers.time.start_ns
+        start_ns = self.ledger.start_ns
         if start_ns is None or (record.end_ns is not None and start_ns < record.end_ns):
             self.ledger.restore(record)
             for entry in lost:
@@ -268,6 +293,12 @@ class Bookkeeper:
             how = "; what was counted meanwhile is added"
         self._written = self._attempted = stored.sequence
         self._note("restart", f"continued by model {self._identity.model_id}{how}")
+        if stored.adopted:
+            self.adopted = (
+                f"the registers that an earlier release kept for {record.identity.robot_type} "
+                f"go on as those of {self._identity.node}"
+            )
+            self._note("adopted", self.adopted)
         if record.identity.model_id != self._identity.model_id:
             before, after = record.identity.model_id, self._identity.model_id
             self._note("model_changed", f"model {before} counted until here, {after} from here")
@@ -277,7 +308,9 @@ class Bookkeeper:
         """Return the record for our joints; None, after moving it aside, if it is of others."""
         assert self._slots is not None
         mine, found = self._identity, record.identity
-        if (found.robot_type, found.robot_serial) != (mine.robot_type, mine.robot_serial):
+        if found.node not in ("", mine.node):
+            reason = f"the state is of node '{shown(found.node)}'"
+        elif (found.robot_type, found.robot_serial) != (mine.robot_type, mine.robot_serial):
             reason = f"the state is of robot '{found.robot_type}' '{found.robot_serial}'"
         elif sorted(found.joint_names) != sorted(mine.joint_names):
             reason = (
@@ -298,10 +331,15 @@ class Bookkeeper:
         self._began_anew(f"{reason}: {', '.join(self._slots.set_aside())}")
         return None
 
+    def _note_repairs(self, record: LedgerRecord) -> None:
+        for what in record.repairs:
+            self.notices.append(f"the state held more than can be kept; at its limit now: {what}")
+            self._note("repaired", self.notices[-1])
+
     def _began_anew(self, reason: str) -> None:
         self._note("began_anew", reason)
         self.notices.append(f"the registers begin anew: {reason}")
 
     def _note(self, kind: TraceKind, text: str) -> None:
-        stamp_ns = self.ledger.registers.time.end_ns
-        self.ledger.trace.add(TraceEntry(kind=kind, stamp_ns=stamp_ns, text=text))
+        entry = TraceEntry(kind=kind, stamp_ns=self.ledger.end_ns, text=shown(text, MAX_TEXT))
+        self.ledger.trace.add(entry)

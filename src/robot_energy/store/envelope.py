@@ -12,7 +12,9 @@ import zlib
 from robot_energy.errors import StateFileError
 
 MAGIC = "robot-energy-registers"
-MAX_BYTES = 4 * 1024 * 1024
+MAX_BYTES = 16 * 1024 * 1024  # written at most; 49 tallies of a thousand joints
+MAX_READ_BYTES = 64 * 1024 * 1024  # earlier releases bounded no text
+MAX_SEQUENCE = 10**18 - 1  # the number after it is 1
 MAX_LINE = 200
 _LINE = re.compile(
     rb"robot-energy-registers version=(\d{1,9}) sequence=(\d{1,18}) bytes=(\d{1,9}) "
@@ -27,10 +29,25 @@ def wrap(version: int, sequence: int, payload: bytes) -> bytes:
         version: Format of the payload.
         sequence: Grows by one with every write.
         payload: JSON text.
+
+    Raises:
+        StateFileError: If it is more than can be read back.
     """
+    if len(payload) > MAX_READ_BYTES - MAX_LINE:
+        raise StateFileError(f"a state of {len(payload)} bytes", f"at most {MAX_BYTES}")
     line = f"{MAGIC} version={version} sequence={sequence} bytes={len(payload)}".encode()
     check = zlib.crc32(payload, zlib.crc32(line))
     return line + f" crc32={check:08x}\n".encode() + payload
+
+
+def follows(sequence: int) -> int:
+    """Return the sequence number after one."""
+    return sequence % MAX_SEQUENCE + 1
+
+
+def is_newer(sequence: int, other: int) -> bool:
+    """Tell whether a sequence number comes after another, also where they began again."""
+    return sequence != other and (sequence - other) % MAX_SEQUENCE < MAX_SEQUENCE // 2
 
 
 def unwrap(version: int, content: bytes) -> tuple[int, bytes]:
@@ -48,13 +65,13 @@ def unwrap(version: int, content: bytes) -> tuple[int, bytes]:
         raise StateFileError("an empty file", "a state file")
     found = _LINE.match(content[:MAX_LINE])
     if found is None:
-        raise StateFileError("a file without the first line of a state file")
+        raise StateFileError("a file without the first line of a state file", "a state file")
     number, sequence, size = (int(found[group]) for group in (1, 2, 3))
     payload = content[found.end() : found.end() + size]
     if len(payload) < size:
         raise StateFileError(f"a file cut after {len(payload)} bytes", f"{size}")
     if wrap(number, sequence, payload) != content[: found.end() + size]:
-        raise StateFileError("a damaged file, whose CRC does not fit")
+        raise StateFileError("a damaged file, whose CRC does not fit", "the CRC in its first line")
     if number > version:
         raise StateFileError(
             f"a state file of format {number}",

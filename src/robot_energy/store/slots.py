@@ -7,16 +7,19 @@ holds a lock (flock) on a third file, which the kernel gives back when the proce
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import os
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Generic, TypeVar
 
 from robot_energy.errors import StateFileError
-from robot_energy.state_file.envelope import MAX_BYTES, unwrap, wrap
+from robot_energy.store.adoption import Adoption
+from robot_energy.store.envelope import MAX_BYTES, MAX_READ_BYTES, follows, is_newer, unwrap, wrap
+from robot_energy.store.state_files import open_regular, read_regular
 
 T = TypeVar("T")
 MAX_ASIDE = 20  # damaged files kept beside the slots
@@ -30,11 +33,13 @@ class Stored(Generic[T]):
         value: The newest state, or None where there is none.
         sequence: Its number; 0 where there is none.
         notices: What was wrong, one sentence each.
+        adopted: Whether it was taken over from the files of an earlier release.
     """
 
     value: T | None
     sequence: int
     notices: tuple[str, ...]
+    adopted: bool = False
 
 
 class SlotPair(Generic[T]):
@@ -45,12 +50,23 @@ class SlotPair(Generic[T]):
         name: Begins the name of every file.
         version: Format of the payload.
         read: Turns a payload into a state; raises `StateFileError` if it cannot.
+        earlier: How the files of an earlier release begin, to be adopted once; None for
+            none.
+        owner: Who adopts them.
 
     Attributes:
         sequence: Number of the newest state on disk.
     """
 
-    def __init__(self, folder: Path, name: str, version: int, read: Callable[[bytes], T]) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        name: str,
+        version: int,
+        read: Callable[[bytes], T],
+        earlier: str | None = None,
+        owner: str = "",
+    ) -> None:
         self.folder = folder
         self.sequence = 0
         self._paths = tuple(folder / f"{name}.{slot}.state" for slot in "ab")
@@ -58,6 +74,7 @@ class SlotPair(Generic[T]):
         self._version = version
         self._read = read
         self._lock: int | None = None
+        self._adoption = None if earlier is None else Adoption(folder, earlier, name, owner)
         self._newest = 1  # slot of the newest state; the first write goes to slot 0
 
     def acquire(self) -> Stored[T]:
@@ -76,7 +93,8 @@ class SlotPair(Generic[T]):
         try:
             self._make_folder()
             self._take_lock()
-            found = self._read_slots()
+            adopted = self._adoption is not None and self._adoption.take()
+            found = replace(self._read_slots(), adopted=adopted)
         except OSError as error:
             self.release()
             raise _wrapped(error, self.folder) from error
@@ -96,9 +114,11 @@ class SlotPair(Generic[T]):
         path = self._paths[slot]
         try:
             self._check_lock()
-            content = wrap(self._version, self.sequence + 1, payload)
+            if len(payload) > MAX_BYTES:
+                raise StateFileError(f"a state of {len(payload)} bytes", f"at most {MAX_BYTES}")
+            content = wrap(self._version, follows(self.sequence), payload)
             existed = path.exists()
-            file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o644)
+            file = self._open_slot(path)
             try:
                 _write_all(file, content)
                 os.ftruncate(file, len(content))
@@ -109,7 +129,7 @@ class SlotPair(Generic[T]):
                 _sync_folder(self.folder)
         except OSError as error:
             raise _wrapped(error, path) from error
-        self.sequence += 1
+        self.sequence = follows(self.sequence)
         self._newest = slot
 
     def set_aside(self) -> list[str]:
@@ -122,7 +142,8 @@ class SlotPair(Generic[T]):
             StateFileError: If they cannot be moved.
         """
         try:
-            notes = [f"moved aside as {_move_aside(path)}" for path in self._paths if path.exists()]
+            there = [path for path in self._paths if os.path.lexists(path)]
+            notes = [f"moved aside as {_move_aside(path)}" for path in there]
             _sync_folder(self.folder)
         except OSError as error:
             raise _wrapped(error, self.folder) from error
@@ -141,6 +162,14 @@ class SlotPair(Generic[T]):
             os.close(self._lock)
             self._lock = None
 
+    def _open_slot(self, path: Path) -> int:
+        try:
+            return open_regular(path, os.O_WRONLY | os.O_CREAT)
+        except OSError:
+            if path.is_symlink() or (path.exists() and not path.is_file()):
+                self.release()  # the next checkpoint moves it aside
+            raise
+
     def _make_folder(self) -> None:
         if not self.folder.is_dir():
             self.folder.mkdir(parents=True, exist_ok=True)
@@ -148,12 +177,12 @@ class SlotPair(Generic[T]):
 
     def _take_lock(self) -> None:
         try:
-            lock = os.open(self._lock_path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+            lock = open_regular(self._lock_path, os.O_RDWR | os.O_CREAT)
         except OSError:
-            if not self._lock_path.is_file():
+            if not self._lock_path.is_file() or self._lock_path.is_symlink():
                 raise
             # Nothing can be written now, but what was kept can still be read and guarded.
-            lock = os.open(self._lock_path, os.O_RDONLY | os.O_CLOEXEC)
+            lock = open_regular(self._lock_path, os.O_RDONLY)
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
@@ -163,7 +192,7 @@ class SlotPair(Generic[T]):
                 f"another monitor (process {owner or 'unknown'}) keeps the registers in "
                 f"{self.folder}",
                 "",
-                "stop it, or give this one another state_folder or its model file a serial",
+                "stop it, or give this one another name, namespace or state_folder",
             ) from None
         except OSError:
             os.close(lock)
@@ -176,10 +205,10 @@ class SlotPair(Generic[T]):
     def _check_lock(self) -> None:
         """Make sure that the lock file held is still the one in the folder."""
         if self._lock is None:
-            raise StateFileError("the state files are not locked")
+            raise StateFileError("the state files are not locked", remedy="acquire them first")
         held = os.fstat(self._lock)
         try:
-            there = os.stat(self._lock_path)
+            there = os.stat(self._lock_path, follow_symlinks=False)
         except OSError:
             self.release()
             raise
@@ -191,10 +220,10 @@ class SlotPair(Generic[T]):
         found: list[tuple[int, int, T]] = []
         notices: list[str] = []
         for slot, path in enumerate(self._paths):
-            content = _content(path)
-            if content is None:
-                continue
             try:
+                content = _content(path)
+                if content is None:
+                    continue
                 sequence, payload = unwrap(self._version, content)
                 found.append((sequence, slot, self._read(payload)))
             except StateFileError as error:
@@ -205,16 +234,20 @@ class SlotPair(Generic[T]):
         if not found:
             self._newest = 1
             return Stored(None, 0, tuple(notices))
-        sequence, self._newest, value = max(found, key=lambda entry: entry[0])
+        newest = found[-1]
+        if is_newer(found[0][0], newest[0]):
+            newest = found[0]
+        sequence, self._newest, value = newest
         return Stored(value, sequence, tuple(notices))
 
 
 def _content(path: Path) -> bytes | None:
     try:
-        with path.open("rb") as file:
-            return file.read(MAX_BYTES)
-    except FileNotFoundError:
-        return None
+        return read_regular(path, MAX_READ_BYTES)
+    except OSError as error:
+        if error.errno in (errno.EINVAL, errno.ELOOP, errno.ENXIO, errno.EFBIG):
+            raise StateFileError(error.strerror or "cannot be read", "a state file") from error
+        raise
 
 
 def _write_all(file: int, content: bytes) -> None:
@@ -235,7 +268,7 @@ def _move_aside(path: Path) -> Path:
     """Rename a file to the first free name; OSError if there is none."""
     for number in range(1, MAX_ASIDE + 1):
         target = path.with_name(f"{path.name}.bad-{number}")
-        if not target.exists():
+        if not os.path.lexists(target):
             path.rename(target)
             return target
     raise OSError(f"{MAX_ASIDE} files lie aside already")

@@ -7,18 +7,20 @@ from threading import Event
 import pytest
 
 import robots
-from ledgers import IDENTITY, SECOND, steady
+from accounts import IDENTITY, SECOND, steady
+from robot_energy.accounting.account import EnergyAccount
+from robot_energy.accounting.record import FORMAT_VERSION, Identity, LedgerRecord
 from robot_energy.errors import RegisterError
-from robot_energy.pipeline import Ledger
-from robot_energy.registers.record import FORMAT_VERSION, Identity, LedgerRecord
-from robot_energy.state_file import Bookkeeper, SlotPair, books_of
-from robot_energy.state_file.bookkeeper import file_name_of
+from robot_energy.store import AccountStore, SlotPair, load_account
+from robot_energy.store.account_store import file_name_of
 
 
-def keeper(folder: Path, ledger: Ledger | None = None, name: str = "arm", **changes) -> Bookkeeper:
+def keeper(
+    folder: Path, ledger: EnergyAccount | None = None, name: str = "arm", **changes
+) -> AccountStore:
     identity = IDENTITY.model_copy(update=changes)
     slots = SlotPair(folder, name, FORMAT_VERSION, LedgerRecord.from_json)
-    return Bookkeeper(ledger or Ledger(len(identity.joint_names)), identity, slots)
+    return AccountStore(ledger or EnergyAccount(len(identity.joint_names)), identity, slots)
 
 
 def counted(folder: Path, seconds: float = 10) -> None:
@@ -29,11 +31,11 @@ def counted(folder: Path, seconds: float = 10) -> None:
     assert books.close()
 
 
-def imported(books: Bookkeeper) -> float:
+def imported(books: AccountStore) -> float:
     return float(books.ledger.registers.cabinet("grid_import"))
 
 
-def kinds(books: Bookkeeper) -> list[str]:
+def kinds(books: AccountStore) -> list[str]:
     return [entry.kind for entry in books.ledger.trace.entries]
 
 
@@ -49,7 +51,7 @@ def test_books_continue(tmp_path):
 
 
 def test_nothing_is_kept_without_a_folder():
-    books = books_of(Ledger(2), robots.two_link(), None)
+    books = load_account(EnergyAccount(2), robots.two_link(), None)
     books.open()
     books.require()
     assert not books.checkpoint()
@@ -124,7 +126,7 @@ def test_one_damaged_file_is_noted_in_the_books_that_go_on(tmp_path):
 
 def test_a_register_that_is_new_counts_from_here(tmp_path):
     """The state of a release that did not know the brake."""
-    ledger = Ledger(2)
+    ledger = EnergyAccount(2)
     ledger.step(steady(0, 10, watt=-100.0))
     ledger.open_interval("job")
     data = ledger.state(IDENTITY).model_dump(mode="json")

@@ -11,7 +11,9 @@ from pathlib import Path
 
 import pytest
 
-HERE = Path(__file__).resolve().parents[2]
+from places import ROOT
+
+HERE = ROOT / "test"
 MOUNTS = ["unshare", "--mount"]  # needs root, as in a container
 CAN_MOUNT = (
     subprocess.run(
@@ -25,43 +27,43 @@ BEGIN = """
 import os, resource, subprocess, sys
 from pathlib import Path
 sys.path[:0] = [{here!r}, {source!r}]
-from ledgers import IDENTITY, steady
-from robot_energy.pipeline import Ledger
-from robot_energy.registers.record import FORMAT_VERSION, LedgerRecord
-from robot_energy.state_file import Bookkeeper, SlotPair
+from accounts import IDENTITY, steady
+from robot_energy.accounting.account import EnergyAccount
+from robot_energy.accounting.record import FORMAT_VERSION, LedgerRecord
+from robot_energy.store import AccountStore, SlotPair
 
 folder = Path({folder!r})
 
-def keeper():
+def new_store():
     slots = SlotPair(folder, "arm", FORMAT_VERSION, LedgerRecord.from_json)
-    return Bookkeeper(Ledger(2), IDENTITY, slots)
+    return AccountStore(EnergyAccount(2), IDENTITY, slots)
 
 def command(*words):
     subprocess.run(words, check=True)
 
-def imported(books):
-    return round(books.ledger.registers.cabinet("grid_import"), 6)
+def imported(store):
+    return round(store.ledger.registers.cabinet("grid_import"), 6)
 
-def fails(books, *words):
-    assert not books.checkpoint()
+def fails(store, *words):
+    assert not store.checkpoint()
     for word in words:
-        assert word in books.trouble, books.trouble
+        assert word in store.trouble, store.trouble
 
-def recovers(books):
-    assert books.checkpoint() and not books.trouble
-    total = imported(books)
-    books.close()
-    again = keeper()
+def recovers(store):
+    assert store.checkpoint() and not store.trouble
+    total = imported(store)
+    store.close()
+    again = new_store()
     again.open()
     assert imported(again) == total > 0
     assert not again.notices, again.notices
 
 def one_good_second():
-    books = keeper()
-    books.open()
-    books.ledger.step(steady(0, 1))
-    assert books.checkpoint()
-    return books
+    store = new_store()
+    store.open()
+    store.ledger.step(steady(0, 1))
+    assert store.checkpoint()
+    return store
 """
 
 
@@ -85,7 +87,7 @@ def test_disk_full(tmp_path):
         folder,
         """
         command("mount", "-t", "tmpfs", "-o", "size=64k", "none", str(folder))
-        books = one_good_second()
+        store = one_good_second()
         with open(folder / "filler", "wb", buffering=0) as filler:
             try:
                 while True:
@@ -93,11 +95,11 @@ def test_disk_full(tmp_path):
             except OSError:
                 pass
         for second in range(1, 4):
-            books.ledger.step(steady(second + 0.01, second + 1))
-            fails(books, "No space left on device", str(folder))
-        assert books.failures == 3 and imported(books) == 400.0
+            store.ledger.step(steady(second + 0.01, second + 1))
+            fails(store, "No space left on device", str(folder))
+        assert store.failures == 3 and imported(store) == 400.0
         (folder / "filler").unlink()
-        recovers(books)
+        recovers(store)
         """,
         *MOUNTS,
     )
@@ -111,14 +113,14 @@ def test_read_only_disk(tmp_path):
     run(
         folder,
         """
-        books = one_good_second()
+        store = one_good_second()
         command("mount", "--bind", str(folder), str(folder))
         command("mount", "-o", "remount,bind,ro", str(folder))
-        books.ledger.step(steady(1.01, 2))
-        fails(books, "Read-only file system", str(folder))
-        fails(books, "Read-only file system")
-        books.close()
-        started = keeper()
+        store.ledger.step(steady(1.01, 2))
+        fails(store, "Read-only file system", str(folder))
+        fails(store, "Read-only file system")
+        store.close()
+        started = new_store()
         started.open()
         assert started.loaded and imported(started) == 100.0  # the totals that are on disk
         started.ledger.step(steady(3, 4))
@@ -140,14 +142,14 @@ def test_no_permission():
         command("mount", "-t", "tmpfs", "none", "/mnt")
         folder.mkdir(mode=0o755)
         os.seteuid(65534)  # nobody; root could write anywhere
-        books = keeper()
-        books.open()
-        books.ledger.step(steady(0, 1))
-        fails(books, "Permission denied", str(folder))
+        store = new_store()
+        store.open()
+        store.ledger.step(steady(0, 1))
+        fails(store, "Permission denied", str(folder))
         os.seteuid(0)
         folder.chmod(0o777)
         os.seteuid(65534)
-        recovers(books)
+        recovers(store)
         """,
         *MOUNTS,
     )
@@ -158,20 +160,20 @@ def test_file_size_limit(tmp_path):
     run(
         tmp_path,
         """
-        books = one_good_second()
+        store = one_good_second()
         soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
         resource.setrlimit(resource.RLIMIT_FSIZE, (500, hard))
-        books.ledger.step(steady(1.01, 2))
-        fails(books, "File too large", str(folder))
+        store.ledger.step(steady(1.01, 2))
+        fails(store, "File too large", str(folder))
         assert (folder / "arm.b.state").stat().st_size == 500
-        other = keeper()
-        books._slots.release()
+        other = new_store()
+        store._slots.release()
         other.open()
         assert imported(other) == 100.0  # from the good slot
         assert "cut after" in other.notices[0]
         other.close()
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-        recovers(books)
+        recovers(store)
         """,
     )
 
@@ -181,11 +183,11 @@ def test_a_file_where_the_folder_should_be(tmp_path):
         tmp_path / "state",
         """
         folder.write_text("in the way")
-        books = keeper()
-        books.open()
-        books.ledger.step(steady(0, 1))
-        fails(books, str(folder), "a folder that can be written")
+        store = new_store()
+        store.open()
+        store.ledger.step(steady(0, 1))
+        fails(store, str(folder), "a folder that can be written")
         folder.unlink()
-        recovers(books)
+        recovers(store)
         """,
     )

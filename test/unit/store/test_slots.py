@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from robot_energy.errors import StateFileError
-from robot_energy.state_file.envelope import unwrap, wrap
-from robot_energy.state_file.slots import MAX_ASIDE, SlotPair
+from robot_energy.store.envelope import unwrap, wrap
+from robot_energy.store.slots import MAX_ASIDE, SlotPair
 
 
 def slots(folder: Path) -> SlotPair[bytes]:

@@ -1,0 +1,6 @@
+"""State files: what must outlive the process, on disk in two alternating slots."""
+
+from robot_energy.store.account_store import AccountStore, Submit, load_account
+from robot_energy.store.slots import SlotPair, Stored
+
+__all__ = ["AccountStore", "SlotPair", "Stored", "Submit", "load_account"]

@@ -1,0 +1,95 @@
+"""State files of an earlier release, named by robot alone: one node takes them, once.
+
+Whoever begins writes its name into a claim, which appears with its content by one rename
+while the lock of the earlier release is held. Only the node in the claim may then rename
+the slots, as often as it is interrupted; the claim is marked complete at the end and
+stays, so that no other node ever takes them, nor any node twice.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+from pathlib import Path
+
+from robot_energy.store.state_files import open_regular, read_regular
+
+BEGUN, COMPLETE = "begun", "complete"
+MAX_CLAIM = 4096  # bytes
+
+
+class Adoption:
+    """Takes the files of an earlier release over.
+
+    Args:
+        folder: Where they lie.
+        earlier: How their names begin.
+        name: How the names of the own files begin, whose lock is held.
+        owner: Who takes them.
+    """
+
+    def __init__(self, folder: Path, earlier: str, name: str, owner: str) -> None:
+        self._claim = folder / f"{earlier}.adopted"
+        self._draft = folder / f"{earlier}.adopted.part"
+        self._lock = folder / f"{earlier}.lock"
+        self._moves = [
+            (folder / f"{earlier}.{s}.state", folder / f"{name}.{s}.state") for s in "ab"
+        ]
+        self._owner = owner
+
+    def take(self) -> bool:
+        """Take them over, or finish that, if they are there and nobody else has.
+
+        Returns:
+            Whether files became our own just now. False as well while a monitor of the
+            earlier release writes them.
+
+        Raises:
+            OSError: If the folder cannot be written.
+        """
+        if not any(os.path.lexists(old) for old, _ in self._moves):
+            return False
+        lock = open_regular(self._lock, os.O_RDWR | os.O_CREAT)
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return self._take()
+        except BlockingIOError:
+            return False
+        finally:
+            os.close(lock)
+
+    def _take(self) -> bool:
+        claim = read_regular(self._claim, MAX_CLAIM)
+        if claim is None:
+            if any(os.path.lexists(new) for _, new in self._moves):
+                return False  # these registers count on their own already
+            self._write(BEGUN)
+        elif claim.decode(errors="replace") != f"{BEGUN} {self._owner}\n":
+            return False
+        moved = False
+        for old, new in self._moves:
+            if os.path.lexists(old) and not os.path.lexists(new):
+                old.rename(new)
+                moved = True
+        _sync(self._claim.parent)
+        self._write(COMPLETE)
+        return moved
+
+    def _write(self, progress: str) -> None:
+        """Replace the claim; it is there whole, or as it was."""
+        self._draft.unlink(missing_ok=True)
+        file = open_regular(self._draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL)
+        with os.fdopen(file, "wb") as opened:
+            opened.write(f"{progress} {self._owner}\n".encode())
+            opened.flush()
+            os.fsync(file)
+        self._draft.rename(self._claim)
+        _sync(self._claim.parent)
+
+
+def _sync(folder: Path) -> None:
+    number = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        os.fsync(number)
+    finally:
+        os.close(number)
