@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import Float, Int
+from robot_energy.blocks import NANOSECOND, Float, Int
 
 
 @dataclass(frozen=True)
-class Pieces:
+class CoveredPieces:
     """Straight pieces of a power curve, in time order, not overlapping.
 
     Attributes:
@@ -29,27 +29,37 @@ class Pieces:
     def __len__(self) -> int:
         return len(self.start_ns)
 
-    def __getitem__(self, rows: NDArray[np.bool_] | slice) -> Pieces:
-        return Pieces(
+    def __getitem__(self, rows: NDArray[np.bool_] | slice) -> CoveredPieces:
+        return CoveredPieces(
             self.start_ns[rows], self.end_ns[rows], self.start_power[rows], self.end_power[rows]
         )
 
     @classmethod
-    def empty(cls) -> Pieces:
+    def empty(cls) -> CoveredPieces:
         """No pieces."""
         none = np.empty(0, dtype=np.int64)
         return cls(none, none, np.empty(0), np.empty(0))
 
-    def join(self, later: Pieces) -> Pieces:
+    def join(self, later: CoveredPieces) -> CoveredPieces:
         """Return these pieces followed by later ones."""
         if not len(self):
             return later
-        return Pieces(
+        return CoveredPieces(
             np.concatenate([self.start_ns, later.start_ns]),
             np.concatenate([self.end_ns, later.end_ns]),
             np.concatenate([self.start_power, later.start_power]),
             np.concatenate([self.end_power, later.end_power]),
         )
+
+    @property
+    def duration(self) -> Float:
+        """How long each piece is, shape (N,). [s]"""
+        return (self.end_ns - self.start_ns) * NANOSECOND
+
+    @property
+    def mean_power(self) -> Float:
+        """Mean power of each piece, shape (N,). [W]"""
+        return 0.5 * (self.start_power + self.end_power)
 
     @property
     def edges(self) -> Int:

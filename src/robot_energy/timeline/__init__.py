@@ -1,0 +1,1 @@
+"""Time of every input: which stamps are accepted, and what separates two samples."""

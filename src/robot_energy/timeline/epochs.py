@@ -1,0 +1,396 @@
+"""Epochs of one stream of stamps, and the outliers that belong to none.
+
+The same for every stream: joint states, temperatures, friction, torque, meters. It sees
+stamps and row numbers only; who calls it keeps the messages.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robot_energy.timeline.stamps import SECOND_NS
+
+Int = NDArray[np.int64]
+
+STRAY_STAMP = "stray_stamp"  # the reason under which outliers are counted
+HISTORY = 31  # periods behind the median
+REACH_PERIODS = 5
+MIN_CONFIRMATIONS = 3  # messages in a row that make a jump of the stamps
+SLOW_CONFIRMATIONS = 2  # the same of a state that is held, where a false jump costs little
+MAX_CONFIRMATIONS = 8  # the same while two clocks take turns
+MAX_PAUSE_NS = 60 * SECOND_NS  # between the first message of all and the second
+FIRST_PIECE = 16  # messages that are looked at one by one before all others at once
+RESTLESS_MESSAGES = 8  # a jump after fewer messages than this is no reset but another clock
+
+
+@dataclass(frozen=True)
+class Reach:
+    """How far a stamp may lie from the newest one of its stream and still continue it.
+
+    Attributes:
+        ahead_ns: Always, ahead of it. [ns]
+        max_ahead_ns: At most, where the stream is slow: five median periods count. [ns]
+        behind_ns: Less than this behind it: late, not another time. [ns]
+        prompt: The first message counts at once, as it does of a state that is latched;
+            otherwise it waits for the second.
+        patient: Whether jumps that follow each other quickly need more messages.
+        confirmations: Messages in a row that make a jump of the stamps.
+    """
+
+    ahead_ns: int = SECOND_NS // 10
+    max_ahead_ns: int = SECOND_NS
+    behind_ns: int = SECOND_NS
+    prompt: bool = False
+    patient: bool = True
+    confirmations: int = MIN_CONFIRMATIONS
+
+
+SLOW_NS = 5 * SECOND_NS  # temperatures move little in this
+
+
+def slow_reach(stale_ns: int) -> Reach:
+    """Return the reach of a state that changes slowly and is held until it is stale.
+
+    Args:
+        stale_ns: Age at which it is not used any more. [ns]
+    """
+    return Reach(
+        SLOW_NS,
+        max(SLOW_NS, stale_ns // 2),
+        SLOW_NS,
+        prompt=True,
+        confirmations=SLOW_CONFIRMATIONS,
+    )
+
+
+@dataclass
+class EpochRun:
+    """Messages that belong together.
+
+    Attributes:
+        rows: Their numbers; None for all that were given, when none was held before.
+        new_epoch: Whether the stamps jumped back before them.
+        restless: Whether they did so within a second after another jump, as they do when
+            two clocks take turns.
+        rising: Whether it is known that each stamp is newer than all before.
+    """
+
+    rows: list[int] | None = field(default_factory=list[int])
+    new_epoch: bool = False
+    restless: bool = False
+    rising: bool = False
+
+
+@dataclass(frozen=True)
+class Sorted:
+    """What became of messages. Rows count those that were held first, then those given.
+
+    Attributes:
+        runs: Messages that are known to belong to their epoch, in order of arrival.
+        strays: Rows of outliers.
+        held: Rows that wait for later messages; the caller puts them before the next ones.
+    """
+
+    runs: list[EpochRun]
+    strays: list[int] = field(default_factory=list[int])
+    held: list[int] = field(default_factory=list[int])
+
+
+class EpochSplitter:
+    """Cuts one stream at the jumps of its stamps, and takes outliers out.
+
+    A message whose stamp lies out of reach of the newest one is held. If the stream goes on
+    from the newest, what was held are strays: messages of the run before a loop, stale
+    ones, a wrong clock. If three messages in a row (two of a state that is held) lie in
+    another time, the stamps have jumped: forward (a gap) or back (a new epoch, as when a bag
+    loops or a simulation restarts). Jumps that follow each other within a few messages come
+    from two clocks that take turns; each then needs twice as many messages, up to eight, so
+    that the clock in use stays in use. So no single message can send the state into the past or
+    the future, and at most seven messages are held.
+
+    Args:
+        reach: Of the stream.
+
+    Attributes:
+        strays: Outliers taken out.
+        stray_ns: How far the last of them lay from the newest stamp, ahead or behind. [ns]
+        odd_ns: Newest stamp when the last stamp was odd in any way; None: none was. [ns]
+        behind: Messages more than a second behind the newest one that still continue it.
+        behind_ns: How far the last of them lay behind. [ns]
+        first_off_ns: How far the first message lay from the second, if neither continued
+            the other. [ns]
+        newest_ns: Newest stamp of the running epoch; None before the first. [ns]
+    """
+
+    def __init__(self, reach: Reach | None = None) -> None:
+        self.strays = 0
+        self.stray_ns = 0
+        self.odd_ns: int | None = None
+        self.behind = 0
+        self.behind_ns = 0
+        self.first_off_ns = 0
+        self.newest_ns: int | None = None
+        self._reach = reach or Reach()
+        self._begin_ns = 0  # first stamp since the last jump
+        self._accepted = 0  # messages since then
+        self._sure = False  # whether a second message has continued the first
+        self._begun = 0  # messages given out without that
+        self._needed = self._reach.confirmations
+        self._periods: Int = np.empty(0, dtype=np.int64)
+        self._held: list[int] = []  # stamps that wait; the first message too while not sure
+
+    def restart(self) -> None:
+        """Forget where the stream was and what waits, as after an error; counts are kept."""
+        self.newest_ns = None
+        self._begin_ns = self._accepted = self._begun = 0
+        self._sure = False
+        self._needed = self._reach.confirmations
+        self._held = []
+
+    @property
+    def waiting(self) -> int:
+        """Messages that wait for later ones."""
+        return len(self._held)
+
+    @property
+    def beginning(self) -> bool:
+        """Whether the first message of all waits for the second."""
+        return bool(self._held) and not self._sure
+
+    @property
+    def period_ns(self) -> int:
+        """Median step of the newest stamps; 0 before the second. [ns]"""
+        return int(np.median(self._periods)) if len(self._periods) else 0
+
+    def step(self, stamp_ns: Int) -> Sorted:
+        """Take stamps in order of arrival.
+
+        Args:
+            stamp_ns: Shape (N,), N >= 1. [ns]
+
+        Returns:
+            What became of the messages held before and of these.
+        """
+        start, position, size = len(self._held), 0, FIRST_PIECE
+        waiting = list(range(start))
+        runs: list[EpochRun] = []
+        strays: list[int] = []
+        while position < len(stamp_ns):
+            rest = stamp_ns[position:]
+            calm = self._calm(rest) if self._sure and not self._held else None
+            if calm is not None:
+                if position or start:
+                    calm.rows = list(range(start + position, start + len(stamp_ns)))
+                return Sorted([*runs, calm], strays)
+            # One by one, but only as far as it takes to be calm again.
+            piece = rest[:size].tolist()
+            place = [*waiting, *range(start + position, start + position + len(piece))]
+            found = self._sort_out([*self._held, *piece])
+            for run in found.runs:
+                run.rows = [place[row] for row in run.rows or ()]
+            runs += found.runs
+            strays += [place[row] for row in found.strays]
+            waiting = [place[row] for row in found.held]
+            position, size = position + len(piece), 2 * size
+        return Sorted(runs, strays, waiting)
+
+    def flush(self) -> Sorted:
+        """Decide on what still waits, as at the end.
+
+        Of a stream that is known, a single message is a stray. Of one that has only begun,
+        nothing says so.
+        """
+        stamps, self._held = self._held, []
+        rows = list(range(len(stamps)))
+        if not stamps or self.newest_ns is None:
+            return Sorted([])
+        if self._sure:
+            known = self._accepted >= MIN_CONFIRMATIONS
+            if known and not (len(stamps) > 1 and self._continues(stamps[-1], stamps[-2])):
+                for stamp in stamps:
+                    self._note_stray(stamp)
+                return Sorted([], rows)
+            runs: list[EpochRun] = []
+            self._jump(stamps, rows, runs)
+            return Sorted(runs)
+        runs = [EpochRun([0])]
+        for row in rows[1:]:
+            runs.append(EpochRun([row], new_epoch=stamps[row] < stamps[row - 1]))
+        self._jump_to(stamps[-1])
+        return Sorted(runs)
+
+    def _calm(self, stamp: Int) -> EpochRun | None:
+        """All at once where none is out of reach, as nearly always; else None."""
+        assert self.newest_ns is not None
+        first = self.newest_ns
+        steps = np.empty(len(stamp), dtype=np.int64)
+        steps[0] = stamp[0] - first
+        np.subtract(stamp[1:], stamp[:-1], out=steps[1:])
+        rising = bool((steps > 0).all())
+        newest = int(stamp[-1])
+        if rising:
+            if int(steps.max()) > self._reach.ahead_ns:
+                return None
+        else:
+            before = np.maximum.accumulate(np.concatenate([[first], stamp]))
+            ahead = stamp - before[:-1]
+            low = int(ahead.min())
+            if low <= -self._reach.behind_ns or int(ahead.max()) > self._reach.ahead_ns:
+                return None
+            if low < -SECOND_NS:
+                late = ahead[ahead < -SECOND_NS]
+                self.behind += len(late)
+                self.behind_ns = -int(late[-1])
+                self.odd_ns = int(before[-1])
+            newest = int(before[-1])
+            steps = ahead[ahead > 0]
+        self._keep(steps)
+        self._accepted += len(stamp)
+        self.newest_ns = newest
+        return EpochRun(None, rising=rising)
+
+    def _keep(self, periods: Int) -> None:
+        if len(periods) >= HISTORY:
+            self._periods = periods[-HISTORY:].copy()
+        elif len(periods):
+            self._periods = np.concatenate([self._periods, periods])[-HISTORY:]
+
+    def _ahead_ns(self) -> int:
+        """How far ahead of the newest stamp one may lie now. [ns]"""
+        reach = self._reach
+        if not len(self._periods):
+            return reach.max_ahead_ns if not reach.prompt else reach.ahead_ns
+        usual = REACH_PERIODS * self.period_ns
+        return min(max(usual, reach.ahead_ns), reach.max_ahead_ns)
+
+    def _continues(self, stamp: int, newest: int) -> bool:
+        behind = self._reach.behind_ns if self._sure else self._reach.ahead_ns
+        return newest - behind < stamp <= newest + self._ahead_ns()
+
+    def _note_stray(self, stamp: int) -> None:
+        assert self.newest_ns is not None
+        self.strays += 1
+        self.stray_ns = stamp - self.newest_ns
+        self.odd_ns = self.newest_ns
+
+    def _jump_to(self, stamp: int) -> None:
+        self.newest_ns = self._begin_ns = stamp
+        self._accepted = 0
+
+    def _advance(self, stamp: int) -> None:
+        """Take one message that continues the newest one or a jump."""
+        assert self.newest_ns is not None
+        step = stamp - self.newest_ns
+        if 0 < step <= self._reach.max_ahead_ns:
+            self._keep(np.array([step], dtype=np.int64))
+        if step < -SECOND_NS:
+            self.behind += 1
+            self.behind_ns = -step
+            self.odd_ns = self.newest_ns
+        self._accepted += 1
+        self.newest_ns = max(self.newest_ns, stamp)
+
+    def _sort_out(self, stamps: list[int]) -> Sorted:
+        """Go through the messages one by one."""
+        runs = [EpochRun()]
+        strays: list[int] = []
+        first: list[int] = []  # the first message of all, while nothing continues it
+        held: list[int] = []
+        if self._held and not self._sure and not self._reach.prompt:
+            self.newest_ns = None  # it is among those that are held
+        for row, stamp in enumerate(stamps):
+            if self.newest_ns is None:
+                self._jump_to(stamp)
+                if self._reach.prompt:
+                    self._begun = 1
+                    _rows(runs).append(row)
+                else:
+                    first = [row]
+                continue
+            newest = self.newest_ns
+            if self._continues(stamp, newest):
+                if held and stamp > newest:
+                    for other in held:
+                        self._note_stray(stamps[other])
+                    strays += held
+                    held = []
+                _rows(runs).extend([*first, row])
+                first = []
+                self._sure = True
+                self._advance(stamp)
+                continue
+            if not self._sure and self._reach.prompt:
+                runs.append(EpochRun([row], new_epoch=stamp < newest))
+                self._learn(newest, stamp)
+                if not newest <= stamp <= newest + self._reach.max_ahead_ns:
+                    self.first_off_ns = newest - stamp
+                    self.odd_ns = stamp
+                self._begun += 1
+                self._sure = self._begun == MIN_CONFIRMATIONS
+                self._jump_to(stamp)
+                continue
+            if first and 0 < stamp - newest <= MAX_PAUSE_NS:
+                _rows(runs).extend(first)
+                first, self._sure, self._accepted = [], True, 1
+            if held and not self._follows(stamp, stamps[held[-1]], newest):
+                for other in held:
+                    self._note_stray(stamps[other])
+                strays += held
+                held = []
+            held.append(row)
+            needed = self._needed if self._sure else 2
+            if len(held) < needed:
+                continue
+            near = self._continues(stamp, stamps[held[-2]])
+            if first and near:
+                strays += first  # two agree against the first
+                self._note_stray(stamps[first[0]])
+                first = []
+                self.newest_ns = None
+            elif first:
+                _rows(runs).extend(first)
+                first = []
+            self._jump(stamps, held, runs)
+            held = []
+        waiting = sorted([*first, *held])
+        self._held = [stamps[row] for row in waiting]
+        return Sorted([run for run in runs if run.rows], strays, waiting)
+
+    def _follows(self, stamp: int, before: int, newest: int) -> bool:
+        """Whether a stamp may go on from one that is held."""
+        beyond_both = before < newest < stamp
+        return stamp > before - self._reach.behind_ns and not beyond_both
+
+    def _learn(self, before: int, stamp: int) -> None:
+        """A slow stream tells its period by steps that are out of reach."""
+        if 0 < stamp - before <= self._reach.max_ahead_ns:
+            self._keep(np.array([stamp - before], dtype=np.int64))
+
+    def _jump(self, stamps: list[int], held: list[int], runs: list[EpochRun]) -> None:
+        """Go on from what was held."""
+        start = stamps[held[0]]
+        newest = self.newest_ns
+        if newest is None:
+            runs.append(EpochRun(list(held)))
+        else:
+            back = start < newest
+            restless = back and newest - self._begin_ns < SECOND_NS
+            runs.append(EpochRun(list(held), back, restless))
+            quick = self._sure and self._accepted < RESTLESS_MESSAGES
+            least = self._reach.confirmations
+            most = MAX_CONFIRMATIONS if self._reach.patient else least
+            self._needed = min(2 * self._needed, most) if quick else least
+            self._learn(newest, start)
+        self._sure = True
+        self._jump_to(start)
+        for row in held:
+            self._advance(stamps[row])
+
+
+def _rows(runs: list[EpochRun]) -> list[int]:
+    rows = runs[-1].rows
+    assert rows is not None
+    return rows

@@ -1,0 +1,153 @@
+"""Messages of one stream, cut at the jumps of their stamps and without outliers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+import numpy as np
+
+from robot_energy.blocks import NANOSECOND, Block
+from robot_energy.timeline.epochs import SLOW_NS, EpochSplitter, Reach, Sorted
+
+B = TypeVar("B", bound=Block)
+
+
+@dataclass(frozen=True)
+class StreamRun(Generic[B]):
+    """Messages that belong together.
+
+    Attributes:
+        block: In order of arrival.
+        new_epoch: Whether the stamps jumped back before them.
+        restless: Whether they did so within a second after another jump, as they do when
+            two clocks take turns.
+        rising: Whether it is known that each stamp is newer than all before.
+    """
+
+    block: B
+    new_epoch: bool
+    restless: bool
+    rising: bool = False
+
+
+class StreamSplitter(Generic[B]):
+    """Holds the messages of one stream of which `EpochSplitter` has not decided.
+
+    Args:
+        reach: Of the stream.
+        joined: Joins blocks of the stream.
+
+    Attributes:
+        epochs: The decisions and their counts.
+        refused: Outliers of the last step; None if there were none.
+        held: Messages that wait for later ones; None if none do.
+    """
+
+    def __init__(self, reach: Reach, joined: Callable[[Sequence[B]], B]) -> None:
+        self.epochs = EpochSplitter(reach)
+        self._joined = joined
+        self.refused: B | None = None
+        self.held: B | None = None
+
+    @property
+    def waiting(self) -> int:
+        """Messages that wait for later ones."""
+        return self.epochs.waiting
+
+    def step(self, block: B) -> list[StreamRun[B]]:
+        """Take messages in order of arrival.
+
+        Args:
+            block: At least one.
+
+        Returns:
+            The messages that are known to belong to their epoch; often one stretch.
+        """
+        found = self.epochs.step(block.stamp_ns)
+        if self.held is not None:
+            block = self._joined([self.held, block])
+        return self._taken(block, found)
+
+    def flush(self) -> list[StreamRun[B]]:
+        """Return what still waits and is no stray."""
+        held, found = self.held, self.epochs.flush()
+        self.held = self.refused = None
+        return [] if held is None else self._taken(held, found)
+
+    def restart(self) -> None:
+        """Drop what waits, as after an error."""
+        self.held = self.refused = None
+        self.epochs.restart()
+
+    def _taken(self, block: B, found: Sorted) -> list[StreamRun[B]]:
+        self.refused = block[np.asarray(found.strays, dtype=np.int64)] if found.strays else None
+        self.held = block[np.asarray(found.held, dtype=np.int64)] if found.held else None
+        return [
+            StreamRun(
+                block if run.rows is None else block[np.asarray(run.rows, dtype=np.int64)],
+                run.new_epoch,
+                run.restless,
+                run.rising,
+            )
+            for run in found.runs
+        ]
+
+
+def sentence_of(
+    epochs: EpochSplitter,
+    what: str,
+    remedy: str = "synchronise the clocks",
+    within: float | None = None,
+) -> str:
+    """Say what was wrong with the stamps of a stream; empty if nothing was.
+
+    Args:
+        epochs: Of the stream.
+        what: Name of the messages, such as ``readings of the meter``.
+        remedy: What to do about it.
+        within: Only what concerns so much of the newest time; None for all. [s]
+    """
+    if epochs.odd_ns is None or epochs.newest_ns is None:
+        return ""
+    if within is not None and epochs.newest_ns - epochs.odd_ns > within / NANOSECOND:
+        return ""
+    if epochs.strays:
+        offset, count = epochs.stray_ns * NANOSECOND, epochs.strays
+        way = "ahead of" if offset > 0 else "behind"
+        kind = "two clocks?" if count >= 3 else "a wrong clock for a moment?"
+        return (
+            f"{count} {what} refused as stray_stamp: stamped {abs(offset):.1f} s {way} the "
+            f"others ({kind}); {remedy}"
+        )
+    if epochs.behind:
+        return (
+            f"{epochs.behind} {what} are stamped up to {epochs.behind_ns * NANOSECOND:.1f} s "
+            f"behind the others (two clocks?); {remedy}"
+        )
+    if epochs.first_off_ns:
+        offset = epochs.first_off_ns * NANOSECOND
+        way = "ahead of" if offset > 0 else "behind"
+        return f"the first of the {what} was stamped {abs(offset):.1f} s {way} the next; {remedy}"
+    return ""
+
+
+def apart_sentence(epochs: EpochSplitter, newest_ns: int | None, what: str) -> str:
+    """Say that a stream of states is of another time than the joint states; empty if not.
+
+    Args:
+        epochs: Of the stream.
+        newest_ns: Newest stamp of the joint states; None before the first. [ns]
+        what: Name of one message, such as ``temperature``.
+    """
+    if epochs.newest_ns is None or newest_ns is None:
+        return ""
+    apart = epochs.newest_ns - newest_ns
+    if abs(apart) <= SLOW_NS + 3 * epochs.period_ns:
+        return ""
+    way = "after" if apart > 0 else "before"
+    return (
+        f"the newest {what} is stamped {abs(apart) * NANOSECOND:.1f} s {way} the newest joint "
+        "state: synchronise the clocks, unless one of them has stopped"
+    )
