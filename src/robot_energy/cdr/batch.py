@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -68,6 +68,35 @@ class RawBatch:
     def __len__(self) -> int:
         """Return the number of messages."""
         return len(self.offset)
+
+    def pieces(self, max_bytes: int) -> Iterator[tuple[int, RawBatch]]:
+        """Yield the batch in pieces of bounded size, each with its first row.
+
+        Args:
+            max_bytes: Of the messages of a piece; a longer message is one of its own.
+
+        Yields:
+            First row and piece, in order.
+        """
+        if int(self.length.sum()) <= max_bytes:
+            yield 0, self
+            return
+        end = np.cumsum(self.length)
+        start = 0
+        while start < len(self):
+            before = int(end[start - 1]) if start else 0
+            stop = max(int(np.searchsorted(end, before + max_bytes, side="right")), start + 1)
+            part = slice(start, stop)
+            yield (
+                start,
+                replace(
+                    self,
+                    log_time_ns=self.log_time_ns[part],
+                    offset=self.offset[part],
+                    length=self.length[part],
+                ),
+            )
+            start = stop
 
     def row(self, i: int) -> bytes:
         """Return message ``i`` as bytes.

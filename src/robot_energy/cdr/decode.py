@@ -15,13 +15,21 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from robot_energy.cdr.batch import RawBatch
+from robot_energy.cdr.encode import Encoder, stamp_columns
+from robot_energy.cdr.plan import Column, Plan, make_plan, nested, read
+from robot_energy.cdr.schema import (
+    ScalarField,
+    StringField,
+    StructField,
+    compile_schema,
+    leaf,
+    tree,
+)
+from robot_energy.cdr.types import typestore as default_typestore
+from robot_energy.cdr.walk import HEADER_SIZE, MAX_PARTS, MAX_TRAILING, Malformed, Walk, walk
 from robot_energy.errors import MessageTypeError
-from robot_energy.wire.batch import RawBatch
-from robot_energy.wire.encode import Encoder, stamp_columns
-from robot_energy.wire.plan import Column, Plan, make_plan, nested, read
-from robot_energy.wire.schema import Number, Record, Text, compile_schema, leaf, tree
-from robot_energy.wire.types import typestore as default_typestore
-from robot_energy.wire.walk import HEADER_SIZE, MAX_TRAILING, Malformed, Walk, walk
+from robot_energy.timeline.stamps import INVALID_STAMP_NS, SECOND_NS
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
@@ -29,7 +37,9 @@ if TYPE_CHECKING:
 __all__ = ["Decoded", "Decoder", "Encoder", "Run", "stamp_columns", "stamp_ns"]
 
 MAX_LAYOUTS = 32
-"""Layouts a decoder remembers; the one unused for longest goes first."""
+MAX_LAYOUT_BYTES = 16 * 2**20
+"""Layouts a decoder remembers, and their memory; the one unused for longest goes first."""
+_PART_BYTES = 600  # of memory for each length and string that decides a layout
 _MAX_LONELY = 8
 """New layouts in a row that fit one message only, before the rest is walked one by one."""
 
@@ -103,9 +113,11 @@ class _Layout:
         self.key = key
         self.size = found.end
         self.columns = columns
+        self.memory = found.end + _PART_BYTES * len(found.constants)
         self._row = np.dtype((np.void, found.end))
         self._spans = [self._part(data, start, stop) for start, stop in found.spans]
-        self._constants = [self._part(data, start, stop) for start, stop in found.constants]
+        self._places = found.constants
+        self._constants: list[tuple[int, NDArray[np.void]]] = []
 
     @staticmethod
     def _part(data: bytes, start: int, stop: int) -> tuple[int, NDArray[np.void]]:
@@ -120,6 +132,8 @@ class _Layout:
         """Return which rows have this layout; None for all of them."""
         if all(self._equal(rows, start, part).all() for start, part in self._spans):
             return None
+        if not self._constants:  # seldom needed
+            self._constants = [self._part(self.key, start, stop) for start, stop in self._places]
         equal = np.ones(len(rows), dtype=np.bool_)
         for start, part in self._constants:
             equal &= self._equal(rows, start, part)
@@ -148,23 +162,30 @@ class Decoder:
         fields: Dotted paths of the wanted fields: ``name``, ``header.stamp.sec``,
             ``temperature_stamp.sec`` (a field of each element of an array of messages).
         typestore: Definitions; default those of ROS 2 Jazzy and ros2_energy_msgs.
+        max_parts: Strings and messages in the arrays of one message; more are malformed.
 
     Raises:
         MessageTypeError: If the type is unknown or a path names no single field.
     """
 
     def __init__(
-        self, msgtype: str, fields: Iterable[str], typestore: Typestore | None = None
+        self,
+        msgtype: str,
+        fields: Iterable[str],
+        typestore: Typestore | None = None,
+        max_parts: int = MAX_PARTS,
     ) -> None:
+        self._max_parts = max_parts
         self.msgtype = msgtype
         self.fields = tuple(dict.fromkeys(fields))
         store = default_typestore() if typestore is None else typestore
-        self._schema: Record = compile_schema(msgtype, store)
-        self._leaves: dict[str, tuple[Number | Text, int]] = {
+        self._schema: StructField = compile_schema(msgtype, store)
+        self._leaves: dict[str, tuple[ScalarField | StringField, int]] = {
             path: leaf(self._schema, path, msgtype) for path in self.fields
         }
         self._wanted = tree(self.fields)
         self._layouts: OrderedDict[bytes, _Layout] = OrderedDict()
+        self._kept_bytes = 0
 
     def decode(self, batch: RawBatch) -> Decoded:
         """Decode a batch.
@@ -226,18 +247,25 @@ class Decoder:
             if not len(index):
                 return pending
         runs.append(layout.run(index, rows))
-        self._layouts[layout.key] = layout
-        self._layouts.move_to_end(layout.key)
-        if len(self._layouts) > MAX_LAYOUTS:
-            self._layouts.popitem(last=False)
+        self._remember(layout)
         if every and agree is None:
             return pending[:0]
         return np.setdiff1d(pending, index, assume_unique=True)
 
+    def _remember(self, layout: _Layout) -> None:
+        """Keep a layout as the last one used, within the bounds."""
+        if layout.key not in self._layouts:
+            self._layouts[layout.key] = layout
+            self._kept_bytes += layout.memory
+        self._layouts.move_to_end(layout.key)
+        while len(self._layouts) > MAX_LAYOUTS or self._kept_bytes > MAX_LAYOUT_BYTES:
+            _, oldest = self._layouts.popitem(last=False)
+            self._kept_bytes -= oldest.memory
+
     def _walk(self, data: bytes) -> _Layout | None:
         """Return the layout of one message; None if it is malformed."""
         try:
-            found = walk(self._schema, data, self._wanted)
+            found = walk(self._schema, data, self._wanted, self._max_parts)
         except Malformed:
             return None
         key = bytearray(found.end)
@@ -249,7 +277,7 @@ class Decoder:
         columns: dict[str, Column | Plan] = {}
         for path, (node, axes) in self._leaves.items():
             names = path.split(".")
-            if isinstance(node, Text):
+            if isinstance(node, StringField):
                 columns[path] = nested(found.values, names, tuple)
             else:
                 value = nested(found.values, names, list)
@@ -284,7 +312,12 @@ def stamp_ns(run: Run, path: str = "header.stamp") -> NDArray[np.int64]:
         path: Path of the builtin_interfaces/Time field.
 
     Returns:
-        Time since the epoch, int64, shape (m, ...). [ns]
+        Time since the epoch, int64, shape (m, ...); ``INVALID_STAMP_NS`` where the
+        nanoseconds are a second or more. [ns]
     """
     seconds = run.array(f"{path}.sec").astype(np.int64)
-    return seconds * 1_000_000_000 + run.array(f"{path}.nanosec")
+    nanoseconds = run.array(f"{path}.nanosec").astype(np.int64)
+    stamp = seconds * SECOND_NS + nanoseconds
+    if bool((nanoseconds >= SECOND_NS).any()):
+        stamp[nanoseconds >= SECOND_NS] = INVALID_STAMP_NS
+    return stamp

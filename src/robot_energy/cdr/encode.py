@@ -9,21 +9,21 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from robot_energy.errors import MessageTypeError, ShapeError
-from robot_energy.wire.plan import Plan, View, make_plan, nested, plan_shape, write
-from robot_energy.wire.schema import (
-    Many,
+from robot_energy.cdr.plan import Plan, View, make_plan, nested, plan_shape, write
+from robot_energy.cdr.schema import (
+    ArrayField,
     Node,
-    Number,
-    Record,
-    Text,
+    ScalarField,
+    StringField,
+    StructField,
     compile_schema,
     leaf,
     leaf_paths,
     tree,
 )
-from robot_energy.wire.types import typestore as default_typestore
-from robot_energy.wire.walk import HEADER_SIZE, walk
+from robot_energy.cdr.types import typestore as default_typestore
+from robot_energy.cdr.walk import HEADER_SIZE, walk
+from robot_energy.errors import MessageTypeError, ShapeError
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
@@ -70,12 +70,14 @@ class Encoder:
         self._check_lengths(paths)
         template = bytearray(b"\x00\x01\x00\x00")
         self._build(schema, "", (), template)
-        numeric = [path for path in paths if isinstance(leaf(schema, path, msgtype)[0], Number)]
+        numeric = [
+            path for path in paths if isinstance(leaf(schema, path, msgtype)[0], ScalarField)
+        ]
         found = walk(schema, bytes(template), tree(numeric))
         plans: dict[str, Plan] = {}
         for path in numeric:
             node, axes = leaf(schema, path, msgtype)
-            if isinstance(node, Number):
+            if isinstance(node, ScalarField):
                 value = nested(found.values, path.split("."), list)
                 plans[path] = make_plan(value, node, axes, found.order)
         self._template = np.frombuffer(template, dtype=np.uint8).copy()
@@ -139,17 +141,17 @@ class Encoder:
                 )
 
     def _build(self, node: Node, path: str, index: tuple[int, ...], out: bytearray) -> None:
-        if isinstance(node, Number):
+        if isinstance(node, ScalarField):
             _pad(out, node.size)
             out += bytes(node.size)
-        elif isinstance(node, Text):
+        elif isinstance(node, StringField):
             value = _pick(self._constants.get(path, ""), index)
             if not isinstance(value, str):
                 raise MessageTypeError(f"{path} of {self.msgtype} got {value!r}", "a string")
             data = value.encode() + b"\x00"
             _pad(out, 4)
             out += pack("<I", len(data)) + data
-        elif isinstance(node, Record):
+        elif isinstance(node, StructField):
             for name, field in node.fields:
                 self._build(field, f"{path}.{name}" if path else name, index, out)
         else:
@@ -160,12 +162,14 @@ class Encoder:
             for i in range(count):
                 self._build(node.item, path, (*index, i), out)
 
-    def _count(self, node: Many, path: str, index: tuple[int, ...]) -> int:
+    def _count(self, node: ArrayField, path: str, index: tuple[int, ...]) -> int:
         stated: list[int] = [] if node.count is None else [node.count]
         if path in self._lengths:
             stated.append(int(self._lengths[path]))
         for name, constant in self._constants.items():
-            inside = name == path or (name.startswith(path + ".") and isinstance(node.item, Record))
+            inside = name == path or (
+                name.startswith(path + ".") and isinstance(node.item, StructField)
+            )
             value = _pick(constant, index) if inside else None
             if isinstance(value, tuple | list | np.ndarray):
                 stated.append(len(value))  # pyright: ignore[reportUnknownArgumentType]

@@ -10,8 +10,8 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.wire.schema import Number
-from robot_energy.wire.walk import Slot
+from robot_energy.cdr.schema import ScalarField
+from robot_energy.cdr.walk import Slot
 
 Column: TypeAlias = "NDArray[Any] | str | tuple[Any, ...]"
 
@@ -60,7 +60,7 @@ class Stack:
 Plan: TypeAlias = View | Stack
 
 
-def make_plan(value: Any, number: Number, axes: int, order: str) -> Plan:
+def make_plan(value: Any, number: ScalarField, axes: int, order: str) -> Plan:
     """Return how to reach the numbers a walk found for one field.
 
     Args:

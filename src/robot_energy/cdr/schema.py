@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -29,7 +29,7 @@ _CODES = {
 
 
 @dataclass(frozen=True, slots=True)
-class Number:
+class ScalarField:
     """A number: numpy code without byte order, size [bytes], and whether it means a truth value."""
 
     code: str
@@ -38,14 +38,14 @@ class Number:
 
 
 @dataclass(frozen=True, slots=True)
-class Text:
+class StringField:
     """A string: uint32 length with the closing NUL, then the bytes."""
 
     size: int = 5  # least bytes it takes
 
 
 @dataclass(frozen=True, slots=True)
-class Record:
+class StructField:
     """A nested message: its fields in order, and the least bytes it takes."""
 
     fields: tuple[tuple[str, Node], ...]
@@ -53,19 +53,24 @@ class Record:
 
 
 @dataclass(frozen=True, slots=True)
-class Many:
+class ArrayField:
     """Several items of one kind: a fixed array, or a sequence when ``count`` is None."""
 
-    item: Number | Text | Record
+    item: ScalarField | StringField | StructField
     count: int | None
     size: int
 
 
-Node: TypeAlias = Number | Text | Record | Many
+MAX_DEPTH = 30
+"""Messages inside messages; those of ROS reach eight."""
+MAX_FIELDS = 10_000
+"""Fields of one message with all that it is made of; the largest of ROS have some hundreds."""
+
+Node: TypeAlias = ScalarField | StringField | StructField | ArrayField
 Wanted: TypeAlias = dict[str, "Wanted"]  # tree of field names; a leaf is an empty dict
 
 
-def compile_schema(msgtype: str, store: Typestore) -> Record:
+def compile_schema(msgtype: str, store: Typestore) -> StructField:
     """Return the tree of one message type.
 
     Args:
@@ -78,22 +83,68 @@ def compile_schema(msgtype: str, store: Typestore) -> Record:
     Raises:
         MessageTypeError: If the type, or one it is made of, is unknown or holds wide strings.
     """
+    if msgtype in store.fielddefs:
+        check_size(msgtype, store.fielddefs)
     return _record(msgtype, store, ())
 
 
-def _record(msgtype: str, store: Typestore, inside: tuple[str, ...]) -> Record:
+def check_size(
+    msgtype: str,
+    fielddefs: Mapping[str, Any],
+    inside: tuple[str, ...] = (),
+    known: dict[str, int] | None = None,
+) -> int:
+    """Refuse a message type that nests too deep or has too many fields, without expanding it.
+
+    Args:
+        msgtype: Message type.
+        fielddefs: Definitions by type; what is not there counts as one field.
+        inside: Types around it.
+        known: Fields of types counted before; grows.
+
+    Returns:
+        Number of fields with all that it is made of.
+
+    Raises:
+        MessageTypeError: If it is too large or contains itself.
+    """
+    from rosbags.interfaces import Nodetype
+
+    known = {} if known is None else known
+    if msgtype in inside:
+        raise MessageTypeError(f"the message type {msgtype} contains itself", "a finite type")
+    if len(inside) > MAX_DEPTH:
+        raise MessageTypeError(
+            f"the message type {inside[0]} nests messages more than {MAX_DEPTH} deep", "fewer"
+        )
+    if msgtype not in known:
+        count = 1
+        for _, (kind, detail) in fielddefs[msgtype][1]:
+            inner = detail[0] if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE) else (kind, detail)
+            name = inner[1] if inner[0] == Nodetype.NAME else None
+            if name in fielddefs:
+                count += check_size(str(name), fielddefs, (*inside, msgtype), known)
+            else:
+                count += 1
+            if count > MAX_FIELDS:
+                raise MessageTypeError(
+                    f"the message type {msgtype} has over {MAX_FIELDS} fields", "fewer"
+                )
+        known[msgtype] = count
+    return known[msgtype]
+
+
+def _record(msgtype: str, store: Typestore, inside: tuple[str, ...]) -> StructField:
     if msgtype not in store.fielddefs:
         raise MessageTypeError(
             f"the message type {msgtype} is unknown",
             "a type of ROS 2 Jazzy, of ros2_energy_msgs, or one defined in the bag",
             "pass a type store that has it",
         )
-    if msgtype in inside:
-        raise MessageTypeError(f"the message type {msgtype} contains itself", "a finite type")
     fields: list[tuple[str, Node]] = []
     for name, description in store.fielddefs[msgtype][1]:
         fields.append((name, _node(description, store, (*inside, msgtype))))
-    return Record(tuple(fields), sum(node.size for _, node in fields))
+    return StructField(tuple(fields), max(1, sum(node.size for _, node in fields)))
 
 
 def _node(description: Any, store: Typestore, inside: tuple[str, ...]) -> Node:
@@ -103,25 +154,27 @@ def _node(description: Any, store: Typestore, inside: tuple[str, ...]) -> Node:
     if kind == Nodetype.BASE:
         base = str(detail[0])
         if base == "string":
-            return Text()
+            return StringField()
         if base not in _CODES:
             raise MessageTypeError(
                 f"{inside[-1]} has a field of type {base}",
                 "numbers up to 64 bits and strings",
                 "decode this message type with rosbags instead",
             )
-        return Number(_CODES[base], int(_CODES[base][1]), base == "bool")
+        return ScalarField(_CODES[base], int(_CODES[base][1]), base == "bool")
     if kind == Nodetype.NAME:
         return _record(str(detail), store, inside)
     item = _node(detail[0], store, inside)
-    if isinstance(item, Many):
-        raise MessageTypeError(f"{inside[-1]} nests an array directly in an array")
+    if isinstance(item, ArrayField):
+        raise MessageTypeError(
+            f"{inside[-1]} nests an array directly in an array", "an array of messages"
+        )
     if kind == Nodetype.ARRAY:
-        return Many(item, int(detail[1]), int(detail[1]) * item.size)
-    return Many(item, None, 4)
+        return ArrayField(item, int(detail[1]), int(detail[1]) * item.size)
+    return ArrayField(item, None, 4)
 
 
-def leaf(schema: Record, path: str, msgtype: str) -> tuple[Number | Text, int]:
+def leaf(schema: StructField, path: str, msgtype: str) -> tuple[ScalarField | StringField, int]:
     """Return what a dotted path names and how many axes it has beside the message axis.
 
     Args:
@@ -138,7 +191,7 @@ def leaf(schema: Record, path: str, msgtype: str) -> tuple[Number | Text, int]:
     node: Node = schema
     axes = 0
     for depth, name in enumerate(path.split(".")):
-        fields = dict(node.fields) if isinstance(node, Record) else {}
+        fields = dict(node.fields) if isinstance(node, StructField) else {}
         if name not in fields:
             where = ".".join([msgtype, *path.split(".")[:depth]])
             raise MessageTypeError(
@@ -146,10 +199,10 @@ def leaf(schema: Record, path: str, msgtype: str) -> tuple[Number | Text, int]:
                 f"one of {', '.join(fields)}" if fields else "the path to end there",
             )
         node = fields[name]
-        if isinstance(node, Many):
+        if isinstance(node, ArrayField):
             axes += 1
             node = node.item
-    if isinstance(node, Record):
+    if isinstance(node, StructField):
         raise MessageTypeError(
             f"{path} of {msgtype} is a group of fields",
             f"one of {', '.join(f'{path}.{name}' for name, _ in node.fields)}",
@@ -157,12 +210,12 @@ def leaf(schema: Record, path: str, msgtype: str) -> tuple[Number | Text, int]:
     return node, axes
 
 
-def leaf_paths(schema: Record) -> list[str]:
+def leaf_paths(schema: StructField) -> list[str]:
     """Return the dotted paths of all numbers and strings, in order of their bytes."""
     paths: list[str] = []
     for name, node in schema.fields:
-        inner = node.item if isinstance(node, Many) else node
-        if isinstance(inner, Record):
+        inner = node.item if isinstance(node, ArrayField) else node
+        if isinstance(inner, StructField):
             paths += [f"{name}.{path}" for path in leaf_paths(inner)]
         else:
             paths.append(name)

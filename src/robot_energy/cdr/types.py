@@ -2,15 +2,26 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from robot_energy.cdr.schema import check_size
+from robot_energy.errors import MessageTypeError
+from robot_energy.shown_text import shown
 
 if TYPE_CHECKING:
     from rosbags.interfaces.typing import Typesdict
     from rosbags.typesys.store import Typestore
 
 ENERGY_PACKAGE = "ros2_energy_msgs"
+MAX_DEFINITION = 256 * 1024
+"""Longest definition of a message with all that it is made of; those of ROS reach 60,000."""
+MAX_DEFINITIONS = 4 * 2**20
+"""All definitions of a bag that are parsed. [characters]"""
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _MSG_FOLDER = Path(__file__).parent / "msg"
 # Of packages that need not be installed, as far as they are read here.
 _OPTIONAL = {
@@ -47,7 +58,11 @@ def typestore() -> Typestore:
     return store
 
 
-def extended(base: Typestore, definitions: dict[str, tuple[str, str]]) -> Typestore:
+def extended(
+    base: Typestore,
+    definitions: Mapping[str, tuple[str, str]],
+    report: Callable[[str], None] | None = None,
+) -> Typestore:
     """Return a store that knows ``definitions`` as well, and prefers them where they differ.
 
     A bag carries the definitions its messages were written with. They decide how the bytes lie,
@@ -56,40 +71,91 @@ def extended(base: Typestore, definitions: dict[str, tuple[str, str]]) -> Typest
     Args:
         base: Known definitions; unchanged.
         definitions: Per message type its schema encoding (``ros2msg`` or ``ros2idl``) and text.
+        report: Takes one sentence for each definition of a type unknown here that cannot be
+            used, and for types that the definitions contradict each other about; None: the
+            first one is an error.
 
     Returns:
         ``base`` itself when nothing differs, else a new store.
 
     Raises:
-        MessageTypeError: If a definition cannot be parsed.
+        MessageTypeError: If a definition cannot be parsed or is too large.
     """
-    from rosbags.typesys import get_types_from_idl, get_types_from_msg
     from rosbags.typesys.store import Typestore
 
-    from robot_energy.errors import MessageTypeError
-
-    found: Typesdict = {}
-    for msgtype, (encoding, text) in definitions.items():
+    own: Typesdict = {}
+    nested: Typesdict = {}
+    room = MAX_DEFINITIONS
+    # Known types first: what else a bag defines must not take their room.
+    for msgtype in sorted(definitions, key=lambda name: name not in base.fielddefs):
+        encoding, text = definitions[msgtype]
         try:
-            if encoding == "ros2msg":
-                found.update(get_types_from_msg(text, msgtype))
-            elif encoding in {"ros2idl", "omgidl"}:
-                found.update(get_types_from_idl(text))
-        except Exception as error:  # the parser raises many kinds on damaged text
-            raise MessageTypeError(
-                f"the definition of {msgtype} stored in the bag cannot be parsed ({error})",
-                "a ROS 2 message definition",
-                "check the bag with `ros2 bag info`, or leave that topic out",
-            ) from error
+            room -= len(text)
+            if len(text) > MAX_DEFINITION or room < 0:
+                raise _unusable(msgtype, f"{len(text)} characters")
+            for name, definition in _parsed(msgtype, encoding, text).items():
+                (own if name == msgtype else nested).setdefault(name, definition)
+        except MessageTypeError as error:
+            if report is None or msgtype in base.fielddefs:
+                raise
+            report(str(error))
+    found: Typesdict = {**nested, **own}
+    if report is not None:
+        for name in own.keys() & nested.keys():
+            if own[name][1] != nested[name][1]:
+                report(f"the bag defines {name} in two ways; its own definition was used")
     new: Typesdict = {
         name: definition
         for name, definition in found.items()
         if name not in base.fielddefs or base.fielddefs[name][1] != definition[1]
     }
+    every, known = {**base.fielddefs, **new}, dict[str, int]()
+    for name in list(new):
+        try:
+            check_size(name, every, known=known)
+        except MessageTypeError as error:
+            if report is None or name in base.fielddefs:
+                raise
+            report(str(error))
+            del new[name]
     if not new:
         return base
     store = Typestore()
     store.fielddefs.update({k: v for k, v in base.fielddefs.items() if k not in new})
     store.types.update({k: v for k, v in base.types.items() if k not in new})
-    store.register(new)
+    for name, definition in new.items():
+        try:
+            store.register({name: definition})
+        except Exception as error:  # it makes Python classes of what the bag says
+            if report is None or name in base.fielddefs:
+                raise _unusable(name, str(error)) from error
+            report(str(_unusable(name, str(error))))
     return store
+
+
+def _parsed(msgtype: str, encoding: str, text: str) -> Typesdict:
+    """Parse one definition; only names that can be names of messages and fields pass."""
+    from rosbags.typesys import get_types_from_idl, get_types_from_msg
+
+    try:
+        if encoding == "ros2msg":
+            found = get_types_from_msg(text, msgtype)
+        elif encoding in {"ros2idl", "omgidl"}:
+            found = get_types_from_idl(text)
+        else:
+            return {}
+    except Exception as error:  # the parser raises many kinds on damaged text
+        raise _unusable(msgtype, str(error)[:80]) from error
+    for name, (constants, fields) in found.items():
+        parts = [*name.split("/"), *(field[0] for field in (*constants, *fields))]
+        if not all(_NAME.fullmatch(part) for part in parts):
+            raise _unusable(msgtype, "a name that is none")
+    return found
+
+
+def _unusable(msgtype: str, why: str) -> MessageTypeError:
+    return MessageTypeError(
+        f"the definition of {shown(msgtype)} stored in the bag cannot be parsed ({shown(why)})",
+        "a ROS 2 message definition",
+        "check the bag with `ros2 bag info`, or leave that topic out",
+    )

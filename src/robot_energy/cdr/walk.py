@@ -6,12 +6,15 @@ from dataclasses import dataclass
 from struct import Struct
 from typing import Any, NamedTuple
 
-from robot_energy.wire.schema import Many, Node, Number, Record, Text, Wanted
+from robot_energy.cdr.schema import ArrayField, Node, ScalarField, StringField, StructField, Wanted
 
 HEADER_SIZE = 4
 """Bytes of the CDR encapsulation header; alignment counts from its end. [bytes]"""
 MAX_TRAILING = 3
 """Padding bytes allowed after the payload. [bytes]"""
+
+MAX_PARTS = 20_000
+"""Strings and messages in the arrays of one message; a large diagnostic message has 10,000."""
 
 _COUNT = {"<": Struct("<I"), ">": Struct(">I")}
 _ORDER = {b"\x00\x00": ">", b"\x00\x01": "<"}
@@ -27,7 +30,7 @@ class Slot:
 
     offset: int
     count: int | None
-    number: Number
+    number: ScalarField
 
 
 class Walk(NamedTuple):
@@ -49,25 +52,27 @@ class Walk(NamedTuple):
     values: dict[str, Any]
 
 
-def walk(schema: Record, data: bytes, wanted: Wanted) -> Walk:
+def walk(schema: StructField, data: bytes, wanted: Wanted, max_parts: int = MAX_PARTS) -> Walk:
     """Walk one message.
 
     Args:
         schema: Tree of the message type.
         data: The message with its encapsulation header.
         wanted: Fields whose values are asked for.
+        max_parts: Strings and messages in its arrays.
 
     Returns:
         Places and constants.
 
     Raises:
         Malformed: If the message is too short or too long, has another encapsulation than CDR,
-            a length beyond its end, or a string without closing NUL or not in UTF-8.
+            too many parts, a length beyond its end, or a string without closing NUL or not
+            in UTF-8.
     """
     order = _ORDER.get(data[:2])
     if order is None or len(data) < HEADER_SIZE:
         raise Malformed("encapsulation")
-    walker = _Walker(data, order)
+    walker = _Walker(data, order, max_parts)
     end, values = walker.record(schema, HEADER_SIZE, wanted)
     if len(data) - end > MAX_TRAILING:
         raise Malformed("trailing bytes")
@@ -76,15 +81,18 @@ def walk(schema: Record, data: bytes, wanted: Wanted) -> Walk:
 
 
 class _Walker:
-    def __init__(self, data: bytes, order: str) -> None:
+    def __init__(self, data: bytes, order: str, max_parts: int) -> None:
         self.data = data
         self.size = len(data)
         self.unpack = _COUNT[order].unpack_from
         self.constants: list[tuple[int, int]] = [(0, 2)]
         self.spans: list[list[int]] = [[0, 2]]
         self.adjacent = False
+        self.room = max_parts
 
-    def record(self, node: Record, pos: int, wanted: Wanted | None) -> tuple[int, dict[str, Any]]:
+    def record(
+        self, node: StructField, pos: int, wanted: Wanted | None
+    ) -> tuple[int, dict[str, Any]]:
         values: dict[str, Any] = {}
         for name, field in node.fields:
             inner = wanted.get(name) if wanted is not None else None
@@ -94,30 +102,33 @@ class _Walker:
         return pos, values
 
     def node(self, node: Node, pos: int, wanted: Wanted | None) -> tuple[int, Any]:
-        if isinstance(node, Number):
+        if isinstance(node, ScalarField):
             return self.numbers(node, pos, None)
-        if isinstance(node, Text):
+        if isinstance(node, StringField):
             return self.text(pos)
-        if isinstance(node, Record):
+        if isinstance(node, StructField):
             return self.record(node, pos, wanted)
         return self.many(node, pos, wanted)
 
-    def many(self, node: Many, pos: int, wanted: Wanted | None) -> tuple[int, Any]:
+    def many(self, node: ArrayField, pos: int, wanted: Wanted | None) -> tuple[int, Any]:
         count = node.count
         if count is None:
             pos, count = self.length(pos)
         item = node.item
         if count * item.size > self.size - pos:
             raise Malformed("absurd length")
-        if isinstance(item, Number):
+        if isinstance(item, ScalarField):
             return self.numbers(item, pos, count)
+        self.room -= count
+        if self.room < 0:
+            raise Malformed("too many parts")
         values: list[Any] = []
         for _ in range(count):
             pos, value = self.node(item, pos, wanted)
             values.append(value)
-        return pos, tuple(values) if isinstance(item, Text) else values
+        return pos, tuple(values) if isinstance(item, StringField) else values
 
-    def numbers(self, number: Number, pos: int, count: int | None) -> tuple[int, Slot]:
+    def numbers(self, number: ScalarField, pos: int, count: int | None) -> tuple[int, Slot]:
         if count != 0:
             pos += -(pos - HEADER_SIZE) % number.size
             self.adjacent = False

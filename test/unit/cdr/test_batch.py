@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from robot_energy.cdr import RawBatch
 from robot_energy.errors import ShapeError
-from robot_energy.wire import RawBatch
 
 
 def test_messages_received_one_by_one_are_kept_whole():

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from robot_energy.cdr import Decoder, RawBatch, stamp_ns
+from robot_energy.cdr.decode import MAX_LAYOUTS
 from robot_energy.errors import MessageTypeError
-from robot_energy.wire import Decoder, RawBatch, stamp_ns
-from robot_energy.wire.layout import MAX_LAYOUTS
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 FIELDS = ["header.stamp.sec", "header.stamp.nanosec", "name", "position", "velocity", "effort"]

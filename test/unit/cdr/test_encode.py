@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from robot_energy.cdr import Decoder, Encoder, stamp_columns
+from robot_energy.cdr.schema import compile_schema, leaf_paths
 from robot_energy.errors import MessageTypeError, ShapeError
-from robot_energy.wire import Decoder, Encoder, stamp_columns
-from robot_energy.wire.schema import compile_schema, leaf_paths
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 NAMES = ("a", "bb", "ccc")
@@ -43,7 +43,7 @@ def test_one_number_serves_all_rows_and_nan_stays_nan():
 
 
 def _batch(rows, msgtype):
-    from robot_energy.wire import RawBatch
+    from robot_energy.cdr import RawBatch
 
     return RawBatch.from_messages("/t", msgtype, range(len(rows)), [r.tobytes() for r in rows])
 
@@ -75,7 +75,7 @@ def test_arrays_of_messages_take_one_axis_more():
 
 
 def _store():
-    from robot_energy.wire import typestore
+    from robot_energy.cdr import typestore
 
     return typestore()
 

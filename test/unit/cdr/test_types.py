@@ -4,14 +4,14 @@ from pathlib import Path
 
 import pytest
 
-import robot_energy.wire
+import robot_energy.cdr
+from robot_energy.cdr import Decoder, typestore
+from robot_energy.cdr.types import extended
 from robot_energy.errors import MessageTypeError
-from robot_energy.wire import Decoder, typestore
-from robot_energy.wire.types import extended
 
 
 def test_every_interface_file_is_known():
-    folder = Path(robot_energy.wire.__file__).parent / "msg"
+    folder = Path(robot_energy.cdr.__file__).parent / "msg"
     names = {f"ros2_energy_msgs/msg/{path.stem}" for path in folder.glob("*.msg")}
     assert "ros2_energy_msgs/msg/JointTorque" in names
     assert names <= typestore().fielddefs.keys()
