@@ -10,14 +10,13 @@ from struct import Struct
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.bag.mcap_records import CHANNEL, FRAME, MESSAGE, SCHEMA
+from robot_energy.bag.mcap_records import CHANNEL, FRAME, MESSAGE, MESSAGE_FIXED, SCHEMA
 
 _MESSAGE_FRAME = np.dtype(
     [("op", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("log", "<u8"),
      ("publish", "<u8")]
 )  # fmt: skip
 _HEAD = _MESSAGE_FRAME.itemsize
-_FIXED = _HEAD - FRAME.size
 _MESSAGE_HEAD = Struct("<HIQ")
 
 OnRecord = Callable[[int, memoryview], None]
@@ -34,7 +33,7 @@ class Messages:
 
 
 @dataclass(slots=True)
-class Block:
+class McapChunk:
     """A block of records that was looked through.
 
     Attributes:
@@ -54,7 +53,7 @@ class Block:
 
 def indexed_block(
     data: bytes | memoryview, index: Mapping[int, NDArray[np.uint64]], on_record: OnRecord
-) -> Block | None:
+) -> McapChunk | None:
     """Find the messages of a chunk through its MessageIndex records.
 
     The index is believed only if every entry meets a message record of that channel and time, and
@@ -69,13 +68,14 @@ def indexed_block(
         The block; None if the index is not right.
     """
     buffer = np.frombuffer(data, dtype=np.uint8)
-    if not index or len(buffer) < _HEAD:
+    entries = sum(len(pairs) for pairs in index.values())
+    if not 0 < entries <= len(buffer) // _HEAD:
         return None
     pairs = np.concatenate(list(index.values()))
     owner = np.repeat(
         np.fromiter(index, dtype=np.uint16, count=len(index)), [len(p) for p in index.values()]
     )
-    if not len(pairs) or int(pairs[:, 1].max()) > len(buffer) - _HEAD:
+    if int(pairs[:, 1].max()) > len(buffer) - _HEAD:
         return None
     start = pairs[:, 1].astype(np.int64)
     if (start[1:] < start[:-1]).any():
@@ -87,14 +87,14 @@ def indexed_block(
         (heads["op"] != MESSAGE).any()
         or (heads["channel"] != owner).any()
         or (heads["log"] != pairs[:, 0]).any()
-        or (size < _FIXED).any()
+        or (size < MESSAGE_FIXED).any()
         or (size > len(buffer)).any()
     ):
         return None
     end = start + FRAME.size + size.astype(np.int64)
     if not _filled(memoryview(data), start, end, on_record):
         return None
-    block = Block(buffer, end=len(buffer), count=len(start))
+    block = McapChunk(buffer, end=len(buffer), count=len(start))
     for channel in index:
         mine = owner == channel
         whole = bool(mine.all())
@@ -128,7 +128,9 @@ def _filled(
     return True
 
 
-def walked_block(data: bytes | memoryview, on_record: OnRecord, limit: int | None = None) -> Block:
+def walked_block(
+    data: bytes | memoryview, on_record: OnRecord, limit: int | None = None
+) -> McapChunk:
     """Find the messages of a block of records one after another.
 
     Args:
@@ -149,18 +151,18 @@ def walked_block(data: bytes | memoryview, on_record: OnRecord, limit: int | Non
         if opcode not in (MESSAGE, SCHEMA, CHANNEL) or length > len(view) - body:
             break
         if opcode == MESSAGE:
-            if length < _FIXED:
+            if length < MESSAGE_FIXED:
                 break
             channel, _, log = _MESSAGE_HEAD.unpack_from(view, body)
             flat = found.get(channel)
             if flat is None:
                 flat = found[channel] = array("Q")
-            flat.extend((log, body + _FIXED, length - _FIXED))
+            flat.extend((log, body + MESSAGE_FIXED, length - MESSAGE_FIXED))
             count += 1
         else:
             on_record(opcode, view[body : body + length])
         pos = body + length
-    block = Block(np.frombuffer(data, dtype=np.uint8), end=pos, count=count)
+    block = McapChunk(np.frombuffer(data, dtype=np.uint8), end=pos, count=count)
     for channel, flat in found.items():
         columns = np.frombuffer(flat, dtype=np.uint64).reshape(-1, 3).T.astype(np.int64)
         block.messages[channel] = Messages(*columns)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import zlib
 from bisect import bisect_right
-from collections.abc import Callable, Collection, Iterator
-from dataclasses import dataclass, field
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator, Mapping
+from io import SEEK_END
 from pathlib import Path
 from typing import BinaryIO
 
@@ -13,28 +13,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.bag import mcap_records as records
-from robot_energy.bag.mcap_block import Block, indexed_block, walked_block
+from robot_energy.bag.mcap_block import McapChunk, indexed_block, walked_block
 from robot_energy.bag.mcap_records import FRAME, RecordError
+from robot_energy.bag.mcap_summary import read_closing
 from robot_energy.errors import BagError
+from robot_energy.files.regular_file import open_regular
 
-_LOOSE_BYTES = 2**20
+_LEAST_LOOSE_BYTES, _LOOSE_BYTES = 2**12, 2**20
 _LOOSE_MESSAGES = 8192
-"""Messages outside chunks are read in blocks of at most these. [bytes], [messages]"""
+"""Messages outside chunks are read in blocks of at least and at most these. [bytes], [messages]"""
+_OTHER_CHANNELS = "the chunk at byte {} holds other channels than the summary says"
 
 MAX_DEFINITIONS = 32 * 2**20
 """Definitions of messages and channels kept of one file, beside its summary. [bytes]"""
 
 Report = Callable[[str], None]
-
-
-@dataclass(slots=True)
-class Summary:
-    """What the end of the file says about the whole."""
-
-    schemas: dict[int, records.Schema] = field(default_factory=dict[int, records.Schema])
-    channels: dict[int, records.Channel] = field(default_factory=dict[int, records.Channel])
-    chunks: dict[int, records.ChunkIndex] = field(default_factory=dict[int, records.ChunkIndex])
-    statistics: records.Statistics | None = None
 
 
 class McapFile:
@@ -59,30 +52,33 @@ class McapFile:
         self.path = path
         self._report_to = report
         self.schemas: dict[int, records.Schema] = {}
-        self.channels: dict[int, records.Channel] = {}
-        self.summary: Summary | None = None
-        self._closed = False
-        if not path.is_file():  # a pipe would be waited for
-            raise BagError(f"{path} cannot be read", "a file")
+        self.channels: dict[int, records.McapChannel] = {}
         try:
-            self.size = path.stat().st_size
-            with path.open("rb") as file:
+            with open_regular(path) as file:
+                self.size = file.seek(0, SEEK_END)
+                file.seek(0)
                 magic = file.read(len(records.MAGIC))
                 if magic == records.MAGIC:
-                    self.summary = self._read_summary(file)
+                    self._closing = read_closing(file, self.size, self._report)
         except OSError as error:
-            raise BagError(f"{path} cannot be read ({error.strerror})") from error
+            raise BagError(f"{path} cannot be read ({error.strerror})", "an MCAP file") from error
         if magic != records.MAGIC:
             found = "is empty" if not magic else f"begins with {magic!r}"
             raise BagError(f"{path} {found}", f"an MCAP file, which begins with {records.MAGIC!r}")
+        self.summary = self._closing.summary
         self._starts = sorted(self.summary.chunks) if self.summary else []
         self._room = MAX_DEFINITIONS
+        self._loose_bytes = _LEAST_LOOSE_BYTES
         if self.summary is not None:
             self.schemas.update(self.summary.schemas)
             self.channels.update(self.summary.channels)
 
-    def blocks(self, topics: Collection[str] | None = None) -> Iterator[Block]:
+    def blocks(self, topics: Collection[str] | None = None) -> Iterator[McapChunk]:
         """Yield the chunks, and runs of messages outside chunks, in file order.
+
+        The records themselves are what counts. The summary at the end helps to pass over what
+        does not matter and to go on behind what is damaged; where it contradicts the records,
+        that is reported.
 
         Args:
             topics: Topics that matter; chunks known to hold none of them are left out. None for
@@ -91,76 +87,156 @@ class McapFile:
         Yields:
             Blocks with at least one message.
         """
-        pos, count, left_out = len(records.MAGIC), 0, False
-        known_channels = self.summary is not None and bool(self.summary.channels)
-        known, wanted = 0, set[int]()
+        pos, left_out = len(records.MAGIC), False
+        ended: int | None = None  # where a record has ended the data
+        counts = Counter[int]()  # messages met, by channel
         try:
-            with self.path.open("rb", buffering=2**18) as file:
+            with open_regular(self.path, 2**18) as file:
                 while pos < self.size:
-                    indexed = self.summary.chunks.get(pos) if self.summary else None
-                    if indexed and topics is not None and known_channels:
-                        if len(self.channels) != known:
-                            known = len(self.channels)
-                            wanted = {c.id for c in self.channels.values() if c.topic in topics}
-                        if indexed.channels and indexed.channels.isdisjoint(wanted):
-                            pos, left_out = max(indexed.end, pos + 1), True
-                            continue
                     try:
-                        opcode, block, following = self._step(file, pos)
-                        if indexed and opcode != records.CHUNK:
-                            raise RecordError("no chunk, though the summary lists one,")
+                        opcode, length = self._frame(file, pos)
+                        if ended is not None and opcode == records.MAGIC[0]:
+                            file.seek(pos)
+                            if file.read(len(records.MAGIC)) == records.MAGIC:
+                                pos += len(records.MAGIC)  # of files one behind the other
+                                continue
+                        indexed, wrong = self._indexed(pos, opcode, length)
+                        if indexed is not None and topics is not None:
+                            passed = self._passed(file, indexed, topics)
+                            if passed is not None:
+                                counts.update(passed)
+                                pos = indexed.end
+                                continue
+                        block, following = self._step(file, pos, opcode, length)
                     except RecordError as error:
                         resume = self._next_chunk(pos)
-                        self._report(self._cut(error, pos, count, resume))
+                        if resume is None and ended is not None:
+                            break
+                        self._report(self._cut(error, pos, counts.total(), resume))
                         if resume is None:
                             return
                         pos, left_out = resume, True
                         continue
+                    if wrong:
+                        self._report(wrong)
                     if block is not None and block.count:
-                        count += block.count
+                        if ended is not None:
+                            self._report(
+                                f"a record at byte {ended} ends the data, but messages follow; "
+                                "they were read as well"
+                            )
+                            ended = None
+                        met = {key: len(found.offset) for key, found in block.messages.items()}
+                        counts.update(met)
+                        if indexed and indexed.channels and not indexed.channels >= met.keys():
+                            self._report(_OTHER_CHANNELS.format(pos))
                         yield block
                         block = None
                     if opcode in (records.DATA_END, records.FOOTER):
-                        self._compare(None if left_out else count)
-                        return
+                        if self._closes(opcode, pos, following):
+                            self._compare(None if left_out else counts)
+                            return
+                        ended = pos if ended is None else ended
                     pos = following
         except OSError as error:
             self._report(f"reading stopped at byte {pos} of {self.size} ({error.strerror})")
             return
+        if ended is not None:
+            self._compare(None if left_out else counts)
+            return
         self._report(
-            f"the file ends at byte {self.size} without its closing records; {count} messages "
-            "before it were read"
+            f"the file ends at byte {self.size} without its closing records; {counts.total()} "
+            "messages before it were read"
         )
 
-    def _compare(self, count: int | None) -> None:
-        """Compare what was read up to the end of the data with what the file says of itself."""
-        if not self._closed:
+    def _closes(self, opcode: int, pos: int, following: int) -> bool:
+        """Whether a DataEnd or Footer stands where the end of the file says."""
+        if opcode == records.FOOTER:
+            return pos == self._closing.footer
+        return following == self._closing.data_end
+
+    def _compare(self, counts: Mapping[int, int] | None) -> None:
+        """Compare what was met up to the end of the data with what the file says of itself."""
+        if self._closing.footer is None:
             self._report("the closing part of the file is damaged or missing")
         statistics = self.summary.statistics if self.summary else None
-        if count is not None and statistics and count != statistics.message_count:
-            self._report(
-                f"{count} messages were read where the summary counts {statistics.message_count}"
-            )
+        if counts is None or statistics is None:
+            return
+        total = sum(counts.values())
+        if total != statistics.message_count:
+            self._report(f"{total} messages were read where the summary counts "
+                         f"{statistics.message_count}")  # fmt: skip
+            return
+        for channel, said in sorted(statistics.channel_counts.items()):
+            if counts.get(channel, 0) != said:
+                self._report(
+                    f"channel {channel} has {counts.get(channel, 0)} messages where the summary "
+                    f"counts {said}"
+                )
+                return
 
-    def _step(self, file: BinaryIO, pos: int) -> tuple[int, Block | None, int]:
-        """Read the record at ``pos``: opcode, block if it holds messages, where to go on."""
-        opcode, length = self._frame(file, pos)
+    def _indexed(self, pos: int, opcode: int, length: int) -> tuple[records.ChunkIndex | None, str]:
+        """Return what the summary says of the chunk at ``pos``, or why it is not believed."""
+        indexed = self.summary.chunks.get(pos) if self.summary else None
+        if indexed is None:
+            return None, ""
+        if opcode != records.CHUNK:
+            return None, f"byte {pos} holds no chunk, though the summary lists one"
+        if indexed.length != FRAME.size + length:
+            return None, f"the chunk at byte {pos} has another length than the summary says"
+        return indexed, ""
+
+    def _passed(
+        self, file: BinaryIO, indexed: records.ChunkIndex, topics: Collection[str]
+    ) -> dict[int, int] | None:
+        """Return the messages by channel of a chunk that does not matter; None if it may.
+
+        The summary alone is not believed: the index behind the chunk must name the same channels.
+        """
+        if not indexed.channels or not (self.summary and self.summary.channels):
+            return None
+        counts: dict[int, int] = {}
+        pos = indexed.start + indexed.length
+        while pos < indexed.end:
+            opcode, length = self._frame(file, pos)
+            head = file.read(6)
+            if opcode != records.MESSAGE_INDEX or length < len(head) or len(head) < 6:
+                return None
+            channel, size = int.from_bytes(head[:2], "little"), int.from_bytes(head[2:], "little")
+            counts[channel] = counts.get(channel, 0) + size // 16
+            pos += FRAME.size + length
+        if pos != indexed.end:
+            return None
+        if not indexed.channels >= {channel for channel, count in counts.items() if count}:
+            self._report(_OTHER_CHANNELS.format(indexed.start))
+            return None
+        held = (self.channels.get(channel) for channel in indexed.channels)
+        matters = any(channel is None or channel.topic in topics for channel in held)
+        return None if matters else counts
+
+    def _step(
+        self, file: BinaryIO, pos: int, opcode: int, length: int
+    ) -> tuple[McapChunk | None, int]:
+        """Read the record at ``pos``: a block if it holds messages, and where to go on."""
         body = pos + FRAME.size
         if opcode in (records.MESSAGE, records.SCHEMA, records.CHANNEL):
             self._whole(length, body, opcode)
+            if opcode == records.MESSAGE and length < records.MESSAGE_FIXED:
+                raise RecordError("a message record too short for its own fields")
             return self._loose(file, pos, FRAME.size + length)
         if opcode == records.CHUNK:
             self._whole(length, body, opcode)
+            file.seek(body)
             data = memoryview(file.read(length))
             index, following = self._indexes(file, body + length)
-            return opcode, self._chunk(data, index, pos), following
+            return self._chunk(data, index, pos), following
         if opcode not in (records.DATA_END, records.FOOTER):
             if not (
                 records.HEADER <= opcode <= records.DATA_END or opcode >= records.FIRST_PRIVATE
             ):
                 raise RecordError(f"a record of unknown kind {opcode}")
             self._whole(length, body, opcode, limit=False)
-        return opcode, None, body + length
+        return None, body + length
 
     def _frame(self, file: BinaryIO, pos: int) -> tuple[int, int]:
         file.seek(pos)
@@ -175,14 +251,17 @@ class McapFile:
         if limit and length > records.SIZE_LIMIT:
             raise RecordError(f"a record of {length} bytes, more than {records.SIZE_LIMIT}")
 
-    def _loose(self, file: BinaryIO, pos: int, first: int) -> tuple[int, Block | None, int]:
-        """Read messages that lie outside chunks."""
+    def _loose(self, file: BinaryIO, pos: int, first: int) -> tuple[McapChunk | None, int]:
+        """Read messages that lie outside chunks: about as much at once as was of use before."""
         file.seek(pos)
-        data = file.read(max(_LOOSE_BYTES, first))
+        data = file.read(max(self._loose_bytes, first))
         block = walked_block(data, self._on_record, _LOOSE_MESSAGES)
         if block.end == 0:
-            raise RecordError("a message record too short for its own fields")
-        return records.MESSAGE, block, pos + block.end
+            raise EndOfFileError("a record")  # it has become shorter meanwhile
+        useful = 2 * block.end >= len(data)
+        size = 2 * self._loose_bytes if useful else self._loose_bytes // 2
+        self._loose_bytes = min(max(size, _LEAST_LOOSE_BYTES), _LOOSE_BYTES)
+        return block, pos + block.end
 
     def _indexes(self, file: BinaryIO, pos: int) -> tuple[dict[int, NDArray[np.uint64]], int]:
         """Read the MessageIndex records after a chunk; damaged ones are left to the walk."""
@@ -206,7 +285,7 @@ class McapFile:
 
     def _chunk(
         self, data: memoryview, index: dict[int, NDArray[np.uint64]], pos: int
-    ) -> Block | None:
+    ) -> McapChunk | None:
         try:
             chunk = records.parse_chunk(data)
             content = records.unpack_chunk(chunk)
@@ -219,7 +298,7 @@ class McapFile:
         block.verified = chunk.crc != 0
         return block
 
-    def _walk_chunk(self, content: memoryview, pos: int) -> Block:
+    def _walk_chunk(self, content: memoryview, pos: int) -> McapChunk:
         block = walked_block(content, self._on_record)
         if block.end < len(content):
             self._report(
@@ -238,6 +317,8 @@ class McapFile:
             else:
                 channel = records.parse_channel(data)
                 self._make_room(data, channel.id in self.channels)
+                if channel.id not in self.channels and self.summary and self.summary.channels:
+                    self._report(f"channel {channel.id} is missing in the summary")
                 if self.channels.setdefault(channel.id, channel) != channel:
                     self._report(f"channel {channel.id} is defined twice; the first one was used")
         except RecordError as error:
@@ -268,62 +349,9 @@ class McapFile:
             "messages before it were read"
         )
 
-    def _read_summary(self, file: BinaryIO) -> Summary | None:
-        """Read and check the summary section."""
-        tail_start = self.size - records.FOOTER_SIZE - len(records.MAGIC)
-        if tail_start < len(records.MAGIC):
-            return None
-        file.seek(tail_start)
-        tail = file.read()
-        opcode, length = FRAME.unpack_from(tail)
-        if tail[-8:] != records.MAGIC or opcode != records.FOOTER or length != 20:
-            return None
-        self._closed = True
-        start = int.from_bytes(tail[9:17], "little")
-        if not len(records.MAGIC) <= start < tail_start or tail_start - start > records.SIZE_LIMIT:
-            if start:
-                self._report("the summary is not where the end of the file says; it was not used")
-            return None
-        file.seek(start)
-        data = file.read(tail_start - start)
-        crc = int.from_bytes(tail[25:29], "little")
-        if crc and zlib.crc32(tail[:25], zlib.crc32(data)) != crc:
-            self._report("the summary does not match its checksum; it was not used")
-            return None
-        try:
-            return _parse_summary(memoryview(data))
-        except RecordError as error:
-            self._report(f"the summary was not used: it holds {error}")
-            return None
-
     def _report(self, sentence: str) -> None:
         self._report_to(f"{self.path.name}: {sentence}")
 
 
 class EndOfFileError(RecordError):
     """The file ends inside a record."""
-
-
-def _parse_summary(data: memoryview) -> Summary:
-    summary = Summary()
-    pos = 0
-    while pos < len(data):
-        if len(data) - pos < FRAME.size:
-            raise RecordError("a cut record")
-        opcode, length = FRAME.unpack_from(data, pos)
-        body = data[pos + FRAME.size : pos + FRAME.size + length]
-        if len(body) != length:
-            raise RecordError("a cut record")
-        if opcode == records.SCHEMA:
-            key, schema = records.parse_schema(body)
-            summary.schemas[key] = schema
-        elif opcode == records.CHANNEL:
-            channel = records.parse_channel(body)
-            summary.channels[channel.id] = channel
-        elif opcode == records.CHUNK_INDEX:
-            chunk = records.parse_chunk_index(body)
-            summary.chunks[chunk.start] = chunk
-        elif opcode == records.STATISTICS:
-            summary.statistics = records.parse_statistics(body)
-        pos += FRAME.size + length
-    return summary

@@ -10,13 +10,15 @@ from typing import Any, cast
 
 MAGIC = b"\x89MCAP0\r\n"
 HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX, CHUNK_INDEX = range(1, 9)
-STATISTICS = 0x0B
+ATTACHMENT_INDEX, STATISTICS, METADATA_INDEX, SUMMARY_OFFSET = 0x0A, 0x0B, 0x0D, 0x0E
 DATA_END = 0x0F
 FIRST_PRIVATE = 0x80
 
 FRAME = Struct("<BQ")
 """Start of every record: opcode, length of the rest."""
 FOOTER_SIZE = FRAME.size + 20
+MESSAGE_FIXED = 22
+"""Bytes of a Message record before its message, without the frame."""
 SIZE_LIMIT = 64 * 2**20
 """Largest record, and largest unpacked chunk, that is read. [bytes]"""
 
@@ -35,7 +37,7 @@ class Schema:
 
 
 @dataclass(frozen=True, slots=True)
-class Channel:
+class McapChannel:
     """One publisher's stream on a topic."""
 
     id: int
@@ -56,9 +58,10 @@ class Chunk:
 
 @dataclass(frozen=True, slots=True)
 class ChunkIndex:
-    """Where a chunk lies in the file, what follows it, and which channels it holds."""
+    """Where a chunk lies in the file, its length and end with what follows it, its channels."""
 
     start: int
+    length: int
     end: int
     channels: frozenset[int]
 
@@ -108,11 +111,11 @@ def parse_schema(data: memoryview) -> tuple[int, Schema]:
     return schema_id, Schema(ros_type(name), encoding, str(cursor.sized(), "utf-8", "replace"))
 
 
-def parse_channel(data: memoryview) -> Channel:
+def parse_channel(data: memoryview) -> McapChannel:
     """Return the content of a Channel record."""
     cursor = _Cursor(data)
     channel_id, schema_id = cursor.number(2), cursor.number(2)
-    return Channel(channel_id, schema_id, cursor.text(), cursor.text())
+    return McapChannel(channel_id, schema_id, cursor.text(), cursor.text())
 
 
 def parse_chunk(data: memoryview) -> Chunk:
@@ -141,7 +144,7 @@ def parse_chunk_index(data: memoryview) -> ChunkIndex:
     channels = frozenset(
         unpack_from("<H", offsets, i)[0] for i in range(0, len(offsets) // 10 * 10, 10)
     )
-    return ChunkIndex(start, start + length + cursor.number(8), channels)
+    return ChunkIndex(start, length, start + length + cursor.number(8), channels)
 
 
 def parse_statistics(data: memoryview) -> Statistics:

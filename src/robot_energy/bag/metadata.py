@@ -9,8 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path, PurePath
 from typing import Any, cast
 
+from robot_energy.config_file import MAX_BYTES, parse_yaml
 from robot_energy.errors import BagError
-from robot_energy.yaml_text import MAX_BYTES, parse_yaml
+from robot_energy.files.regular_file import read_regular_text, why_unreadable
 
 FILE_NAME = "metadata.yaml"
 ORIGIN_KEY = "origin"
@@ -56,6 +57,7 @@ class FolderInfo:
     compression_mode: str
     files: tuple[str, ...]
     origin: str
+    message_count: int | None
 
 
 def qos_yaml(qos: Qos) -> str:
@@ -136,9 +138,7 @@ def read_folder_info(folder: Path) -> FolderInfo:
     """
     path = folder / FILE_NAME
     try:
-        if path.stat().st_size > MAX_BYTES:
-            raise BagError(f"{path} has over {MAX_BYTES} bytes", "the metadata of a bag")
-        content: Any = parse_yaml(path.read_text(encoding="utf-8"), str(path), BagError)
+        content: Any = parse_yaml(read_regular_text(path, MAX_BYTES), str(path), BagError)
         info = cast("Mapping[str, Any]", content["rosbag2_bagfile_information"])
         custom = cast("Mapping[str, Any]", info.get("custom_data") or {})
         mode = str(info.get("compression_mode") or "").lower()
@@ -147,13 +147,23 @@ def read_folder_info(folder: Path) -> FolderInfo:
             "" if mode == "none" else mode,
             tuple(PurePath(str(name)).name for name in info["relative_file_paths"]),
             str(custom.get(ORIGIN_KEY) or ""),
+            count if isinstance(count := info.get("message_count"), int) else None,
         )
     except BagError:
         raise
-    except (OSError, ValueError) as error:
-        raise BagError(f"{path} cannot be read ({str(error).splitlines()[0]})") from error
+    except (OSError, UnicodeDecodeError) as error:
+        raise BagError(
+            f"{path} cannot be read ({why_unreadable(error)})", "a metadata.yaml of rosbag2"
+        ) from error
+    except ValueError as error:
+        raise BagError(
+            f"{path} cannot be read ({str(error).splitlines()[0]})", "a metadata.yaml of rosbag2"
+        ) from error
     except (KeyError, TypeError, AttributeError) as error:
-        raise BagError(f"{path} is no bag metadata: {error!r} is missing or misplaced") from error
+        raise BagError(
+            f"{path} is no bag metadata: {error!r} is missing or misplaced",
+            "a metadata.yaml of rosbag2",
+        ) from error
 
 
 def _scalar(text: str) -> str:

@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
-import shutil
-import weakref
+import os
 from collections.abc import Iterator
 from pathlib import Path
-from tempfile import mkdtemp
 from typing import TYPE_CHECKING
 
-from robot_energy.bag.sources import Contents, McapSource, Report
+from robot_energy.bag.sources import BagContents, McapSource, Report
 from robot_energy.bag.sqlite_source import LARGEST_MESSAGE, LARGEST_VALUE, SqliteSource
+from robot_energy.cdr.batch import RawBatch
 from robot_energy.errors import BagError
-from robot_energy.wire.batch import RawBatch
+from robot_energy.files.regular_file import open_regular
+from robot_energy.files.temporary_folder import TemporaryFolder
 
 if TYPE_CHECKING:
     import zstandard
 
 MAX_RATIO = 1000
 """How many times larger a file may become; recordings shrink to a tenth, rarely a hundredth."""
+MAX_UNPACKED_BYTES = 16 * 2**30
+"""Of one file: 30 hours of six joints at 500 Hz; recorders begin a new file long before."""
+MIN_FREE_BYTES = 2**30
+"""What is left free on the disk, or a tenth of a small one."""
 _PIECE = 2**20
 
 Source = McapSource | SqliteSource
@@ -50,7 +54,7 @@ class PackedMessages:
         """Messages delivered so far that no checksum in the bag covers."""
         return self._source.unverified_count
 
-    def contents(self) -> Contents:
+    def contents(self) -> BagContents:
         """Return what the file holds.
 
         Raises:
@@ -113,10 +117,16 @@ class PackedFile:
     """
 
     def __init__(self, path: Path, report: Report) -> None:
-        folder = mkdtemp(prefix="robot_energy_")
-        weakref.finalize(self, shutil.rmtree, folder, ignore_errors=True)
-        target = Path(folder) / path.stem
-        _unpack_file(path, target)
+        try:
+            self._folder = TemporaryFolder()
+        except OSError as error:
+            raise BagError(f"{path} cannot be unpacked ({error})", "a temporary folder") from error
+        target = self._folder.path / path.stem
+        try:
+            _unpack_file(path, target)
+        except BaseException:
+            self._folder.remove()
+            raise
         self._source = open_file(target, report)
 
     @property
@@ -124,7 +134,7 @@ class PackedFile:
         """Messages delivered so far that no checksum in the bag covers."""
         return self._source.unverified_count
 
-    def contents(self) -> Contents:
+    def contents(self) -> BagContents:
         """Return what the file holds.
 
         Raises:
@@ -148,15 +158,29 @@ def _unpack_file(path: Path, target: Path) -> None:
     import zstandard
 
     try:
-        most = max(path.stat().st_size * MAX_RATIO, LARGEST_VALUE)
-        with path.open("rb") as packed, target.open("wb") as file:
+        most = min(max(path.stat().st_size * MAX_RATIO, LARGEST_VALUE), MAX_UNPACKED_BYTES)
+        with open_regular(path) as packed, target.open("xb") as file:
             reader = zstandard.ZstdDecompressor().stream_reader(packed, read_across_frames=True)
             while piece := reader.read(_PIECE):
                 if file.tell() + len(piece) > most:
                     raise BagError(
                         f"{path} unpacks to over {most} bytes",
-                        f"at most {MAX_RATIO} times its size",
+                        f"at most {MAX_RATIO} times its size and {MAX_UNPACKED_BYTES} bytes",
+                        "unpack it with zstd -d if it is really a recording",
                     )
+                _check_room(path, target.parent, len(piece))
                 file.write(piece)
     except (OSError, zstandard.ZstdError) as error:
         raise BagError(f"{path} cannot be unpacked ({error})", "a file packed with zstd") from error
+
+
+def _check_room(path: Path, folder: Path, size: int) -> None:
+    disk = os.statvfs(folder)
+    reserve = min(MIN_FREE_BYTES, disk.f_blocks * disk.f_frsize // 10)
+    free = disk.f_bavail * disk.f_frsize
+    if free - size < reserve:
+        raise BagError(
+            f"{path} cannot be unpacked: {folder.parent} has {free} bytes free",
+            f"what it unpacks to and {reserve} bytes that are left free",
+            "make room, or set TMPDIR to a folder on another disk",
+        )

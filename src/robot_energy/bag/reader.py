@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from robot_energy.bag.metadata import FILE_NAME, FolderInfo, read_folder_info
 from robot_energy.bag.packed import PackedFile, PackedMessages, Source, open_file
-from robot_energy.bag.sources import Contents, TopicInfo
+from robot_energy.bag.sources import BagContents, TopicInfo
+from robot_energy.cdr.batch import RawBatch
+from robot_energy.cdr.types import extended, typestore
 from robot_energy.errors import BagError, MissingTopicError
-from robot_energy.wire.batch import RawBatch
-from robot_energy.wire.types import extended, typestore
+from robot_energy.files.regular_file import open_regular
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
@@ -22,6 +23,9 @@ __all__ = ["BagReader", "TopicInfo"]
 
 MAX_PROBLEMS = 100
 """Sentences about what is wrong that are kept."""
+MAX_OVERLAP_NS = 1_000_000_000
+"""By which files of a split bag may overlap: several publishers are not in step. [ns]"""
+_COMPARED = 2**16
 
 
 class BagReader:
@@ -50,10 +54,23 @@ class BagReader:
         self.path = Path(path)
         self.problems: list[str] = []
         self.origin = ""
+        self._said_count: int | None = None  # of metadata.yaml
         self._sources = self._find()
-        contents = Contents()
+        contents = BagContents()
+        spans: list[tuple[int, int]] = []
         for source in self._sources:
-            contents.add(source.contents(), self._report)
+            part = source.contents()
+            contents.add(part, self._report)
+            if part.start_ns is not None and part.end_ns is not None:
+                spans.append((part.start_ns, part.end_ns))
+        self._check_spans(spans)
+        if None not in (self._said_count, contents.message_count) and (
+            self._said_count != contents.message_count
+        ):
+            self._report(
+                f"{FILE_NAME} counts {self._said_count} messages where the files hold "
+                f"{contents.message_count}"
+            )
         self._contents = contents
         self.topics: dict[str, TopicInfo] = dict(sorted(contents.topics.items()))
         self.start_ns = contents.start_ns
@@ -65,9 +82,9 @@ class BagReader:
         """Message definitions for this bag: the known ones, and the bag's own where they differ.
 
         Raises:
-            MessageTypeError: If a definition in the bag cannot be parsed.
+            MessageTypeError: If the bag defines a known type in a way that cannot be used.
         """
-        return extended(typestore(), self._contents.definitions)
+        return extended(typestore(), self._contents.definitions, self._report)
 
     @property
     def unverified_count(self) -> int:
@@ -110,6 +127,8 @@ class BagReader:
 
         Each part holds one chunk of the bag, or at most 8192 messages. Inside a batch the order
         is by log time, equal times in file order; from part to part log times may step back.
+        Where the log times of a topic jump back and forth, it is the order in the file, and the
+        problem is reported.
 
         Args:
             topics: Names of topics.
@@ -155,7 +174,8 @@ class BagReader:
                 if listed := self._listed(info):
                     return listed
         for pattern in ("*.mcap", "*.db3"):
-            found = sorted(self.path.glob(pattern), key=_natural)
+            listed = sorted(self.path.glob(pattern), key=_natural)
+            found = self._distinct([file for file in listed if file.is_file()])
             if found:
                 return [open_file(file, self._report) for file in found]
         raise BagError(
@@ -168,13 +188,60 @@ class BagReader:
         files = [self.path / name for name in info.files]
         for missing in [file for file in files if not file.is_file()]:
             self._report(f"{missing.name} is in {FILE_NAME} but not in the folder")
-        present = [file for file in files if file.is_file()]
+        present = self._distinct([file for file in files if file.is_file()])
+        if len(present) == len(files):
+            self._said_count = info.message_count
         if info.compression_mode == "file":
             return [PackedFile(file, self._report) for file in present]
         sources = [open_file(file, self._report) for file in present]
         if info.compression_mode == "message":
             return [PackedMessages(source, self._report) for source in sources]
         return list(sources)
+
+    def _distinct(self, files: Sequence[Path]) -> list[Path]:
+        """Return the files without those of the same content as one before."""
+        kept: list[Path] = []
+        places: dict[tuple[int, int], Path] = {}
+        sizes: dict[int, list[Path]] = {}
+        for file in files:
+            status = file.stat()
+            place = (status.st_dev, status.st_ino)
+            like = sizes.setdefault(status.st_size, [])
+            same = places.get(place) or next((o for o in like if _same_content(file, o)), None)
+            if same is None:
+                kept.append(file)
+                places[place] = file
+                like.append(file)
+            elif same.name == file.name:
+                self._report(f"{file.name} stands several times in {FILE_NAME}; it was read once")
+            else:
+                self._report(f"{file.name} is the same as {same.name}; it was left out")
+        return kept
+
+    def _check_spans(self, spans: Sequence[tuple[int, int]]) -> None:
+        """Report files that were recorded at the same time: they may hold the same."""
+        latest: int | None = None
+        overlap = 0
+        for start, end in sorted(spans):
+            if latest is not None:
+                overlap = max(overlap, min(latest, end) - start)
+            latest = end if latest is None else max(latest, end)
+        if overlap > MAX_OVERLAP_NS:
+            self._report(
+                f"files of the bag overlap by {overlap * 1e-9:.3f} s; what is in both counts twice"
+            )
+
+
+def _same_content(first: Path, second: Path) -> bool:
+    """Whether two files of one size hold the same; they differ early if they do."""
+    try:
+        with open_regular(first) as one, open_regular(second) as other:
+            while part := one.read(_COMPARED):
+                if part != other.read(_COMPARED):
+                    return False
+    except OSError:  # whoever reads it says why
+        return False
+    return True
 
 
 def _natural(path: Path) -> list[tuple[int, str]]:

@@ -7,11 +7,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
-from robot_energy.bag.mcap_block import Block, Messages
+from robot_energy.bag.mcap_block import McapChunk, Messages
 from robot_energy.bag.mcap_file import McapFile
-from robot_energy.wire.batch import RawBatch
+from robot_energy.cdr.batch import RawBatch
+from robot_energy.timeline.stamps import SECOND_NS, valid_stamps
 
+MANY_STEPS_BACK = 3  # of over a second in one chunk: no clock was set, the times are broken
 BATCH_MESSAGES = 8192
 BATCH_BYTES = 16 * 2**20
 """Most that is gathered before a part is handed out, where there are no chunks."""
@@ -35,7 +38,7 @@ class TopicInfo:
 
 
 @dataclass(slots=True)
-class Contents:
+class BagContents:
     """What a file or folder holds: times in [ns]; None where it does not say."""
 
     topics: dict[str, TopicInfo] = field(default_factory=dict[str, TopicInfo])
@@ -44,7 +47,7 @@ class Contents:
     end_ns: int | None = None
     message_count: int | None = 0
 
-    def add(self, other: Contents, report: Report) -> None:
+    def add(self, other: BagContents, report: Report) -> None:
         """Add what another file of the same bag holds."""
         for name, info in other.topics.items():
             self.add_topic(name, info, report)
@@ -89,13 +92,19 @@ class McapSource:
         self._report = report
         self.unverified_count = 0
 
-    def contents(self) -> Contents:
+    def contents(self) -> BagContents:
         """Return what the file holds: from its summary, else by reading it once."""
         file = self._file
         statistics = file.summary.statistics if file.summary else None
         counts: dict[int, int] = {}
-        result = Contents(message_count=None)
-        if file.summary and (file.channels or (statistics and not statistics.message_count)):
+        result = BagContents(message_count=None)
+        defined = file.summary is not None and file.summary.defines_all
+        if not defined and file.schemas:  # a summary may do without definitions
+            self._report(
+                f"{file.path.name}: the summary lacks channels or message types; the file was "
+                "read instead"
+            )
+        if defined and file.channels:
             if statistics:
                 counts = statistics.channel_counts
                 result.message_count = statistics.message_count
@@ -139,7 +148,7 @@ class McapSource:
                     self.unverified_count += sum(len(batch) for batch in part.values())
                 yield part
 
-    def _part(self, block: Block, topics: dict[str, str]) -> dict[str, RawBatch]:
+    def _part(self, block: McapChunk, topics: dict[str, str]) -> dict[str, RawBatch]:
         streams: dict[str, list[Messages]] = {}
         for key, messages in block.messages.items():
             channel = self._file.channels.get(key)
@@ -150,22 +159,56 @@ class McapSource:
                 )
                 continue
             schema = self._file.schemas.get(channel.schema_id)
+            if schema is None and channel.topic in topics:
+                self._report(
+                    f"{self._file.path.name}: messages of {channel.topic}, whose type the file "
+                    "does not define, were left out"
+                )
             if schema and channel.encoding == "cdr" and topics.get(channel.topic) == schema.name:
                 streams.setdefault(channel.topic, []).append(messages)
         return {
-            topic: _batch(topic, topics[topic], block, parts) for topic, parts in streams.items()
+            topic: self._batch(topic, topics[topic], block, parts)
+            for topic, parts in streams.items()
         }
 
+    def _batch(
+        self, topic: str, msgtype: str, block: McapChunk, streams: list[Messages]
+    ) -> RawBatch:
+        """Return the messages of one topic by log time; in file order where that is broken."""
+        batch = _in_file_order(topic, msgtype, block, streams)
+        logged = _as_logged(batch.log_time_ns)
+        steps = np.diff(logged)
+        if not (steps < 0).any():
+            return batch
+        if int((steps < -SECOND_NS).sum()) >= MANY_STEPS_BACK:
+            self._report(f"{self._file.path.name}: {broken_times(topic)}")
+            return batch
+        order = np.argsort(logged, kind="stable")
+        times, offset, length = batch.log_time_ns, batch.offset, batch.length
+        return RawBatch(topic, msgtype, times[order], block.buffer, offset[order], length[order])
 
-def _batch(topic: str, msgtype: str, block: Block, streams: list[Messages]) -> RawBatch:
+
+def broken_times(topic: str) -> str:
+    """Return what is said of a topic whose log times are no order of its messages."""
+    return (
+        f"the log times of {topic} jump back and forth, so they were not used to sort its "
+        "messages; do not date anything by them"
+    )
+
+
+def _as_logged(times: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Log times to sort by: where one is no stamp, that of the message before it in the file."""
+    valid = valid_stamps(times)
+    row = np.maximum.accumulate(np.where(valid, np.arange(len(times)), -1))
+    return np.where(row < 0, 0, times[row])
+
+
+def _in_file_order(topic: str, msgtype: str, block: McapChunk, streams: list[Messages]) -> RawBatch:
     times, offset, length = streams[0].log_time_ns, streams[0].offset, streams[0].length
     if len(streams) > 1:
         times = np.concatenate([stream.log_time_ns for stream in streams])
         offset = np.concatenate([stream.offset for stream in streams])
         length = np.concatenate([stream.length for stream in streams])
         order = np.argsort(offset)
-        times, offset, length = times[order], offset[order], length[order]
-    if (times[1:] < times[:-1]).any():
-        order = np.argsort(times, kind="stable")
         times, offset, length = times[order], offset[order], length[order]
     return RawBatch(topic, msgtype, times, block.buffer, offset, length)

@@ -8,9 +8,19 @@ from contextlib import closing
 from pathlib import Path
 from urllib.parse import quote
 
-from robot_energy.bag.sources import BATCH_BYTES, BATCH_MESSAGES, Contents, Report, TopicInfo
+from robot_energy.bag.sources import (
+    BATCH_BYTES,
+    BATCH_MESSAGES,
+    MANY_STEPS_BACK,
+    BagContents,
+    Report,
+    TopicInfo,
+    broken_times,
+)
+from robot_energy.cdr.batch import RawBatch
 from robot_energy.errors import BagError
-from robot_energy.wire.batch import RawBatch
+from robot_energy.files.regular_file import open_regular
+from robot_energy.timeline.stamps import SECOND_NS
 
 MAGIC = b"SQLite format 3\x00"
 LARGEST_VALUE = 64 * 2**20
@@ -53,13 +63,13 @@ class SqliteSource:
         self._ids: dict[int, tuple[str, str]] = {}  # topic and type of each id
         self.unverified_count = 0
 
-    def contents(self) -> Contents:
+    def contents(self) -> BagContents:
         """Return what the file holds.
 
         Raises:
             BagError: If it cannot be read.
         """
-        result = Contents()
+        result = BagContents()
         try:
             with closing(self._open()) as base:
                 self._check(base)
@@ -88,11 +98,11 @@ class SqliteSource:
         size = number = count = odd = 0
         try:
             with closing(self._open()) as base:
+                order = "rowid" if self._times_are_broken(base, wanted) else "timestamp, rowid"
                 for key, time, data in base.execute(
                     "SELECT topic_id, timestamp, "
                     f"CASE WHEN length(data) <= {LARGEST_MESSAGE} THEN data END "
-                    f"FROM messages WHERE topic_id IN ({','.join('?' * len(wanted))}) "
-                    "ORDER BY timestamp, rowid",
+                    f"FROM messages WHERE topic_id IN ({_marks(wanted)}) ORDER BY {order}",
                     wanted,
                 ):
                     if not isinstance(time, int) or not isinstance(data, bytes) or time < 0:
@@ -115,6 +125,22 @@ class SqliteSource:
         if number:
             yield self._flush(held, topics)
 
+    def _times_are_broken(self, base: sqlite3.Connection, wanted: list[int]) -> bool:
+        """Whether the log times of a topic jump back and forth, and say so.
+
+        They are then no order of the messages: the rows are, as they were written.
+        """
+        found = base.execute(
+            "SELECT topic_id FROM (SELECT topic_id, timestamp - lag(timestamp) OVER "
+            "(PARTITION BY topic_id ORDER BY rowid) AS step FROM messages "
+            f"WHERE topic_id IN ({_marks(wanted)})) WHERE step < {-SECOND_NS} "
+            f"GROUP BY topic_id HAVING count(*) >= {MANY_STEPS_BACK}",
+            wanted,
+        ).fetchall()
+        for (key,) in found:
+            self._report(broken_times(self._ids[key][0]))
+        return bool(found)
+
     def _flush(
         self, held: dict[str, tuple[list[int], list[bytes]]], topics: dict[str, str]
     ) -> dict[str, RawBatch]:
@@ -128,9 +154,7 @@ class SqliteSource:
     def _open(self) -> sqlite3.Connection:
         """Open the file so that nothing in it can run, write or grow."""
         try:
-            if not self._path.is_file():
-                raise self._unreadable("it is no file")
-            with self._path.open("rb") as file:
+            with open_regular(self._path) as file:
                 if file.read(len(MAGIC)) != MAGIC:
                     raise self._unreadable("it is no sqlite3 file")
         except OSError as error:
@@ -180,7 +204,7 @@ class SqliteSource:
             raise self._unreadable(f"its table of {name} has no {', '.join(sorted(lacks))}")
         return True
 
-    def _read_topics(self, base: sqlite3.Connection, result: Contents) -> None:
+    def _read_topics(self, base: sqlite3.Connection, result: BagContents) -> None:
         counts = dict(base.execute("SELECT topic_id, count(*) FROM messages GROUP BY topic_id"))
         query = f"SELECT id, name, type, serialization_format FROM topics LIMIT {MAX_TOPICS + 1}"
         topics = base.execute(query).fetchall()
@@ -206,6 +230,10 @@ class SqliteSource:
 
     def _report(self, sentence: str) -> None:
         self._report_to(f"{self._path.name}: {sentence}")
+
+
+def _marks(values: list[int]) -> str:
+    return ",".join("?" * len(values))
 
 
 def _text(data: bytes) -> str:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
+from os import PathLike
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Literal, Self
@@ -19,31 +20,33 @@ from robot_energy.bag.metadata import (
     metadata_yaml,
     qos_yaml,
 )
+from robot_energy.bag.ownership import LIBRARY, foreign_entries
+from robot_energy.cdr.types import typestore as default_typestore
 from robot_energy.errors import BagError, MessageTypeError, MissingTopicError, ShapeError
-from robot_energy.wire.types import typestore as default_typestore
+from robot_energy.files.output_folder import OutputFolder
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
-
-_LIBRARY = "robot_energy"
 
 
 class BagWriter:
     """Writes one bag; use as a context manager, or call ``close``.
 
     Equal calls give equal bytes (with equal versions of mcap and zstandard): no clock, no random
-    number and no machine name goes in.
+    number and no machine name goes in. The folder appears whole when the bag is closed; after
+    an error, or without ``close``, it does not appear.
 
     Args:
         path: Folder of the bag, made here.
         compression: ``zstd`` or ``none``.
-        overwrite: Replace a bag that is there.
+        overwrite: Replace a bag of this writer that is there.
         typestore: Definitions; default those of ROS 2 Jazzy and ros2_energy_msgs.
         origin: Where the recording comes from, in words, noted with the bag.
+        inputs: Files and folders that it is made of, which it must not replace.
 
     Raises:
-        BagError: If the folder exists (without ``overwrite``), holds other things than a bag, or
-            cannot be made.
+        BagError: If the folder exists (without ``overwrite``), holds other things than a bag of
+            this writer, or cannot be made.
     """
 
     def __init__(
@@ -53,13 +56,15 @@ class BagWriter:
         overwrite: bool = False,
         typestore: Typestore | None = None,
         origin: str = "",
+        inputs: Iterable[str | PathLike[str]] = (),
     ) -> None:
         from mcap.writer import CompressionType, Writer
 
         kinds = {"zstd": CompressionType.ZSTD, "none": CompressionType.NONE}
         if compression not in kinds:
             raise BagError(f"unknown compression {compression!r}", "zstd or none")
-        self.path = Path(path)
+        self._folder = OutputFolder(path, foreign_entries, overwrite, inputs, BagError)
+        self.path = self._folder.path
         self._origin = origin
         self._store = default_typestore() if typestore is None else typestore
         self._topics: dict[str, TopicEntry] = {}
@@ -69,15 +74,16 @@ class BagWriter:
         self._first: int | None = None
         self._last: int | None = None
         self._open = False
-        file = self.path / f"{self.path.name}_0.mcap"
-        self._make_folder(overwrite)
+        self._name = f"{self.path.name}_0.mcap"
         try:
-            self._file = file.open("xb", buffering=2**20)
+            self._file = self._folder.open(self._name)
             self._writer = Writer(self._file, compression=kinds[compression])
-            self._writer.start(profile="ros2", library=_LIBRARY)
+            self._writer.start(profile="ros2", library=LIBRARY)
         except OSError as error:
-            raise BagError(f"{file} cannot be written ({error.strerror})") from error
-        self._name = file.name
+            raise self._failed(error) from error
+        except BaseException:
+            self._folder.discard()
+            raise
         self._open = True
 
     def add_topic(self, topic: str, msgtype: str, qos: Qos = DEFAULT_QOS) -> None:
@@ -123,8 +129,7 @@ class BagWriter:
         Raises:
             MissingTopicError: If the topic was not added.
             ShapeError: If times and messages do not match, or a time is negative.
-            BagError: If the bag is closed or the disk refuses; the bag is then closed, and what
-                was written before can be read.
+            BagError: If the bag is closed or the disk refuses; nothing is left of it then.
         """
         self._check_open()
         if topic not in self._channels:
@@ -149,10 +154,10 @@ class BagWriter:
         self._last = high if self._last is None else max(self._last, high)
 
     def close(self) -> None:
-        """Write index and metadata and close the file; a second call does nothing.
+        """Write index and metadata and put the bag in place; a second call does nothing.
 
         Raises:
-            BagError: If the disk refuses.
+            BagError: If the disk refuses; nothing is left of the bag then.
         """
         if not self._open:
             return
@@ -160,10 +165,22 @@ class BagWriter:
             self._writer.add_metadata("rosbag2", {"serialized_metadata": self._metadata(None)})
             self._writer.finish()
             self._file.close()
-            (self.path / FILE_NAME).write_text(self._metadata(self._name), encoding="utf-8")
+            with self._folder.open(FILE_NAME) as file:
+                file.write(self._metadata(self._name).encode())
+            self._folder.place()
         except OSError as error:
             raise self._failed(error) from error
+        except BaseException:
+            self.discard()
+            raise
         self._open = False
+
+    def discard(self) -> None:
+        """Leave nothing of the bag, and what it should have replaced as it was."""
+        self._open = False
+        with suppress(OSError):  # it is closed even when its last bytes are refused
+            self._file.close()
+        self._folder.discard()
 
     def __enter__(self) -> Self:
         """Return the writer."""
@@ -175,8 +192,11 @@ class BagWriter:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Close the bag, also after an error in the block: what was written can be read."""
-        self.close()
+        """Close the bag; after an error in the block leave nothing of it."""
+        if kind is None:
+            self.close()
+        else:
+            self.discard()
 
     def _metadata(self, file: str | None) -> str:
         topics = [
@@ -189,35 +209,16 @@ class BagWriter:
         return metadata_yaml(topics, file, start, span, count, self._origin)
 
     def _failed(self, error: OSError) -> BagError:
-        """Close the file after a refusal of the disk, keeping what reached it."""
-        self._open = False
-        with suppress(OSError):  # it is closed even when its last bytes are refused
-            self._file.close()
+        """Give the bag up after a refusal of the disk."""
+        self.discard()
         return BagError(
-            f"{self.path / self._name} cannot be written any further ({error.strerror})",
-            remedy="make room on the disk; the part before it can still be read",
+            f"{self.path / self._name} cannot be written ({error.strerror or error})",
+            remedy="make room on the disk; nothing was left of this bag",
         )
 
     def _check_open(self) -> None:
         if not self._open:
             raise BagError(f"{self.path} is closed", "an open bag")
-
-    def _make_folder(self, overwrite: bool) -> None:
-        try:
-            if self.path.exists():
-                inside = sorted(self.path.iterdir()) if self.path.is_dir() else [self.path]
-                foreign = [p.name for p in inside if p.name != FILE_NAME and p.suffix != ".mcap"]
-                if not overwrite or foreign or not self.path.is_dir():
-                    raise BagError(
-                        f"{self.path} exists" + (f" and holds {foreign}" if foreign else ""),
-                        "a new folder" if not overwrite else "a new folder or an MCAP bag",
-                        "choose another name" + ("" if overwrite else ", or allow overwriting"),
-                    )
-                for file in inside:
-                    file.unlink()
-            self.path.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise BagError(f"{self.path} cannot be made ({error.strerror})") from error
 
 
 def _rows(rows: NDArray[np.uint8] | Sequence[bytes]) -> Sequence[bytes]:

@@ -261,7 +261,7 @@ def test_a_chunk_that_cannot_be_unpacked_is_named(tmp_path, declared, packed, co
 def test_a_damaged_database_is_an_error_or_a_problem(tmp_path, bags):
     from rosbags.rosbag2 import Writer
 
-    from robot_energy.wire import typestore
+    from robot_energy.cdr import typestore
 
     with Writer(tmp_path / "bag", version=9) as writer:
         connection = writer.add_connection("/heat", bags.TEMPERATURE, typestore=typestore())
@@ -306,11 +306,11 @@ def test_the_metadata_of_a_bag_is_no_way_in(tmp_path, bags, text):
 BOUNDED = """
 import re, sys, time
 from robot_energy.bag import BagReader
-begin = time.perf_counter()
+begin = time.process_time()
 reader = BagReader(sys.argv[1])
 count = sum(len(b) for part in reader.parts(list(reader.topics)) for b in part.values())
 rss = int(re.search(r"VmHWM:\\s+(\\d+)", open("/proc/self/status").read())[1])
-print(count, len(reader.problems), rss // 1024, time.perf_counter() - begin)
+print(count, len(reader.problems), rss // 1024, time.process_time() - begin)
 """
 
 

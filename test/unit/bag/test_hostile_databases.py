@@ -11,8 +11,8 @@ import zstandard
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
 from robot_energy.bag import BagReader
+from robot_energy.cdr import typestore
 from robot_energy.errors import BagError
-from robot_energy.wire import typestore
 
 TOPICS = """
 CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, serialization_format TEXT);
@@ -206,3 +206,19 @@ def test_a_bag_that_is_a_pipe_is_not_waited_for(tmp_path):
         os.mkfifo(tmp_path / name)
         with pytest.raises(BagError, match="cannot be read"):
             BagReader(tmp_path / name)
+
+
+def test_log_times_that_jump_back_and_forth_do_not_sort_the_messages(tmp_path):
+    second = 10**9
+    times = [row * second // 10 + (row % 2) * 60 * second for row in range(10)]
+    rows = [insert("1", str(time), f"x'{row:02x}'") for row, time in enumerate(times)]
+    found, reader = read(database(tmp_path / "bag.db3", PLAIN + "".join(rows)))
+    assert [data for _, data in found] == [bytes([row]) for row in range(10)]
+    assert any("log times" in problem for problem in reader.problems)
+
+
+def test_one_late_log_time_still_sorts_the_messages(tmp_path):
+    rows = insert("1", "20", "x'02'") + insert("1", "10", "x'01'") + insert("1", "30", "x'03'")
+    found, reader = read(database(tmp_path / "bag.db3", PLAIN + rows))
+    assert [data for _, data in found] == [b"\x01", b"\x02", b"\x03"]
+    assert reader.problems == []

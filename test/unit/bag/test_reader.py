@@ -7,8 +7,8 @@ import pytest
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
 from robot_energy.bag import BagReader
+from robot_energy.cdr import Decoder, typestore
 from robot_energy.errors import BagError, MissingTopicError
-from robot_energy.wire import Decoder, typestore
 
 
 def test_a_bag_says_what_it_holds(tmp_path, bags):

@@ -10,8 +10,8 @@ from rosbags.rosbag2 import Reader
 from ruamel.yaml import YAML
 
 from robot_energy.bag import LATCHED_QOS, SENSOR_QOS, BagReader, BagWriter
+from robot_energy.cdr import typestore
 from robot_energy.errors import BagError, MessageTypeError, MissingTopicError, ShapeError
-from robot_energy.wire import typestore
 
 
 @pytest.mark.parametrize("compression", ["zstd", "none"])
@@ -130,7 +130,7 @@ def test_byte_strings_of_unequal_length_are_written(tmp_path, bags):
     assert (reader.start_ns, reader.end_ns) == (2, 3)
 
 
-def test_an_error_in_the_block_leaves_a_whole_bag(tmp_path, bags):
+def test_an_error_in_the_block_leaves_nothing(tmp_path, bags):
     def record():
         with BagWriter(tmp_path / "bag") as bag:
             bag.add_topic("/heat", bags.TEMPERATURE)
@@ -139,12 +139,10 @@ def test_an_error_in_the_block_leaves_a_whole_bag(tmp_path, bags):
 
     with pytest.raises(KeyboardInterrupt):
         record()
-    found, reader = bags.read_all(tmp_path / "bag")
-    assert len(found) == 1
-    assert reader.problems == []
+    assert list(tmp_path.iterdir()) == []
 
 
-def test_a_full_disk_raises_and_keeps_what_was_written(tmp_path, bags):
+def test_a_full_disk_raises_and_leaves_nothing(tmp_path, bags):
     """A limit on the size of files stands for a full disk: the system refuses the write."""
     stamps = np.arange(5000)
     rows = bags.joint_rows(stamps)
@@ -158,17 +156,14 @@ def test_a_full_disk_raises_and_keeps_what_was_written(tmp_path, bags):
 
     try:
         resource.setrlimit(resource.RLIMIT_FSIZE, (5 * 2**20, limits[1]))
-        with pytest.raises(BagError, match=r"bag_0.mcap cannot be written any further"):
+        with pytest.raises(BagError, match=r"bag_0.mcap cannot be written"):
             fill()
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
     with pytest.raises(BagError, match="is closed"):
         bag.write("/joints", stamps, rows)
     bag.close()
-    found, reader = bags.read_all(tmp_path / "bag")
-    assert len(found) > 10_000
-    assert [time for _, time, _ in found] == list(range(len(found)))
-    assert "the file ends" in reader.problems[0]
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_bag_is_not_overwritten_unless_asked(tmp_path, bags):

@@ -1,0 +1,93 @@
+"""Bag files that are packed as a whole: bounded, with room left, and gone afterwards."""
+
+import gc
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+
+from robot_energy.bag import BagReader, packed
+from robot_energy.cdr import typestore
+from robot_energy.errors import BagError
+from robot_energy.files.temporary_folder import PREFIX, TemporaryFolder
+
+
+@pytest.fixture
+def bag(tmp_path, bags):
+    """A bag whose one file is packed."""
+    writer = Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.SQLITE3)
+    writer.set_compression(CompressionMode.FILE, CompressionFormat.ZSTD)
+    with writer:
+        connection = writer.add_connection("/heat", bags.TEMPERATURE, typestore=typestore())
+        for stamp, row in enumerate(bags.temperature_rows(np.arange(100))):
+            writer.write(connection, stamp, row.tobytes())
+    return tmp_path / "bag"
+
+
+@pytest.fixture
+def place(tmp_path, monkeypatch):
+    """The temporary folder of the system."""
+    folder = tmp_path / "temporary"
+    folder.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(folder))
+    monkeypatch.setenv("TMPDIR", str(folder))
+    return folder
+
+
+def test_the_unpacked_file_goes_with_its_reader(bag, place):
+    reader = BagReader(bag)
+    assert reader.message_count == 100
+    assert len(os.listdir(place)) == 1
+    del reader
+    gc.collect()
+    assert os.listdir(place) == []
+
+
+def test_no_file_becomes_larger_than_the_bound(bag, place, monkeypatch):
+    monkeypatch.setattr(packed, "MAX_UNPACKED_BYTES", 10_000)
+    with pytest.raises(BagError, match="over 10000 bytes"):
+        BagReader(bag)
+    assert os.listdir(place) == []
+
+
+def test_some_of_the_disk_is_left_free(bag, place, monkeypatch):
+    def statvfs(_):
+        return SimpleNamespace(f_blocks=2**30, f_frsize=4096, f_bavail=2**18 + 1)
+
+    monkeypatch.setattr(packed.os, "statvfs", statvfs)
+    with pytest.raises(BagError, match="TMPDIR"):
+        BagReader(bag)
+    assert os.listdir(place) == []
+
+
+def test_a_full_disk_is_said_and_leaves_nothing(bag, place, monkeypatch):
+    def full(*_args, **_options):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(tempfile, "mkdtemp", full)
+    with pytest.raises(BagError, match="No space left"):
+        BagReader(bag)
+
+
+def test_what_a_killed_run_left_goes_and_what_a_running_one_has_stays(bag, place):
+    code = (
+        "import sys; from robot_energy.bag import BagReader\n"
+        "reader = BagReader(sys.argv[1]); print('ready', flush=True); sys.stdin.read()\n"
+    )
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    with subprocess.Popen([sys.executable, "-c", code, str(bag)], **pipes) as running:
+        assert running.stdout.readline() == b"ready\n"
+        with TemporaryFolder():
+            assert len(os.listdir(place)) == 2
+        running.send_signal(signal.SIGKILL)
+        running.wait()
+    (place / f"{PREFIX}foreign").write_text("a file is none of ours")
+    assert len(os.listdir(place)) == 2
+    with TemporaryFolder() as mine:
+        assert set(os.listdir(place)) == {mine.path.name, f"{PREFIX}foreign"}
