@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
@@ -18,13 +18,13 @@ def _not_boolean(value: object) -> object:
 Number = Annotated[float, BeforeValidator(_not_boolean), Field(allow_inf_nan=False)]
 
 
-class Entry(BaseModel):
+class ModelEntry(BaseModel):
     """Base of all parts: unknown keys are refused, values cannot be changed."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-class Figure(Entry):
+class Figure(ModelEntry):
     """One number and how it is known.
 
     Attributes:
@@ -44,3 +44,8 @@ class PositiveFigure(Figure):
     """A figure that must be >= 0."""
 
     value: Annotated[Number, Field(ge=0)]
+
+
+def without_absent(entries: dict[str, Any], key: str) -> dict[str, Any]:
+    """Leave out a key that came later than the files that lack it, where it says nothing."""
+    return {name: value for name, value in entries.items() if name != key or value is not None}

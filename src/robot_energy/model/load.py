@@ -11,31 +11,11 @@ from pathlib import Path
 from typing import cast
 
 import yaml
-from pydantic import ValidationError
 
+from robot_energy.config_file import parse_yaml, read_text, validated
 from robot_energy.errors import ModelFileError, UrdfAwaitedError
-from robot_energy.model_file.schema import SCHEMA_VERSION, RobotModel, Urdf
-from robot_energy.yaml_text import MAX_BYTES, parse_yaml
-
-
-def _describe(error: ValidationError, source: str) -> ModelFileError:
-    """Turn pydantic's report into one sentence about the first bad key."""
-    first = error.errors()[0]
-    skip = {"constant", "exponential", "table"}
-    path = ".".join(str(part) for part in first["loc"] if part not in skip) or "the file"
-    found = first.get("input")
-    shown = f"{found!r}" if isinstance(found, str | int | float | None) else type(found).__name__
-    kind = first["type"]
-    more = len(error.errors()) - 1
-    tail = f" ({more} more)" if more else ""
-    if kind == "missing":
-        return ModelFileError(f"{source}: key '{path}' is missing{tail}")
-    if kind == "extra_forbidden":
-        return ModelFileError(
-            f"{source}: key '{path}' is unknown{tail}", "a key of the schema", "check its spelling"
-        )
-    text = first["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
-    return ModelFileError(f"{source}: key '{path}' is {shown}{tail}", text)
+from robot_energy.files.output_files import COMMENT, TEXT, write_file
+from robot_energy.model.schema import SCHEMA_VERSION, RobotModel, Urdf
 
 
 def validate(data: object, source: str, urdf_xml: str | None = None) -> RobotModel:
@@ -53,23 +33,15 @@ def validate(data: object, source: str, urdf_xml: str | None = None) -> RobotMod
         ModelFileError: Naming the key, what was found and what was expected.
         UrdfAwaitedError: If the file leaves its URDF to a topic and none is given.
     """
-    if not isinstance(data, dict):
-        raise ModelFileError(
-            f"{source} holds {type(data).__name__}",
-            "a mapping with schema_version, robot, urdf, joints, cabinet, temperature",
-        )
-    table = cast("dict[str, object]", data)
+    table = cast("dict[str, object]", data if isinstance(data, dict) else {})
     version = table.get("schema_version")
-    if version != SCHEMA_VERSION:
+    if isinstance(version, int) and version != SCHEMA_VERSION:
         raise ModelFileError(
             f"{source} has schema_version {version!r}",
             f"{SCHEMA_VERSION}",
             "use the release that wrote the file, or write it anew",
         )
-    try:
-        model = RobotModel.model_validate(table)
-    except ValidationError as error:
-        raise _describe(error, source) from error
+    model = validated(cast("object", data), RobotModel, source)
     if urdf_xml is None:
         urdf_xml = _read_urdf(model.urdf, source)
     return model.with_urdf(urdf_xml, source)
@@ -81,18 +53,13 @@ def _read_urdf(urdf: Urdf, source: str) -> str:
     if urdf.topic is not None:
         raise UrdfAwaitedError(source, urdf.topic)
     path = Path(source).parent / str(urdf.path)
-    try:
-        if path.stat().st_size > MAX_BYTES:
-            raise ModelFileError(f"{path} has over {MAX_BYTES} bytes", "a URDF without meshes")
-        if not path.is_file():  # a pipe would be waited for
-            raise OSError
-        return path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ModelFileError(
-            f"{source}: urdf.path '{urdf.path}' cannot be read",
-            "a URDF file beside the model file",
-            "correct the path or embed the text as urdf.xml",
-        ) from error
+    return read_text(
+        path,
+        ModelFileError,
+        f"URDF of {source}",
+        expected="a URDF file beside the model file",
+        remedy="correct urdf.path or embed the text as urdf.xml",
+    )
 
 
 def shipped_models() -> dict[str, Path]:
@@ -118,17 +85,13 @@ def load(name: str | Path, urdf_xml: str | None = None) -> RobotModel:
     path = Path(name)
     if not path.is_file() and str(name) in shipped_models():
         path = shipped_models()[str(name)]
-    try:
-        if path.stat().st_size > MAX_BYTES:
-            raise ModelFileError(f"{path} has over {MAX_BYTES} bytes", "a model file")
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        known = ", ".join(shipped_models())
-        raise ModelFileError(
-            f"no model file can be read at '{name}'",
-            "a YAML file or the name of a shipped model",
-            f"shipped models: {known}",
-        ) from error
+    text = read_text(
+        path,
+        ModelFileError,
+        "model file",
+        expected="a YAML file or the name of a shipped model",
+        remedy=f"shipped models: {', '.join(shipped_models())}",
+    )
     return validate(parse_yaml(text, str(path)), str(path), urdf_xml)
 
 
@@ -137,7 +100,7 @@ def save(model: RobotModel, path: str | Path) -> None:
 
     Args:
         model: The model.
-        path: File to write; it is replaced whole or not at all.
+        path: File to write; a model file of this tool is replaced whole or not at all.
 
     Raises:
         ModelFileError: If the file cannot be written.
@@ -147,12 +110,6 @@ def save(model: RobotModel, path: str | Path) -> None:
         **model.urdf.model_dump(exclude={"path", "xml", "topic"}),
         "xml": model.urdf_xml,
     }
-    target = Path(path)
-    draft = target.with_suffix(target.suffix + ".part")
-    try:
-        draft.write_text(yaml.safe_dump(data, sort_keys=False, allow_unicode=True), "utf-8")
-        draft.replace(target)
-    except OSError as error:
-        raise ModelFileError(
-            f"the model cannot be written to '{path}': {error.strerror}", "a writable folder"
-        ) from error
+    text = COMMENT + yaml.safe_dump(data, sort_keys=False, allow_unicode=True)
+    encoded = text.encode("utf-8", "backslashreplace")
+    write_file(path, encoded, TEXT, "the model file", ModelFileError)

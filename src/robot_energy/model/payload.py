@@ -9,12 +9,16 @@ import numpy as np
 from pydantic import Field, ValidationError, model_validator
 
 from robot_energy.errors import PayloadError
-from robot_energy.model_file.figure import Entry, Number, Tag
+from robot_energy.model.figure import ModelEntry, Number, Tag
+from robot_energy.schema_errors import refusal
 
+MAX_MASS = 10_000.0  # kg; the strongest industrial robots carry 2,300 kg
+MAX_DISTANCE = 10.0  # m from the frame of the link to the centre of mass, along each axis
+MAX_INERTIA = MAX_MASS * MAX_DISTANCE**2  # kg m^2
 ROUNDING = 1e-6  # of the largest principal moment: what figures in a datasheet are rounded by
 
 
-class Payload(Entry):
+class Payload(ModelEntry):
     """A rigid body fixed to a link.
 
     Attributes:
@@ -36,7 +40,15 @@ class Payload(Entry):
 
     @model_validator(mode="after")
     def _check(self) -> Payload:
-        """No principal moment is negative or larger than the other two together."""
+        """A body of a size that a robot carries, with moments that a body can have."""
+        for what, values, limit in (
+            ("a mass [kg]", (self.mass,), MAX_MASS),
+            ("a centre of mass [m]", self.centre_of_mass, MAX_DISTANCE),
+            ("an inertia [kg m^2]", self.inertia, MAX_INERTIA),
+        ):
+            largest = max(abs(value) for value in values)
+            if largest > limit:
+                raise ValueError(f"{what} with {largest:g} is beyond {limit:g}")
         ixx, iyy, izz, ixy, ixz, iyz = self.inertia
         low, middle, high = np.linalg.eigvalsh([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
         shown = f"{low:.4g}, {middle:.4g}, {high:.4g} kg m^2"
@@ -77,20 +89,16 @@ def payload(
     Raises:
         PayloadError: If no such body exists.
     """
+    fields = {
+        "link": link,
+        "mass": mass,
+        "centre_of_mass": [float(value) for value in centre_of_mass],
+        "inertia": [float(value) for value in inertia],
+        "tag": "assumed",
+        "source": source,
+    }
     try:
-        return Payload(
-            link=link,
-            mass=mass,
-            centre_of_mass=tuple(float(value) for value in centre_of_mass),  # pyright: ignore
-            inertia=tuple(float(value) for value in inertia),  # pyright: ignore
-            tag="assumed",
-            source=source,
-        )
+        return Payload.model_validate(fields)
     except ValidationError as error:
-        first = error.errors()[0]
-        what = ".".join(str(part) for part in first["loc"])
-        why = first["msg"].removeprefix("Value error, ")
-        text = f"{what} is {first['input']}: {why}" if what else why
-        raise PayloadError(
-            f"the payload on '{link}' is refused: {text}", "a body that can exist"
-        ) from error
+        source = f"the payload on '{link}' is refused"
+        raise refusal(error, Payload, fields, source, PayloadError) from error

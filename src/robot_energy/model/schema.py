@@ -9,16 +9,18 @@ from __future__ import annotations
 import hashlib
 from typing import Annotated, Literal
 
-from pydantic import Field, PrivateAttr, model_validator
+from pydantic import AfterValidator, Field, PrivateAttr, model_validator
+from pydantic_core import PydanticCustomError
 
-from robot_energy.model_file.figure import Entry, Figure, Number, PositiveFigure, Tag
-from robot_energy.model_file.joint import Joint
-from robot_energy.model_file.payload import Payload
+from robot_energy.model.drive_models import DRIVE_MODELS
+from robot_energy.model.figure import Figure, ModelEntry, Number, PositiveFigure, Tag
+from robot_energy.model.joint import Joint
+from robot_energy.model.payload import Payload
 
 SCHEMA_VERSION = 1
 
 
-class Coupling(Entry):
+class Coupling(ModelEntry):
     """A wrist coupling: ``motor_velocity[motor] += ratio * joint_velocity[joint]``.
 
     Attributes:
@@ -32,7 +34,7 @@ class Coupling(Entry):
     ratio: Figure
 
 
-class Capacitor(Entry):
+class Capacitor(ModelEntry):
     """DC-link capacitor that takes energy between nominal and chopper voltage.
 
     Attributes:
@@ -58,7 +60,7 @@ class Capacitor(Entry):
         return 0.5 * self.capacitance.value * squares
 
 
-class Cabinet(Entry):
+class Cabinet(ModelEntry):
     """Supply and constant losses (paper A, section II-A).
 
     Attributes:
@@ -81,7 +83,7 @@ class Cabinet(Entry):
         return self
 
 
-class Temperature(Entry):
+class TemperatureSettings(ModelEntry):
     """What to assume where no temperature is known.
 
     Attributes:
@@ -94,7 +96,7 @@ class Temperature(Entry):
     stale_after: Annotated[Number, Field(gt=0)] = 60.0
 
 
-class RobotType(Entry):
+class RobotType(ModelEntry):
     """Which machine the model is for."""
 
     type: Annotated[str, Field(min_length=1)]
@@ -102,7 +104,7 @@ class RobotType(Entry):
     description: str = ""
 
 
-class Urdf(Entry):
+class Urdf(ModelEntry):
     """Where kinematics and inertias come from: a file beside the model, text, or a topic.
 
     Attributes:
@@ -127,7 +129,7 @@ class Urdf(Entry):
         return self
 
 
-class Provenance(Entry):
+class Provenance(ModelEntry):
     """Where the file comes from."""
 
     tool_version: str = ""
@@ -136,7 +138,14 @@ class Provenance(Entry):
     notes: str = ""
 
 
-class RobotModel(Entry):
+def _known_drive(name: str) -> str:
+    if name not in DRIVE_MODELS:
+        wanted = {"wanted": DRIVE_MODELS.expected, "remedy": DRIVE_MODELS.remedy(name)}
+        raise PydanticCustomError("unknown_kind", "{wanted}", wanted)
+    return name
+
+
+class RobotModel(ModelEntry):
     """One robot's model file, validated.
 
     Attributes:
@@ -154,9 +163,9 @@ class RobotModel(Entry):
     joints: Annotated[list[Joint], Field(min_length=1)]
     coupling: tuple[Coupling, ...] = ()
     payload: tuple[Payload, ...] = ()
-    drive: Literal["ideal", "efficiency_map", "loss_model"] = "ideal"
+    drive: Annotated[str, AfterValidator(_known_drive)] = "ideal"
     cabinet: Cabinet
-    temperature: Temperature
+    temperature: TemperatureSettings
     provenance: Provenance = Provenance()
 
     _urdf_xml: str = PrivateAttr(default="")
@@ -165,21 +174,18 @@ class RobotModel(Entry):
     @model_validator(mode="after")
     def _check(self) -> RobotModel:
         names = self.joint_names
-        if len(set(names)) != len(names):
-            raise ValueError(f"joint names repeat: {list(names)}")
+        if repeated := dict.fromkeys(name for name in names if names.count(name) > 1):
+            raise ValueError(f"joint names repeat: {', '.join(repeated)}")
         for entry in self.coupling:
             for name in (entry.motor, entry.joint):
                 if name not in names:
                     raise ValueError(f"coupling names the unknown joint '{name}'")
             if entry.motor == entry.joint:
                 raise ValueError(f"coupling of '{entry.motor}' with itself; use gear_ratio")
+        kind = DRIVE_MODELS[self.drive]
         for joint in self.joints:
-            if self.drive == "loss_model" and joint.losses is None:
-                raise ValueError(f"drive is loss_model but joint '{joint.name}' has no losses")
-            if self.drive == "efficiency_map" and joint.efficiency_map is None:
-                raise ValueError(
-                    f"drive is efficiency_map but joint '{joint.name}' has no efficiency_map"
-                )
+            if kind.entry is not None and kind.of(joint) is None:
+                raise ValueError(f"drive is {kind.name} but joint '{joint.name}' has no {kind.key}")
         return self
 
     @property

@@ -14,32 +14,13 @@ and gives it back first. In every case
 from __future__ import annotations
 
 from bisect import bisect_left
-from dataclasses import dataclass
 from math import isfinite
 
 import numpy as np
 
 from robot_energy.blocks import NANOSECOND, Float, Int
-from robot_energy.model_file.schema import Cabinet
-
-
-@dataclass(frozen=True)
-class Balance:
-    """Power flows at the cabinet, shape (N,) each. [W]
-
-    Attributes:
-        loss_dc: Constant loss on the DC side.
-        loss_grid: Constant loss on the grid side plus the loss of a regenerative supply.
-        brake_power: Into the brake resistor, >= 0.
-        capacitor_power: Into the capacitor, signed.
-        grid_power: From the grid; negative while a regenerative supply feeds back.
-    """
-
-    loss_dc: Float
-    loss_grid: Float
-    brake_power: Float
-    capacitor_power: Float
-    grid_power: Float
+from robot_energy.model.schema import Cabinet
+from robot_energy.physics.equations import Balance, grid_balance
 
 
 class CabinetStage:
@@ -70,22 +51,10 @@ class CabinetStage:
             The flows.
         """
         demand = bus_power + self._loss_dc
-        capacitor = np.zeros_like(demand)
+        capacitor: Float | float = 0.0
         if self._swing > 0:
             capacitor = self._charge(stamp_ns, segment, demand)
-        supplied = demand + capacitor
-        excess = np.maximum(-supplied, 0.0)
-        brake, loss_grid = excess, np.full_like(demand, self._loss_grid)
-        if self._returned is not None:
-            brake = excess * 0.0
-            loss_grid = self._loss_grid + excess * (1 - self._returned)
-        return Balance(
-            loss_dc=np.full_like(demand, self._loss_dc),
-            loss_grid=loss_grid,
-            brake_power=brake,
-            capacitor_power=capacitor,
-            grid_power=supplied + brake + loss_grid,
-        )
+        return grid_balance(bus_power, self._loss_dc, self._loss_grid, capacitor, self._returned)
 
     def _charge(self, stamp_ns: Int, segment: Int, demand: Float) -> Float:
         """Power into the capacitor, taken as constant over the interval before a sample."""

@@ -77,8 +77,12 @@ class Derivative:
     def flush(self) -> list[JointBlock]:
         """Return what still waits for its window, and forget the past."""
         out = self._emit(closing=True)
-        self._pending, self._done = None, 0
+        self.restart()
         return out
+
+    def restart(self) -> None:
+        """Forget all samples."""
+        self._pending, self._done = None, 0
 
     def _emit(self, closing: bool) -> list[JointBlock]:
         buffer = self._pending

@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.blocks import Float
-from robot_energy.errors import ModelFileError
-from robot_energy.model_file.joint import EfficiencyMap, LossDrive
-from robot_energy.model_file.schema import RobotModel
+from robot_energy.errors import KindError, ModelFileError
+from robot_energy.model.drive_models import DRIVE_MODELS, EfficiencyMap, LossDrive
+from robot_energy.model.schema import RobotModel
+from robot_energy.physics.equations import loss_model_power
 
 
 class Drive(Protocol):
@@ -79,11 +80,18 @@ class LossModel:
         motor_temperature_degc: Float,
     ) -> tuple[Float, NDArray[np.bool_] | None]:
         """Return shaft power plus losses; the losses are never negative."""
-        speed = np.abs(motor_velocity)
-        winding = 1 + self._alpha * (motor_temperature_degc - 20.0)
-        loss = self._constant + (self._linear + self._quadratic * speed) * speed
-        loss = loss + self._copper * winding * motor_torque * motor_torque
-        return shaft_power + loss, None
+        power = loss_model_power(
+            shaft_power,
+            motor_velocity,
+            motor_torque,
+            motor_temperature_degc,
+            constant=self._constant,
+            linear=self._linear,
+            quadratic=self._quadratic,
+            copper=self._copper,
+            copper_temperature_coefficient=self._alpha,
+        )
+        return power, None
 
 
 class EfficiencyMaps:
@@ -131,19 +139,26 @@ class EfficiencyMaps:
         return power, extrapolated
 
 
+def _ideal(entries: list[object]) -> Ideal:
+    return Ideal()
+
+
+DRIVE_MODELS.complete("ideal", physics=_ideal)
+DRIVE_MODELS.complete("loss_model", physics=LossModel)
+DRIVE_MODELS.complete("efficiency_map", physics=EfficiencyMaps)
+
+
 def drive_from_model(model: RobotModel) -> Drive:
     """Build the drive model that a model file names.
 
     Raises:
         ModelFileError: If a joint lacks the figures of that model.
+        KindError: If the kind has no physics.
     """
-    if model.drive == "ideal":
-        return Ideal()
-    if model.drive == "loss_model":
-        losses = [joint.losses for joint in model.joints if joint.losses is not None]
-        if len(losses) == len(model.joints):
-            return LossModel(losses)
-    maps = [joint.efficiency_map for joint in model.joints if joint.efficiency_map is not None]
-    if model.drive == "efficiency_map" and len(maps) == len(model.joints):
-        return EfficiencyMaps(maps)
-    raise ModelFileError(f"a joint lacks the figures of the drive model '{model.drive}'")
+    kind = DRIVE_MODELS[model.drive]
+    entries = kind.entries(model.joints)
+    if kind.entry is not None and len(entries) < len(model.joints):
+        raise ModelFileError(f"a joint lacks the figures of the drive model '{model.drive}'")
+    if kind.physics is None:
+        raise KindError(f"the drive model '{kind.name}' has no physics", "a `Drive`")
+    return kind.physics(entries)

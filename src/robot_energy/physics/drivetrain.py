@@ -11,10 +11,9 @@ from __future__ import annotations
 import numpy as np
 
 from robot_energy.blocks import Float
-from robot_energy.errors import ModelFileError
-from robot_energy.model_file.schema import RobotModel
-
-MAX_CONDITION = 1e9
+from robot_energy.errors import ModelFileError, ShapeError
+from robot_energy.model.schema import RobotModel
+from robot_energy.physics.equations import mapped, torque_map
 
 
 class Drivetrain:
@@ -31,13 +30,10 @@ class Drivetrain:
     def __init__(self, transmission: Float, rotor_inertia: Float) -> None:
         self.transmission = transmission
         self.rotor_inertia = rotor_inertia
-        if not np.linalg.cond(transmission) < MAX_CONDITION:
-            raise ModelFileError(
-                "gear ratios and coupling make a matrix that cannot be inverted",
-                "motors that move the joints independently",
-                "check the coupling ratios",
-            )
-        self._torque_map = np.linalg.inv(transmission).T
+        try:
+            self._torque_map = torque_map(transmission)
+        except ShapeError as error:
+            raise ModelFileError(error.found, error.expected, error.remedy) from error
 
     @classmethod
     def from_model(cls, model: RobotModel) -> Drivetrain:
@@ -58,7 +54,7 @@ class Drivetrain:
         Returns:
             Shape (N, n). [rad/s]
         """
-        return _apply(self.transmission, joint_velocity)
+        return mapped(self.transmission, joint_velocity)
 
     def joint_velocity_from_motor(self, motor_velocity: Float) -> Float:
         """Return joint velocities.
@@ -69,7 +65,7 @@ class Drivetrain:
         Returns:
             Shape (N, n). [rad/s] or [m/s]
         """
-        return _apply(self._torque_map.T, motor_velocity)
+        return mapped(self._torque_map.T, motor_velocity)
 
     def motor_torque_from_joint(self, joint_torque: Float) -> Float:
         """Return the motor torque that balances a joint torque, without rotor inertia.
@@ -80,7 +76,7 @@ class Drivetrain:
         Returns:
             Shape (N, n). [N m]
         """
-        return _apply(self._torque_map, joint_torque)
+        return mapped(self._torque_map, joint_torque)
 
     def joint_torque_from_motor(self, motor_torque: Float) -> Float:
         """Return the joint torque that balances a motor torque, without rotor inertia.
@@ -91,7 +87,7 @@ class Drivetrain:
         Returns:
             Shape (N, n). [N m] or [N]
         """
-        return _apply(self.transmission.T, motor_torque)
+        return mapped(self.transmission.T, motor_torque)
 
     def rotor_torque(self, joint_acceleration: Float) -> Float:
         """Return the torque that accelerates the rotors (not in paper A; ours).
@@ -102,16 +98,4 @@ class Drivetrain:
         Returns:
             Motor side, shape (N, n). [N m]
         """
-        return _apply(self.transmission, joint_acceleration) * self.rotor_inertia
-
-
-def _apply(matrix: Float, values: Float) -> Float:
-    """Multiply each row by ``matrix`` in a fixed order of operations.
-
-    A matrix product of a library may sum in an order that depends on the number of rows;
-    this one does not, so a sample gives the same bits in every block.
-    """
-    result = values * np.diagonal(matrix)
-    for row, column in zip(*np.nonzero(matrix - np.diag(np.diagonal(matrix))), strict=True):
-        result[:, row] += matrix[row, column] * values[:, column]
-    return result
+        return mapped(self.transmission, joint_acceleration) * self.rotor_inertia

@@ -17,9 +17,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.blocks import Float
-from robot_energy.model_file.figure import PositiveFigure
-from robot_energy.model_file.joint import ConstantLaw, ExponentialLaw, JointFriction, TableLaw
-from robot_energy.model_file.schema import RobotModel
+from robot_energy.errors import KindError
+from robot_energy.model.figure import PositiveFigure
+from robot_energy.model.friction_laws import (
+    FRICTION_LAWS,
+    ConstantLaw,
+    ExponentialLaw,
+    LawEntry,
+    TableLaw,
+)
+from robot_energy.model.joint import JointFriction
+from robot_energy.model.schema import RobotModel
+from robot_energy.physics.equations import (
+    constant_viscous,
+    exponential_viscous,
+    friction_torque,
+    table_curve,
+)
 
 SPREAD_POINTS = 101  # of a law, over its range
 
@@ -33,12 +47,15 @@ class ViscousLaw:
     Attributes:
         lower_degc: Lower end of the fitted range. [degC]
         upper_degc: Upper end. [degC]
+        formula: fv of temperatures in that range. [N m s/rad]
+        deviation: Standard deviation of fv at temperatures in that range; NaN for
+            unknown. [N m s/rad]
     """
 
     lower_degc: float
     upper_degc: float
-    _formula: Callable[[Float], Float]
-    _deviation: Callable[[Float], Float]
+    formula: Callable[[Float], Float]
+    deviation: Callable[[Float], Float]
 
     def viscous(self, motor_temperature_degc: Float | float) -> Float:
         """Return the viscous coefficient.
@@ -52,7 +69,7 @@ class ViscousLaw:
         inside = np.clip(
             np.asarray(motor_temperature_degc, dtype=np.float64), self.lower_degc, self.upper_degc
         )
-        return self._formula(inside)
+        return self.formula(inside)
 
     def std(self, motor_temperature_degc: Float | float) -> Float:
         """Return the standard deviation of the viscous coefficient at a known temperature.
@@ -66,7 +83,7 @@ class ViscousLaw:
         """
         values = np.asarray(motor_temperature_degc, dtype=np.float64)
         known = np.isfinite(values) & ~self.extrapolated(values)
-        return np.where(known, self._deviation(np.where(known, values, 0.0)), np.nan)
+        return np.where(known, self.deviation(np.where(known, values, 0.0)), np.nan)
 
     def std_unknown(self, assumed_degc: float) -> float:
         """Return the deviation from the coefficient at an assumed temperature.
@@ -96,7 +113,7 @@ class ViscousLaw:
         return (values < self.lower_degc) | (values > self.upper_degc)
 
 
-def viscous_law(entry: ConstantLaw | ExponentialLaw | TableLaw) -> ViscousLaw:
+def viscous_law(entry: LawEntry) -> ViscousLaw:
     """Build the law that a model file names.
 
     Args:
@@ -104,30 +121,43 @@ def viscous_law(entry: ConstantLaw | ExponentialLaw | TableLaw) -> ViscousLaw:
 
     Returns:
         The law.
+
+    Raises:
+        KindError: If the law is unknown or has no curve.
     """
-    match entry:
-        case ConstantLaw():
-            value = entry.viscous.value
-            std = _level(entry.viscous.std)
-            return ViscousLaw(-np.inf, np.inf, lambda t: np.where(np.isnan(t), t, value), std)
-        case ExponentialLaw():
-            a, b, c = entry.a.value, entry.b.value, entry.c.value
-            lower, upper = entry.fitted_degc
-            std = _level(entry.std)
-            return ViscousLaw(lower, upper, lambda t: a + b * np.exp(-t / c), std)
-        case TableLaw():
-            from scipy.interpolate import PchipInterpolator  # monotone, heavy to import
+    kind = FRICTION_LAWS[entry.law]
+    if kind.curve is None:
+        raise KindError(f"the friction law '{kind.name}' has no curve", "a `ViscousLaw`")
+    return kind.curve(entry)
 
-            points = entry.motor_temperature_degc
-            curve = PchipInterpolator(points, entry.viscous)
-            deviations = entry.std
 
-            def between(degc: Float) -> Float:
-                if deviations is None:
-                    return np.full(np.shape(degc), np.nan)
-                return np.interp(degc, points, deviations)
+def _constant(entry: ConstantLaw) -> ViscousLaw:
+    value, std = entry.viscous.value, _level(entry.viscous.std)
+    return ViscousLaw(-np.inf, np.inf, lambda t: constant_viscous(t, value), std)
 
-            return ViscousLaw(points[0], points[-1], lambda t: np.asarray(curve(t)), between)
+
+def _exponential(entry: ExponentialLaw) -> ViscousLaw:
+    a, b, c = entry.a.value, entry.b.value, entry.c.value
+    lower, upper = entry.fitted_degc
+    return ViscousLaw(lower, upper, lambda t: exponential_viscous(t, a, b, c), _level(entry.std))
+
+
+def _table(entry: TableLaw) -> ViscousLaw:
+    points = entry.motor_temperature_degc
+    curve = table_curve(points, entry.viscous)
+    deviations = entry.std
+
+    def between(degc: Float) -> Float:
+        if deviations is None:
+            return np.full(np.shape(degc), np.nan)
+        return np.interp(degc, points, deviations)
+
+    return ViscousLaw(points[0], points[-1], lambda t: np.asarray(curve(t)), between)
+
+
+FRICTION_LAWS.complete("constant", curve=_constant)
+FRICTION_LAWS.complete("exponential", curve=_exponential)
+FRICTION_LAWS.complete("table", curve=_table)
 
 
 class FrictionModel:
@@ -214,19 +244,18 @@ class FrictionModel:
         Returns:
             Motor side, with the sign of w, shape (N, n). [N m]
         """
-        constant = coulomb
-        if self._load.any():
-            constant = constant + self._load * np.abs(motor_torque_rigid)
-        if self._stribeck_torque.any():
-            ratio = np.abs(motor_velocity) / self._stribeck_velocity
-            constant = constant + self._stribeck_torque * np.exp(-(ratio**self._stribeck_exponent))
-        sign = np.sign(motor_velocity)
-        if self._smooth.any():
-            with np.errstate(divide="ignore", invalid="ignore"):
-                sign = np.where(self._smooth > 0, np.tanh(motor_velocity / self._smooth), sign)
-        torque = constant * sign + viscous * motor_velocity
-        torque[standing] = 0.0
-        return torque
+        return friction_torque(
+            motor_velocity,
+            coulomb,
+            viscous,
+            motor_torque_rigid=motor_torque_rigid,
+            load_coulomb=self._load,
+            stribeck_torque=self._stribeck_torque,
+            stribeck_velocity=self._stribeck_velocity,
+            stribeck_exponent=self._stribeck_exponent,
+            smooth_velocity=self._smooth,
+            standing=standing,
+        )
 
 
 def with_fixed_friction(model: RobotModel, motor_temperature_degc: float) -> RobotModel:

@@ -1,13 +1,16 @@
-"""How much of its limits a predicted motion uses: a robot that cannot make it uses more."""
+"""How much of its limits a predicted motion uses: a robot that cannot make it uses more.
+
+Source: URDF specification, element `limit`: velocity and effort of a joint.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
 from robot_energy.blocks import NANOSECOND, Float, Int, PowerBlock, TorqueBlock
-from robot_energy.drivetrain import Drivetrain
-from robot_energy.model_file import RobotModel
-from robot_energy.urdf import JointLimits
+from robot_energy.model import RobotModel
+from robot_energy.physics.drivetrain import Drivetrain
+from robot_energy.physics.urdf.checks import JointLimits
 
 ROUNDING = 1e-6  # by which a use may exceed 1 and still be within the limit
 

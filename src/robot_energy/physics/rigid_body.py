@@ -13,9 +13,15 @@ import pinocchio as pin
 
 from robot_energy.blocks import Float, check_shape
 from robot_energy.errors import RobotDescriptionError
-from robot_energy.model_file.payload import Payload
-from robot_energy.model_file.schema import RobotModel
-from robot_energy.urdf import for_dynamics, joint_limits, moved_mass, parse, take_inventory
+from robot_energy.model.payload import Payload
+from robot_energy.model.schema import RobotModel
+from robot_energy.physics.urdf.checks import (
+    for_dynamics,
+    joint_limits,
+    moved_mass,
+    parse,
+    take_inventory,
+)
 
 
 class Robot:
@@ -265,7 +271,7 @@ class Robot:
 
     def _placed(self, joint_position: Float, link: str, *, jacobian: bool) -> tuple[pin.Data, int]:
         if not self.has_link(link):
-            raise RobotDescriptionError(f"the URDF has no link '{link}'")
+            raise RobotDescriptionError(f"the URDF has no link '{link}'", "a link of the URDF")
         data = self._scratch
         q = np.asarray(joint_position, dtype=np.float64)[self._to_model]
         if jacobian:
@@ -281,7 +287,9 @@ def _build(urdf_xml: str) -> pin.Model:
     try:
         return pin.buildModelFromXML(urdf_xml)
     except (ValueError, RuntimeError, IndexError) as error:
-        raise RobotDescriptionError(f"the URDF is not accepted: {error}") from error
+        raise RobotDescriptionError(
+            f"the URDF is not accepted: {error}", "a URDF that Pinocchio reads"
+        ) from error
 
 
 def _reduce(full: pin.Model, locked_joints: Sequence[str]) -> pin.Model:
@@ -290,7 +298,9 @@ def _reduce(full: pin.Model, locked_joints: Sequence[str]) -> pin.Model:
         locked = [full.getJointId(name) for name in locked_joints]
         return pin.buildReducedModel(full, locked, pin.neutral(full))
     except (ValueError, RuntimeError, IndexError) as error:
-        raise RobotDescriptionError(f"the URDF is not accepted: {error}") from error
+        raise RobotDescriptionError(
+            f"the URDF is not accepted: {error}", "a URDF that Pinocchio reads"
+        ) from error
 
 
 def _check_mass(model: pin.Model, joint_names: Sequence[str], mass: Sequence[float]) -> None:

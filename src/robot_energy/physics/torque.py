@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from robot_energy.blocks import JointBlock, TorqueBlock
-from robot_energy.drivetrain import Drivetrain
-from robot_energy.effort import Effort
-from robot_energy.robot import Robot
+from robot_energy.physics.drivetrain import Drivetrain
+from robot_energy.physics.effort import Effort
+from robot_energy.physics.rigid_body import Robot
 
 
 @np.errstate(invalid="ignore", over="ignore")  # bad samples become NaN, nothing else

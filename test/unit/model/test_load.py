@@ -3,7 +3,7 @@ import yaml
 
 import robots
 from robot_energy.errors import ModelFileError, RobotEnergyError
-from robot_energy.model_file import load, parse_yaml, save, validate
+from robot_energy.model import load, parse_yaml, save, validate
 from robots import figure
 
 
@@ -30,7 +30,7 @@ def broken(path, value):
         (("cabinet", "loss_dc", "value"), float("nan"), "finite"),
         (("cabinet", "loss_dc", "tag"), "guessed", "'published', 'identified'"),
         (("cabinet", "los_dc"), figure(1.0), "'cabinet.los_dc' is unknown"),
-        (("joints", 0, "gear_ratio"), figure(0.0), "joints.0.*gear_ratio must not be 0"),
+        (("joints", 0, "gear_ratio"), figure(0.0), "joints.shoulder: gear_ratio must not be 0"),
         (("joints", 1, "name"), "shoulder", "joint names repeat"),
         (("coupling", 0, "joint"), "wrist", "unknown joint 'wrist'"),
         (("schema_version",), 2, "schema_version 2; expected 1"),
@@ -54,8 +54,8 @@ def test_wrong_entry_is_named_with_found_and_expected(path, value, words):
         ("a: 1\na: 2", "'a' stands twice"),
         ("a: &x 1\nb: *x", "alias"),
         ("!!python/object/apply:os.system ['true']", "the YAML tag"),
-        ("- 1", "holds list"),
-        ("", "holds NoneType"),
+        ("- 1", "is a list"),
+        ("", "is empty; expected a mapping with schema_version, robot, urdf, joints, cabinet"),
         ("[" * 100_000, "more than 50 levels"),
     ],
 )

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from robot_energy.blocks import JointBlock
-from robot_energy.drivetrain import Drivetrain
-from robot_energy.friction import FrictionModel
-from robot_energy.model_file import RobotModel, load
-from robot_energy.model_file.figure import Figure
+from robot_energy.model import RobotModel, load
+from robot_energy.model.figure import Figure
+from robot_energy.physics.drivetrain import Drivetrain
+from robot_energy.physics.friction import FrictionModel
+from robot_energy.physics.rigid_body import Robot
 from robot_energy.pipeline import EnergyPipeline
-from robot_energy.robot import Robot
 
 G = 9.80665
 PRINTERS = ("mantis", "testbed", "irb4600")

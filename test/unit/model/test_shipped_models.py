@@ -2,7 +2,7 @@
 
 Bodies, kinematics and friction are compared with numbers typed in here from the sources, the
 kinematics through an independent Denavit-Hartenberg implementation. Dynamics of these models
-are tested with `robot_energy.robot`.
+are tested with `robot_energy.physics.rigid_body`.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ import numpy.typing as npt
 import pinocchio as pin
 import pytest
 
-from robot_energy.model_file import RobotModel, load, shipped_models
-from robot_energy.model_file.figure import Figure
-from robot_energy.model_file.joint import ExponentialLaw
+from robot_energy.model import RobotModel, load, shipped_models
+from robot_energy.model.figure import Figure
+from robot_energy.model.friction_laws import ExponentialLaw
 
 Float = npt.NDArray[np.float64]
 

@@ -3,8 +3,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robot_energy.cabinet import CabinetStage
-from robot_energy.model_file.schema import Cabinet
+from robot_energy.model.schema import Cabinet
+from robot_energy.physics.cabinet import CabinetStage
 from robots import figure
 
 

@@ -3,7 +3,7 @@ import pytest
 
 import robots
 from robot_energy.blocks import JointBlock, Quality
-from robot_energy.derivative import Derivative
+from robot_energy.physics.derivative import Derivative
 
 
 def differentiate(block, **settings):

@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 import robots
-from robot_energy.drive import EfficiencyMaps, Ideal, LossModel, drive_from_model
 from robot_energy.errors import ModelFileError
-from robot_energy.model_file.joint import EfficiencyMap, LossDrive
+from robot_energy.model.drive_models import EfficiencyMap, LossDrive
+from robot_energy.physics.drive import EfficiencyMaps, Ideal, LossModel, drive_from_model
 from robots import figure
 
 

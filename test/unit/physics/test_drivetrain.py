@@ -3,11 +3,11 @@ import pytest
 
 import robots
 from robot_energy.blocks import EffortMeaning
-from robot_energy.drivetrain import Drivetrain
-from robot_energy.effort import Effort
 from robot_energy.errors import ModelFileError
-from robot_energy.robot import Robot
-from robot_energy.torque import rigid_torque
+from robot_energy.physics.drivetrain import Drivetrain
+from robot_energy.physics.effort import Effort
+from robot_energy.physics.rigid_body import Robot
+from robot_energy.physics.torque import rigid_torque
 
 
 def test_coupling_turns_the_coupled_motor():

@@ -5,10 +5,10 @@ import pytest
 
 import robots
 from robot_energy.blocks import EffortMeaning
-from robot_energy.drivetrain import Drivetrain
-from robot_energy.effort import Effort
 from robot_energy.errors import ModelFileError
-from robot_energy.model_file import load, save
+from robot_energy.model import load, save
+from robot_energy.physics.drivetrain import Drivetrain
+from robot_energy.physics.effort import Effort
 from robots import figure
 
 

@@ -2,13 +2,9 @@ import numpy as np
 import pytest
 
 import robots
-from robot_energy.friction import FrictionModel, viscous_law, with_fixed_friction
-from robot_energy.model_file.joint import (
-    ConstantLaw,
-    ExponentialLaw,
-    JointFriction,
-    TableLaw,
-)
+from robot_energy.model.friction_laws import ConstantLaw, ExponentialLaw, TableLaw
+from robot_energy.model.joint import JointFriction
+from robot_energy.physics.friction import FrictionModel, viscous_law, with_fixed_friction
 from robots import figure
 
 

@@ -3,9 +3,9 @@ import pytest
 
 import robots
 from robot_energy.errors import RobotDescriptionError, UnknownJointError
-from robot_energy.model_file import load
-from robot_energy.model_file.schema import Payload
-from robot_energy.robot import Robot
+from robot_energy.model import load
+from robot_energy.model.schema import Payload
+from robot_energy.physics.rigid_body import Robot
 
 
 def lagrange_two_link(q, dq, ddq):

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from robot_energy.blocks import Float
 from robot_energy.errors import RobotDescriptionError, UnknownJointError
-from robot_energy.urdf_text import check_numbers, read_elements
+from robot_energy.physics.urdf.parse import check_numbers, read_elements
 
 MAX_LINKS = 1000
 UNLIMITED = 1e12  # stands for infinity, which the URDF parser does not accept
@@ -129,7 +129,9 @@ def parse(urdf_xml: str) -> ET.Element:
         raise RobotDescriptionError(f"the XML has the root '{root.tag}'", "'robot' (a URDF)")
     for kind in ("link", "joint"):
         if len(root.findall(kind)) > MAX_LINKS:
-            raise RobotDescriptionError(f"the URDF has over {MAX_LINKS} {kind}s")
+            raise RobotDescriptionError(
+                f"the URDF has over {MAX_LINKS} {kind}s", f"at most {MAX_LINKS}"
+            )
     for kind in ("link", "joint"):
         counts = Counter(str(element.get("name")) for element in root.findall(kind))
         for name, count in counts.items():
@@ -287,12 +289,13 @@ def _check_tree(root: ET.Element) -> None:
     for joint in root.findall("joint"):
         name, parent, child = joint.get("name"), joint.find("parent"), joint.find("child")
         if parent is None or child is None:
-            raise RobotDescriptionError(f"joint '{name}' lacks a parent or child")
+            raise RobotDescriptionError(f"joint '{name}' lacks a parent or child", "both, as links")
         above, below = str(parent.get("link")), str(child.get("link"))
         for link in (above, below):
             if link not in links:
                 raise RobotDescriptionError(
-                    f"joint '{name}' names the link '{link}' that is not there"
+                    f"joint '{name}' names the link '{link}' that is not there",
+                    "a link of the URDF",
                 )
         if below in parent_of:
             raise RobotDescriptionError(

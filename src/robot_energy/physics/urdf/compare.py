@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from robot_energy.model_file import RobotModel
-from robot_energy.urdf import joint_limits, parse
+from robot_energy.model import RobotModel
+from robot_energy.physics.urdf.checks import joint_limits, parse
 
 LIKE = 0.01  # limits that differ by less than this share are the same [-]
 SHOWN = 3  # joints named in one sentence

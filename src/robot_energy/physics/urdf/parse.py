@@ -16,6 +16,7 @@ from robot_energy.errors import RobotDescriptionError
 MAX_URDF_BYTES = 8 * 1024 * 1024
 MAX_ELEMENTS = 200_000
 MAX_DEPTH = 50  # elements inside elements; a real URDF has six
+MAX_ATTRIBUTES = 100  # of one element; a real URDF has six
 LARGEST = 1e9  # no figure of a robot is larger, whatever its unit
 LEAST_AXIS = 1e-6  # length of an axis that still has a direction
 LEAST_INERTIA = 1e-5  # kg m^2 by which a principal moment may be negative: digits cut off
@@ -47,7 +48,9 @@ def read_elements(urdf_xml: str) -> ET.Element:
         parser.feed(urdf_xml.strip())
         return parser.close()
     except (ET.ParseError, ValueError) as error:
-        raise RobotDescriptionError(f"the URDF is not well-formed XML ({error})") from error
+        raise RobotDescriptionError(
+            f"the URDF is not well-formed XML ({error})", "a URDF"
+        ) from error
 
 
 class _Builder(ET.TreeBuilder):
@@ -68,6 +71,10 @@ class _Builder(ET.TreeBuilder):
             )
         if self._count > MAX_ELEMENTS:
             raise RobotDescriptionError(f"the URDF has over {MAX_ELEMENTS} elements", "a robot")
+        if len(attrs) > MAX_ATTRIBUTES:
+            raise RobotDescriptionError(
+                f"the URDF has an element of {len(attrs)} attributes", f"at most {MAX_ATTRIBUTES}"
+            )
         return super().start(tag, attrs)
 
     def end(self, tag: str, /) -> ET.Element:

@@ -11,7 +11,7 @@ import pytest
 
 import robots
 from robot_energy.errors import RobotDescriptionError
-from robot_energy.robot import Robot
+from robot_energy.physics.rigid_body import Robot
 
 GOOD = robots.TWO_LINK_URDF
 NAMES = ("shoulder", "elbow")
@@ -120,7 +120,7 @@ def test_what_only_looks_odd_is_taken(urdf):
 
 def test_mass_that_the_parser_loses_is_noticed(monkeypatch):
     """Behind all checks of the text stands a sum of the kilograms."""
-    monkeypatch.setattr("robot_energy.urdf.check_numbers", lambda root: None)
+    monkeypatch.setattr("robot_energy.physics.urdf.checks.check_numbers", lambda root: None)
     for urdf in (changed('origin xyz="0.15 0 0"', 'origin xyz="0.15 0"'), changed("0.15", "x")):
         with pytest.raises(RobotDescriptionError, match="moves has 2 kg in the URDF but 0 kg"):
             Robot(urdf, NAMES)
@@ -138,7 +138,7 @@ def test_meshes_are_never_opened(tmp_path):
     file = tmp_path / "robot.urdf"
     file.write_text(changed('<link name="fore">', f'<link name="fore">{meshes}'))
     code = (
-        "import sys; from robot_energy.robot import Robot; "
+        "import sys; from robot_energy.physics.rigid_body import Robot; "
         f"print(Robot(open({str(file)!r}).read(), {NAMES!r}).moving_mass)"
     )
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
@@ -147,3 +147,11 @@ def test_meshes_are_never_opened(tmp_path):
         env=environment,
     )  # fmt: skip
     assert float(done.stdout) == robots.M1 + robots.M2
+
+
+@pytest.mark.parametrize("place", ["<link ", "<inertia ", "<origin "])
+def test_an_element_of_very_many_attributes_is_refused(place):
+    """The parser behind the dynamics compares each with all before it."""
+    attributes = " ".join(f'a{index}="1"' for index in range(101))
+    with pytest.raises(RobotDescriptionError, match="attributes"):
+        Robot(GOOD.replace(place, f"{place}{attributes} ", 1), NAMES)

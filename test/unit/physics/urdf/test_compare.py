@@ -5,8 +5,8 @@ import re
 import pytest
 
 from robot_energy.errors import RobotDescriptionError
-from robot_energy.model_file import load
-from robot_energy.urdf_agreement import disagreements
+from robot_energy.model import load
+from robot_energy.physics.urdf.compare import disagreements
 
 MODEL = load("kr16")
 

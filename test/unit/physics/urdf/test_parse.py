@@ -5,7 +5,7 @@ import pytest
 
 import robots
 from robot_energy.errors import RobotDescriptionError, RobotEnergyError
-from robot_energy.robot import Robot
+from robot_energy.physics.rigid_body import Robot
 
 MASS = (
     '<inertial><mass value="{}"/>'

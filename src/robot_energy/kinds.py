@@ -1,0 +1,157 @@
+"""Tables of kinds: everything that is of one kind of drive model, friction law, meter ...
+
+A kind is one object that brings all parts it has: its entry of the model file, its physics,
+its fit, its label. Layers above the table add their parts to the kinds that are shipped with
+`Kinds.complete`; a kind of a user brings all parts at once with `Kinds.register`, in one file.
+Nobody compares the name of a kind: who needs to know something of it asks for a field.
+"""
+
+from __future__ import annotations
+
+import difflib
+import importlib.util
+import os
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+from robot_energy.errors import KindError
+
+LIKELY = 0.6  # likeness of two words from which one may be a misspelling of the other
+GROUP = "robot_energy.kinds"  # of entry points: modules that register kinds when imported
+VARIABLE = "ROBOT_ENERGY_KINDS"  # of the environment: files that register kinds
+
+
+@dataclass(frozen=True, kw_only=True)
+class Kind:
+    """What every kind says of itself.
+
+    Attributes:
+        name: As in files and parameters.
+        label: In tables and sentences.
+        line: One line for the documentation.
+    """
+
+    name: str
+    label: str
+    line: str
+
+
+K = TypeVar("K", bound=Kind)
+
+
+class Kinds(Mapping[str, K], Generic[K]):
+    """A table of kinds by name, in the order of registration.
+
+    Args:
+        what: What a kind of this table is, for error texts.
+        kinds: Those that are shipped.
+    """
+
+    def __init__(self, what: str, *kinds: K) -> None:
+        self.what = what
+        self._kinds = {kind.name: kind for kind in kinds}
+        self._listeners: list[Callable[[], None]] = []
+
+    def __getitem__(self, name: str) -> K:
+        """Return a kind.
+
+        Raises:
+            KindError: If there is none of this name; it names the nearest.
+        """
+        if name not in self._kinds:
+            raise KindError(
+                f"the {self.what} '{name}' is unknown", self.expected, self.remedy(name)
+            )
+        return self._kinds[name]
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._kinds
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._kinds)
+
+    def __len__(self) -> int:
+        return len(self._kinds)
+
+    @property
+    def expected(self) -> str:
+        """All names in one phrase."""
+        return "one of " + ", ".join(f"'{name}'" for name in self._kinds)
+
+    def remedy(self, name: str) -> str:
+        """Return what to write instead of a wrong name; empty where none is near."""
+        near = difflib.get_close_matches(name, self._kinds, n=1, cutoff=LIKELY)
+        return f"write '{near[0]}'" if near else ""
+
+    def register(self, kind: K) -> K:
+        """Add a kind and return it.
+
+        Raises:
+            KindError: If another one has this name.
+        """
+        if kind.name in self._kinds:
+            raise KindError(f"the {self.what} '{kind.name}' is there already", "another name")
+        self._kinds[kind.name] = kind
+        try:
+            self._changed()
+        except Exception:
+            self.remove(kind.name)
+            raise
+        return kind
+
+    def complete(self, name: str, **parts: Any) -> None:
+        """Add the parts that a layer above the table has of a kind."""
+        self._kinds[name] = replace(self[name], **parts)
+
+    def remove(self, name: str) -> None:
+        """Take a kind out again."""
+        del self._kinds[name]
+        self._changed()
+
+    def on_change(self, listener: Callable[[], None]) -> None:
+        """Call something after every change of the names."""
+        self._listeners.append(listener)
+
+    def _changed(self) -> None:
+        for listener in self._listeners:
+            listener()
+
+
+def load_kinds() -> None:
+    """Import what registers kinds of the user, each once.
+
+    These are the modules of the entry points of `GROUP` and the files that the environment
+    variable `VARIABLE` lists.
+
+    Raises:
+        KindError: If a file is missing or cannot be run.
+    """
+    for entry in entry_points(group=GROUP):
+        entry.load()
+    for text in filter(None, os.environ.get(VARIABLE, "").split(os.pathsep)):
+        path = Path(text).resolve()
+        if path not in _loaded:
+            _run(path)
+            _loaded.add(path)
+
+
+_loaded: set[Path] = set()
+
+
+def _run(path: Path) -> None:
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    if spec is None or spec.loader is None or not path.is_file():
+        raise KindError(f"{VARIABLE} names {path}", "a Python file that registers kinds")
+    try:
+        spec.loader.exec_module(importlib.util.module_from_spec(spec))
+    except KindError:
+        raise
+    except Exception as error:
+        raise KindError(
+            f"{path} cannot be run ({type(error).__name__}: {error})",
+            "a Python file that registers kinds",
+            f"mend it, or leave it out of {VARIABLE}",
+        ) from error

@@ -1,0 +1,155 @@
+"""Table of the drive models: from shaft power to electrical input, motor side.
+
+Here stand the entries of the model file; `robot_energy.physics.drive` adds the physics and
+`robot_energy.identify.drives` the fits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any
+
+from pydantic import Field, model_validator
+
+from robot_energy.kinds import Kind, Kinds
+from robot_energy.model.figure import ModelEntry, Number, PositiveFigure, Tag
+
+if TYPE_CHECKING:
+    from robot_energy.model.joint import Joint
+
+
+class LossDrive(ModelEntry):
+    """P_el = P_mech + c0 + c1 |w| + c2 w^2 + copper (1 + alpha (T - 20)) tau^2, motor side.
+
+    Attributes:
+        constant: c0. [W]
+        linear: c1. [W s/rad]
+        quadratic: c2. [W s^2/rad^2]
+        copper: Copper loss per squared motor torque with windings at 20 degC. [W/(N m)^2]
+        copper_temperature_coefficient: alpha. [1/K]
+    """
+
+    constant: PositiveFigure
+    linear: PositiveFigure
+    quadratic: PositiveFigure
+    copper: PositiveFigure
+    copper_temperature_coefficient: PositiveFigure = PositiveFigure(
+        value=0.0039, tag="assumed", source="copper, usual textbook figure"
+    )
+
+
+class EfficiencyMap(ModelEntry):
+    """Reduced efficiency map of one drive (paper B, section 6): points in four quadrants.
+
+    Attributes:
+        motor_velocity: Speeds of the points. [rad/s]
+        motor_torque: Torques of the points. [N m]
+        efficiency: P_mech / P_el at the points, not 0; above 1 in the generating
+            quadrants. [-]
+        reach: Standardised distance to the nearest point beyond which the result is
+            flagged as extrapolated. [-]
+    """
+
+    motor_velocity: Annotated[list[Number], Field(min_length=1)]
+    motor_torque: Annotated[list[Number], Field(min_length=1)]
+    efficiency: Annotated[list[Number], Field(min_length=1)]
+    reach: Annotated[Number, Field(gt=0)] = 0.5
+    tag: Tag
+    source: str = ""
+
+    @model_validator(mode="after")
+    def _check(self) -> EfficiencyMap:
+        lengths = {len(self.motor_velocity), len(self.motor_torque), len(self.efficiency)}
+        if len(lengths) != 1:
+            raise ValueError("motor_velocity, motor_torque and efficiency differ in length")
+        if any(abs(value) < 1e-3 for value in self.efficiency):
+            raise ValueError("an efficiency of 0 gives no finite electrical power")
+        return self
+
+
+def _no_loss(entry: Any) -> float:
+    return 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class DriveModel(Kind):
+    """One kind of drive model. Only name, label, line and physics are needed.
+
+    Attributes:
+        key: Of its entry at every joint of a model file; empty if it has none.
+        entry: Schema of that entry.
+        physics: Makes a `robot_energy.physics.drive.Drive` of the entries of all joints.
+        constant_loss: Loss of an entry that flows whether the drive moves or not. [W]
+        lossless: Whether drive losses are missing from the energy.
+        figures: Tagged figures of the entry for tables: attribute, words, unit.
+        in_identity: Whether the identity of a model counts an absent entry too, as it does
+            for the first kinds there were.
+        fitted: Makes an entry of what identification knows of one axis, and its source;
+            None for a kind that has no fit.
+        way: Name of that fit among the ways that held-out data compare.
+    """
+
+    key: str = ""
+    entry: type[ModelEntry] | None = None
+    physics: Callable[[list[Any]], Any] | None = None
+    constant_loss: Callable[[Any], float] = _no_loss
+    lossless: bool = False
+    figures: tuple[tuple[str, str, str], ...] = ()
+    in_identity: bool = False
+    fitted: Callable[[Any, str], Any] | None = None
+    way: str = ""
+
+    def of(self, joint: Joint) -> Any:
+        """Return the entry of a joint; None if it has none."""
+        return getattr(joint, self.key, None) if self.key else None
+
+    def entries(self, joints: list[Joint]) -> list[Any]:
+        """Return the entries of the joints that have one, in their order."""
+        return [entry for joint in joints if (entry := self.of(joint)) is not None]
+
+
+DRIVE_MODELS = Kinds(
+    "drive model",
+    DriveModel(
+        name="ideal",
+        label="ideal",
+        line="electrical input is shaft power (paper A, eq. 6)",
+        lossless=True,
+    ),
+    DriveModel(
+        name="efficiency_map",
+        label="efficiency map",
+        line="shaft power over the efficiency of the nearest measured torque and speed (paper B)",
+        key="efficiency_map",
+        entry=EfficiencyMap,
+        in_identity=True,
+    ),
+    DriveModel(
+        name="loss_model",
+        label="loss model",
+        line="shaft power plus constant, speed-dependent and copper losses",
+        key="losses",
+        entry=LossDrive,
+        in_identity=True,
+        constant_loss=lambda entry: entry.constant.value,
+        figures=(
+            ("constant", "constant loss", "W"),
+            ("copper", "copper loss", "W/(N m)^2"),
+            ("linear", "linear loss", "W s/rad"),
+            ("quadratic", "quadratic loss", "W s2/rad2"),
+        ),
+    ),
+)
+
+
+def register_drive_model(kind: DriveModel) -> DriveModel:
+    """Add a drive model: model files may name it from now on.
+
+    Args:
+        kind: With its physics and, where it needs figures, with key and entry.
+
+    Raises:
+        KindError: If its name is taken.
+    """
+    return DRIVE_MODELS.register(kind)

@@ -1,0 +1,185 @@
+"""Table of the laws of viscous friction over motor temperature, motor side.
+
+Here stand the entries of the model file; `robot_energy.physics.friction` adds the curves and
+`robot_energy.identify.friction.laws` the fits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
+
+from robot_energy.kinds import Kind, Kinds
+from robot_energy.model.figure import ModelEntry, Number, PositiveFigure, Tag, without_absent
+
+
+class LawEntry(ModelEntry):
+    """Base of the entries: ``law`` names the kind.
+
+    Attributes:
+        law: Name of the law; each entry narrows it to its own.
+    """
+
+    law: Any
+
+
+class ConstantLaw(LawEntry):
+    """Viscous friction that does not know temperature.
+
+    Attributes:
+        viscous: fv, motor side. [N m s/rad]
+    """
+
+    law: Literal["constant"]
+    viscous: PositiveFigure
+
+
+class ExponentialLaw(LawEntry):
+    """fv(T) = a + b exp(-T/c), T in degC, motor side (paper A, section III).
+
+    Attributes:
+        a: Hot limit. [N m s/rad]
+        b: Amplitude at 0 degC. [N m s/rad]
+        c: Temperature scale. [K]
+        fitted_degc: Range of temperatures behind the fit; outside, the edge is held.
+        std: Greatest standard deviation of fv(T) in that range, where identification gave
+            one; those of a, b and c alone do not tell it, since they go together. [N m s/rad]
+    """
+
+    law: Literal["exponential"]
+    a: PositiveFigure
+    b: PositiveFigure
+    c: Annotated[PositiveFigure, Field()]
+    fitted_degc: tuple[Number, Number]
+    std: Annotated[float, Field(ge=0)] | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> ExponentialLaw:
+        if self.c.value <= 0:
+            raise ValueError(f"c must be > 0 K, found {self.c.value}")
+        if not self.fitted_degc[0] < self.fitted_degc[1]:
+            raise ValueError(f"fitted_degc must rise, found {list(self.fitted_degc)}")
+        return self
+
+    @model_serializer(mode="wrap")
+    def _dump(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave out an absent deviation: a model without one keeps its identity."""
+        return without_absent(dump(self), "std")
+
+
+class TableLaw(LawEntry):
+    """fv at identified temperatures, "saved directly" in paper A; monotone between them.
+
+    Attributes:
+        motor_temperature_degc: Strictly rising, at least two. [degC]
+        viscous: Same length, motor side. [N m s/rad]
+        std: Standard deviations, same length. [N m s/rad]
+        tag: How the points are known.
+        source: Where they come from.
+    """
+
+    law: Literal["table"]
+    motor_temperature_degc: Annotated[list[Number], Field(min_length=2)]
+    viscous: Annotated[list[Annotated[Number, Field(ge=0)]], Field(min_length=2)]
+    std: list[Annotated[float, Field(ge=0)]] | None = None
+    tag: Tag
+    source: str = ""
+
+    @model_validator(mode="after")
+    def _check(self) -> TableLaw:
+        temperature = self.motor_temperature_degc
+        if len(temperature) != len(self.viscous):
+            raise ValueError(
+                f"{len(temperature)} temperatures but {len(self.viscous)} viscous values"
+            )
+        if any(a >= b for a, b in pairwise(temperature)):
+            raise ValueError("motor_temperature_degc must rise strictly")
+        if self.std is not None and len(self.std) != len(self.viscous):
+            raise ValueError(f"{len(self.viscous)} viscous values but {len(self.std)} std")
+        return self
+
+
+def _shown(figures: dict[str, Any]) -> str:
+    """Every figure of an entry by its name."""
+    return ", ".join(
+        f"{key} {value['value']:.3g}" for key, value in figures.items() if isinstance(value, dict)
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrictionLaw(Kind):
+    """One law of viscous friction. Name, label, line, entry and curve are needed.
+
+    Attributes:
+        entry: Schema of the ``viscous`` entry of a joint, whose ``law`` is the name.
+        follows_temperature: Whether fv depends on the motor temperature.
+        beyond_range: Whether its formula has a meaning outside the fitted range.
+        curve: Makes a `robot_energy.physics.friction.ViscousLaw` of an entry.
+        fit: Fits an entry to samples in motion: samples and source to the entry and the
+            regression behind it; None for a law that has no fit.
+        text: What tables of identified friction show of the entry's values.
+    """
+
+    entry: type[LawEntry]
+    follows_temperature: bool = True
+    beyond_range: bool = False
+    curve: Callable[[Any], Any] | None = None
+    fit: Callable[[Any, str], Any] | None = None
+    text: Callable[[dict[str, Any]], str] = _shown
+
+
+def _constant_text(law: dict[str, Any]) -> str:
+    return f"{1e3 * law['viscous']['value']:.3g}" if law["viscous"]["value"] else "0, at bound"
+
+
+def _exponential_text(law: dict[str, Any]) -> str:
+    a, b, c = (law[key]["value"] for key in ("a", "b", "c"))
+    return f"{1e3 * a:.3g} + {1e3 * b:.3g} exp(-T/{c:.3g})"
+
+
+def _table_text(law: dict[str, Any]) -> str:
+    return " ".join(f"{1e3 * value:.3g}" for value in law["viscous"])
+
+
+FRICTION_LAWS = Kinds(
+    "friction law",
+    FrictionLaw(
+        name="constant",
+        label="constant",
+        line="one viscous coefficient at every temperature",
+        entry=ConstantLaw,
+        follows_temperature=False,
+        text=_constant_text,
+    ),
+    FrictionLaw(
+        name="exponential",
+        label="exponential",
+        line="`a + b exp(-T/c)` (paper A, section III)",
+        entry=ExponentialLaw,
+        beyond_range=True,
+        text=_exponential_text,
+    ),
+    FrictionLaw(
+        name="table",
+        label="table",
+        line="monotone interpolation of identified points",
+        entry=TableLaw,
+        text=_table_text,
+    ),
+)
+
+
+def register_friction_law(kind: FrictionLaw) -> FrictionLaw:
+    """Add a friction law: model files may name it from now on.
+
+    Args:
+        kind: With its entry and its curve.
+
+    Raises:
+        KindError: If its name is taken.
+    """
+    return FRICTION_LAWS.register(kind)

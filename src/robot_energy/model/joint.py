@@ -1,0 +1,94 @@
+"""Entries of one joint in a model file: gears, rotor, friction, drive. Motor side."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from pydantic import (
+    Field,
+    SerializerFunctionWrapHandler,
+    model_serializer,
+    model_validator,
+)
+
+from robot_energy.model.drive_models import DRIVE_MODELS, EfficiencyMap, LossDrive
+from robot_energy.model.figure import Figure, ModelEntry, Number, PositiveFigure, without_absent
+from robot_energy.model.friction_laws import LawEntry
+
+
+class Stribeck(ModelEntry):
+    """Extra Coulomb torque near standstill, ``torque * exp(-(|w|/velocity)^exponent)``.
+
+    Attributes:
+        torque: At zero velocity, motor side. [N m]
+        velocity: Motor side. [rad/s]
+        exponent: Without unit.
+    """
+
+    torque: PositiveFigure
+    velocity: PositiveFigure
+    exponent: Annotated[Number, Field(gt=0)] = 2.0
+
+
+class JointFriction(ModelEntry):
+    """Friction of one axis, motor side (paper A, eq. 3 and 8).
+
+    Attributes:
+        coulomb: fc, independent of temperature. [N m]
+        viscous: The law for fv(T).
+        smooth_velocity: w0 of the smooth sign ``tanh(w/w0)``; absent: the plain sign. [rad/s]
+        stribeck: Optional Stribeck term.
+        load_coulomb: Optional Coulomb torque per rigid motor torque. [-]
+    """
+
+    coulomb: PositiveFigure
+    viscous: LawEntry  # one of the table of friction laws, see `robot_energy.model.open_schema`
+    smooth_velocity: PositiveFigure | None = None
+    stribeck: Stribeck | None = None
+    load_coulomb: PositiveFigure | None = None
+
+
+class Joint(ModelEntry):
+    """One modelled joint and its drive, in the order of the file.
+
+    Attributes:
+        name: As in the URDF and in the joint states.
+        gear_ratio: Motor turns per joint turn; its sign is the sense. For a prismatic
+            joint: motor radians per metre.
+        rotor_inertia: Rotor and fast gear parts, motor side. [kg m^2]
+        torque_constant: Motor torque per ampere that the driver reports as effort; only
+            the effort ``motor_current`` needs it. Negative where a positive current turns
+            the motor backward. [N m/A]
+        standstill_velocity: Joint speed below which the joint counts as standing.
+            [rad/s] or [m/s]
+        friction: Friction of this axis.
+        losses: For the drive model ``loss_model``.
+        efficiency_map: For the drive model ``efficiency_map``. Drive models that are
+            registered add their keys, see `robot_energy.model.open_schema`.
+    """
+
+    name: Annotated[str, Field(min_length=1)]
+    gear_ratio: Figure
+    rotor_inertia: PositiveFigure
+    torque_constant: Figure | None = None
+    standstill_velocity: Annotated[Number, Field(gt=0)] = 2e-3
+    friction: JointFriction
+    losses: LossDrive | None = None
+    efficiency_map: EfficiencyMap | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Joint:
+        if self.gear_ratio.value == 0:
+            raise ValueError("gear_ratio must not be 0")
+        if self.torque_constant is not None and self.torque_constant.value == 0:
+            raise ValueError("torque_constant must not be 0")
+        return self
+
+    @model_serializer(mode="wrap")
+    def _dump(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave out absent keys that came later: a model without them keeps its identity."""
+        dumped = without_absent(dump(self), "torque_constant")
+        for kind in DRIVE_MODELS.values():
+            if not kind.in_identity:
+                dumped = without_absent(dumped, kind.key)
+        return dumped

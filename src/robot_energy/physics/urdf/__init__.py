@@ -1,0 +1,1 @@
+"""Robot descriptions (URDF): bounded parsing, checks, comparison."""
