@@ -7,15 +7,10 @@ from dataclasses import replace
 
 from robot_energy.bag import BagReader
 from robot_energy.errors import MissingTopicError
-from robot_energy.ingest.meter_source import BATTERY_STATE, FLOATS, POWER_READING, MeterSource
-from robot_energy.ingest.sources import (
-    FLOAT_ARRAY,
-    SELF_TOLD,
-    TEMPERATURE_TYPES,
-    TemperatureSource,
-)
-
-METER_WORDS = ("power", "energy", "watt", "current")  # in names of topics that may be a meter
+from robot_energy.inputs.meter.kinds import meter_kind
+from robot_energy.inputs.meter.source import MeterSource
+from robot_energy.inputs.sources import TemperatureSource
+from robot_energy.inputs.temperatures.kinds import TEMPERATURE_KINDS
 
 
 def resolve(bag: BagReader, name: str) -> str | None:
@@ -79,6 +74,11 @@ def named_sources(
     return held, notes
 
 
+def temperatures_by_type() -> tuple[str, ...]:
+    """Return the types of temperatures that need no settings."""
+    return tuple(name for name, kind in TEMPERATURE_KINDS.items() if kind.found_by_type)
+
+
 def sources_by_type(
     bag: BagReader, topics: tuple[str, ...] | None = None
 ) -> dict[str, TemperatureSource]:
@@ -91,17 +91,18 @@ def sources_by_type(
     Raises:
         MissingTopicError: If a topic is absent, or of a type that needs settings.
     """
+    known = temperatures_by_type()
     if topics is None:
-        topics = tuple(t for t, info in sorted(bag.topics.items()) if info.msgtype in SELF_TOLD)
+        topics = tuple(t for t, info in sorted(bag.topics.items()) if info.msgtype in known)
     for topic in topics:
         info = bag.topics.get(topic)
-        if info is not None and info.msgtype in TEMPERATURE_TYPES and info.msgtype not in SELF_TOLD:
+        if info is not None and info.msgtype in TEMPERATURE_KINDS and info.msgtype not in known:
             raise MissingTopicError(
                 f"{bag.path} has {topic} as {info.msgtype}, which does not say all by itself",
-                f"type {' or '.join(SELF_TOLD)}",
+                f"type {' or '.join(known)}",
                 "say what it means in a parameter file and name that with --inputs",
             )
-        bag.require(topic, SELF_TOLD)
+        bag.require(topic, known)
     return {
         topic: TemperatureSource(topic=topic, type=bag.topics[topic].msgtype) for topic in topics
     }
@@ -112,9 +113,9 @@ def possible_temperatures(bag: BagReader) -> list[str]:
     return [
         topic
         for topic, info in sorted(bag.topics.items())
-        if info.msgtype in TEMPERATURE_TYPES
-        and info.msgtype not in SELF_TOLD
-        and (info.msgtype != FLOAT_ARRAY or "temp" in topic.lower())
+        if info.msgtype in TEMPERATURE_KINDS
+        and not TEMPERATURE_KINDS[info.msgtype].found_by_type
+        and TEMPERATURE_KINDS[info.msgtype].topic_word in topic.lower()
     ]
 
 
@@ -137,6 +138,9 @@ def find_meter(
     """
     if topic is not None:
         other = source if source is not None and not source.pair else MeterSource()
+        info = bag.topics.get(topic)
+        if other == MeterSource() and info is not None and meter_kind(info.msgtype).found_by_type:
+            other = MeterSource(type=info.msgtype)
         bag.require(topic, other.type)
         return replace(other, topic=topic), []
     if source is not None and source != MeterSource():
@@ -148,7 +152,9 @@ def find_meter(
         for name, kind in found.topics.items():
             bag.require(name, kind)
         return found, []
-    told = [name for name, info in sorted(bag.topics.items()) if info.msgtype == POWER_READING]
+    told = [
+        name for name, info in sorted(bag.topics.items()) if meter_kind(info.msgtype).found_by_type
+    ]
     if len(told) > 1:
         raise MissingTopicError(
             f"{bag.path} has several topics of a power meter: {', '.join(told)}",
@@ -156,11 +162,10 @@ def find_meter(
             "name it with --meter",
         )
     if told:
-        return MeterSource(topic=told[0]), []
+        return MeterSource(topic=told[0], type=bag.topics[told[0]].msgtype), []
     return None, [
         f"{name} ({info.msgtype}) may be a power meter; say what it means in a parameter file "
         "and name that with --inputs"
         for name, info in sorted(bag.topics.items())
-        if info.msgtype == BATTERY_STATE
-        or (info.msgtype in FLOATS and any(word in name.lower() for word in METER_WORDS))
+        if any(word in name.lower() for word in meter_kind(info.msgtype).topic_words)
     ]

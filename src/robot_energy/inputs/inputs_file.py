@@ -10,10 +10,10 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, cast
 
-from robot_energy.errors import ModelFileError, ParameterError
-from robot_energy.ingest.parameters import Parameter, assemble
-from robot_energy.ingest.sources import Inputs
-from robot_energy.model_file import parse_yaml
+from robot_energy.config_file import parse_yaml, read_text
+from robot_energy.errors import ParameterError
+from robot_energy.inputs.parameters import Parameter, assemble, refuse_renamed
+from robot_energy.inputs.sources import Inputs
 
 MAX_BYTES = 1024 * 1024
 LIKELY = 0.85  # likeness of two names above which one is a misspelling of the other
@@ -34,7 +34,7 @@ def read_inputs(path: str | Path) -> tuple[Inputs, list[str]]:
 
     Raises:
         ParameterError: If the file cannot be read or holds no ROS parameters, two nodes
-            disagree, or a value is wrong.
+            disagree, or a value is wrong or has a name of an earlier version.
     """
     owner = str(path)
     given: dict[str, Any] = {}
@@ -54,20 +54,14 @@ def read_inputs(path: str | Path) -> tuple[Inputs, list[str]]:
         return entry.check([] if value is None else value, owner)
 
     inputs = assemble(Inputs, value_of, owner)
+    refuse_renamed(given, asked, owner)
     return inputs, list(_misspelt(given, asked, owner))
 
 
 def _nodes(path: str | Path) -> dict[str, Mapping[str, Any]]:
     """Parameters by node, as they stand in the file."""
-    try:
-        if Path(path).stat().st_size > MAX_BYTES:
-            raise ParameterError(f"{path} is larger than {MAX_BYTES} bytes", "a parameter file")
-        document = parse_yaml(Path(path).read_text(encoding="utf-8"), str(path))
-    except (OSError, UnicodeDecodeError) as error:
-        why = error.strerror if isinstance(error, OSError) else "not UTF-8"
-        raise ParameterError(f"{path} cannot be read ({why})", "a parameter file") from error
-    except ModelFileError as error:
-        raise ParameterError(error.found, error.expected, error.remedy) from error
+    text = read_text(path, ParameterError, "parameter file", MAX_BYTES)
+    document = parse_yaml(text, str(path), ParameterError)
     entries = cast("dict[Any, Any]", document) if isinstance(document, dict) else {}
     nodes = {
         str(node): cast("Mapping[str, Any]", entry[ROS_PARAMETERS])

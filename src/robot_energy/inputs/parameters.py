@@ -1,10 +1,9 @@
 """Dataclasses whose fields are parameters: described once, read from a node or from a file.
 
 A field made with `parameter` carries its meaning, range and choices. A field made with
-`group`, `named_groups` or `flat_group` holds another such dataclass:
+`group` or `named_groups` holds another such dataclass:
 
 - ``group(MeterSource)``: its parameters are ``<field>.<name>``, as in ``meter.topic``;
-- ``flat_group(JointStateSource)``: its parameters are its own names, without a prefix;
 - ``named_groups(TemperatureSource, ...)``: the field itself is a list of names, and for
   each name N there are the parameters ``N.<name>``.
 
@@ -18,7 +17,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, field, fields
 from typing import TYPE_CHECKING, Any, TypeVar, cast, get_type_hints
 
@@ -35,6 +34,17 @@ KINDS: dict[Any, str] = {
     str: "a text",
     tuple[str, ...]: "a list of texts",
 }
+HEADER, RECEIVE = "header", "receive"  # sources of stamps, the same words for every input
+RENAMED = {  # parameters of earlier versions, and what they are called now
+    "settle": "temperature_wait",
+    "joint_state_topics": "joint_states.topics",
+    "stamps": "joint_states.stamp_source",
+    "reorder": "joint_states.reorder_window",
+    "max_velocity_ratio": "joint_states.max_velocity_ratio",
+    "effort": "joint_states.effort_meaning",
+    "meter.stamps": "meter.stamp_source",
+}
+RENAMED_IN_GROUPS = {"stamps": "stamp_source"}  # of sources that the user names
 GROUP_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
 
@@ -102,7 +112,7 @@ def parameter(
     default: Any = MISSING,
     low: float | None = None,
     high: float | None = None,
-    choices: tuple[str, ...] = (),
+    choices: Collection[str] = (),
 ) -> Any:
     """Describe one parameter; without a default it is required.
 
@@ -111,7 +121,7 @@ def parameter(
         default: Value where none is given.
         low: Least value allowed.
         high: Greatest value allowed.
-        choices: The texts allowed; empty for any.
+        choices: The texts allowed, or a table of kinds; empty for any.
     """
     metadata = {"description": description, "low": low, "high": high, "choices": choices}
     return field(default=default, metadata=metadata)
@@ -120,11 +130,6 @@ def parameter(
 def group(cls: type[D]) -> D:
     """A field that holds the parameters of ``cls`` under the field's name."""
     return field(default_factory=cls, metadata={"group": cls, "how": "named"})
-
-
-def flat_group(cls: type[D]) -> D:
-    """A field that holds the parameters of ``cls`` under their own names."""
-    return field(default_factory=cls, metadata={"group": cls, "how": "flat"})
 
 
 def named_groups(
@@ -168,8 +173,31 @@ def assemble(cls: type[D], value_of: Callable[[Parameter], Any], owner: str) -> 
     Raises:
         ParameterError: If the values do not fit together, and what ``value_of`` raises.
     """
-    taken = {entry.name for entry in fields(cls) if entry.metadata.get("how") != "flat"}
+    taken = {entry.name for entry in fields(cls)}
     return _assemble(cls, value_of, owner, "", taken)
+
+
+def refuse_renamed(given: Iterable[str], known: Collection[str], owner: str) -> None:
+    """Refuse parameters by the names of earlier versions, which would count for nothing.
+
+    Args:
+        given: Names that were set.
+        known: Names of the parameters there are.
+        owner: Whose parameters they are, for the error text.
+
+    Raises:
+        ParameterError: If one was renamed.
+    """
+    for name in given:
+        group_name, dot, last = name.rpartition(".")
+        new = RENAMED.get(name)
+        if new is None and dot and last in RENAMED_IN_GROUPS:
+            inside = f"{group_name}.{RENAMED_IN_GROUPS[last]}"
+            new = inside if inside in known else None
+        if new is not None and name not in known:
+            raise ParameterError(
+                f"{owner} sets '{name}', an earlier name", f"'{new}'", f"rename it to '{new}'"
+            )
 
 
 def _assemble(
@@ -183,8 +211,6 @@ def _assemble(
         match about.get("how"):
             case "named":
                 value = _assemble(inner, value_of, owner, f"{name}.", taken)
-            case "flat":
-                value = _assemble(inner, value_of, owner, prefix, taken)
             case "many":
                 asked = Parameter(
                     name, tuple[str, ...], about["names"], about["description"], None, None, ()
@@ -196,7 +222,8 @@ def _assemble(
                 }
                 _own(about["check"], value, owner, prefix)
             case _:
-                rest = {key: about[key] for key in ("description", "low", "high", "choices")}
+                rest = {key: about[key] for key in ("description", "low", "high")}
+                rest["choices"] = tuple(about["choices"])
                 value = value_of(Parameter(name, hints[entry.name], entry.default, **rest))
         values[entry.name] = value
     return _own(lambda given: cls(**given), values, owner, prefix)

@@ -3,10 +3,10 @@
 Each source is a frozen dataclass made of `parameter` fields; its ``__post_init__`` refuses
 what does not fit together. The ``...Inputs`` classes say how sources are named among the
 parameters of a node; a node's parameters inherit those it needs, and `Inputs` is all of
-them, as `robot_energy.ingest.source_file.read_inputs` reads them for a replay.
+them, as `robot_energy.inputs.inputs_file.read_inputs` reads them for a replay.
 
-A new kind of source is one dataclass here, one ``...Inputs`` class with a `group`,
-`flat_group` or `named_groups` field, and its name among the bases of `Inputs`; nodes then
+A new kind of source is one dataclass here, one ``...Inputs`` class with a `group` or
+`named_groups` field, and its name among the bases of `Inputs`; nodes then
 declare its parameters, and the parameter file of the node serves replay.
 """
 
@@ -17,52 +17,53 @@ from dataclasses import dataclass, replace
 
 from robot_energy.blocks import EffortMeaning
 from robot_energy.errors import ParameterError
-from robot_energy.ingest.meter_source import MeterInputs
-from robot_energy.ingest.parameters import flat_group, named_groups, parameter
-
-MOTOR_TEMPERATURES = "ros2_energy_msgs/msg/MotorTemperatures"
-TEMPERATURE = "sensor_msgs/msg/Temperature"
-FLOAT_ARRAY = "std_msgs/msg/Float64MultiArray"
-DYNAMIC_JOINT_STATE = "control_msgs/msg/DynamicJointState"
-INTERFACE_VALUES = "control_msgs/msg/Float64Values"
-INTERFACE_NAMES = "control_msgs/msg/Keys"
-DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
+from robot_energy.inputs.meter.source import MeterInputs
+from robot_energy.inputs.parameters import HEADER, RECEIVE, group, named_groups, parameter
+from robot_energy.inputs.temperatures.kinds import (
+    MOTOR_TEMPERATURES,
+    TEMPERATURE_KINDS,
+    TemperatureKind,
+)
 
 NO_JOINT = "-"  # a place of an array that is none of the model's joints
-SELF_TOLD = (MOTOR_TEMPERATURES, TEMPERATURE)  # a topic of these types needs no settings
-TEMPERATURE_TYPES = (
-    MOTOR_TEMPERATURES,
-    TEMPERATURE,
-    FLOAT_ARRAY,
-    DYNAMIC_JOINT_STATE,
-    INTERFACE_VALUES,
-    DIAGNOSTICS,
-)
 
 
 @dataclass(frozen=True, kw_only=True)
 class JointStateSource:
     """The topics that bring joint states, and what the messages mean."""
 
-    joint_state_topics: tuple[str, ...] = parameter(
+    topics: tuple[str, ...] = parameter(
         "Topics of sensor_msgs/JointState; several where each brings some of the joints.",
         ("joint_states",),
     )
-    stamps: str = parameter(
-        "What dates joint states: header, or receive for drivers that do not set it.",
-        "header",
-        choices=("header", "receive"),
+    stamp_source: str = parameter(
+        "Where the stamps come from: the header, or the receive time for drivers that do not "
+        "set it.",
+        HEADER,
+        choices=(HEADER, RECEIVE),
     )
-    reorder: float = parameter(
+    reorder_window: float = parameter(
         "Window in which joint states that overtook each other are sorted [s].", 0.0, 0.0, 0.5
+    )
+    max_velocity_ratio: float = parameter(
+        "Joint states with a joint faster than so many times its velocity limit in the URDF are "
+        "refused, unless its positions say the same [-].",
+        3.0,
+        1.0,
+        1e6,
+    )
+    effort_meaning: str = parameter(
+        "What the effort of the joint states is; with it, measured shaft power stands beside "
+        "the predicted one per joint. Never guessed: none means that it is not used.",
+        str(EffortMeaning.NONE),
+        choices=tuple(str(meaning) for meaning in EffortMeaning),
     )
 
     def __post_init__(self) -> None:
-        topics = self.joint_state_topics
-        if not topics:
-            raise ParameterError("joint_state_topics is empty", "at least one topic")
-        if len(set(topics)) < len(topics):
-            raise ParameterError("joint_state_topics has a topic twice", "each topic once")
+        if not self.topics:
+            raise ParameterError("topics is empty", "at least one topic")
+        if len(set(self.topics)) < len(self.topics):
+            raise ParameterError("topics has a topic twice", "each topic once")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,7 +71,7 @@ class TemperatureSource:
     """A topic, or a pair of topics, that brings motor temperatures."""
 
     topic: str = parameter("Topic of the messages.", "motor_temperatures")
-    type: str = parameter("Type of the messages.", MOTOR_TEMPERATURES, choices=TEMPERATURE_TYPES)
+    type: str = parameter("Type of the messages.", MOTOR_TEMPERATURES, choices=TEMPERATURE_KINDS)
     unit: str = parameter("Unit of the values.", "degc", choices=("degc", "kelvin"))
     joints: tuple[str, ...] = parameter(
         "Joints of the model that the source is for. Float64MultiArray: in the order of its "
@@ -84,11 +85,11 @@ class TemperatureSource:
         "each; a * at the end stands for anything). Empty: as the model does.",
         (),
     )
-    stamps: str = parameter(
-        "Whether a reading is of the time in its header or of its receipt, which is all that "
+    stamp_source: str = parameter(
+        "Where the stamps come from: the header, or the receive time, which is all that "
         "Float64MultiArray has.",
-        "header",
-        choices=("header", "receipt"),
+        HEADER,
+        choices=(HEADER, RECEIVE),
     )
     interface: str = parameter(
         "Interface of DynamicJointState, or the last part of the keys of Float64Values, "
@@ -110,18 +111,20 @@ class TemperatureSource:
         repeated = sorted({name for name in joints if joints.count(name) > 1})
         if repeated:
             raise ParameterError(f"joints has {', '.join(repeated)} twice", "each joint once")
-        kind = self.type.rpartition("/")[2]
-        if not self.joints and (self.names or self.type in (FLOAT_ARRAY, DIAGNOSTICS)):
-            given = "names is given but joints" if self.names else f"type is {kind} but joints"
-            raise ParameterError(f"{given} is empty", "the joints of the model, in order")
-        if self.type == FLOAT_ARRAY and self.names:
-            raise ParameterError("names is given for Float64MultiArray", "joints alone")
-        if self.type == TEMPERATURE and len(self.joints) > 1 and not self.names:
+        kind = self.reading
+        if not self.joints and (self.names or kind.needs_joints):
+            given = "names is given" if self.names else f"type is {kind.label}"
             raise ParameterError(
-                f"type is Temperature and joints names {len(self.joints)}",
+                f"{given} but joints is empty", "the joints of the model, in order"
+            )
+        if not kind.named and self.names:
+            raise ParameterError(f"names is given for {kind.label}", "joints alone")
+        if kind.single and len(self.joints) > 1 and not self.names:
+            raise ParameterError(
+                f"type is {kind.label} and joints names {len(self.joints)}",
                 "one joint, or the frame id of each joint in names",
             )
-        if self.type == DIAGNOSTICS:
+        if kind.by_status:
             _fits("names", self.names or self.joints, self.joints, one_for_all=True)
             _fits("keys", self.keys, self.joints, one_for_all=True)
         elif self.names:
@@ -130,9 +133,14 @@ class TemperatureSource:
                 raise ParameterError("names has a name twice", "each name once")
 
     @property
+    def reading(self) -> TemperatureKind:
+        """What the type of the messages says of them."""
+        return TEMPERATURE_KINDS[self.type]
+
+    @property
     def keys_topic(self) -> str:
         """Topic of the keys of Float64Values; empty for all other types."""
-        if self.type != INTERFACE_VALUES:
+        if not self.reading.keys_type:
             return ""
         folder, slash, _ = self.topic.rpartition("/")
         return self.names_topic or f"{folder}{slash}names"
@@ -140,7 +148,7 @@ class TemperatureSource:
     @property
     def topics(self) -> dict[str, str]:
         """Type of the messages of each topic."""
-        keys = {self.keys_topic: INTERFACE_NAMES} if self.keys_topic else {}
+        keys = {self.keys_topic: self.reading.keys_type} if self.keys_topic else {}
         return {**keys, self.topic: self.type}
 
     def resolved(self, resolve: Callable[[str], str]) -> TemperatureSource:
@@ -198,13 +206,7 @@ class TemperatureInputs:
 class JointStateInputs:
     """Parameters of the joint states."""
 
-    joint_states: JointStateSource = flat_group(JointStateSource)
-    effort: str = parameter(
-        "What the effort of the joint states is; with it, measured shaft power stands beside "
-        "the predicted one per joint. Never guessed: none means that it is not used.",
-        str(EffortMeaning.NONE),
-        choices=tuple(str(meaning) for meaning in EffortMeaning),
-    )
+    joint_states: JointStateSource = group(JointStateSource)
 
 
 @dataclass(frozen=True, kw_only=True)

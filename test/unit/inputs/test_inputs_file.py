@@ -1,12 +1,12 @@
-from pathlib import Path
-
 import pytest
 
+from places import ROOT
 from robot_energy.errors import ParameterError
-from robot_energy.ingest.sources import FLOAT_ARRAY, Inputs, TemperatureSource
-from robot_energy.inputs_file import read_inputs
+from robot_energy.inputs.inputs_file import read_inputs
+from robot_energy.inputs.sources import Inputs, TemperatureSource
+from robot_energy.inputs.temperatures.kinds import FLOAT_ARRAY
 
-CONFIG = Path(__file__).resolve().parents[2] / "ros2_energy_monitor" / "config"
+CONFIG = ROOT / "ros2_energy_monitor" / "config"
 
 
 def written(folder, text):
@@ -57,6 +57,8 @@ def test_probable_misspellings_are_named(tmp_path):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
+        ("x:\n  ros__parameters: {reorder: 0.1}\n", "joint_states.reorder_window"),
+        ("x:\n  ros__parameters: {motors: {stamps: header}}\n", "motors.stamp_source"),
         ("temperature_sources: [arm]\n", "holds no ROS parameters"),
         ("[]", "holds no ROS parameters"),
         ("a: [", "is not valid YAML"),

@@ -3,13 +3,15 @@ from dataclasses import dataclass
 import pytest
 
 from robot_energy.errors import ParameterError
-from robot_energy.ingest.parameters import (
+from robot_energy.inputs.parameters import (
+    RENAMED,
     assemble,
-    flat_group,
     group,
     named_groups,
     parameter,
+    refuse_renamed,
 )
+from robot_energy.inputs.sources import Inputs as AllInputs
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,7 +35,7 @@ class Inputs:
     names: tuple[str, ...] = parameter("Names.", ())
     loud: bool = parameter("Whether.", False)
     meter: Probe = group(Probe)
-    rates: Rates = flat_group(Rates)
+    rates: Rates = group(Rates)
     probes: dict[str, Probe] = named_groups(Probe, "Names of probes.", "one")  # noqa: RUF009
 
 
@@ -52,14 +54,20 @@ def test_defaults_stand_where_nothing_is_given():
     assert built == Inputs()
     assert built.probes == {"one": Probe()}
     assert asked == [
-        "unit", "names", "loud", "meter.topic", "meter.depth", "rate", "probes", "one.topic",
+        "unit", "names", "loud", "meter.topic", "meter.depth", "rates.rate", "probes", "one.topic",
         "one.depth",
     ]  # fmt: skip
 
 
 def test_groups_take_their_parameters_by_full_name():
     built, asked = build(
-        **{"meter.topic": "m", "rate": 7, "probes": ["a", "b"], "b.depth": 3, "names": ["x", ""]}
+        **{
+            "meter.topic": "m",
+            "rates.rate": 7,
+            "probes": ["a", "b"],
+            "b.depth": 3,
+            "names": ["x", ""],
+        }
     )
     assert built == Inputs(
         meter=Probe(topic="m"),
@@ -86,8 +94,8 @@ def test_an_empty_list_of_groups_is_none():
         ("meter.depth", 0, ("'meter.depth' of node is 0", "an integer from 1 to 100")),
         ("meter.depth", True, ("'meter.depth' of node is True", "an integer")),
         ("one.depth", 1.5, ("'one.depth' of node is 1.5", "an integer from 1 to 100")),
-        ("rate", float("nan"), ("'rate' of node is nan", "a number from 1.0 to 10.0")),
-        ("rate", True, ("'rate' of node is True", "a number from 1.0 to 10.0")),
+        ("rates.rate", float("nan"), ("'rates.rate' of node is nan", "a number from 1.0 to 10.0")),
+        ("rates.rate", True, ("'rates.rate' of node is True", "a number from 1.0 to 10.0")),
         ("one.topic", "bad", ("'one' of node: topic is bad", "a good one")),
         ("meter.topic", "bad", ("'meter' of node: topic is bad", "a good one")),
         ("probes", ["a", "a"], ("'a' twice", "each once")),
@@ -102,3 +110,41 @@ def test_wrong_values_are_refused_in_one_sentence(name, value, words):
     for word in words:
         assert word in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def names_of(cls) -> list[str]:
+    asked: list[str] = []
+
+    def value_of(entry):
+        asked.append(entry.name)
+        return entry.default
+
+    assemble(cls, value_of, "node")
+    return asked
+
+
+@pytest.mark.parametrize("old", [*RENAMED, "motors.stamps"])
+def test_a_name_of_an_earlier_version_is_refused_with_the_new_one(old):
+    known = names_of(AllInputs)
+    new = RENAMED.get(old, "motors.stamp_source")
+    assert old not in known
+    assert new in [*known, "temperature_wait"]
+    with pytest.raises(ParameterError) as caught:
+        refuse_renamed(["unrelated", old], known, "node")
+    assert new in caught.value.expected
+    assert new in caught.value.remedy
+
+
+def test_names_of_no_input_are_nobodys_business():
+    refuse_renamed(["camera.stamps", "meter.topic", "stamp"], names_of(AllInputs), "node")
+
+
+def test_every_input_names_the_source_of_its_stamps_alike():
+    asked = []
+    assemble(AllInputs, lambda entry: asked.append(entry) or entry.default, "node")
+    sources = {entry.name: entry.choices for entry in asked if "stamp_source" in entry.name}
+    assert sources == {
+        "joint_states.stamp_source": ("header", "receive"),
+        "motors.stamp_source": ("header", "receive"),
+        "meter.stamp_source": ("by_type", "header", "receive"),
+    }

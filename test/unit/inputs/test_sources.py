@@ -1,16 +1,15 @@
 import pytest
 
 from robot_energy.errors import ParameterError
-from robot_energy.ingest.parameters import assemble
-from robot_energy.ingest.sources import (
+from robot_energy.inputs.parameters import assemble
+from robot_energy.inputs.sources import Inputs, TemperatureSource
+from robot_energy.inputs.temperatures.kinds import (
     DIAGNOSTICS,
     DYNAMIC_JOINT_STATE,
     FLOAT_ARRAY,
     INTERFACE_NAMES,
     INTERFACE_VALUES,
     TEMPERATURE,
-    Inputs,
-    TemperatureSource,
 )
 
 

@@ -10,21 +10,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.blocks import Block, Float, Int, in_any_joint
-from robot_energy.ingest.accounting import MOST_NAMES
-from robot_energy.ingest.order import BACKWARD_JUMP_NS, SECOND_NS
-from robot_energy.wire.batch import RawBatch
-from robot_energy.wire.layout import Decoder, Run, stamp_ns
+from robot_energy.cdr.batch import RawBatch
+from robot_energy.cdr.decode import Decoder, Run, stamp_ns
+from robot_energy.inputs.rejection_log import MAX_JOINTS, ByNames, remember_names
+from robot_energy.timeline.gaps import BACKWARD_JUMP_NS, SECOND_NS
+from robot_energy.timeline.stamps import BAD_STAMP, valid_stamps
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
+MAX_DECODED_BYTES = 8 * 2**20  # of messages decoded at once: names that always change take room
 Mask = NDArray[np.bool_]
 Reject = Callable[[str, int], None]
 
 
 @dataclass(frozen=True)
-class Readings(Block):
+class JointReadings(Block):
     """Messages in order of arrival.
 
     Attributes:
@@ -49,7 +51,7 @@ class Readings(Block):
         return np.ones(self.joint_position.shape, dtype=np.bool_)
 
     @staticmethod
-    def joined(parts: Sequence[Readings]) -> Readings:
+    def joined(parts: Sequence[JointReadings]) -> JointReadings:
         """Join readings in the order given; at least one."""
         if len(parts) == 1:
             return parts[0]
@@ -57,7 +59,7 @@ class Readings(Block):
             part.present is not None for part in parts
         ):
             parts = [replace(part, present=part.mask) for part in parts]
-        return Readings.concatenate(parts)
+        return JointReadings.concatenate(parts)
 
 
 class JointStateReader:
@@ -85,10 +87,11 @@ class JointStateReader:
         self._effort = effort
         self._receive_time = receive_time
         fields = ("header.stamp.sec", "header.stamp.nanosec", "name", "position", "velocity")
-        self._decoder = Decoder(JOINT_STATE, (*fields, "effort") if effort else fields, typestore)
-        self._columns: dict[tuple[str, ...], _Columns | str] = {}
+        fields = (*fields, "effort") if effort else fields
+        self._decoder = Decoder(JOINT_STATE, fields, typestore, MAX_JOINTS)
+        self._columns = ByNames[_Columns | str]()
 
-    def read(self, batches: Sequence[RawBatch], reject: Reject) -> Readings | None:
+    def read(self, batches: Sequence[RawBatch], reject: Reject) -> JointReadings | None:
         """Return what can be read, in order of arrival, or None if that is nothing.
 
         Messages of one batch stay in order. Batches are merged by their stamps; where those of
@@ -105,7 +108,7 @@ class JointStateReader:
         if len(read) == 1:
             return read[0][1][0]
         parts = [part for _, (part, _) in read]
-        whole = Readings.joined(parts)
+        whole = JointReadings.joined(parts)
         steps = [np.diff(part.stamp_ns) for part in parts]
         received = [batch.log_time_ns[rows] for batch, (_, rows) in read]
         steady = all(bool((np.abs(step) < SECOND_NS).all()) for step in steps)
@@ -120,37 +123,38 @@ class JointStateReader:
         ]
         return whole[np.lexsort((np.concatenate(newest), np.concatenate(epochs)))]
 
-    def _batch(self, batch: RawBatch, reject: Reject) -> tuple[Readings, Int]:
+    def _batch(self, batch: RawBatch, reject: Reject) -> tuple[JointReadings, Int]:
         """Return the readings of one batch and their rows, both in order of arrival."""
-        decoded = self._decoder.decode(batch)
-        reject("malformed", len(decoded.malformed))
-        placed: list[tuple[Int, Readings]] = []
-        for run in decoded.runs:
-            part = self._place(run, batch)
-            if isinstance(part, str):
-                reject(part, len(run.rows))
-            else:
-                placed.append((run.rows, part))
+        placed: list[tuple[Int, JointReadings]] = []
+        for first, piece in batch.pieces(MAX_DECODED_BYTES):
+            decoded = self._decoder.decode(piece)
+            reject("malformed", len(decoded.malformed))
+            for run in decoded.runs:
+                part = self._place(run, piece)
+                if isinstance(part, str):
+                    reject(part, len(run.rows))
+                else:
+                    placed.append((run.rows + first if first else run.rows, part))
         if len(placed) == 1:
             rows, part = placed[0]
         elif placed:
             rows = np.concatenate([rows for rows, _ in placed])
-            part = Readings.joined([part for _, part in placed])
+            part = JointReadings.joined([part for _, part in placed])
             order = np.argsort(rows)
             rows, part = rows[order], part[order]
         else:
             empty = np.empty((0, len(self._names)))
             rows = np.empty(0, dtype=np.int64)
-            return Readings(rows, empty, empty, empty if self._effort else None, None), rows
-        bad = _unusable(part, self._receive_time)
-        for reason, wrong in bad:
+            return JointReadings(rows, empty, empty, empty if self._effort else None, None), rows
+        bad = _unusable(part)
+        for reason, wrong in bad.items():
             reject(reason, int(wrong.sum()))
         if bad:
-            good = ~np.logical_or.reduce([wrong for _, wrong in bad])
+            good = ~np.logical_or.reduce(list(bad.values()))
             rows, part = rows[good], part[good]
         return part, rows
 
-    def _place(self, run: Run, batch: RawBatch) -> Readings | str:
+    def _place(self, run: Run, batch: RawBatch) -> JointReadings | str:
         """Return the readings of a run in model order, or why there are none."""
         names = run.columns["name"]
         arrays = [run.columns[key] for key in ("position", "velocity")]
@@ -160,9 +164,7 @@ class JointStateReader:
             return "malformed"
         columns = self._columns.get(names)
         if columns is None:
-            if len(self._columns) >= MOST_NAMES:
-                self._columns.clear()
-            columns = self._columns[names] = self._match(names)
+            columns = self._columns.put(names, self._match(names))
         if isinstance(columns, str):
             return columns
         position, *others = (np.asarray(array, dtype=np.float64) for array in arrays)
@@ -178,12 +180,11 @@ class JointStateReader:
         present = columns.present
         if present is not None:
             present = np.broadcast_to(present, position.shape[:1] + present.shape)
-        return Readings(stamp, placed[0], placed[1], effort, present)
+        return JointReadings(stamp, placed[0], placed[1], effort, present)
 
     def _match(self, names: tuple[str, ...]) -> _Columns | str:
         """Where the model's joints are in a message, or why it cannot be used."""
-        if len(self.ignored_joints) < MOST_NAMES:
-            self.ignored_joints |= set(names) - set(self._names)
+        remember_names(self.ignored_joints, (n for n in names if n not in self._names))
         found = [names.index(name) if name in names else -1 for name in self._names]
         if max(found, default=-1) < 0:
             return "unknown_joint"
@@ -218,16 +219,24 @@ def _newest_by_epoch(stamp: Int, epoch: Int) -> Int:
     return np.concatenate([np.maximum.accumulate(part) for part in parts])
 
 
-def _unusable(part: Readings, receive_time: bool) -> list[tuple[str, Mask]]:
-    """Which messages lack a stamp or finite numbers; empty if none does."""
-    bad: list[tuple[str, Mask]] = []
-    zero = part.stamp_ns == 0
-    if not receive_time and bool(zero.any()):
-        bad.append(("zero_stamp", zero))
-    position, velocity = part.joint_position, part.joint_velocity
-    if bool(np.isfinite(position.sum() + velocity.sum())):
-        return bad
-    wrong = in_any_joint((~np.isfinite(position) & part.mask) | np.isinf(velocity))
-    if bool(wrong.any()):
-        bad.append(("not_finite", wrong & ~zero if bad else wrong))
+def _unusable(part: JointReadings) -> dict[str, Mask]:
+    """Which messages cannot be used, each under the first reason that applies."""
+    bad: dict[str, Mask] = {}
+    left = np.ones(len(part), dtype=np.bool_)
+
+    def note(reason: str, wrong: Mask) -> None:
+        nonlocal left
+        wrong = wrong & left
+        if bool(wrong.any()):
+            bad[reason] = wrong
+            left = left & ~wrong
+
+    stamp, position, velocity = part.stamp_ns, part.joint_position, part.joint_velocity
+    if not bool(((stamp > 0) & valid_stamps(stamp)).all()):
+        note("zero_stamp", stamp == 0)
+        note(BAD_STAMP, ~valid_stamps(stamp))
+    with np.errstate(over="ignore", invalid="ignore"):
+        finite = bool(np.isfinite(position.sum() + velocity.sum()))
+    if not finite:
+        note("not_finite", in_any_joint((~np.isfinite(position) & part.mask) | np.isinf(velocity)))
     return bad

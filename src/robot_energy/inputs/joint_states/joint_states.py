@@ -8,17 +8,25 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from robot_energy.blocks import NANOSECOND, JointBlock, Quality, differences, mark
-from robot_energy.ingest.accounting import Accounting
-from robot_energy.ingest.assembly import Assembly, Samples, Verdict, differ
-from robot_energy.ingest.continuity import Continuity, Stretch
-from robot_energy.ingest.lateness import Sorter
-from robot_energy.ingest.order import StampOrder
-from robot_energy.ingest.plausibility import Finding, Plausibility
-from robot_energy.ingest.readings import JOINT_STATE, JointStateReader, Readings
-from robot_energy.ingest.rivals import Rivals
-from robot_energy.ingest.sources import JointStateSource
-from robot_energy.urdf import JointLimits
-from robot_energy.wire.batch import RawBatch
+from robot_energy.cdr.batch import RawBatch
+from robot_energy.inputs.joint_states.decode import JOINT_STATE, JointReadings, JointStateReader
+from robot_energy.inputs.joint_states.partial_states import (
+    MergeCounts,
+    MergedStates,
+    PartialStateMerger,
+    differ,
+)
+from robot_energy.inputs.joint_states.plausibility import Finding, Plausibility
+from robot_energy.inputs.joint_states.publisher_conflicts import PublisherConflictFilter
+from robot_energy.inputs.joint_states.reorder_buffer import ReorderBuffer
+from robot_energy.inputs.joint_states.velocities import IMPOSSIBLE_VELOCITY, VelocityCheck
+from robot_energy.inputs.parameters import RECEIVE
+from robot_energy.inputs.rejection_log import RejectionLog
+from robot_energy.inputs.sources import JointStateSource
+from robot_energy.physics.urdf.checks import JointLimits
+from robot_energy.timeline.epochs import STRAY_STAMP, Reach
+from robot_energy.timeline.gaps import StampOrder
+from robot_energy.timeline.streams import StreamRun, StreamSplitter, sentence_of
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
@@ -31,8 +39,9 @@ class JointStateIngest:
 
     Joints are matched by name in every message; joints that the model does not know are
     ignored and listed. Messages may carry some of the joints only, on one topic or several:
-    see `Assembly`. Stamps decide, never the clock: see `Continuity`, `Sorter` and
-    `StampOrder`. While two publishers contradict each other nothing is used: see `Rivals`.
+    see `PartialStateMerger`. Stamps decide, never the clock: see `StreamSplitter`,
+    `ReorderBuffer` and `StampOrder`. While two publishers contradict each other nothing is
+    used: see `PublisherConflictFilter`.
     What cannot be right is flagged: see `Plausibility`. Missing or NaN velocity is left NaN
     for the derivative to fill. Every message that is not used is counted by its reason.
 
@@ -64,29 +73,37 @@ class JointStateIngest:
         source: JointStateSource | None = None,
     ) -> None:
         source = source or JointStateSource()
-        self.account = Accounting()
+        self.account = RejectionLog()
         self.order = StampOrder()
         self.samples = 0
         n_joints = len(joint_names)
-        self.conflicts = Rivals(n_joints, limits)
+        self.conflicts = PublisherConflictFilter(n_joints, limits)
         self._names = tuple(joint_names)
         self._effort = effort
-        receive_time = source.stamps == "receive"
-        self._reader = JointStateReader(joint_names, effort, receive_time, typestore)
-        self._continuity = Continuity()
-        self._sorter = Sorter(round(source.reorder / NANOSECOND))
-        self._late = 0
-        self._assembly = Assembly(n_joints, limits, effort)
+        self._receive_time = source.stamp_source == RECEIVE
+        self._reader = JointStateReader(joint_names, effort, self._receive_time, typestore)
+        self._continuity = StreamSplitter(Reach(patient=False), JointReadings.joined)
+        self._source, self._limits = source, limits
         self._plausibility = Plausibility(joint_names, limits)
         self._in_parts = False  # whether a message with some of the joints was ever met
-        self._last: Samples | None = None  # the newest whole message of the epoch
-        self._disputed = False  # another message of that stamp said something else
         self._broken = False  # something is missing before the next sample
+        self._begin()
+
+    def _begin(self) -> None:
+        """Make all that holds messages."""
+        n_joints, source = len(self._names), self._source
+        self._velocities = VelocityCheck(n_joints, self._limits, source.max_velocity_ratio)
+        self._sorter = ReorderBuffer(round(source.reorder_window / NANOSECOND))
+        self._late = 0  # late messages of the sorter that are in the account
+        self._assembly = PartialStateMerger(n_joints, self._limits, self._effort)
+        self._last: MergedStates | None = None  # the newest whole message of the epoch
+        self._disputed = False  # another message of that stamp said something else
+        self._first = 0  # whether the first message waits; it counts as accepted meanwhile
 
     @property
     def newest_ns(self) -> int | None:
         """Newest stamp of the running epoch, of any joint; None before the first. [ns]"""
-        return self._continuity.newest_ns
+        return self._continuity.epochs.newest_ns
 
     @property
     def ignored_joints(self) -> set[str]:
@@ -97,6 +114,9 @@ class JointStateIngest:
     def missing_joints(self) -> set[str]:
         """Joints that were never seen, or that the last message given up had to do without."""
         if not self._in_parts:
+            if self._continuity.held is not None and self._continuity.epochs.beginning:
+                present = self._continuity.held.mask[0]
+                return {name for name, met in zip(self._names, present, strict=True) if not met}
             strange = self.account.rejected["unknown_joint"] and not self.samples
             return set(self._names) if strange else set()
         lacking = self._assembly.missing | ~np.isfinite(self._assembly.ages())
@@ -139,17 +159,19 @@ class JointStateIngest:
             )
             first, last = self.conflicts.first_ns, self.conflicts.last_ns
             found.append(Finding(sentence, first, last, severe=True))
+        epochs = self._continuity.epochs
+        stray = sentence_of(epochs, "joint states")
+        if stray and epochs.odd_ns is not None:
+            found.append(Finding(stray, epochs.odd_ns, epochs.odd_ns, severe=False))
         zero = self.account.rejected["zero_stamp"]
         if zero and not self.account.accepted:
-            found.append(
-                Finding(
-                    f"all {zero} joint states have a zero stamp: let the driver set it, "
-                    "or set stamps to 'receive'",
-                    0,
-                    0,
-                    severe=True,
-                )
+            sentence = (
+                f"all {zero} joint states were received at time zero: let the clock run"
+                if self._receive_time
+                else f"all {zero} joint states have a zero stamp: let the driver set it, "
+                "or set stamps to 'receive'"
             )
+            found.append(Finding(sentence, 0, 0, severe=True))
         if within is None or self.newest_ns is None:
             return found
         oldest = self.newest_ns - within / NANOSECOND
@@ -169,7 +191,10 @@ class JointStateIngest:
         batches = [batches] if isinstance(batches, RawBatch) else batches
         self.account.received += sum(len(batch) for batch in batches)
         readings = self._reader.read(batches, self.account.reject)
-        parts: list[Samples] = []
+        if readings is not None:
+            readings = self._velocities.step(readings)
+            self._refuse_velocities()
+        parts: list[MergedStates] = []
         if readings is not None:
             for stretch in self._continuity.step(readings):
                 parts += self._stretch(stretch)
@@ -177,7 +202,9 @@ class JointStateIngest:
 
     def flush(self) -> JointBlock | None:
         """Return what still waits, as at the end of a bag."""
-        parts: list[Samples] = []
+        parts: list[MergedStates] = []
+        self._velocities.flush()
+        self._refuse_velocities()
         for stretch in self._continuity.flush():
             parts += self._stretch(stretch)
         parts += self._end_epoch()
@@ -185,34 +212,48 @@ class JointStateIngest:
         parts += [] if held is None else [held]
         return self._block(parts)
 
-    def _stretch(self, stretch: Stretch) -> list[Samples]:
+    def restart(self) -> None:
+        """Drop what waits, as after an error; a gap follows. The account is left alone."""
+        self._continuity.restart()
+        self._begin()
+        self.conflicts.begin_epoch(restless=False, stamp_ns=0)
+        self._broken = True
+        self.order.interrupt()
+
+    def _refuse_velocities(self) -> None:
+        refused = self._velocities.refused
+        if refused is not None:
+            self.account.reject(IMPOSSIBLE_VELOCITY, len(refused))
+            self._plausibility.refused(refused)
+
+    def _stretch(self, stretch: StreamRun[JointReadings]) -> list[MergedStates]:
         """Take messages of one epoch."""
-        parts: list[Samples] = []
+        parts: list[MergedStates] = []
         if stretch.new_epoch:
             parts += self._end_epoch()
-            held = self.conflicts.begin_epoch(stretch.restless, int(stretch.readings.stamp_ns[0]))
+            held = self.conflicts.begin_epoch(stretch.restless, int(stretch.block.stamp_ns[0]))
             parts += [] if held is None else [held]
             self._assembly.begin_epoch()
             self._last = None
             self._disputed = False
             self._broken = True
-        ordered = self._sorter.step(stretch.readings)
+        ordered = self._sorter.step(stretch.block)
         if ordered is not None:
-            parts += self._ordered(ordered, stretch.rising and ordered is stretch.readings)
+            parts += self._ordered(ordered, stretch.rising and ordered is stretch.block)
         return parts
 
-    def _end_epoch(self) -> list[Samples]:
+    def _end_epoch(self) -> list[MergedStates]:
         """Take what waits for later messages of the epoch that ends."""
-        parts: list[Samples] = []
+        parts: list[MergedStates] = []
         ordered = self._sorter.flush()
         if ordered is not None:
             parts += self._ordered(ordered)
-        verdict = Verdict()
+        verdict = MergeCounts()
         parts += self._use(self._assembly.flush(verdict))
         self._count(verdict)
         return parts
 
-    def _ordered(self, readings: Readings, rising: bool = False) -> list[Samples]:
+    def _ordered(self, readings: JointReadings, rising: bool = False) -> list[MergedStates]:
         """Make samples of messages, whole ones in one go."""
         if not self._in_parts:
             if readings.present is None:
@@ -226,12 +267,12 @@ class JointStateIngest:
             if self._last is not None:
                 self._assembly.seed(self._last, self._disputed)
             return parts + self._ordered(readings[slice(whole, None)])
-        verdict = Verdict()
+        verdict = MergeCounts()
         samples = self._assembly.step(readings, verdict)
         self._count(verdict)
         return self._use(samples)
 
-    def _whole(self, readings: Readings, rising: bool = False) -> Samples | None:
+    def _whole(self, readings: JointReadings, rising: bool = False) -> MergedStates | None:
         """Messages with all joints are samples, if they are newer than the one before."""
         stamp = readings.stamp_ns
         disputed = np.zeros(len(stamp), dtype=np.bool_)
@@ -264,7 +305,7 @@ class JointStateIngest:
             disputed[0], self._disputed = True, False
         if not len(stamp):
             return None
-        samples = Samples(
+        samples = MergedStates(
             stamp_ns=stamp,
             joint_position=readings.joint_position,
             joint_velocity=readings.joint_velocity,
@@ -275,7 +316,7 @@ class JointStateIngest:
         self._last = samples[slice(-1, None)]
         return samples
 
-    def _use(self, samples: Samples | None) -> list[Samples]:
+    def _use(self, samples: MergedStates | None) -> list[MergedStates]:
         """Leave out what two publishers contradict each other about."""
         if samples is None:
             return []
@@ -287,29 +328,34 @@ class JointStateIngest:
         self.account.reject("conflicting_publisher", self.conflicts.refused - refused)
         return [] if used is None else [used]
 
-    def _count(self, verdict: Verdict) -> None:
+    def _count(self, verdict: MergeCounts) -> None:
         self.account.accepted += verdict.parts
         self.account.reject("conflicting_stamp", verdict.conflicting)
         self.account.reject("duplicate_stamp", verdict.duplicate)
         self.account.reject("older_stamp", verdict.older)
         self.account.reject("missing_joint", verdict.missing)
 
-    def _block(self, parts: list[Samples]) -> JointBlock | None:
+    def _block(self, parts: list[MergedStates]) -> JointBlock | None:
         """Number the segments, mark what is doubtful, and bring the account up to date."""
-        strays = self._continuity.strays - self.account.rejected["stray_stamp"]
-        self.account.reject("stray_stamp", strays)
+        strays = self._continuity.epochs.strays - self.account.rejected[STRAY_STAMP]
+        self.account.reject(STRAY_STAMP, strays)
         late = self._sorter.late - self._late
         self._late += late
         self.account.reject("older_stamp", late)
+        first = int(self._continuity.epochs.beginning)
+        self.account.accepted += first - self._first
+        self._first = first
         self.account.waiting = (
-            self._continuity.waiting
+            self._velocities.waiting
+            + self._continuity.waiting
+            - first
             + self._sorter.waiting
             + self._assembly.waiting
             + self.conflicts.waiting
         )
         if not parts:
             return None
-        samples = parts[0] if len(parts) == 1 else Samples.concatenate(parts)
+        samples = parts[0] if len(parts) == 1 else MergedStates.concatenate(parts)
         self.account.accepted += len(samples)
         self.samples += len(samples)
         before = self.order.segment

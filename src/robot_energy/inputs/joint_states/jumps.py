@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.blocks import NANOSECOND, Float, Int, differences
-from robot_energy.ingest.order import SECOND_NS
-from robot_energy.urdf import JointLimits
+from robot_energy.physics.urdf.checks import JointLimits
+from robot_energy.timeline.gaps import SECOND_NS
 
 Mask = NDArray[np.bool_]
 Directions = NDArray[np.int8]
@@ -19,7 +19,7 @@ MEMORY_NS = SECOND_NS  # a step back this long after a step forth belongs to it
 FULL_TURN = 2 * np.pi
 
 
-class Repeated:
+class TiledRow:
     """One value per joint, as many rows of them as asked for.
 
     Comparing with such rows is several times quicker than with one that is broadcast, as
@@ -40,7 +40,7 @@ class Repeated:
         return self._rows[:count]
 
 
-class Steps:
+class PositionJumpDetector:
     """Watches the positions of some joints for leaps: steps too far for the joint's velocity.
 
     A leap that its neighbours do not continue is a lone one: no motion, whatever the unit or
@@ -58,7 +58,7 @@ class Steps:
 
     def __init__(self, fastest: Float, wraps: Mask) -> None:
         self._allowed = TOO_FAR * np.where(np.isfinite(fastest), fastest, FASTEST)
-        self._always = Repeated(self._allowed * LEAST_TIME)
+        self._always = TiledRow(self._allowed * LEAST_TIME)
         self._wraps = wraps
         self._any_wraps = bool(wraps.any())
         self._last: tuple[int, Float] | None = None
@@ -67,16 +67,16 @@ class Steps:
         self.lone_ns: Int = np.zeros(len(fastest), dtype=np.int64)
 
     @classmethod
-    def of(cls, n_joints: int, limits: JointLimits | None) -> Steps:
+    def of(cls, n_joints: int, limits: JointLimits | None) -> PositionJumpDetector:
         """Watch all joints of a robot, by its limits if they are known."""
         if limits is None:
             return cls(np.full(n_joints, np.inf), np.zeros(n_joints, dtype=np.bool_))
         return cls(limits.velocity, limits.wraps)
 
-    def joint(self, index: int) -> Steps:
+    def joint(self, index: int) -> PositionJumpDetector:
         """Return a fresh watch of one of the joints."""
         one = slice(index, index + 1)
-        return Steps(self._allowed[one] / TOO_FAR, self._wraps[one])
+        return PositionJumpDetector(self._allowed[one] / TOO_FAR, self._wraps[one])
 
     def begin_epoch(self) -> None:
         """Forget the last position: the next is no step."""

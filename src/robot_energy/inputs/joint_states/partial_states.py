@@ -8,17 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.blocks import NANOSECOND, Block, Float, Int
-from robot_energy.ingest.order import LONGEST_GAP_NS, StampOrder
-from robot_energy.ingest.readings import Mask, Readings
-from robot_energy.ingest.steps import Steps, shortest
-from robot_energy.urdf import JointLimits
+from robot_energy.inputs.joint_states.decode import JointReadings, Mask
+from robot_energy.inputs.joint_states.jumps import PositionJumpDetector, shortest
+from robot_energy.physics.urdf.checks import JointLimits
+from robot_energy.timeline.gaps import LONGEST_GAP_NS, StampOrder
 
 PATIENCE_NS = LONGEST_GAP_NS  # a part that comes later than this by stamp is missing
 SAME = 1e-6  # positions of one stamp that differ by less are the same [rad] or [m]
 
 
 @dataclass(frozen=True)
-class Samples(Block):
+class MergedStates(Block):
     """States of all joints, in time order within an epoch.
 
     Attributes:
@@ -38,7 +38,7 @@ class Samples(Block):
 
 
 @dataclass
-class Verdict:
+class MergeCounts:
     """What became of the messages of a step.
 
     Attributes:
@@ -59,7 +59,7 @@ class Verdict:
 class _Track:
     """Readings of one joint in time order, as far back as samples may need them."""
 
-    def __init__(self, effort: bool, steps: Steps) -> None:
+    def __init__(self, effort: bool, steps: PositionJumpDetector) -> None:
         self.order = StampOrder()
         self.steps = steps
         self.stamp: Int = np.empty(0, dtype=np.int64)
@@ -94,7 +94,7 @@ class _Track:
             self.newest, self.values = self.newest[first:], self.values[:, first:]
 
 
-class Assembly:
+class PartialStateMerger:
     """Merges messages that carry some of the joints into samples of all of them.
 
     The first joint of the model leads: every reading of it is an instant to know all joints
@@ -121,7 +121,7 @@ class Assembly:
         self._n_joints = n_joints
         self._wraps = np.zeros(n_joints, dtype=np.bool_) if limits is None else limits.wraps
         self._effort = effort
-        self._steps = Steps.of(n_joints, limits)
+        self._steps = PositionJumpDetector.of(n_joints, limits)
         self._tracks = self._fresh_tracks()
         self._newest: int | None = None
         self._lead: Int = np.empty((2, 0), dtype=np.int64)  # stamp, newest stamp on arrival
@@ -144,7 +144,7 @@ class Assembly:
         """Return the longest time between readings of a joint that is bridged, shape (n,). [s]"""
         return np.array([track.order.longest_gap_ns * NANOSECOND for track in self._tracks])
 
-    def seed(self, last: Samples, disputed: bool) -> None:
+    def seed(self, last: MergedStates, disputed: bool) -> None:
         """Begin after whole messages.
 
         Args:
@@ -164,7 +164,7 @@ class Assembly:
         self._newest = None
         self._disputes = [-1] if self._disputes else []
 
-    def step(self, readings: Readings, verdict: Verdict) -> Samples | None:
+    def step(self, readings: JointReadings, verdict: MergeCounts) -> MergedStates | None:
         """Take messages of one epoch in order of arrival.
 
         Args:
@@ -205,7 +205,7 @@ class Assembly:
         self._disputes += stamp[conflict].tolist()
         return self._decide(verdict, closing=False)
 
-    def flush(self, verdict: Verdict) -> Samples | None:
+    def flush(self, verdict: MergeCounts) -> MergedStates | None:
         """Give up waiting, as at the end of an epoch."""
         return self._decide(verdict, closing=True)
 
@@ -214,7 +214,13 @@ class Assembly:
         return [_Track(self._effort, self._steps.joint(joint)) for joint in joints]
 
     def _fresh(
-        self, track: _Track, readings: Readings, rows: Int, joint: int, same: Mask, conflict: Mask
+        self,
+        track: _Track,
+        readings: JointReadings,
+        rows: Int,
+        joint: int,
+        same: Mask,
+        conflict: Mask,
     ) -> Int:
         """Rows with a new reading of a joint; marks those that repeat or contradict the last."""
         stamp = readings.stamp_ns[rows]
@@ -234,13 +240,13 @@ class Assembly:
             conflict[rows[again]] |= differ(position[again], earlier)
         return rows[fresh]
 
-    def _values(self, source: Readings | Samples, joint: int, rows: Int | slice) -> Float:
+    def _values(self, source: JointReadings | MergedStates, joint: int, rows: Int | slice) -> Float:
         columns = [source.joint_position[rows, joint], source.joint_velocity[rows, joint]]
         if source.joint_effort is not None:
             columns.append(source.joint_effort[rows, joint])
         return np.stack(columns)
 
-    def _decide(self, verdict: Verdict, closing: bool) -> Samples | None:
+    def _decide(self, verdict: MergeCounts, closing: bool) -> MergedStates | None:
         """Make samples of the leading readings whose fate is known."""
         at: Int = self._lead[0]
         arrived: Int = self._lead[1]
@@ -273,7 +279,7 @@ class Assembly:
         self._forget(int(at[count - 1]) if count else None, newest)
         return samples
 
-    def _samples(self, at: Int, right: Int, complete: Mask) -> Samples | None:
+    def _samples(self, at: Int, right: Int, complete: Mask) -> MergedStates | None:
         """Make the complete samples; note what was given up or disputed before each."""
         rows = np.flatnonzero(complete)
         if not len(rows):
@@ -293,7 +299,7 @@ class Assembly:
             after = np.searchsorted(at[rows], self._disputes, side="right")
             disputed[after[after < len(rows)]] = True
             self._disputes = [stamp for stamp in self._disputes if stamp >= at[rows[-1]]]
-        return Samples(
+        return MergedStates(
             stamp_ns=at[rows],
             joint_position=np.ascontiguousarray(values[0]),
             joint_velocity=np.ascontiguousarray(values[1]),

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robot_energy.blocks import (
     NANOSECOND,
@@ -17,8 +18,9 @@ from robot_energy.blocks import (
     in_any_joint,
     mark,
 )
-from robot_energy.ingest.steps import Repeated, shortest
-from robot_energy.urdf import JointLimits
+from robot_energy.inputs.joint_states.decode import JointReadings
+from robot_energy.inputs.joint_states.jumps import TiledRow, shortest
+from robot_energy.physics.urdf.checks import JointLimits
 
 SLACK = 0.05  # share of its range that a joint may be beyond a limit
 LEAST_SLACK = 0.05  # rad or m
@@ -93,7 +95,7 @@ class Plausibility:
             self._low, self._high = limits.lower - slack, limits.upper + slack
             self._fastest = TOO_FAST * limits.velocity
             self._wraps = limits.wraps
-        self._bounds = [Repeated(row) for row in (self._high, self._low, self._fastest)]
+        self._bounds = [TiledRow(row) for row in (self._high, self._low, self._fastest)]
         self._any_wraps = bool(self._wraps.any())
         self._beyond, self._zeros, self._astray = _Seen(), _Seen(), _Seen()
         self._least, self._most, self._speed = wide, -wide, np.zeros(n_joints)
@@ -112,6 +114,11 @@ class Plausibility:
         self._check_limits(block)
         self._check_zeros(block)
         self._check_velocities(block)
+
+    def refused(self, readings: JointReadings) -> None:
+        """Note messages that were refused for their velocity: they may tell the unit."""
+        rows = np.ones(len(readings), dtype=np.bool_)
+        self._note_beyond(readings.stamp_ns, readings.joint_position, readings.joint_velocity, rows)
 
     def findings(self) -> list[Finding]:
         """Return what was found so far, one sentence each."""
@@ -141,9 +148,14 @@ class Plausibility:
         beyond |= np.abs(velocity) > self._fastest
         rows = in_any_joint(beyond)
         mark(block.quality, rows, Quality.JOINT_STATE_IMPLAUSIBLE)
-        self._beyond.note(block.stamp_ns[rows])
-        self._least = np.minimum(self._least, position[rows].min(axis=0))
-        self._most = np.maximum(self._most, position[rows].max(axis=0))
+        self._note_beyond(block.stamp_ns, position, velocity, rows)
+
+    def _note_beyond(
+        self, stamp_ns: Int, position: Float, velocity: Float, rows: NDArray[np.bool_]
+    ) -> None:
+        self._beyond.note(stamp_ns[rows])
+        self._least = np.fmin(self._least, np.fmin.reduce(position[rows], axis=0))
+        self._most = np.fmax(self._most, np.fmax.reduce(position[rows], axis=0))
         speed = np.nan_to_num(np.abs(velocity[rows]))
         self._speed = np.maximum(self._speed, speed.max(axis=0))
 

@@ -6,23 +6,23 @@ from dataclasses import replace
 
 import numpy as np
 
-from robot_energy.ingest.assembly import Samples
-from robot_energy.ingest.order import SECOND_NS
-from robot_energy.ingest.steps import Directions, Steps
-from robot_energy.urdf import JointLimits
+from robot_energy.inputs.joint_states.jumps import Directions, PositionJumpDetector
+from robot_energy.inputs.joint_states.partial_states import MergedStates
+from robot_energy.physics.urdf.checks import JointLimits
+from robot_energy.timeline.gaps import SECOND_NS
 
 CLEAN_NS = SECOND_NS  # how long it must be quiet before samples are used again
 LONGEST_STEP_NS = SECOND_NS // 10  # more than this between two samples is no time watched
 QUARANTINE_NS = SECOND_NS // 4  # how long a leap waits for the leap back
 
 
-class Rivals:
+class PublisherConflictFilter:
     """Refuses samples while two publishers contradict each other.
 
     Signs of a second publisher: messages of one stamp that differ, stamps of two clocks that
-    take turns, and positions that leap forth and back (see `Steps`). Samples after a lone
-    leap wait a quarter of a second: if it leaps back, they are refused with it, so that
-    nothing of a false position is used. A leap that stays is a jump of one publisher (an
+    take turns, and positions that leap forth and back (see `PositionJumpDetector`). Samples
+    after a lone leap wait a quarter of a second: if it leaps back, they are refused with it,
+    so that nothing of a false position is used. A leap that stays is a jump of one publisher (an
     encoder referenced anew) and begins a new segment. After a sign, samples are refused
     until a second has passed without another.
 
@@ -44,8 +44,8 @@ class Rivals:
         self.refused = 0
         self.first_ns: int | None = None
         self.last_ns: int | None = None
-        self._steps = Steps.of(n_joints, limits)
-        self._held: Samples | None = None
+        self._steps = PositionJumpDetector.of(n_joints, limits)
+        self._held: MergedStates | None = None
         self._last_ns: int | None = None
         self._to_watch = 0  # time that must pass without a sign [ns]
         self._broken = False  # samples were refused before the next one
@@ -55,7 +55,7 @@ class Rivals:
         """Samples that wait whether a leap comes back."""
         return 0 if self._held is None else len(self._held)
 
-    def begin_epoch(self, restless: bool, stamp_ns: int) -> Samples | None:
+    def begin_epoch(self, restless: bool, stamp_ns: int) -> MergedStates | None:
         """Note that the stamps jumped back.
 
         Args:
@@ -72,7 +72,7 @@ class Rivals:
             self._note(stamp_ns)
         return held
 
-    def step(self, samples: Samples) -> Samples | None:
+    def step(self, samples: MergedStates) -> MergedStates | None:
         """Take samples of one epoch in time order; return those that can be used."""
         leaps = self._steps.leaps(samples.stamp_ns, samples.joint_position)
         calm = leaps is None and self._steps.calm and not self._to_watch
@@ -85,7 +85,7 @@ class Rivals:
         self._last_ns = int(samples.stamp_ns[-1])
         return out
 
-    def flush(self) -> Samples | None:
+    def flush(self) -> MergedStates | None:
         """Return the samples that wait; nothing says that they are wrong."""
         held, self._held = self._held, None
         if held is not None:
@@ -98,9 +98,9 @@ class Rivals:
         self.last_ns = stamp_ns
         self._to_watch = CLEAN_NS
 
-    def _judge(self, samples: Samples, leaps: Directions) -> Samples | None:
+    def _judge(self, samples: MergedStates, leaps: Directions) -> MergedStates | None:
         """Go through the samples one by one."""
-        whole = samples if self._held is None else Samples.concatenate([self._held, samples])
+        whole = samples if self._held is None else MergedStates.concatenate([self._held, samples])
         held = list(range(self.waiting))
         first = len(held)
         broken = whole.broken.copy()

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from robot_energy.blocks import Int
-from robot_energy.ingest.readings import Readings
+from robot_energy.inputs.joint_states.decode import JointReadings
 
 
-class Sorter:
+class ReorderBuffer:
     """Puts messages of the same joints into the order of their stamps.
 
     A message waits until the stamps of its joints have passed it by the window. One that
@@ -25,19 +25,19 @@ class Sorter:
         self.late = 0
         self._window_ns = window_ns
         self._newest: dict[bytes, int] = {}
-        self._held: Readings | None = None
+        self._held: JointReadings | None = None
 
     @property
     def waiting(self) -> int:
         """Messages that wait for the window to pass."""
         return 0 if self._held is None else len(self._held)
 
-    def step(self, readings: Readings) -> Readings | None:
+    def step(self, readings: JointReadings) -> JointReadings | None:
         """Take messages of one epoch in order of arrival; return those that are in order."""
         if not self._window_ns:
             return readings
         known = self.waiting
-        whole = readings if self._held is None else Readings.joined([self._held, readings])
+        whole = readings if self._held is None else JointReadings.joined([self._held, readings])
         release = np.full(len(whole), -1, dtype=np.int64)  # row whose arrival lets it go
         keep = np.ones(len(whole), dtype=np.bool_)
         for key, rows in _by_joints(whole).items():
@@ -63,14 +63,14 @@ class Sorter:
         self._held = whole[left] if bool(left.any()) else None
         return whole[free[order]] if len(free) else None
 
-    def flush(self) -> Readings | None:
+    def flush(self) -> JointReadings | None:
         """Return what still waits, as at the end of an epoch, and forget its stamps."""
         held, self._held = self._held, None
         self._newest.clear()
         return None if held is None else held[np.argsort(held.stamp_ns, kind="stable")]
 
 
-def _by_joints(readings: Readings) -> dict[bytes, Int]:
+def _by_joints(readings: JointReadings) -> dict[bytes, Int]:
     """Rows of the messages that have the same joints."""
     if readings.present is None:
         return {b"": np.arange(len(readings))}

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from robot_energy.blocks import NANOSECOND, Float, Int
-from robot_energy.comparison.pieces import Pieces
+from robot_energy.timeline.pieces import CoveredPieces
 
 CONFIRM_READINGS = 3
 CONFIRM_TIME_NS = 5_000_000_000
@@ -48,7 +48,7 @@ class _Doubt:
     unbroken: bool
 
 
-class Counter:
+class EnergyCounterDecoder:
     """Turns the readings of one counter into levels of power.
 
     Args:
@@ -90,7 +90,7 @@ class Counter:
         """Stamp since which the count has not changed; None before the first reading. [ns]"""
         return None if self._edge is None else self._edge[0]
 
-    def step(self, stamp_ns: Int, energy: Float) -> Pieces:
+    def step(self, stamp_ns: Int, energy: Float) -> CoveredPieces:
         """Take readings.
 
         Args:
@@ -110,9 +110,9 @@ class Counter:
         ]
         start, end, power = zip(*levels, strict=True) if levels else ((), (), ())
         level = np.asarray(power, dtype=np.float64)
-        return Pieces(np.asarray(start, np.int64), np.asarray(end, np.int64), level, level)
+        return CoveredPieces(np.asarray(start, np.int64), np.asarray(end, np.int64), level, level)
 
-    def _together(self, stamp: Int, energy: Float) -> Pieces | None:
+    def _together(self, stamp: Int, energy: Float) -> CoveredPieces | None:
         """All readings at once where nothing is doubtful, as nearly always; else None."""
         if self._edge is None or self._doubt is not None or len(stamp) < 2:
             return None
@@ -136,7 +136,7 @@ class Counter:
         self._sharp = sharp
         self._good_ns = self._heard_ns = int(stamp[-1])
         power = rise / (elapsed * NANOSECOND)
-        return Pieces(start, end, power, power)
+        return CoveredPieces(start, end, power, power)
 
     def _take(self, stamp: int, count: float) -> Level | None:
         """Take one reading and return the level that it ends."""

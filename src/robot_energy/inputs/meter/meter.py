@@ -9,28 +9,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.blocks import Float, Int, MeterBlock, MeterLocation, MeterMeaning
+from robot_energy.cdr.batch import RawBatch
+from robot_energy.cdr.decode import Decoder, stamp_ns
+from robot_energy.cdr.schema import ScalarField, compile_schema, leaf, leaf_paths
+from robot_energy.cdr.types import typestore as default_typestore
 from robot_energy.errors import ParameterError
-from robot_energy.ingest.accounting import Accounting
-from robot_energy.ingest.meter_source import (
-    BATTERY_STATE,
-    FLOATS,
-    HEADER,
-    POWER_READING,
-    RECEIPT,
-    MeterSource,
-)
-from robot_energy.ingest.pairing import Pairing, Values
-from robot_energy.wire.batch import RawBatch
-from robot_energy.wire.layout import Decoder, stamp_ns
-from robot_energy.wire.schema import Number, compile_schema, leaf, leaf_paths
-from robot_energy.wire.types import typestore as default_typestore
+from robot_energy.inputs.meter.source import MeterSource
+from robot_energy.inputs.meter.voltage_current_pairs import Pairing, Values
+from robot_energy.inputs.parameters import HEADER, RECEIVE
+from robot_energy.inputs.rejection_log import RejectionLog
+from robot_energy.timeline.epochs import STRAY_STAMP, Reach
+from robot_energy.timeline.stamps import BAD_STAMP, SECOND_NS, valid_stamps
+from robot_energy.timeline.streams import StreamRun, StreamSplitter, sentence_of
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
 Kind = tuple[MeterMeaning, MeterLocation]
+REACH = Reach(max_ahead_ns=3600 * SECOND_NS, prompt=True)  # meters of one reading an hour
 STAMP = ("header.stamp.sec", "header.stamp.nanosec")
-READING = ("meaning", "location", "power", "energy", "interval")
 
 
 class MeterIngest:
@@ -48,42 +45,41 @@ class MeterIngest:
         account: Received, accepted and rejected messages. Acceptance here means that
             the message could be read; the comparison counts what it could use. A current
             of a pair may turn out to be ``unpaired`` when a later message has come.
+        epochs: Jumps and outliers of the stamps.
 
     Raises:
         ParameterError: If the type lacks the number or the header that the source names.
         MessageTypeError: If the type is unknown.
     """
 
-    types = (POWER_READING,)
-
     def __init__(
         self, source: MeterSource | None = None, typestore: Typestore | None = None
     ) -> None:
         self.source = source or MeterSource()
-        self.account = Accounting()
+        self.account = RejectionLog()
         paths = self._paths(typestore or default_typestore())
         self._value_paths = paths
         fields = (*STAMP, *paths) if self._stamped else paths
         self._decoder = Decoder(self.source.type, fields, typestore)
         self._kind: Kind | None = None  # of the first reading that says it
         self._pairing = Pairing(self.source.pair_max_age, self.account)
+        self._continuity = StreamSplitter[MeterBlock](REACH, MeterBlock.concatenate)
+        self.epochs = self._continuity.epochs
 
     def _paths(self, typestore: Typestore) -> tuple[str, ...]:
         """Return the fields that hold the reading, after a check that the type has them."""
         source = self.source
         schema = compile_schema(source.type, typestore)
         headed = set(STAMP) <= set(leaf_paths(schema))
-        if source.stamps == HEADER and not headed:
-            raise ParameterError(f"stamps is header, which {source.type} does not have", RECEIPT)
-        self._stamped = headed and source.stamps != RECEIPT
-        if source.type == POWER_READING:
-            return READING
-        if source.type == BATTERY_STATE:
-            return ("voltage", "current")
-        if source.type in FLOATS:
-            return ("data",)
+        if source.stamp_source == HEADER and not headed:
+            raise ParameterError(
+                f"stamp_source is header, which {source.type} does not have", RECEIVE
+            )
+        self._stamped = headed and source.stamp_source != RECEIVE
+        if source.reading.fields:
+            return source.reading.fields
         node, axes = leaf(schema, source.value_path, source.type)
-        if axes or not isinstance(node, Number):
+        if axes or not isinstance(node, ScalarField):
             raise ParameterError(
                 f"value_path {source.value_path} of {source.type} is no number",
                 "the path of one number",
@@ -101,9 +97,43 @@ class MeterIngest:
         """
         kind = self.source.kind
         if self.source.pair and kind is not None:
-            return self._pair(batches, kind)
-        blocks = [block for batch in batches if (block := self._batch(batch, kind)) is not None]
-        return MeterBlock.concatenate(blocks) if blocks else None
+            block = self._pair(batches, kind)
+        else:
+            read = (self._batch(batch, kind) for batch in batches)
+            blocks = [block for block in read if block is not None and len(block)]
+            block = MeterBlock.concatenate(blocks) if blocks else None
+        return None if block is None else self._taken(self._continuity.step(block))
+
+    def flush(self) -> MeterBlock | None:
+        """Return what still waits and is no outlier, as at the end of a bag."""
+        return self._taken(self._continuity.flush())
+
+    def clock_doubts(self, within: float | None = None) -> list[str]:
+        """Return what the stamps say of the meter's clock, one sentence each.
+
+        Args:
+            within: Only what concerns so much of the newest time; None for all. [s]
+        """
+        topics = " and ".join(self.source.topics)
+        remedy = "synchronise the clocks, or let one meter publish"
+        clock = sentence_of(self.epochs, f"readings of the meter on {topics}", remedy, within)
+        return [clock] if clock else []
+
+    def _taken(self, stretches: list[StreamRun[MeterBlock]]) -> MeterBlock | None:
+        """Bring the account up to date."""
+        account, waiting = self.account, self._continuity.waiting
+        strays = self.epochs.strays - account.rejected[STRAY_STAMP]
+        account.reject(STRAY_STAMP, strays)
+        account.accepted += account.waiting - waiting - strays
+        account.waiting = waiting
+        if not stretches:
+            return None
+        return MeterBlock.concatenate([stretch.block for stretch in stretches])
+
+    def restart(self) -> None:
+        """Drop what waits, as after an error. The account is left alone."""
+        self._pairing = Pairing(self.source.pair_max_age, self.account)
+        self._continuity.restart()
 
     def _batch(self, batch: RawBatch, kind: Kind | None) -> MeterBlock | None:
         self.account.received += len(batch)
@@ -114,11 +144,7 @@ class MeterIngest:
         self.account.reject("zero_stamp", int((~stamped).sum()))
         if kind is None:
             return self._told(stamp, column, stamped)
-        if self.source.type == BATTERY_STATE:
-            with np.errstate(over="ignore"):
-                value = -column["voltage"] * column["current"]  # discharging is negative
-        else:
-            value = column[self._value_paths[0]]
+        value = self.source.reading.number(column)
         finite = np.isfinite(value)
         self.account.reject("not_finite", int((stamped & ~finite).sum()))
         used = stamped & finite
@@ -126,7 +152,7 @@ class MeterIngest:
         return self._readings(stamp[used], value[used], kind)
 
     def _columns(self, batch: RawBatch) -> tuple[Int, Int, dict[str, Float]]:
-        """Return the rows that could be decoded, in order, their times and their numbers."""
+        """Return the rows that could be decoded and dated, in order, with times and numbers."""
         decoded = self._decoder.decode(batch)
         self.account.reject("malformed", len(decoded.malformed))
         runs = decoded.runs
@@ -140,10 +166,15 @@ class MeterIngest:
             stamp = np.concatenate([stamp_ns(run) for run in runs])[order]
         else:
             stamp = batch.log_time_ns[rows]
+        valid = valid_stamps(stamp) & valid_stamps(stamp + self.source.shift_ns)
+        self.account.reject(BAD_STAMP, int((~valid).sum()))
         column: dict[str, Float] = {
             path: np.concatenate([run.array(path) for run in runs])[order].astype(np.float64)
             for path in self._value_paths
         }
+        if not bool(valid.all()):
+            rows, stamp = rows[valid], stamp[valid]
+            column = {path: values[valid] for path, values in column.items()}
         return rows, stamp, column
 
     def _told(
@@ -202,13 +233,15 @@ class MeterIngest:
         return self._readings(stamp, power, kind) if len(stamp) else None
 
     def _values(self, batch: RawBatch) -> Values:
-        """Finite values of one topic of a pair, which the pairing counts."""
+        """Dated finite values of one topic of a pair, which the pairing counts."""
         rows, stamp, column = self._columns(batch)
         value = column[self._value_paths[0]] if len(rows) else np.empty(0)
-        finite = np.isfinite(value)
-        self.account.reject("not_finite", int((~finite).sum()))
-        self.account.received += len(batch) - int(finite.sum())
-        return stamp[finite], value[finite]
+        stamped, finite = stamp != 0, np.isfinite(value)
+        self.account.reject("zero_stamp", int((~stamped).sum()))
+        self.account.reject("not_finite", int((stamped & ~finite).sum()))
+        used = stamped & finite
+        self.account.received += len(batch) - int(used.sum())
+        return stamp[used], value[used]
 
 
 def _sequence(parts: Sequence[Values]) -> Values:

@@ -2,18 +2,39 @@
 
 from __future__ import annotations
 
-from collections import Counter as Counts
+from collections import Counter
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.blocks import NANOSECOND, Float, Int, MeterBlock, MeterMeaning
-from robot_energy.comparison.counter import Counter
-from robot_energy.comparison.pieces import Pieces
+from robot_energy.inputs.meter.energy_counter import EnergyCounterDecoder
+from robot_energy.timeline.pieces import CoveredPieces
 
 BACKWARD_JUMP_NS = 1_000_000_000  # older readings than this are a new epoch, not late ones
+BEGIN_NS = 100_000_000  # the same at first, when a reading before may be the wrong one
 MAX_POWER = 1e6  # no robot draws a megawatt, and the exact sums hold up to there [W]
 LONGEST_INTERVAL = 86_400.0  # of a mean [s]
+
+
+@dataclass(frozen=True)
+class MeterLimits:
+    """What the user says of the readings of one meter.
+
+    Attributes:
+        max_gap: Longest time between readings that is bridged. [s]
+        max_power: Readings that say or imply more, either way, are refused. [W]
+        wraps_at: Reading at which a counter starts again from zero; None: it never does. [J]
+    """
+
+    max_gap: float = 2.0
+    max_power: float = MAX_POWER
+    wraps_at: float | None = None
+
+    def pieces(self, block: MeterBlock) -> list[CoveredPieces]:
+        """Return the pieces of a whole recording's readings, epoch by epoch."""
+        return MeterCurve(self.max_gap, self.max_power, self.wraps_at).step(block)
 
 
 class MeterCurve:
@@ -32,7 +53,7 @@ class MeterCurve:
         gaps: Pairs of readings that lie further apart than is bridged.
         spacing_ns: Time between the two newest readings; None before the second. [ns]
         newest_ns: Stamp of the newest reading; None before the first. [ns]
-        left_ns: Stamp of the newest reading before the last backward jump. [ns]
+        left: Readings in each epoch that ended in the last step.
     """
 
     def __init__(
@@ -40,17 +61,18 @@ class MeterCurve:
     ) -> None:
         self.received = 0
         self.accepted = 0
-        self.rejected: Counts[str] = Counts()
+        self.rejected: Counter[str] = Counter()
         self.gaps = 0
         self.spacing_ns: int | None = None
         self.newest_ns: int | None = None
-        self.left_ns = 0
+        self.left: list[int] = []
+        self._readings = 0  # in the running epoch
         self._max_gap_ns = round(max_gap / NANOSECOND)
         self._max_power = max_power
-        self.counter = Counter(self._max_gap_ns, max_power, wraps_at)
+        self.counter = EnergyCounterDecoder(self._max_gap_ns, max_power, wraps_at)
         self._last: tuple[int, float] | None = None  # stamp and power of the epoch's newest
 
-    def step(self, block: MeterBlock) -> list[Pieces]:
+    def step(self, block: MeterBlock) -> list[CoveredPieces]:
         """Take readings.
 
         Args:
@@ -65,13 +87,13 @@ class MeterCurve:
         value = block.energy if cumulative else block.power
         good = self._usable(block, value, cumulative)
         epochs = self._epochs(block.stamp_ns, good)
-        pieces: list[Pieces] = []
+        pieces: list[CoveredPieces] = []
         for number, rows in enumerate(epochs):
             if number:
                 self._last = None
                 self.counter.restart()
             if not len(rows):
-                pieces.append(Pieces.empty())
+                pieces.append(CoveredPieces.empty())
             elif cumulative:
                 pieces.append(self._counted(block.stamp_ns[rows], value[rows]))
             else:
@@ -101,6 +123,7 @@ class MeterCurve:
         """Rows of usable readings that are newer than all before, epoch by epoch."""
         rows = np.flatnonzero(good)
         stamps = stamp_ns[rows]
+        self.left = []
         if not len(rows):
             return [rows]
         newest = self.newest_ns
@@ -108,19 +131,23 @@ class MeterCurve:
         rising = newest is None or first > newest
         steps = np.diff(stamps)
         if rising and bool((steps > 0).all()):
+            self._readings += len(rows)
             self._keep_time(int(stamps[-1]), first if newest is None else newest, steps)
             return [rows]
         epochs: list[list[int]] = [[]]
         for row, stamp in zip(rows.tolist(), stamps.tolist(), strict=True):
             if newest is not None and stamp <= newest:
-                if stamp > newest - BACKWARD_JUMP_NS:
+                reach = BACKWARD_JUMP_NS if self._readings > 1 else BEGIN_NS
+                if stamp > newest - reach:
                     self._reject("meter_not_newer", 1)
                     continue
                 epochs.append([])
-                self.left_ns = newest
+                self.left.append(self._readings)
+                self._readings = 0
             elif newest is not None:
                 self._space(stamp - newest)
             epochs[-1].append(row)
+            self._readings += 1
             newest = stamp
         self.newest_ns = newest
         return [np.asarray(rows, dtype=np.int64) for rows in epochs]
@@ -140,7 +167,7 @@ class MeterCurve:
         self.gaps += step > self._max_gap_ns
         self.spacing_ns = step
 
-    def _counted(self, stamp_ns: Int, energy: Float) -> Pieces:
+    def _counted(self, stamp_ns: Int, energy: Float) -> CoveredPieces:
         counter = self.counter
         low, high = counter.low, counter.high
         pieces = counter.step(stamp_ns, energy)
@@ -149,7 +176,7 @@ class MeterCurve:
         self.accepted += len(stamp_ns) - (counter.low - low) - (counter.high - high)
         return pieces
 
-    def _pieces(self, block: MeterBlock, rows: Int, value: Float) -> Pieces:
+    def _pieces(self, block: MeterBlock, rows: Int, value: Float) -> CoveredPieces:
         stamp, power = block.stamp_ns[rows], value[rows]
         previous, before = np.empty_like(stamp), np.empty_like(power)
         previous[1:], before[1:] = stamp[:-1], power[:-1]
@@ -159,7 +186,7 @@ class MeterCurve:
         self._last = (int(stamp[-1]), float(power[-1]))
         if block.meaning is MeterMeaning.INSTANTANEOUS:
             keep = known & (stamp - previous <= self._max_gap_ns)
-            return Pieces(previous, stamp, before, power)[keep]
+            return CoveredPieces(previous, stamp, before, power)[keep]
         start = stamp - np.rint(block.interval[rows] / NANOSECOND).astype(np.int64)
         start = np.where(known, np.maximum(start, previous), start)
-        return Pieces(start, stamp, power, power)
+        return CoveredPieces(start, stamp, power, power)

@@ -7,15 +7,17 @@ from dataclasses import dataclass, replace
 
 from robot_energy.blocks import NANOSECOND, MeterLocation, MeterMeaning
 from robot_energy.errors import ParameterError
-from robot_energy.ingest.parameters import group, parameter
+from robot_energy.inputs.meter.kinds import (
+    BATTERY_STATE,
+    FLOAT32,
+    FLOAT64,
+    METER_KINDS,
+    POWER_READING,
+    MeterKind,
+    meter_kind,
+)
+from robot_energy.inputs.parameters import HEADER, RECEIVE, group, parameter
 from robot_energy.units import ENERGY_UNITS, POWER_UNITS
-
-POWER_READING = "ros2_energy_msgs/msg/PowerReading"
-FLOAT64 = "std_msgs/msg/Float64"
-FLOAT32 = "std_msgs/msg/Float32"
-BATTERY_STATE = "sensor_msgs/msg/BatteryState"
-FLOATS = (FLOAT64, FLOAT32)
-KNOWN_TYPES = (POWER_READING, *FLOATS, BATTERY_STATE)
 
 BY_TYPE = "by_type"
 QUANTITIES = ("power", "energy")
@@ -26,7 +28,6 @@ LOCATIONS = tuple(
     place.name.lower() for place in MeterLocation if place is not MeterLocation.UNKNOWN
 )
 END, CENTRE, START = "end", "centre", "start"
-HEADER, RECEIPT = "header", "receipt"
 LOAD_POSITIVE, LOAD_NEGATIVE = "load_positive", "load_negative"
 
 
@@ -94,11 +95,11 @@ class MeterSource:
         0.001,
         3600.0,
     )
-    stamps: str = parameter(
-        "Whether a reading is of the time in its header or of its receipt; by_type: of the "
-        "header where there is one.",
+    stamp_source: str = parameter(
+        "Where the stamps come from: the header, or the receive time; by_type: the header "
+        "where there is one.",
         BY_TYPE,
-        choices=(BY_TYPE, HEADER, RECEIPT),
+        choices=(BY_TYPE, HEADER, RECEIVE),
     )
     stamp_offset: float = parameter(
         "Added to the stamps, where the clock of the meter is off by a known time [s].",
@@ -120,13 +121,13 @@ class MeterSource:
     def __post_init__(self) -> None:
         if not self.pair and not self.topic:
             raise ParameterError("topic is empty", "the topic of the readings")
-        if self.type == POWER_READING:
+        if self.reading.says_all:
             self._refuse_what_a_reading_says()
         else:
             self._check_topics()
             self._check_unit()
             self._check_meaning()
-        if self.wraps_at and not (self.cumulative or self.type == POWER_READING):
+        if self.wraps_at and not (self.cumulative or self.reading.says_all):
             raise ParameterError("wraps_at is given for a power", "a unit of energy, or 0")
 
     def _refuse_what_a_reading_says(self) -> None:
@@ -143,7 +144,7 @@ class MeterSource:
         wrong = [name for name, given in spoken.items() if given]
         if wrong:
             raise ParameterError(
-                f"{', '.join(wrong)} given for PowerReading, which says all that by itself",
+                f"{', '.join(wrong)} given for {_name(self.type)}, which says all that by itself",
                 f"another type, such as {FLOAT64}",
             )
 
@@ -151,36 +152,41 @@ class MeterSource:
         if bool(self.voltage_topic) != bool(self.current_topic):
             lone = "voltage_topic" if self.voltage_topic else "current_topic"
             raise ParameterError(f"{lone} is given alone", "voltage_topic and current_topic")
-        if self.pair and self.type not in FLOATS:
-            raise ParameterError(f"a pair of topics of type {self.type}", f"{' or '.join(FLOATS)}")
+        kind = self.reading
+        if self.pair and not kind.pairs:
+            types = " or ".join(name for name, each in METER_KINDS.items() if each.pairs)
+            raise ParameterError(f"a pair of topics of type {self.type}", types)
         if self.pair and self.voltage_topic == self.current_topic:
             raise ParameterError("voltage_topic and current_topic are the same", "two topics")
-        if self.type in FLOATS and self.stamps == HEADER:
+        if kind.headed is False and self.stamp_source == HEADER:
             raise ParameterError(
-                f"stamps is header, which {_name(self.type)} does not have", RECEIPT
+                f"stamp_source is header, which {_name(self.type)} does not have", RECEIVE
             )
-        if self.type in KNOWN_TYPES and self.value_path:
+        if kind.fields and self.value_path:
             raise ParameterError(
                 f"value_path is given for {_name(self.type)}, whose number is known",
                 "another type, or no value_path",
             )
-        if self.type not in KNOWN_TYPES and not self.value_path:
+        if not kind.fields and not self.value_path:
             raise ParameterError(
                 f"type is {self.type} but value_path is empty",
                 "the path of the number in its messages",
             )
-        if self.location == BY_TYPE and self.type != BATTERY_STATE:
+        if self.location == BY_TYPE and not kind.location:
             raise ParameterError(
                 f"location is by_type, which {_name(self.type)} does not say",
                 " or ".join(LOCATIONS),
             )
 
     def _check_unit(self) -> None:
-        if self.product:
-            if self.unit not in (BY_TYPE, "W") or self.quantity == "energy":
+        kind = self.reading
+        implied, quantity = ("W", "power") if self.pair else (kind.unit, kind.quantity)
+        if implied:
+            if self.unit not in (BY_TYPE, implied) or self.quantity not in (BY_TYPE, quantity):
+                what = "voltage times current" if self.pair else kind.label
                 raise ParameterError(
-                    "a unit or quantity other than power in W given for voltage times current",
-                    "by_type, and scale where V and A are not meant",
+                    f"a unit or quantity other than {quantity} in {implied} given for {what}",
+                    "by_type, and scale where the numbers are in other units",
                 )
             return
         if self.unit == BY_TYPE:
@@ -203,7 +209,8 @@ class MeterSource:
                 f"{'an energy' if self.cumulative else 'a power'}",
                 "cumulative for energy, and only for it",
             )
-        if self.meaning == BY_TYPE and not self.cumulative and not self.product:
+        known = self.cumulative or self.pair or self.reading.instantaneous
+        if self.meaning == BY_TYPE and not known:
             raise ParameterError(
                 f"meaning is by_type, which {_name(self.type)} does not say",
                 "instantaneous or mean_over_interval",
@@ -225,14 +232,19 @@ class MeterSource:
         return bool(self.voltage_topic or self.current_topic)
 
     @property
-    def product(self) -> bool:
-        """Whether the power is a voltage times a current."""
-        return self.pair or self.type == BATTERY_STATE
+    def reading(self) -> MeterKind:
+        """What the type of the messages says of a reading."""
+        return meter_kind(self.type)
+
+    @property
+    def reading_unit(self) -> str:
+        """Unit of the number: as it was said, or what the type implies."""
+        return self.unit if self.unit != BY_TYPE else self.reading.unit
 
     @property
     def cumulative(self) -> bool:
         """Whether the number is a counted energy; False for PowerReading, which may be."""
-        return self.unit in ENERGY_UNITS
+        return self.reading_unit in ENERGY_UNITS
 
     @property
     def topics(self) -> dict[str, str]:
@@ -243,20 +255,20 @@ class MeterSource:
     @property
     def kind(self) -> tuple[MeterMeaning, MeterLocation] | None:
         """Meaning and place of every reading; None where each reading says it."""
-        if self.type == POWER_READING:
+        if self.reading.says_all:
             return None
         if self.cumulative:
             meaning = MeterMeaning.CUMULATIVE
         else:
             means = self.meaning == "mean_over_interval"
             meaning = MeterMeaning.MEAN_OVER_INTERVAL if means else MeterMeaning.INSTANTANEOUS
-        place = "dc_bus" if self.location == BY_TYPE else self.location
+        place = self.reading.location if self.location == BY_TYPE else self.location
         return meaning, MeterLocation[place.upper()]
 
     @property
     def factor(self) -> float:
         """What one of the reading is in W or J, with its sign."""
-        unit = {**POWER_UNITS, **ENERGY_UNITS}.get(self.unit, 1.0)
+        unit = {**POWER_UNITS, **ENERGY_UNITS}.get(self.reading_unit, 1.0)
         return unit * self.scale * (-1.0 if self.sign == LOAD_NEGATIVE else 1.0)
 
     @property
@@ -297,3 +309,6 @@ class MeterInputs:
     """Parameters of the power meter."""
 
     meter: MeterSource = group(MeterSource)
+    meter_max_gap: float = parameter(
+        "Longest time between two meter readings that is bridged [s].", 2.0, 0.01, 3600.0
+    )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from robot_energy.blocks import NANOSECOND, Float, Int
-from robot_energy.ingest.accounting import Accounting
+from robot_energy.inputs.rejection_log import RejectionLog
 
 BACKWARD_JUMP_NS = 1_000_000_000  # messages older than this belong to another clock
 
@@ -30,7 +30,7 @@ class Pairing:
             it turns out to be without a voltage.
     """
 
-    def __init__(self, max_age: float, account: Accounting) -> None:
+    def __init__(self, max_age: float, account: RejectionLog) -> None:
         self._max_age_ns = round(max_age / NANOSECOND)
         self._account = account
         self._voltage, self._current = _nothing(), _nothing()

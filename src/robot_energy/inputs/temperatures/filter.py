@@ -8,14 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.blocks import NANOSECOND, PLAUSIBLE_DEGC, Float, Int, differences
+from robot_energy.timeline.epochs import SLOW_NS
 
 FASTEST = 5.0  # K/s; a winding under its peak current stays below
 RESOLUTION = 2.0  # K; a step that coarse sensors and their noise make at any rate
 SUPPORT = 2  # agreeing readings behind a temperature, of which more would not count more
-BACKWARD_JUMP_NS = 1_000_000_000  # older stamps than this are a new epoch, not late ones
 
 
-class Verdict(IntEnum):
+class ReadingStatus(IntEnum):
     """What becomes of one motor's value in one reading."""
 
     NOT_GIVEN = 0
@@ -25,7 +25,7 @@ class Verdict(IntEnum):
     STEP = 4
 
 
-class TemperatureJudge:
+class TemperatureFilter:
     """Keeps the temperature of every motor that is believed.
 
     A value outside -40 to 200 degC is refused, and one older than the last. One that
@@ -41,13 +41,14 @@ class TemperatureJudge:
         temperature_degc: Believed, shape (n,); NaN where none is yet. [degC]
         stamp_ns: Stamp of each, shape (n,); 0 where none is, or of an epoch before. [ns]
         newest_ns: Newest stamp met. [ns]
+        begin_ns: First stamp of the running epoch. [ns]
         doubted: Whether the last value given was refused for what it is, shape (n,).
     """
 
     def __init__(self, n_joints: int) -> None:
         self.temperature_degc: Float = np.full(n_joints, np.nan)
         self.stamp_ns: Int = np.zeros(n_joints, dtype=np.int64)
-        self.newest_ns = 0
+        self.newest_ns = self.begin_ns = 0
         self.doubted = np.zeros(n_joints, dtype=np.bool_)
         self._support: Int = np.zeros(n_joints, dtype=np.int64)
         self._other: Float = np.full(n_joints, np.nan)  # held, and readings that agree with it
@@ -89,12 +90,12 @@ class TemperatureJudge:
             values: Shape (n,); NaN where it says nothing. [degC]
 
         Returns:
-            `Verdict` of each motor, shape (n,).
+            `ReadingStatus` of each motor, shape (n,).
         """
-        if stamp_ns < self.newest_ns - BACKWARD_JUMP_NS:
+        if stamp_ns <= self.newest_ns - SLOW_NS:
             self.stamp_ns[:] = 0
             self._other_support[:] = 0
-            self.newest_ns = stamp_ns
+            self.newest_ns = self.begin_ns = stamp_ns
         self.newest_ns = max(self.newest_ns, stamp_ns)
         given = ~np.isnan(values)
         plausible = given & (values >= PLAUSIBLE_DEGC[0]) & (values <= PLAUSIBLE_DEGC[1])
@@ -123,10 +124,10 @@ class TemperatureJudge:
         self.doubted = np.where(given, ~plausible | (far & ~turned), self.doubted)
         verdict = np.zeros(len(values), dtype=np.uint8)
         for rows, which in (
-            (given & ~plausible, Verdict.IMPLAUSIBLE),
-            (plausible & ~newer, Verdict.OLDER),
-            (far & ~turned, Verdict.STEP),
-            (taken, Verdict.ACCEPTED),
+            (given & ~plausible, ReadingStatus.IMPLAUSIBLE),
+            (plausible & ~newer, ReadingStatus.OLDER),
+            (far & ~turned, ReadingStatus.STEP),
+            (taken, ReadingStatus.ACCEPTED),
         ):
             verdict[rows] = which
         return verdict

@@ -4,21 +4,25 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, Protocol, cast
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, cast
 
 import numpy as np
 
 from robot_energy.blocks import Float
-from robot_energy.ingest.sources import (
-    DIAGNOSTICS,
-    DYNAMIC_JOINT_STATE,
-    FLOAT_ARRAY,
-    INTERFACE_VALUES,
-    MOTOR_TEMPERATURES,
-    TEMPERATURE,
-    TemperatureSource,
-)
-from robot_energy.wire.layout import Run
+from robot_energy.cdr.decode import Run
+from robot_energy.kinds import Kind, Kinds
+
+if TYPE_CHECKING:
+    from robot_energy.inputs.sources import TemperatureSource
+
+MOTOR_TEMPERATURES = "ros2_energy_msgs/msg/MotorTemperatures"
+TEMPERATURE = "sensor_msgs/msg/Temperature"
+FLOAT_ARRAY = "std_msgs/msg/Float64MultiArray"
+DYNAMIC_JOINT_STATE = "control_msgs/msg/DynamicJointState"
+INTERFACE_VALUES = "control_msgs/msg/Float64Values"
+INTERFACE_NAMES = "control_msgs/msg/Keys"
+DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 
 HEADER = ("header.stamp.sec", "header.stamp.nanosec")
 ZERO_DEGC = 273.15  # K
@@ -42,7 +46,11 @@ class Said(NamedTuple):
 
 
 class Adapter(Protocol):
-    """Reads the messages of one type."""
+    """Reads the messages of one type.
+
+    An adapter of a kind with a ``keys_type`` also has an attribute ``keys``, which the
+    reader sets to the names in force.
+    """
 
     @property
     def fields(self) -> tuple[str, ...]:
@@ -132,7 +140,7 @@ class InterfaceValuesAdapter:
     """``Float64Values``: values whose keys, ``joint/interface``, came on a topic beside it.
 
     Attributes:
-        keys: The keys in force, from `name_values`; None before the first.
+        keys: The keys in force; None before the first.
     """
 
     fields = (*HEADER, "values")
@@ -201,14 +209,95 @@ class DiagnosticsAdapter:
         return value + ZERO_DEGC if self._kelvin else value - ZERO_DEGC
 
 
-ADAPTERS: dict[str, Callable[[TemperatureSource], Adapter]] = {
-    MOTOR_TEMPERATURES: MotorTemperaturesAdapter,
-    TEMPERATURE: TemperatureAdapter,
-    FLOAT_ARRAY: FloatArrayAdapter,
-    DYNAMIC_JOINT_STATE: DynamicJointStateAdapter,
-    INTERFACE_VALUES: InterfaceValuesAdapter,
-    DIAGNOSTICS: DiagnosticsAdapter,
-}
+@dataclass(frozen=True, kw_only=True)
+class TemperatureKind(Kind):
+    """One kind of temperature source. Its name is the type of its messages.
+
+    Attributes:
+        adapter: Makes the reader of the messages of a source.
+        found_by_type: Whether a topic of this type needs no settings.
+        headed: Whether its messages have a header with a stamp.
+        needs_joints: Whether the source must list the joints.
+        named: Whether ``names`` may say what the messages call the joints.
+        single: Whether a message is of one joint.
+        by_status: Whether ``names`` and ``keys`` are places in a status, one for all or one
+            for each joint, and the joints are then the model's own.
+        keys_type: Type of a topic beside it that names the values; empty for none.
+        topic_word: A topic with this word may hold temperatures, and the user is told.
+    """
+
+    adapter: Callable[[TemperatureSource], Adapter]
+    found_by_type: bool = False
+    headed: bool = True
+    needs_joints: bool = False
+    named: bool = True
+    single: bool = False
+    by_status: bool = False
+    keys_type: str = ""
+    topic_word: str = ""
+
+
+TEMPERATURE_KINDS = Kinds(
+    "temperature type",
+    TemperatureKind(
+        name=MOTOR_TEMPERATURES,
+        label="MotorTemperatures",
+        line="parallel arrays of joint names and temperatures",
+        adapter=MotorTemperaturesAdapter,
+        found_by_type=True,
+    ),
+    TemperatureKind(
+        name=TEMPERATURE,
+        label="Temperature",
+        line="one value; its joint is that of the topic, or said by `frame_id`",
+        adapter=TemperatureAdapter,
+        found_by_type=True,
+        single=True,
+    ),
+    TemperatureKind(
+        name=FLOAT_ARRAY,
+        label="Float64MultiArray",
+        line="values alone, in the order of the joints of the source",
+        adapter=FloatArrayAdapter,
+        headed=False,
+        needs_joints=True,
+        named=False,
+        topic_word="temp",
+    ),
+    TemperatureKind(
+        name=DYNAMIC_JOINT_STATE,
+        label="DynamicJointState",
+        line="interfaces of each joint, one of which is the temperature",
+        adapter=DynamicJointStateAdapter,
+    ),
+    TemperatureKind(
+        name=INTERFACE_VALUES,
+        label="Float64Values",
+        line="values whose keys, `joint/interface`, come on a topic beside it",
+        adapter=InterfaceValuesAdapter,
+        keys_type=INTERFACE_NAMES,
+    ),
+    TemperatureKind(
+        name=DIAGNOSTICS,
+        label="DiagnosticArray",
+        line="texts such as `45.2 C` under a status and a key",
+        adapter=DiagnosticsAdapter,
+        needs_joints=True,
+        by_status=True,
+    ),
+)
+
+
+def register_temperature_kind(kind: TemperatureKind) -> TemperatureKind:
+    """Add a kind of temperature source: parameters may name its message type from now on.
+
+    Args:
+        kind: Its name is the message type.
+
+    Raises:
+        KindError: If its name is taken.
+    """
+    return TEMPERATURE_KINDS.register(kind)
 
 
 def _for_each(values: tuple[str, ...], count: int) -> tuple[str, ...]:

@@ -4,29 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.blocks import PLAUSIBLE_DEGC, Float, Int, TemperatureBlock, in_any_joint
+from robot_energy.cdr.batch import RawBatch
+from robot_energy.cdr.decode import Decoder, Run, stamp_ns
 from robot_energy.errors import ParameterError
-from robot_energy.ingest.accounting import MOST_NAMES, Accounting
-from robot_energy.ingest.sources import (
-    DIAGNOSTICS,
-    FLOAT_ARRAY,
-    INTERFACE_NAMES,
-    NO_JOINT,
-    TemperatureSource,
-)
-from robot_energy.ingest.temperature_adapters import (
-    ADAPTERS,
-    ZERO_DEGC,
-    InterfaceValuesAdapter,
-    Said,
-)
-from robot_energy.wire.batch import RawBatch
-from robot_energy.wire.layout import Decoder, Run, stamp_ns
+from robot_energy.inputs.parameters import RECEIVE
+from robot_energy.inputs.rejection_log import ByNames, RejectionLog, remember_names
+from robot_energy.inputs.sources import NO_JOINT, TemperatureSource
+from robot_energy.inputs.temperatures.kinds import ZERO_DEGC, Adapter, Said
+from robot_energy.timeline.stamps import BAD_STAMP, valid_stamps
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
@@ -34,7 +25,7 @@ if TYPE_CHECKING:
 TENTH_NS = 100_000_000
 
 
-class Readings(NamedTuple):
+class TemperatureReadings(NamedTuple):
     """Readings of one source in order of arrival.
 
     Attributes:
@@ -79,22 +70,22 @@ class TemperatureReader:
         typestore: Typestore | None = None,
     ) -> None:
         self.name, self.source = name, source
-        self.account = Accounting()
-        self.keys_account = Accounting()
+        self.account = RejectionLog()
+        self.keys_account = RejectionLog()
         self.ignored_joints: set[str] = set()
         self.missing_readings = 0
         self.doubt = ""
         self._joint_names = tuple(joint_names)
         self._newest: Int = np.full(len(self._joint_names), -1, dtype=np.int64)
         self._columns = self._wanted()
-        self._placed: dict[tuple[str, ...], list[tuple[int, int]]] = {}
-        self._adapter = ADAPTERS[source.type](source)
+        self._placed = ByNames[list[tuple[int, int]]]()
+        self._adapter: Adapter = source.reading.adapter(source)
         self._decoder = Decoder(source.type, self._adapter.fields, typestore)
         self._keys = None
         if source.keys_topic:
-            self._keys = Decoder(INTERFACE_NAMES, ("keys",), typestore)
+            self._keys = Decoder(source.reading.keys_type, ("keys",), typestore)
 
-    def read(self, batches: Mapping[str, RawBatch]) -> Readings | None:
+    def read(self, batches: Mapping[str, RawBatch]) -> TemperatureReadings | None:
         """Take messages in order of arrival.
 
         Args:
@@ -111,15 +102,21 @@ class TemperatureReader:
         due = self._due(block)
         if not due.any():
             return None
-        return Readings(block, arrival) if due.all() else Readings(block[due], arrival[due])
+        return (
+            TemperatureReadings(block, arrival)
+            if due.all()
+            else TemperatureReadings(block[due], arrival[due])
+        )
 
     def _due(self, block: TemperatureBlock) -> NDArray[np.bool_]:
-        """Tell which readings are the first of some joint in their tenth of a second."""
+        """Tell which readings are in another tenth of a second than the last of some joint."""
         given = ~np.isnan(block.motor_temperature_degc)
         tenth = np.where(given, (block.stamp_ns // TENTH_NS)[:, None], 0)
-        newest = np.maximum.accumulate(np.concatenate([self._newest[None], tenth]), axis=0)
-        self._newest = newest[-1]
-        return in_any_joint(given & (tenth != newest[:-1]))
+        tenth = np.concatenate([self._newest[None], tenth])
+        row = np.arange(len(tenth))[:, None] * np.concatenate([np.ones_like(given[:1]), given])
+        last = np.take_along_axis(tenth, np.maximum.accumulate(row, axis=0), axis=0)
+        self._newest = last[-1]
+        return in_any_joint(given & (tenth[1:] != last[:-1]))
 
     def _wanted(self) -> dict[str, int]:
         """Model column of every name that counts."""
@@ -134,7 +131,7 @@ class TemperatureReader:
             )
         if not joints:
             return columns
-        named = source.names and source.type != DIAGNOSTICS
+        named = source.names and not source.reading.by_status
         names = source.names if named else joints
         return {name: columns[joint] for name, joint in zip(names, joints, strict=True)}
 
@@ -148,8 +145,7 @@ class TemperatureReader:
                 if before:
                     yield _rows(batch, slice(0, before))
                 batch = _rows(batch, slice(before, None))
-            if isinstance(self._adapter, InterfaceValuesAdapter):
-                self._adapter.keys = names
+            cast("Any", self._adapter).keys = names  # as adapters with a keys_type have
         if batch is not None and len(batch):
             yield batch
 
@@ -163,7 +159,7 @@ class TemperatureReader:
         found = [(row, run.names("keys")) for run in decoded.runs for row in run.rows.tolist()]
         return [(int(batch.log_time_ns[row]), names) for row, names in sorted(found)]
 
-    def _decode(self, batch: RawBatch) -> list[Readings]:
+    def _decode(self, batch: RawBatch) -> list[TemperatureReadings]:
         """Return the usable readings of a batch in order of arrival."""
         self.account.received += len(batch)
         decoded = self._decoder.decode(batch)
@@ -186,14 +182,19 @@ class TemperatureReader:
         row = np.concatenate(rows)
         order = np.argsort(row)
         return [
-            Readings(TemperatureBlock.concatenate(blocks)[order], batch.log_time_ns[row[order]])
+            TemperatureReadings(
+                TemperatureBlock.concatenate(blocks)[order], batch.log_time_ns[row[order]]
+            )
         ]
 
     def _usable(self, block: TemperatureBlock) -> NDArray[np.bool_]:
-        """Refuse readings without a stamp or without a number."""
+        """Refuse readings without a stamp in range or without a number."""
         given = np.isfinite(block.motor_temperature_degc).any(axis=1)
         stamped = block.stamp_ns != 0
         self.account.reject("zero_stamp", int((~stamped).sum()))
+        valid = valid_stamps(block.stamp_ns)
+        self.account.reject(BAD_STAMP, int((~valid).sum()))
+        stamped &= valid
         self.account.reject("not_finite", int((stamped & ~given).sum()))
         return stamped & given
 
@@ -214,23 +215,22 @@ class TemperatureReader:
         self._judge_unit(taken, degc, [column for _, column in places])
         values = np.full((len(run.rows), len(self._joint_names)), np.nan)
         values[:, [column for _, column in places]] = degc
-        if self.source.type == FLOAT_ARRAY or self.source.stamps == "receipt":
+        if not self.source.reading.headed or self.source.stamp_source == RECEIVE:
             return TemperatureBlock(batch.log_time_ns[run.rows], values)
         return TemperatureBlock(stamp_ns(run), values)
 
     def _match(self, names: tuple[str, ...]) -> list[tuple[int, int]]:
         """Place in the message and model column of every joint that counts."""
-        foreign = {name for name in names if name not in self._columns and name != NO_JOINT}
-        if len(self.ignored_joints) < MOST_NAMES:
-            self.ignored_joints |= foreign
-        if len(self._placed) >= MOST_NAMES:
-            self._placed.clear()
-        self._placed[names] = [
-            (index, self._columns[name])
-            for index, name in enumerate(names)
-            if name in self._columns
-        ]
-        return self._placed[names]
+        foreign = (name for name in names if name not in self._columns and name != NO_JOINT)
+        remember_names(self.ignored_joints, foreign)
+        return self._placed.put(
+            names,
+            [
+                (index, self._columns[name])
+                for index, name in enumerate(names)
+                if name in self._columns
+            ],
+        )
 
     def _judge_unit(self, values: Float, degc: Float, columns: list[int]) -> None:
         """Note values that would be plausible in the other unit only, and when it is over."""

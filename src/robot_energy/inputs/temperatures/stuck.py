@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.blocks import NANOSECOND, Float, Int, differences
-from robot_energy.model_file import RobotModel
-from robot_energy.urdf import moved_mass, parse
+from robot_energy.model import RobotModel
+from robot_energy.physics.urdf.checks import moved_mass, parse
 
 HEAT_CAPACITY = 900.0  # J/(kg K), aluminium; steel and copper hold less
 LEAST_MASS = 0.5  # kg, where a URDF gives none
@@ -21,7 +21,7 @@ WINDOW_NS = 10_000_000_000
 MICROJOULE = 1e-6  # J
 
 
-class TemperatureWatch:
+class StuckTemperatureDetector:
     """Sets the losses of each motor beside what its thermometer says.
 
     While a reading does not change at all, the losses must warm the motor by at least

@@ -3,32 +3,51 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_energy.blocks import Int, TemperatureBlock
-from robot_energy.ingest.accounting import Accounting
-from robot_energy.ingest.order import BACKWARD_JUMP_NS
-from robot_energy.ingest.sources import TemperatureSource
-from robot_energy.ingest.temperature_reader import Readings, TemperatureReader
-from robot_energy.wire.batch import RawBatch
+from robot_energy.blocks import NANOSECOND, Int, TemperatureBlock
+from robot_energy.cdr.batch import RawBatch
+from robot_energy.inputs.rejection_log import RejectionLog
+from robot_energy.inputs.sources import TemperatureSource
+from robot_energy.inputs.temperatures.reader import TemperatureReader, TemperatureReadings
+from robot_energy.timeline.epochs import STRAY_STAMP, slow_reach
+from robot_energy.timeline.gaps import BACKWARD_JUMP_NS
+from robot_energy.timeline.streams import StreamRun, StreamSplitter, apart_sentence, sentence_of
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
 
+@dataclass(frozen=True)
+class _Arrived(TemperatureBlock):
+    """Readings of all sources in order of arrival.
+
+    Attributes:
+        source: Number of the reader of each, shape (N,).
+    """
+
+    source: Int
+
+
 class TemperatureIngest:
     """Turns temperature messages of all sources into blocks in model joint order, in degC.
+
+    All sources together are one stream of stamps: see `Epochs`. So of two clocks only one is
+    believed, and a single wrong stamp changes nothing.
 
     Args:
         joint_names: Modelled joints in model order.
         sources: The sources by name, with the full names of their topics; by default the
             topic ``/motor_temperatures`` of MotorTemperatures.
         typestore: Message definitions of the source; those known here by default.
+        stale_after: Age at which a temperature is not used any more. [s]
 
     Attributes:
         readers: One per source, with the account of its messages.
+        epochs: Jumps and outliers of the stamps.
 
     Raises:
         ParameterError: If a source names a joint that the model lacks.
@@ -39,7 +58,11 @@ class TemperatureIngest:
         joint_names: Sequence[str],
         sources: Mapping[str, TemperatureSource] | None = None,
         typestore: Typestore | None = None,
+        stale_after: float = 60.0,
     ) -> None:
+        reach = slow_reach(round(stale_after / NANOSECOND))
+        self._continuity = StreamSplitter[_Arrived](reach, _Arrived.concatenate)
+        self.epochs = self._continuity.epochs
         if sources is None:
             sources = {"motors": TemperatureSource().resolved(lambda topic: f"/{topic}")}
         self.readers = [
@@ -53,13 +76,14 @@ class TemperatureIngest:
         return {t: kind for reader in self.readers for t, kind in reader.source.topics.items()}
 
     @property
-    def account(self) -> Accounting:
+    def account(self) -> RejectionLog:
         """Messages of values of all sources together; one that two read counts twice."""
-        total = Accounting()
+        total = RejectionLog()
         for reader in self.readers:
             total.received += reader.account.received
             total.accepted += reader.account.accepted
             total.rejected.update(reader.account.rejected)
+            total.waiting += reader.account.waiting
         return total
 
     @property
@@ -73,9 +97,34 @@ class TemperatureIngest:
         """One sentence for each source whose readings look like another unit."""
         return [reader.doubt for reader in self.readers if reader.doubt]
 
-    def account_of(self, topic: str) -> Accounting:
+    def clock_doubts(self, newest_ns: int | None, within: float | None = None) -> list[str]:
+        """Return what the stamps say of the thermometers' clocks, one sentence each.
+
+        Args:
+            newest_ns: Newest stamp of the joint states; None where it is not known. [ns]
+            within: Only what concerns so much of the newest time; None for all. [s]
+        """
+        topics = ", ".join(reader.source.topic for reader in self.readers)
+        found = (
+            sentence_of(self.epochs, f"temperatures on {topics}", within=within),
+            apart_sentence(self.epochs, newest_ns, "temperature"),
+        )
+        return [sentence for sentence in found if sentence]
+
+    def account_of(self, topic: str) -> RejectionLog:
         """Return the account of the first source that reads values from a topic."""
         return next(each.account for each in self.readers if topic == each.source.topic)
+
+    def arrivals(self, batches: Sequence[RawBatch]) -> list[tuple[RejectionLog, int]]:
+        """Return every account, with how many messages of some batches belong to it."""
+        counts = {batch.topic: len(batch) for batch in batches}
+        pairs = [(each.account, each.source.topic) for each in self.readers]
+        pairs += [(each.keys_account, each.source.keys_topic) for each in self.readers]
+        return [(account, counts.get(topic, 0)) for account, topic in pairs]
+
+    def restart(self) -> None:
+        """Drop what waits, as after an error. The accounts are left alone."""
+        self._continuity.restart()
 
     def step(self, batches: Sequence[RawBatch]) -> TemperatureBlock | None:
         """Take messages of any number of topics.
@@ -88,17 +137,46 @@ class TemperatureIngest:
             stamps, each topic's own order kept. None if there are none.
         """
         by_topic = {batch.topic: batch for batch in batches}
-        parts = [part for each in self.readers if (part := each.read(by_topic)) is not None]
+        read = [each.read(by_topic) for each in self.readers]
+        parts = [(number, part) for number, part in enumerate(read) if part is not None]
         if not parts:
             return None
-        block = TemperatureBlock.concatenate([part.block for part in parts])
-        if len(parts) == 1:
-            return block
-        keys = [_order(part) for part in parts]
-        return block[np.lexsort([np.concatenate(key) for key in zip(*keys, strict=True)])]
+        block = _Arrived.concatenate(
+            [
+                _Arrived(
+                    part.block.stamp_ns,
+                    part.block.motor_temperature_degc,
+                    np.full(len(part.block), number, dtype=np.int64),
+                )
+                for number, part in parts
+            ]
+        )
+        if len(parts) > 1:
+            keys = [_order(part) for _, part in parts]
+            block = block[np.lexsort([np.concatenate(key) for key in zip(*keys, strict=True)])]
+        return self._taken(self._continuity.step(block))
+
+    def flush(self) -> TemperatureBlock | None:
+        """Return what still waits and is no outlier, as at the end of a bag."""
+        return self._taken(self._continuity.flush())
+
+    def _taken(self, stretches: list[StreamRun[_Arrived]]) -> TemperatureBlock | None:
+        """Bring the accounts up to date."""
+        held, refused = self._continuity.held, self._continuity.refused
+        for number, reader in enumerate(self.readers):
+            account = reader.account
+            strays = 0 if refused is None else int((refused.source == number).sum())
+            waiting = 0 if held is None else int((held.source == number).sum())
+            account.reject(STRAY_STAMP, strays)
+            account.accepted += account.waiting - waiting - strays
+            account.waiting = waiting
+        if not stretches:
+            return None
+        whole = _Arrived.concatenate([stretch.block for stretch in stretches])
+        return TemperatureBlock(whole.stamp_ns, whole.motor_temperature_degc)
 
 
-def _order(readings: Readings) -> tuple[Int, Int, Int]:
+def _order(readings: TemperatureReadings) -> tuple[Int, Int, Int]:
     """Sort keys, the last one first: arrival, epoch of the source, stamp within it.
 
     Stamps are made to rise, so that no sorting changes the order of one source.

@@ -3,8 +3,8 @@ import pytest
 
 from joint_messages import NAMES, SECOND, batch, limits, message, take
 from robot_energy.blocks import Quality
-from robot_energy.ingest import JointStateIngest
-from robot_energy.ingest.sources import JointStateSource
+from robot_energy.inputs.joint_states.joint_states import JointStateIngest
+from robot_energy.inputs.sources import JointStateSource
 
 
 def test_joints_are_matched_by_name_in_every_message():
@@ -188,14 +188,14 @@ def test_all_zero_stamps_are_a_finding_and_give_nothing():
 
 
 def test_time_of_receipt_counts_only_if_configured():
-    ingest = JointStateIngest(NAMES, source=JointStateSource(stamps="receive"))
+    ingest = JointStateIngest(NAMES, source=JointStateSource(stamp_source="receive"))
     block = ingest.step(batch([message(0.0)] * 3, received=[5 * SECOND, 6 * SECOND, 7 * SECOND]))
     np.testing.assert_array_equal(block.stamp_ns, [5 * SECOND, 6 * SECOND, 7 * SECOND])
 
 
 def test_order_within_the_window_is_restored_and_beyond_it_dropped():
     late = [1.0, 1.1, 1.3, 1.2, 1.4, 1.5, 1.35, 1.6, 1.15, 1.7]
-    ingest = JointStateIngest(NAMES, source=JointStateSource(reorder=0.2))
+    ingest = JointStateIngest(NAMES, source=JointStateSource(reorder_window=0.2))
     block = take(ingest, [message(t) for t in late])
     np.testing.assert_allclose(block.stamp_ns / SECOND, sorted(set(late) - {1.15}))
     assert ingest.account.rejected == {"older_stamp": 1}

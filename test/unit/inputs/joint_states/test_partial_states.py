@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from joint_messages import NAMES, SECOND, batch, limits, message, take
 from robot_energy.blocks import JointBlock
-from robot_energy.ingest import JointStateIngest
-from robot_energy.ingest.sources import JointStateSource
+from robot_energy.inputs.joint_states.joint_states import JointStateIngest
+from robot_energy.inputs.sources import JointStateSource
 
 
 def motion(t):
@@ -216,7 +216,9 @@ def test_any_cutting_gives_the_same_samples(seed, cuts, reorder, whole):
         messages = [m for m in messages if b"a\x00" in m and b"b\x00" in m]
 
     def run(bounds):
-        ingest = JointStateIngest(NAMES, limits=limits(), source=JointStateSource(reorder=reorder))
+        ingest = JointStateIngest(
+            NAMES, limits=limits(), source=JointStateSource(reorder_window=reorder)
+        )
         blocks = []
         for start, stop in zip([0, *bounds], [*bounds, len(messages)], strict=True):
             blocks.append(ingest.step(batch(messages[start:stop])))

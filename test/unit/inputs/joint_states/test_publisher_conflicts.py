@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from joint_messages import NAMES, SECOND, limits, message, take
-from robot_energy.ingest import JointStateIngest
+from robot_energy.inputs.joint_states.joint_states import JointStateIngest
 
 
 def driver(seconds=4.0, rate=100.0, start=10.0):

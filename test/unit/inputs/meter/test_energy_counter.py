@@ -5,24 +5,27 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from robot_energy.accounting.comparison import Comparison
 from robot_energy.blocks import MeterBlock, MeterLocation, MeterMeaning
-from robot_energy.comparison import Comparison, Counter, MeterCurve, Pieces
+from robot_energy.inputs.meter.energy_counter import EnergyCounterDecoder
+from robot_energy.inputs.meter.power_curve import MeterCurve
+from robot_energy.timeline.pieces import CoveredPieces
 
 SECOND = 10**9
 WATT_HOUR = 3600.0
 
 
-def pieces_of(counter: Counter, stamp_s, energy) -> Pieces:
+def pieces_of(counter: EnergyCounterDecoder, stamp_s, energy) -> CoveredPieces:
     stamp = np.rint(np.asarray(stamp_s) * 1e9).astype(np.int64)
     return counter.step(stamp, np.asarray(energy, dtype=float))
 
 
-def energy_of(pieces: Pieces) -> float:
+def energy_of(pieces: CoveredPieces) -> float:
     return float((pieces.start_power * (pieces.end_ns - pieces.start_ns)).sum() * 1e-9)
 
 
-def counter(max_gap=2.0, max_power=1e6, wraps_at=None) -> Counter:
-    return Counter(round(max_gap * SECOND), max_power, wraps_at)
+def counter(max_gap=2.0, max_power=1e6, wraps_at=None) -> EnergyCounterDecoder:
+    return EnergyCounterDecoder(round(max_gap * SECOND), max_power, wraps_at)
 
 
 def readings(energy, max_power=1e6, wraps_at=None, spacing=1.0):
@@ -238,7 +241,7 @@ def test_counting_does_not_depend_on_the_cutting_and_every_reading_is_accounted_
             if stop > start:
                 parts += curve.step(readings[slice(start, stop)])
             assert curve.received == curve.accepted + sum(curve.rejected.values())
-        pieces = Pieces.empty()
+        pieces = CoveredPieces.empty()
         for part in parts:
             pieces = pieces.join(part)
         count = curve.counter

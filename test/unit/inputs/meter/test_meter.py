@@ -5,19 +5,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from robot_energy.accounting.comparison import Comparison
 from robot_energy.blocks import MeterBlock, MeterLocation, MeterMeaning
-from robot_energy.comparison import Comparison
+from robot_energy.cdr.batch import RawBatch
+from robot_energy.cdr.types import extended, typestore
 from robot_energy.errors import MessageTypeError, ParameterError
-from robot_energy.ingest import MeterIngest
-from robot_energy.ingest.meter_source import (
+from robot_energy.inputs.meter.meter import MeterIngest
+from robot_energy.inputs.meter.source import (
     BATTERY_STATE,
     FLOAT32,
     FLOAT64,
     POWER_READING,
     MeterSource,
 )
-from robot_energy.wire.batch import RawBatch
-from robot_energy.wire.types import extended, typestore
 
 SECOND = 10**9
 STORE = typestore()
@@ -161,7 +161,7 @@ def test_a_battery_that_discharges_feeds_the_load():
 
 
 def test_a_battery_without_stamps_can_be_read_by_receipt():
-    ingest = MeterIngest(MeterSource(type=BATTERY_STATE, stamps="receipt", location="grid"))
+    ingest = MeterIngest(MeterSource(type=BATTERY_STATE, stamp_source="receive", location="grid"))
     block = ingest.step([batteries([(0.0, 48.0, -2.0)], received_s=7.0)])
     assert block.stamp_ns.tolist() == [7 * SECOND]
     assert block.location is MeterLocation.GRID
@@ -235,8 +235,8 @@ def test_any_stamped_message_with_a_number_is_a_meter():
 def test_a_message_without_header_is_stamped_by_its_receipt_or_refused():
     plain = {**POWER, "type": "acme_msgs/msg/Plain", "value_path": "watts"}
     assert MeterIngest(MeterSource(**plain), WIDER).step([]) is None
-    with pytest.raises(ParameterError, match="stamps is header"):
-        MeterIngest(MeterSource(**plain, stamps="header"), WIDER)
+    with pytest.raises(ParameterError, match="stamp_source is header"):
+        MeterIngest(MeterSource(**plain, stamp_source="header"), WIDER)
     for path, error in (("volts", MessageTypeError), ("watts.x", MessageTypeError)):
         with pytest.raises(error):
             MeterIngest(MeterSource(**{**plain, "value_path": path}), WIDER)
@@ -262,7 +262,10 @@ def test_a_message_without_header_is_stamped_by_its_receipt_or_refused():
         ({**POWER, "interval": 2.0}, "meaning is instantaneous and interval is 2 s"),
         ({**POWER, "stamp_at": "start"}, "stamp_at is start but meaning is instantaneous"),
         ({**POWER, "wraps_at": 1e6}, "wraps_at is given for a power"),
-        ({**POWER, "stamps": "header"}, "stamps is header, which Float64 does not have"),
+        (
+            {**POWER, "stamp_source": "header"},
+            "stamp_source is header, which Float64 does not have",
+        ),
         ({**POWER, "value_path": "data"}, "value_path is given for Float64"),
         ({**POWER, "type": "acme_msgs/msg/Plain"}, "value_path is empty"),
         ({**POWER, "topic": ""}, "topic is empty"),

@@ -3,24 +3,24 @@
 import numpy as np
 import pytest
 
-from robot_energy.pipeline.temperature_judge import TemperatureJudge, Verdict
+from robot_energy.inputs.temperatures.filter import ReadingStatus, TemperatureFilter
 
 S = 10**9
 A, STEP, BAD, OLD, NONE = (
-    Verdict.ACCEPTED,
-    Verdict.STEP,
-    Verdict.IMPLAUSIBLE,
-    Verdict.OLDER,
-    Verdict.NOT_GIVEN,
+    ReadingStatus.ACCEPTED,
+    ReadingStatus.STEP,
+    ReadingStatus.IMPLAUSIBLE,
+    ReadingStatus.OLDER,
+    ReadingStatus.NOT_GIVEN,
 )
 
 
 def judged(values, stamps=None):
     """Verdict on each reading of one motor, one a second unless stamps [s] are given."""
-    judge = TemperatureJudge(1)
+    judge = TemperatureFilter(1)
     stamps = range(100, 100 + len(values)) if stamps is None else stamps
     return [
-        Verdict(int(judge.take(int(at * S), np.array([value]))[0]))
+        ReadingStatus(int(judge.take(int(at * S), np.array([value]))[0]))
         for at, value in zip(stamps, values, strict=True)
     ], judge
 
@@ -62,7 +62,7 @@ def test_late_readings_are_older_and_a_jump_is_an_epoch():
 
 
 def test_motors_are_judged_one_by_one():
-    judge = TemperatureJudge(2)
+    judge = TemperatureFilter(2)
     judge.take(100 * S, np.array([20.0, 50.0]))
     assert judge.take(101 * S, np.array([80.0, 51.0])).tolist() == [STEP, A]
     np.testing.assert_array_equal(judge.temperature_degc, [20.0, 51.0])

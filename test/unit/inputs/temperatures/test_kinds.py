@@ -5,8 +5,8 @@ import pytest
 
 import temperature_messages as says
 from robot_energy.errors import ParameterError
-from robot_energy.ingest import TemperatureIngest
-from robot_energy.ingest.sources import (
+from robot_energy.inputs.sources import TemperatureSource
+from robot_energy.inputs.temperatures.kinds import (
     DIAGNOSTICS,
     DYNAMIC_JOINT_STATE,
     FLOAT_ARRAY,
@@ -14,8 +14,8 @@ from robot_energy.ingest.sources import (
     INTERFACE_VALUES,
     MOTOR_TEMPERATURES,
     TEMPERATURE,
-    TemperatureSource,
 )
+from robot_energy.inputs.temperatures.temperatures import TemperatureIngest
 
 S = 10**9
 NAN = np.nan
@@ -249,7 +249,7 @@ def test_several_sources_keep_their_own_accounts():
 
 def test_a_source_may_use_the_time_of_receipt():
     message = says.temperature(0, 40.0, "a")
-    block, _ = read([message], type=TEMPERATURE, stamps="receipt")
+    block, _ = read([message], type=TEMPERATURE, stamp_source="receive")
     same(block.stamp_ns, [S])
 
 

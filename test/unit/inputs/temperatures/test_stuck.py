@@ -7,8 +7,8 @@ import pytest
 
 import robots
 from robot_energy.blocks import FrictionBlock, Quality, TemperatureBlock
+from robot_energy.inputs.temperatures.stuck import StuckTemperatureDetector
 from robot_energy.pipeline import EnergyPipeline
-from robot_energy.pipeline.temperature_watch import TemperatureWatch
 
 S = 10**9
 MASS = 8.0  # kg, of the wheel; its capacity 8 * 900 J/K, its conductance that over an hour
@@ -23,7 +23,7 @@ def watched(power, degc, seconds, period=1.0, start=100.0):
         power: Loss over time [s]. [W]
         degc: Reading over time [s]. [degC]
     """
-    watch = TemperatureWatch(robots.one_wheel())
+    watch = StuckTemperatureDetector(robots.one_wheel())
     time = np.arange(0.0, seconds, period)
     stamp = np.rint((start + time) * S).astype(np.int64)
     loss = np.array([[power(t)] for t in time], dtype=float)
@@ -82,7 +82,7 @@ def test_a_warm_robot_met_in_equilibrium_is_not_stuck(ambient):
 
 
 def test_a_change_clears_it():
-    watch = TemperatureWatch(robots.one_wheel())
+    watch = StuckTemperatureDetector(robots.one_wheel())
     time = np.arange(0, 1200)
     loss = np.full((1200, 1), 100.0)
     degc = np.where(time < 1000, 20.0, 21.0)[:, None]
@@ -93,7 +93,7 @@ def test_a_change_clears_it():
 
 
 def test_no_heat_counts_across_a_gap():
-    watch = TemperatureWatch(robots.one_wheel())
+    watch = StuckTemperatureDetector(robots.one_wheel())
     stamp = np.array([100, 101, 5000, 5001]) * S
     loss, degc = np.full((4, 1), 100.0), np.full((4, 1), 20.0)
     watch.step(stamp, np.array([0, 0, 1, 1]), loss, degc)

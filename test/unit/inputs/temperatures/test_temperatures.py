@@ -1,9 +1,9 @@
 import numpy as np
 
-from robot_energy.ingest import TemperatureIngest
-from robot_energy.ingest.sources import TemperatureSource
-from robot_energy.wire.batch import RawBatch
-from robot_energy.wire.layout import Encoder, stamp_columns
+from robot_energy.cdr.batch import RawBatch
+from robot_energy.cdr.decode import Encoder, stamp_columns
+from robot_energy.inputs.sources import TemperatureSource
+from robot_energy.inputs.temperatures.temperatures import TemperatureIngest
 
 SECOND = 10**9
 OWN = "ros2_energy_msgs/msg/MotorTemperatures"

@@ -1,0 +1,1 @@
+"""What messages mean: joint states, motor temperatures and meters as blocks."""

@@ -1,0 +1,1 @@
+"""Joint states: names, order, units, several publishers, plausibility."""

@@ -1,0 +1,1 @@
+"""Power meters: power readings, energy counters, voltage and current pairs."""

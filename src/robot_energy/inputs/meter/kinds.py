@@ -1,0 +1,129 @@
+"""Table of the kinds of meters: what each message type says of a power or an energy."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from robot_energy.blocks import Float
+from robot_energy.kinds import Kind, Kinds
+from robot_energy.units import POWER_UNITS
+
+POWER_READING = "ros2_energy_msgs/msg/PowerReading"
+FLOAT64 = "std_msgs/msg/Float64"
+FLOAT32 = "std_msgs/msg/Float32"
+BATTERY_STATE = "sensor_msgs/msg/BatteryState"
+METER_WORDS = ("power", "energy", "watt", "current")  # in names of topics that may be a meter
+
+
+def _first(column: Mapping[str, Float]) -> Float:
+    return next(iter(column.values()))
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeterKind(Kind):
+    """One kind of meter. Its name is the type of its messages.
+
+    What the type does not say (unit, location, meaning) a parameter must.
+
+    Attributes:
+        fields: Paths of the numbers of a reading; empty where ``value_path`` names one.
+        number: Makes the reading, in its unit, of the columns of these fields.
+        unit: What the reading is in; empty if the type does not say it.
+        location: Where such a meter sits; empty if the type does not say it.
+        instantaneous: Whether the type says that a power is the one at its stamp.
+        says_all: Whether each reading says its meaning and location, by the fields of
+            PowerReading.
+        headed: Whether it has a header; None: as the definition of its messages has it.
+        pairs: Whether voltage and current may come on two topics of this type.
+        found_by_type: Whether a topic of this type is a meter without any settings.
+        topic_words: A topic with one of these words may be a meter, and the user is told;
+            ``("",)`` for every topic of the type.
+    """
+
+    fields: tuple[str, ...] = ("data",)
+    number: Callable[[Mapping[str, Float]], Float] = _first
+    unit: str = ""
+    location: str = ""
+    instantaneous: bool = False
+    says_all: bool = False
+    headed: bool | None = None
+    pairs: bool = False
+    found_by_type: bool = False
+    topic_words: tuple[str, ...] = ()
+
+    @property
+    def quantity(self) -> str:
+        """What the implied unit is of."""
+        return "power" if self.unit in POWER_UNITS else "energy"
+
+
+def _discharging(column: Mapping[str, Float]) -> Float:
+    """Power that a battery gives; its current is negative under load. [W]"""
+    with np.errstate(over="ignore"):
+        return -column["voltage"] * column["current"]
+
+
+METER_KINDS = Kinds(
+    "meter type",
+    MeterKind(
+        name=POWER_READING,
+        label="PowerReading",
+        line="says by itself what a reading is",
+        fields=("meaning", "location", "power", "energy", "interval"),
+        says_all=True,
+        found_by_type=True,
+    ),
+    MeterKind(
+        name=FLOAT64,
+        label="Float64",
+        line="a number; unit, meaning and location by parameters",
+        headed=False,
+        pairs=True,
+        topic_words=METER_WORDS,
+    ),
+    MeterKind(
+        name=FLOAT32,
+        label="Float32",
+        line="a number; unit, meaning and location by parameters",
+        headed=False,
+        pairs=True,
+        topic_words=METER_WORDS,
+    ),
+    MeterKind(
+        name=BATTERY_STATE,
+        label="voltage times current",
+        line="voltage times current of a battery, negative under load; on the DC bus",
+        fields=("voltage", "current"),
+        number=_discharging,
+        unit="W",
+        location="dc_bus",
+        instantaneous=True,
+        topic_words=("",),
+    ),
+)
+OTHER = MeterKind(
+    name="any other type",
+    label="number at value_path",
+    line="the number that `value_path` names; unit, meaning and location by parameters",
+    fields=(),
+)
+
+
+def meter_kind(msgtype: str) -> MeterKind:
+    """Return the kind of a message type; `OTHER` for a type that the table lacks."""
+    return METER_KINDS.get(msgtype, OTHER)
+
+
+def register_meter_kind(kind: MeterKind) -> MeterKind:
+    """Add a kind of meter: parameters may name its message type from now on.
+
+    Args:
+        kind: Its name is the message type.
+
+    Raises:
+        KindError: If its name is taken.
+    """
+    return METER_KINDS.register(kind)

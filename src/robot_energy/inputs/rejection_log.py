@@ -1,0 +1,100 @@
+"""What became of every message: received = accepted + sum of rejected by reason.
+
+A message whose fate later messages decide waits; at the end none does.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Generic, TypeVar
+
+from robot_energy.shown_text import shown
+
+MOST_NAMES = 100  # of joints remembered at most, whatever the messages say
+MAX_KEPT_CHARACTERS = 1_000_000  # of names that messages are matched by
+MAX_JOINTS = 1_000  # of one message, as of a URDF; no robot has a tenth of them
+
+Value = TypeVar("Value")
+
+
+def remember_names(kept: set[str], names: Iterable[str]) -> None:
+    """Add names, as they can be shown, while there is room for them."""
+    for name in names:
+        if len(kept) >= MOST_NAMES:
+            return
+        kept.add(shown(name))
+
+
+class ByNames(Generic[Value]):
+    """What was found out about lists of names, for those met lately."""
+
+    def __init__(self) -> None:
+        self._values: dict[tuple[str, ...], Value] = {}
+        self._characters = 0
+
+    def __len__(self) -> int:
+        """Return how many lists are remembered."""
+        return len(self._values)
+
+    def get(self, names: tuple[str, ...]) -> Value | None:
+        """Return what is known of a list of names, None if that is nothing."""
+        return self._values.get(names)
+
+    def put(self, names: tuple[str, ...], value: Value) -> Value:
+        """Remember a value and return it; when there is no room, the others are forgotten."""
+        size = sum(map(len, names)) + len(names)
+        if len(self._values) >= MOST_NAMES or self._characters + size > MAX_KEPT_CHARACTERS:
+            self._values.clear()
+            self._characters = 0
+        if size <= MAX_KEPT_CHARACTERS:
+            self._values[names] = value
+            self._characters += size
+        return value
+
+
+@dataclass
+class RejectionLog:
+    """Counts of one input.
+
+    Attributes:
+        received: Messages that arrived.
+        accepted: Messages that were used.
+        rejected: Messages that were not, by reason.
+        waiting: Messages of which it is not known yet.
+    """
+
+    received: int = 0
+    accepted: int = 0
+    rejected: Counter[str] = field(default_factory=lambda: Counter[str]())
+    waiting: int = 0
+
+    def reject(self, reason: str, count: int = 1) -> None:
+        """Count rejected messages."""
+        if count:
+            self.rejected[reason] += count
+
+    def copy(self) -> RejectionLog:
+        """Return the counts as they stand."""
+        return RejectionLog(self.received, self.accepted, self.rejected.copy(), self.waiting)
+
+    def lose(self, before: RejectionLog, arrived: int, reason: str) -> None:
+        """Count what has arrived since, and what waited then, as rejected: all of it was lost.
+
+        Args:
+            before: The counts before it arrived, from `copy`.
+            arrived: Messages since then.
+            reason: Why they were lost.
+        """
+        self.received = before.received + arrived
+        self.accepted = before.accepted
+        self.rejected.clear()
+        self.rejected.update(before.rejected)
+        self.reject(reason, arrived + before.waiting)
+        self.waiting = 0
+
+    @property
+    def balanced(self) -> bool:
+        """Whether every message is accounted for."""
+        return self.received == self.accepted + sum(self.rejected.values()) + self.waiting

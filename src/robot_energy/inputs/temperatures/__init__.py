@@ -1,0 +1,1 @@
+"""Motor temperatures: every kind of source, and which readings are believed."""
