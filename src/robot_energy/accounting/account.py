@@ -1,7 +1,7 @@
 """The books: registers, comparison with the meter, phases and short-term means.
 
-They outlive a process: `Ledger.state` gives all that must be kept as one record, and
-`Ledger.restore` continues from it. What lies between the last sample of a record and the
+They outlive a process: `EnergyAccount.state` gives all that must be kept as one record, and
+`EnergyAccount.restore` continues from it. What lies between the last sample of a record and the
 next sample is a gap, or a jump where the stamps went back; it never carries energy.
 """
 
@@ -12,6 +12,18 @@ from collections.abc import Callable
 
 import numpy as np
 
+from robot_energy.accounting.account_record import carry_into, record_of, tally_of
+from robot_energy.accounting.averaging import Averager, MeanBlock
+from robot_energy.accounting.comparison import Comparison
+from robot_energy.accounting.event_log import EventLog
+from robot_energy.accounting.exact_sum import MAX_COUNTER, ExactSum, add_saturating
+from robot_energy.accounting.job_intervals import JobIntervals
+from robot_energy.accounting.meter_checks import MeterDiagnostics
+from robot_energy.accounting.plain_text import MAX_REASON, plain
+from robot_energy.accounting.record import EnergyInterval, Identity, LedgerRecord, Tally, TraceEntry
+from robot_energy.accounting.registers import CABINET_REGISTERS, Registers
+from robot_energy.accounting.settings import AccountSettings
+from robot_energy.accounting.shaft_comparison import ShaftComparison
 from robot_energy.blocks import (
     Float,
     Int,
@@ -22,21 +34,15 @@ from robot_energy.blocks import (
     Quality,
     SupplyBlock,
 )
-from robot_energy.comparison import Compared, Comparison, Judgement
 from robot_energy.errors import RegisterError
-from robot_energy.pipeline.averaging import Averager, MeanBlock
-from robot_energy.pipeline.ledger_record import carry_into, record_of, tally_of
-from robot_energy.pipeline.settings import Settings
-from robot_energy.registers import CABINET_REGISTERS, ExactSum, IntervalBook, Registers
-from robot_energy.registers.record import EnergyInterval, Identity, LedgerRecord, Tally, TraceEntry
-from robot_energy.registers.trace import Trace
-from robot_energy.shaft_comparison import ShaftComparison
+from robot_energy.timeline.pieces import Compared
+from robot_energy.timeline.stamps import MAX_STAMP_NS, MIN_STAMP_NS
 
 BITS = tuple(int(bit) for bit in Quality)
 REPEATED_NS = 1_000_000_000  # after a restart, stamps up to this old were counted before it
 
 
-class Ledger:
+class EnergyAccount:
     """Integrates power and sets it beside the meter.
 
     Args:
@@ -60,13 +66,13 @@ class Ledger:
         on_compared: Called with what became comparable in each step, for plots.
     """
 
-    def __init__(self, n_joints: int, settings: Settings | None = None) -> None:
+    def __init__(self, n_joints: int, settings: AccountSettings | None = None) -> None:
         self._n_joints = n_joints
-        self._settings = settings or Settings()
+        self._settings = settings or AccountSettings()
         period = self._settings.power_period
         self._averager = None if period is None else Averager(period)
         self.on_compared: Callable[[Compared], None] | None = None
-        self.judgement = Judgement(self._settings.meter_unit)
+        self.judgement = MeterDiagnostics(self._settings.meter_unit)
         self.repeated = 0
         self._begin()
 
@@ -84,8 +90,8 @@ class Ledger:
         self.samples = 0
         self.phase_energy_sum = ExactSum(len(Phase))
         self.phase_ns: Int = np.zeros(len(Phase), dtype=np.int64)
-        self.intervals = IntervalBook()
-        self.trace = Trace()
+        self.intervals = JobIntervals()
+        self.trace = EventLog()
         self.restarts = 0
         self._unplaced: deque[SupplyBlock] = deque()
         self._resume_ns: int | None = None  # newest sample booked before a restart
@@ -138,6 +144,16 @@ class Ledger:
         self._unplaced.clear()
         return self.comparison.predict(supply.stamp_ns, supply.segment, supply.power_at(location))
 
+    @property
+    def start_ns(self) -> int | None:
+        """Since when the registers count, within the range of stamps. [ns]"""
+        return _in_range(self.registers.time.start_ns)
+
+    @property
+    def end_ns(self) -> int | None:
+        """Newest booked sample, within the range of stamps. [ns]"""
+        return _in_range(self.registers.time.end_ns)
+
     def tally(self) -> Tally:
         """Return all counters as they stand."""
         return tally_of(self)
@@ -188,20 +204,22 @@ class Ledger:
             reason: Why, in words.
 
         Raises:
-            RegisterError: If there is no reason, or nothing was booked yet.
+            RegisterError: If there is no reason, or one that is too long or not on one
+                line, or nothing was booked yet.
         """
-        time, before = self.registers.time, self.tally()
+        before = self.tally()
         if not reason.strip():
             raise RegisterError("a reset without a reason", "a few words that say why")
-        if time.end_ns is None:
+        plain("a reason", reason.strip(), MAX_REASON, RegisterError)
+        if self.end_ns is None:
             raise RegisterError("no sample has been booked yet", "registers that have counted")
         self.trace.add(
             TraceEntry(
                 kind="reset",
-                stamp_ns=time.end_ns,
+                stamp_ns=self.end_ns,
                 text=reason.strip(),
                 totals=before,
-                energy_start_ns=time.start_ns,
+                energy_start_ns=self.start_ns,
             )
         )
         self.intervals.rebase(before)
@@ -218,9 +236,9 @@ class Ledger:
         """Begin an interval at the newest booked sample.
 
         Raises:
-            RegisterError: See `IntervalBook.open`.
+            RegisterError: See `JobIntervals.open`.
         """
-        return self.intervals.open(name, self.registers.time.end_ns, self.tally())
+        return self.intervals.open(name, self.end_ns, self.tally())
 
     def close_interval(self, name: str = "", interval_id: int = 0) -> EnergyInterval:
         """End an interval at the newest booked sample, by its number or else its name.
@@ -228,12 +246,11 @@ class Ledger:
         Raises:
             RegisterError: If no such interval is open.
         """
-        stamp_ns = self.registers.time.end_ns or 0
-        return self.intervals.close(name, interval_id, stamp_ns, self.tally())
+        return self.intervals.close(name, interval_id, self.end_ns or 0, self.tally())
 
     def list_intervals(self) -> list[EnergyInterval]:
         """Return the latest closed intervals and the open ones as they stand."""
-        return self.intervals.listed(self.registers.time.end_ns, self.tally())
+        return self.intervals.listed(self.end_ns, self.tally())
 
     def _without_repeated(self, block: PowerBlock, before_ns: int) -> PowerBlock | None:
         """Leave out the first samples after a restart if their time is in the books.
@@ -262,7 +279,7 @@ class Ledger:
         return float(self.phase_ns[phase]) * 1e-9
 
     def _book(self, block: PowerBlock, energy: Float, duration_ns: Int) -> None:
-        self.samples += len(block)
+        self.samples = min(self.samples + len(block), MAX_COUNTER)
         met = int(np.bitwise_or.reduce(block.quality))
         for bit in BITS if met else ():
             if met & bit:
@@ -271,11 +288,14 @@ class Ledger:
         rows = np.arange(len(block))
         split[rows, block.phase] = energy
         self.phase_energy_sum.add(split)
-        self.phase_ns += np.bincount(block.phase, weights=duration_ns, minlength=len(Phase)).astype(
-            np.int64
-        )
+        durations = np.bincount(block.phase, weights=duration_ns, minlength=len(Phase))
+        add_saturating(self.phase_ns, durations.astype(np.int64))
         finite = block.grid_power[np.isfinite(block.grid_power)]
         if len(finite):
             peak = float(finite.max())
             self.peak_power = float(np.fmax(self.peak_power, peak))
             self.intervals.step(peak)
+
+
+def _in_range(stamp_ns: int | None) -> int | None:
+    return None if stamp_ns is None else max(MIN_STAMP_NS, min(stamp_ns, MAX_STAMP_NS))

@@ -7,23 +7,26 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_energy.blocks import Int, Phase, Quality
-from robot_energy.registers import CABINET_REGISTERS, JOINT_REGISTERS, Timekeeping
-from robot_energy.registers.record import (
+from robot_energy.accounting.event_log import EventLog
+from robot_energy.accounting.exact_sum import add_saturating
+from robot_energy.accounting.integration import Coverage
+from robot_energy.accounting.record import (
     JOINT_KEYS,
     SHAFT_KEYS,
     Identity,
     LedgerRecord,
     Remainders,
     Tally,
+    saturated,
 )
-from robot_energy.registers.trace import Trace
+from robot_energy.accounting.registers import CABINET_REGISTERS, JOINT_REGISTERS
+from robot_energy.blocks import Int, Phase, Quality
 
 if TYPE_CHECKING:
-    from robot_energy.pipeline.ledger import Ledger
+    from robot_energy.accounting.account import EnergyAccount
 
 
-def tally_of(ledger: Ledger) -> Tally:
+def tally_of(ledger: EnergyAccount) -> Tally:
     """Return all counters of the books as they stand."""
     time, comparison = ledger.registers.time, ledger.comparison
     cabinet, joints = _by_name(ledger.registers.microjoule, ledger.shaft.microjoule)
@@ -33,7 +36,7 @@ def tally_of(ledger: Ledger) -> Tally:
         shaft_compared_ns=tuple(ledger.shaft.compared_ns.tolist()),
         measured_energy_microjoule=int(comparison.microjoule[0]),
         predicted_energy_at_meter_microjoule=int(comparison.microjoule[1]),
-        compared_ns=comparison.compared_ns,
+        compared_ns=saturated(comparison.compared_ns),
         observed_ns=time.observed_ns,
         gap_ns=time.gap_ns,
         gap_count=time.gap_count,
@@ -41,7 +44,7 @@ def tally_of(ledger: Ledger) -> Tally:
     )
 
 
-def record_of(ledger: Ledger, identity: Identity) -> LedgerRecord:
+def record_of(ledger: EnergyAccount, identity: Identity) -> LedgerRecord:
     """Return all that must be kept of the books.
 
     Args:
@@ -55,8 +58,8 @@ def record_of(ledger: Ledger, identity: Identity) -> LedgerRecord:
     entries, closed = ledger.intervals.state()
     return LedgerRecord(
         identity=identity,
-        energy_start_ns=registers.time.start_ns,
-        end_ns=registers.time.end_ns,
+        energy_start_ns=ledger.start_ns,
+        end_ns=ledger.end_ns,
         totals=tally_of(ledger),
         remainders=Remainders(
             cabinet=cabinet,
@@ -70,9 +73,10 @@ def record_of(ledger: Ledger, identity: Identity) -> LedgerRecord:
         peak_power_watt=ledger.peak_power if np.isfinite(ledger.peak_power) else None,
         samples=ledger.samples,
         quality_counts={
-            str(Quality(bit).name): count for bit, count in sorted(ledger.quality.items())
+            str(Quality(bit).name): saturated(count)
+            for bit, count in sorted(ledger.quality.items())
         },
-        restarts=ledger.restarts,
+        restarts=saturated(ledger.restarts),
         next_interval_id=ledger.intervals.next_id,
         open_intervals=entries,
         closed_intervals=closed,
@@ -80,7 +84,7 @@ def record_of(ledger: Ledger, identity: Identity) -> LedgerRecord:
     )
 
 
-def carry_into(ledger: Ledger, record: LedgerRecord) -> None:
+def carry_into(ledger: EnergyAccount, record: LedgerRecord) -> None:
     """Put what a record has counted before what the books have counted.
 
     Args:
@@ -90,7 +94,7 @@ def carry_into(ledger: Ledger, record: LedgerRecord) -> None:
     registers, totals, rest = ledger.registers, record.totals, record.remainders
     empty = registers.time.end_ns is None
     registers.time.precede(
-        Timekeeping(
+        Coverage(
             observed_ns=totals.observed_ns,
             gap_ns=totals.gap_ns,
             gap_count=totals.gap_count,
@@ -121,19 +125,21 @@ def carry_into(ledger: Ledger, record: LedgerRecord) -> None:
         _integers(*(record.phase_energy_microjoule.get(name, 0) for name in names)),
         _integers(*(rest.phases.get(name, 0) for name in names)),
     )
-    ledger.phase_ns += _integers(*(record.phase_observed_ns.get(name, 0) for name in names))
+    add_saturating(
+        ledger.phase_ns, _integers(*(record.phase_observed_ns.get(name, 0) for name in names))
+    )
     ledger.intervals.restore(
         record.open_intervals, record.closed_intervals, record.next_interval_id
     )
     ledger.intervals.step(ledger.peak_power)
     stored = np.nan if record.peak_power_watt is None else record.peak_power_watt
     ledger.peak_power = float(np.fmax(ledger.peak_power, stored))
-    ledger.samples += record.samples
+    ledger.samples = saturated(ledger.samples + record.samples)
     for bit in Quality:
         ledger.quality[int(bit)] += record.quality_counts.get(str(bit.name), 0)
     ledger.quality += type(ledger.quality)()  # drop what is zero
     ledger.restarts += record.restarts
-    ledger.trace = Trace((*record.trace, *ledger.trace.entries))
+    ledger.trace = EventLog((*record.trace, *ledger.trace.entries))
 
 
 def _by_name(values: Int, shaft: Int) -> tuple[dict[str, int], dict[str, tuple[int, ...]]]:

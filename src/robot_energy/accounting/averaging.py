@@ -6,9 +6,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robot_energy.blocks import NANOSECOND, Bits, Block, Float, Int, PowerBlock, differences
-from robot_energy.comparison import Compared
-from robot_energy.registers import CABINET_REGISTERS, JOINT_REGISTERS, Intervals
+from robot_energy.accounting.integration import SampleIntervals
+from robot_energy.accounting.registers import CABINET_REGISTERS, JOINT_REGISTERS
+from robot_energy.blocks import (
+    NANOSECOND,
+    Bits,
+    Block,
+    Float,
+    Int,
+    Phase,
+    PowerBlock,
+    differences,
+)
+from robot_energy.timeline.pieces import Compared
 
 # A comparison older than this, and than twice the time it covers, is no longer shown.
 HOLD_NS = 2_000_000_000
@@ -21,7 +31,7 @@ class MeanBlock(Block):
     Attributes:
         stamp_ns: Last sample of the period, shape (W,). [ns]
         quality: All quality bits met, shape (W,).
-        phase: At the last sample, shape (W,).
+        phase: That held for the largest part of the period, shape (W,).
         period: Time integrated, shape (W,). [s]
         coverage: Integrated share of the time since the last period, shape (W,). [-]
         cabinet: Mean of each cabinet register's power, shape (W, 6). [W]
@@ -73,6 +83,8 @@ class _Open:
     energy: Float
     duration_ns: np.int64
     quality: np.uint32
+    held_ns: Int  # of each phase, shape (1, phases)
+    seen: Int  # number of the last sample in each phase, -1 for none, shape (1, phases)
 
 
 class Averager:
@@ -90,9 +102,11 @@ class Averager:
         self._shown = (np.nan, np.nan, np.nan)  # measured, predicted, coverage
         self._shown_ns: int | None = None
         self._hold_ns = HOLD_NS
+        self._samples = 0
+        self._last: tuple[int, int] | None = None  # stamp and segment of the last sample
 
     def step(
-        self, block: PowerBlock, intervals: Intervals, shaft: Float | None, compared: Compared
+        self, block: PowerBlock, intervals: SampleIntervals, shaft: Float | None, compared: Compared
     ) -> MeanBlock | None:
         """Take samples and return the periods that ended.
 
@@ -122,22 +136,53 @@ class Averager:
             [np.add.reduceat(intervals.energy, bounds, axis=0), measured], axis=1
         )
         quality = np.bitwise_or.reduceat(block.quality, bounds)
+        held_ns, seen = self._phases(block, intervals.duration_ns, bounds)
         ends = block[np.append(bounds[1:], len(block)) - 1]
         if carried is not None and len(starts) and starts[0] == 0:
             energy = np.concatenate([carried.energy[None, :], energy])
             duration_ns = np.append(carried.duration_ns, duration_ns)
             quality = np.append(carried.quality, quality)
+            held_ns = np.concatenate([carried.held_ns, held_ns])
+            seen = np.concatenate([carried.seen, seen])
             ends = PowerBlock.concatenate([carried.end, ends])
         elif carried is not None:
             energy[0] += carried.energy
             duration_ns[0] += carried.duration_ns
             quality[0] |= carried.quality
+            held_ns[0] += carried.held_ns[0]
+            seen[0] = np.maximum(seen[0], carried.seen[0])
         self._open = _Open(
-            ends[slice(-1, None)], energy[-1], duration_ns[-1], np.uint32(quality[-1])
+            ends[slice(-1, None)],
+            energy[-1],
+            duration_ns[-1],
+            np.uint32(quality[-1]),
+            held_ns[-1:],
+            seen[-1:],
         )
         if len(ends) == 1:
             return None
-        return self._close(ends[slice(0, -1)], energy[:-1], duration_ns[:-1], quality[:-1])
+        phase = _longest(held_ns[:-1], seen[:-1])
+        return self._close(ends[slice(0, -1)], energy[:-1], duration_ns[:-1], quality[:-1], phase)
+
+    def _phases(self, block: PowerBlock, duration_ns: Int, bounds: Int) -> tuple[Int, Int]:
+        """How long each phase held in each piece, and its last sample; shape (pieces, phases).
+
+        The time up to a sample counts for the phase of that sample, as in the registers.
+        Those count no time of unknown power; here it counts for UNKNOWN.
+        """
+        stamp, segment = block.stamp_ns, block.segment
+        before = self._last or (int(stamp[0]), int(segment[0]))
+        step = differences(stamp, before[0])
+        unknown = (block.phase == Phase.UNKNOWN) & (differences(segment, before[1]) == 0)
+        time_ns = np.where(unknown & (duration_ns == 0), np.maximum(step, 0), duration_ns)
+        self._last = (int(stamp[-1]), int(segment[-1]))
+        piece = np.repeat(np.arange(len(bounds)), np.diff(bounds, append=len(block)))
+        held_ns = np.zeros((len(bounds), len(Phase)), dtype=np.int64)
+        seen = np.full_like(held_ns, -1)
+        np.add.at(held_ns, (piece, block.phase), time_ns)
+        np.maximum.at(seen, (piece, block.phase), self._samples + np.arange(len(block)))
+        self._samples += len(block)
+        return held_ns, seen
 
     def flush(self) -> MeanBlock | None:
         """Return the period that is still open."""
@@ -149,9 +194,12 @@ class Averager:
             carried.energy[None, :],
             np.array([carried.duration_ns]),
             np.array([carried.quality]),
+            _longest(carried.held_ns, carried.seen),
         )
 
-    def _close(self, last: PowerBlock, energy: Float, duration_ns: Int, quality: Bits) -> MeanBlock:
+    def _close(
+        self, last: PowerBlock, energy: Float, duration_ns: Int, quality: Bits, phase: Int
+    ) -> MeanBlock:
         stamp = last.stamp_ns
         before = np.concatenate(
             [
@@ -172,7 +220,7 @@ class Averager:
         return MeanBlock(
             stamp_ns=stamp,
             quality=quality.astype(np.uint32),
-            phase=last.phase.astype(np.int64),
+            phase=phase,
             period=duration,
             coverage=coverage,
             cabinet=power[:, :split],
@@ -226,3 +274,9 @@ class Averager:
         )
         self._compared = [kept]
         return rows
+
+
+def _longest(held_ns: Int, seen: Int) -> Int:
+    """The phase of each piece that held longest, of equal ones the later, shape (pieces,)."""
+    longest = held_ns == np.where(seen >= 0, held_ns, -1).max(axis=1, keepdims=True)
+    return np.where(longest, seen, -1).argmax(axis=1)

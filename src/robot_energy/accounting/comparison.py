@@ -10,9 +10,12 @@ either, so the result does not depend on how the input is cut into blocks.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import numpy as np
 
+from robot_energy.accounting.exact_sum import ExactSum
+from robot_energy.accounting.integration import NO_SEGMENT
 from robot_energy.blocks import (
     NANOSECOND,
     Float,
@@ -22,14 +25,17 @@ from robot_energy.blocks import (
     MeterMeaning,
     differences,
 )
-from robot_energy.comparison.curve import MAX_POWER, MeterCurve
-from robot_energy.comparison.pieces import Compared, Pieces
-from robot_energy.registers import NO_SEGMENT, ExactSum
+from robot_energy.inputs.meter.power_curve import MAX_POWER, MeterCurve
+from robot_energy.timeline.pieces import Compared, CoveredPieces
 
 SECOND_NS = 1_000_000_000
 MAX_PIECES = 1_000_000
+MAX_BEGINNING = 2  # readings of a first epoch that may have been none
+MAX_EPOCHS = 8  # of the meter that wait for the prediction to follow
 EARLY_NS = 5 * SECOND_NS  # a reading stamped this much later than the prediction is no delay
-ALONE_NS = 10 * SECOND_NS  # a jump of the meter that the prediction does not follow by then
+ALONE_NS = 10 * SECOND_NS  # a jump of one side that the other does not follow by then
+ALONE_READINGS = 3  # of the meter that must have come meanwhile
+NEAR_NS = 60 * SECOND_NS  # pieces that much later may still be of the same clock
 
 
 @dataclass(frozen=True)
@@ -53,9 +59,19 @@ class Idle:
 
 @dataclass
 class _Epoch:
-    predicted: Pieces = field(default_factory=Pieces.empty)
-    measured: Pieces = field(default_factory=Pieces.empty)
+    """Both curves of one epoch, as far as they are not compared.
+
+    Attributes:
+        predicted: Predicted power.
+        measured: Measured power.
+        done_ns: Until where they are compared. [ns]
+        newest_ns: Newest reading of the meter; None before the first. [ns]
+    """
+
+    predicted: CoveredPieces = field(default_factory=CoveredPieces.empty)
+    measured: CoveredPieces = field(default_factory=CoveredPieces.empty)
     done_ns: int | None = None
+    newest_ns: int | None = None
 
 
 class Comparison:
@@ -96,6 +112,8 @@ class Comparison:
         self._measured_epoch = 0
         self._predicted_epoch = 0
         self._last: tuple[int, int, float] | None = None  # stamp, segment, power
+        self._beginning = True  # whether the meter has told its time by a few readings only
+        self._led: tuple[int, int] | None = None  # jump of the prediction alone: stamp, readings
 
     @property
     def patience_ns(self) -> int:
@@ -141,9 +159,19 @@ class Comparison:
         """Take meter readings; they wait for the prediction to catch up."""
         self.location, self.meaning = block.location, block.meaning
         for number, part in enumerate(self.curve.step(block)):
-            self._measured_epoch += number > 0
+            if number:
+                self._beginning &= self.curve.left[number - 1] <= MAX_BEGINNING
+                if self._beginning:  # the first stamps were wrong
+                    first = self._epochs.setdefault(self._measured_epoch, _Epoch())
+                    first.measured, first.newest_ns = CoveredPieces.empty(), None
+                else:
+                    self._measured_epoch += 1
+            if self._measured_epoch - self._predicted_epoch >= MAX_EPOCHS:
+                self._adopt()
             epoch = self._epochs.setdefault(self._measured_epoch, _Epoch())
             epoch.measured = epoch.measured.join(part)[slice(-MAX_PIECES, None)]
+            if len(part):
+                epoch.newest_ns = int(part.end_ns[-1])
 
     def predict(self, stamp_ns: Int, segment: Int, power: Float) -> Compared:
         """Take predicted power and compare as far as both are known.
@@ -156,12 +184,23 @@ class Comparison:
         Returns:
             The elementary intervals that became comparable.
         """
+        before = int(stamp_ns[0]) if self._last is None else self._last[0]
+        calm = self._measured_epoch == self._predicted_epoch and int(stamp_ns[0]) >= before
+        if calm and bool((stamp_ns[1:] >= stamp_ns[:-1]).all()):
+            return self._predict(stamp_ns, segment, power)
+        # Epochs are matched at whole seconds, so that the cutting of the input does not matter.
+        second = stamp_ns // SECOND_NS
+        starts = np.flatnonzero(differences(second, before // SECOND_NS)).tolist()
         done: list[Compared] = []
-        alone = int(stamp_ns[-1]) - self.curve.left_ns > ALONE_NS
-        if self._measured_epoch > self._predicted_epoch and alone:
-            for number in range(self._predicted_epoch, self._measured_epoch):
-                self._epochs.pop(number, None)  # the meter's clock alone jumped
-            self._predicted_epoch = self._measured_epoch
+        for start, stop in pairwise(sorted({0, *starts, len(stamp_ns)})):
+            if start in starts:
+                self._match(int(second[start]) * SECOND_NS)
+            rows = slice(start, stop)
+            done.append(self._predict(stamp_ns[rows], segment[rows], power[rows]))
+        return _joined(done)
+
+    def _predict(self, stamp_ns: Int, segment: Int, power: Float) -> Compared:
+        done: list[Compared] = []
         previous = stamp_ns[0] if self._last is None else self._last[0]
         jumps = np.flatnonzero(differences(stamp_ns, int(previous)) < 0).tolist()
         for start, stop in zip([0, *jumps], [*jumps, len(stamp_ns)], strict=True):
@@ -173,14 +212,44 @@ class Comparison:
                 self._last = None
                 self._epochs.pop(self._predicted_epoch, None)
                 self._predicted_epoch += 1
+                self._led = int(stamp_ns[stop]), self.curve.accepted
         done.append(self._advance())
         self._note_idle(int(stamp_ns[-1]), any(len(part.duration_ns) for part in done))
-        return Compared(
-            *(
-                np.concatenate([getattr(part, name) for part in done])
-                for name in ("available_ns", "duration_ns", "measured", "predicted")
-            )
-        )
+        return _joined(done)
+
+    def _match(self, now_ns: int) -> None:
+        """Go on with the meter's readings where only one side's clock has jumped back."""
+        while self._measured_epoch > self._predicted_epoch and self._meter_alone(now_ns):
+            self._adopt()
+        if self._measured_epoch >= self._predicted_epoch or self._led is None:
+            return
+        since_ns, readings = self._led
+        newest = self.curve.newest_ns
+        waited = now_ns - since_ns > ALONE_NS and self.curve.accepted - readings >= ALONE_READINGS
+        if waited and newest is not None and abs(newest - now_ns) < NEAR_NS:
+            epoch = self._epochs.setdefault(self._predicted_epoch, _Epoch())
+            epoch.measured = self._epochs.pop(self._measured_epoch, _Epoch()).measured
+            self._measured_epoch, self._led = self._predicted_epoch, None
+
+    def _meter_alone(self, now_ns: int) -> bool:
+        """Whether the meter jumped back and the prediction will not follow."""
+        before = self._epochs.get(self._predicted_epoch, _Epoch())
+        after = self._epochs.get(self._predicted_epoch + 1, _Epoch()).measured
+        left_ns = before.newest_ns
+        if left_ns is None or now_ns - left_ns > ALONE_NS:
+            return True
+        if left_ns - now_ns < NEAR_NS or not len(after):
+            return False
+        pieces = before.measured
+        near = (pieces.end_ns > now_ns - ALONE_NS) & (pieces.start_ns < now_ns + NEAR_NS)
+        return not near.any() and now_ns - int(after.start_ns[0]) > ALONE_NS
+
+    def _adopt(self) -> None:
+        """Compare what is predicted with the next epoch of the meter."""
+        old = self._epochs.pop(self._predicted_epoch, _Epoch())
+        self._predicted_epoch += 1
+        epoch = self._epochs.setdefault(self._predicted_epoch, _Epoch())
+        epoch.predicted, epoch.done_ns = old.predicted, old.done_ns
 
     def _note_idle(self, newest_ns: int, compared: bool) -> None:
         """Keep account of a stretch in which nothing is compared."""
@@ -203,7 +272,7 @@ class Comparison:
         self._last = (int(stamp[-1]), int(part[-1]), float(value[-1]))
         keep = (np.diff(part) == 0) & (np.diff(stamp) > 0)
         keep &= np.isfinite(value[1:]) & np.isfinite(value[:-1])
-        pieces = Pieces(stamp[:-1], stamp[1:], value[:-1], value[1:])[keep]
+        pieces = CoveredPieces(stamp[:-1], stamp[1:], value[:-1], value[1:])[keep]
         epoch = self._epochs.setdefault(self._predicted_epoch, _Epoch())
         epoch.predicted = epoch.predicted.join(pieces)
 
@@ -227,7 +296,9 @@ class Comparison:
                 epoch.predicted = predicted[predicted.end_ns >= oldest]
         return result
 
-    def _integrate(self, predicted: Pieces, measured: Pieces, start: int, until: int) -> Compared:
+    def _integrate(
+        self, predicted: CoveredPieces, measured: CoveredPieces, start: int, until: int
+    ) -> Compared:
         edges = np.concatenate([predicted.edges, measured.edges, [start, until]])
         edges = np.sort(edges[(edges >= start) & (edges <= until)], kind="stable")
         edges = edges[differences(edges, start - 1) > 0]
@@ -247,3 +318,13 @@ class Comparison:
         self._sum.add(energy)
         self.compared_ns += int((high - low).sum())
         return Compared(measured.end_ns[row_m], high - low, energy[:, 0], energy[:, 1])
+
+
+def _joined(parts: list[Compared]) -> Compared:
+    """Join what became comparable, in the order given."""
+    return Compared(
+        *(
+            np.concatenate([getattr(part, name) for part in parts])
+            for name in ("available_ns", "duration_ns", "measured", "predicted")
+        )
+    )

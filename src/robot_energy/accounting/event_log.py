@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable
 
-from robot_energy.registers.record import TraceEntry
+from robot_energy.accounting.record import TraceEntry
 
 KEPT = 16  # latest entries of each kind, so that restarts never push out a reset
 
 
-class Trace:
+class EventLog:
     """What happened to the registers, oldest first; bounded for each kind.
 
     Args:
@@ -18,7 +18,9 @@ class Trace:
     """
 
     def __init__(self, entries: Iterable[TraceEntry] = ()) -> None:
-        self._entries = list(entries)
+        self._entries: list[TraceEntry] = []
+        for entry in entries:
+            self.add(entry)
 
     @property
     def entries(self) -> tuple[TraceEntry, ...]:

@@ -11,14 +11,29 @@ import numpy as np
 from robot_energy.blocks import Float, Int
 
 PER_JOULE = 1e6  # microjoules
+MAX_COUNTER = 2**63 - 1  # where every counter stays: the largest that int64 and a file hold
 REMAINDER_BITS = 40  # the remainder counts units of 2^-40 microjoule
 BLOCK = 1 << 10  # rows whose remainders add up exactly in a float
+NEAR_FULL = MAX_COUNTER - (1 << 60)  # beyond, rows are added one by one [uJ]
 ROUND_WHOLE = 1.5 * 2.0**52  # adding and subtracting this rounds to an integer,
 ROUND_REMAINDER = 1.5 * 2.0 ** (52 - REMAINDER_BITS)  # and this to the remainder's unit
 
 
+def add_saturating(total: Int, more: Int) -> None:
+    """Add integers in place; a sum beyond ``MAX_COUNTER``, either way, stays there.
+
+    Args:
+        total: What is added to, shape (N,).
+        more: Same shape, or a single value.
+    """
+    wrapped = total + more
+    full = ((total ^ wrapped) & (np.asarray(more) ^ wrapped)) < 0
+    limit = np.where(total < 0, -MAX_COUNTER, MAX_COUNTER)
+    np.maximum(np.where(full, limit, wrapped), -MAX_COUNTER, out=total)
+
+
 class ExactSum:
-    """Sums of energies, exact in integers.
+    """Sums of energies, exact in integers, that never pass ``MAX_COUNTER``.
 
     Args:
         size: How many registers.
@@ -41,15 +56,19 @@ class ExactSum:
         Args:
             energy: Finite, below 2 MJ each, shape (N, size). [J]
         """
-        for start in range(0, len(energy), BLOCK):
-            rest = energy[start : start + BLOCK] * PER_JOULE
+        start = 0
+        while start < len(energy):
+            full = bool((np.abs(self.microjoule) > NEAR_FULL).any())
+            size = 1 if full else BLOCK  # so that cutting makes no difference
+            rest = energy[start : start + size] * PER_JOULE
+            start += size
             whole = rest + ROUND_WHOLE
             whole -= ROUND_WHOLE
             rest -= whole
             rest += ROUND_REMAINDER
             rest -= ROUND_REMAINDER
             ones = np.ones(len(rest))
-            self.microjoule += (ones @ whole).astype(np.int64)
+            add_saturating(self.microjoule, (ones @ whole).astype(np.int64))
             self.remainder += (ones @ rest * 2.0**REMAINDER_BITS).astype(np.int64)
             self._carry()
 
@@ -60,7 +79,7 @@ class ExactSum:
             microjoule: Shape (size,). [uJ]
             remainder: Shape (size,). [2^-40 uJ]
         """
-        self.microjoule += microjoule
+        add_saturating(self.microjoule, microjoule)
         self.remainder += remainder
         self._carry()
 
@@ -69,7 +88,7 @@ class ExactSum:
         self.microjoule[:] = 0
 
     def _carry(self) -> None:
-        self.microjoule += self.remainder >> REMAINDER_BITS
+        add_saturating(self.microjoule, self.remainder >> REMAINDER_BITS)
         self.remainder &= (1 << REMAINDER_BITS) - 1
 
     @property

@@ -7,15 +7,17 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from robot_energy.accounting.exact_sum import MAX_COUNTER
+from robot_energy.accounting.plain_text import MAX_NAME, plain
+from robot_energy.accounting.record import EnergyInterval, OpenInterval, Tally
 from robot_energy.errors import RegisterError
-from robot_energy.registers.record import EnergyInterval, OpenInterval, Tally
+from robot_energy.shown_text import shown
 
 MAX_OPEN = 16
 MAX_CLOSED = 16
-MAX_NAME = 100  # characters
 
 
-class IntervalBook:
+class JobIntervals:
     """The open intervals and the latest closed ones.
 
     An interval is the difference of two tallies, so adjacent ones add up to the
@@ -40,7 +42,7 @@ class IntervalBook:
         """Begin an interval at the newest booked sample.
 
         Args:
-            name: Unique among the open ones, 1 to 100 characters.
+            name: Unique among the open ones, 1 to 100 printable characters.
             stamp_ns: Newest booked sample. [ns]
             tally: All counters at that instant.
 
@@ -51,10 +53,7 @@ class IntervalBook:
             RegisterError: If the name does not fit or is taken, if too many are open, or
                 if no sample was booked yet.
         """
-        if not name.strip() or len(name) > MAX_NAME:
-            raise RegisterError(
-                f"an interval name of {len(name)} characters", f"1 to {MAX_NAME}, not all blank"
-            )
+        plain("an interval name", name, MAX_NAME, RegisterError)
         if any(entry.name == name for entry in self._open.values()):
             raise RegisterError(
                 f"an interval '{name}' is open already", "another name", "close it first"
@@ -65,6 +64,8 @@ class IntervalBook:
             )
         if stamp_ns is None:
             raise RegisterError("no sample has been booked yet", "a first joint state")
+        if self.next_id >= MAX_COUNTER:
+            raise RegisterError("the numbers of intervals are used up", f"below {MAX_COUNTER}")
         entry = OpenInterval(
             interval_id=self.next_id,
             name=name,
@@ -98,7 +99,7 @@ class IntervalBook:
         ]
         if not found:
             names = ", ".join(f"'{entry.name}'" for entry in self._open.values())
-            what = f"number {interval_id}" if interval_id else f"'{name}'"
+            what = f"number {interval_id}" if interval_id else f"'{shown(name)}'"
             raise RegisterError(f"no interval {what} is open", names or "an open interval; none is")
         closed = self._report(found[0], stamp_ns, tally, is_open=False)
         del self._open[closed.interval_id]
@@ -157,7 +158,8 @@ class IntervalBook:
         """
         self._open = {entry.interval_id: entry for entry in entries}
         self._closed.extend(closed)
-        self.next_id = max([next_id, *(number + 1 for number in self._open)])
+        used = max(self._open, default=0)
+        self.next_id = min(max(next_id, used + 1), MAX_COUNTER)
 
     def _report(
         self, entry: OpenInterval, stamp_ns: int, tally: Tally, is_open: bool

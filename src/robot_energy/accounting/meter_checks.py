@@ -7,9 +7,9 @@ from collections import deque
 
 import numpy as np
 
+from robot_energy.accounting.comparison import EARLY_NS, SECOND_NS, Comparison
 from robot_energy.blocks import NANOSECOND, MeterMeaning
-from robot_energy.comparison.comparison import EARLY_NS, SECOND_NS, Comparison
-from robot_energy.comparison.pieces import Compared
+from robot_energy.timeline.pieces import Compared
 from robot_energy.units import ENERGY_UNITS, POWER_UNITS
 
 WINDOW = 60  # of the rolling residual [s]
@@ -24,7 +24,7 @@ NANOJOULE = 1e9
 Sums = list[int]  # compared time [ns], measured energy [nJ], predicted energy [nJ]
 
 
-class Judgement:
+class MeterDiagnostics:
     """Watches the residual over the newest minute that was compared.
 
     Sums are integers, so that they do not depend on how the input is cut.
@@ -81,12 +81,12 @@ class Judgement:
 
     @property
     def residual_share(self) -> float:
-        """Measured minus predicted energy of the newest minute, relative to measured. [-]
+        """Predicted minus measured energy of the newest minute, relative to measured. [-]
 
         NaN where nothing was compared or measured.
         """
         _, measured, predicted = self._sum
-        return (measured - predicted) / abs(measured) if measured else math.nan
+        return (predicted - measured) / abs(measured) if measured else math.nan
 
     def findings(self, comparison: Comparison) -> list[str]:
         """Return what is wrong with the meter, one sentence each.

@@ -1,7 +1,9 @@
 """What is kept of the registers across restarts: plain values with units in their names.
 
-A state file holds one `LedgerRecord` as JSON. It is strict: unknown keys, missing units
-or numbers out of range are refused as a whole, never adapted.
+A state file holds one `LedgerRecord` as JSON. It is strict: unknown keys and missing units
+are refused as a whole, never adapted. Only where an earlier release let a number or a text
+grow beyond what can be kept, that one is brought to its limit, and `LedgerRecord.repairs`
+says so.
 """
 
 from __future__ import annotations
@@ -9,32 +11,69 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    PrivateAttr,
+    ValidationError,
+    model_validator,
+)
 
+from robot_energy.accounting.exact_sum import MAX_COUNTER, REMAINDER_BITS
+from robot_energy.accounting.plain_text import MAX_NAME, MAX_TEXT
+from robot_energy.accounting.record_repair import one_line, repaired
+from robot_energy.accounting.registers import CABINET_REGISTERS, JOINT_REGISTERS, SHAFT_REGISTERS
 from robot_energy.errors import StateFileError
-from robot_energy.registers.exact_sum import REMAINDER_BITS
-from robot_energy.registers.totals import CABINET_REGISTERS, JOINT_REGISTERS, SHAFT_REGISTERS
+from robot_energy.shown_text import shown
+from robot_energy.timeline.stamps import MAX_STAMP_NS, MIN_STAMP_NS
 
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2  # 1 had no node
 SHAFT_KEYS = tuple(f"shaft_{name}" for name in SHAFT_REGISTERS)
 JOINT_KEYS = (*JOINT_REGISTERS, *SHAFT_KEYS)
 
-Integer = Annotated[int, Field(ge=-(2**63), lt=2**63)]
-Count = Annotated[int, Field(ge=0, lt=2**63)]
-Remainder = Annotated[int, Field(ge=0, lt=2**REMAINDER_BITS)]
+Integer = Annotated[int, Field(ge=-MAX_COUNTER, le=MAX_COUNTER)]
+Count = Annotated[int, Field(ge=0, le=MAX_COUNTER)]
+Stamp = Annotated[int, Field(ge=MIN_STAMP_NS, le=MAX_STAMP_NS)]
+Remainder = Annotated[int, Field(ge=0, le=2**REMAINDER_BITS - 1)]
+Name = Annotated[str, one_line(MAX_NAME)]
+Text = Annotated[str, one_line(MAX_TEXT)]
 Power = Annotated[float, Field(allow_inf_nan=False)]
 TraceKind = Literal[
-    "reset", "restart", "model_changed", "began_anew", "file_lost", "register_added"
+    "reset",
+    "restart",
+    "model_changed",
+    "began_anew",
+    "file_lost",
+    "register_added",
+    "adopted",
+    "repaired",
 ]
 
 
-class Record(BaseModel):
+SINGLE = (
+    "measured_energy_microjoule",
+    "predicted_energy_at_meter_microjoule",
+    "compared_ns",
+    "observed_ns",
+    "gap_ns",
+    "gap_count",
+    "jumps",
+)  # counters of a tally that are one number
+
+
+def saturated(value: int) -> int:
+    """Return a counter, at its limit if it is beyond."""
+    return max(-MAX_COUNTER, min(value, MAX_COUNTER))
+
+
+class AccountRecord(BaseModel):
     """Base of all records: frozen, strict, no unknown keys."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
 
-class Tally(Record):
+class Tally(AccountRecord):
     """All counters at an instant, or what they counted between two; exact integers.
 
     Attributes:
@@ -47,7 +86,7 @@ class Tally(Record):
         observed_ns: Time integrated. [ns]
         gap_ns: Time that could not be. [ns]
         gap_count: Number of gaps.
-        jumps: Backward jumps of the stamps.
+        jumps: Jumps of the stamps, backward or forward by more than a gap can be.
     """
 
     cabinet_energy_microjoule: dict[str, Integer]
@@ -62,30 +101,25 @@ class Tally(Record):
     jumps: Integer
 
     def __sub__(self, earlier: Tally) -> Tally:
-        """Return what was counted since an earlier tally of the same registers."""
+        """Return what was counted since an earlier tally of the same registers.
+
+        A difference that a counter cannot hold stays at the limit.
+        """
         cabinet, joints = earlier.cabinet_energy_microjoule, earlier.joint_energy_microjoule
         return Tally(
             cabinet_energy_microjoule={
-                name: value - cabinet[name]
+                name: saturated(value - cabinet[name])
                 for name, value in self.cabinet_energy_microjoule.items()
             },
             joint_energy_microjoule={
-                name: tuple(a - b for a, b in zip(values, joints[name], strict=True))
+                name: tuple(saturated(a - b) for a, b in zip(values, joints[name], strict=True))
                 for name, values in self.joint_energy_microjoule.items()
             },
             shaft_compared_ns=tuple(
-                a - b
+                saturated(a - b)
                 for a, b in zip(self.shaft_compared_ns, earlier.shaft_compared_ns, strict=True)
             ),
-            measured_energy_microjoule=self.measured_energy_microjoule
-            - earlier.measured_energy_microjoule,
-            predicted_energy_at_meter_microjoule=self.predicted_energy_at_meter_microjoule
-            - earlier.predicted_energy_at_meter_microjoule,
-            compared_ns=self.compared_ns - earlier.compared_ns,
-            observed_ns=self.observed_ns - earlier.observed_ns,
-            gap_ns=self.gap_ns - earlier.gap_ns,
-            gap_count=self.gap_count - earlier.gap_count,
-            jumps=self.jumps - earlier.jumps,
+            **{name: saturated(getattr(self, name) - getattr(earlier, name)) for name in SINGLE},
         )
 
     def arranged(self, order: Sequence[int]) -> Tally:
@@ -123,7 +157,7 @@ class Tally(Record):
         )
 
 
-class Remainders(Record):
+class Remainders(AccountRecord):
     """What the totals hold beyond whole microjoules, in units of 2^-40 microjoule."""
 
     cabinet: dict[str, Remainder]
@@ -146,7 +180,7 @@ class Remainders(Record):
         )
 
 
-class OpenInterval(Record):
+class OpenInterval(AccountRecord):
     """An interval that has not been closed.
 
     Attributes:
@@ -158,13 +192,13 @@ class OpenInterval(Record):
     """
 
     interval_id: Count
-    name: str
-    start_ns: Integer
+    name: Name
+    start_ns: Stamp
     base: Tally
     peak_power_watt: Power | None
 
 
-class EnergyInterval(Record):
+class EnergyInterval(AccountRecord):
     """What an interval has counted, up to its end or up to now.
 
     Attributes:
@@ -178,15 +212,15 @@ class EnergyInterval(Record):
     """
 
     interval_id: Count
-    name: str
-    start_ns: Integer
-    end_ns: Integer
+    name: Name
+    start_ns: Stamp
+    end_ns: Stamp
     is_open: bool
     counted: Tally
     peak_power_watt: Power | None
 
 
-class TraceEntry(Record):
+class TraceEntry(AccountRecord):
     """Something that happened to the registers and must be seen later.
 
     Attributes:
@@ -198,13 +232,13 @@ class TraceEntry(Record):
     """
 
     kind: TraceKind
-    stamp_ns: Integer | None
-    text: str
+    stamp_ns: Stamp | None
+    text: Text
     totals: Tally | None = None
-    energy_start_ns: Integer | None = None
+    energy_start_ns: Stamp | None = None
 
 
-class Identity(Record):
+class Identity(AccountRecord):
     """Whose registers they are.
 
     Attributes:
@@ -212,15 +246,17 @@ class Identity(Record):
         robot_serial: As in the model file; empty if it has none.
         joint_names: In model order.
         model_id: Hash of the model file that counts.
+        node: Full name of the node that counts; empty for none, as before format 2.
     """
 
     robot_type: str
     robot_serial: str
     joint_names: tuple[str, ...]
     model_id: str
+    node: str = ""
 
 
-class LedgerRecord(Record):
+class LedgerRecord(AccountRecord):
     """All that the books keep across a restart.
 
     Attributes:
@@ -242,10 +278,10 @@ class LedgerRecord(Record):
         trace: Resets, restarts, changes of the model; the latest of each kind.
     """
 
-    format_version: Literal[1] = FORMAT_VERSION
+    format_version: Literal[1, 2] = FORMAT_VERSION
     identity: Identity
-    energy_start_ns: Integer | None
-    end_ns: Integer | None
+    energy_start_ns: Stamp | None
+    end_ns: Stamp | None
     totals: Tally
     remainders: Remainders
     phase_energy_microjoule: dict[str, Integer]
@@ -258,6 +294,12 @@ class LedgerRecord(Record):
     open_intervals: tuple[OpenInterval, ...]
     closed_intervals: tuple[EnergyInterval, ...]
     trace: tuple[TraceEntry, ...]
+    _repairs: tuple[str, ...] = PrivateAttr(())
+
+    @property
+    def repairs(self) -> tuple[str, ...]:
+        """What was brought to its limit when the record was read."""
+        return self._repairs
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -305,9 +347,15 @@ class LedgerRecord(Record):
         try:
             return cls.model_validate_json(text)
         except ValidationError as error:
-            first = error.errors()[0]
-            key = ".".join(map(str, first["loc"])) or "the text"
+            mended, repairs = repaired(text, error)
+        try:
+            record = cls.model_validate_json(mended)
+        except ValidationError as error:
+            first = error.errors(include_input=False)[0]
+            key = shown(".".join(map(str, first["loc"])) or "the text")
             raise StateFileError(
                 f"the state cannot be used: {key}: {first['msg']}",
                 f"a record of format {FORMAT_VERSION}",
             ) from error
+        record._repairs = repairs
+        return record

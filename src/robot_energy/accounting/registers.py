@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from robot_energy.accounting.exact_sum import ExactSum
+from robot_energy.accounting.integration import Coverage, SampleIntervals, TrapezoidIntegrator
 from robot_energy.blocks import Float, Int, PowerBlock
-from robot_energy.registers.exact_sum import ExactSum
-from robot_energy.registers.timekeeping import Intervals, Timekeeping, Trapezoid
 
 CABINET_REGISTERS = ("grid_import", "grid_return", "brake", "loss_dc", "loss_grid", "capacitor")
 JOINT_REGISTERS = ("shaft_positive", "shaft_negative", "rigid", "friction", "drive_loss")
@@ -32,10 +32,10 @@ class Registers:
     def __init__(self, n_joints: int) -> None:
         self.n_joints = n_joints
         self._sum = ExactSum(len(CABINET_REGISTERS) + len(JOINT_REGISTERS) * n_joints)
-        self._trapezoid = Trapezoid()
+        self._trapezoid = TrapezoidIntegrator()
 
     @property
-    def time(self) -> Timekeeping:
+    def time(self) -> Coverage:
         """Account of observed and missing time."""
         return self._trapezoid.time
 
@@ -45,7 +45,7 @@ class Registers:
         return self._sum.microjoule
 
     @np.errstate(invalid="ignore")
-    def step(self, block: PowerBlock) -> Intervals:
+    def step(self, block: PowerBlock) -> SampleIntervals:
         """Integrate a block.
 
         Args:

@@ -11,8 +11,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from robot_energy.accounting.exact_sum import ExactSum, add_saturating
+from robot_energy.accounting.integration import SampleIntervals
+from robot_energy.accounting.registers import CABINET_REGISTERS, SHAFT_REGISTERS
 from robot_energy.blocks import NANOSECOND, Float, Int, PowerBlock
-from robot_energy.registers import CABINET_REGISTERS, SHAFT_REGISTERS, ExactSum, Intervals
 
 PREDICTED = len(CABINET_REGISTERS)  # column of the first predicted shaft energy in an interval
 LARGEST = 1e6  # J in one interval; more is no measurement, and would not fit the sums
@@ -53,7 +55,7 @@ class ShaftComparison:
             compared_ns: Shape (n,). [ns]
         """
         self._sum.add_sums(microjoule, remainder)
-        self.compared_ns += compared_ns
+        add_saturating(self.compared_ns, compared_ns)
 
     def reset(self) -> None:
         """Begin at zero."""
@@ -74,7 +76,7 @@ class ShaftComparison:
         return np.where(self.compared_ns > 0, joule, np.nan)
 
     @np.errstate(invalid="ignore", over="ignore")  # bad samples are not covered
-    def step(self, block: PowerBlock, intervals: Intervals) -> Float | None:
+    def step(self, block: PowerBlock, intervals: SampleIntervals) -> Float | None:
         """Integrate a block.
 
         Args:
@@ -101,7 +103,7 @@ class ShaftComparison:
         energy[:, 2 * n_joints :] = intervals.energy[:, PREDICTED : PREDICTED + 2 * n_joints]
         total = parts[:, :n_joints] - parts[:, n_joints:]
         if bool((parts < LARGEST).all()):
-            self.compared_ns += intervals.duration_ns.sum()
+            add_saturating(self.compared_ns, intervals.duration_ns.sum())
         else:
             self._leave_out(energy, total, intervals.duration_ns)
         self._sum.add(energy)
@@ -113,4 +115,4 @@ class ShaftComparison:
         known = np.asarray((parts[:, :2] < LARGEST).all(axis=1), dtype=np.bool_)
         parts[:] = np.where(known[:, None, :], parts, 0.0)
         total[:] = np.where(known, total, np.where(duration_ns[:, None] > 0, np.nan, 0.0))
-        self.compared_ns += np.where(known, duration_ns[:, None], 0).sum(axis=0)
+        add_saturating(self.compared_ns, np.where(known, duration_ns[:, None], 0).sum(axis=0))

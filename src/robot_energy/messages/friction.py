@@ -5,12 +5,15 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import FrictionBlock, TemperatureOrigin
-from robot_energy.ingest.accounting import Accounting
-from robot_energy.model_file import RobotModel
+from robot_energy.blocks import NANOSECOND, FrictionBlock, TemperatureOrigin
+from robot_energy.cdr.batch import RawBatch
+from robot_energy.cdr.decode import Decoder, Encoder, stamp_columns, stamp_ns
+from robot_energy.inputs.rejection_log import RejectionLog
+from robot_energy.model import RobotModel
 from robot_energy.pipeline.friction_certainty import FrictionCertainty
-from robot_energy.wire.batch import RawBatch
-from robot_energy.wire.layout import Decoder, Encoder, stamp_columns, stamp_ns
+from robot_energy.timeline.epochs import STRAY_STAMP, slow_reach
+from robot_energy.timeline.stamps import BAD_STAMP, valid_stamps
+from robot_energy.timeline.streams import StreamRun, StreamSplitter
 
 JOINT_FRICTION = "ros2_energy_msgs/msg/JointFriction"
 ARRAYS = ("coulomb", "viscous", "viscous_fallback", "motor_temperature_degc")
@@ -60,17 +63,21 @@ class FrictionWriter:
 
 
 class FrictionReader:
-    """Reads friction messages of the same model back into blocks.
+    """Reads friction messages of the same model back into blocks, without stray stamps.
 
     Args:
         model: The robot's model; messages of another model are rejected.
 
     Attributes:
         account: Received, accepted and rejected messages.
+        epochs: Jumps and outliers of the stamps.
     """
 
     def __init__(self, model: RobotModel) -> None:
-        self.account = Accounting()
+        self.account = RejectionLog()
+        reach = slow_reach(round(model.temperature.stale_after / NANOSECOND))
+        self._continuity = StreamSplitter[FrictionBlock](reach, FrictionBlock.concatenate)
+        self.epochs = self._continuity.epochs
         self._identity = (model.joint_names, model.model_id)
         self._decoder = Decoder(
             JOINT_FRICTION,
@@ -86,12 +93,17 @@ class FrictionReader:
             ),
         )
 
+    def restart(self) -> None:
+        """Drop what waits, as after an error. The account is left alone."""
+        self._continuity.restart()
+
     def decode(self, batch: RawBatch) -> FrictionBlock | None:
         """Return the rows of a batch in order of arrival, or None if there are none."""
         self.account.received += len(batch)
         decoded = self._decoder.decode(batch)
         self.account.reject("malformed", len(decoded.malformed))
         blocks: list[FrictionBlock] = []
+        rows: list[NDArray[np.int64]] = []
         n_joints = len(self._identity[0])
         for run in decoded.runs:
             arrays = {name: run.array(name) for name in ARRAYS}
@@ -101,12 +113,40 @@ class FrictionReader:
             elif any(array.shape[1] != n_joints for array in arrays.values()):
                 self.account.reject("wrong_length", len(run.rows))
             else:
-                self.account.accepted += len(run.rows)
+                valid = valid_stamps(stamp_ns(run))
+                valid &= valid_stamps(arrays["temperature_stamp_ns"]).all(axis=1)
+                self.account.reject(BAD_STAMP, int((~valid).sum()))
+                rows.append(run.rows[valid])
                 blocks.append(
                     FrictionBlock(
                         stamp_ns=stamp_ns(run),
                         quality=run.array("quality").astype(np.uint32),
                         **arrays,
-                    )
+                    )[valid]
                 )
+        if not any(map(len, blocks)):
+            return None
+        block = FrictionBlock.concatenate(blocks)
+        if len(blocks) > 1:
+            block = block[np.argsort(np.concatenate(rows))]
+        dated = block.stamp_ns != 0  # zero: what holds before any temperature
+        first = block[~dated]
+        self.account.accepted += len(first)
+        stretches = self._continuity.step(block[dated]) if dated.any() else []
+        return self._taken(first, stretches)
+
+    def flush(self) -> FrictionBlock | None:
+        """Return what still waits and is no outlier, as at the end."""
+        return self._taken(None, self._continuity.flush())
+
+    def _taken(
+        self, first: FrictionBlock | None, stretches: list[StreamRun[FrictionBlock]]
+    ) -> FrictionBlock | None:
+        """Bring the account up to date."""
+        self.account.accepted += sum(len(stretch.block) for stretch in stretches)
+        self.account.reject(STRAY_STAMP, self.epochs.strays - self.account.rejected[STRAY_STAMP])
+        self.account.waiting = self._continuity.waiting
+        blocks = [stretch.block for stretch in stretches]
+        if first is not None and len(first):
+            blocks.insert(0, first)
         return FrictionBlock.concatenate(blocks) if blocks else None

@@ -6,10 +6,10 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+from robot_energy.accounting.exact_sum import PER_JOULE
+from robot_energy.accounting.record import EnergyInterval
 from robot_energy.blocks import NANOSECOND
 from robot_energy.messages.registers import JOINT_FIELDS, SHAFT_FIELDS
-from robot_energy.registers import PER_JOULE
-from robot_energy.registers.record import EnergyInterval
 
 
 def interval_fields(interval: EnergyInterval, joint_names: Sequence[str]) -> dict[str, Any]:

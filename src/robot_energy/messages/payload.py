@@ -9,18 +9,26 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.errors import RobotEnergyError
-from robot_energy.ingest.accounting import Accounting
-from robot_energy.model_file.payload import Payload, payload
+from robot_energy.accounting.plain_text import MAX_LINK, plain
+from robot_energy.cdr.batch import RawBatch
+from robot_energy.cdr.decode import Decoder, Encoder, Run, stamp_columns
+from robot_energy.errors import PayloadError, RobotEnergyError
+from robot_energy.inputs.rejection_log import RejectionLog
+from robot_energy.model.payload import Payload, payload
 from robot_energy.pipeline.payload_timeline import PayloadChange
-from robot_energy.wire.batch import RawBatch
-from robot_energy.wire.layout import Decoder, Encoder, Run, stamp_columns, stamp_ns
+from robot_energy.shown_text import shown
+from robot_energy.timeline.stamps import (
+    BAD_STAMP,
+    MAX_STAMP_NS,
+    SECOND_NS,
+    is_valid_time,
+    readable_time,
+)
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
 PAYLOAD = "ros2_energy_msgs/msg/Payload"
-SECOND_NS = 1_000_000_000
 
 SetPayload = Callable[[Payload, int | None], PayloadChange]
 """`TorqueStage.set_payload`."""
@@ -67,17 +75,25 @@ def answer_set_payload(set_payload: SetPayload, request: SetPayloadRequest) -> S
         The answer. Where ``change`` is not None, publish `PayloadWriter.encode` of it on
         ``energy/payload``, latched.
     """
-    time = request.valid_from
-    from_ns = int(time.sec) * SECOND_NS + int(time.nanosec)
+    seconds, nanoseconds = int(request.valid_from.sec), int(request.valid_from.nanosec)
+    from_ns = seconds * SECOND_NS + nanoseconds
     try:
+        _check_link(str(request.link))
+        if not is_valid_time(max(seconds, 0), nanoseconds):  # before 1970: it has passed
+            raise PayloadError(
+                f"valid_from is {seconds} s and {nanoseconds} ns",
+                f"a time from 0 to {MAX_STAMP_NS // SECOND_NS} s with less than 1e9 ns",
+                "leave it at zero for the next joint state",
+            )
         body = payload(
             str(request.link), float(request.mass), request.centre_of_mass, request.inertia
         )
         change = set_payload(body, from_ns if from_ns > 0 else None)
     except RobotEnergyError as error:
         return SetPayloadAnswer(False, str(error))
-    what = f"{body.mass:g} kg on '{body.link}'" if body.mass else f"nothing on '{body.link}'"
-    since = f"from {change.from_ns} ns on" if change.from_ns else "from the start"
+    link = shown(body.link)
+    what = f"{body.mass:g} kg on '{link}'" if body.mass else f"nothing on '{link}'"
+    since = f"from {readable_time(change.from_ns)} on" if change.from_ns else "from the start"
     return SetPayloadAnswer(True, f"the robot carries {what} {since}", change)
 
 
@@ -94,7 +110,9 @@ class PayloadWriter:
     def encode(self, change: PayloadChange) -> NDArray[np.uint8]:
         """Return one serialised message, shape (1, size)."""
         body = change.payload
-        encoder = Encoder(PAYLOAD, {"model_id": self._model_id, "link": body.link})
+        encoder = Encoder(
+            PAYLOAD, {"header.frame_id": body.link, "model_id": self._model_id, "link": body.link}
+        )
         return encoder.encode(
             {
                 **stamp_columns(np.array([change.from_ns])),
@@ -123,7 +141,7 @@ class PayloadReader:
     """
 
     def __init__(self, set_payload: SetPayload, typestore: Typestore | None = None) -> None:
-        self.account = Accounting()
+        self.account = RejectionLog()
         self.changes: list[PayloadChange] = []
         self.refused = ""
         self._set_payload = set_payload
@@ -153,20 +171,33 @@ class PayloadReader:
             (int(row), run, index) for run in decoded.runs for index, row in enumerate(run.rows)
         ]
         for _, run, index in sorted(rows, key=lambda entry: entry[0]):
+            seconds, nanoseconds = (
+                int(run.array(f"header.stamp.{part}")[index]) for part in ("sec", "nanosec")
+            )
+            if not is_valid_time(seconds, nanoseconds):
+                self.account.reject(BAD_STAMP)
+                continue
             try:
-                self.changes.append(self._set_payload(*_body(run, index)))
+                _check_link(str(run.columns["link"]))
+                from_ns = seconds * SECOND_NS + nanoseconds
+                self.changes.append(self._set_payload(_body(run, index), from_ns))
                 self.account.accepted += 1
             except RobotEnergyError as error:
                 self.refused = str(error)
                 self.account.reject("impossible_payload")
 
 
-def _body(run: Run, index: int) -> tuple[Payload, int]:
-    """The payload of one message and its stamp."""
-    body = payload(
+def _check_link(link: str) -> None:
+    """Refuse what no link is called; an unknown one is refused by the robot."""
+    if link:
+        plain("a name of a link", link, MAX_LINK, PayloadError)
+
+
+def _body(run: Run, index: int) -> Payload:
+    """The payload of one message."""
+    return payload(
         str(run.columns["link"]),
         float(run.array("mass")[index]),
         run.array("centre_of_mass")[index].tolist(),
         run.array("inertia")[index].tolist(),
     )
-    return body, int(stamp_ns(run)[index])

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from robot_energy.accounting.averaging import MeanBlock
 from robot_energy.blocks import MeterLocation, sum_over_joints
-from robot_energy.pipeline.averaging import MeanBlock
-from robot_energy.wire.layout import Encoder, stamp_columns
+from robot_energy.cdr.decode import Encoder, stamp_columns
 
 POWER_STATE = "ros2_energy_msgs/msg/PowerState"
 
@@ -47,7 +47,7 @@ class PowerStateWriter:
                 "predicted_grid_power": block.mean("grid_import") - block.mean("grid_return"),
                 "measured_power": block.measured_power,
                 "predicted_power_at_meter": block.predicted_power_at_meter,
-                "residual_power": block.measured_power - block.predicted_power_at_meter,
+                "residual_power": block.predicted_power_at_meter - block.measured_power,
                 "comparison_coverage": block.comparison_coverage,
                 "measurement_age": block.measurement_age,
                 "meter_location": np.uint8(location),

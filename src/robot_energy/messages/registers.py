@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from robot_energy.accounting.account import EnergyAccount
+from robot_energy.accounting.registers import JOINT_REGISTERS, SHAFT_REGISTERS
 from robot_energy.blocks import NANOSECOND
-from robot_energy.pipeline.ledger import Ledger
-from robot_energy.registers import JOINT_REGISTERS, SHAFT_REGISTERS
-from robot_energy.wire.layout import Encoder, stamp_columns
+from robot_energy.cdr.decode import Encoder, stamp_columns
 
 ENERGY_REGISTERS = "ros2_energy_msgs/msg/EnergyRegisters"
 JOINT_FIELDS = {
@@ -41,7 +41,7 @@ class RegistersWriter:
             ENERGY_REGISTERS, {"model_id": model_id, "joints.name": tuple(joint_names)}
         )
 
-    def encode(self, ledger: Ledger, persisted: bool = False) -> NDArray[np.uint8] | None:
+    def encode(self, ledger: EnergyAccount, persisted: bool = False) -> NDArray[np.uint8] | None:
         """Return one serialised message, shape (1, size); None before the first sample.
 
         Args:
@@ -49,14 +49,14 @@ class RegistersWriter:
             persisted: Whether they are on disk as they stand.
         """
         registers, comparison = ledger.registers, ledger.comparison
-        time = registers.time
-        if time.start_ns is None or time.end_ns is None:
+        time, start_ns, end_ns = registers.time, ledger.start_ns, ledger.end_ns
+        if start_ns is None or end_ns is None:
             return None
         compared = comparison.compared_ns > 0
         return self._encoder.encode(
             {
-                **stamp_columns(np.array([time.end_ns])),
-                **stamp_columns(np.array([time.start_ns]), "energy_start"),
+                **stamp_columns(np.array([end_ns])),
+                **stamp_columns(np.array([start_ns]), "energy_start"),
                 "persisted": persisted,
                 "predicted_import_energy": registers.cabinet("grid_import"),
                 "predicted_return_energy": registers.cabinet("grid_return"),

@@ -9,10 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.blocks import Quality, TorqueBlock, differences, mark
-from robot_energy.ingest.accounting import Accounting
-from robot_energy.ingest.order import ACCEPTED, DUPLICATE, OLDER, StampOrder
-from robot_energy.wire.batch import RawBatch
-from robot_energy.wire.layout import Decoder, Encoder, stamp_columns, stamp_ns
+from robot_energy.cdr.batch import RawBatch
+from robot_energy.cdr.decode import Decoder, Encoder, stamp_columns, stamp_ns
+from robot_energy.inputs.rejection_log import RejectionLog
+from robot_energy.timeline.epochs import STRAY_STAMP, Reach
+from robot_energy.timeline.gaps import ACCEPTED, DUPLICATE, OLDER, StampOrder
+from robot_energy.timeline.stamps import BAD_STAMP, valid_stamps
+from robot_energy.timeline.streams import StreamRun, StreamSplitter
 
 JOINT_TORQUE = "ros2_energy_msgs/msg/JointTorque"
 ARRAYS = (
@@ -71,11 +74,15 @@ class TorqueReader:
     Attributes:
         account: Received, accepted and rejected messages.
         order: Gaps and backward jumps of the stamps.
+        epochs: Jumps and outliers of the stamps.
     """
 
     def __init__(self, joint_names: Sequence[str], model_id: str) -> None:
-        self.account = Accounting()
+        self.account = RejectionLog()
         self.order = StampOrder()
+        reach = Reach(prompt=True)
+        self._continuity = StreamSplitter[TorqueBlock](reach, TorqueBlock.concatenate)
+        self.epochs = self._continuity.epochs
         self._written: int | None = None  # segment number of the last sample, as written
         self._breaks = 0  # segments that ended by the writer's word alone
         self._identity = (tuple(joint_names), model_id)
@@ -123,12 +130,33 @@ class TorqueReader:
         block = TorqueBlock.concatenate(blocks)
         if len(blocks) > 1:
             block = block[np.argsort(np.concatenate(rows))]
+        valid = valid_stamps(block.stamp_ns)
+        self.account.reject(BAD_STAMP, int((~valid).sum()))
+        block = block[valid]
+        return self._taken(self._continuity.step(block)) if len(block) else None
+
+    def flush(self) -> TorqueBlock | None:
+        """Return what still waits and is no outlier, as at the end."""
+        return self._taken(self._continuity.flush())
+
+    def _taken(self, stretches: list[StreamRun[TorqueBlock]]) -> TorqueBlock | None:
+        """Bring the account up to date and number the segments."""
+        self.account.reject(STRAY_STAMP, self.epochs.strays - self.account.rejected[STRAY_STAMP])
+        self.account.waiting = self._continuity.waiting
+        if not stretches:
+            return None
+        block = TorqueBlock.concatenate([stretch.block for stretch in stretches])
         verdict = self.order.verdict(block.stamp_ns)
         self.account.reject("duplicate_stamp", int((verdict == DUPLICATE).sum()))
         self.account.reject("older_stamp", int((verdict == OLDER).sum()))
         accepted = block[verdict == ACCEPTED]
         self.account.accepted += len(accepted)
         return self._renumbered(accepted) if len(accepted) else None
+
+    def restart(self) -> None:
+        """Drop what waits, as after an error; a gap follows."""
+        self._continuity.restart()
+        self.order.interrupt()
 
     def _renumbered(self, block: TorqueBlock) -> TorqueBlock:
         """Number the segments by the writer's word and by the stamps."""

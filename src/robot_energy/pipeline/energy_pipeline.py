@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from robot_energy.accounting.account import EnergyAccount
+from robot_energy.accounting.averaging import MeanBlock
 from robot_energy.blocks import (
     FrictionBlock,
     JointBlock,
@@ -12,10 +14,8 @@ from robot_energy.blocks import (
     TemperatureBlock,
     TorqueBlock,
 )
-from robot_energy.model_file import RobotModel
-from robot_energy.pipeline.averaging import MeanBlock
+from robot_energy.model import RobotModel
 from robot_energy.pipeline.friction_stage import FrictionStage
-from robot_energy.pipeline.ledger import Ledger
 from robot_energy.pipeline.power_stage import PowerStage
 from robot_energy.pipeline.settings import Settings
 from robot_energy.pipeline.torque_stage import TorqueStage
@@ -59,7 +59,7 @@ class EnergyPipeline:
         self.torque = TorqueStage(model, settings)
         self.friction = FrictionStage(model)
         self.power = PowerStage(model, settings)
-        self.ledger = Ledger(len(model.joints), settings)
+        self.ledger = EnergyAccount(len(model.joints), settings)
 
     def step(
         self,
@@ -106,6 +106,11 @@ class EnergyPipeline:
         power = self.power.step(torque) if torque is not None else None
         means = self.ledger.step(power) if power is not None else None
         return Output(torque, friction, power, means)
+
+    def restart(self) -> None:
+        """Drop the samples that wait, as after an error; the books and settings stay."""
+        self.torque.restart()
+        self.power.restart()
 
     def flush(self) -> Output:
         """Complete what still waits, as at the end of a bag."""

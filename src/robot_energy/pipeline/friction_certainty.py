@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from robot_energy.blocks import Float, FrictionBlock
-from robot_energy.friction import FrictionModel
-from robot_energy.model_file import RobotModel
+from robot_energy.model import RobotModel
+from robot_energy.physics.friction import FrictionModel
 
 
 class FrictionCertainty:

@@ -16,20 +16,14 @@ from robot_energy.blocks import (
     in_any_joint,
     mark,
 )
-from robot_energy.friction import FrictionModel
-from robot_energy.model_file import RobotModel
-from robot_energy.pipeline.temperature_judge import (
-    BACKWARD_JUMP_NS,
-    TemperatureJudge,
-    Verdict,
-)
-
-__all__ = ["BACKWARD_JUMP_NS", "FrictionStage"]
+from robot_energy.inputs.temperatures.filter import ReadingStatus, TemperatureFilter
+from robot_energy.model import RobotModel
+from robot_energy.physics.friction import FrictionModel
 
 REASONS = {
-    Verdict.IMPLAUSIBLE: "temperature_implausible",
-    Verdict.OLDER: "temperature_older",
-    Verdict.STEP: "temperature_step",
+    ReadingStatus.IMPLAUSIBLE: "temperature_implausible",
+    ReadingStatus.OLDER: "temperature_older",
+    ReadingStatus.STEP: "temperature_step",
 }
 
 
@@ -57,7 +51,7 @@ class FrictionStage:
         n_joints = len(model.joints)
         fallback = np.full(n_joints, model.temperature.fallback_degc)
         self._fallback = self._friction.viscous(fallback)
-        self._judge = TemperatureJudge(n_joints)
+        self._judge = TemperatureFilter(n_joints)
         self.received = 0
         self.accepted = 0
         self.rejected: Counter[str] = Counter()
@@ -110,16 +104,17 @@ class FrictionStage:
         for verdict, reason in REASONS.items():
             if counts[verdict]:
                 self.rejected[reason] += counts[verdict]
-        self.accepted += counts[Verdict.ACCEPTED]
+        self.accepted += counts[ReadingStatus.ACCEPTED]
         turned = bool((before != self._judge.doubted).any())
-        return turned or bool(counts[Verdict.ACCEPTED])
+        return turned or bool(counts[ReadingStatus.ACCEPTED])
 
     def _state(self) -> _State:
         judge = self._judge
+        carried = (judge.stamp_ns == 0) & ~np.isnan(judge.temperature_degc)
         return _State(
             judge.newest_ns,
             judge.temperature_degc.copy(),
-            judge.stamp_ns.copy(),
+            np.where(carried, judge.begin_ns, judge.stamp_ns),
             bool(judge.doubted.any()),
         )
 

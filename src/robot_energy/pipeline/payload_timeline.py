@@ -10,8 +10,8 @@ import numpy as np
 
 from robot_energy.blocks import JointBlock
 from robot_energy.errors import PayloadError
-from robot_energy.model_file.payload import Payload
-from robot_energy.robot import Robot
+from robot_energy.model.payload import Payload
+from robot_energy.physics.rigid_body import Robot
 
 MAX_COMING = 100  # changes that may wait for their stamps
 
@@ -54,6 +54,17 @@ class PayloadTimeline:
     def coming(self) -> tuple[PayloadChange, ...]:
         """Changes that no sample has reached yet, in order of their stamps."""
         return tuple(self._coming)
+
+    def carried_at(self, stamp_ns: int) -> tuple[Payload, ...]:
+        """Return the bodies that the robot carries at a stamp after the newest torque.
+
+        Args:
+            stamp_ns: The stamp. [ns]
+        """
+        carried = {body.link: body for body in self.robot.payload}
+        due = [change.payload for change in self._coming if change.from_ns <= stamp_ns]
+        carried |= {body.link: body for body in due}
+        return tuple(body for body in carried.values() if body.mass)
 
     def set(self, payload: Payload, from_ns: int) -> PayloadChange:
         """Take a change.

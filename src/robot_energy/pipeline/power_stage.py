@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from robot_energy.blocks import (
@@ -21,25 +19,25 @@ from robot_energy.blocks import (
     mark,
     sum_over_joints,
 )
-from robot_energy.cabinet import CabinetStage
-from robot_energy.drive import drive_from_model
-from robot_energy.drivetrain import Drivetrain
-from robot_energy.friction import FrictionModel
-from robot_energy.model_file import RobotModel
-from robot_energy.pipeline.friction_stage import BACKWARD_JUMP_NS, FrictionStage
+from robot_energy.inputs.temperatures.stuck import StuckTemperatureDetector
+from robot_energy.model import RobotModel
+from robot_energy.physics.cabinet import CabinetStage
+from robot_energy.physics.drive import drive_from_model
+from robot_energy.physics.drivetrain import Drivetrain
+from robot_energy.physics.friction import FrictionModel
+from robot_energy.pipeline.fallback_use import FallbackUse
+from robot_energy.pipeline.friction_stage import FrictionStage
+from robot_energy.pipeline.friction_timeline import FrictionTimeline
 from robot_energy.pipeline.settings import Settings
-from robot_energy.pipeline.temperature_watch import TemperatureWatch
 
 LARGEST_POWER = 1e6  # no robot draws a megawatt: the joint states are wrong [W]
-HISTORY_NS = 60_000_000_000  # friction kept behind the samples
 NEVER = 1e9  # s, some thirty years
-ALONE_NS = 10_000_000_000  # a jump of friction that torque does not follow by then is its own
 
 
 class PowerStage:
     """Joins torque with the friction valid at its stamp and follows the power chain.
 
-    Torque waits until the stamps have passed it by ``settle``, so that a temperature
+    Torque waits until the stamps have passed it by ``temperature_wait``, so that a temperature
     which arrives a little late still counts from its own stamp. The result therefore
     does not depend on the order in which topics were delivered.
 
@@ -50,6 +48,7 @@ class PowerStage:
     Attributes:
         watch: Which temperatures are stuck; they stay in use, as the motor is at least as
             warm, and are flagged.
+        fallback_use: How many samples had to do without a temperature, and why.
     """
 
     def __init__(self, model: RobotModel, settings: Settings | None = None) -> None:
@@ -57,21 +56,19 @@ class PowerStage:
         self._friction = FrictionModel.from_model(model)
         self._drive = drive_from_model(model)
         self._cabinet = CabinetStage(model.cabinet)
-        self.watch = TemperatureWatch(model)
+        self.watch = StuckTemperatureDetector(model)
         transmission = np.abs(Drivetrain.from_model(model).transmission)
         still = np.asarray([joint.standstill_velocity for joint in model.joints])
         self._standstill = transmission @ still
         self._fallback_degc = model.temperature.fallback_degc
         self._assumed = settings.temperature_assumed
-        stale_after = NEVER if self._assumed else model.temperature.stale_after
+        stale_after = NEVER if self._assumed else min(model.temperature.stale_after, NEVER)
         self._stale_ns = round(stale_after / NANOSECOND)
-        self._settle_ns = round(settings.settle / NANOSECOND)
-        # Friction by epoch: topics meet a backward jump of the stamps at different times.
-        self._timelines = {0: FrictionStage(model).initial()}
-        self._friction_epoch = self._torque_epoch = 0
-        self._left_ns = 0  # newest friction of the epoch that friction left last
+        self._wait_ns = round(settings.temperature_wait / NANOSECOND)
+        self._timeline = FrictionTimeline(FrictionStage(model).initial())
         self._last_ns: int | None = None  # newest torque that was released
         self._waiting: TorqueBlock | None = None
+        self.fallback_use = FallbackUse(model.temperature.fallback_degc)
 
     def friction(self, block: FrictionBlock) -> None:
         """Take friction coefficients, each row valid from its stamp onward.
@@ -82,22 +79,12 @@ class PowerStage:
         Args:
             block: Rows in order of arrival.
         """
-        block = block[block.stamp_ns != 0]
-        while len(block):
-            line = self._timelines[self._friction_epoch]
-            newest = int(line.stamp_ns[-1])
-            if int(block.stamp_ns[0]) < newest - BACKWARD_JUMP_NS:
-                self._friction_epoch += 1
-                self._left_ns = newest
-                line = replace(line[slice(-1, None)], stamp_ns=np.zeros(1, dtype=np.int64))
-                newest = 0
-            falls = np.flatnonzero(differences(block.stamp_ns, newest) < 0)
-            rising = int(falls[0]) if len(falls) else len(block)
-            if rising:
-                line = FrictionBlock.concatenate([line, block[slice(0, rising)]])
-            self._timelines[self._friction_epoch] = line
-            late = rising == 0  # a little older than what is known: superseded
-            block = block[slice(rising + late, None)]
+        self._timeline.add(block)
+
+    @property
+    def friction_rows(self) -> int:
+        """Rows of friction that are kept for later torques."""
+        return self._timeline.rows
 
     def step(self, block: TorqueBlock) -> PowerBlock | None:
         """Take torques and return the power at those that have settled.
@@ -113,10 +100,14 @@ class PowerStage:
         stamp = block.stamp_ns
         backward = np.flatnonzero(np.diff(stamp) < 0)
         epoch = int(backward[-1]) + 1 if len(backward) else 0
-        until = int(stamp[-1]) - self._settle_ns
+        until = int(stamp[-1]) - self._wait_ns
         ready = epoch + int(np.searchsorted(stamp[epoch:], until, side="right"))
         self._waiting = block[slice(ready, None)] if ready < len(block) else None
         return self._release(block[slice(0, ready)]) if ready else None
+
+    def restart(self) -> None:
+        """Drop what waits, as after an error."""
+        self._waiting = None
 
     def flush(self) -> PowerBlock | None:
         """Return the power at what still waits, as at the end of a bag."""
@@ -133,7 +124,8 @@ class PowerStage:
         for start, stop in zip([0, *jumps], [*jumps, len(block)], strict=True):
             if stop > start:
                 parts.append(self._power(block[slice(start, stop)]))
-            self._torque_epoch += stop < len(block)
+            if stop < len(block):
+                self._timeline.jump_back(int(stamp[stop]))
         return PowerBlock.concatenate(parts)
 
     @np.errstate(invalid="ignore", over="ignore")  # bad samples become NaN, nothing else
@@ -194,12 +186,7 @@ class PowerStage:
 
     def _coefficients(self, stamp_ns: Int, quality: Bits) -> tuple[Float, Float, Float]:
         """Friction valid at each stamp; the temperature is NaN where missing or stale."""
-        timeline = self._current(int(stamp_ns[0]), int(stamp_ns[-1]))
-        row = np.searchsorted(timeline.stamp_ns, stamp_ns, side="right") - 1
-        row = np.maximum(row, 0)
-        first = int(row.min())
-        line = timeline[slice(first, int(row.max()) + 1)]
-        row -= first
+        line, row = self._timeline.at(stamp_ns)
         seen = line.temperature_stamp_ns
         coulomb, viscous = line.coulomb[row], line.viscous[row]
         temperature = line.motor_temperature_degc[row]
@@ -210,18 +197,5 @@ class PowerStage:
             viscous = np.where(stale, line.viscous_fallback[row], viscous)
             temperature = np.where(stale, np.nan, temperature)
             mark(quality, in_any_joint(stale), Quality.TEMPERATURE_STALE)
+        self.fallback_use.note(stamp_ns, temperature, seen[row[-1]], self._timeline)
         return coulomb, viscous, temperature
-
-    def _current(self, oldest_ns: int, newest_ns: int) -> FrictionBlock:
-        """Friction of the torque's epoch, without what lies far behind the oldest stamp."""
-        alone = newest_ns - self._left_ns > ALONE_NS
-        if self._friction_epoch > self._torque_epoch and alone:
-            self._torque_epoch = self._friction_epoch  # the thermometers' clock alone jumped
-        epoch = max(number for number in self._timelines if number <= self._torque_epoch)
-        for number in [number for number in self._timelines if number < epoch]:
-            del self._timelines[number]
-        line = self._timelines[epoch]
-        needed = int(np.searchsorted(line.stamp_ns, oldest_ns - HISTORY_NS, side="right")) - 1
-        if needed > 0:
-            line = self._timelines[epoch] = line[slice(needed, None)]
-        return line

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from robot_energy.accounting.settings import AccountSettings
 from robot_energy.blocks import EffortMeaning
-from robot_energy.comparison.curve import MAX_POWER
 
 
 @dataclass(frozen=True)
-class Settings:
+class Settings(AccountSettings):
     """How samples are differentiated, joined and averaged.
 
     Attributes:
@@ -17,13 +17,7 @@ class Settings:
         derivative_lag: How far it reaches ahead; None: half the window. [s]
         derivative_neighbours: Least number of samples in the window.
         effort: What the effort in the joint states means.
-        settle: How long torque waits for temperatures that arrive late. [s]
-        power_period: Averaging period of the power states; None makes no means. [s]
-        meter_max_gap: Longest time between meter readings that is bridged. [s]
-        meter_max_power: Readings that say or imply more, either way, are refused. [W]
-        meter_wraps_at: Reading at which the meter's counter starts again from zero; None:
-            it never does. [J]
-        meter_unit: Unit the meter was said to use; empty for W or J.
+        temperature_wait: How long torque waits for temperatures that arrive late. [s]
         temperature_assumed: Temperatures are assumed, as in a prediction: they never become
             stale and are never taken for stuck.
     """
@@ -32,12 +26,7 @@ class Settings:
     derivative_lag: float | None = None
     derivative_neighbours: int = 5
     effort: EffortMeaning = EffortMeaning.NONE
-    settle: float = 0.1
-    power_period: float | None = 0.02
-    meter_max_gap: float = 2.0
-    meter_max_power: float = MAX_POWER
-    meter_wraps_at: float | None = None
-    meter_unit: str = ""
+    temperature_wait: float = 0.1
     temperature_assumed: bool = False
 
     def with_meter(self, max_power: float, wraps_at: float | None, unit: str) -> Settings:

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from robot_energy.blocks import JointBlock, TorqueBlock
-from robot_energy.derivative import Derivative
-from robot_energy.drivetrain import Drivetrain
-from robot_energy.effort import Effort
-from robot_energy.model_file import RobotModel
-from robot_energy.model_file.payload import Payload
+from robot_energy.model import RobotModel
+from robot_energy.model.payload import Payload
+from robot_energy.physics.derivative import Derivative
+from robot_energy.physics.drivetrain import Drivetrain
+from robot_energy.physics.effort import Effort
+from robot_energy.physics.rigid_body import Robot
+from robot_energy.physics.torque import rigid_torque
 from robot_energy.pipeline.payload_timeline import PayloadChange, PayloadTimeline
 from robot_energy.pipeline.settings import Settings
-from robot_energy.robot import Robot
-from robot_energy.torque import rigid_torque
 
 
 class TorqueStage:
@@ -49,6 +49,11 @@ class TorqueStage:
         """Changes of the payload that no torque has reached yet."""
         return self._payload.coming
 
+    @property
+    def next_payload(self) -> tuple[Payload, ...]:
+        """Bodies that the robot carries at the next joint state."""
+        return self._payload.carried_at(0 if self._newest_ns is None else self._newest_ns + 1)
+
     def set_payload(self, payload: Payload, from_ns: int | None = None) -> PayloadChange:
         """Change what one link carries, for all samples from a stamp on.
 
@@ -56,7 +61,7 @@ class TorqueStage:
         links keep theirs. A mass of 0 takes it off.
 
         Args:
-            payload: The body; `robot_energy.model_file.payload.payload` makes one.
+            payload: The body; `robot_energy.model.payload.payload` makes one.
             from_ns: First instant of validity, in the time of the joint states; None: from
                 the next joint state on. One that has passed counts from the next torque
                 on. [ns]
@@ -97,6 +102,10 @@ class TorqueStage:
             return None
         self._newest_ns = int(block.stamp_ns[-1])
         return self._torque([block])
+
+    def restart(self) -> None:
+        """Drop what waits for its window, as after an error."""
+        self._derivative.restart()
 
     def flush(self) -> TorqueBlock | None:
         """Return what still waits, as at the end of a bag."""

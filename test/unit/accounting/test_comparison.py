@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
+from robot_energy.accounting.comparison import Comparison
 from robot_energy.blocks import MeterBlock, MeterLocation, MeterMeaning
-from robot_energy.comparison import Comparison
 
 SECOND = 10**9
 

@@ -2,13 +2,14 @@ from fractions import Fraction
 
 import numpy as np
 
-from robot_energy.registers import ExactSum, Trapezoid
+from robot_energy.accounting.exact_sum import ExactSum
+from robot_energy.accounting.integration import TrapezoidIntegrator
 
 
 def integrate(stamp_s, power, segment=None):
     power = np.asarray(power, dtype=float).reshape(len(stamp_s), -1)
     segment = np.zeros(len(stamp_s), dtype=np.int64) if segment is None else np.asarray(segment)
-    trapezoid = Trapezoid()
+    trapezoid = TrapezoidIntegrator()
     stamp = np.rint(np.asarray(stamp_s) * 1e9).astype(np.int64)
     return trapezoid, trapezoid.step(stamp, segment, power)
 

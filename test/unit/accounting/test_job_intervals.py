@@ -2,16 +2,16 @@
 
 import pytest
 
-from ledgers import SECOND, restarted, steady
+from accounts import SECOND, restarted, steady
+from robot_energy.accounting.account import EnergyAccount
+from robot_energy.accounting.job_intervals import MAX_CLOSED, MAX_OPEN
 from robot_energy.errors import RegisterError
 from robot_energy.messages import interval_fields
-from robot_energy.pipeline import Ledger
-from robot_energy.registers.intervals import MAX_CLOSED, MAX_OPEN
 
 
 @pytest.fixture
-def ledger() -> Ledger:
-    books = Ledger(2)
+def ledger() -> EnergyAccount:
+    books = EnergyAccount(2)
     books.step(steady(0, 1))
     return books
 
@@ -20,7 +20,7 @@ def counted(interval) -> int:
     return interval.counted.cabinet_energy_microjoule["grid_import"]
 
 
-def test_an_interval_counts_from_sample_to_sample(ledger: Ledger) -> None:
+def test_an_interval_counts_from_sample_to_sample(ledger: EnergyAccount) -> None:
     opened = ledger.open_interval("cycle 1")
     assert (opened.start_ns, opened.end_ns, counted(opened)) == (SECOND, SECOND, 0)
     ledger.step(steady(1.01, 3, watt=200.0))
@@ -37,7 +37,7 @@ def test_an_interval_counts_from_sample_to_sample(ledger: Ledger) -> None:
     assert fields["joints"][0]["shaft_energy_positive"] == pytest.approx(399.5 * 0.1599)
 
 
-def test_several_are_open_and_closed_by_name_or_number(ledger: Ledger) -> None:
+def test_several_are_open_and_closed_by_name_or_number(ledger: EnergyAccount) -> None:
     job = ledger.open_interval("job")
     ledger.step(steady(1.01, 2))
     ledger.open_interval("cycle")
@@ -50,7 +50,7 @@ def test_several_are_open_and_closed_by_name_or_number(ledger: Ledger) -> None:
     assert ledger.list_intervals() == [cycle, whole]
 
 
-def test_a_reset_takes_nothing_from_an_open_interval(ledger: Ledger) -> None:
+def test_a_reset_takes_nothing_from_an_open_interval(ledger: EnergyAccount) -> None:
     ledger.open_interval("job")
     ledger.step(steady(1.01, 2))
     ledger.reset("why not")
@@ -59,7 +59,7 @@ def test_a_reset_takes_nothing_from_an_open_interval(ledger: Ledger) -> None:
     assert ledger.registers.cabinet("grid_import") == pytest.approx(100.0)
 
 
-def test_an_open_interval_survives_restarts_with_the_gap_inside(ledger: Ledger) -> None:
+def test_an_open_interval_survives_restarts_with_the_gap_inside(ledger: EnergyAccount) -> None:
     ledger.open_interval("job")
     ledger.step(steady(1.01, 2, watt=500.0))
     ledger = restarted(restarted(ledger))
@@ -72,12 +72,12 @@ def test_an_open_interval_survives_restarts_with_the_gap_inside(ledger: Ledger) 
     assert ledger.open_interval("next").interval_id == closed.interval_id + 1
 
 
-def test_refusals(ledger: Ledger) -> None:
+def test_refusals(ledger: EnergyAccount) -> None:
     for name in ("", "  ", "x" * 101):
         with pytest.raises(RegisterError, match="expected 1 to 100"):
             ledger.open_interval(name)
     with pytest.raises(RegisterError, match="no sample has been booked yet"):
-        Ledger(2).open_interval("job")
+        EnergyAccount(2).open_interval("job")
     with pytest.raises(RegisterError, match="'a' is open; expected an open interval; none is"):
         ledger.close_interval("a")
     ledger.open_interval("a")
@@ -92,10 +92,10 @@ def test_refusals(ledger: Ledger) -> None:
     with pytest.raises(RegisterError, match="without a reason"):
         ledger.reset(" ")
     with pytest.raises(RegisterError, match="no sample"):
-        Ledger(2).reset("fresh")
+        EnergyAccount(2).reset("fresh")
 
 
-def test_only_the_latest_closed_ones_are_kept(ledger: Ledger) -> None:
+def test_only_the_latest_closed_ones_are_kept(ledger: EnergyAccount) -> None:
     for number in range(MAX_CLOSED + 3):
         ledger.open_interval(str(number))
         ledger.close_interval(str(number))

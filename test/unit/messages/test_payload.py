@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 import robots
+from robot_energy.cdr.batch import RawBatch
+from robot_energy.cdr.types import typestore
 from robot_energy.messages import PayloadReader, PayloadWriter, answer_set_payload
-from robot_energy.model_file.payload import payload
+from robot_energy.model.payload import payload
 from robot_energy.pipeline import TorqueStage
 from robot_energy.pipeline.payload_timeline import PayloadChange
-from robot_energy.wire.batch import RawBatch
-from robot_energy.wire.types import typestore
 
 TYPE = "ros2_energy_msgs/msg/Payload"
 BODY = payload("fore", 3.0, (0.25, 0.1, -0.2), (0.03, 0.04, 0.05, 1e-3, -2e-3, 3e-3))
@@ -77,7 +77,7 @@ def test_request_is_answered_with_what_holds_from_when():
     answer = answer_set_payload(stage.set_payload, Request(valid_from=Time(2, 5)))
     assert answer.success
     assert answer.from_ns == 2 * 10**9 + 5
-    assert answer.message == "the robot carries 3 kg on 'fore' from 2000000005 ns on"
+    assert "2.000 s" in answer.message
     assert [change.from_ns for change in stage.coming_payloads] == [answer.from_ns]
     taken_off = answer_set_payload(stage.set_payload, Request(mass=0.0))
     assert taken_off.message == "the robot carries nothing on 'fore' from the start"
@@ -95,12 +95,12 @@ def test_request_without_a_stamp_counts_from_the_next_joint_state():
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"mass": -1.0}, "mass is -1.0"),
-        ({"mass": float("nan")}, "mass is nan"),
+        ({"mass": -1.0}, "'mass' is -1.0"),
+        ({"mass": float("nan")}, "'mass' is nan"),
         ({"link": "hand"}, "link 'hand'"),
         ({"link": ""}, "link ''"),
         ({"inertia": np.array([1.0, 1.0, 3.0, 0, 0, 0])}, "sum of the other two"),
-        ({"centre_of_mass": np.array([np.inf, 0, 0])}, "centre_of_mass.0 is inf"),
+        ({"centre_of_mass": np.array([np.inf, 0, 0])}, "'centre_of_mass.0' is inf"),
     ],
 )
 def test_bad_request_is_refused_with_a_sentence_and_the_old_payload_stays(change, words):
@@ -112,3 +112,50 @@ def test_bad_request_is_refused_with_a_sentence_and_the_old_payload_stays(change
     assert answer.change is None
     assert answer.from_ns == 0
     assert len(stage.coming_payloads) == 1
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"mass": 1e308},
+        {"mass": 10_001.0},
+        {"centre_of_mass": np.array([0.0, 1e308, 0.0])},
+        {"inertia": np.array([1e308, 1e308, 1e308, 0, 0, 0])},
+        {"link": "fore\n[INFO] all is well"},
+        {"link": "fore\x1b[31m"},
+        {"link": "f" * 1_000_000},
+        {"link": "\ud800"},
+        {"valid_from": Time(2**31 - 1, 0)},
+        {"valid_from": Time(2**31 - 1, 2**32 - 1)},
+        {"valid_from": Time(5, 10**9)},
+    ],
+    ids=repr,
+)
+def test_what_no_robot_carries_is_refused_in_one_short_line(change):
+    stage = TorqueStage(robots.two_link())
+    answer = answer_set_payload(stage.set_payload, Request(**change))
+    assert (answer.success, answer.from_ns) == (False, 0)
+    assert answer.message.isprintable()
+    assert len(answer.message) < 1000
+    assert stage.coming_payloads == ()
+
+
+def test_payload_with_a_bad_stamp_in_a_bag_is_counted():
+    stage = TorqueStage(robots.two_link())
+    reader = PayloadReader(stage.set_payload)
+    message = bytearray(PayloadWriter("id").encode(PayloadChange(5, BODY))[0].tobytes())
+    message[4:12] = np.array([2**31 - 1, 2**32 - 1], dtype="<u4").tobytes()
+    reader.step(RawBatch.from_messages("/energy/payload", TYPE, [0], [bytes(message)]))
+    assert reader.account.rejected == {"bad_stamp": 1}
+    assert reader.account.balanced
+
+
+def test_the_next_joint_state_sees_what_was_set_before_it():
+    """Also before a torque has come; a change for later does not count yet."""
+    stage = TorqueStage(robots.two_link())
+    assert stage.next_payload == ()
+    stage.set_payload(BODY)
+    stage.set_payload(payload("fore", 99.0), 2 * 10**9)
+    assert stage.next_payload == (BODY,)
+    stage.set_payload(payload("fore", 0.0))
+    assert stage.next_payload == ()

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 import robots
+from robot_energy.accounting.registers import CABINET_REGISTERS, JOINT_REGISTERS
 from robot_energy.blocks import EffortMeaning, MeterBlock, MeterLocation, MeterMeaning, Phase
+from robot_energy.cdr.types import typestore
 from robot_energy.messages import PowerStateWriter, RegistersWriter
 from robot_energy.messages.registers import SHAFT_FIELDS
-from robot_energy.model_file.payload import payload
+from robot_energy.model.payload import payload
 from robot_energy.pipeline import EnergyPipeline, Settings
-from robot_energy.registers import CABINET_REGISTERS, JOINT_REGISTERS
-from robot_energy.wire.types import typestore
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +45,7 @@ def test_power_state(run):
     assert state.phase in (Phase.MOTION, Phase.GENERATING)
     assert state.meter_location == MeterLocation.GRID
     assert state.measured_power == pytest.approx(200.0)
-    assert state.residual_power == pytest.approx(200.0 - state.predicted_power_at_meter)
+    assert state.residual_power == pytest.approx(state.predicted_power_at_meter - 200.0)
     parts = state.rigid_power + state.friction_power + state.drive_loss
     assert state.bus_power == pytest.approx(parts)
     total = parts + state.loss_dc + state.loss_grid + state.brake_power + state.capacitor_power

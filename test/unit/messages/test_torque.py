@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from robot_energy.blocks import Quality, TorqueBlock
+from robot_energy.cdr.batch import RawBatch
 from robot_energy.messages import TorqueReader, TorqueWriter
-from robot_energy.wire.batch import RawBatch
 
 NAMES = ("a", "b")
 PERIOD_NS = 4_000_000

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import robots
+from robot_energy.accounting.integration import TrapezoidIntegrator
 from robot_energy.blocks import (
     MeterBlock,
     MeterLocation,
@@ -15,7 +16,6 @@ from robot_energy.blocks import (
     sum_over_joints,
 )
 from robot_energy.pipeline import EnergyPipeline
-from robot_energy.registers.timekeeping import Trapezoid
 from robots import figure
 
 
@@ -326,7 +326,7 @@ def test_one_absurd_velocity_is_a_gap_and_not_a_register_full_of_nonsense(speed,
 
 
 def test_an_energy_that_no_register_takes_is_a_gap():
-    registers = Trapezoid()
+    registers = TrapezoidIntegrator()
     power = np.array([[100.0], [3e15], [100.0], [100.0]])
     taken = registers.step(np.arange(4) * 10**9, np.zeros(4, dtype=np.int64), power)
     np.testing.assert_array_equal(taken.energy[:, 0], [0, 0, 0, 100])

@@ -6,7 +6,7 @@ import pytest
 import robots
 from robot_energy.blocks import TorqueBlock
 from robot_energy.errors import PayloadError, RobotDescriptionError
-from robot_energy.model_file.payload import payload
+from robot_energy.model.payload import payload
 from robot_energy.pipeline import TorqueStage
 from robot_energy.pipeline.payload_timeline import MAX_COMING
 
@@ -134,15 +134,15 @@ def test_waiting_changes_are_bounded():
 @pytest.mark.parametrize(
     ("mass", "inertia", "words"),
     [
-        (-1.0, (0.0,) * 6, "mass is -1.0"),
-        (np.nan, (0.0,) * 6, "mass is nan"),
-        (np.inf, (0.0,) * 6, "mass is inf"),
-        (1.0, (np.nan,) + (0.0,) * 5, "inertia.0 is nan"),
+        (-1.0, (0.0,) * 6, "'mass' is -1.0"),
+        (np.nan, (0.0,) * 6, "'mass' is nan; expected a finite"),
+        (np.inf, (0.0,) * 6, "'mass' is inf; expected a finite"),
+        (1.0, (np.nan,) + (0.0,) * 5, "'inertia.0' is nan"),
         (1.0, (0.1, 0.1, 0.1, 0.2, 0, 0), "one is < 0"),
         (1.0, (0.1, 0.1, 0.3, 0, 0, 0), "more than the sum of the other two"),
         (1.0, (0.2, 0.2, 0.1, 0.15, 0, 0), "more than the sum of the other two"),
         (0.0, (0.1, 0.1, 0.1, 0, 0, 0), "without mass"),
-        (1.0, (0.1, 0.1), "inertia"),
+        (1.0, (0.1, 0.1), "'inertia' is a list; expected 6 entries"),
     ],
 )
 def test_body_that_cannot_exist_is_refused(mass, inertia, words):

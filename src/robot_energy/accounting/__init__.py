@@ -1,0 +1,1 @@
+"""Energy accounts: exact registers, integration, job intervals, comparison with the meter."""

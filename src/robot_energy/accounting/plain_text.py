@@ -1,0 +1,31 @@
+"""Texts that are kept: names and reasons that a service or a file brings, within bounds."""
+
+from __future__ import annotations
+
+from robot_energy.errors import RobotEnergyError
+from robot_energy.shown_text import shown
+
+MAX_NAME = 100  # characters of an interval's name
+MAX_REASON = 200  # characters of the reason of a reset
+MAX_LINK = 200  # characters of the name of a link
+MAX_TEXT = 500  # characters of an entry of the trace
+
+
+def plain(what: str, text: str, limit: int, error: type[RobotEnergyError]) -> str:
+    """Return a text that can be kept, published and logged as it is.
+
+    Args:
+        what: What it is, for the refusal, such as "an interval name".
+        text: What a service was given.
+        limit: Characters at most.
+        error: Class of the refusal.
+
+    Raises:
+        RobotEnergyError: Of that class, if the text is blank or too long, or has control
+            characters or others that cannot be printed.
+    """
+    if not text.strip() or len(text) > limit:
+        raise error(f"{what} of {len(text)} characters", f"1 to {limit}, not all blank")
+    if not text.isprintable():
+        raise error(f"{what} '{shown(text)}'", "characters that can be printed, on one line")
+    return text

@@ -1,0 +1,88 @@
+"""How many samples had to do without a motor temperature, and why."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from robot_energy.blocks import NANOSECOND, Float, Int, in_any_joint
+from robot_energy.pipeline.friction_timeline import FrictionTimeline
+
+APART_NS = 5_000_000_000  # stamps that far from the torques' are another clock's [ns]
+
+
+class FallbackUse:
+    """Counts the samples whose friction is that of the fallback temperature.
+
+    Args:
+        fallback_degc: The temperature used instead. [degC]
+
+    Attributes:
+        samples: Samples taken.
+        missing: Samples with a motor whose temperature was never seen.
+        stale: Samples with a motor whose temperature is too old, and none missing.
+        apart_ns: Stamp of the nearest temperature minus that of the last such sample; None
+            if no temperature has come. [ns]
+    """
+
+    def __init__(self, fallback_degc: float) -> None:
+        self.samples = 0
+        self.missing = 0
+        self.stale = 0
+        self.apart_ns: int | None = None
+        self._fallback_degc = fallback_degc
+
+    def note(
+        self, stamp_ns: Int, temperature_degc: Float, seen_ns: Int, timeline: FrictionTimeline
+    ) -> None:
+        """Take samples.
+
+        Args:
+            stamp_ns: Shape (N,), N >= 1. [ns]
+            temperature_degc: In use, shape (N, n); NaN where the fallback is. [degC]
+            seen_ns: Stamps of the temperatures known at the last sample, shape (n,); 0 where
+                none is. [ns]
+            timeline: Where the temperatures to come are.
+        """
+        self.samples += len(stamp_ns)
+        if np.isfinite(temperature_degc.sum()):
+            return
+        lacking = in_any_joint(np.isnan(temperature_degc))
+        count = int(lacking.sum())
+        if bool((seen_ns > 0).all()):
+            self.stale += count
+        else:
+            self.missing += count
+        if not lacking[-1]:
+            return
+        now = int(stamp_ns[-1])
+        known = seen_ns[seen_ns > 0]
+        behind = int(known.max()) - now if len(known) else None
+        coming = timeline.next_ns(now)
+        ahead = None if coming is None else coming - now
+        found = [each for each in (behind, ahead) if each is not None]
+        self.apart_ns = min(found, key=abs) if found else None
+
+    @property
+    def of_another_time(self) -> bool:
+        """Whether temperatures come with stamps that are far from those of the torques."""
+        return self.apart_ns is not None and abs(self.apart_ns) > APART_NS
+
+    @property
+    def sentence(self) -> str:
+        """What a user should know of it; empty if every sample had its temperatures."""
+        count = self.missing + self.stale
+        if not count:
+            return ""
+        why = "missing" if not self.stale else "stale" if not self.missing else "missing or stale"
+        text = (
+            f"{count} of {self.samples} joint samples used the fallback temperature of "
+            f"{self._fallback_degc:g} degC: a motor temperature was {why}"
+        )
+        if self.of_another_time and self.apart_ns is not None:
+            apart = self.apart_ns * NANOSECOND
+            way = "ahead of" if apart > 0 else "behind"
+            text += (
+                f"; its stamps are {abs(apart):.1f} s {way} those of the joint states: "
+                "synchronise the clocks"
+            )
+        return text

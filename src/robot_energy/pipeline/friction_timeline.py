@@ -1,0 +1,182 @@
+"""Friction over the time of the torques: which row is valid at each of their stamps.
+
+Two streams meet here, each with jumps of its own stamps, and each may meet a jump first.
+Rows are chosen by what the stamps say, never by counting jumps, so a clock that jumps alone
+costs at most `ALONE_NS` of older temperatures. At most two lines of rows are kept.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from robot_energy.blocks import FrictionBlock, Int, differences
+from robot_energy.timeline.epochs import SLOW_NS
+
+HISTORY_NS = 60_000_000_000  # friction kept behind the samples
+ALONE_NS = 10_000_000_000  # a jump that the other stream does not follow by then is its own
+MAX_BEGINNING = 3  # rows of a line that may have been none: the first stamps were wrong
+MAX_ROWS = 100_000  # friction kept ahead of the samples: hours
+
+
+class FrictionTimeline:
+    """Rows of friction, each valid from its stamp onward.
+
+    Where friction jumps back first, torque goes on with the line before the jump, until it is
+    ten seconds past a row that no other follows within a minute. Where torque jumps back
+    first, the row in use goes on until friction follows, or for ten seconds. The first row of
+    all that comes before any torque holds for the first five seconds of torque also if its
+    stamp is that of another time: nothing else is known then.
+
+    Args:
+        initial: What holds before any temperature, one row of stamp zero.
+    """
+
+    def __init__(self, initial: FrictionBlock) -> None:
+        self._line = initial  # its first row, of stamp zero, holds before all others
+        self._before: FrictionBlock | None = None  # the line before friction jumped back
+        self._used: FrictionBlock = initial  # the row at the newest torque
+        self._first: FrictionBlock | None = None  # the first row of all, at the start
+        self._start_ns: int | None = None  # first torque
+        self._alone_ns: int | None = None  # torque has jumped back to here, friction has not
+
+    @property
+    def rows(self) -> int:
+        """Rows that are kept."""
+        return len(self._line) + (0 if self._before is None else len(self._before))
+
+    def add(self, block: FrictionBlock) -> None:
+        """Take rows in order of arrival; what is known from before any temperature is left out."""
+        block = block[block.stamp_ns != 0]
+        if not len(block):
+            return
+        if len(self._line) == 1 and self._before is None and self._start_ns is None:
+            self._first = block[slice(0, 1)]
+        block = replace(  # no temperature is newer than the row that says so
+            block,
+            temperature_stamp_ns=np.minimum(block.temperature_stamp_ns, block.stamp_ns[:, None]),
+        )
+        while len(block):
+            newest = int(self._line.stamp_ns[-1])
+            if int(block.stamp_ns[0]) <= newest - SLOW_NS:
+                self._follow_back()
+                newest = 0
+            falls = np.flatnonzero(differences(block.stamp_ns, newest) < 0)
+            rising = int(falls[0]) if len(falls) else len(block)
+            if rising:
+                line = FrictionBlock.concatenate([self._line, block[slice(0, rising)]])
+                if len(line) > MAX_ROWS:
+                    newest = line[slice(-MAX_ROWS, None)]
+                    line = FrictionBlock.concatenate([line[slice(0, 1)], newest])
+                self._line = line
+            late = rising == 0  # a little older than what is known: superseded
+            block = block[slice(rising + late, None)]
+
+    def _follow_back(self) -> None:
+        """Begin a new line: the stamps of friction have jumped back."""
+        if self._alone_ns is None:
+            self._before = self._line
+        self._line = self._line[slice(0, 1)]
+        self._alone_ns = None
+
+    def jump_back(self, stamp_ns: int) -> None:
+        """Note that the stamps of torque have jumped back; the row in use goes on.
+
+        Args:
+            stamp_ns: First stamp after the jump. [ns]
+        """
+        self._first = None
+        used, seen = self._used, self._used.temperature_stamp_ns
+        carried = replace(
+            used,
+            stamp_ns=np.zeros(1, dtype=np.int64),
+            temperature_stamp_ns=np.where(seen > 0, stamp_ns, 0),
+        )
+        self._line = FrictionBlock.concatenate([carried, self._line[slice(1, None)]])
+        self._alone_ns = stamp_ns if self._before is None else None
+        self._before = None
+
+    def at(self, stamp_ns: Int) -> tuple[FrictionBlock, Int]:
+        """Return rows and which of them is valid at each stamp.
+
+        Args:
+            stamp_ns: Of torques of one epoch, rising, shape (N,), N >= 1. [ns]
+        """
+        line, row = self._line, self._row(self._line, stamp_ns)
+        refuted = self._before is not None
+        if self._alone_ns is not None:
+            alone = int(np.searchsorted(stamp_ns, self._alone_ns + ALONE_NS, side="right"))
+            row[:alone] = 0
+            if alone < len(stamp_ns):
+                self._alone_ns = None
+        elif self._before is not None:
+            line, row = self._chosen(self._before, stamp_ns, row)
+        if self._first is not None:
+            line, row = self._begun(self._first, stamp_ns, line, row, refuted)
+        elif self._start_ns is None:
+            self._start_ns = int(stamp_ns[0])
+        first, last = int(row.min()), int(row.max())
+        part = line[slice(first, last + 1)]
+        row -= first
+        self._used = part[slice(int(row[-1]), int(row[-1]) + 1)]
+        self._prune(int(stamp_ns[0]) - HISTORY_NS)
+        return part, row
+
+    def _begun(
+        self, first: FrictionBlock, stamp_ns: Int, line: FrictionBlock, row: Int, refuted: bool
+    ) -> tuple[FrictionBlock, Int]:
+        """Let the first row of all hold at the start, if its stamp is of another time."""
+        if self._start_ns is None:
+            self._start_ns = int(stamp_ns[0])
+        start, own = self._start_ns, int(first.stamp_ns[0])
+        until = start + SLOW_NS
+        if int(stamp_ns[-1]) >= until:
+            self._first = None
+        ahead = own - start
+        if not (abs(ahead) > HISTORY_NS or (refuted and ahead > 0)):
+            return line, row
+        chosen = line.stamp_ns[row]
+        held = (stamp_ns < until) & ((chosen == 0) | (chosen == own))
+        if not held.any():
+            return line, row
+        seen = np.where(first.temperature_stamp_ns > 0, start, 0)
+        first = replace(first, stamp_ns=np.zeros(1, dtype=np.int64), temperature_stamp_ns=seen)
+        return FrictionBlock.concatenate([first, line]), np.where(held, 0, row + 1)
+
+    def next_ns(self, stamp_ns: int) -> int | None:
+        """Stamp of the first row after a time; None if there is none. [ns]"""
+        row = int(np.searchsorted(self._line.stamp_ns, stamp_ns, side="right"))
+        return int(self._line.stamp_ns[row]) if row < len(self._line) else None
+
+    @staticmethod
+    def _row(line: FrictionBlock, stamp_ns: Int) -> Int:
+        row = np.searchsorted(line.stamp_ns, stamp_ns, side="right") - 1
+        return np.asarray(np.maximum(row, 0), dtype=np.int64)
+
+    def _chosen(self, before: FrictionBlock, stamp_ns: Int, row: Int) -> tuple[FrictionBlock, Int]:
+        """Choose between the line that friction has left and the one it is on."""
+        earlier = self._row(before, stamp_ns)
+        reached, left = self._line.stamp_ns[row], before.stamp_ns[earlier]
+        coming = before.stamp_ns[np.minimum(earlier + 1, len(before) - 1)]
+        ended = (coming == left) | (coming - stamp_ns > HISTORY_NS)
+        newer = (reached > left) | (coming == left)
+        moved = (stamp_ns - left > ALONE_NS) & ended & newer
+        if len(before) <= MAX_BEGINNING:
+            moved |= (earlier == 0) & (reached > 0)
+        if bool(moved.any()):  # from there on, its clock has jumped alone
+            moved[int(np.argmax(moved)) :] = True
+            self._before = None
+        if not moved.any():
+            return before, earlier
+        if moved.all():
+            return self._line, row
+        whole = FrictionBlock.concatenate([before, self._line])
+        return whole, np.where(moved, row + len(before), earlier)
+
+    def _prune(self, oldest_ns: int) -> None:
+        """Forget rows far behind the torques, but for the one valid there."""
+        line = self._line
+        needed = int(np.searchsorted(line.stamp_ns, oldest_ns, side="right")) - 1
+        if needed > 1:
+            self._line = FrictionBlock.concatenate([line[slice(0, 1)], line[slice(needed, None)]])

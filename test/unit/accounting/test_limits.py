@@ -1,0 +1,279 @@
+"""Clocks that are set, counters that are full, texts without end, files that grew too far."""
+
+import json
+
+import numpy as np
+import pytest
+
+from accounts import IDENTITY, SECOND, counter, power_block, restarted, steady
+from robot_energy.accounting.account import EnergyAccount
+from robot_energy.accounting.event_log import KEPT
+from robot_energy.accounting.exact_sum import MAX_COUNTER, ExactSum
+from robot_energy.accounting.integration import MAX_GAP_NS
+from robot_energy.accounting.plain_text import MAX_NAME, MAX_REASON
+from robot_energy.accounting.record import LedgerRecord
+from robot_energy.errors import RegisterError, StateFileError
+from robot_energy.messages import RegistersWriter, interval_fields
+from robot_energy.store import AccountStore, SlotPair
+from robot_energy.store.envelope import MAX_BYTES, MAX_SEQUENCE, wrap
+from robot_energy.timeline.stamps import MAX_STAMP_NS
+
+NOW = 1_790_000_000  # s
+
+
+def shifted(start: float, stop: float, by_s: int, segment: int = 0):
+    block = steady(start, stop)
+    return power_block(block.stamp_ns + by_s * SECOND, block.grid_power, segment)
+
+
+def test_a_thousand_boots_in_1970_leave_the_gap_time_alone():
+    """Each boot counts a second in 1970 and one after the clock was set; 60 s lie between."""
+    ledger = EnergyAccount(2)
+    for boot in range(1000):
+        ledger = restarted(ledger) if boot else ledger
+        ledger.step(shifted(30, 31, 0))
+        ledger.step(shifted(0, 1, NOW + 60 * boot, segment=1))
+        time = ledger.registers.time
+        assert time.gap_ns == 0
+        assert time.jumps == 2 * boot + 1
+        assert time.span_ns == time.observed_ns == (2 * boot + 2) * SECOND
+    assert ledger.registers.cabinet("grid_import") == pytest.approx(200_000.0)
+    assert ledger.state(IDENTITY).to_json()
+
+
+@pytest.mark.parametrize(("step_ns", "gap"), [(MAX_GAP_NS, True), (MAX_GAP_NS + 1, False)])
+@pytest.mark.parametrize("way", ["running", "restart", "late file"])
+def test_the_longest_gap_is_the_same_rule_everywhere(step_ns, gap, way):
+    first, second = steady(0, 1), steady(0, 1)
+    stamp = second.stamp_ns + SECOND + step_ns
+    second = power_block(stamp, second.grid_power, segment=1)
+    ledger = EnergyAccount(2)
+    ledger.step(first)
+    if way == "late file":
+        before, ledger = ledger, EnergyAccount(2)
+        ledger.step(second)
+        ledger.precede(before.state(IDENTITY))
+    else:
+        ledger = restarted(ledger) if way == "restart" else ledger
+        ledger.step(second)
+    time = ledger.registers.time
+    assert (time.gap_ns, time.jumps) == ((step_ns, 0) if gap else (0, 1))
+    assert time.span_ns == time.observed_ns + time.gap_ns == 2 * SECOND + (step_ns if gap else 0)
+
+
+def test_many_longest_gaps_in_one_block_add_up_exactly():
+    stamp = np.tile([0, MAX_GAP_NS], 3000)
+    block = power_block(stamp, np.full(6000, 100.0), np.arange(6000))
+    whole, cut = EnergyAccount(2), EnergyAccount(2)
+    whole.step(block)
+    for start in range(0, 6000, 700):
+        cut.step(block[slice(start, start + 700)])
+    assert whole.registers.time == cut.registers.time
+    assert whole.registers.time.gap_ns == min(3000 * MAX_GAP_NS, MAX_COUNTER)
+
+
+@pytest.mark.parametrize("cut", [1, 7, 1024, 3000])
+def test_full_sums_stay_full_whatever_the_cutting(cut):
+    energy = np.array([[1.5e6, -1.5e6, 3.25]] * 2500)
+    sums = ExactSum(3)
+    begin = np.array([MAX_COUNTER - 10**15, 10**15 - MAX_COUNTER, 0])
+    sums.add_sums(begin, np.zeros(3, dtype=np.int64))
+    for start in range(0, len(energy), cut):
+        sums.add(energy[start : start + cut])
+    assert sums.microjoule.tolist() == [MAX_COUNTER, -MAX_COUNTER, 8_125_000_000]
+
+
+def full_record() -> dict:
+    """A record with every counter at its limit, and intervals and resets of all kinds."""
+    ledger = EnergyAccount(2)
+    ledger.measure(counter(0, 3))
+    ledger.step(steady(0, 1))
+    ledger.open_interval("job")
+    ledger.reset("why not")
+    ledger.step(steady(1.01, 2))
+    ledger.open_interval("cycle")
+    ledger.close_interval("cycle")
+    data = json.loads(ledger.state(IDENTITY).to_json())
+
+    def fill(place):
+        for key, value in place.items() if isinstance(place, dict) else enumerate(place):
+            if isinstance(value, dict | list):
+                fill(value)
+            elif isinstance(value, int) and not isinstance(value, bool):
+                stamp = str(key) in ("start_ns", "end_ns", "stamp_ns", "energy_start_ns")
+                place[key] = MAX_STAMP_NS if stamp else MAX_COUNTER
+
+    for key in ("totals", "phase_energy_microjoule", "phase_observed_ns", "open_intervals"):
+        fill(data[key])
+    for key in ("samples", "restarts", "next_interval_id"):
+        data[key] = MAX_COUNTER
+    return data
+
+
+def test_counters_at_their_limits_count_on_and_never_raise():
+    ledger = EnergyAccount(2)
+    ledger.restore(LedgerRecord.from_json(json.dumps(full_record()).encode()))
+    writer = RegistersWriter(IDENTITY.joint_names, "m1")
+    for second in range(3):
+        ledger.step(steady(10 * second, 10 * second + 1))
+        ledger.measure(counter(10 * second, 10 * second + 1))
+        assert writer.encode(ledger) is not None
+        for interval in ledger.list_intervals():
+            interval_fields(interval, IDENTITY.joint_names)
+        with pytest.raises(RegisterError, match="used up"):
+            ledger.open_interval(f"job {second}")
+        if second:
+            ledger.reset("full")
+        ledger = restarted(ledger)
+
+
+@pytest.mark.parametrize(
+    ("text", "fits"),
+    [
+        ("x" * MAX_REASON, True),
+        ("\U0001f916" * MAX_REASON, True),
+        ('"' * MAX_REASON, True),
+        ("x" * (MAX_REASON + 1), False),
+        ("x" * 5_000_000, False),
+        ("a\n[ERROR] forged", False),
+        ("a\x1b[2J", False),
+        ("a\x00b", False),
+        ("\ud800", False),
+        ("a\u2028b", False),
+    ],
+    ids=lambda value: repr(value)[:20],
+)
+def test_reasons_are_bounded(text, fits):
+    ledger = EnergyAccount(2)
+    ledger.step(steady(0, 1))
+    if fits:
+        ledger.reset(text)
+        assert restarted(ledger).trace.entries[-1].text == text
+    else:
+        with pytest.raises(RegisterError) as refused:
+            ledger.reset(text)
+        assert str(refused.value).isprintable()
+        assert len(str(refused.value)) < 1000
+        with pytest.raises(RegisterError):
+            ledger.open_interval(text)
+        assert ledger.registers.cabinet("grid_import") == 100.0
+
+
+def test_an_unknown_name_of_any_kind_is_answered_in_one_short_line():
+    ledger = EnergyAccount(2)
+    ledger.step(steady(0, 1))
+    with pytest.raises(RegisterError) as refused:
+        ledger.close_interval("x\n" * 1_000_000)
+    assert str(refused.value).isprintable()
+    assert len(str(refused.value)) < 1000
+
+
+def keeper(folder) -> AccountStore:
+    slots = SlotPair(folder, "arm", 2, LedgerRecord.from_json)
+    return AccountStore(EnergyAccount(2), IDENTITY, slots)
+
+
+def test_the_longest_texts_in_the_largest_number_are_kept(tmp_path):
+    books = keeper(tmp_path)
+    books.open()
+    books.ledger.step(steady(0, 1))
+    widest = "\U0001f916"
+    for number in range(40):
+        books.ledger.step(steady(1.01 + number, 2 + number))
+        books.ledger.reset(f"{number:03}" + widest * (MAX_REASON - 3))
+        name = f"{number:03}" + widest * (MAX_NAME - 3)
+        books.ledger.open_interval(name)
+        if number >= 15:
+            books.ledger.close_interval(name)
+    size = len(books.ledger.state(IDENTITY).to_json())
+    assert size < MAX_BYTES / 50
+    assert books.close()
+    again = keeper(tmp_path)
+    again.open()
+    assert len(again.ledger.list_intervals()) == 15 + 16
+    assert len([one for one in again.ledger.trace.entries if one.kind == "reset"]) == KEPT
+    assert not again.notices
+
+
+def test_a_state_that_could_not_be_read_back_is_not_written(tmp_path):
+    slots = SlotPair(tmp_path, "arm", 2, bytes)
+    slots.acquire()
+    slots.write(b"good")
+    for _ in range(2):
+        with pytest.raises(StateFileError, match="at most"):
+            slots.write(b"x" * (MAX_BYTES + 1))
+    slots.release()
+    assert SlotPair(tmp_path, "arm", 2, bytes).acquire().value == b"good"
+
+
+def test_sequence_numbers_begin_again_and_the_newest_state_is_used(tmp_path):
+    (tmp_path / "arm.a.state").write_bytes(wrap(2, MAX_SEQUENCE - 1, b"old"))
+    (tmp_path / "arm.b.state").write_bytes(wrap(2, MAX_SEQUENCE, b"new"))
+    for number in range(4):
+        slots = SlotPair(tmp_path, "arm", 2, bytes)
+        stored = slots.acquire()
+        assert stored.value == (b"new" if number == 0 else b"state %d" % (number - 1))
+        assert not stored.notices
+        slots.write(b"state %d" % number)
+        slots.release()
+
+
+OLD = {  # what earlier releases left behind
+    "end beyond 2038": {"end_ns": 4_294_967_295 * SECOND + 4_294_967_295},
+    "gap near the limit": {"gap_ns": 2**63 - 5},
+    "gap at the limit": {"gap_ns": 2**63 - 1},
+    "gap past the limit": {"gap_ns": 2**63 + 5},
+    "jumps at the limit": {"jumps": 2**63 - 1},
+    "lowest number": {"compared_ns": -(2**63)},
+    "samples": {"samples": 2**63},
+    "5 MB of a reason": {"text": "x" * 5_000_000},
+    "2 MB of line ends": {"text": "\n" * 2_000_000},
+    "a forged line": {"name": "job\n[ERROR] forged"},
+}
+
+
+@pytest.mark.parametrize("sequence", [1, MAX_SEQUENCE])
+@pytest.mark.parametrize("change", OLD.values(), ids=OLD)
+def test_what_an_earlier_release_left_is_read_with_its_totals(tmp_path, change, sequence):
+    ledger = EnergyAccount(2)
+    ledger.step(steady(0, 5))
+    ledger.reset("first")
+    ledger.step(steady(5.01, 15))
+    ledger.open_interval("job")
+    data = json.loads(ledger.state(IDENTITY).to_json())
+    data["format_version"] = 1
+    del data["identity"]["node"]
+    ((key, value),) = change.items()
+    place = data if key in data else data["totals"]
+    place = data["trace"][0] if key == "text" else place
+    place = data["open_intervals"][0] if key == "name" else place
+    assert key in place
+    place[key] = value
+    (tmp_path / "arm.a.state").write_bytes(wrap(1, sequence, compact(data)))
+    books = keeper(tmp_path)
+    books.open()
+    assert books.ledger.registers.cabinet("grid_import") == pytest.approx(1000.0)
+    kept = key in ("gap_ns", "jumps") and value < 2**63
+    assert [entry.kind for entry in books.ledger.trace.entries].count("repaired") == (not kept)
+    assert len(books.notices) == (not kept)
+    assert RegistersWriter(IDENTITY.joint_names, "m1").encode(books.ledger) is not None
+    books.ledger.step(steady(NOW, NOW + 1))
+    assert books.ledger.registers.cabinet("grid_import") == pytest.approx(1100.0)
+    assert all(one.name.isprintable() for one in books.ledger.list_intervals())
+    assert books.close()
+    again = keeper(tmp_path)
+    again.open()
+    assert not again.notices
+    assert again.ledger.registers.cabinet("grid_import") == pytest.approx(1100.0)
+
+
+def compact(data: dict) -> bytes:
+    """JSON as the state files have it."""
+    return json.dumps(data, separators=(",", ":"), ensure_ascii=False).encode()
+
+
+def test_the_json_of_these_tests_is_that_of_the_files():
+    ledger = EnergyAccount(2)
+    ledger.step(steady(0, 5))
+    text = ledger.state(IDENTITY).to_json()
+    assert compact(json.loads(text)) == text
