@@ -17,24 +17,28 @@ from dataclasses import dataclass, replace
 
 from robot_energy import __version__
 from robot_energy.blocks import EffortMeaning
-from robot_energy.drivetrain import Drivetrain
-from robot_energy.effort import Effort
-from robot_energy.errors import ModelFileError, NotIdentifiableError
-from robot_energy.identify.bags import Bag, BagFacts, powers_of
-from robot_energy.identify.dc_link import Voltages
-from robot_energy.identify.drive_data import drive_data
-from robot_energy.identify.drive_delay import PowerDelay
-from robot_energy.identify.meter_delay import estimate_meter_delay
+from robot_energy.errors import (
+    ImplausibleIdentificationError,
+    ModelFileError,
+    NotIdentifiableError,
+)
+from robot_energy.identify.cabinet.dc_link import Voltages
+from robot_energy.identify.cabinet.meter_delay import estimate_meter_delay
+from robot_energy.identify.data.bags import Bag, BagFacts, powers_of
+from robot_energy.identify.drives.drive_data import drive_data
+from robot_energy.identify.stats.lag import Delay
 from robot_energy.identify.steps import STEPS, SUBJECTS, Step, Subject, capacitor_step
-from robot_energy.model_file import RobotModel
-from robot_energy.model_file.schema import Provenance
+from robot_energy.model import RobotModel
+from robot_energy.model.schema import Provenance
+from robot_energy.physics.drivetrain import Drivetrain
+from robot_energy.physics.effort import Effort
 
 SUPPLY: tuple[Subject, ...] = ("cabinet", "drives", "capacitor")  # what the meter tells
 Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
-class Everything:
+class FullIdentification:
     """All that was identified.
 
     Attributes:
@@ -46,7 +50,7 @@ class Everything:
 
     given: RobotModel
     steps: tuple[Step, ...]
-    meter_delay: PowerDelay | None = None
+    meter_delay: Delay | None = None
 
     @property
     def model(self) -> RobotModel:
@@ -70,7 +74,8 @@ def identify_everything(
     progress: Progress | None = None,
     effort_refused: str = "",
     voltages: Voltages | None = None,
-) -> Everything:
+    strict: bool = True,
+) -> FullIdentification:
     """Identify what the bags allow.
 
     Args:
@@ -80,18 +85,19 @@ def identify_everything(
         progress: Called with the subject and the share done, 0 to 1.
         effort_refused: Why the effort of the bags cannot be used, from `usable_effort`.
         voltages: Of the DC link, rectified and of the chopper; None if they are not known. [V]
+        strict: Whether a step that comes out implausible ends it all; else it is left out.
 
     Returns:
         Every subject with what was found or why not.
 
     Raises:
-        RobotEnergyError: If bags or model cannot be used at all.
+        RobotEnergyError: If bags or model cannot be used at all, or a step is implausible.
     """
     source = ", ".join(dict.fromkeys(bag.name for bag in bags))
     steps: list[Step] = []
     now = model
     order = order_of(bags)
-    delay: PowerDelay | None = None
+    delay: Delay | None = None
     in_time = False
     for number, subject in enumerate(order):
         if progress is not None:
@@ -110,14 +116,16 @@ def identify_everything(
                     step = capacitor_step(bags, now, source, voltages)
                 else:
                     step = STEPS[subject](bags, now, source)
-            except NotIdentifiableError as error:
+            except (NotIdentifiableError, ImplausibleIdentificationError) as error:
+                if strict and isinstance(error, ImplausibleIdentificationError):
+                    raise
                 step = Step(subject, None, str(error), now)
         steps.append(step)
         now = step.model
-    return Everything(model, tuple(steps), delay)
+    return FullIdentification(model, tuple(steps), delay)
 
 
-def _meter_delay(bags: Sequence[Bag], model: RobotModel) -> PowerDelay | None:
+def _meter_delay(bags: Sequence[Bag], model: RobotModel) -> Delay | None:
     recordings, powers = powers_of(bags, model)
     return estimate_meter_delay(drive_data(recordings, powers, measured_torque=False))
 
@@ -138,7 +146,7 @@ def usable_effort(model: RobotModel, effort: EffortMeaning) -> str:
     return ""
 
 
-def with_provenance(result: Everything, read: Sequence[BagFacts]) -> RobotModel:
+def with_provenance(result: FullIdentification, read: Sequence[BagFacts]) -> RobotModel:
     """Return the model with the names and hashes of the bags it was made from.
 
     Args:

@@ -14,23 +14,37 @@ import numpy as np
 
 from robot_energy.blocks import EffortMeaning
 from robot_energy.errors import NotIdentifiableError
-from robot_energy.friction import viscous_law
-from robot_energy.identify.all_drives import DrivesFound, TotalFound, find_drives
-from robot_energy.identify.bags import Bag, powers_of, read_all
-from robot_energy.identify.cabinet import CabinetFit, beside_drives, fit_cabinet, with_cabinet
-from robot_energy.identify.dc_link import LinkFit, Voltages, fit_link, with_link
-from robot_energy.identify.drive_data import drive_data
-from robot_energy.identify.dynamics import Dynamics, identify_dynamics
-from robot_energy.identify.dynamics_model import to_model
-from robot_energy.identify.friction import FrictionFit, fit_axes, with_friction
-from robot_energy.identify.friction_data import friction_data
-from robot_energy.identify.recordings import Recording, channels_of
-from robot_energy.identify.validation import TorqueError
-from robot_energy.model_file import RobotModel
+from robot_energy.identify.cabinet.cabinet import (
+    CabinetFit,
+    beside_drives,
+    fit_cabinet,
+    with_cabinet,
+)
+from robot_energy.identify.cabinet.dc_link import LinkFit, Voltages, fit_link, with_link
+from robot_energy.identify.data.bags import Bag, powers_of, read_all
+from robot_energy.identify.data.recordings import Recording, channels_of
+from robot_energy.identify.drives.all_drives import DrivesFound, TotalFound, find_drives
+from robot_energy.identify.drives.drive_data import drive_data
+from robot_energy.identify.dynamics.dynamics import Dynamics, identify_dynamics
+from robot_energy.identify.dynamics.dynamics_model import to_model
+from robot_energy.identify.dynamics.validation import TorqueError
+from robot_energy.identify.friction.friction import FrictionFit, fit_axes, with_friction
+from robot_energy.identify.friction.samples import friction_data
+from robot_energy.identify.plausibility import (
+    check_cabinet,
+    check_drives,
+    check_dynamics,
+    check_friction,
+    check_signs,
+    check_total,
+)
+from robot_energy.identify.stats.cross_validation import GAIN
+from robot_energy.model import RobotModel
+from robot_energy.model.friction_laws import FRICTION_LAWS
+from robot_energy.physics.friction import viscous_law
 
 Subject = Literal["dynamics", "friction", "cabinet", "drives", "capacitor"]
 SUBJECTS: tuple[Subject, ...] = ("dynamics", "friction", "cabinet", "drives", "capacitor")
-GAIN = 0.98  # what replaces figures of the model must be better by this factor
 LONGEST = 240.0  # s of motion for the dynamics: more tells little, and memory grows with it
 
 
@@ -133,6 +147,7 @@ def _dynamics(bags: Sequence[Bag], model: RobotModel, source: str) -> Step:
     spans = [part.span_ns for part in recordings]
     total = sum(end - start for start, end in spans) * 1e-9
     seconds = LONGEST / len(recordings) if total > LONGEST else np.inf
+    check_signs(recordings, bags[0].effort)
     level, notes = _at_one_temperature(recordings)
     result = identify_dynamics(channels_of(level, seconds), model)
     found = DynamicsFound(
@@ -141,6 +156,7 @@ def _dynamics(bags: Sequence[Bag], model: RobotModel, source: str) -> Step:
     new, old = found.consistent.total, found.given.total
     # without temperatures this step alone tells friction, so equal bodies will do
     if new < old * (GAIN if _warm(recordings) else 1.0 / GAIN):
+        check_dynamics(result, found.consistent)
         return Step("dynamics", found, "", to_model(result, ()), notes)
     return Step(
         "dynamics",
@@ -166,7 +182,11 @@ def _at_one_temperature(
         fits, _ = fit_axes(axes)
     except NotIdentifiableError:
         return list(recordings), ()
-    warm = {fit.name: viscous_law(fit.law) for fit in fits if fit.chosen != "constant"}
+    warm = {
+        fit.name: viscous_law(fit.law)
+        for fit in fits
+        if FRICTION_LAWS[fit.chosen].follows_temperature
+    }
     if not warm:
         return list(recordings), ()
     torques = [part.torque.motor_torque_measured.copy() for part in recordings]
@@ -190,8 +210,10 @@ def _at_one_temperature(
 
 def _friction(bags: Sequence[Bag], model: RobotModel, source: str) -> Step:
     recordings = _measured(bags, model)
+    check_signs(recordings, bags[0].effort)
     axes = [friction_data(recordings, joint) for joint in range(len(model.joints))]
     fits, refused = fit_axes(axes, source)
+    check_friction(fits)
     found = FrictionFound(tuple(fits), tuple(refused))
     notes: tuple[str, ...] = ()
     if any(bag.effort is EffortMeaning.JOINT_TORQUE for bag in bags):
@@ -208,6 +230,7 @@ def _cabinet(bags: Sequence[Bag], model: RobotModel, source: str) -> Step:
     if any(power is not None for power in powers):
         beside = beside_drives(drive_data(recordings, powers, measured_torque=False), model)
     fit = fit_cabinet(recordings, beside)
+    check_cabinet(fit)
     if fit.loss_grid is None and fit.loss_dc is None:
         raise NotIdentifiableError(
             "the meter tells neither the loss of the grid side nor that of the DC side",
@@ -226,12 +249,17 @@ def _drives(bags: Sequence[Bag], model: RobotModel, source: str) -> Step:
         for bag in bags
         for part in recordings
     )
-    found = find_drives(drive_data(recordings, powers, measured), model, source)
+    data = drive_data(recordings, powers, measured)
+    found = find_drives(data, model, source)
     reason = ""
+    if found.drives is not None:
+        check_drives(data, found.drives)
     if found.drives is None and found.total is not None:
         reason = _not_better(found.total)
     if reason:
         return Step("drives", found, reason, model)
+    if found.drives is None and found.total is not None:
+        check_total(found.total.data, found.total.scores)
     written, notes = found.write(model, source)
     return Step("drives", found, "", written, tuple(notes))
 
@@ -243,7 +271,7 @@ def _not_better(total: TotalFound) -> str:
         return "too few readings to test the losses on readings that they have not seen"
     if given is None or not np.isfinite(given.rms):
         return ""
-    if new.rms < GAIN * given.rms and new.energy_error <= given.energy_error:
+    if new.beats(given):
         return ""
     return (
         "the drives as given predict held-out readings of the meter as well or better "

@@ -18,7 +18,7 @@ from robot_energy.logs.mapping import (
     LogMapping,
     Power,
 )
-from robot_energy.logs.recording import Contents, ImportReport, LogBlock, write_bag
+from robot_energy.logs.recording import ImportReport, LogBlock, RecordingContents, write_bag
 from robot_energy.logs.table import Clock, LogTable, newer_than
 from robot_energy.units import ENERGY_UNITS, POWER_UNITS
 
@@ -52,7 +52,9 @@ def import_csv(
     return report
 
 
-def read_csv(log: str | Path, mapping: LogMapping) -> tuple[LogTable, Contents, Iterator[LogBlock]]:
+def read_csv(
+    log: str | Path, mapping: LogMapping
+) -> tuple[LogTable, RecordingContents, Iterator[LogBlock]]:
     """Read a CSV log.
 
     Args:
@@ -76,7 +78,7 @@ def read_csv(log: str | Path, mapping: LogMapping) -> tuple[LogTable, Contents, 
         names = joints.columns(getattr(joints, key))
         groups.append([table.require(name, f"joints.{key}") for name in names])
     groups.append([table.require(name, f"power.{key}") for key, name in _power_columns(power)])
-    contents = Contents(
+    contents = RecordingContents(
         tuple(joints.names),
         joints.velocity is not None,
         joints.effort is not None,
@@ -111,7 +113,7 @@ def _blocks(table: LogTable, mapping: LogMapping, groups: list[list[str]]) -> It
     clock = Clock(time.column, time.unit, time.rate or float("nan"), time.run, time.apart)
     parts = table.blocks(columns, n_joints, clock)
     for rows in parts:
-        kept, last = newer_than(rows, last, table.account)
+        kept, last = newer_than(rows, last, table.account, time.start_ns)
         position, velocity, torque, temperature, drives, meter = np.split(kept.values, cuts, axis=1)
         none = np.full((len(kept.time_ns), n_joints), np.nan)
         yield LogBlock(

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated, Literal, cast
+from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from robot_energy.errors import LogFormatError, ModelFileError
-from robot_energy.model_file import parse_yaml
+from robot_energy.config_file import load
+from robot_energy.errors import LogFormatError
 from robot_energy.units import ENERGY_UNITS
 
 PLACEHOLDER = "{joint}"
@@ -25,13 +25,13 @@ CURRENT_UNITS = {"A": 1.0, "mA": 1e-3}
 Text = Annotated[str, Field(min_length=1)]
 
 
-class Entry(BaseModel):
+class MappingEntry(BaseModel):
     """Base of all parts: unknown keys are refused."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-class Time(Entry):
+class Time(MappingEntry):
     """When each row was measured: a column, or a rate where there is none.
 
     Attributes:
@@ -70,7 +70,7 @@ class Time(Entry):
         return (elapsed.days * 86400 + elapsed.seconds) * 10**9 + elapsed.microseconds * 1000
 
 
-class Columns(Entry):
+class Columns(MappingEntry):
     """Columns of one quantity of every joint: a pattern, or one name per joint.
 
     Attributes:
@@ -96,7 +96,7 @@ class Columns(Entry):
         return [str(self.column).replace(PLACEHOLDER, key) for key in keys]
 
 
-class Position(Columns):
+class PositionColumn(Columns):
     """Joint positions, joint side."""
 
     unit: Literal["rad", "deg", "m", "mm"]
@@ -108,25 +108,25 @@ class Velocity(Columns):
     unit: Literal["rad_per_s", "deg_per_s", "m_per_s", "mm_per_s"]
 
 
-class Effort(Columns):
+class EffortColumns(Columns):
     """Torque or current, kept as it is; what it means is told to the monitor as ``effort``."""
 
     unit: Literal["newton_metre", "newton", "ampere", "milliampere"]
 
 
-class Temperature(Columns):
+class TemperatureColumns(Columns):
     """Motor temperatures."""
 
     unit: Literal["celsius", "kelvin"]
 
 
-class DrivePower(Columns):
+class DrivePowerColumns(Columns):
     """Electrical power that each drive takes, positive into the drive."""
 
     unit: Literal["W", "kW", "mW"]
 
 
-class Joints(Entry):
+class Joints(MappingEntry):
     """The joints and their columns.
 
     Attributes:
@@ -138,11 +138,11 @@ class Joints(Entry):
     names: Annotated[list[Text], Field(min_length=1)]
     keys: list[Text] | None = None
     signs: list[Literal[1, -1]] | None = None
-    position: Position
+    position: PositionColumn
     velocity: Velocity | None = None
-    effort: Effort | None = None
-    temperature: Temperature | None = None
-    drive_power: DrivePower | None = None
+    effort: EffortColumns | None = None
+    temperature: TemperatureColumns | None = None
+    drive_power: DrivePowerColumns | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Joints:
@@ -168,28 +168,28 @@ class Joints(Entry):
         return [] if group is None else group.names(self.keys or self.names)
 
 
-class PowerColumn(Entry):
+class PowerColumn(MappingEntry):
     """Measured power or energy in one column."""
 
     column: Text
     unit: Literal["W", "kW", "mW", "J", "kJ", "Wh", "kWh"]
 
 
-class VoltageColumn(Entry):
+class VoltageColumn(MappingEntry):
     """Measured voltage."""
 
     column: Text
     unit: Literal["V", "mV"]
 
 
-class CurrentColumn(Entry):
+class CurrentColumn(MappingEntry):
     """Measured current."""
 
     column: Text
     unit: Literal["A", "mA"]
 
 
-class Power(Entry):
+class Power(MappingEntry):
     """The power meter: one column, or voltage and current of a DC supply.
 
     Attributes:
@@ -218,7 +218,7 @@ class Power(Entry):
         return self
 
 
-class LogMapping(Entry):
+class LogMapping(MappingEntry):
     """What the columns of a log mean."""
 
     schema_version: Literal[1]
@@ -241,44 +241,4 @@ def load_mapping(path: str | Path) -> LogMapping:
     Raises:
         LogFormatError: Naming the bad key, what was found and what was expected.
     """
-    try:
-        text = Path(path).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise LogFormatError(
-            f"no mapping can be read at '{path}'",
-            "a YAML file",
-            "see src/examples/mappings for two of them",
-        ) from error
-    try:
-        data = parse_yaml(text, str(path))
-    except ModelFileError as error:
-        raise LogFormatError(error.found, error.expected, error.remedy) from error
-    if not isinstance(data, dict):
-        raise LogFormatError(
-            f"{path} holds {type(cast('object', data)).__name__}",
-            "a mapping with schema_version, time and joints",
-        )
-    try:
-        return LogMapping.model_validate(data)
-    except ValidationError as error:
-        raise _describe(error, path) from error
-
-
-def _describe(error: ValidationError, path: str | Path) -> LogFormatError:
-    """One sentence about the first bad key."""
-    first = error.errors()[0]
-    key = ".".join(str(part) for part in first["loc"]) or "the file"
-    more = len(error.errors()) - 1
-    tail = f" ({more} more)" if more else ""
-    found = first.get("input")
-    shown = f"{found!r}" if isinstance(found, str | int | float | None) else type(found).__name__
-    if first["type"] == "missing":
-        return LogFormatError(f"{path}: key '{key}' is missing{tail}")
-    if first["type"] == "extra_forbidden":
-        return LogFormatError(
-            f"{path}: key '{key}' is unknown{tail}", "a key of the schema", "check its spelling"
-        )
-    text = first["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
-    if first["type"] == "value_error":
-        return LogFormatError(f"{path}: key '{key}' does not fit together{tail}", text)
-    return LogFormatError(f"{path}: key '{key}' is {shown}{tail}", text)
+    return load(path, LogMapping, LogFormatError, "mapping", "see src/examples/mappings")

@@ -10,19 +10,22 @@ import numpy as np
 
 from robot_energy.bag import SENSOR_QOS, BagWriter
 from robot_energy.blocks import Block, Float, MeterLocation, MeterMeaning
+from robot_energy.cdr import Encoder, stamp_columns
 from robot_energy.errors import LogFormatError
-from robot_energy.ingest.accounting import Accounting
-from robot_energy.ingest.joint_states import JOINT_STATE
-from robot_energy.ingest.meter import POWER_READING
-from robot_energy.ingest.sources import FLOAT_ARRAY, MOTOR_TEMPERATURES
-from robot_energy.wire import Encoder, stamp_columns
+from robot_energy.inputs.joint_states.joint_states import JOINT_STATE
+from robot_energy.inputs.meter.kinds import POWER_READING
+from robot_energy.inputs.rejection_log import RejectionLog
+from robot_energy.inputs.temperatures.kinds import FLOAT_ARRAY, MOTOR_TEMPERATURES
+from robot_energy.timeline.stamps import BAD_STAMP, MIN_STAMP_NS
 
 JOINT_STATES_TOPIC = "/joint_states"
 TEMPERATURES_TOPIC = "/motor_temperatures"
 METER_TOPIC = "/power_meter"
 DRIVE_POWER_TOPIC = "/drive_power"
+NO_TIMES = (
+    "check the unit of time, and give the start of the recording where its times count from zero"
+)
 INTERLEAVED_ROWS = 16  # replay waits only a little for temperatures that come late
-LATEST_NS = (2**31 - 1) * 1_000_000_000  # the stamps of ROS 2 end in 2038
 
 
 @dataclass(frozen=True)
@@ -47,7 +50,7 @@ class LogBlock(Block):
 
 
 @dataclass(frozen=True)
-class Contents:
+class RecordingContents:
     """What the bag of a log holds beside positions.
 
     Attributes:
@@ -72,7 +75,7 @@ class Contents:
 
 
 @dataclass
-class FileAccount(Accounting):
+class FileAccount(RejectionLog):
     """What became of the rows of one file: received = accepted + rejected.
 
     Attributes:
@@ -108,7 +111,7 @@ class ImportReport:
     """
 
     bag: Path
-    contents: Contents
+    contents: RecordingContents
     files: list[FileAccount] = field(default_factory=list[FileAccount])
     start_ns: int | None = None
     end_ns: int | None = None
@@ -120,7 +123,7 @@ class ImportReport:
 
 
 class _Encoders:
-    def __init__(self, contents: Contents) -> None:
+    def __init__(self, contents: RecordingContents) -> None:
         n_joints = len(contents.joint_names)
         self.contents = contents
         lengths = {
@@ -209,7 +212,7 @@ class _Encoders:
 
 def write_bag(
     path: str | Path,
-    contents: Contents,
+    contents: RecordingContents,
     blocks: Iterable[LogBlock],
     files: list[FileAccount],
     overwrite: bool = False,
@@ -234,29 +237,25 @@ def write_bag(
     """
     report = ImportReport(Path(path), contents, files)
     encoders = _Encoders(contents)
-    bag = BagWriter(path, overwrite=overwrite, origin=origin)
-    try:
-        with bag:
-            bag.add_topic(JOINT_STATES_TOPIC, JOINT_STATE, SENSOR_QOS)
-            if contents.temperatures:
-                bag.add_topic(TEMPERATURES_TOPIC, MOTOR_TEMPERATURES)
-            if contents.meaning is not MeterMeaning.UNKNOWN:
-                bag.add_topic(METER_TOPIC, POWER_READING)
-            if contents.drive_power:
-                bag.add_topic(DRIVE_POWER_TOPIC, FLOAT_ARRAY)
-            for block in blocks:
-                if not len(block):
-                    continue
-                if report.start_ns is None:
-                    report.start_ns = int(block.stamp_ns[0])
-                report.end_ns = int(block.stamp_ns[-1])
-                _check_time(report.start_ns, report.end_ns, files)
-                encoders.write(bag, block, report)
+    inputs = [file.path for file in files]
+    with BagWriter(path, overwrite=overwrite, origin=origin, inputs=inputs) as bag:
+        bag.add_topic(JOINT_STATES_TOPIC, JOINT_STATE, SENSOR_QOS)
+        if contents.temperatures:
+            bag.add_topic(TEMPERATURES_TOPIC, MOTOR_TEMPERATURES)
+        if contents.meaning is not MeterMeaning.UNKNOWN:
+            bag.add_topic(METER_TOPIC, POWER_READING)
+        if contents.drive_power:
+            bag.add_topic(DRIVE_POWER_TOPIC, FLOAT_ARRAY)
+        for block in blocks:
+            if not len(block):
+                continue
+            if report.start_ns is None:
+                report.start_ns = int(block.stamp_ns[0])
+            report.end_ns = int(block.stamp_ns[-1])
+            _check_start(report.start_ns, files)
+            encoders.write(bag, block, report)
         if report.start_ns is None:
             raise LogFormatError(*_nothing(files))
-    except BaseException:
-        _discard(bag.path)
-        raise
     if not report.readings and contents.meaning is not MeterMeaning.UNKNOWN:
         report.notes.append("no row has a meter reading")
     if not report.temperatures and contents.temperatures:
@@ -264,18 +263,14 @@ def write_bag(
     return report
 
 
-def _check_time(start_ns: int, end_ns: int, files: Sequence[FileAccount]) -> None:
-    if start_ns <= 0 or end_ns > LATEST_NS:
+def _check_start(start_ns: int, files: Sequence[FileAccount]) -> None:
+    if start_ns <= MIN_STAMP_NS:
         raise LogFormatError(
-            f"the stamps of {files[0].path} run from {start_ns * 1e-9:g} s to {end_ns * 1e-9:g} s "
-            "after 1970-01-01",
-            "times between 1970 and 2038, not zero",
-            "check the unit of time, and give the start of the recording where its times count "
-            "from zero",
+            f"the stamps of {files[0].path} begin at zero", "times between 1970 and 2038", NO_TIMES
         )
 
 
-def _nothing(files: Sequence[FileAccount]) -> tuple[str, str]:
+def _nothing(files: Sequence[FileAccount]) -> tuple[str, str, str]:
     received = sum(account.received for account in files)
     reasons = [
         f"{count} {reason} from line {account.first_line.get(reason, 0)} of {account.path.name}"
@@ -284,12 +279,7 @@ def _nothing(files: Sequence[FileAccount]) -> tuple[str, str]:
     ]
     names = ", ".join(str(account.path) for account in files)
     why = f" ({'; '.join(reasons)})" if reasons else ""
-    return f"none of the {received} rows of {names} can be used{why}", "rows of numbers"
-
-
-def _discard(folder: Path) -> None:
-    """Remove the half-written bag."""
-    for file in [*folder.glob("*.mcap"), folder / "metadata.yaml"]:
-        file.unlink(missing_ok=True)
-    if folder.is_dir() and not any(folder.iterdir()):
-        folder.rmdir()
+    found = f"none of the {received} rows of {names} can be used{why}"
+    if any(account.rejected[BAD_STAMP] for account in files):
+        return found, "rows with times between 1970 and 2038", NO_TIMES
+    return found, "rows of numbers", ""

@@ -6,7 +6,8 @@ import csv
 import gzip
 import io
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from difflib import get_close_matches
@@ -18,7 +19,9 @@ import numpy as np
 
 from robot_energy.blocks import Float, Int
 from robot_energy.errors import LogFormatError
+from robot_energy.files.regular_file import open_regular
 from robot_energy.logs.recording import FileAccount
+from robot_energy.timeline.stamps import BAD_STAMP, MAX_STAMP_NS, MIN_STAMP_NS
 
 BLOCK_ROWS = 8192
 SHOWN_COLUMNS = 12
@@ -26,11 +29,17 @@ DIGITS = {"s": 9, "ms": 6, "us": 3, "ns": 0}
 PARQUET = {".parquet", ".pq"}
 LONGEST_LINE = 2**20
 """Characters; a packed file could hold one line that fills the memory."""
+MAX_RATIO = 200
+"""How many times larger a packed log may become; numbers shrink to a tenth."""
+MIN_UNPACKED = 16 * 2**20
+"""Characters that any packed log may become."""
+MAX_NUMBERS = 24_000_000
+"""Numbers that are kept of one file: an hour of six joints at 1 kHz."""
 _UNREADABLE = (csv.Error, OSError, EOFError, UnicodeDecodeError, zlib.error)
 
 
 @dataclass(frozen=True)
-class Rows:
+class TableRows:
     """Usable rows of a table.
 
     Attributes:
@@ -90,7 +99,7 @@ class LogTable:
             )
         with self._open() as file:
             try:
-                header = next(_lines(file), "")
+                header = next(self._lines(file), "")
             except _UNREADABLE as error:
                 raise self._unreadable(error) from error
         if not header.strip():
@@ -138,12 +147,46 @@ class LogTable:
             ]
         return [""] * len(names)
 
+    def numbers(self, names: Sequence[str]) -> Float:
+        """Return columns of a file in which every cell of them holds a number.
+
+        Args:
+            names: Columns wanted.
+
+        Returns:
+            Shape (rows, columns).
+
+        Raises:
+            LogFormatError: If it cannot be read, holds anything else or is too long.
+        """
+        pick = [self.columns.index(name) for name in names]
+        rows = MAX_NUMBERS // max(len(pick), 1)
+        try:
+            with self._open() as file:
+                lines = self._lines(file)
+                next(lines)
+                table = np.loadtxt(
+                    lines, delimiter=self.delimiter, usecols=pick, ndmin=2, max_rows=rows + 1
+                )
+        except (*_UNREADABLE, ValueError) as error:
+            raise LogFormatError(
+                f"{self.path} cannot be read ({' '.join(str(error).split())})",
+                "a number in every cell of the columns used",
+            ) from error
+        if len(table) > rows:
+            raise LogFormatError(
+                f"{self.path} has over {rows} rows of {len(pick)} columns",
+                f"at most {MAX_NUMBERS} numbers",
+                "cut it, or import it as a bag",
+            )
+        return table
+
     def blocks(
         self,
         names: Sequence[str],
         required: int,
         clock: Clock,
-    ) -> Iterator[Rows]:
+    ) -> Iterator[TableRows]:
         """Yield the usable rows and account for the others.
 
         A row is rejected as ``wrong_length``, ``not_numeric`` (a cell used holds text),
@@ -187,7 +230,7 @@ class LogTable:
         instants: list[int | None],
         pick: list[int],
         required: int,
-    ) -> Rows:
+    ) -> TableRows:
         lines: list[int] = []
         times: list[int] = []
         table: list[list[float]] = []
@@ -211,7 +254,7 @@ class LogTable:
         bad = ~np.isfinite(values[:, :required]).all(axis=1) | np.isinf(values).any(axis=1)
         for row in np.flatnonzero(bad).tolist():
             self.account.reject_line("not_finite", lines[row])
-        return Rows(
+        return TableRows(
             np.asarray(lines, dtype=np.int64)[~bad],
             np.asarray(times, dtype=np.int64)[~bad],
             values[~bad],
@@ -220,7 +263,7 @@ class LogTable:
     def _rows(self) -> Iterator[tuple[int, list[str]]]:
         """Yield line number and cells of every row that is not blank."""
         with self._open() as file:
-            reader = csv.reader(_lines(file), delimiter=self.delimiter, skipinitialspace=True)
+            reader = csv.reader(self._lines(file), delimiter=self.delimiter, skipinitialspace=True)
             try:
                 next(reader)
                 for cells in reader:
@@ -229,20 +272,33 @@ class LogTable:
             except _UNREADABLE as error:
                 raise self._unreadable(error, reader.line_num) from error
 
-    def _open(self) -> TextIO:
+    @contextmanager
+    def _open(self) -> Generator[TextIO, None, None]:
         try:
-            raw = self.path.open("rb")
-            if raw.read(2) == b"\x1f\x8b":
-                raw.close()
-                return io.TextIOWrapper(
-                    gzip.open(self.path, "rb"),
-                    encoding="utf-8-sig",
-                    newline="",
-                )
-            raw.close()
-            return self.path.open(encoding="utf-8-sig", newline="")
+            raw = open_regular(self.path)
         except OSError as error:
             raise self._unreadable(error) from error
+        with raw:
+            packed = raw.read(2) == b"\x1f\x8b"
+            size = raw.seek(0, io.SEEK_END)
+            raw.seek(0)
+            self._most = max(size * MAX_RATIO, MIN_UNPACKED) if packed else size
+            binary = gzip.GzipFile(fileobj=raw, mode="rb") if packed else raw
+            with io.TextIOWrapper(binary, encoding="utf-8-sig", newline="") as text:
+                yield text
+
+    def _lines(self, file: TextIO) -> Iterator[str]:
+        """Yield the lines of the file; an overlong one, or too many, are an error."""
+        length = 0
+        while line := file.readline(LONGEST_LINE):
+            length += len(line)
+            if len(line) == LONGEST_LINE:
+                raise csv.Error(f"a line of over {LONGEST_LINE} characters")
+            if length > self._most:
+                raise csv.Error(
+                    f"it holds over {self._most} characters, {MAX_RATIO} times its size"
+                )
+            yield line
 
     def _unreadable(self, error: Exception, line: int | None = None) -> LogFormatError:
         where = f" after line {line}" if line else ""
@@ -283,14 +339,6 @@ class _Runs:
         return placed
 
 
-def _lines(file: TextIO) -> Iterator[str]:
-    """Yield the lines of a file; an overlong one is an error."""
-    while line := file.readline(LONGEST_LINE):
-        if len(line) == LONGEST_LINE:
-            raise csv.Error(f"a line of over {LONGEST_LINE} characters")
-        yield line
-
-
 def _nanoseconds(cells: list[str], column: int, unit: str) -> int | None:
     """Return an instant, exact to the last digit written; None if it is none. [ns]"""
     try:
@@ -300,22 +348,27 @@ def _nanoseconds(cells: list[str], column: int, unit: str) -> int | None:
         return None
 
 
-def newer_than(rows: Rows, last_ns: int | None, account: FileAccount) -> tuple[Rows, int | None]:
-    """Drop rows whose time does not advance, counted as ``not_newer``.
+def newer_than(
+    rows: TableRows, last_ns: int | None, account: FileAccount, start_ns: int = 0
+) -> tuple[TableRows, int | None]:
+    """Drop rows whose time does not advance (``not_newer``) or is no stamp (``bad_stamp``).
 
     Args:
         rows: Usable rows.
         last_ns: Time of the last row kept, None before the first. [ns]
         account: Where to count.
+        start_ns: What their times are added to to become stamps. [ns]
 
     Returns:
         The rows kept, which are counted as accepted, and the time of the last of them.
     """
     keep = np.zeros(len(rows.line), dtype=np.bool_)
     for row, instant in enumerate(rows.time_ns.tolist()):
-        if last_ns is None or instant > last_ns:
+        if not MIN_STAMP_NS <= instant + start_ns <= MAX_STAMP_NS:
+            account.reject_line(BAD_STAMP, int(rows.line[row]))
+        elif last_ns is None or instant > last_ns:
             keep[row], last_ns = True, instant
         else:
             account.reject_line("not_newer", int(rows.line[row]))
     account.accepted += int(keep.sum())
-    return Rows(rows.line[keep], rows.time_ns[keep], rows.values[keep]), last_ns
+    return TableRows(rows.line[keep], rows.time_ns[keep], rows.values[keep]), last_ns

@@ -10,7 +10,7 @@ import numpy as np
 
 from robot_energy.blocks import Float, MeterLocation, MeterMeaning
 from robot_energy.errors import LogFormatError
-from robot_energy.logs.recording import Contents, ImportReport, LogBlock, write_bag
+from robot_energy.logs.recording import ImportReport, LogBlock, RecordingContents, write_bag
 from robot_energy.logs.table import Clock, LogTable, newer_than
 
 UR_JOINTS = (
@@ -73,7 +73,7 @@ def import_ur_rtde(
     offset_ns, note = _offset(tables[0])
     have = [_present(tables, group) for group in (VELOCITY, CURRENT, TEMPERATURE, SUPPLY)]
     velocity, effort, temperatures, supply = have
-    contents = Contents(
+    contents = RecordingContents(
         names,
         velocity,
         effort,
@@ -149,7 +149,7 @@ def _blocks(tables: list[LogTable], offset_ns: int) -> Iterator[LogBlock]:
         cuts = np.cumsum([len(group) for group in groups])[:-1]
         columns = [table.require(name) for group in groups for name in group]
         for rows in table.blocks(columns, len(POSITION), Clock(CLOCK)):
-            kept, last = newer_than(rows, last, table.account)
+            kept, last = newer_than(rows, last, table.account, offset_ns)
             position, velocity, current, temperature, supply = (
                 _filled(part) for part in np.split(kept.values, cuts, axis=1)
             )

@@ -10,28 +10,28 @@ import pytest
 
 import drive_reports
 from plants import PROGRAM, two_link_profile
+from robot_energy.bag_replay import Progress, replay
 from robot_energy.blocks import EffortMeaning, Phase
-from robot_energy.identify.all_drives import DrivesFound
-from robot_energy.identify.bags import Bag, facts
-from robot_energy.identify.drive_power import DrivePower, read_drive_power
-from robot_energy.identify.everything import (
-    Everything,
+from robot_energy.identify.data.bags import Bag, facts
+from robot_energy.identify.data.recordings import Recording
+from robot_energy.identify.drives.all_drives import DrivesFound
+from robot_energy.identify.drives.drive_power import MeasuredDrivePower, read_drive_power
+from robot_energy.identify.run_all import (
+    FullIdentification,
     identify_everything,
     order_of,
     usable_effort,
     with_provenance,
 )
-from robot_energy.identify.held_out_energy import GIVEN, folds_of, held_out_energy
-from robot_energy.identify.recordings import Recording
+from robot_energy.identify.stats.held_out_energy import GIVEN, folds_of, held_out_energy
 from robot_energy.identify.steps import DynamicsFound
-from robot_energy.model_file import RobotModel, load
-from robot_energy.replay import Progress, replay
+from robot_energy.model import RobotModel, load
 from robot_energy.report.summary import summarise
 from robot_energy.rig import RigConfig, VirtualRig
 from robot_energy.rig.record import record
 
 TORQUE = EffortMeaning.MOTOR_TORQUE
-NEVER = DrivePower(np.empty(0, np.int64), np.empty((0, 2)), 0)
+NEVER = MeasuredDrivePower(np.empty(0, np.int64), np.empty((0, 2)), 0)
 
 
 @dataclass(frozen=True)
@@ -85,12 +85,12 @@ def bags_in(folder: Path, missing: str = "", effort: EffortMeaning = TORQUE) -> 
 
 
 @pytest.fixture(scope="module")
-def whole(folder: Path, model: RobotModel) -> Everything:
+def whole(folder: Path, model: RobotModel) -> FullIdentification:
     return identify_everything(bags_in(folder), model)
 
 
 def test_each_step_begins_with_what_the_one_before_left(
-    whole: Everything, folder: Path, model: RobotModel
+    whole: FullIdentification, folder: Path, model: RobotModel
 ) -> None:
     assert [step.subject for step in whole.steps] == [
         "dynamics",
@@ -163,7 +163,7 @@ def test_without_temperatures_dynamics_tells_friction(folder: Path, model: Robot
     assert {joint.friction.viscous.law for joint in result.model.joints} == {"constant"}
 
 
-def test_bodies_that_are_right_already_stay(folder: Path, whole: Everything) -> None:
+def test_bodies_that_are_right_already_stay(folder: Path, whole: FullIdentification) -> None:
     """The bodies of the first pass are those of the plant as well as these data tell."""
     again = identify_everything(
         bags_in(folder), whole.model, ("friction", "cabinet", "drives", "capacitor")
@@ -176,7 +176,7 @@ def test_bodies_that_are_right_already_stay(folder: Path, whole: Everything) -> 
 
 
 def test_bodies_are_told_at_one_temperature(
-    folder: Path, model: RobotModel, whole: Everything
+    folder: Path, model: RobotModel, whole: FullIdentification
 ) -> None:
     """What temperature does to friction is no error of the bodies, where temperatures are known."""
     others = ("friction", "cabinet", "drives", "capacitor")
@@ -208,7 +208,9 @@ def test_the_cabinet_is_the_meter_less_measured_drives(tmp_path: Path) -> None:
     assert result.model.cabinet.loss_dc.tag == "identified"
 
 
-def test_what_is_tested_is_never_fitted(folder: Path, model: RobotModel, whole: Everything) -> None:
+def test_what_is_tested_is_never_fitted(
+    folder: Path, model: RobotModel, whole: FullIdentification
+) -> None:
     """A meter that lies in one recording changes no prediction of that recording."""
     skip = ("dynamics", "friction")
     sound = bags_in(folder)
@@ -226,7 +228,7 @@ def test_what_is_tested_is_never_fitted(folder: Path, model: RobotModel, whole: 
 
 
 def test_energy_errors_are_those_of_replay(
-    folder: Path, model: RobotModel, whole: Everything
+    folder: Path, model: RobotModel, whole: FullIdentification
 ) -> None:
     kind, folds = folds_of(bags_in(folder)[:2], bags_in(folder)[2:], [])
     assert kind == "test"
@@ -265,7 +267,7 @@ def test_blocks_of_one_recording_do_not_overlap_with_their_fit(
 
 
 def test_the_model_says_what_it_was_made_from(
-    folder: Path, model: RobotModel, whole: Everything
+    folder: Path, model: RobotModel, whole: FullIdentification
 ) -> None:
     read = [facts(bag, bag.whole(model)) for bag in bags_in(folder)]
     assert len({entry.sha256 for entry in read}) == 3

@@ -16,15 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.blocks import Float, Int, MeterLocation, Phase, PowerBlock
-from robot_energy.comparison.curve import MeterCurve
-from robot_energy.comparison.pieces import Pieces
 from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.drive_data import DriveData
-from robot_energy.identify.losses import at_bound
-from robot_energy.identify.recordings import Recording
-from robot_energy.identify.total_sums import sums
-from robot_energy.model_file import RobotModel
-from robot_energy.model_file.figure import PositiveFigure
+from robot_energy.identify.bounds import identified
+from robot_energy.identify.data.recordings import Recording
+from robot_energy.identify.drives.drive_data import DriveData
+from robot_energy.identify.drives.total_sums import sums
+from robot_energy.model import RobotModel
+from robot_energy.model.figure import PositiveFigure
+from robot_energy.timeline.pieces import CoveredPieces
 
 MILLISECOND = 1_000_000  # ns
 SETTLED = 500 * MILLISECOND  # after a motion, until the DC link and the drives are at rest
@@ -32,7 +31,6 @@ BEFORE_MOTION = 50 * MILLISECOND
 AROUND = 50 * MILLISECOND  # to each side, in which most samples must hold
 INSIDE = 10 * MILLISECOND  # between a reading and the ends of a generating phase
 LINK_AT_REST = 1.0  # W
-BRIDGED = 2.0  # s between two readings
 CLEAR = 0.5  # of the DC loss that braking must exceed for a phase to count as generating
 EVENT_GAP = 1_000 * MILLISECOND  # readings further apart belong to different events
 LEAST_READINGS = 5
@@ -134,7 +132,7 @@ def fit_cabinet(recordings: Sequence[Recording], beside: Beside | None = None) -
     generating = None
     if location is MeterLocation.GRID and cabinet.regeneration_efficiency is None:
         fed = [_readings(part, _feeding(part), INSIDE, INSIDE) for part in metered]
-        generating = _level([(rows, _mean(rows)) for rows in fed])
+        generating = _level([(rows, rows.mean_power) for rows in fed])
     if hold is None and generating is None:
         raise NotIdentifiableError(
             "the robot neither stands still for a second nor brakes hard while the meter reads",
@@ -212,7 +210,7 @@ def _split(
     for name, value in (("grid", grid), ("DC", loss_dc)):
         if value is not None and value < 0:
             notes.append(
-                f"the loss on the {name} side is at its bound 0, negative otherwise: "
+                f"the loss on the {name} side is at the bound 0, negative otherwise: "
                 "check the meter"
             )
     return CabinetFit(location, hold, generating, grid, grid_std, loss_dc, dc_std, tuple(notes))
@@ -232,11 +230,7 @@ def with_cabinet(model: RobotModel, fit: CabinetFit, source: str) -> RobotModel:
         ("loss_dc", fit.loss_dc, fit.loss_dc_std),
     ):
         if value is not None:
-            update[name] = (
-                at_bound(source)
-                if value <= 0.0
-                else PositiveFigure(value=value, tag="identified", std=std, source=source)
-            )
+            update[name] = identified(value, std, source)
     cabinet = model.cabinet.model_copy(update=update)
     return model.model_copy(update={"cabinet": cabinet}).with_urdf(model.urdf_xml, model.source)
 
@@ -261,15 +255,17 @@ def _feeding(recording: Recording) -> NDArray[np.bool_]:
     return np.asarray(excess > CLEAR * np.maximum(power.loss_dc, 50.0))
 
 
-def _readings(recording: Recording, phase: NDArray[np.bool_], after: int, before: int) -> Pieces:
+def _readings(
+    recording: Recording, phase: NDArray[np.bool_], after: int, before: int
+) -> CoveredPieces:
     """Pieces of the meter's curve that lie inside one phase, away from its ends. [ns]"""
     meter = recording.meter
     if meter is None:
-        return Pieces.empty()
-    pieces = MeterCurve(BRIDGED).step(meter)
+        return CoveredPieces.empty()
+    pieces = recording.limits.pieces(meter)
     stamp = recording.power.stamp_ns
     outside = np.concatenate([[0], np.cumsum(~phase)])
-    kept = Pieces.empty()
+    kept = CoveredPieces.empty()
     for part in pieces:
         first = np.searchsorted(stamp, part.start_ns - after, side="left")
         last = np.searchsorted(stamp, part.end_ns + before, side="right")
@@ -279,19 +275,15 @@ def _readings(recording: Recording, phase: NDArray[np.bool_], after: int, before
     return kept
 
 
-def _mean(pieces: Pieces) -> Float:
-    return 0.5 * (pieces.start_power + pieces.end_power)
-
-
-def _less_drives(recording: Recording, pieces: Pieces) -> tuple[Pieces, Float]:
+def _less_drives(recording: Recording, pieces: CoveredPieces) -> tuple[CoveredPieces, Float]:
     """Power of the pieces without what the model says the drives take at rest. [W]"""
     middle = (pieces.start_ns + pieces.end_ns) // 2
     row = np.searchsorted(recording.power.stamp_ns, middle)
     row = np.minimum(row, len(recording.power) - 1)
-    return pieces, _mean(pieces) - recording.power.bus_power[row]
+    return pieces, pieces.mean_power - recording.power.bus_power[row]
 
 
-def _level(parts: Sequence[tuple[Pieces, Float]]) -> Level | None:
+def _level(parts: Sequence[tuple[CoveredPieces, Float]]) -> Level | None:
     """Mean over events, each event counting once."""
     means: list[float] = []
     readings = 0

@@ -12,15 +12,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
 from robot_energy.blocks import Float, Int, MeterLocation
 from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.link_readings import (
+from robot_energy.identify.cabinet.link_readings import (
     FULL,
-    Readings,
+    LinkReadings,
     best_energy,
     braking_time,
     fed_at_once,
@@ -30,12 +29,17 @@ from robot_energy.identify.link_readings import (
     use_of,
     with_energy,
 )
-from robot_energy.identify.quality import folds_in_order
-from robot_energy.identify.recordings import Recording
-from robot_energy.identify.total_power import GAIN
-from robot_energy.model_file import RobotModel
-from robot_energy.model_file.figure import PositiveFigure
-from robot_energy.model_file.schema import Cabinet, Capacitor
+from robot_energy.identify.data.recordings import Recording
+from robot_energy.identify.stats.cross_validation import (
+    EnergyScore,
+    Kind,
+    energy_score,
+    jackknife_std,
+    recordings_or_blocks,
+)
+from robot_energy.model import RobotModel
+from robot_energy.model.figure import PositiveFigure
+from robot_energy.model.schema import Cabinet, Capacitor
 
 NOMINAL_VOLTAGE = 566.0  # V: peak of 3 x 400 V mains, taken where no model file says other
 CHOPPER_VOLTAGE = 700.0  # V: the same
@@ -43,21 +47,7 @@ LEAST_EVENTS = 5  # times that the link must have been full
 SETTLED = 1.0  # W of the constant between two rounds
 ROUNDS = 4
 WIDEST = 0.5  # of the energy: half width of a 95 % interval that still counts as told
-FOLDS = 5
 Voltages = tuple[float, float]
-
-
-@dataclass(frozen=True)
-class LinkScore:
-    """A cabinet on readings that were held out; constants as the model has them.
-
-    Attributes:
-        rms: Of predicted less measured power. [W]
-        energy_error: Predicted over measured energy less 1, mean size over the folds. [-]
-    """
-
-    rms: float
-    energy_error: float
 
 
 @dataclass(frozen=True)
@@ -78,7 +68,7 @@ class LinkFit:
         spacing: Median time that a reading stands for. [s]
         emptying: Median time for which the link holds energy. [s]
         held_out: ``recordings`` or ``blocks``.
-        given: The model as given, on what was held out.
+        given: The model as given on what was held out; constants as the model has them.
         identified: With the energy from the other folds.
         tried: Energies that were tried, rising, shape (K,). [J]
         tried_rms: RMS error with each, fitted readings, constant free, shape (K,). [W]
@@ -93,9 +83,9 @@ class LinkFit:
     readings: int
     spacing: float
     emptying: float
-    held_out: Literal["recordings", "blocks"]
-    given: LinkScore
-    identified: LinkScore
+    held_out: Kind
+    given: EnergyScore
+    identified: EnergyScore
     tried: Float
     tried_rms: Float
 
@@ -103,7 +93,7 @@ class LinkFit:
     def reason(self) -> str:
         """Why it is not taken; empty if held-out readings are predicted better with it."""
         given, new = self.given, self.identified
-        if new.rms < GAIN * given.rms and new.energy_error <= given.energy_error:
+        if new.beats(given):
             return ""
         return (
             f"a DC link of {self.energy:.3g} J predicts held-out readings of the meter no better "
@@ -154,7 +144,7 @@ def fit_link(recordings: Sequence[Recording], cabinet: Cabinet | None = None) ->
     events, emptying = use_of(metered, with_energy(cabinet, base, energy))
     braking = braking_time(metered, cabinet.loss_dc.value)
     _require_told(energy, half, events, top, spacing, braking)
-    fold, kind = _folds(data)
+    kind, fold = recordings_or_blocks(data.recording, data.block)
     scores = _scores(metered, cabinet, given, energies, squares, data, fold)
     error = squared_error(squares.sum(axis=0))
     return LinkFit(
@@ -255,7 +245,7 @@ def _deviations(energies: Float, squares: Float) -> tuple[float, float, float]:
         return np.inf, np.inf, np.inf
     whole = squares.sum(axis=0)
     left_out = np.asarray([best_energy(energies, whole - part) for part in squares])
-    std, shift_std = np.sqrt((blocks - 1) * left_out.var(axis=0)).tolist()
+    std, shift_std = jackknife_std(left_out).tolist()
     return std, shift_std, std * float(t.ppf(0.975, blocks - 1))
 
 
@@ -286,22 +276,15 @@ def _require_told(
         )
 
 
-def _folds(data: Readings) -> tuple[Int, Literal["recordings", "blocks"]]:
-    """Whole recordings, else contiguous parts; no block of the jackknife is in two of them."""
-    if data.recording[0] != data.recording[-1]:
-        return data.recording, "recordings"
-    return folds_in_order(int(data.block.max()) + 1, FOLDS)[data.block], "blocks"
-
-
 def _scores(
     metered: Sequence[Recording],
     cabinet: Cabinet,
     given: float,
     energies: Float,
     squares: Float,
-    data: Readings,
+    data: LinkReadings,
     fold: Int,
-) -> tuple[LinkScore, LinkScore]:
+) -> tuple[EnergyScore, EnergyScore]:
     """Predict every fold as the model runs, with the energy given and that of the others."""
     names = np.unique(fold).tolist()
     own = [np.unique(data.block[fold == name]) for name in names]
@@ -311,14 +294,8 @@ def _scores(
     run = readings_of(metered, [with_energy(cabinet, loss, value) for value in (given, *found)])
     place = np.searchsorted(names, fold)
 
-    def score(column: Callable[[int], int]) -> LinkScore:
-        error = np.choose(place, [run.predicted[:, column(k)] for k in range(len(names))])
-        energy = (error - run.measured) * run.duration
-        parts = [
-            abs(energy[place == k].sum() / (run.measured * run.duration)[place == k].sum())
-            for k in range(len(names))
-        ]
-        rms = np.sqrt(np.sum(energy**2 / run.duration) / run.duration.sum())
-        return LinkScore(float(rms), float(np.mean(parts)))
+    def score(column: Callable[[int], int]) -> EnergyScore:
+        predicted = np.choose(place, [run.predicted[:, column(k)] for k in range(len(names))])
+        return energy_score(predicted, run.measured, run.duration, fold, run.duration)
 
     return score(lambda _: 0), score(lambda k: k + 1)

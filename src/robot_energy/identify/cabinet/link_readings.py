@@ -9,15 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.blocks import NANOSECOND, Float, Int
-from robot_energy.cabinet import CabinetStage
-from robot_energy.comparison.curve import MeterCurve
-from robot_energy.comparison.pieces import Pieces
-from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.drive_data import BLOCK, BLOCKS, SHORTEST_BLOCK, held_energy
-from robot_energy.identify.recordings import Recording
-from robot_energy.identify.total_sums import LEAST_READINGS, MAX_GAP, piece_means
-from robot_energy.model_file.figure import PositiveFigure
-from robot_energy.model_file.schema import Cabinet, Capacitor
+from robot_energy.identify.data.recordings import Recording
+from robot_energy.identify.drives.drive_data import block_length, held_energy
+from robot_energy.identify.drives.total_sums import joined, piece_means
+from robot_energy.identify.stats.lag import minimum
+from robot_energy.model.figure import PositiveFigure
+from robot_energy.model.schema import Cabinet, Capacitor
+from robot_energy.physics.cabinet import CabinetStage
+from robot_energy.timeline.pieces import CoveredPieces
 
 COARSE = 16  # energies tried first,
 FINE = 9  # and between the neighbours of the best one, twice
@@ -27,7 +26,7 @@ SLOPE = 5.0  # W of the constant for its effect on the meter
 
 
 @dataclass(frozen=True)
-class Readings:
+class LinkReadings:
     """Readings of the meter and what several cabinets would have shown.
 
     Attributes:
@@ -89,9 +88,9 @@ def with_energy(cabinet: Cabinet, loss_dc: float, energy: float) -> Cabinet:
 
 def tried(
     metered: Sequence[Recording], cabinet: Cabinet, base: float, top: float
-) -> tuple[Float, Readings]:
+) -> tuple[Float, LinkReadings]:
     """Try energies, closer and closer to the best, with a constant and a little more of it."""
-    data: Readings | None = None
+    data: LinkReadings | None = None
     energies, least = np.empty(0), max(LEAST_SHARE * top, FULL)
     new = np.append(0.0, least * (top / least) ** (np.arange(COARSE) / (COARSE - 1)))
     for _ in range(3):
@@ -115,9 +114,9 @@ def tried(
     return energies, data
 
 
-def readings_of(metered: Sequence[Recording], cabinets: Sequence[Cabinet]) -> Readings:
+def readings_of(metered: Sequence[Recording], cabinets: Sequence[Cabinet]) -> LinkReadings:
     """Run every cabinet, and take the means over the same time as each reading."""
-    parts: list[tuple[Pieces, Float, Int]] = []
+    parts: list[tuple[CoveredPieces, Float, Int]] = []
     for number, recording in enumerate(metered):
         power, meter = recording.power, recording.meter
         assert meter is not None
@@ -128,26 +127,16 @@ def readings_of(metered: Sequence[Recording], cabinets: Sequence[Cabinet]) -> Re
                 for entry in cabinets
             ]
         )
-        for pieces in MeterCurve(MAX_GAP).step(meter):
+        for pieces in recording.limits.pieces(meter):
             kept, means = piece_means(pieces, stamp, segment, grid)
             parts.append((kept, means, np.full(len(kept), number)))
-    count = sum(len(pieces) for pieces, _, _ in parts)
-    if count < LEAST_READINGS:
-        raise NotIdentifiableError(
-            f"{count} readings of the meter lie inside the samples of the robot",
-            f"at least {LEAST_READINGS}",
-            "record longer, with the meter running",
-        )
-    start = np.concatenate([pieces.start_ns for pieces, _, _ in parts])
-    end = np.concatenate([pieces.end_ns for pieces, _, _ in parts])
-    predicted = np.concatenate([means for _, means, _ in parts])
-    recording = np.concatenate([number for _, _, number in parts])
-    duration = (end - start) * NANOSECOND
-    length = min(BLOCK, max(SHORTEST_BLOCK, float(duration.sum()) / BLOCKS))
+    pieces, predicted, recording = joined(parts, "the robot")
+    duration = pieces.duration
+    length = block_length(float(duration.sum()))
     origin = np.asarray([part.power.stamp_ns[0] for part in metered])[recording]
-    place = np.stack([recording, (start - origin) // round(length / NANOSECOND)])
-    return Readings(
-        np.concatenate([0.5 * (p.start_power + p.end_power) for p, _, _ in parts]),
+    place = np.stack([recording, (pieces.start_ns - origin) // round(length / NANOSECOND)])
+    return LinkReadings(
+        pieces.mean_power,
         predicted,
         predicted,
         duration,
@@ -165,17 +154,7 @@ def best_energy(energies: Float, squares: Float) -> tuple[float, float]:
     """Energy of the least error, by the parabola through its neighbours [J], and shift [W]."""
     error = squared_error(squares)
     shift = squares[1] / np.maximum(squares[2], np.finfo(float).tiny)
-    best = int(np.argmin(error))
-    energy = float(energies[best])
-    if 0 < best < len(energies) - 1:
-        before, after = float(energies[best - 1]) - energy, float(energies[best + 1]) - energy
-        rise = float(error[best - 1]) - float(error[best])
-        fall = float(error[best + 1]) - float(error[best])
-        bend = rise * after - fall * before  # of the parabola through the three, > 0
-        if bend > 0.0:
-            move = 0.5 * (rise * after * after - fall * before * before) / bend
-            energy += float(min(max(move, before), after))
-    return energy, float(shift[best])
+    return minimum(energies, error)[0], float(shift[np.argmin(error)])
 
 
 def braking_time(metered: Sequence[Recording], loss_dc: float) -> float:

@@ -11,14 +11,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.cabinet import CabinetFit, fit_cabinet, with_cabinet
-from robot_energy.identify.dc_link import LinkFit, Voltages, fit_link, with_link
-from robot_energy.identify.drive_data import drive_data
-from robot_energy.identify.drive_delay import PowerDelay
-from robot_energy.identify.link_readings import rebalanced
-from robot_energy.identify.meter_delay import estimate_meter_delay
-from robot_energy.identify.recordings import Recording
-from robot_energy.model_file import RobotModel
+from robot_energy.identify.cabinet.cabinet import CabinetFit, fit_cabinet, with_cabinet
+from robot_energy.identify.cabinet.dc_link import LinkFit, Voltages, fit_link, with_link
+from robot_energy.identify.cabinet.link_readings import rebalanced
+from robot_energy.identify.cabinet.meter_delay import estimate_meter_delay
+from robot_energy.identify.data.recordings import Recording
+from robot_energy.identify.drives.drive_data import drive_data
+from robot_energy.identify.stats.lag import Delay
+from robot_energy.model import RobotModel
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class SupplyFound:
     link: LinkFit | None
     reason: str
     note: str
-    delay: PowerDelay | None
+    delay: Delay | None
     model: RobotModel
 
 

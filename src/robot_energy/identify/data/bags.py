@@ -15,12 +15,13 @@ from pathlib import Path
 
 import numpy as np
 
+from robot_energy.bag_replay import Progress
 from robot_energy.blocks import NANOSECOND, EffortMeaning, Float, MeterLocation
-from robot_energy.identify.drive_power import DrivePower
-from robot_energy.identify.recordings import Recording, read_recording
-from robot_energy.ingest.sources import Inputs
-from robot_energy.model_file import RobotModel
-from robot_energy.replay import Progress
+from robot_energy.files.regular_file import open_regular
+from robot_energy.identify.data.recordings import Recording, read_recording
+from robot_energy.identify.drives.drive_power import MeasuredDrivePower
+from robot_energy.inputs.sources import Inputs
+from robot_energy.model import RobotModel
 
 Span = tuple[int, int]  # [ns), from and to
 EVER: Span = (-(2**62), 2**62)
@@ -45,7 +46,7 @@ class Bag:
     path: Path
     effort: EffortMeaning = EffortMeaning.NONE
     inputs: Inputs | None = None
-    drive_power: DrivePower | None = None
+    drive_power: MeasuredDrivePower | None = None
     spans: tuple[Span, ...] = (EVER,)
     meter_delay: float = 0.0
 
@@ -88,10 +89,11 @@ class Bag:
         """First digits of the hash over the files with messages, in the order of their names."""
         files = [self.path]
         if self.path.is_dir():
-            files = sorted(p for p in self.path.iterdir() if p.suffix in (".mcap", ".db3", ".zstd"))
+            kinds = (".mcap", ".db3", ".zstd")
+            files = sorted(p for p in self.path.iterdir() if p.suffix in kinds and p.is_file())
         digest = hashlib.sha256()
         for file in files:
-            with file.open("rb") as stream:
+            with open_regular(file) as stream:
                 while part := stream.read(1 << 20):
                     digest.update(part)
         return digest.hexdigest()[:DIGITS]
@@ -186,10 +188,10 @@ def read_all(bags: Sequence[Bag], model: RobotModel) -> list[Recording]:
 
 def powers_of(
     bags: Sequence[Bag], model: RobotModel
-) -> tuple[list[Recording], list[DrivePower | None]]:
+) -> tuple[list[Recording], list[MeasuredDrivePower | None]]:
     """Read all bags, and say which measured power of drives belongs to which recording."""
     recordings: list[Recording] = []
-    powers: list[DrivePower | None] = []
+    powers: list[MeasuredDrivePower | None] = []
     for bag in bags:
         parts = bag.read(model)
         recordings += parts

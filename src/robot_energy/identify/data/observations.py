@@ -14,9 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.blocks import Float, Int
-from robot_energy.identify.base_parameters import link_parameter_names
-from robot_energy.identify.columns import Column
-from robot_energy.identify.signals import (
+from robot_energy.identify.data.signals import (
     Channels,
     Motion,
     inside,
@@ -25,7 +23,9 @@ from robot_energy.identify.signals import (
     motion_from_position,
     standing,
 )
-from robot_energy.robot import Robot
+from robot_energy.identify.dynamics.base_parameters import link_parameter_names
+from robot_energy.identify.dynamics.columns import Column
+from robot_energy.physics.rigid_body import Robot
 
 MOTION_PER_RATE = 5.0  # samples per period of the filter of the positions
 ROWS_PER_RATE = 10.0  # rows per period of the filter of both sides

@@ -7,18 +7,19 @@ the log's own zero. See ``src/examples/identify`` for a commented example.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Literal, cast
+from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from robot_energy.blocks import Float
-from robot_energy.drivetrain import Drivetrain
-from robot_energy.errors import LogFormatError, ModelFileError
-from robot_energy.identify.signals import Channels
+from robot_energy.config_file import load, read_text
+from robot_energy.errors import LogFormatError
+from robot_energy.identify.data.signals import Channels
 from robot_energy.logs.mapping import POSITION_UNITS
 from robot_energy.logs.table import LogTable
-from robot_energy.model_file import RobotModel, parse_yaml, validate
+from robot_energy.model import RobotModel, validate
+from robot_energy.physics.drivetrain import Drivetrain
 
 PLACE = "{recording}"  # in a file name: the name of a recording
 Number = Annotated[float, Field(allow_inf_nan=False)]
@@ -26,13 +27,13 @@ Text = Annotated[str, Field(min_length=1)]
 Name = Annotated[str, Field(pattern=r"^[\w.-]+$")]
 
 
-class Entry(BaseModel):
+class RawLogEntry(BaseModel):
     """Base of all parts: unknown keys are refused."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-class Channel(Entry):
+class TorqueColumn(RawLogEntry):
     """One quantity of every joint in one file.
 
     Attributes:
@@ -47,7 +48,7 @@ class Channel(Entry):
     side: Literal["motor", "joint"]
 
 
-class Position(Channel):
+class JointColumn(TorqueColumn):
     """Positions.
 
     Attributes:
@@ -59,7 +60,7 @@ class Position(Channel):
     zero: list[Number] | None = None
 
 
-class Torque(Channel):
+class Torque(TorqueColumn):
     """Torques, or currents with the torque constant of each motor.
 
     Attributes:
@@ -79,7 +80,7 @@ class Torque(Channel):
         return self
 
 
-class Coupling(Entry):
+class CouplingEntry(RawLogEntry):
     """A motor that turns along with another joint, as in a model file."""
 
     motor: Text
@@ -87,7 +88,7 @@ class Coupling(Entry):
     ratio: Number
 
 
-class Reference(Entry):
+class RawLogReference(RawLogEntry):
     """Published friction, to be printed beside the fit, joint side.
 
     Attributes:
@@ -101,7 +102,7 @@ class Reference(Entry):
     source: str = ""
 
 
-class DriveLog(Entry):
+class DriveLog(RawLogEntry):
     """What a raw log holds, and the robot it was made on.
 
     Attributes:
@@ -119,10 +120,10 @@ class DriveLog(Entry):
     joints: Annotated[list[Text], Field(min_length=1)]
     recordings: Annotated[list[Name], Field(min_length=1)] | None = None
     gear_ratio: list[Number] | None = None
-    coupling: tuple[Coupling, ...] = ()
-    position: Position
+    coupling: tuple[CouplingEntry, ...] = ()
+    position: JointColumn
     torque: Torque
-    reference: Reference | None = None
+    reference: RawLogReference | None = None
 
     @model_validator(mode="after")
     def _check(self) -> DriveLog:
@@ -175,32 +176,7 @@ def load_drive_log(path: str | Path) -> DriveLog:
     Raises:
         LogFormatError: Naming the bad key, what was found and what was expected.
     """
-    try:
-        data = parse_yaml(Path(path).read_text(encoding="utf-8"), str(path))
-    except (OSError, UnicodeDecodeError) as error:
-        raise LogFormatError(
-            f"no mapping can be read at '{path}'", "a YAML file", "see src/examples/identify"
-        ) from error
-    except ModelFileError as error:
-        raise LogFormatError(error.found, error.expected, error.remedy) from error
-    if not isinstance(data, dict):
-        raise LogFormatError(
-            f"{path} holds {type(cast('object', data)).__name__}",
-            "a mapping with schema_version, rate, joints, position and torque",
-        )
-    try:
-        return DriveLog.model_validate(data)
-    except ValidationError as error:
-        first = error.errors()[0]
-        key = ".".join(str(part) for part in first["loc"]) or "the file"
-        if first["type"] == "extra_forbidden":
-            raise LogFormatError(
-                f"{path}: key '{key}' is unknown", "a key of the schema"
-            ) from error
-        raise LogFormatError(
-            f"{path}: key '{key}' does not fit",
-            first["msg"].removeprefix("Value error, ").removeprefix("Input should be "),
-        ) from error
+    return load(path, DriveLog, LogFormatError, "mapping", "see src/examples/identify")
 
 
 def model_of(log: DriveLog, folder: Path, beside: Path | None = None) -> RobotModel:
@@ -223,12 +199,9 @@ def model_of(log: DriveLog, folder: Path, beside: Path | None = None) -> RobotMo
             "the mapping names no urdf and no gear_ratio", "both, or a model file (--model)"
         )
     path = folder / log.urdf
-    if beside is not None and not path.exists():
+    if beside is not None and not path.is_file():
         path = beside / log.urdf
-    try:
-        urdf_xml = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise LogFormatError(f"the URDF '{path}' cannot be read", "a URDF file") from error
+    urdf_xml = read_text(path, LogFormatError, "URDF", expected="a URDF file")
     friction = {"coulomb": _figure(0.0), "viscous": {"law": "constant", "viscous": _figure(0.0)}}
     joints = [
         {
@@ -305,17 +278,10 @@ def _figure(value: float, source: str = "not identified") -> dict[str, object]:
     return {"value": value, "tag": "assumed", "source": source}
 
 
-def _read(channel: Channel, n_joints: int, folder: Path, recording: str) -> Float:
+def _read(channel: TorqueColumn, n_joints: int, folder: Path, recording: str) -> Float:
     path = folder / channel.file.replace(PLACE, recording)
     table = LogTable(path)
     names = channel.columns or list(table.columns[:n_joints])
     if len(names) < n_joints:
         raise LogFormatError(f"{path} has {len(names)} columns", f"one per joint: {n_joints}")
-    pick = [table.columns.index(table.require(name)) for name in names]
-    try:
-        return np.loadtxt(path, delimiter=table.delimiter, skiprows=1, usecols=pick, ndmin=2)
-    except (ValueError, OSError, EOFError) as error:
-        raise LogFormatError(
-            f"{path} cannot be read ({' '.join(str(error).split())})",
-            "a number in every cell of the columns used",
-        ) from error
+    return table.numbers([table.require(name) for name in names])

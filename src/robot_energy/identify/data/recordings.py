@@ -7,12 +7,14 @@ arrays, so what is fitted is what runs.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from robot_energy.accounting.comparison import Comparison
+from robot_energy.bag_replay import Progress, Topics, replay
 from robot_energy.blocks import (
     NANOSECOND,
     EffortMeaning,
@@ -22,13 +24,13 @@ from robot_energy.blocks import (
     Quality,
     TorqueBlock,
 )
-from robot_energy.comparison import Compared, Comparison
 from robot_energy.errors import BagError
-from robot_energy.identify.signals import Channels, stretches
-from robot_energy.ingest.sources import Inputs
-from robot_energy.model_file import RobotModel
+from robot_energy.identify.data.signals import Channels, stretches
+from robot_energy.inputs.meter.power_curve import MeterLimits
+from robot_energy.inputs.sources import Inputs
+from robot_energy.model import RobotModel
 from robot_energy.pipeline import Output, Settings
-from robot_energy.replay import Progress, Topics, replay
+from robot_energy.timeline.pieces import Compared
 
 DOUBTFUL = Quality.ACCELERATION_INCOMPLETE | Quality.AFTER_GAP | Quality.NOT_FINITE
 
@@ -47,6 +49,7 @@ class Recording:
         origin: Where the recording comes from, as its writer said.
         problems: What was wrong with the bag, one sentence each.
         compared: Predicted beside measured energy, wherever both are known.
+        limits: What the user says of the readings of the meter.
     """
 
     path: Path
@@ -57,6 +60,7 @@ class Recording:
     origin: str
     problems: tuple[str, ...]
     compared: tuple[Compared, ...] = ()
+    limits: MeterLimits = field(default_factory=MeterLimits)
 
     def __len__(self) -> int:
         return len(self.torque)
@@ -90,7 +94,7 @@ class Recording:
         if delay == 0.0 or self.meter is None:
             return self
         meter = replace(self.meter, stamp_ns=self.meter.stamp_ns - round(delay / NANOSECOND))
-        comparison = Comparison()
+        comparison = Comparison(**self.limits.__dict__)
         comparison.measure(meter)
         supply = self.power.supply
         compared = comparison.predict(
@@ -159,12 +163,14 @@ def read_recording(
     """
     outputs: list[Output] = []
     settings = Settings(effort=effort, power_period=None)
+    if inputs is not None:
+        settings = replace(settings, meter_max_gap=inputs.meter_max_gap)
     result = replay(
         path,
         model,
         topics,
         settings,
-        keep_means=True,
+        keep_compared=True,
         progress=progress,
         inputs=inputs,
         on_output=outputs.append,
@@ -172,6 +178,7 @@ def read_recording(
     torque = [output.torque for output in outputs if output.torque is not None]
     power = [output.power for output in outputs if output.power is not None]
     meter = [output.meter for output in outputs if output.meter is not None]
+    max_power, wraps_at, _ = result.meter.source.limits
     if not torque or not power:
         raise BagError(f"{path} gives not one torque", "a recording of several samples")
     return Recording(
@@ -183,4 +190,5 @@ def read_recording(
         result.origin,
         tuple(result.problems),
         tuple(part for part in result.compared if len(part.duration_ns)),
+        MeterLimits(settings.meter_max_gap, max_power, wraps_at),
     )

@@ -6,24 +6,16 @@ from dataclasses import dataclass
 
 from robot_energy.blocks import MeterLocation
 from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.drive_data import DriveData, location
-from robot_energy.identify.drive_delay import (
-    PowerDelay,
-    estimate_power_delay,
-    with_delay_undone,
-)
-from robot_energy.identify.drives import DrivesFit, fit_drives, with_drives
-from robot_energy.identify.efficiency import CUTOFF
-from robot_energy.identify.meter_delay import estimate_meter_delay, with_meters_earlier
-from robot_energy.identify.total_power import (
-    TotalFit,
-    TotalScore,
-    compare_total,
-    fit_total,
-    with_total,
-)
-from robot_energy.identify.total_sums import Sums, sums
-from robot_energy.model_file import RobotModel
+from robot_energy.identify.cabinet.meter_delay import estimate_meter_delay, with_meters_earlier
+from robot_energy.identify.drives.drive_data import DriveData, location
+from robot_energy.identify.drives.drive_delay import estimate_power_delay, with_delay_undone
+from robot_energy.identify.drives.drives import DrivesFit, fit_drives, unfitted, with_drives
+from robot_energy.identify.drives.efficiency import CUTOFF
+from robot_energy.identify.drives.total_power import TotalFit, compare_total, fit_total, with_total
+from robot_energy.identify.drives.total_sums import Sums, sums
+from robot_energy.identify.stats.cross_validation import EnergyScore
+from robot_energy.identify.stats.lag import Delay
+from robot_energy.model import RobotModel
 
 
 @dataclass(frozen=True)
@@ -42,8 +34,8 @@ class TotalFound:
     data: Sums
     fit: TotalFit
     held_out: str
-    scores: dict[str, TotalScore]
-    delay: PowerDelay | None = None
+    scores: dict[str, EnergyScore]
+    delay: Delay | None = None
 
     @property
     def place(self) -> MeterLocation:
@@ -63,7 +55,7 @@ class DrivesFound:
 
     drives: DrivesFit | None
     total: TotalFound | None
-    delay: PowerDelay | None = None
+    delay: Delay | None = None
 
     def write(self, model: RobotModel, source: str) -> tuple[RobotModel, list[str]]:
         """Return a model with these drives; each drive's own power comes before the meter.
@@ -79,9 +71,11 @@ class DrivesFound:
             NotIdentifiableError: If a drive was not identified and the model has none of it.
         """
         if self.drives is not None:
-            return with_drives(model, self.drives, source), []
+            changed = with_drives(model, self.drives, source)
+            return changed, unfitted(model, changed.drive)
         if self.total is not None:
-            return with_total(model, self.total.fit, self.total.place, source)
+            changed, notes = with_total(model, self.total.fit, self.total.place, source)
+            return changed, [*unfitted(model, changed.drive), *notes]
         return model, []
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -11,10 +12,13 @@ from numpy.typing import NDArray
 
 from robot_energy.blocks import NANOSECOND, Float, Int, MeterBlock, MeterLocation, MeterMeaning
 from robot_energy.errors import LogFormatError
-from robot_energy.identify.drive_power import DrivePower
-from robot_energy.identify.quality import contiguous_blocks
-from robot_energy.identify.recordings import Recording
-from robot_energy.logs.recording import Contents, LogBlock
+from robot_energy.identify.data.recordings import Recording
+from robot_energy.identify.drives.drive_power import MeasuredDrivePower
+from robot_energy.identify.drives.losses import loss_columns
+from robot_energy.identify.stats.cross_validation import contiguous_blocks
+from robot_energy.inputs.meter.power_curve import MeterLimits
+from robot_energy.logs.recording import LogBlock, RecordingContents
+from robot_energy.physics.drive import Drive
 
 BLOCK = 5.0  # s: residuals further apart than this are taken as independent
 AVERAGED = 0.1  # s: longest time over which both sides of an equation are averaged
@@ -25,6 +29,8 @@ APART = 5.0  # s between rows of a log, beyond which another recording begins
 BRIDGED = 0.1  # s between two readings of a drive's power, at most
 HELD = 1.0  # J in a DC link, below which nothing is held
 COOL = 20.0  # degC, where no temperature of a winding is known
+ALL = slice(None)
+Rows = slice | Int | NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -35,38 +41,83 @@ class DriveData:
         names: Of the joints.
         stamp_ns: Shape (N,). [ns]
         recording: Number of the recording of each sample, rising, shape (N,).
-        stretch: Number of the uninterrupted stretch of each sample, rising, shape (N,).
-        block: Contiguous block of each sample, shape (N,).
-        window: Shorter ones, over which the fits average both sides of their equations
-            against the noise of torque and speed, shape (N,).
+        segment: A new one begins after an interruption, shape (N,).
         motor_velocity: Shape (N, n). [rad/s]
         motor_torque: Shape (N, n). [N m]
         motor_temperature_degc: Of the windings, shape (N, n). [degC]
         drive_power: Measured electrical input, shape (N, n). [W]
         meters: Readings of each recording's power meter, None without one.
+        limits: What the user says of the readings of each.
         braking: Where the supply does not pass on what the drives draw, shape (N,).
     """
 
     names: tuple[str, ...]
     stamp_ns: Int
     recording: Int
-    stretch: Int
-    block: Int
-    window: Int
+    segment: Int
     motor_velocity: Float
     motor_torque: Float
     motor_temperature_degc: Float
     drive_power: Float
     meters: tuple[MeterBlock | None, ...]
+    limits: tuple[MeterLimits, ...]
     braking: NDArray[np.bool_]
 
     def __len__(self) -> int:
         return len(self.stamp_ns)
 
+    @cached_property
+    def stretch(self) -> Int:
+        """Number of the uninterrupted stretch of each sample, rising, shape (N,)."""
+        change = np.diff(self.recording, prepend=0) != 0
+        change |= np.diff(self.segment, prepend=self.segment[0]) != 0
+        return np.cumsum(change).astype(np.int64)
+
+    @cached_property
+    def block(self) -> Int:
+        """Contiguous block of each sample, shape (N,)."""
+        length = block_length(self._recorded)
+        return contiguous_blocks(self.stamp_ns, self.stretch, length)
+
+    @cached_property
+    def window(self) -> Int:
+        """Shorter ones, over which the fits average both sides of their equations, shape (N,).
+
+        That is against the noise of torque and speed.
+        """
+        length = max(min(AVERAGED, self._recorded / WINDOWS), 1e-6)
+        return contiguous_blocks(self.stamp_ns, self.stretch, length)
+
+    @property
+    def _recorded(self) -> float:
+        return float(np.diff(self.stamp_ns)[np.diff(self.stretch) == 0].sum()) * NANOSECOND
+
     @property
     def shaft_power(self) -> Float:
         """Torque times speed (paper B, eq. 4), shape (N, n). [W]"""
         return self.motor_torque * self.motor_velocity
+
+    def loss_columns(self, rows: Rows = ALL, joints: slice | int = ALL) -> Float:
+        """Columns of the loss model (`losses.loss_columns`) of some samples and drives."""
+        part = (rows, joints)
+        return loss_columns(
+            self.motor_velocity[part], self.motor_torque[part], self.motor_temperature_degc[part]
+        )
+
+    def input_power(self, drive: Drive, joints: slice = ALL) -> Float:
+        """Electrical power that a model of some drives says, shape (N, joints). [W]"""
+        power, _ = drive.input_power(
+            self.shaft_power[:, joints],
+            self.motor_velocity[:, joints],
+            self.motor_torque[:, joints],
+            self.motor_temperature_degc[:, joints],
+        )
+        return power
+
+    @property
+    def supplied_power(self) -> Float:
+        """Shaft power of all drives, NaN where the supply does not pass it on, shape (N,). [W]"""
+        return np.where(self.braking, np.nan, self.shaft_power.sum(axis=1))
 
     @property
     def usable(self) -> NDArray[np.bool_]:
@@ -94,7 +145,7 @@ class DriveData:
 
 def drive_data(
     recordings: Sequence[Recording],
-    powers: Sequence[DrivePower | None],
+    powers: Sequence[MeasuredDrivePower | None],
     measured_torque: bool,
 ) -> DriveData:
     """Collect all axes from recordings of one robot.
@@ -130,16 +181,17 @@ def drive_data(
             for part, power in zip(recordings, powers, strict=True)
         ]
     )
-    return _data(
+    return DriveData(
         names,
         stamp,
         number,
         segment,
         np.concatenate([part.power.motor_velocity for part in recordings]),
         torque,
-        np.concatenate([part.power.motor_temperature_degc for part in recordings]),
+        _winding(np.concatenate([part.power.motor_temperature_degc for part in recordings])),
         electrical,
         tuple(part.meter for part in recordings),
+        tuple(part.limits for part in recordings),
         np.concatenate([_apart_from_supply(part) for part in recordings]),
     )
 
@@ -182,7 +234,9 @@ def held_energy(demand: Float, stamp_ns: Int, segment: Int) -> Float:
     return held
 
 
-def drive_data_of_logs(logs: Sequence[tuple[Contents, Sequence[LogBlock]]], unit: str) -> DriveData:
+def drive_data_of_logs(
+    logs: Sequence[tuple[RecordingContents, Sequence[LogBlock]]], unit: str
+) -> DriveData:
     """Collect all axes from logs, without a model of the robot.
 
     Args:
@@ -230,64 +284,28 @@ def drive_data_of_logs(logs: Sequence[tuple[Contents, Sequence[LogBlock]]], unit
             if given.any()
             else None
         )
-    return _data(
+    return DriveData(
         contents.joint_names,
         whole.stamp_ns,
         number,
         np.zeros(len(whole), dtype=np.int64),
         whole.joint_velocity,
         whole.effort,
-        whole.motor_temperature_degc,
+        _winding(whole.motor_temperature_degc),
         whole.drive_power,
         tuple(meters),
+        (MeterLimits(),) * len(meters),
         np.zeros(len(whole), dtype=np.bool_),
     )
 
 
-def _data(
-    names: tuple[str, ...],
-    stamp: Int,
-    recording: Int,
-    segment: Int,
-    velocity: Float,
-    torque: Float,
-    degc: Float,
-    power: Float,
-    meters: tuple[MeterBlock | None, ...],
-    braking: NDArray[np.bool_],
-) -> DriveData:
-    change = (np.diff(recording, prepend=0) != 0) | (np.diff(segment, prepend=segment[0]) != 0)
-    stretch = np.cumsum(change).astype(np.int64)
-    inside = np.diff(stretch) == 0
-    span = float(np.diff(stamp)[inside].sum()) * NANOSECOND
-    length = min(BLOCK, max(SHORTEST_BLOCK, span / BLOCKS))
-    return DriveData(
-        names,
-        stamp,
-        recording.astype(np.int64),
-        stretch,
-        contiguous_blocks(stamp, stretch, length),
-        contiguous_blocks(stamp, stretch, max(min(AVERAGED, span / WINDOWS), 1e-6)),
-        velocity,
-        torque,
-        np.where(np.isfinite(degc), degc, COOL),
-        power,
-        meters,
-        braking,
-    )
+def block_length(recorded: float) -> float:
+    """Return how long blocks are that count as independent, for a recorded time. [s]"""
+    return min(BLOCK, max(SHORTEST_BLOCK, recorded / BLOCKS))
 
 
-def averaged(values: Float, window: Int) -> Float:
-    """Return the mean of every window.
-
-    Args:
-        values: Shape (N, K) or (N,).
-        window: Number of the window of each row, rising, shape (N,).
-    """
-    first = np.flatnonzero(np.diff(window, prepend=window[:1] - 1))
-    size = np.diff(np.append(first, len(window)))
-    total = np.add.reduceat(values, first, axis=0)
-    return total / (size if values.ndim == 1 else size[:, None])
+def _winding(degc: Float) -> Float:
+    return np.where(np.isfinite(degc), degc, COOL)
 
 
 def location(data: DriveData) -> MeterLocation | None:

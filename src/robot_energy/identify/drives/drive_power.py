@@ -10,14 +10,15 @@ import numpy as np
 
 from robot_energy.bag import BagReader
 from robot_energy.blocks import NANOSECOND, Float, Int
+from robot_energy.cdr import Decoder
 from robot_energy.errors import MissingTopicError
-from robot_energy.wire import Decoder
+from robot_energy.timeline.stamps import valid_stamps
 
 ARRAYS = ("std_msgs/msg/Float64MultiArray", "std_msgs/msg/Float32MultiArray")
 
 
 @dataclass(frozen=True)
-class DrivePower:
+class MeasuredDrivePower:
     """Readings of the electrical power of all drives, in model joint order.
 
     Attributes:
@@ -55,7 +56,7 @@ class DrivePower:
 
 def read_drive_power(
     path: str | Path, topic: str, names: Sequence[str], order: Sequence[str] | None = None
-) -> DrivePower:
+) -> MeasuredDrivePower:
     """Read the power of the drives from a bag, by the time each message was recorded.
 
     Args:
@@ -93,8 +94,9 @@ def read_drive_power(
             values = run.array("data")
             widths.add(values.shape[1])
             if values.shape[1] == len(given):
-                stamps.append(batch.log_time_ns[run.rows])
-                powers.append(values[:, place].astype(np.float64))
+                logged = batch.log_time_ns[run.rows]
+                stamps.append(logged[valid_stamps(logged)])
+                powers.append(values[valid_stamps(logged)][:, place].astype(np.float64))
     if not stamps:
         found = f"{sorted(widths)[0]} values" if widths else "no readable message"
         raise MissingTopicError(
@@ -103,5 +105,5 @@ def read_drive_power(
             "name the joints in the order of the values with --drive-joints",
         )
     stamp, power = np.concatenate(stamps), np.concatenate(powers)
-    newer = np.diff(np.maximum.accumulate(stamp), prepend=stamp[0] - 1) > 0
-    return DrivePower(stamp[newer], power[newer], received - int(newer.sum()))
+    newer = np.diff(np.maximum.accumulate(stamp), prepend=-1) > 0
+    return MeasuredDrivePower(stamp[newer], power[newer], received - int(newer.sum()))

@@ -1,6 +1,6 @@
 """Electrical power of the drives: efficiency maps and loss model, tested on held-out data.
 
-Every way runs through `robot_energy.drive`, so what is tested is what the monitor runs.
+Every way runs through `robot_energy.physics.drive`, so what is tested is what the monitor runs.
 Energy accuracy is ``1 - |E_predicted - E_measured| / E_measured`` with ``E`` the sum over
 the drives of the power integrated over the held-out time, braking negative (paper B, 7.3).
 """
@@ -14,20 +14,26 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import Float
-from robot_energy.drive import Drive, EfficiencyMaps, LossModel
+from robot_energy.blocks import Float, Int
 from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.drive_data import DriveData, averaged
-from robot_energy.identify.efficiency import CUTOFF, POINTS, ReducedMap, processed, reduced_map
-from robot_energy.identify.losses import TERMS, Losses, fit_losses, loss_columns
-from robot_energy.identify.quality import folds_in_order
-from robot_energy.model_file import RobotModel
+from robot_energy.identify.drives.drive_data import DriveData
+from robot_energy.identify.drives.efficiency import (
+    CUTOFF,
+    POINTS,
+    ReducedMap,
+    processed,
+    reduced_map,
+)
+from robot_energy.identify.drives.losses import TERMS, Losses, fit_losses
+from robot_energy.identify.stats.cross_validation import averaged, contiguous_folds
+from robot_energy.model import RobotModel
+from robot_energy.model.drive_models import DRIVE_MODELS
+from robot_energy.physics.drive import EfficiencyMaps, LossModel
 
 Way = Literal["none", "constant", "map", "map_processed", "losses"]
 Split = Literal["blocks", "recordings", "beyond"]
 WAYS: tuple[Way, ...] = ("none", "constant", "map", "map_processed", "losses")
 CONSTANT_EFFICIENCY = 0.875  # paper B, 7.3
-FOLDS = 5
 INSIDE = 0.6  # of the greatest speed and torque: what lies beyond is held out
 GREATEST = 0.999  # quantile that stands for the greatest speed or torque
 LEAST_HELD_OUT = 50
@@ -66,19 +72,21 @@ class Score:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class DriveComparison:
     """All ways on one kind of held-out data.
 
     Attributes:
         split: How the data were held out.
         samples: Held-out samples of a drive, over all drives.
         energy: Measured in them. [J]
+        size: Root mean square of the measured power. [W]
         scores: By way.
     """
 
     split: Split
     samples: int
     energy: float
+    size: float
     scores: dict[Way, Score]
 
 
@@ -94,8 +102,8 @@ class DrivesFit:
     """
 
     axes: tuple[AxisFit, ...]
-    comparisons: tuple[Comparison, ...]
-    chosen: Literal["loss_model", "efficiency_map"]
+    comparisons: tuple[DriveComparison, ...]
+    chosen: str
     cutoff: float
 
 
@@ -131,15 +139,13 @@ def fit_drives(
             )
         comparisons = [
             comparison
-            for split, test in (_splits(data) if compare else {}).items()
-            if (comparison := fitter.compare(split, test)) is not None
+            for split, fold in (_folds(data) if compare else {}).items()
+            if (comparison := fitter.compare(split, fold)) is not None
         ]
     return DrivesFit(axes, tuple(comparisons), _choose(axes, comparisons), cutoff)
 
 
-def _choose(
-    axes: Sequence[AxisFit], comparisons: Sequence[Comparison]
-) -> Literal["loss_model", "efficiency_map"]:
+def _choose(axes: Sequence[AxisFit], comparisons: Sequence[DriveComparison]) -> str:
     """By the RMS error on whole recordings held out, on blocks where there is one only."""
     if any(axis.map is None for axis in axes):
         return "loss_model"
@@ -152,27 +158,18 @@ def _choose(
     return "loss_model"
 
 
-def _splits(data: DriveData) -> dict[Split, list[NDArray[np.bool_]]]:
-    """Held-out samples of every kind, one array (N, n) per fold."""
-    fold = folds_in_order(len(data), FOLDS)
-    width = len(data.names)
-
-    def wide(rows: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        return np.repeat(rows[:, None], width, axis=1)
-
-    splits: dict[Split, list[NDArray[np.bool_]]] = {
-        "blocks": [wide(fold == number) for number in range(FOLDS)]
-    }
+def _folds(data: DriveData) -> dict[Split, Int]:
+    """Fold of every sample for every kind of held-out data, -1 in none, shape (N, 1 or n)."""
+    folds: dict[Split, Int] = {"blocks": contiguous_folds(len(data))[:, None]}
     if data.recordings > 1:
-        splits["recordings"] = [wide(data.recording == k) for k in range(data.recordings)]
-    speed, torque = np.abs(data.motor_velocity), np.abs(data.motor_torque)
-    beyond = np.zeros(speed.shape, dtype=np.bool_)
-    for size in (speed, torque):
+        folds["recordings"] = data.recording[:, None]
+    beyond = np.zeros(data.usable.shape, dtype=np.bool_)
+    for size in (np.abs(data.motor_velocity), np.abs(data.motor_torque)):
         known = np.where(data.usable, size, np.nan)
         if np.isfinite(known).any(axis=0).all():
             beyond |= size > INSIDE * np.nanquantile(known, GREATEST, axis=0)
-    splits["beyond"] = [beyond]
-    return splits
+    folds["beyond"] = beyond.astype(np.int64) - 1
+    return folds
 
 
 class _Fitter:
@@ -187,12 +184,10 @@ class _Fitter:
     def losses(self, joint: int, rows: NDArray[np.bool_]) -> Losses:
         """Fit the loss model of one drive."""
         data = self.data
-        velocity, torque = data.motor_velocity[rows, joint], data.motor_torque[rows, joint]
-        columns = loss_columns(velocity, torque, data.motor_temperature_degc[rows, joint])
         window = data.window[rows]
         return fit_losses(
-            averaged(columns, window),
-            averaged(data.drive_power[rows, joint] - torque * velocity, window),
+            averaged(data.loss_columns(rows, joint), window),
+            averaged((data.drive_power - data.shaft_power)[rows, joint], window),
             data.block[rows][np.diff(window, prepend=-1) != 0],
             TERMS,
             f"the samples of {data.names[joint]}",
@@ -228,30 +223,27 @@ class _Fitter:
                 )
             if losses.negative:
                 notes.append(
-                    f"{name}: {', '.join(losses.negative)} at its bound 0, negative otherwise"
+                    f"{name}: {', '.join(losses.negative)} at the bound 0, negative otherwise"
                 )
             reduced = self.map(joint, rows, source)
         except NotIdentifiableError as error:
             notes.append(error.found)
         return AxisFit(name, losses, reduced, tuple(notes))
 
-    def compare(self, split: Split, folds: Sequence[NDArray[np.bool_]]) -> Comparison | None:
+    def compare(self, split: Split, fold: Int) -> DriveComparison | None:
         """Predict every fold from the others.
 
         A drive that cannot be fitted without a fold is left out of it; None if hardly
         anything is left.
         """
-        data = self.data
-        usable = data.usable
-        measured = [joint for joint in self.joints if usable[:, joint].any()]
+        data, usable = self.data, self.data.usable
+        fold = np.where(usable, fold, -1)
         predicted: dict[Way, Float] = {way: np.full(usable.shape, np.nan) for way in WAYS}
-        for test in folds:
-            for joint in measured:
-                held = test[:, joint] & usable[:, joint]
-                if not held.any():
-                    continue
+        for joint, own in enumerate(fold.T):
+            for number in np.unique(own[own >= 0]):
+                held = own == number
                 try:
-                    ways = self._predict(joint, usable[:, joint] & ~test[:, joint])
+                    ways = self._predict(joint, usable[:, joint] & ~held)
                 except NotIdentifiableError:
                     continue
                 for way, power in ways.items():
@@ -264,7 +256,8 @@ class _Fitter:
         scores: dict[Way, Score] = {
             way: self._score(predicted[way], tested, weight, energy) for way in WAYS
         }
-        return Comparison(split, int(tested.sum()), energy, scores)
+        size = float(np.sqrt(np.mean(data.drive_power[tested] ** 2)))
+        return DriveComparison(split, int(tested.sum()), energy, size, scores)
 
     def _score(
         self, power: Float, tested: NDArray[np.bool_], weight: Float, energy: float
@@ -282,7 +275,9 @@ class _Fitter:
         """Power of one drive at all samples, from some of them. [W]"""
         data = self.data
         shaft = data.shaft_power[:, joint]
-        mapped = self._run(EfficiencyMaps([self.map(joint, rows).entry]), joint)
+        only = slice(joint, joint + 1)
+        mapped = data.input_power(EfficiencyMaps([self.map(joint, rows).entry]), only)[:, 0]
+        losses = data.input_power(LossModel([self.losses(joint, rows).entry()]), only)[:, 0]
         second = processed(mapped, data.stretch, data.period, self._cutoff)
         return {
             "none": shaft,
@@ -291,18 +286,8 @@ class _Fitter:
             ),
             "map": mapped,
             "map_processed": np.where(np.isfinite(second), second, mapped),
-            "losses": self._run(LossModel([self.losses(joint, rows).entry()]), joint),
+            "losses": losses,
         }
-
-    def _run(self, drive: Drive, joint: int) -> Float:
-        data, only = self.data, slice(joint, joint + 1)
-        power, _ = drive.input_power(
-            data.shaft_power[:, only],
-            data.motor_velocity[:, only],
-            data.motor_torque[:, only],
-            data.motor_temperature_degc[:, only],
-        )
-        return power[:, 0]
 
 
 def with_drives(model: RobotModel, fit: DrivesFit, source: str) -> RobotModel:
@@ -316,13 +301,13 @@ def with_drives(model: RobotModel, fit: DrivesFit, source: str) -> RobotModel:
     Raises:
         NotIdentifiableError: If a drive was not identified and the model has no losses of it.
     """
-    mapped = fit.chosen == "efficiency_map"
+    kind = DRIVE_MODELS[fit.chosen]
     joints = list(model.joints)
     for index, (joint, axis) in enumerate(zip(model.joints, fit.axes, strict=True)):
         if axis.losses is not None:
             update: dict[str, object] = {"losses": axis.losses.entry(source)}
-            if mapped and axis.map is not None:
-                update["efficiency_map"] = axis.map.entry
+            if kind.fitted is not None and (entry := kind.fitted(axis, source)) is not None:
+                update[kind.key] = entry
             joints[index] = joint.model_copy(update=update)
         elif joint.losses is None:
             raise NotIdentifiableError(
@@ -332,3 +317,26 @@ def with_drives(model: RobotModel, fit: DrivesFit, source: str) -> RobotModel:
             )
     changed = model.model_copy(update={"joints": joints, "drive": fit.chosen})
     return changed.with_urdf(model.urdf_xml, model.source)
+
+
+def _fitted_losses(axis: AxisFit, source: str) -> object:
+    return None if axis.losses is None else axis.losses.entry(source)
+
+
+def _fitted_map(axis: AxisFit, source: str) -> object:
+    return None if axis.map is None else axis.map.entry
+
+
+DRIVE_MODELS.complete("loss_model", fitted=_fitted_losses, way="losses")
+DRIVE_MODELS.complete("efficiency_map", fitted=_fitted_map, way="map")
+
+
+def unfitted(model: RobotModel, written: str) -> list[str]:
+    """Return what becomes of drives whose kind identification does not know, one sentence."""
+    kind = DRIVE_MODELS[model.drive]
+    if kind.fitted is not None or kind.lossless:
+        return []
+    return [
+        f"the drive model '{kind.name}' has no fit: the drives are written as "
+        f"'{written}', and its own figures stay as given"
+    ]

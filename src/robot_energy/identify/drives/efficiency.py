@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from robot_energy.blocks import Float, Int
 from robot_energy.errors import NotIdentifiableError
-from robot_energy.model_file.joint import EfficiencyMap
+from robot_energy.model.drive_models import EfficiencyMap
 
 DEVIATIONS = 3.0  # scaled median absolute deviations
 ORDER = 4  # of the Butterworth low-pass, before it runs the second time

@@ -14,15 +14,17 @@ from numpy.typing import NDArray
 
 from robot_energy.blocks import Float, Int
 from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.regression import Regression, regress
-from robot_energy.model_file.figure import PositiveFigure
-from robot_energy.model_file.joint import LossDrive
+from robot_energy.identify.bounds import identified
+from robot_energy.identify.stats.regression import Fit, regress
+from robot_energy.model.drive_models import LossDrive
+from robot_energy.model.figure import PositiveFigure
 
 REFERENCE_DEGC = 20.0
 COPPER_COEFFICIENT = 0.0039  # 1/K, usual textbook figure
 TERMS = ("constant", "copper", "linear", "quadratic")
 LEAST_SHARE = 0.05  # of a column that the columns before it do not explain
 LEAST_SAMPLES = 30
+NOT_TOLD = "not told by the recordings, taken as 0"
 
 
 @dataclass(frozen=True)
@@ -33,7 +35,7 @@ class Losses:
         values: By name; 0 where negative or not told.
         std: By name; 0 where the value was set to 0, which a model file does not repeat. NaN
             where not told.
-        negative: Names of those that came out negative.
+        negative: Names of those that came out negative, and are at the bound 0.
         untold: Names of those that the data do not tell apart from the ones before.
         samples: Number of samples.
         rms: What remains, in sample. [W]
@@ -50,25 +52,13 @@ class Losses:
 
     def figure(self, name: str, source: str, scale: float = 1.0) -> PositiveFigure:
         """Return one coefficient for a model file."""
-        if name in self.negative:
-            return at_bound(source)
-        std = self.std[name] * scale
-        return PositiveFigure(
-            value=self.values[name] * scale,
-            tag="assumed" if name in self.untold else "identified",
-            std=std if np.isfinite(std) else None,
-            source="not told by the recordings, taken as 0" if name in self.untold else source,
-        )
+        if name in self.untold:
+            return PositiveFigure(value=0.0, tag="assumed", source=NOT_TOLD)
+        return identified(self.values[name] * scale, self.std[name] * scale, source)
 
     def entry(self, source: str = "") -> LossDrive:
         """Return the losses of one drive for a model file."""
         return LossDrive(**{name: self.figure(name, source) for name in TERMS})  # pyright: ignore
-
-
-def at_bound(source: str) -> PositiveFigure:
-    """Return a figure that no data may make negative; a bound has no standard deviation."""
-    text = f"at its bound 0: {source}" if source else "at its bound 0"
-    return PositiveFigure(value=0.0, tag="identified", source=text)
 
 
 def winding(degc: Float, coefficient: float = COPPER_COEFFICIENT) -> Float:
@@ -77,16 +67,16 @@ def winding(degc: Float, coefficient: float = COPPER_COEFFICIENT) -> Float:
 
 
 def loss_columns(velocity: Float, torque: Float, degc: Float) -> Float:
-    """Columns of the loss model in the order of `TERMS`, shape (N, 4).
+    """Columns of the loss model in the order of `TERMS`, shape (N, 4) or (N, n, 4).
 
     Args:
-        velocity: Motor side, shape (N,). [rad/s]
-        torque: Motor side, shape (N,). [N m]
-        degc: Of the winding, shape (N,). [degC]
+        velocity: Motor side, shape (N,) or (N, n). [rad/s]
+        torque: Motor side, same shape. [N m]
+        degc: Of the winding, same shape. [degC]
     """
     speed = np.abs(velocity)
     heat = winding(degc) * torque * torque
-    return np.column_stack([np.ones(len(speed)), heat, speed, speed * speed])
+    return np.stack([np.ones_like(speed), heat, speed, speed * speed], axis=-1)
 
 
 def fit_losses(
@@ -146,7 +136,7 @@ def _size(columns: Float) -> Float:
 
 
 def _losses(
-    fit: Regression,
+    fit: Fit,
     used: Sequence[int],
     told: NDArray[np.bool_],
     negative: Sequence[int],
@@ -160,10 +150,11 @@ def _losses(
         values[names[k]] = max(float(fit.values[place]), 0.0)
         std[names[k]] = float(fit.std[place])
         confidence[names[k]] = float(width[place])
+    below = [*negative, *(k for k in used if values[names[k]] == 0.0)]
     return Losses(
         values,
         std,
-        tuple(names[k] for k in negative),
+        tuple(names[k] for k in below),
         tuple(name for name, known in zip(names, told, strict=True) if not known),
         len(fit.residual),
         float(np.sqrt(np.mean(fit.residual**2))),

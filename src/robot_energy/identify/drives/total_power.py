@@ -16,17 +16,24 @@ import numpy as np
 
 from robot_energy.blocks import Float, Int, MeterLocation
 from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.losses import Losses, at_bound, fit_losses
-from robot_energy.identify.quality import folds_in_order
-from robot_energy.identify.total_sums import COEFFICIENTS, Sums
-from robot_energy.model_file import RobotModel
-from robot_energy.model_file.figure import PositiveFigure
-from robot_energy.model_file.joint import LossDrive
+from robot_energy.identify.bounds import at_bound, identified
+from robot_energy.identify.drives.losses import NOT_TOLD, Losses, fit_losses
+from robot_energy.identify.drives.total_sums import COEFFICIENTS, Sums
+from robot_energy.identify.stats.cross_validation import (
+    EnergyScore,
+    Kind,
+    contiguous_folds,
+    energy_score,
+    predict_held_out,
+    recordings_or_blocks,
+    simplest,
+)
+from robot_energy.model import RobotModel
+from robot_energy.model.drive_models import LossDrive
+from robot_energy.model.figure import PositiveFigure
 
 Structure = Literal["constant", "shaft", "shared", "axis_copper", "axis"]
 STRUCTURES: tuple[Structure, ...] = ("shaft", "shared", "axis_copper", "axis")
-FOLDS = 5
-GAIN = 0.98  # a structure with more parameters must be better by this factor
 
 NO_BETTER = PositiveFigure(
     value=0.0, tag="assumed", source="losses predict held-out readings no better than 0"
@@ -56,21 +63,6 @@ class TotalFit:
     errors: dict[Structure, float]
 
 
-@dataclass(frozen=True)
-class TotalScore:
-    """One way to predict the meter, on held-out data.
-
-    Attributes:
-        rms: Over all held-out readings. [W]
-        energy_error: Predicted over measured energy less 1, mean size over the folds. [-]
-        worst: The greatest of them in size. [-]
-    """
-
-    rms: float
-    energy_error: float
-    worst: float
-
-
 def fit_total(data: Sums) -> TotalFit:
     """Find out how much the readings tell apart, and fit that.
 
@@ -85,26 +77,24 @@ def fit_total(data: Sums) -> TotalFit:
 
 def _fit_total(data: Sums) -> TotalFit:
     errors: dict[Structure, float] = {}
-    chosen: Structure = "shaft"
-    fold = folds_in_order(len(data), FOLDS)
+    fold = contiguous_folds(len(data))
     for structure in STRUCTURES:
         try:
-            error = _error(data, fold, structure)
+            predicted = _held_out(
+                data, fold, lambda part, what=structure: fit_structure(part, what)
+            )
         except NotIdentifiableError:
             continue
-        errors[structure] = error
-        if chosen not in errors or error < GAIN * errors[chosen]:
-            chosen = structure
+        errors[structure] = float(np.sqrt(np.mean((predicted - data.measured) ** 2)))
+    chosen = simplest(errors) if errors else STRUCTURES[0]
     return fit_structure(data, chosen, errors)
 
 
-def _error(data: Sums, fold: Int, structure: Structure) -> float:
-    error = np.empty(len(data))
-    for number in np.unique(fold):
-        test = fold == number
-        fit = fit_structure(data.rows(~test), structure)
-        error[test] = predict(data.rows(test), fit) - data.measured[test]
-    return float(np.sqrt(np.mean(error**2)))
+def _held_out(data: Sums, fold: Int, fit: Callable[[Sums], TotalFit]) -> Float:
+    """Predict every fold as the fit of the others does."""
+    return predict_held_out(
+        fold, lambda train, test: predict(data.rows(test), fit(data.rows(train)))
+    )
 
 
 def fit_structure(
@@ -159,7 +149,7 @@ def predict(data: Sums, fit: TotalFit) -> Float:
     return shaft + fit.constant + np.einsum("krj,rj->k", data.terms, fit.coefficients)
 
 
-def compare_total(data: Sums, model: RobotModel | None) -> tuple[str, dict[str, TotalScore]]:
+def compare_total(data: Sums, model: RobotModel | None) -> tuple[Kind, dict[str, EnergyScore]]:
     """Predict whole recordings, or blocks of the only one, from the others.
 
     Args:
@@ -172,63 +162,36 @@ def compare_total(data: Sums, model: RobotModel | None) -> tuple[str, dict[str, 
     """
     from threadpoolctl import threadpool_limits
 
-    with threadpool_limits(1):
-        return _compare(data, model)
+    kind, fold = recordings_or_blocks(data.recording)
 
+    def fitted(structure: Structure) -> Callable[[], Float]:
+        return lambda: _held_out(data, fold, lambda train: fit_structure(train, structure))
 
-def _compare(data: Sums, model: RobotModel | None) -> tuple[str, dict[str, TotalScore]]:
-    several = len(np.unique(data.recording)) > 1
-    fold = data.recording if several else folds_in_order(len(data), FOLDS)
-    fits: dict[str, Callable[[Sums], Callable[[Sums], Float]]] = {
-        "constant": lambda train: _ready(fit_structure(train, "constant")),
-        "shaft": lambda train: _ready(fit_structure(train, "shaft")),
-    }
+    ways: dict[str, Callable[[], Float]] = {}
+    ways["constant"], ways["shaft"] = fitted("constant"), fitted("shaft")
     if model is not None:
         cabinet = model.cabinet.loss_dc.value
         cabinet += model.cabinet.loss_grid.value if data.location is MeterLocation.GRID else 0.0
-        fits["given"] = lambda _train: lambda test: test.given + cabinet
-    fits["shared"] = lambda train: _ready(fit_structure(train, "shared"))
-    fits["axis_copper"] = lambda train: _ready(fit_structure(train, "axis_copper"))
-    fits["axis"] = lambda train: _ready(fit_structure(train, "axis"))
-    fits["identified"] = lambda train: _ready(_fit_total(train))
-    if np.isfinite(data.drives).all():
-        fits["drives_measured"] = lambda train: _offset(train)
-    scores: dict[str, TotalScore] = {}
-    for name, make in fits.items():
-        predicted = np.empty(len(data))
-        try:
-            for number in np.unique(fold):
-                test = fold == number
-                predicted[test] = make(data.rows(~test))(data.rows(test))
-        except NotIdentifiableError:
-            continue
-        scores[name] = _score(data, predicted, fold)
-    return ("recordings" if several else "blocks"), scores
-
-
-def _ready(fit: TotalFit) -> Callable[[Sums], Float]:
-    return lambda test: predict(test, fit)
-
-
-def _offset(train: Sums) -> Callable[[Sums], Float]:
-    """Measured power of the drives and a constant: the best that a model of them can do."""
-    constant = float(np.median(train.measured - train.drives))
-    return lambda test: test.drives + constant
-
-
-def _score(data: Sums, predicted: Float, fold: Int) -> TotalScore:
-    error = predicted - data.measured
-    ratios = [
-        float(
-            np.sum((error * data.duration)[fold == k])
-            / np.sum((data.measured * data.duration)[fold == k])
+        ways["given"] = lambda: data.given + cabinet
+    for structure in STRUCTURES[1:]:
+        ways[structure] = fitted(structure)
+    ways["identified"] = lambda: _held_out(data, fold, _fit_total)
+    if np.isfinite(data.drives).all():  # with a constant: the best that a model of them can do
+        rest = data.measured - data.drives
+        ways["drives_measured"] = lambda: (
+            data.drives
+            + predict_held_out(
+                fold, lambda train, test: np.full(int(test.sum()), np.median(rest[train]))
+            )
         )
-        for k in np.unique(fold)
-    ]
-    size = np.abs(ratios)
-    return TotalScore(
-        float(np.sqrt(np.mean(error**2))), float(size.mean()), ratios[int(np.argmax(size))]
-    )
+    scores: dict[str, EnergyScore] = {}
+    with threadpool_limits(1):
+        for name, way in ways.items():
+            try:
+                scores[name] = energy_score(way(), data.measured, data.duration, fold)
+            except NotIdentifiableError:
+                continue
+    return kind, scores
 
 
 def with_total(
@@ -260,8 +223,7 @@ def with_total(
         notes[0] += f", less {grid:g} W of the grid side as before"
         constant -= grid
         update["loss_grid"] = model.cabinet.loss_grid.model_copy(update={"value": grid})
-    std = fit.constant_std if np.isfinite(fit.constant_std) else None
-    update["loss_dc"] = PositiveFigure(value=constant, tag="identified", std=std, source=source)
+    update["loss_dc"] = identified(constant, fit.constant_std, source)
     cabinet = model.cabinet.model_copy(update=update)
     changed = model.model_copy(update={"joints": joints, "cabinet": cabinet, "drive": "loss_model"})
     return changed.with_urdf(model.urdf_xml, model.source), notes
@@ -278,11 +240,8 @@ def _entry(fit: TotalFit, joint: int, source: str) -> LossDrive:
         if std == 0.0 and fit.coefficients[row, joint] == 0.0:
             entries[name] = at_bound(source) if fit.structure != "shaft" else NO_BETTER
             continue
-        told = np.isfinite(std)
-        entries[name] = PositiveFigure(
-            value=float(fit.coefficients[row, joint]),
-            tag="identified" if told else "assumed",
-            std=std if told else None,
-            source=source if told else "not told by the recordings, taken as 0",
-        )
+        if not np.isfinite(std):
+            entries[name] = PositiveFigure(value=0.0, tag="assumed", source=NOT_TOLD)
+            continue
+        entries[name] = identified(float(fit.coefficients[row, joint]), std, source)
     return LossDrive(**entries)

@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.blocks import NANOSECOND, Float, Int, MeterLocation
-from robot_energy.comparison.curve import MeterCurve
-from robot_energy.comparison.pieces import Pieces
 from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.drive_data import DriveData, averaged, location
-from robot_energy.identify.losses import loss_columns
-from robot_energy.model_file import RobotModel
+from robot_energy.identify.drives.drive_data import DriveData, location
+from robot_energy.identify.stats.cross_validation import averaged
+from robot_energy.model import RobotModel
+from robot_energy.timeline.pieces import CoveredPieces
 
 COEFFICIENTS = ("copper", "linear", "quadratic")
-MAX_GAP = 2.0  # s between two readings
 LEAST_READINGS = 20
+OF_PIECES = ("duration", "measured", "shaft", "terms", "given", "drives", "recording", "block")
 
 
 @dataclass(frozen=True)
@@ -56,17 +56,8 @@ class Sums:
 
     def rows(self, mask: NDArray[np.bool_]) -> Sums:
         """Return some of the pieces."""
-        return replace(
-            self,
-            duration=self.duration[mask],
-            measured=self.measured[mask],
-            shaft=self.shaft[mask],
-            terms=self.terms[mask],
-            given=self.given[mask],
-            drives=self.drives[mask],
-            recording=self.recording[mask],
-            block=self.block[mask],
-        )
+        kept = {name: getattr(self, name)[mask] for name in OF_PIECES}
+        return replace(self, **kept)
 
 
 def sums(data: DriveData, model: RobotModel | None) -> Sums:
@@ -88,32 +79,21 @@ def sums(data: DriveData, model: RobotModel | None) -> Sums:
             "record the meter's topic, or name its columns in the mapping",
         )
     columns = _columns(data, model)
-    parts: list[tuple[Pieces, Float, Int]] = []
+    parts: list[tuple[CoveredPieces, Float, Int]] = []
     for number, meter in enumerate(data.meters):
         rows = np.flatnonzero(data.recording == number)
         if meter is None or len(rows) < 2:
             continue
-        for pieces in MeterCurve(MAX_GAP).step(meter):
+        for pieces in data.limits[number].pieces(meter):
             kept, means = piece_means(
                 pieces, data.stamp_ns[rows], data.stretch[rows], columns[rows]
             )
-            parts.append((kept, means, np.full(len(kept), number)))
-    count = sum(len(pieces) for pieces, _, _ in parts)
-    if count < LEAST_READINGS:
-        raise NotIdentifiableError(
-            f"{count} readings of the meter lie inside the samples of the drives",
-            f"at least {LEAST_READINGS}",
-            "record longer, with the meter running",
-        )
-    means = np.concatenate([part for _, part, _ in parts])
-    recording = np.concatenate([part for _, _, part in parts])
-    start = np.concatenate([pieces.start_ns for pieces, _, _ in parts])
-    end = np.concatenate([pieces.end_ns for pieces, _, _ in parts])
-    power = np.concatenate([0.5 * (p.start_power + p.end_power) for p, _, _ in parts])
-    rows = np.concatenate([_row(data, p, number) for p, _, number in parts])
-    window = data.window[rows]
+            middle = np.searchsorted(data.stamp_ns[rows], (kept.start_ns + kept.end_ns) // 2)
+            parts.append((kept, means, rows[np.clip(middle, 0, len(rows) - 1)]))
+    pieces, means, rows = joined(parts, "the drives")
+    window, recording = data.window[rows], data.recording[rows]
     first = np.diff(window, prepend=-1) != 0
-    span = (end - start) * NANOSECOND
+    span = pieces.duration
     duration = averaged(span, window)
 
     def mean(values: Float) -> Float:
@@ -126,7 +106,7 @@ def sums(data: DriveData, model: RobotModel | None) -> Sums:
         data.names,
         place,
         duration * np.diff(np.append(np.flatnonzero(first), len(window))),
-        mean(power),
+        mean(pieces.mean_power),
         means[:, 0],
         means[:, 3:].reshape(-1, 3, len(data.names)),
         means[:, 1],
@@ -139,32 +119,44 @@ def sums(data: DriveData, model: RobotModel | None) -> Sums:
 
 def _columns(data: DriveData, model: RobotModel | None) -> Float:
     """Shaft power, drives as given, measured drives, and the terms; shape (N, 3 + 3 n)."""
-    terms = np.stack(
-        [
-            loss_columns(
-                data.motor_velocity[:, k],
-                data.motor_torque[:, k],
-                data.motor_temperature_degc[:, k],
-            )[:, 1:]
-            for k in range(len(data.names))
-        ],
-        axis=2,
-    )
-    shaft = data.shaft_power.sum(axis=1)
-    shaft[data.braking] = np.nan
     given = np.full(len(data), np.nan)
     if model is not None:
-        from robot_energy.drive import drive_from_model
+        from robot_energy.physics.drive import drive_from_model
 
-        power, _ = drive_from_model(model).input_power(
-            data.shaft_power, data.motor_velocity, data.motor_torque, data.motor_temperature_degc
-        )
-        given = power.sum(axis=1)
+        given = data.input_power(drive_from_model(model)).sum(axis=1)
     measured = data.drive_power.sum(axis=1)
-    return np.column_stack([shaft, given, measured, terms.reshape(len(data), -1)])
+    terms = data.loss_columns()[:, :, 1:].swapaxes(1, 2).reshape(len(data), -1)
+    return np.column_stack([data.supplied_power, given, measured, terms])
 
 
-def piece_means(pieces: Pieces, stamp: Int, stretch: Int, columns: Float) -> tuple[Pieces, Float]:
+def joined(
+    parts: Sequence[tuple[CoveredPieces, Float, Int]], of: str
+) -> tuple[CoveredPieces, Float, Int]:
+    """Put pieces, means over them and a number of each together.
+
+    Args:
+        parts: In the order of time.
+        of: What has the samples, for messages.
+
+    Raises:
+        NotIdentifiableError: If there are too few pieces.
+    """
+    pieces = CoveredPieces.empty()
+    for part, _, _ in parts:
+        pieces = pieces.join(part)
+    if len(pieces) < LEAST_READINGS:
+        raise NotIdentifiableError(
+            f"{len(pieces)} readings of the meter lie inside the samples of {of}",
+            f"at least {LEAST_READINGS}",
+            "record longer, with the meter running",
+        )
+    means = np.concatenate([means for _, means, _ in parts])
+    return pieces, means, np.concatenate([numbers for _, _, numbers in parts])
+
+
+def piece_means(
+    pieces: CoveredPieces, stamp: Int, stretch: Int, columns: Float
+) -> tuple[CoveredPieces, Float]:
     """Return the pieces inside the samples and the mean of every column over each.
 
     Args:
@@ -187,7 +179,6 @@ def piece_means(pieces: Pieces, stamp: Int, stretch: Int, columns: Float) -> tup
     bad = np.concatenate([[0], np.cumsum(~np.isfinite(columns[:, 0]))])
     inside &= (stretch[first] == stretch[last]) & (bad[last + 1] == bad[first])
     kept = pieces[inside]
-    span = ((kept.end_ns - kept.start_ns) * NANOSECOND)[:, None]
     time = stamp - stamp[0]
     low, high = kept.start_ns - stamp[0], kept.end_ns - stamp[0]
     parts: list[Float] = [
@@ -196,16 +187,7 @@ def piece_means(pieces: Pieces, stamp: Int, stretch: Int, columns: Float) -> tup
     means = np.column_stack(parts)
     gone = np.vstack([np.zeros(columns.shape[1]), np.cumsum(np.isnan(columns), axis=0)])
     missing = gone[last[inside] + 1] - gone[first[inside]] > 0
-    return kept, np.where(missing, np.nan, means / span)
-
-
-def _row(data: DriveData, pieces: Pieces, number: Int) -> Int:
-    """Sample in the middle of each piece."""
-    if not len(pieces):
-        return np.empty(0, dtype=np.int64)
-    rows = np.flatnonzero(data.recording == number[0])
-    middle = (pieces.start_ns + pieces.end_ns) // 2
-    return rows[np.clip(np.searchsorted(data.stamp_ns[rows], middle), 0, len(rows) - 1)]
+    return kept, np.where(missing, np.nan, means / kept.duration[:, None])
 
 
 def _scale(data: DriveData, model: RobotModel | None) -> Float:

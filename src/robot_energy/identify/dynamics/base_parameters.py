@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from robot_energy.blocks import Float, Int
-from robot_energy.identify.triangle import triangle_of
+from robot_energy.identify.stats.regression import qr_r
 
 ROUNDING = 1e-9  # of the largest pivot: what is below it may be rounding
 SHOWN = 1e-6  # coefficients below are rounding
@@ -130,7 +130,7 @@ def base_parameters(
     """
     from scipy.linalg import qr
 
-    triangle = triangle_of(columns)
+    triangle = qr_r(columns)
     pivoted: Float = np.asarray(qr(triangle, mode="r", pivoting=True)[0], dtype=np.float64)
     pivots = np.abs(np.diagonal(pivoted))
     rank = numerical_rank(pivots)
@@ -171,7 +171,7 @@ def not_excited(columns: Float, labels: Sequence[str]) -> tuple[str, ...]:
     names: list[str] = [name for name, weak in zip(labels, silent.tolist(), strict=True) if weak]
     heard = np.flatnonzero(~silent)
     if len(heard):
-        triangle = triangle_of(columns[:, heard] / length[heard])
+        triangle = qr_r(columns[:, heard] / length[heard])
         _, size, direction = np.linalg.svd(triangle)
         mixed = direction[size < INDEPENDENCE * size[0]]
         strength = np.abs(mixed).max(axis=0, initial=0.0)

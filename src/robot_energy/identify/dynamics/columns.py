@@ -20,10 +20,13 @@ import numpy as np
 
 from robot_energy.blocks import Float
 from robot_energy.errors import ModelFileError
-from robot_energy.identify.signals import Motion
-from robot_energy.model_file.figure import PositiveFigure, Tag
-from robot_energy.model_file.joint import ConstantLaw, Joint, Stribeck
+from robot_energy.identify.bounds import at_bound
+from robot_energy.identify.data.signals import Motion
+from robot_energy.model.figure import PositiveFigure, Tag
+from robot_energy.model.friction_laws import ConstantLaw
+from robot_energy.model.joint import Joint, Stribeck
 
+BOUND = 1e-3  # standard deviations: below, the solver has stopped at 0 but for rounding
 SMOOTH_VELOCITY = 0.01  # at the joint [rad/s] or [m/s]
 
 
@@ -45,10 +48,10 @@ class Estimate:
 
     def figure(self, factor: float) -> PositiveFigure:
         """Return it times a factor, as an entry of a model file."""
+        if not self.value > BOUND * (self.std or 0.0):
+            return at_bound(self.source, max(self.value * factor, 0.0))
         std = None if self.std is None else self.std * factor
-        return PositiveFigure(
-            value=max(self.value * factor, 0.0), std=std, tag=self.tag, source=self.source
-        )
+        return PositiveFigure(value=self.value * factor, std=std, tag=self.tag, source=self.source)
 
 
 class Column(ABC):
@@ -89,7 +92,10 @@ class Column(ABC):
         Raises:
             ModelFileError: If a model file has no place for it.
         """
-        raise ModelFileError(f"a model file has no place for {self.kind}")
+        raise ModelFileError(
+            f"a model file has no place for {self.kind}",
+            "a parameter of a link, a rotor or friction",
+        )
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ import numpy as np
 
 from robot_energy.blocks import Float
 from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.triangle import triangle_of
+from robot_energy.identify.stats.regression import qr_r
 
 ROOT2 = float(np.sqrt(2.0))
 LEAST_MASS = 1e-3  # of a link, kg: below, a body has no meaning
@@ -122,7 +122,7 @@ def consistent_fit(
     pull = np.diag(np.where(known, 1.0, 1e-6))
     origin = np.where(known, prior.values / scale, 0.0)
     both = np.concatenate([scaled, pull])
-    whole = triangle_of(np.column_stack([both, np.concatenate([target, origin])]))
+    whole = qr_r(np.column_stack([both, np.concatenate([target, origin])]))
     stretch = whole[:size, :size]
     least = np.linalg.solve(stretch, whole[:size, size])
     reach = max(float(np.linalg.norm(stretch @ (origin - least))), 1e-3)

@@ -7,43 +7,50 @@ on alone are grouped; what the recording does not excite is refused by name.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from robot_energy.blocks import Float
-from robot_energy.drivetrain import Drivetrain
 from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.base_parameters import BaseParameters, base_parameters, not_excited
-from robot_energy.identify.columns import Column, standard_columns
-from robot_energy.identify.consistent import Prior, consistent_fit, link_prior
-from robot_energy.identify.delay import Delay, estimate_delay
-from robot_energy.identify.least_squares import Fit, Method, estimate, factor, fit
-from robot_energy.identify.observations import (
+from robot_energy.identify.data.observations import (
     Filters,
     Observations,
     observe,
     parameter_names,
     regressor_of,
 )
-from robot_energy.identify.signals import Channels, Motion
-from robot_energy.identify.sufficiency import (
+from robot_energy.identify.data.signals import Channels, Motion
+from robot_energy.identify.dynamics.base_parameters import (
+    BaseParameters,
+    base_parameters,
+    not_excited,
+)
+from robot_energy.identify.dynamics.columns import Column, standard_columns
+from robot_energy.identify.dynamics.consistent import Prior, consistent_fit, link_prior
+from robot_energy.identify.dynamics.sufficiency import (
     check_channels,
     check_length,
     check_motion,
     poorly_known,
     remarks,
 )
-from robot_energy.identify.validation import (
-    TorqueError,
-    held_out_torque,
-    predict_held_out,
-    torque_error,
+from robot_energy.identify.dynamics.torque_delay import estimate_delay
+from robot_energy.identify.dynamics.validation import TorqueError, predict_held_out, torque_error
+from robot_energy.identify.stats.lag import NO_DELAY, Delay
+from robot_energy.identify.stats.regression import (
+    Fit,
+    Method,
+    autocorrelated,
+    estimate,
+    factor,
+    fit,
 )
-from robot_energy.model_file import RobotModel
-from robot_energy.robot import Robot
+from robot_energy.model import RobotModel
+from robot_energy.physics.drivetrain import Drivetrain
+from robot_energy.physics.rigid_body import Robot
 
 SAMPLES = 200  # random motions that show the structure of the robot
 LEAST_NOISE = 1e-3  # of the torque: no model of a robot is truer than that
@@ -118,13 +125,7 @@ class Dynamics:
     def held_out(self) -> TorqueError:
         """Torque error of the least-squares fit on contiguous folds held out."""
         rows = self.observations.with_columns(self.base.independent)
-        with one_thread():
-            return held_out_torque(
-                rows,
-                lambda train: estimate(train, self.settings.method)[0],
-                self.settings.folds,
-                1.0 / self.settings.filters.cutoff,
-            )
+        return torque_error(rows, self._held_out(rows, self._values))
 
     def held_out_consistent(self) -> TorqueError:
         """Torque error of the model file on contiguous folds held out.
@@ -140,7 +141,7 @@ class Dynamics:
         Returns:
             Joint torque at the rows of `observations`, shape (N, n). [N m] or [N]
         """
-        robot, transmission = _mechanics(self.model)
+        robot, transmission = mechanics(self.model)
         rows = _restricted(self.observations, robot, transmission, self.columns)
         prior = _prior(self.model, robot, self.columns, self.settings, rows)
         weight = _whitening(rows, self.exported)
@@ -149,9 +150,7 @@ class Dynamics:
             values = _consistent(train, weight, prior, self.columns, robot, transmission)
             return _without_offsets(values, rows.names)
 
-        with one_thread():
-            guard = 1.0 / self.settings.filters.cutoff
-            return predict_held_out(rows, estimator, self.settings.folds, guard)
+        return self._held_out(rows, estimator)
 
     def held_out_given_bodies(self) -> TorqueError:
         """Torque error on contiguous folds held out, with the bodies that it began with.
@@ -160,7 +159,7 @@ class Dynamics:
         prediction, so that the difference to `held_out_consistent` is what the identified
         bodies are worth.
         """
-        robot, transmission = _mechanics(self.model)
+        robot, transmission = mechanics(self.model)
         rows = _restricted(self.observations, robot, transmission, self.columns)
         links = robot.link_parameters.ravel()
         rest = range(links.size, rows.regressor.shape[2])
@@ -168,13 +167,17 @@ class Dynamics:
         def estimator(train: Observations) -> Float:
             carried = train.regressor[:, :, : links.size] @ links
             part = replace(train.with_columns(rest), joint_torque=train.joint_torque - carried)
-            values = np.concatenate([links, estimate(part, self.settings.method)[0]])
-            return _without_offsets(values, rows.names)
+            return _without_offsets(np.concatenate([links, self._values(part)]), rows.names)
 
+        return torque_error(self.observations, self._held_out(rows, estimator))
+
+    def _values(self, rows: Observations) -> Float:
+        return estimate(rows.regressor, rows.joint_torque, self.settings.method, rows.used)[0]
+
+    def _held_out(self, rows: Observations, estimator: Callable[[Observations], Float]) -> Float:
+        guard = 1.0 / self.settings.filters.cutoff
         with one_thread():
-            guard = 1.0 / self.settings.filters.cutoff
-            predicted = predict_held_out(rows, estimator, self.settings.folds, guard)
-        return torque_error(self.observations, predicted)
+            return predict_held_out(rows, estimator, self.settings.folds, guard)
 
     def rows_of(self, channels: Sequence[Channels]) -> Observations:
         """Return the rows of other recordings, filtered alike and with the delay undone.
@@ -182,7 +185,7 @@ class Dynamics:
         Args:
             channels: Stretches without gaps, at any one rate.
         """
-        robot, transmission = _mechanics(self.model)
+        robot, transmission = mechanics(self.model)
         with one_thread():
             rows = observe(
                 channels, robot, transmission, self.settings.columns, self.settings.filters
@@ -198,7 +201,7 @@ class Dynamics:
         Returns:
             Joint torque, shape (N, n). [N m] or [N]
         """
-        robot, transmission = _mechanics(self.model)
+        robot, transmission = mechanics(self.model)
         part = _restricted(rows, robot, transmission, self.columns)
         return part.regressor @ _without_offsets(self.standard, part.names)
 
@@ -211,7 +214,7 @@ class Dynamics:
         Returns:
             Motor side, shape (N, n). [N m]
         """
-        robot, transmission = _mechanics(self.model)
+        robot, transmission = mechanics(self.model)
         regressor = regressor_of(motion, robot, transmission, self.columns)
         names = parameter_names(robot, transmission, self.columns)
         values = _without_offsets(self.standard, names)
@@ -254,7 +257,7 @@ def _identify(
     channels: Sequence[Channels], model: RobotModel, settings: DynamicsSettings
 ) -> Dynamics:
     check_channels(channels, model)
-    robot, transmission = _mechanics(model)
+    robot, transmission = mechanics(model)
     rows = observe(channels, robot, transmission, settings.columns, settings.filters)
     check_motion(rows, robot, settings.filters)
     base = structure(robot, transmission, settings.columns)
@@ -267,8 +270,8 @@ def _identify(
             "motion in which each of them makes a torque of its own",
             "record all joints moving at once, at several speeds and far apart",
         )
-    result = fit(independent, settings.method)
-    delay = Delay(0.0, 0.0, 0.0, False)
+    result = fit_rows(independent, settings.method)
+    delay = NO_DELAY
     if settings.delay_span > 0.0:
         guard = 1.0 / settings.filters.cutoff
         prior = _prior(model, robot, settings.columns, settings, rows)
@@ -277,7 +280,7 @@ def _identify(
         if delay.applied:
             rows = rows.advanced(delay.applied)
             independent = rows.with_columns(base.independent)
-            result = fit(independent, settings.method)
+            result = fit_rows(independent, settings.method)
     columns = tuple(
         column for column in settings.columns if column.in_model or column.kind == "offset"
     )
@@ -286,7 +289,7 @@ def _identify(
     else:
         exported_base = structure(robot, transmission, columns)
         part = _restricted(rows, robot, transmission, columns)
-        exported = fit(part.with_columns(exported_base.independent), settings.method)
+        exported = fit_rows(part.with_columns(exported_base.independent), settings.method)
     part = _restricted(rows, robot, transmission, columns)
     prior = _prior(model, robot, columns, settings, part)
     standard = _consistent(part, _whitening(part, exported), prior, columns, robot, transmission)
@@ -309,6 +312,12 @@ def _identify(
     )
 
 
+def fit_rows(rows: Observations, method: Method = "wls") -> Fit:
+    """Fit the parameters of the rows' columns, which must be independent."""
+    covariance = autocorrelated(rows.segment)
+    return fit(rows.regressor, rows.joint_torque, rows.names, covariance, method, rows.used)
+
+
 def structure(robot: Robot, transmission: Float, columns: Sequence[Column]) -> BaseParameters:
     """Return the groups of parameters that any motion of a robot can tell.
 
@@ -327,7 +336,8 @@ def structure(robot: Robot, transmission: Float, columns: Sequence[Column]) -> B
     return base_parameters(regressor.reshape(-1, len(names)), names)
 
 
-def _mechanics(model: RobotModel) -> tuple[Robot, Float]:
+def mechanics(model: RobotModel) -> tuple[Robot, Float]:
+    """Return the rigid bodies of a model, and motor turns per joint turn, shape (n, n)."""
     return Robot.from_model(model), Drivetrain.from_model(model).transmission
 
 
@@ -376,7 +386,7 @@ def _whitening(rows: Observations, result: Fit) -> Float:
     """Weights that count only independent rows, shape (N, n)."""
     used = result.weight > 0.0
     count = np.maximum(used.sum(axis=0), 1)
-    share = np.sqrt(result.independent_rows / count)
+    share = np.sqrt(result.independent / count)
     torque = np.sqrt((rows.joint_torque**2 * used).sum(axis=0) / count)
     return used * share / np.maximum(result.noise, LEAST_NOISE * torque)
 

@@ -8,13 +8,13 @@ import numpy as np
 
 from robot_energy import __version__
 from robot_energy.blocks import Float
-from robot_energy.drivetrain import Drivetrain
-from robot_energy.identify.base_parameters import SHOWN
-from robot_energy.identify.columns import Estimate
-from robot_energy.identify.dynamics import Dynamics
-from robot_energy.identify.inertials import with_link_parameters
-from robot_energy.model_file import RobotModel
-from robot_energy.model_file.schema import Provenance, Urdf
+from robot_energy.identify.dynamics.base_parameters import SHOWN
+from robot_energy.identify.dynamics.columns import Estimate
+from robot_energy.identify.dynamics.dynamics import Dynamics
+from robot_energy.identify.dynamics.inertials import with_link_parameters
+from robot_energy.model import RobotModel
+from robot_energy.model.schema import Provenance, Urdf
+from robot_energy.physics.drivetrain import Drivetrain
 
 IDENTIFIED_TAGS = {"masses": "derived", "centres_of_mass": "derived", "inertias": "derived"}
 

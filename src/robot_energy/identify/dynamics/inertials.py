@@ -9,8 +9,8 @@ import numpy as np
 
 from robot_energy.blocks import Float, check_shape
 from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.consistent import second_moments
-from robot_energy.urdf import parse
+from robot_energy.identify.dynamics.consistent import second_moments
+from robot_energy.physics.urdf.checks import parse
 
 
 def with_link_parameters(urdf_xml: str, joint_names: Sequence[str], link_parameters: Float) -> str:

@@ -11,18 +11,18 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from robot_energy.blocks import Float
-from robot_energy.drivetrain import Drivetrain
 from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.dynamics import Dynamics, DynamicsSettings, identify_dynamics
-from robot_energy.identify.observations import Observations
-from robot_energy.identify.signals import Channels
-from robot_energy.identify.validation import TorqueError, torque_error
-from robot_energy.identify.work import Work, motor_work
-from robot_energy.model_file import RobotModel
+from robot_energy.identify.data.observations import Observations
+from robot_energy.identify.data.signals import Channels
+from robot_energy.identify.dynamics.dynamics import Dynamics, DynamicsSettings, identify_dynamics
+from robot_energy.identify.dynamics.validation import TorqueError, torque_error
+from robot_energy.identify.dynamics.work import Work, motor_work
+from robot_energy.model import RobotModel
+from robot_energy.physics.drivetrain import Drivetrain
 
 
 @dataclass(frozen=True)
-class Judgement:
+class HoldOutResult:
     """A prediction of one recording beside what was measured in it.
 
     Attributes:
@@ -43,7 +43,7 @@ class Judgement:
 
 
 @dataclass(frozen=True)
-class Across:
+class LeaveOneOut:
     """Recordings of one robot, each held out once.
 
     Attributes:
@@ -51,7 +51,7 @@ class Across:
         refused: Recordings that could not be predicted so, with the reason, one sentence each.
     """
 
-    judgements: tuple[Judgement, ...]
+    judgements: tuple[HoldOutResult, ...]
     refused: tuple[str, ...]
 
 
@@ -59,7 +59,7 @@ def across_recordings(
     recordings: Mapping[str, Sequence[Channels]],
     model: RobotModel,
     settings: DynamicsSettings | None = None,
-) -> Across:
+) -> LeaveOneOut:
     """Hold every recording out once.
 
     Args:
@@ -72,7 +72,7 @@ def across_recordings(
     """
     transmission = Drivetrain.from_model(model).transmission
     fits: dict[tuple[str, ...], Dynamics] = {}
-    judgements: list[Judgement] = []
+    judgements: list[HoldOutResult] = []
     refused: list[str] = []
 
     def fitted(names: tuple[str, ...]) -> Dynamics:
@@ -94,7 +94,7 @@ def across_recordings(
             refused.append(f"{name} from {' and '.join(trained_on)}: {error.found}")
             continue
         judgements.append(
-            Judgement(
+            HoldOutResult(
                 name,
                 trained_on,
                 torque_error(rows, predicted),
@@ -103,7 +103,7 @@ def across_recordings(
                 plain,
             )
         )
-    return Across(tuple(judgements), tuple(refused))
+    return LeaveOneOut(tuple(judgements), tuple(refused))
 
 
 def _least_squares(fit: Dynamics, rows: Observations) -> TorqueError:

@@ -11,15 +11,16 @@ from collections.abc import Sequence
 import numpy as np
 
 from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.base_parameters import BaseParameters
-from robot_energy.identify.consistent import Prior
-from robot_energy.identify.delay import Delay
-from robot_energy.identify.least_squares import Fit
-from robot_energy.identify.observations import ROWS_PER_RATE, Filters, Observations
-from robot_energy.identify.signals import Channels
-from robot_energy.identify.validation import TorqueError
-from robot_energy.model_file import RobotModel
-from robot_energy.robot import Robot
+from robot_energy.identify.data.observations import ROWS_PER_RATE, Filters, Observations
+from robot_energy.identify.data.signals import Channels
+from robot_energy.identify.dynamics.base_parameters import BaseParameters
+from robot_energy.identify.dynamics.consistent import Prior
+from robot_energy.identify.dynamics.validation import TorqueError
+from robot_energy.identify.stats.lag import Delay
+from robot_energy.identify.stats.regression import Fit
+from robot_energy.model import RobotModel
+from robot_energy.model.friction_laws import FRICTION_LAWS
+from robot_energy.physics.rigid_body import Robot
 
 TOO_FAST = 3.0  # times the URDF's velocity limit: not a motion of this robot
 ROWS_PER_PARAMETER = 3.0
@@ -146,7 +147,11 @@ def temperature_remark(model: RobotModel) -> str:
     Args:
         model: The model that an identification of dynamics began with.
     """
-    warm = [joint.name for joint in model.joints if joint.friction.viscous.law != "constant"]
+    warm = [
+        joint.name
+        for joint in model.joints
+        if FRICTION_LAWS[joint.friction.viscous.law].follows_temperature
+    ]
     if not warm:
         return ""
     return (

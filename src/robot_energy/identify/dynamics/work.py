@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from robot_energy.blocks import Float
-from robot_energy.identify.observations import Observations
+from robot_energy.identify.data.observations import Observations
 
 
 @dataclass(frozen=True)
@@ -48,4 +48,4 @@ def motor_work(observations: Observations, joint_torque: Float, transmission: Fl
 
 def share_off(predicted: float, measured: float) -> float:
     """Return by which share a prediction is off, signed; NaN where nothing was measured."""
-    return predicted / measured - 1.0 if measured != 0.0 else float("nan")
+    return (predicted - measured) / abs(measured) if measured != 0.0 else float("nan")

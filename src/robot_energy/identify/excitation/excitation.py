@@ -16,16 +16,16 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from robot_energy.blocks import Float
-from robot_energy.drivetrain import Drivetrain
 from robot_energy.errors import MotionError
-from robot_energy.identify.base_parameters import BaseParameters, not_excited
-from robot_energy.identify.columns import Column, standard_columns
-from robot_energy.identify.dynamics import structure
-from robot_energy.identify.excitation_limits import ExcitationLimits, stepped, steps
-from robot_energy.identify.observations import regressor_of
-from robot_energy.identify.signals import Motion
-from robot_energy.model_file import RobotModel
+from robot_energy.identify.data.observations import regressor_of
+from robot_energy.identify.data.signals import Motion
+from robot_energy.identify.dynamics.base_parameters import BaseParameters, not_excited
+from robot_energy.identify.dynamics.columns import Column, standard_columns
+from robot_energy.identify.dynamics.dynamics import structure
+from robot_energy.identify.excitation.limits import ExcitationLimits, stepped, steps
+from robot_energy.model import RobotModel
 from robot_energy.motion import FourierBasis, FourierMotion, JointMotion
+from robot_energy.physics.drivetrain import Drivetrain
 
 Criterion = Literal["condition", "determinant"]
 
@@ -72,7 +72,7 @@ class ExcitationSettings:
 
 
 @dataclass(frozen=True)
-class Quality:
+class ExcitationScore:
     """How well a motion tells the base parameters.
 
     Attributes:
@@ -106,8 +106,8 @@ class Excitation:
     settings: ExcitationSettings
     limits: ExcitationLimits
     base: BaseParameters
-    start: Quality
-    quality: Quality
+    start: ExcitationScore
+    quality: ExcitationScore
     use: dict[str, Float]
     height: float
 
@@ -155,7 +155,7 @@ class Judge:
         rows = self._raw(motion) * self._scale
         return rows / np.sqrt(rows.shape[0] * rows.shape[1])
 
-    def quality(self, motion: Motion) -> Quality:
+    def quality(self, motion: Motion) -> ExcitationScore:
         """Judge a motion.
 
         Args:
@@ -166,7 +166,7 @@ class Judge:
         with np.errstate(divide="ignore"):
             condition = float(size[0] / size[-1]) if len(rows) >= rows.shape[1] else np.inf
             determinant = float(2.0 * np.log(size).mean())
-        return Quality(condition, determinant, not_excited(rows, self.base.labels))
+        return ExcitationScore(condition, determinant, not_excited(rows, self.base.labels))
 
     def cost(self, motion: Motion, criterion: Criterion) -> float:
         """Logarithm of the condition number, or less the mean logarithmic determinant."""

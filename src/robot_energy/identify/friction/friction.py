@@ -13,24 +13,28 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robot_energy.blocks import Float
 from robot_energy.errors import NotIdentifiableError
-from robot_energy.friction import viscous_law
-from robot_energy.identify.friction_data import FrictionData
-from robot_energy.identify.friction_laws import LEAST_RANGE, Law, LawName, fit_law
-from robot_energy.identify.losses import at_bound
-from robot_energy.identify.quality import HeldOut, folds_by_value, held_out
-from robot_energy.identify.regression import Regression
-from robot_energy.model_file import RobotModel
-from robot_energy.model_file.figure import PositiveFigure
-from robot_energy.model_file.joint import ConstantLaw, JointFriction, TableLaw
+from robot_energy.identify.bounds import identified
+from robot_energy.identify.friction.laws import LEAST_RANGE, fit_law, fitted_laws, nuisance
+from robot_energy.identify.friction.samples import FrictionData
+from robot_energy.identify.stats.cross_validation import (
+    HeldOut,
+    Mask,
+    contiguous_folds,
+    folds_by_value,
+    held_out,
+    simplest,
+)
+from robot_energy.identify.stats.regression import Fit
+from robot_energy.model import RobotModel
+from robot_energy.model.friction_laws import FRICTION_LAWS, ConstantLaw, LawEntry, TableLaw
+from robot_energy.model.joint import JointFriction
+from robot_energy.physics.friction import viscous_law
 
 LEAST_SAMPLES = 200
-FOLDS = 5
 SPEED_SHARE = 0.03  # of the greatest speed: below it Stribeck friction reigns
-GAIN = 0.98  # a law with more parameters must be better than a simpler one by this factor
 
 
 @dataclass(frozen=True)
@@ -64,22 +68,30 @@ class FrictionFit:
         range_degc: Of the motor temperature in them. [degC]
         residual: Root mean square of what remains of the chosen law, in sample. [N m]
         warnings: What the data cannot tell, one sentence each.
+        viscous: fv of the constant law, also where it is negative. [N m s/rad]
+        viscous_std: [N m s/rad]
+        speed: Root mean square of the motor velocity. [rad/s]
+        torque: Root mean square of the friction torque. [N m]
     """
 
     name: str
     coulomb: float
     coulomb_std: float
     points: tuple[Point, ...]
-    laws: dict[LawName, Law]
-    errors: dict[LawName, HeldOut]
-    chosen: LawName
+    laws: dict[str, LawEntry]
+    errors: dict[str, HeldOut]
+    chosen: str
     samples: int
     range_degc: tuple[float, float]
     residual: float
     warnings: tuple[str, ...]
+    viscous: float
+    viscous_std: float
+    speed: float
+    torque: float
 
     @property
-    def law(self) -> Law:
+    def law(self) -> LawEntry:
         """The chosen law."""
         return self.laws[self.chosen]
 
@@ -90,11 +102,7 @@ class FrictionFit:
             before: What the file held; its optional terms stay.
             source: Where the data come from.
         """
-        coulomb = at_bound(source)
-        if self.coulomb > 0.0:
-            coulomb = PositiveFigure(
-                value=self.coulomb, tag="identified", std=self.coulomb_std, source=source
-            )
+        coulomb = identified(self.coulomb, self.coulomb_std, source)
         return before.model_copy(update={"coulomb": coulomb, "viscous": self.law})
 
 
@@ -148,31 +156,32 @@ def _fit(moving: FrictionData, source: str) -> FrictionFit:
     degc = moving.motor_temperature_degc
     span = (float(degc.min()), float(degc.max()))
     warnings: list[str] = []
-    names: tuple[LawName, ...] = ("constant", "exponential", "table")
+    names = fitted_laws()
     if span[1] - span[0] < LEAST_RANGE:
-        names = ("constant",)
+        names = tuple(name for name in names if not FRICTION_LAWS[name].follows_temperature)
         warnings.append(
             f"{moving.name}: the motor was at {span[0]:.1f} to {span[1]:.1f} degC only, so its "
             "friction is taken as constant; record it cold and warm, at least "
             f"{LEAST_RANGE:g} K apart"
         )
-    laws: dict[LawName, Law] = {}
-    fits: dict[LawName, Regression] = {}
-    errors: dict[LawName, HeldOut] = {}
+    laws: dict[str, LawEntry] = {}
+    fits: dict[str, Fit] = {}
+    errors: dict[str, HeldOut] = {}
     for name in names:
         try:
             laws[name], fits[name] = fit_law(name, moving, source)
             errors[name] = _held_out(name, moving)
         except NotIdentifiableError as error:
-            if name == "constant":
+            if not FRICTION_LAWS[name].follows_temperature:
                 raise
             warnings.append(f"{moving.name}: no {name} law, because {error.found}")
-    chosen = _choose(errors)
+    rms: dict[str, float] = {name: error.rms for name, error in errors.items()}
+    chosen = simplest(rms)
     regression = fits[chosen]
     coulomb = float(regression.values[0])
     if coulomb < 0:
         warnings.append(
-            f"{moving.name}: the Coulomb torque is at its bound 0, {coulomb:.3g} otherwise; "
+            f"{moving.name}: the Coulomb torque is at the bound 0, {coulomb:.3g} otherwise; "
             "check the sign and the meaning of the measured torque"
         )
     return FrictionFit(
@@ -185,9 +194,17 @@ def _fit(moving: FrictionData, source: str) -> FrictionFit:
         chosen=chosen,
         samples=len(moving),
         range_degc=span,
-        residual=float(np.sqrt(np.mean(regression.residual**2))),
+        residual=_rms(regression.residual),
         warnings=tuple(warnings),
+        viscous=float(fits["constant"].values[1]),
+        viscous_std=float(fits["constant"].std[1]),
+        speed=_rms(moving.motor_velocity),
+        torque=_rms(moving.friction_torque),
     )
+
+
+def _rms(values: Float) -> float:
+    return float(np.sqrt(np.mean(values**2)))
 
 
 def moving_samples(data: FrictionData) -> FrictionData:
@@ -223,7 +240,7 @@ def moving_samples(data: FrictionData) -> FrictionData:
     return moving
 
 
-def _points(laws: dict[LawName, Law], span: tuple[float, float]) -> tuple[Point, ...]:
+def _points(laws: dict[str, LawEntry], span: tuple[float, float]) -> tuple[Point, ...]:
     """The free curve: the table where there is one, else the constant."""
     table, constant = laws.get("table"), laws["constant"]
     if isinstance(table, TableLaw):
@@ -239,36 +256,25 @@ def _points(laws: dict[LawName, Law], span: tuple[float, float]) -> tuple[Point,
     return (Point(0.5 * (span[0] + span[1]), figure.value, figure.std or 0.0),)
 
 
-def _held_out(name: LawName, data: FrictionData) -> HeldOut:
+def _held_out(name: str, data: FrictionData) -> HeldOut:
     """Error of a law on temperature ranges that its fit has not seen.
 
     The nuisances and the offset of the test samples come from the training samples too.
     """
     degc = data.motor_temperature_degc
-    fold = folds_by_value(degc, FOLDS)
+    fold = folds_by_value(degc)
     if len(np.unique(fold)) < 2 or float(np.ptp(degc)) < LEAST_RANGE:
         # One thermal state: a fold by temperature would be a few motions, perhaps all one way.
         number = np.unique(data.block, return_inverse=True)[1]
-        fold = number * FOLDS // (number.max() + 1)
+        fold = contiguous_folds(int(number.max()) + 1)[number]
 
-    def predict(train: NDArray[np.bool_], test: NDArray[np.bool_]) -> Float:
+    def predict(train: Mask, test: Mask) -> Float:
         law, fit = fit_law(name, data.rows(train))
         seen = data.rows(test)
         viscous = viscous_law(law).viscous(seen.motor_temperature_degc)
-        first = len(fit.values) - 1 - data.nuisance.shape[1]
-        rest = np.hstack([np.ones((len(seen), 1)), seen.nuisance]) @ fit.values[first:]
-        return fit.values[0] * seen.sign + viscous * seen.motor_velocity + rest
+        return fit.values[0] * seen.sign + viscous * seen.motor_velocity + nuisance(fit, seen)
 
     return held_out(data.friction_torque, fold, predict)
-
-
-def _choose(errors: dict[LawName, HeldOut]) -> LawName:
-    """The simplest law that no other beats by a margin on unseen temperatures."""
-    chosen: LawName = "constant"
-    for name in ("exponential", "table"):
-        if name in errors and errors[name].rms < GAIN * errors[chosen].rms:
-            chosen = name
-    return chosen
 
 
 def with_friction(model: RobotModel, fits: Sequence[FrictionFit], source: str) -> RobotModel:

@@ -8,19 +8,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Literal
 
 import numpy as np
 
 from robot_energy.blocks import Float
 from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.friction_data import FrictionData
-from robot_energy.identify.regression import Regression, regress
-from robot_energy.model_file.figure import PositiveFigure
-from robot_energy.model_file.joint import ConstantLaw, ExponentialLaw, TableLaw
-
-LawName = Literal["constant", "exponential", "table"]
-Law = ConstantLaw | ExponentialLaw | TableLaw
+from robot_energy.identify.bounds import AT_BOUND, identified
+from robot_energy.identify.friction.samples import FrictionData
+from robot_energy.identify.stats.regression import Fit, regress
+from robot_energy.model.figure import PositiveFigure
+from robot_energy.model.friction_laws import (
+    FRICTION_LAWS,
+    ConstantLaw,
+    ExponentialLaw,
+    LawEntry,
+    TableLaw,
+)
 
 NODE_SPACING = 6.0  # K between the nodes of the free curve, at least
 LEAST_RANGE = 6.0  # K of motor temperature, below which it cannot be told from a constant
@@ -59,7 +62,7 @@ def _columns(data: FrictionData, shape: Float) -> Float:
     return np.hstack([data.sign[:, None], viscous, ones, data.nuisance])
 
 
-def _regress(data: FrictionData, shape: Float, names: Sequence[str]) -> Regression:
+def _regress(data: FrictionData, shape: Float, names: Sequence[str]) -> Fit:
     """Fit fc, the coefficients of ``shape * w``, an offset and the nuisances."""
     extra = [f"nuisance {number + 1}" for number in range(data.nuisance.shape[1])]
     return regress(
@@ -71,7 +74,13 @@ def _regress(data: FrictionData, shape: Float, names: Sequence[str]) -> Regressi
     )
 
 
-def fit_law(name: LawName, data: FrictionData, source: str = "") -> tuple[Law, Regression]:
+def nuisance(fit: Fit, data: FrictionData) -> Float:
+    """Return the torque of offset and nuisances of a fit, at other samples, shape (N,)."""
+    columns = np.hstack([np.ones((len(data), 1)), data.nuisance])
+    return columns @ fit.values[-columns.shape[1] :]
+
+
+def fit_law(name: str, data: FrictionData, source: str = "") -> tuple[LawEntry, Fit]:
     """Fit one law.
 
     Args:
@@ -83,38 +92,45 @@ def fit_law(name: LawName, data: FrictionData, source: str = "") -> tuple[Law, R
         The law and the regression behind it: fc first, then fv, the offset, the nuisances.
 
     Raises:
-        NotIdentifiableError: If they do not tell its parameters or have another shape.
+        NotIdentifiableError: If they do not tell its parameters or have another shape, or the
+            law has no fit.
     """
-    degc = data.motor_temperature_degc
-    if name == "constant":
-        fit = _regress(data, np.ones((len(data), 1)), ["viscous"])
-        value, std = float(fit.values[1]), float(fit.std[1])
-        figure = PositiveFigure(value=max(value, 0.0), tag="identified", std=std, source=source)
-        return ConstantLaw(law="constant", viscous=figure), fit
-    if name == "table":
-        nodes = _nodes(data)
-        if len(nodes) < 2:
-            raise NotIdentifiableError("one temperature makes no table", "several")
-        fit = _regress(data, _hats(degc, nodes), [f"viscous at {node:.0f} degC" for node in nodes])
-        table = TableLaw(
-            law="table",
-            motor_temperature_degc=[round(float(node), 3) for node in nodes],
-            viscous=[max(float(value), 0.0) for value in fit.values[1 : 1 + len(nodes)]],
-            std=[float(value) for value in fit.std[1 : 1 + len(nodes)]],
-            tag="identified",
-            source=source,
-        )
-        return table, fit
-    return _fit_exponential(data, source)
+    fit = FRICTION_LAWS[name].fit
+    if fit is None:
+        raise NotIdentifiableError(f"the friction law '{name}' has no fit", "a law with a fit")
+    return fit(data, source)
 
 
-def _fit_exponential(data: FrictionData, source: str) -> tuple[ExponentialLaw, Regression]:
+def _fit_constant(data: FrictionData, source: str) -> tuple[ConstantLaw, Fit]:
+    fit = _regress(data, np.ones((len(data), 1)), ["viscous"])
+    value, std = float(fit.values[1]), float(fit.std[1])
+    return ConstantLaw(law="constant", viscous=identified(value, std, source)), fit
+
+
+def _fit_table(data: FrictionData, source: str) -> tuple[TableLaw, Fit]:
+    degc, nodes = data.motor_temperature_degc, _nodes(data)
+    if len(nodes) < 2:
+        raise NotIdentifiableError("one temperature makes no table", "several")
+    fit = _regress(data, _hats(degc, nodes), [f"viscous at {node:.0f} degC" for node in nodes])
+    above = fit.values[1 : 1 + len(nodes)] > 0.0
+    below = ", ".join(f"{node:.0f}" for node in nodes[~above])
+    table = TableLaw(
+        law="table",
+        motor_temperature_degc=[round(float(node), 3) for node in nodes],
+        viscous=[max(float(value), 0.0) for value in fit.values[1 : 1 + len(nodes)]],
+        std=[float(value) for value in fit.std[1 : 1 + len(nodes)]],
+        tag="identified" if above.any() else "assumed",
+        source=source if above.all() else f"{AT_BOUND} at {below} degC: {source}",
+    )
+    return table, fit
+
+
+def _fit_exponential(data: FrictionData, source: str) -> tuple[ExponentialLaw, Fit]:
     """Search the temperature scale c; everything else is linear for a given c."""
     degc = data.motor_temperature_degc
     middle = float(degc.mean())
-    weight = fit_law("constant" if len(_nodes(data)) < 2 else "table", data)[1].weight
+    root = (_fit_constant if len(_nodes(data)) < 2 else _fit_table)(data, "")[1].weight
     fixed = _columns(data, np.ones((len(data), 1)))
-    root = np.sqrt(weight)
 
     def decay(scale: float) -> Float:
         return np.exp(-(degc - middle) / scale)
@@ -146,8 +162,8 @@ def _fit_exponential(data: FrictionData, source: str) -> tuple[ExponentialLaw, R
     lift = float(np.exp(middle / scale))
     law = ExponentialLaw(
         law="exponential",
-        a=PositiveFigure(value=hot, tag="identified", std=std["hot"], source=source),
-        b=PositiveFigure(value=cold * lift, tag="identified", std=std["zero"], source=source),
+        a=identified(hot, std["hot"], source),
+        b=identified(cold * lift, std["zero"], source),
         c=PositiveFigure(value=scale, tag="identified", std=std["scale"], source=source),
         fitted_degc=(float(degc.min()), float(degc.max())),
         std=std["law"],
@@ -156,7 +172,7 @@ def _fit_exponential(data: FrictionData, source: str) -> tuple[ExponentialLaw, R
 
 
 def _exponential_std(
-    data: FrictionData, fit: Regression, cold: float, scale: float, middle: float
+    data: FrictionData, fit: Fit, cold: float, scale: float, middle: float
 ) -> dict[str, float | None]:
     """Deviations of a, b, c and of the law, with c as one more column; None for unknown.
 
@@ -182,3 +198,13 @@ def _exponential_std(
         "law": float(np.sqrt(variances.max(initial=0.0))),
     }
     return {key: value if np.isfinite(value) else None for key, value in deviations.items()}
+
+
+FRICTION_LAWS.complete("constant", fit=_fit_constant)
+FRICTION_LAWS.complete("exponential", fit=_fit_exponential)
+FRICTION_LAWS.complete("table", fit=_fit_table)
+
+
+def fitted_laws() -> tuple[str, ...]:
+    """Names of the laws that have a fit, the simplest first."""
+    return tuple(name for name, kind in FRICTION_LAWS.items() if kind.fit is not None)

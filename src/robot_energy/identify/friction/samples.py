@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from robot_energy.blocks import NANOSECOND, Float, Int
 from robot_energy.errors import LogFormatError
-from robot_energy.identify.quality import contiguous_blocks
-from robot_energy.identify.recordings import Recording
+from robot_energy.identify.data.recordings import Recording
+from robot_energy.identify.stats.cross_validation import averaged, contiguous_blocks
 from robot_energy.logs.recording import LogBlock
 
 AVERAGED = 0.04  # s: samples this close say the same of friction
@@ -105,21 +105,16 @@ def _of_recording(recording: Recording, joint: int) -> FrictionData:
     friction = torque.motor_torque_measured[:, joint] - torque.motor_torque_rigid[:, joint]
     window = contiguous_blocks(torque.stamp_ns, torque.segment, AVERAGED)
     starts = np.flatnonzero(np.diff(window, prepend=-1))
-    size = np.diff(np.append(starts, len(window)))
-
-    def mean(values: Float) -> Float:
-        return np.add.reduceat(values, starts) / size
-
     still = recording.model.joints[joint].standstill_velocity
     turning = np.abs(torque.joint_velocity[:, joint]) > still
-    steady = np.abs(mean(np.sign(speed))) == 1.0
-    usable = (mean((turning & recording.sound).astype(np.float64)) == 1.0) & steady
+    steady = np.abs(averaged(np.sign(speed), window)) == 1.0
+    usable = (averaged((turning & recording.sound).astype(np.float64), window) == 1.0) & steady
     block = contiguous_blocks(torque.stamp_ns, torque.segment, BLOCK)[starts]
     return FrictionData(
         "",
-        np.where(usable, mean(speed), 0.0),
-        mean(friction),
-        mean(power.motor_temperature_degc[:, joint]),
+        np.where(usable, averaged(speed, window), 0.0),
+        averaged(friction, window),
+        averaged(power.motor_temperature_degc[:, joint], window),
         block,
         np.zeros(len(starts), dtype=np.int64),
         np.empty((len(starts), 0)),

@@ -12,11 +12,11 @@ import numpy as np
 
 from robot_energy.blocks import Float
 from robot_energy.errors import NotIdentifiableError
-from robot_energy.friction import viscous_law
-from robot_energy.identify.friction import moving_samples
-from robot_energy.identify.friction_data import FrictionData
-from robot_energy.identify.friction_laws import LawName, fit_law
-from robot_energy.model_file.joint import ExponentialLaw
+from robot_energy.identify.friction.friction import moving_samples
+from robot_energy.identify.friction.laws import fit_law, fitted_laws, nuisance
+from robot_energy.identify.friction.samples import FrictionData
+from robot_energy.model.friction_laws import FRICTION_LAWS
+from robot_energy.physics.friction import viscous_law
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class Span:
 
 
 @dataclass(frozen=True)
-class StudyRow:
+class FrictionStudyRow:
     """One law, fitted at some temperatures and tested at others.
 
     Attributes:
@@ -47,7 +47,7 @@ class StudyRow:
         coulomb: fc, in the unit of the torque.
     """
 
-    law: LawName
+    law: str
     beyond: str
     rms: float
     power_bias: float
@@ -70,9 +70,9 @@ class Study:
     test: Span
     trained: int
     tested: int
-    rows: tuple[StudyRow, ...]
+    rows: tuple[FrictionStudyRow, ...]
 
-    def row(self, law: LawName, beyond: str = "held") -> StudyRow:
+    def row(self, law: str, beyond: str = "held") -> FrictionStudyRow:
         """Return one row."""
         return next(row for row in self.rows if (row.law, row.beyond) == (law, beyond))
 
@@ -100,17 +100,14 @@ def temperature_split(data: FrictionData, train: Span, test: Span) -> Study:
             raise NotIdentifiableError(
                 f"{data.name} moves in {len(part)} samples at {span}", "at least 100"
             )
-    rows: list[StudyRow] = []
-    laws: tuple[LawName, ...] = ("constant", "exponential", "table")
-    for name in laws:
+    rows: list[FrictionStudyRow] = []
+    for name in fitted_laws():
         law, fit = fit_law(name, fitted)
-        held = viscous_law(law).viscous(unseen.motor_temperature_degc)
-        ways = {"held": held}
-        if isinstance(law, ExponentialLaw):
-            decay = np.exp(-unseen.motor_temperature_degc / law.c.value)
-            ways["carried on"] = law.a.value + law.b.value * decay
-        first = len(fit.values) - 1 - unseen.nuisance.shape[1]
-        rest = np.hstack([np.ones((len(unseen), 1)), unseen.nuisance]) @ fit.values[first:]
+        curve = viscous_law(law)
+        ways = {"held": curve.viscous(unseen.motor_temperature_degc)}
+        if FRICTION_LAWS[name].beyond_range:
+            ways["carried on"] = curve.formula(unseen.motor_temperature_degc)
+        rest = nuisance(fit, unseen)
         for beyond, viscous in ways.items():
             torque = fit.values[0] * unseen.sign + viscous * unseen.motor_velocity
             rows.append(_row(name, beyond, torque, unseen, rest, float(fit.values[0])))
@@ -118,11 +115,11 @@ def temperature_split(data: FrictionData, train: Span, test: Span) -> Study:
 
 
 def _row(
-    law: LawName, beyond: str, torque: Float, unseen: FrictionData, rest: Float, coulomb: float
-) -> StudyRow:
+    law: str, beyond: str, torque: Float, unseen: FrictionData, rest: Float, coulomb: float
+) -> FrictionStudyRow:
     measured = unseen.friction_torque - rest
     power = float(np.mean(measured * unseen.motor_velocity))
-    return StudyRow(
+    return FrictionStudyRow(
         law,
         beyond,
         float(np.sqrt(np.mean((torque - measured) ** 2))),

@@ -16,14 +16,14 @@ from typing import Literal
 import numpy as np
 
 from robot_energy.blocks import NANOSECOND, Float, Int, MeterLocation
-from robot_energy.comparison import Compared
-from robot_energy.identify.bags import EVER, Bag, Span, read_all, temperature_ranges
-from robot_energy.identify.everything import Everything, identify_everything
-from robot_energy.identify.recordings import Recording
+from robot_energy.identify.data.bags import EVER, Bag, Span, read_all, temperature_ranges
+from robot_energy.identify.data.recordings import Recording
+from robot_energy.identify.run_all import FullIdentification, identify_everything
+from robot_energy.identify.stats.cross_validation import FOLDS
 from robot_energy.identify.steps import Subject
+from robot_energy.timeline.pieces import Compared
 
 Kind = Literal["test", "recordings", "blocks"]
-FOLDS = 5
 GUARD = 0.5  # s left out of the fit on both sides of a block
 SHOWN = 10.0  # s of torque kept for a figure
 OUTSIDE = 5.0  # K beyond the temperatures of the fit: friction is then that of the edge
@@ -44,7 +44,7 @@ class Fold:
 
 
 @dataclass(frozen=True)
-class Prediction:
+class HeldOutPrediction:
     """A model on one held-out recording.
 
     Attributes:
@@ -85,7 +85,7 @@ class Tested:
     duration: float
     measured: float
     shaft: float
-    predictions: dict[str, Prediction]
+    predictions: dict[str, HeldOutPrediction]
     start_ns: int
     location: MeterLocation | None
     time: Float
@@ -212,7 +212,7 @@ def folds_of(
 def held_out_energy(
     kind: Kind,
     folds: Sequence[Fold],
-    whole: Everything,
+    whole: FullIdentification,
     skip: Sequence[Subject] = (),
     progress: Callable[[str, float], None] | None = None,
 ) -> HeldOutEnergy:
@@ -234,7 +234,12 @@ def held_out_energy(
         if progress is not None:
             progress("testing", number / len(folds))
         # every choice is made again without the held-out data
-        fitted = whole if kind == "test" else identify_everything(fold.train, whole.given, skip)
+        # a part of the recordings may be too little for a plausible step
+        fitted = (
+            whole
+            if kind == "test"
+            else identify_everything(fold.train, whole.given, skip, strict=False)
+        )
         seen = temperature_ranges(read_all(fold.train, whole.given))
         tested += [
             (number + place * len(folds), _test(bag, fitted, kind, number, seen))
@@ -244,12 +249,12 @@ def held_out_energy(
     return HeldOutEnergy(kind, stages, tuple(entry for _, entry in tested))
 
 
-def _test(bag: Bag, fitted: Everything, kind: Kind, number: int, seen: Float) -> Tested:
+def _test(bag: Bag, fitted: FullIdentification, kind: Kind, number: int, seen: Float) -> Tested:
     if fitted.meter_delay is not None:  # the same meter
         bag = replace(bag, meter_delay=fitted.meter_delay.applied)
     models = {GIVEN: fitted.given, **{step.subject: step.model for step in fitted.steps}}
-    predictions: dict[str, Prediction] = {}
-    done: dict[int, Prediction] = {}
+    predictions: dict[str, HeldOutPrediction] = {}
+    done: dict[int, HeldOutPrediction] = {}
     (span,) = bag.spans
     first: Recording | None = None
     for stage, model in models.items():
@@ -283,11 +288,11 @@ def _beyond(seen: Float, met: Float) -> float:
     return float(np.max(off[np.isfinite(off)], initial=0.0))
 
 
-def _prediction(recording: Recording, span: Span) -> Prediction:
+def _prediction(recording: Recording, span: Span) -> HeldOutPrediction:
     compared = tuple(
         part for part in (_within(part, span) for part in recording.compared) if len(part.measured)
     )
-    return Prediction(
+    return HeldOutPrediction(
         compared,
         float(sum(part.predicted.sum() for part in compared)),
         _rms(compared),

@@ -5,9 +5,9 @@ import pytest
 
 from robot_energy.blocks import MeterLocation, MeterMeaning
 from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.cabinet import fit_cabinet, with_cabinet
-from robot_energy.identify.recordings import Recording, read_recording
-from robot_energy.model_file import load
+from robot_energy.identify.cabinet.cabinet import fit_cabinet, with_cabinet
+from robot_energy.identify.data.recordings import Recording, read_recording
+from robot_energy.model import load
 from robot_energy.motion import random_program
 from robot_energy.rig import RigConfig, Sensors, VirtualRig, kr16_profile
 from robot_energy.rig.record import outputs, record

@@ -14,12 +14,12 @@ from hypothesis import strategies as st
 import robots
 from robot_energy.blocks import EffortMeaning, MeterBlock, MeterLocation, MeterMeaning
 from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.bags import Bag
-from robot_energy.identify.dc_link import fit_link, with_link
-from robot_energy.identify.everything import identify_everything
-from robot_energy.identify.held_out_energy import folds_of, held_out_energy
-from robot_energy.identify.recordings import Recording
-from robot_energy.model_file import load, save, validate
+from robot_energy.identify.cabinet.dc_link import fit_link, with_link
+from robot_energy.identify.data.bags import Bag
+from robot_energy.identify.data.recordings import Recording
+from robot_energy.identify.run_all import identify_everything
+from robot_energy.identify.stats.held_out_energy import folds_of, held_out_energy
+from robot_energy.model import load, save, validate
 from robot_energy.motion import random_program, tool_above
 from robot_energy.rig import RigConfig, VirtualRig, kr16_profile
 from robot_energy.rig.record import record

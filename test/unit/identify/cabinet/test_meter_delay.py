@@ -9,12 +9,12 @@ import pytest
 
 from plants import PROGRAM, two_link_profile
 from robot_energy.blocks import EffortMeaning, MeterMeaning
-from robot_energy.identify.all_drives import find_drives
-from robot_energy.identify.bags import Bag
-from robot_energy.identify.drive_data import drive_data
-from robot_energy.identify.meter_delay import estimate_meter_delay, with_meters_earlier
-from robot_energy.identify.recordings import read_recording
-from robot_energy.model_file import load
+from robot_energy.identify.cabinet.meter_delay import estimate_meter_delay, with_meters_earlier
+from robot_energy.identify.data.bags import Bag
+from robot_energy.identify.data.recordings import read_recording
+from robot_energy.identify.drives.all_drives import find_drives
+from robot_energy.identify.drives.drive_data import drive_data
+from robot_energy.model import load
 from robot_energy.rig import RigConfig, Sensors, VirtualRig
 from robot_energy.rig.record import record
 

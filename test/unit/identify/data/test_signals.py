@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from robot_energy.errors import NotIdentifiableError, ShapeError
-from robot_energy.identify.signals import (
+from robot_energy.identify.data.signals import (
     Channels,
     inside,
     later,

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,9 +10,9 @@ import pytest
 import drive_reports
 from drive_reports import contents
 from robot_energy.cli.main import main
-from robot_energy.identify.drive_data import drive_data_of_logs
-from robot_energy.identify.drive_delay import estimate_power_delay, with_delay_undone
-from robot_energy.identify.drives import fit_drives
+from robot_energy.identify.drives.drive_data import drive_data_of_logs
+from robot_energy.identify.drives.drive_delay import estimate_power_delay, with_delay_undone
+from robot_energy.identify.drives.drives import fit_drives
 from robot_energy.logs.recording import FileAccount, LogBlock, write_bag
 
 PERIOD = 0.004  # s, of the rig's joint states
@@ -117,7 +118,7 @@ def test_the_command_reports_the_delay_of_a_bag(tmp_path, capsys):
     power = drive_reports.reported(drive_reports.electrical(output.truth), 1)
     block = late(drive_reports.log_block(output, power, motor_side=False), 8)
     bag, report = tmp_path / "bag", tmp_path / "report.json"
-    write_bag(bag, contents(rig.joint_names), [block], [FileAccount(path=bag)])
+    write_bag(bag, contents(rig.joint_names), [block], [FileAccount(path=Path("rig.csv"))])
     words = ["identify", "drives", str(bag), "--model", "kr16", "--effort", "motor_torque"]
     words += ["--drive-power", "/drive_power"]
     assert main([*words, "--json", str(report)]) == 0

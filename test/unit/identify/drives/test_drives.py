@@ -10,18 +10,19 @@ import pytest
 
 import drive_reports
 from drive_reports import contents
+from places import ROOT
+from robot_energy.bag_replay import replay
 from robot_energy.blocks import MeterLocation
 from robot_energy.cli.main import main
 from robot_energy.errors import LogFormatError, MissingTopicError, NotIdentifiableError
-from robot_energy.identify.drive_data import drive_data_of_logs
-from robot_energy.identify.drive_power import read_drive_power
-from robot_energy.identify.drives import fit_drives, with_drives
-from robot_energy.identify.losses import fit_losses, independent, loss_columns
-from robot_energy.identify.total_power import compare_total, fit_total, with_total
-from robot_energy.identify.total_sums import sums
-from robot_energy.logs.recording import Contents, FileAccount, LogBlock, write_bag
-from robot_energy.model_file import load
-from robot_energy.replay import replay
+from robot_energy.identify.drives.drive_data import drive_data_of_logs
+from robot_energy.identify.drives.drive_power import read_drive_power
+from robot_energy.identify.drives.drives import fit_drives, with_drives
+from robot_energy.identify.drives.losses import fit_losses, independent, loss_columns
+from robot_energy.identify.drives.total_power import compare_total, fit_total, with_total
+from robot_energy.identify.drives.total_sums import sums
+from robot_energy.logs.recording import FileAccount, LogBlock, RecordingContents, write_bag
+from robot_energy.model import load
 from robot_energy.rig import RigConfig, kr16_profile
 
 TRUE = {"constant": 4.0, "copper": 5.0, "linear": 0.05, "quadratic": 4e-4}
@@ -270,8 +271,8 @@ def test_a_bag_without_any_power_says_what_to_record(tmp_path, capsys):
     rig, output = drive_reports.run(1, 3.0)
     block = drive_reports.log_block(output, drive_reports.electrical(output.truth), False)
     bag = tmp_path / "bag"
-    account = FileAccount(path=bag)
-    write_bag(bag, Contents(rig.joint_names, True, True, True), [block], [account])
+    account = FileAccount(path=Path("rig.csv"))
+    write_bag(bag, RecordingContents(rig.joint_names, True, True, True), [block], [account])
     assert main(["identify", "drives", str(bag), "--model", "kr16"]) == 2
     assert "Name the topic of the drives with --drive-power" in capsys.readouterr().err
 
@@ -305,7 +306,7 @@ def test_the_drives_of_a_real_cobot_are_predicted(tmp_path):
     pytest.importorskip("pyarrow", reason="skipped: no pyarrow to read Parquet")
     log, report = tmp_path / "voraus.csv", tmp_path / "report.json"
     pandas.read_parquet(Path(DATA) / "voraus" / "test.parquet").to_csv(log, index=False)
-    mapping = Path(__file__).parents[3] / "src" / "examples" / "mappings" / "voraus.yaml"
+    mapping = ROOT / "src" / "examples" / "mappings" / "voraus.yaml"
     words = ["identify", "drives", "--log", str(log), "--mapping", str(mapping)]
     assert main([*words, "--json", str(report)]) == 0
     found = json.loads(report.read_text())

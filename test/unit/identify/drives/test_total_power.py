@@ -8,11 +8,11 @@ import pytest
 
 from robot_energy.blocks import EffortMeaning, MeterLocation
 from robot_energy.cli.main import main
-from robot_energy.identify.drive_data import drive_data, held_energy
-from robot_energy.identify.recordings import read_recording
-from robot_energy.identify.total_power import compare_total, fit_total, with_total
-from robot_energy.identify.total_sums import sums
-from robot_energy.model_file import load
+from robot_energy.identify.data.recordings import read_recording
+from robot_energy.identify.drives.drive_data import drive_data, held_energy
+from robot_energy.identify.drives.total_power import compare_total, fit_total, with_total
+from robot_energy.identify.drives.total_sums import sums
+from robot_energy.model import load
 from robot_energy.motion import random_program
 from robot_energy.rig import RigConfig, VirtualRig, kr16_profile
 from robot_energy.rig.record import record

@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 
 import robots
-from robot_energy.drivetrain import Drivetrain
-from robot_energy.identify.base_parameters import (
+from robot_energy.identify.dynamics.base_parameters import (
     base_parameters,
     not_excited,
     numerical_rank,
 )
-from robot_energy.identify.columns import standard_columns
-from robot_energy.identify.dynamics import structure
-from robot_energy.model_file import load
-from robot_energy.robot import Robot
+from robot_energy.identify.dynamics.columns import standard_columns
+from robot_energy.identify.dynamics.dynamics import structure
+from robot_energy.model import load
+from robot_energy.physics.drivetrain import Drivetrain
+from robot_energy.physics.rigid_body import Robot
 
 
 def groups(model, columns=()):

@@ -5,10 +5,9 @@ import pytest
 
 import robots
 from excited import fourier_motion
-from robot_energy.drivetrain import Drivetrain
 from robot_energy.errors import ModelFileError
-from robot_energy.friction import FrictionModel
-from robot_energy.identify.columns import (
+from robot_energy.identify.data.signals import Motion
+from robot_energy.identify.dynamics.columns import (
     Coulomb,
     Estimate,
     JointCoulomb,
@@ -20,8 +19,9 @@ from robot_energy.identify.columns import (
     Viscous,
     standard_columns,
 )
-from robot_energy.identify.signals import Motion
-from robot_energy.model_file import RobotModel
+from robot_energy.model import RobotModel
+from robot_energy.physics.drivetrain import Drivetrain
+from robot_energy.physics.friction import FrictionModel
 
 MODEL = robots.two_link()
 DRIVETRAIN = Drivetrain.from_model(MODEL)

@@ -8,18 +8,19 @@ import numpy as np
 import pytest
 
 from excited import monitor_torque
+from places import ROOT
 from robot_energy.cli.main import main
-from robot_energy.drivetrain import Drivetrain
-from robot_energy.identify.across import across_recordings
-from robot_energy.identify.dynamics import DynamicsSettings, identify_dynamics
-from robot_energy.identify.dynamics_model import to_model
-from robot_energy.identify.raw_log import load_drive_log, model_of, read_channels
-from robot_energy.identify.signals import low_pass
-from robot_energy.identify.validation import torque_error
-from robot_energy.model_file import load, save
-from robot_energy.robot import Robot
+from robot_energy.identify.data.raw_log import load_drive_log, model_of, read_channels
+from robot_energy.identify.data.signals import low_pass
+from robot_energy.identify.dynamics.dynamics import DynamicsSettings, identify_dynamics
+from robot_energy.identify.dynamics.dynamics_model import to_model
+from robot_energy.identify.dynamics.leave_one_out import across_recordings
+from robot_energy.identify.dynamics.validation import torque_error
+from robot_energy.model import load, save
+from robot_energy.physics.drivetrain import Drivetrain
+from robot_energy.physics.rigid_body import Robot
 
-MAPPING = Path(__file__).resolve().parents[3] / "src/examples/identify/kr300.yaml"
+MAPPING = ROOT / "src/examples/identify/kr300.yaml"
 DATA = Path(os.environ.get("ROBOT_ENERGY_DATA", "/nonexistent")) / "kr300"
 HOME = np.array([0.0, -np.pi / 2, np.pi / 2, 0.0, 0.0, 0.0])
 

@@ -7,14 +7,14 @@ import pytest
 
 import robots
 from excited import recorded
-from robot_energy.drivetrain import Drivetrain
-from robot_energy.friction import FrictionModel
-from robot_energy.identify.columns import standard_columns
-from robot_energy.identify.dynamics import one_thread, structure
-from robot_energy.identify.least_squares import METHODS, factor, fit, solve
-from robot_energy.identify.observations import Filters, observe
-from robot_energy.model_file import validate
-from robot_energy.robot import Robot
+from robot_energy.identify.data.observations import Filters, observe
+from robot_energy.identify.dynamics.columns import standard_columns
+from robot_energy.identify.dynamics.dynamics import fit_rows, one_thread, structure
+from robot_energy.identify.stats.regression import METHODS, factor
+from robot_energy.model import validate
+from robot_energy.physics.drivetrain import Drivetrain
+from robot_energy.physics.friction import FrictionModel
+from robot_energy.physics.rigid_body import Robot
 
 
 def smooth_two_link(smooth_velocity=0.05):
@@ -62,12 +62,12 @@ def _one_thread():
 def test_fit_of_exact_rows_is_exact(method):
     observed = rows()
     exact = replace(observed, joint_torque=observed.regressor @ TRUTH)
-    np.testing.assert_allclose(fit(exact, method).values, TRUTH, rtol=1e-7, atol=1e-9)
+    np.testing.assert_allclose(fit_rows(exact, method).values, TRUTH, rtol=1e-7, atol=1e-9)
 
 
 def test_parameters_of_the_robot_come_back():
     """Without noise, what is left is the error of filters and differences."""
-    found = fit(rows(), "ols").values
+    found = fit_rows(rows(), "ols").values
     np.testing.assert_allclose(found, TRUTH, rtol=0.01, atol=2e-3 * np.abs(TRUTH).max())
     by_name = dict(zip(BASE.labels, found, strict=True))
     inertia = robots.M2 * robots.C2**2 + robots.I2
@@ -86,8 +86,10 @@ def test_triangle_keeps_the_sum_of_squares_but_for_a_constant():
 
     one, other = both(TRUTH), both(TRUTH * 1.1)
     assert one[0] - other[0] == pytest.approx(one[1] - other[1], rel=1e-9)
+    both_sides = np.dstack([observed.regressor, observed.joint_torque]) * weight[..., None]
+    plain = both_sides[weight != 0.0]
     np.testing.assert_allclose(
-        solve(observed.regressor, observed.joint_torque, weight),
+        np.linalg.lstsq(plain[:, :-1], plain[:, -1], rcond=None)[0],
         np.linalg.lstsq(triangle, target, rcond=None)[0],
     )
 
@@ -100,7 +102,7 @@ def test_weighting_by_joint_beats_equal_weights_where_one_joint_is_noisy():
         noise = random.normal(size=observed.joint_torque.shape) * np.array([5.0, 0.02])
         noisy = replace(observed, joint_torque=observed.joint_torque + noise)
         for method, found in errors.items():
-            found.append(fit(noisy, method).values[BASE.labels.index("mx elbow")])
+            found.append(fit_rows(noisy, method).values[BASE.labels.index("mx elbow")])
     spread = {method: np.std(found) for method, found in errors.items()}
     assert spread["wls"] < 0.2 * spread["ols"]
 
@@ -110,18 +112,18 @@ def test_robust_fit_ignores_bursts():
     torque = observed.joint_torque.copy()
     torque[200:240] += 30.0
     burst = replace(observed, joint_torque=torque)
-    scale = np.maximum(fit(observed, "wls").std, 1e-9)
-    plain = np.abs(fit(burst, "wls").values - TRUTH) / scale
-    robust = np.abs(fit(burst, "irls").values - TRUTH) / scale
+    scale = np.maximum(fit_rows(observed, "wls").std, 1e-9)
+    plain = np.abs(fit_rows(burst, "wls").values - TRUTH) / scale
+    robust = np.abs(fit_rows(burst, "irls").values - TRUTH) / scale
     assert robust.max() < 0.3 * plain.max()
 
 
 def test_rows_alike_count_for_less():
     """Noise that lasts is worth fewer rows, and its deviations are larger."""
-    white, lasting = fit(rows(noise=0.05)), fit(rows(noise=0.05, memory=0.995))
+    white, lasting = fit_rows(rows(noise=0.05)), fit_rows(rows(noise=0.05, memory=0.995))
     n_rows = rows().used.sum(axis=0)
-    assert (white.independent_rows < 0.6 * n_rows).all()  # the filter makes rows alike
-    assert (lasting.independent_rows < white.independent_rows).all()
+    assert (white.independent < 0.6 * n_rows).all()  # the filter makes rows alike
+    assert (lasting.independent < white.independent).all()
 
 
 @pytest.mark.parametrize("memory", [0.0, 0.98])
@@ -129,7 +131,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say(memory):
     """95 % intervals, 60 recordings; 60 x 13 dependent trials scatter by about 1.5 %."""
     inside = []
     for seed in range(60):
-        result = fit(rows(noise=0.1, memory=memory, seed=seed, rate=250.0, duration=15.0))
+        result = fit_rows(rows(noise=0.1, memory=memory, seed=seed, rate=250.0, duration=15.0))
         inside.append(np.abs(result.values - TRUTH) <= result.interval(0.95))
     share = np.mean(inside)
     assert 0.92 <= share <= 0.98, share

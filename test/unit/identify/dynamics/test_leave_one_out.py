@@ -8,16 +8,16 @@ import pytest
 
 import robots
 from excited import fourier_motion, monitor_torque, recorded
-from robot_energy.drivetrain import Drivetrain
-from robot_energy.identify.across import across_recordings
-from robot_energy.identify.columns import Column, standard_columns
-from robot_energy.identify.consistent import Prior
-from robot_energy.identify.delay import estimate_delay
-from robot_energy.identify.dynamics import DynamicsSettings, identify_dynamics
-from robot_energy.identify.observations import Filters, observe
-from robot_energy.identify.signals import Channels, Motion
-from robot_energy.identify.work import motor_work, share_off
-from robot_energy.robot import Robot
+from robot_energy.identify.data.observations import Filters, observe
+from robot_energy.identify.data.signals import Channels, Motion
+from robot_energy.identify.dynamics.columns import Column, standard_columns
+from robot_energy.identify.dynamics.consistent import Prior
+from robot_energy.identify.dynamics.dynamics import DynamicsSettings, identify_dynamics
+from robot_energy.identify.dynamics.leave_one_out import across_recordings
+from robot_energy.identify.dynamics.torque_delay import estimate_delay
+from robot_energy.identify.dynamics.work import motor_work, share_off
+from robot_energy.physics.drivetrain import Drivetrain
+from robot_energy.physics.rigid_body import Robot
 
 ARM = robots.two_link()
 QUICK = DynamicsSettings(columns=standard_columns(0.05), delay_span=0.0)

@@ -7,11 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from robot_energy.identify.dynamics import identify_dynamics
-from robot_energy.identify.dynamics_model import friction_at_joints, to_model
-from robot_energy.identify.raw_log import load_drive_log, model_of, read_channels
+from places import ROOT
+from robot_energy.identify.data.raw_log import load_drive_log, model_of, read_channels
+from robot_energy.identify.dynamics.dynamics import identify_dynamics
+from robot_energy.identify.dynamics.dynamics_model import friction_at_joints, to_model
 
-MAPPING = Path(__file__).resolve().parents[3] / "src/examples/identify/tx40.yaml"
+MAPPING = ROOT / "src/examples/identify/tx40.yaml"
 DATA = Path(os.environ.get("ROBOT_ENERGY_DATA", "/nonexistent")) / "tx40"
 
 

@@ -9,17 +9,17 @@ from hypothesis import strategies as st
 
 import robots
 from robot_energy.errors import MotionError, RobotDescriptionError
-from robot_energy.identify.columns import standard_columns
-from robot_energy.identify.dynamics import DynamicsSettings, identify_dynamics
-from robot_energy.identify.excitation import (
+from robot_energy.identify.data.signals import Motion, stretches
+from robot_energy.identify.dynamics.columns import standard_columns
+from robot_energy.identify.dynamics.dynamics import DynamicsSettings, identify_dynamics
+from robot_energy.identify.excitation.excitation import (
     ExcitationSettings,
     Judge,
     optimise_excitation,
     sampled,
 )
-from robot_energy.identify.excitation_limits import ExcitationLimits, Floor, stepped, steps
-from robot_energy.identify.signals import Motion, stretches
-from robot_energy.model_file import load
+from robot_energy.identify.excitation.limits import ExcitationLimits, Floor, stepped, steps
+from robot_energy.model import load
 from robot_energy.motion import (
     FourierBasis,
     FourierMotion,
@@ -27,8 +27,8 @@ from robot_energy.motion import (
     random_program,
     tool_above,
 )
+from robot_energy.physics.rigid_body import Robot
 from robot_energy.rig import RigConfig, VirtualRig, kr16_profile
-from robot_energy.robot import Robot
 
 QUICK = ExcitationSettings(harmonics=4, period=6.0, starts=1, iterations=50)
 LIMITED = '<limit lower="-2.5" upper="2.5" effort="40" velocity="2"/>\n  </joint>\n</robot>'

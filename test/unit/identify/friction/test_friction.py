@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from robot_energy.errors import NotIdentifiableError
-from robot_energy.friction import viscous_law
-from robot_energy.identify.friction import fit_friction
-from robot_energy.identify.friction_data import FrictionData
+from robot_energy.identify.friction.friction import fit_friction
+from robot_energy.identify.friction.samples import FrictionData
+from robot_energy.physics.friction import viscous_law
 
 COULOMB, A, B, C = 0.4, 2e-3, 9e-3, 21.0
 

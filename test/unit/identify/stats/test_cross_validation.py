@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robot_energy.identify.quality import (
+from robot_energy.identify.stats.cross_validation import (
     contiguous_blocks,
+    contiguous_folds,
     folds_by_value,
-    folds_in_order,
     held_out,
 )
 
@@ -36,8 +36,8 @@ def test_no_block_spans_two_segments_or_more_than_its_length(steps, breaks):
         assert (np.diff(np.flatnonzero(inside)) == 1).all()
 
 
-def test_folds_in_order_are_contiguous_and_even():
-    assert folds_in_order(7, 3).tolist() == [0, 0, 0, 1, 1, 2, 2]
+def test_contiguous_folds_are_contiguous_and_even():
+    assert contiguous_folds(7, 3).tolist() == [0, 0, 0, 1, 1, 2, 2]
 
 
 def test_folds_by_value_follow_the_value():
@@ -53,7 +53,7 @@ def test_held_out_samples_are_never_in_their_own_training():
         assert not (train & test).any()
         return np.full(int(test.sum()), target[train].mean())
 
-    result = held_out(target, folds_in_order(4, 2), mean)
+    result = held_out(target, contiguous_folds(4, 2), mean)
     assert result.folds == 2
     assert result.rms == pytest.approx(2.0)
     assert result.relative == pytest.approx(4.0 / np.sqrt(8.0))

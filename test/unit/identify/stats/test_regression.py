@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import lfilter
 
 from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.regression import regress
+from robot_energy.identify.stats.regression import regress
 
 TRUTH = np.array([1.5, -0.4])
 NAMES = ("gain", "slope")
@@ -29,7 +29,7 @@ def test_clean_data_give_the_exact_parameters():
 def test_white_noise_gives_the_textbook_deviation():
     """Standard deviation of a mean of N samples: sigma / sqrt(N)."""
     columns, target, block = line(1, n_samples=40_000)
-    fit = regress(columns, target, block, NAMES, robust=False)
+    fit = regress(columns, target, block, NAMES, method="ols")
     np.testing.assert_allclose(fit.std, 0.3 / np.sqrt(40_000), rtol=0.15)
 
 
@@ -38,7 +38,7 @@ def test_outliers_do_not_pull_the_fit():
     spoilt = target.copy()
     spoilt[::20] += 50.0
     robust = regress(columns, spoilt, block, NAMES)
-    plain = regress(columns, spoilt, block, NAMES, robust=False)
+    plain = regress(columns, spoilt, block, NAMES, method="ols")
     np.testing.assert_allclose(robust.values, TRUTH, atol=0.05)
     assert abs(plain.values[0] - TRUTH[0]) > 2.0
 

@@ -1,0 +1,43 @@
+"""Figures that stop at a bound: what physics forbids below 0 and came out there.
+
+Such a figure says that the data do not show the quantity, not that it is 0. So it is never
+tagged as identified.
+"""
+
+from __future__ import annotations
+
+import math
+
+from robot_energy.model.figure import Figure, PositiveFigure
+
+AT_BOUND = "at the bound 0"
+
+
+def at_bound(source: str, value: float = 0.0) -> PositiveFigure:
+    """Return a figure that no data may make negative; a bound has no standard deviation.
+
+    Args:
+        source: Where the data come from.
+        value: 0, or what rounding of a solver left of it.
+    """
+    text = f"{AT_BOUND}: {source}" if source else AT_BOUND
+    return PositiveFigure(value=value, tag="assumed", source=text)
+
+
+def is_at_bound(figure: Figure) -> bool:
+    """Whether a figure was written by `at_bound`."""
+    return figure.source.startswith(AT_BOUND)
+
+
+def identified(value: float, std: float | None, source: str) -> PositiveFigure:
+    """Return an identified figure, or the bound where it is not above 0.
+
+    Args:
+        value: As fitted.
+        std: Its standard deviation; None or not finite where it is unknown.
+        source: Where the data come from.
+    """
+    if not value > 0.0:
+        return at_bound(source)
+    known = std is not None and math.isfinite(std)
+    return PositiveFigure(value=value, tag="identified", std=std if known else None, source=source)

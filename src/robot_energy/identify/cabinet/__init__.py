@@ -1,0 +1,1 @@
+"""Identification of constant losses, the DC link and the meter's delay."""

@@ -1,0 +1,1 @@
+"""Identification of drive losses and efficiency maps."""

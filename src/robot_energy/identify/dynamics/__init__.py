@@ -1,0 +1,1 @@
+"""Identification of rigid-body dynamics from motor torque."""

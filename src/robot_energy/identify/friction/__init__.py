@@ -1,0 +1,1 @@
+"""Identification of friction over speed and motor temperature."""

@@ -1,0 +1,1 @@
+"""Statistics that every identification shares: regression, held-out data, delays."""

@@ -1,0 +1,111 @@
+"""Delay of one channel behind another: the lag of least held-out error, and whether to believe it.
+
+Every lag in a range is tried on blocks that the fit has not seen, so that a delay cannot be
+taken up by parameters that nothing else needs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from robot_energy.blocks import Float
+from robot_energy.identify.stats.cross_validation import jackknife_std
+from robot_energy.identify.stats.regression import qr_r
+
+SIGNIFICANT = 3.0  # standard deviations
+
+
+@dataclass(frozen=True)
+class Delay:
+    """The estimate and what it rests on.
+
+    Attributes:
+        value: By which the channel lags, at the least held-out error. [s]
+        std: From leaving out each block in turn. [s]
+        gain: Share of the held-out error it takes away. [-]
+        applied: The value where it is significant: enough gain, three standard deviations
+            from 0, and not at the end of the range; else 0. [s]
+        at_edge: Whether the least error is at the end of the range.
+        span: Delays up to this were tried. [s]
+    """
+
+    value: float
+    std: float
+    gain: float
+    applied: float
+    at_edge: bool
+    span: float
+
+
+NO_DELAY = Delay(0.0, 0.0, 0.0, 0.0, False, 0.0)
+
+
+def held_out_errors(triangles: Sequence[Float], width: int, known: Float | None = None) -> Float:
+    """Fit every target to the other blocks and test it on each.
+
+    Args:
+        triangles: Of each block, with the sums of squares of ``[columns, targets]``, shape
+            (., width + targets).
+        width: Number of columns.
+        known: Rows like those of a triangle that belong to every fit, such as a prior.
+
+    Returns:
+        Squared error, shape (blocks, targets).
+    """
+    error: list[Float] = []
+    for number, held in enumerate(triangles):
+        train = [part for other, part in enumerate(triangles) if other != number]
+        triangle = qr_r(np.concatenate(train if known is None else [*train, known]))
+        values = np.linalg.lstsq(triangle[:width, :width], triangle[:width, width:], rcond=None)[0]
+        error.append(((held[:, :width] @ values - held[:, width:]) ** 2).sum(axis=0))
+    return np.array(error)
+
+
+def best_delay(
+    delays: Float, error: Float, undelayed: Float, span: float, least_gain: float
+) -> Delay:
+    """Return the delay of least error and whether to believe it.
+
+    Args:
+        delays: Rising, shape (K,). [s]
+        error: Squared held-out error by block and delay, shape (blocks, K).
+        undelayed: Squared held-out error without a delay, shape (blocks,).
+        span: Delays up to this were tried. [s]
+        least_gain: Share of the held-out error that a delay must take away. [-]
+    """
+    total = error.sum(axis=0)
+    value, least = minimum(delays, total)
+    std = float(jackknife_std(np.array([minimum(delays, total - part)[0] for part in error])))
+    without = float(undelayed.sum())
+    gain = 1.0 - float(np.sqrt(max(least, 0.0) / without)) if without > 0.0 else 0.0
+    at_edge = value in (delays[0], delays[-1])
+    believed = gain >= least_gain and abs(value) > SIGNIFICANT * std and not at_edge
+    return Delay(value, std, gain, value if believed else 0.0, at_edge, span)
+
+
+def minimum(place: Float, error: Float) -> tuple[float, float]:
+    """Return where an error is least and the error there.
+
+    Args:
+        place: Rising, shape (K,).
+        error: Shape (K,).
+
+    Returns:
+        The lowest point of the parabola through the least error and its neighbours; the
+        least error itself at an end of the range.
+    """
+    best = int(np.argmin(error))
+    x, y = float(place[best]), float(error[best])
+    if not 0 < best < len(error) - 1:
+        return x, y
+    before, after = float(place[best - 1]) - x, float(place[best + 1]) - x
+    rise, fall = float(error[best - 1]) - y, float(error[best + 1]) - y
+    bend = rise * after - fall * before
+    if bend <= 0.0:
+        return x, y
+    slope = rise * after * after - fall * before * before
+    move = 0.5 * slope / bend
+    return x + move, y + 0.5 * move * slope / (before * after * (after - before))

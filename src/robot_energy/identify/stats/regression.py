@@ -1,0 +1,361 @@
+"""Robust linear regression with standard deviations that can be believed.
+
+Residuals of a robot's torque or power are alike from row to row, so N rows hold far fewer
+independent ones and the textbook covariance is several times too small. What it is instead
+is an argument of the fit: `jackknife` takes the scatter of the parameters when one contiguous
+block after the other is left out; `autocorrelated` measures the autocorrelation of the
+residuals, ``(X'X)^-1 X' Omega X (X'X)^-1`` with Omega their autocovariance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robot_energy.blocks import Float, Int, check_shape
+from robot_energy.errors import NotIdentifiableError
+
+Method = Literal["ols", "wls", "irls"]
+METHODS: tuple[Method, ...] = get_args(Method)
+HUBER = 1.345  # standard deviations; 95 % efficiency on normal residuals
+MEDIAN_TO_STD = 1.4826  # of the absolute deviation of a normal variable
+WEIGHTINGS = 2  # times that noise of each joint is found and weights follow it
+MAX_ROUNDS = 30  # of the Huber weights
+SETTLED = 1e-6  # relative change of what is fitted at which the weights have settled
+LEAST_NOISE = 1e-12  # below which residuals are rounding
+LEAST_INDEPENDENCE = 1e-4  # share of a column that the other columns do not explain
+LONGEST = 0.25  # of a recording: longest autocorrelation taken into account
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Parameters of ``target = columns . values`` and how well they are known.
+
+    Attributes:
+        names: Of the parameters.
+        values: Shape (P,).
+        covariance: Shape (P, P).
+        independent: Number of independent rows of each target, or of blocks, shape (n,).
+        degrees: Of freedom, of the intervals.
+        residual: Target less fitted, shape (N,) or (N, n).
+        weight: On each row in the fit, 0 where unused, same shape. [1/unit of the target]
+    """
+
+    names: tuple[str, ...]
+    values: Float
+    covariance: Float
+    independent: Float
+    degrees: float
+    residual: Float
+    weight: Float
+
+    @property
+    def std(self) -> Float:
+        """Standard deviations of the parameters, shape (P,)."""
+        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+
+    @property
+    def noise(self) -> Float:
+        """Standard deviation of each target's residual, 0 where unused, shape (n,)."""
+        used = self.weight > 0.0
+        squares = (np.where(used, self.residual, 0.0) ** 2).sum(axis=0)
+        return np.sqrt(squares / np.maximum(used.sum(axis=0), 1))
+
+    def interval(self, confidence: float = 0.95) -> Float:
+        """Half widths of the confidence intervals, by Student's t, shape (P,)."""
+        from scipy.stats import t
+
+        return self.std * float(t.ppf(0.5 + 0.5 * confidence, max(self.degrees, 1.0)))
+
+
+Covariance = Callable[[Float, Float, Float], tuple[Float, Float, float]]
+"""Columns, residual and weight -> covariance, independent rows and degrees of freedom."""
+
+
+def fit(
+    columns: Float,
+    target: Float,
+    names: Sequence[str],
+    covariance: Covariance,
+    method: Method = "irls",
+    used: NDArray[np.bool_] | None = None,
+) -> Fit:
+    """Fit one set of parameters to one target or to several, such as the torques of joints.
+
+    Args:
+        columns: Independent, finite, shape (N, P) or (N, n, P).
+        target: Finite, shape (N,) or (N, n).
+        names: Of the parameters.
+        covariance: From `jackknife` or `autocorrelated`.
+        method: ``ols``; ``wls``: each target weighted by the noise of its residual; ``irls``:
+            beside that Huber weights against outliers.
+        used: Rows of each target that count; None for all, shape of the target.
+    """
+    values, weight = estimate(columns, target, method, used)
+    residual = target - columns @ values
+    matrix, independent, degrees = covariance(columns, residual, weight)
+    return Fit(tuple(names), values, matrix, independent, degrees, residual, weight)
+
+
+def estimate(
+    columns: Float, target: Float, method: Method = "irls", used: NDArray[np.bool_] | None = None
+) -> tuple[Float, Float]:
+    """Return what `fit` does without its covariance: values and the weight of each row."""
+    size = len(target)
+    wide = columns.reshape(size, -1, columns.shape[-1]), target.reshape(size, -1)
+    rows = np.ones(wide[1].shape, dtype=np.bool_) if used is None else used
+    if method == "irls":
+        values, weight = _huber(*wide, rows)
+    else:
+        values, weight = _by_target(*wide, rows, 0 if method == "ols" else WEIGHTINGS)
+    return values, weight.reshape(target.shape)
+
+
+def _huber(columns: Float, target: Float, used: NDArray[np.bool_]) -> tuple[Float, Float]:
+    """Solve with weights of one over the noise times the root of the Huber weight."""
+    rows, measured = columns[used], target[used]
+    joint = np.nonzero(used)[1]
+    groups = [joint == number for number in np.unique(joint)]
+    base, triangle = np.linalg.qr(rows)  # orthonormal, so that squares lose nothing
+    inner, weight = base.T @ measured, np.ones(len(rows))
+    for _ in range(MAX_ROUNDS):
+        residual = measured - base @ inner
+        for own in groups:
+            rest = residual[own]
+            middle = np.median(np.abs(rest - np.median(rest)))
+            noise = max(MEDIAN_TO_STD * float(middle), LEAST_NOISE)
+            reach = HUBER * noise / np.maximum(np.abs(rest), 1e-300)
+            weight[own] = np.sqrt(np.minimum(1.0, reach)) / noise
+        weighted = base * (weight * weight)[:, None]
+        before, inner = inner, np.linalg.solve(weighted.T @ base, weighted.T @ measured)
+        if np.linalg.norm(inner - before) <= SETTLED * np.linalg.norm(inner):
+            break
+    spread = np.zeros(target.shape)
+    spread[used] = weight
+    return np.linalg.lstsq(triangle, inner, rcond=None)[0], spread
+
+
+def _by_target(
+    columns: Float, target: Float, used: NDArray[np.bool_], rounds: int
+) -> tuple[Float, Float]:
+    """Solve with one weight per target: every target's rows are compressed only once."""
+    n_targets, size = used.shape[1], columns.shape[2]
+    triangles = np.zeros((n_targets, size + 1, size + 1))
+    for joint, rows in enumerate(used.T):
+        triangle = qr_r(np.column_stack([columns[rows, joint], target[rows, joint]]))
+        triangles[joint, : len(triangle)] = triangle
+    weight, values = np.ones(n_targets), _solve(triangles)
+    for _ in range(rounds):
+        rest = triangles @ np.append(values, -1.0)
+        noise = np.sqrt((rest**2).sum(axis=1) / np.maximum(used.sum(axis=0), 1))
+        weight = 1.0 / np.maximum(noise, LEAST_NOISE)
+        values = _solve(triangles * weight[:, None, None])
+    return values, used * weight
+
+
+def _solve(triangles: Float) -> Float:
+    size = triangles.shape[2] - 1
+    whole = qr_r(triangles.reshape(-1, size + 1))
+    return np.linalg.lstsq(whole[:size, :size], whole[:size, size], rcond=None)[0]
+
+
+def qr_r(rows: Float) -> Float:
+    """Return R of a QR decomposition: ``R'R = rows' rows``, without squaring anything.
+
+    Args:
+        rows: Shape (M, P).
+
+    Returns:
+        Upper triangle, shape (min(M, P), P).
+    """
+    return np.asarray(np.linalg.qr(rows, mode="r"), dtype=np.float64)  # pyright: ignore
+
+
+def factor(columns: Float, target: Float, weight: Float) -> tuple[Float, Float]:
+    """Compress weighted rows to a triangle with the same sums of squares.
+
+    Args:
+        columns: Shape (N, n, P).
+        target: Shape (N, n).
+        weight: Shape (N, n); rows of weight 0 are left out.
+
+    Returns:
+        R of shape (K, P) and b of shape (K,): ``|R x - b|^2`` is the weighted sum of
+        squares of x but for a constant; K is P, or less where rows are few.
+    """
+    rows = weight != 0.0
+    both = np.concatenate([columns[rows], target[rows][:, None]], axis=1) * weight[rows][:, None]
+    triangle, size = qr_r(both), columns.shape[2]
+    return triangle[:size, :size], triangle[:size, size]
+
+
+def jackknife(block: Int) -> Covariance:
+    """Covariance from leaving out one contiguous block after the other.
+
+    Leaving out block g moves the fit by ``-(A - A_g)^-1 s_g``, where s is the sum of
+    columns times weighted residuals and A its slope: a row whose weight is already
+    reduced pulls no harder when it moves away, so it does not count in A.
+
+    Args:
+        block: Number of the block of each row of one target, shape (N,).
+    """
+
+    def covariance(columns: Float, residual: Float, weight: Float) -> tuple[Float, Float, float]:
+        _, index = np.unique(block, return_inverse=True)
+        order = np.argsort(index, kind="stable")
+        edges = np.flatnonzero(np.diff(index[order])) + 1
+        free = np.where(weight == weight.max(), weight, 0.0)
+        pulls = columns * (weight * weight * residual)[:, None]
+        parts = np.split(order, edges.tolist())
+        slope = np.stack(
+            [(columns[part] * free[part, None] ** 2).T @ columns[part] for part in parts]
+        )
+        pull = np.stack([pulls[part].sum(axis=0) for part in parts])
+        blocks, n_parameters = pull.shape
+        whole: Float = slope.sum(axis=0)
+        count = np.array([float(blocks)])
+        if blocks == 1:  # one block says nothing of its own scatter: white residuals are assumed
+            rest = weight * residual
+            share = float(rest @ rest) / max(len(residual) - n_parameters, 1)
+            return np.linalg.inv(whole) * share, count, 0.0
+        change = np.empty((blocks, n_parameters))
+        for number in range(blocks):
+            try:
+                change[number] = np.linalg.solve(whole - slope[number], pull[number])
+            except np.linalg.LinAlgError:  # this block alone tells some parameter
+                change[number] = np.inf
+        with np.errstate(invalid="ignore"):
+            scatter = change.T @ change * (blocks - 1) / blocks
+        return np.where(np.isnan(scatter), np.inf, scatter), count, blocks - 1.0
+
+    return covariance
+
+
+def autocorrelated(segment: Int) -> Covariance:
+    """Covariance from the autocorrelation of each target's residuals.
+
+    What comes before the autocorrelation first falls to zero is signal, the rest is chance
+    (initial positive sequence).
+
+    Args:
+        segment: Number of the uninterrupted stretch of each row, shape (N,).
+    """
+
+    def covariance(columns: Float, residual: Float, weight: Float) -> tuple[Float, Float, float]:
+        n_targets, n_values = residual.shape[1], columns.shape[2]
+        triangle, _ = factor(columns, residual, weight)
+        inverse = np.linalg.pinv(triangle)
+        inverse = inverse @ inverse.T
+        middle, independent = np.zeros((n_values, n_values)), np.zeros(n_targets)
+        for joint in range(n_targets):
+            rows = weight[:, joint] > 0.0
+            count = int(rows.sum())
+            if not count:
+                continue
+            rest = np.where(rows, weight[:, joint] * residual[:, joint], 0.0)
+            own = columns[:, joint] * weight[:, joint, None]
+            taken = float(((own @ inverse) * own).sum())  # leverage
+            shares = _autocorrelation(rest, rows, segment)
+            independent[joint] = count / (1.0 + 2.0 * float(shares[1:].sum()))
+            # Parameters eat part of the residuals; of correlated ones, a larger part.
+            left = max(independent[joint] - taken, 0.25 * independent[joint], 1.0)
+            variance = float(rest @ rest) / count * independent[joint] / left
+            middle += variance * _correlated(own, shares, segment)
+        degrees = float(independent.sum()) - n_values
+        return inverse @ middle @ inverse, independent, degrees
+
+    return covariance
+
+
+def _autocorrelation(rest: Float, rows: NDArray[np.bool_], segment: Int) -> Float:
+    """Autocorrelation of one target's residuals from lag 0 to before it is first not positive."""
+    shares = [1.0]
+    size = float(rest @ rest) / max(int(rows.sum()), 1)
+    same = [np.flatnonzero(segment == number) for number in np.unique(segment)]
+    longest = int(LONGEST * max(len(part) for part in same))
+    for lag in range(1, longest + 1):
+        total, pairs = 0.0, 0
+        for part in same:
+            if len(part) > lag:
+                early, late = part[:-lag], part[lag:]
+                total += float(rest[early] @ rest[late])
+                pairs += int((rows[early] & rows[late]).sum())
+        if not pairs or total <= 0.0 or size <= 0.0:
+            break
+        shares.append(min(total / pairs / size, 1.0))
+    return np.array(shares)
+
+
+def _correlated(columns: Float, shares: Float, segment: Int) -> Float:
+    """``X' Omega X`` with Omega the autocorrelation within each segment, shape (P, P).
+
+    Where the estimate of Omega is no covariance, rows count for less by their number alone.
+    """
+    from scipy.signal import oaconvolve
+
+    kernel = np.concatenate([shares[:0:-1], shares])[:, None]
+    first = len(shares) - 1
+    result = np.zeros((columns.shape[1], columns.shape[1]))
+    for number in np.unique(segment):
+        part = columns[segment == number]
+        smeared = np.asarray(oaconvolve(part, kernel, mode="full", axes=0))
+        result += part.T @ smeared[first : first + len(part)]
+    result = 0.5 * (result + result.T)
+    white = columns.T @ columns
+    if float(np.linalg.eigvalsh(result)[0]) < -1e-9 * float(np.trace(white)):
+        return white * (1.0 + 2.0 * float(shares[1:].sum()))
+    return result
+
+
+def regress(
+    columns: Float,
+    target: Float,
+    block: Int,
+    names: Sequence[str],
+    method: Method = "irls",
+    what: str = "the data",
+) -> Fit:
+    """Fit one target, with deviations from blocks; refuse columns that are not told apart.
+
+    Args:
+        columns: Shape (N, P), finite.
+        target: Shape (N,), finite.
+        block: Number of the contiguous block that each sample belongs to, shape (N,).
+        names: Name of each parameter, for messages.
+        method: As of `fit`.
+        what: What the data are, for messages.
+
+    Raises:
+        ShapeError: If shapes do not fit.
+        NotIdentifiableError: If the data do not excite a parameter; names it.
+    """
+    check_shape("target", target, (len(columns),))
+    _require_excitation(columns, names, what)
+    return fit(columns, target, names, jackknife(block), method)
+
+
+def _require_excitation(columns: Float, names: Sequence[str], what: str) -> None:
+    """Refuse columns that are zero, or that the others explain but for rounding."""
+    length = np.linalg.norm(columns, axis=0)
+    weak = [name for name, size in zip(names, length, strict=True) if not size > 0.0]
+    if len(columns) < columns.shape[1]:
+        weak = list(names)
+    if not weak:
+        _, size, direction = np.linalg.svd(qr_r(columns / length))
+        inverse = direction.T / np.maximum(size, np.finfo(float).tiny)
+        unexplained = 1.0 / np.linalg.norm(inverse, axis=1)
+        weak = [
+            name
+            for name, share in zip(names, unexplained, strict=True)
+            if share < LEAST_INDEPENDENCE
+        ]
+    if weak:
+        raise NotIdentifiableError(
+            f"{what} do not tell apart {', '.join(weak)}",
+            "motion that changes each of them on its own",
+            "record motions at several speeds and in both directions",
+        )
