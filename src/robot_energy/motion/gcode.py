@@ -14,8 +14,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from robot_energy.errors import MotionError
+from robot_energy.files.regular_file import read_regular
 from robot_energy.motion.gcode_words import Word, words_of
-from robot_energy.motion.tool_path import CLOSED, Arc, Dwell, Line, Point, Segment, ToolPath
+from robot_energy.motion.tool_path import CLOSED, Arc, Dwell, LineSegment, Point, Segment, ToolPath
 
 MAX_BYTES = 64 * 1024 * 1024
 MOST_SEGMENTS = 500_000
@@ -76,15 +77,12 @@ def load_gcode(path: str | Path, rapid_speed: float = RAPID_SPEED) -> GcodeProgr
     Raises:
         MotionError: If it cannot be read, naming the line.
     """
-    file = Path(path)
     try:
-        if not file.is_file():  # a pipe would be waited for
-            raise MotionError(f"there is no G-code file at '{path}'", "a text file")
-        if file.stat().st_size > MAX_BYTES:
-            raise MotionError(f"{path} has over {MAX_BYTES} bytes", "a smaller program")
-        text = file.read_bytes().decode("utf-8", "replace")
+        text = read_regular(path, MAX_BYTES).decode("utf-8", "replace")
     except OSError as error:
-        raise MotionError(f"{path} cannot be read ({error.strerror})", "a text file") from error
+        raise MotionError(
+            f"there is no G-code file at '{path}' ({error.strerror})", "a text file"
+        ) from error
     return read_gcode(text, str(path), rapid_speed)
 
 
@@ -289,7 +287,7 @@ class _Machine:
         elif math.dist(start, end) > CLOSED:
             rapid = self.motion == 0
             speed = self.rapid_speed if rapid and "F" not in values else self._feed()
-            self._add(Line(start, end, speed, self.line, rapid, extruding))
+            self._add(LineSegment(start, end, speed, self.line, rapid, extruding))
 
     def _unknown(self, axis: str) -> bool:
         """Whether the program has said nothing yet of where the tool is."""

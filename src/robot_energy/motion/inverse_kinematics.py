@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from robot_energy.blocks import Float
 from robot_energy.errors import MotionError
 from robot_energy.motion.planar import PlanarArm, check_weight
-from robot_energy.robot import Robot
+from robot_energy.physics.rigid_body import Robot
 
 IN_PLACE = 1e-10  # m, and rad of the orientation
 LEVEL = 1e-9  # m: how far a place may lie off the plane of a planar arm

@@ -15,6 +15,7 @@ import numpy as np
 
 from robot_energy.blocks import Float
 from robot_energy.errors import MotionError
+from robot_energy.motion.planned import SampledMotion
 from robot_energy.motion.ptp import Trajectory
 
 MOST_POINTS = 1_000_000
@@ -80,6 +81,8 @@ class JointTrajectory:
                 f"{time[row]:.9g} s",
                 "times that rise from point to point",
             )
+        from scipy.interpolate import PPoly
+
         self.instants: Float = time - time[0]
         self.duration = float(self.instants[-1])
         self.notes: tuple[str, ...] = ()
@@ -90,14 +93,19 @@ class JointTrajectory:
                 f"{name} gives positions only: a smooth motion from rest to rest through its "
                 "points is assumed",
             )
-        self._coefficients = _polynomials(
+        coefficients = _polynomials(
             np.diff(self.instants), joint_position, joint_velocity, joint_acceleration
         )
+        self._motion = PPoly(coefficients[::-1], self.instants)
 
     def _spline_velocity(self, position: Float) -> Float:
         from scipy.interpolate import CubicSpline
 
         return np.asarray(CubicSpline(self.instants, position, bc_type="clamped")(self.instants, 1))
+
+    def planned(self) -> SampledMotion:
+        """Return the motion for a prediction, sampled at equal steps and at every point."""
+        return SampledMotion(self, self.joint_names, self.duration, instants=self.instants.tolist())
 
     def sample(self, time: Float) -> Trajectory:
         """Evaluate the motion; it stays at its ends outside.
@@ -106,18 +114,7 @@ class JointTrajectory:
             time: Since the first point, shape (N,). [s]
         """
         inside = np.clip(time, 0.0, self.duration)
-        piece = np.searchsorted(self.instants, inside, side="right") - 1
-        piece = np.minimum(piece, len(self.instants) - 2)
-        local = (inside - self.instants[piece])[:, None]
-        c = self._coefficients[:, piece]
-        result: list[Float] = []
-        for order in range(3):
-            value = np.zeros_like(c[0])
-            for power in range(5, order - 1, -1):
-                factor = float(np.prod(range(power - order + 1, power + 1)))
-                value = value * local + factor * c[power]
-            result.append(value)
-        return Trajectory(*result)
+        return Trajectory(*(np.asarray(self._motion(inside, order)) for order in range(3)))
 
 
 def read_points(message: Any, name: str) -> JointTrajectory:

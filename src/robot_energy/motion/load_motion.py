@@ -11,17 +11,18 @@ import numpy as np
 from robot_energy.blocks import Float
 from robot_energy.errors import MotionError, RobotDescriptionError
 from robot_energy.motion.gcode import RAPID_SPEED, load_gcode
-from robot_energy.motion.inverse import InverseKinematics
+from robot_energy.motion.inverse_kinematics import InverseKinematics
 from robot_energy.motion.planned import PlannedMotion, SampledMotion
-from robot_energy.motion.program_file import program_for, read_program
-from robot_energy.motion.tool_motion import STEP, Placement, ToolMotion
+from robot_energy.motion.ptp_file import program_for, read_program
+from robot_energy.motion.tool_motion import STEP, ToolMotion, ToolPlacement
 from robot_energy.motion.tool_timing import TimedPath, ToolLimits
-from robot_energy.motion.trajectory_file import read_bag_trajectory, read_csv_trajectory
-from robot_energy.robot import Robot
+from robot_energy.motion.trajectory_reader import read_bag_trajectory, read_csv_trajectory
+from robot_energy.physics.rigid_body import Robot
 
 GCODE = (".gcode", ".gco", ".g", ".nc", ".ngc", ".cnc", ".tap")
 YAML = (".yaml", ".yml")
 BAG = (".mcap", ".db3", ".zstd")
+LARGEST_FIGURE = 1e6  # of numbers in lists, whatever their unit
 BENT = 0.6  # rad: a joint that would start in the middle of its range, stretched, starts bent
 TOOL_DOWN = np.diag([1.0, -1.0, -1.0])  # z of the tool points down, its x forward
 
@@ -41,7 +42,7 @@ class ToolOptions:
     """
 
     link: str = "tool0"
-    placement: Placement = field(default_factory=Placement)
+    placement: ToolPlacement = field(default_factory=ToolPlacement)
     start: Float | None = None
     limits: ToolLimits = field(default_factory=ToolLimits)
     rapid_speed: float = RAPID_SPEED
@@ -106,10 +107,7 @@ def load_motion(
         return LoadedMotion(motion, str(path), loaded.repeat, loaded.notes)
     if suffix == ".csv" or suffix in BAG or file.is_dir():
         found = read_csv_trajectory(file) if suffix == ".csv" else read_bag_trajectory(file, topic)
-        motion = SampledMotion(
-            found, found.joint_names, found.duration, instants=found.instants.tolist()
-        )
-        return LoadedMotion(motion, str(path), notes=found.notes)
+        return LoadedMotion(found.planned(), str(path), notes=found.notes)
     raise MotionError(
         f"'{path}' is no program of a known kind",
         f"G-code ({', '.join(GCODE)}), moves ({', '.join(YAML)}), a bag or .csv with a "
@@ -194,7 +192,7 @@ def joint_list(text: str, what: str, counts: Sequence[int]) -> Float:
         values = np.array([float(part) for part in text.split(",")])
     except ValueError as error:
         raise MotionError(f"{what} is '{text}'", "numbers divided by commas") from error
-    if not np.isfinite(values).all() or (counts and len(values) not in counts):
+    if not (np.abs(values) <= LARGEST_FIGURE).all() or (counts and len(values) not in counts):
         number = " or ".join(map(str, counts)) or "any number of"
         raise MotionError(f"{what} is '{text}'", f"{number} finite numbers divided by commas")
     return values

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from robot_energy.blocks import Float
 from robot_energy.errors import MotionError
-from robot_energy.robot import Robot
+from robot_energy.physics.rigid_body import Robot
 
 Complex = NDArray[np.complexfloating]
 

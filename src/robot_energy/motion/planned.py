@@ -31,6 +31,11 @@ class PlannedMotion(Protocol):
         """From start to end. [s]"""
         ...
 
+    @property
+    def sample_count(self) -> int:
+        """Number of samples that ``blocks`` gives, or a few more."""
+        ...
+
     def blocks(self) -> Iterator[tuple[Float, Trajectory]]:
         """Go through the motion once, from time 0 to its end.
 
@@ -40,7 +45,7 @@ class PlannedMotion(Protocol):
         ...
 
 
-class Samples(Protocol):
+class PlannedSamples(Protocol):
     """A motion that can be evaluated at any time."""
 
     def sample(self, time: Float) -> Trajectory:
@@ -68,7 +73,7 @@ class SampledMotion:
 
     def __init__(
         self,
-        motion: Samples,
+        motion: PlannedSamples,
         joint_names: Sequence[str],
         duration: float,
         step: float = 5e-3,
@@ -83,6 +88,11 @@ class SampledMotion:
         self.duration = duration
         self._count = max(1, math.ceil(duration / step - 1e-9))
         self._instants = np.asarray(instants, dtype=np.float64)
+
+    @property
+    def sample_count(self) -> int:
+        """See `PlannedMotion.sample_count`."""
+        return self._count + 1 + len(self._instants)
 
     def blocks(self) -> Iterator[tuple[Float, Trajectory]]:
         """See `PlannedMotion.blocks`."""
@@ -110,6 +120,8 @@ def repeated(motion: PlannedMotion, times: int) -> Iterator[tuple[Float, Traject
         MotionError: If it is to be repeated but does not end where it begins.
     """
     first = last = np.empty(0)
+    held: list[tuple[Float, Trajectory]] = []  # short turns are handed out together
+    count = 0
     for turn in range(times):
         for index, (time, path) in enumerate(motion.blocks()):
             again = turn > 0 and index == 0  # the sample that ended the last turn
@@ -120,14 +132,29 @@ def repeated(motion: PlannedMotion, times: int) -> Iterator[tuple[Float, Traject
             rows = slice(1 if again else 0, None)
             last = path.joint_position[-1]
             if len(time[rows]):
-                yield (
-                    time[rows] + turn * motion.duration,
-                    Trajectory(
-                        path.joint_position[rows],
-                        path.joint_velocity[rows],
-                        path.joint_acceleration[rows],
-                    ),
+                part = Trajectory(
+                    path.joint_position[rows],
+                    path.joint_velocity[rows],
+                    path.joint_acceleration[rows],
                 )
+                held.append((time[rows] + turn * motion.duration, part))
+                count += len(time[rows])
+            if count >= BLOCK:
+                yield _joined(held)
+                held, count = [], 0
+    if held:
+        yield _joined(held)
+
+
+def _joined(parts: Sequence[tuple[Float, Trajectory]]) -> tuple[Float, Trajectory]:
+    if len(parts) == 1:
+        return parts[0]
+    paths = [path for _, path in parts]
+    return np.concatenate([time for time, _ in parts]), Trajectory(
+        np.concatenate([path.joint_position for path in paths]),
+        np.concatenate([path.joint_velocity for path in paths]),
+        np.concatenate([path.joint_acceleration for path in paths]),
+    )
 
 
 def _check_closed(first: Float, last: Float, names: Sequence[str]) -> None:

@@ -17,7 +17,7 @@ import numpy as np
 
 from robot_energy.blocks import Float, Int
 from robot_energy.errors import MotionError
-from robot_energy.robot import Robot
+from robot_energy.physics.rigid_body import Robot
 
 DEFAULT_JERK_TIME = 0.05  # s
 LIMIT_TOLERANCE = 1e-9  # rad

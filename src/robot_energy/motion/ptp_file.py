@@ -5,20 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal, cast
+from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
 from robot_energy.blocks import Float
+from robot_energy.config_file import load
 from robot_energy.errors import MotionError
-from robot_energy.model_file import parse_yaml
-from robot_energy.model_file.figure import Entry, Number
-from robot_energy.motion.program import Program
+from robot_energy.model.figure import ModelEntry, Number
 from robot_energy.motion.ptp import DEFAULT_JERK_TIME, MotionLimits
-from robot_energy.urdf import JointLimits
+from robot_energy.motion.ptp_loop import Program
+from robot_energy.physics.urdf.checks import JointLimits
 
-MAX_BYTES = 4 * 1024 * 1024
 MOST_VIAS = 10_000
 RAMP = 0.5  # s to full speed, where nobody gave an acceleration
 DEGREE = np.pi / 180.0  # rad
@@ -27,7 +26,7 @@ Time = Annotated[Number, Field(ge=0, le=86_400)]
 Name = Annotated[str, Field(min_length=1)]
 
 
-class ProgramFile(Entry):
+class ProgramFile(ModelEntry):
     """A loop of synchronised point-to-point moves.
 
     The robot rests at each configuration for its dwell time and moves on to the next one,
@@ -101,28 +100,7 @@ def read_program(path: str | Path) -> ProgramFile:
     Raises:
         MotionError: Naming the bad key, what was found and what was expected.
     """
-    try:
-        if Path(path).stat().st_size > MAX_BYTES:
-            raise MotionError(f"{path} is larger than {MAX_BYTES} bytes", "a program file")
-        text = Path(path).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        why = error.strerror if isinstance(error, OSError) else "not UTF-8"
-        raise MotionError(f"{path} cannot be read ({why})", "a YAML file") from error
-    data: Any = parse_yaml(text, str(path), MotionError)
-    if not isinstance(data, dict):
-        raise MotionError(
-            f"{path} holds {type(cast('object', data)).__name__}",
-            "a mapping with schema_version, motion, angle_unit and via",
-        )
-    try:
-        return ProgramFile.model_validate(data)
-    except ValidationError as error:
-        first = error.errors()[0]
-        key = ".".join(str(part) for part in first["loc"]) or "the file"
-        found = str(first["input"])
-        shown = found if len(found) <= 60 else type(first["input"]).__name__
-        why = first["msg"].removeprefix("Value error, ")
-        raise MotionError(f"{path}: {key} is {shown}", why[:1].lower() + why[1:]) from error
+    return load(path, ProgramFile, MotionError, "program file", "see src/examples/programs")
 
 
 def program_for(file: ProgramFile, limits: JointLimits, name: str = "the program") -> LoadedProgram:

@@ -9,7 +9,7 @@ import numpy as np
 from robot_energy.blocks import Float
 from robot_energy.errors import MotionError
 from robot_energy.motion.ptp import MotionLimits, Profile, Trajectory
-from robot_energy.robot import Robot
+from robot_energy.physics.rigid_body import Robot
 
 MAX_TRIES = 10_000
 CHECKED_POINTS = 9  # along each move of a random program

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.blocks import Float, Int
-from robot_energy.motion.tool_path import Arc, Dwell, Line, Segment, ToolPath
+from robot_energy.motion.tool_path import Arc, Dwell, LineSegment, Segment, ToolPath
 
 TANGENT = 1e-6  # rad: a smaller corner is rounding
 NEARLY_TANGENT = 0.02  # rad: up to here an unrounded corner is passed, slowly enough
@@ -32,7 +32,7 @@ ALONG_SHARE = 0.6
 
 
 @dataclass(frozen=True)
-class Pieces:
+class PathPieces:
     """Pieces of a path in order, shape (K,) or (K, 3).
 
     Attributes:
@@ -96,7 +96,7 @@ class _Piece:
     entry: float  # greatest speed at its beginning
 
 
-def pieces_of(path: ToolPath, acceleration: float, tolerance: float) -> Pieces:
+def pieces_of(path: ToolPath, acceleration: float, tolerance: float) -> PathPieces:
     """Round the corners of a path.
 
     Args:
@@ -133,21 +133,23 @@ class _Maker:
         taken, radius, passing = 0.0, 0.0, 0.0
         if following is not None and not isinstance(following, Dwell):
             taken, radius, passing = self._corner(segment, following)
-        if isinstance(segment, Line):
+        if isinstance(segment, LineSegment):
             self._line(segment, taken)
         else:
             self._arc(segment)
         self._entry, self._cut = passing, taken
-        if radius > 0 and isinstance(segment, Line) and isinstance(following, Line):
+        if radius > 0 and isinstance(segment, LineSegment) and isinstance(following, LineSegment):
             self._round(segment, following, taken, radius)
 
-    def _corner(self, before: Line | Arc, after: Line | Arc) -> tuple[float, float, float]:
+    def _corner(
+        self, before: LineSegment | Arc, after: LineSegment | Arc
+    ) -> tuple[float, float, float]:
         """Way taken from both lines, radius, and the greatest speed in between."""
         turn = _angle(_direction(before, True), _direction(after, False))
         speed = min(before.speed, after.speed)
         if turn <= TANGENT:
             return 0.0, 0.0, speed
-        lines = isinstance(before, Line) and isinstance(after, Line)
+        lines = isinstance(before, LineSegment) and isinstance(after, LineSegment)
         if lines and turn < REVERSAL and self._tolerance > 0:
             half = math.tan(0.5 * turn)
             sagitta = 2.0 * math.sin(0.25 * turn) ** 2 / math.cos(0.5 * turn)
@@ -161,7 +163,7 @@ class _Maker:
             return 0.0, 0.0, min(speed, VELOCITY_STEP / (2.0 * math.sin(0.5 * turn)))
         return 0.0, 0.0, 0.0
 
-    def _line(self, line: Line, taken: float) -> None:
+    def _line(self, line: LineSegment, taken: float) -> None:
         length = line.length - self._cut - taken
         direction = _direction(line, False)
         if length > TANGENT * line.length:
@@ -191,7 +193,7 @@ class _Maker:
             )  # fmt: skip
             self._entry = arc.speed
 
-    def _round(self, before: Line, after: Line, taken: float, radius: float) -> None:
+    def _round(self, before: LineSegment, after: LineSegment, taken: float, radius: float) -> None:
         one, two = _direction(before, False), _direction(after, False)
         turn = _angle(one, two)
         begin = _along(before.end, one, -taken)
@@ -237,11 +239,11 @@ class _Maker:
         )  # fmt: skip
 
 
-def _stack(pieces: Sequence[_Piece]) -> Pieces:
+def _stack(pieces: Sequence[_Piece]) -> PathPieces:
     def column(name: str) -> Float:
         return np.array([getattr(piece, name) for piece in pieces], dtype=np.float64)
 
-    return Pieces(
+    return PathPieces(
         length=column("length"),
         origin=column("origin"),
         radius=column("radius"),
@@ -260,9 +262,9 @@ def _stack(pieces: Sequence[_Piece]) -> Pieces:
     )
 
 
-def _direction(segment: Line | Arc, at_end: bool) -> Vector:
+def _direction(segment: LineSegment | Arc, at_end: bool) -> Vector:
     """Unit tangent at the beginning or the end."""
-    if isinstance(segment, Line):
+    if isinstance(segment, LineSegment):
         length = segment.length
         one, two = segment.start, segment.end
         return (

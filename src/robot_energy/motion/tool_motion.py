@@ -22,7 +22,7 @@ from robot_energy.blocks import Float
 from robot_energy.errors import MotionError
 from robot_energy.motion.ptp import Trajectory
 from robot_energy.motion.tool_timing import TimedPath
-from robot_energy.urdf import JointLimits
+from robot_energy.physics.urdf.checks import JointLimits
 
 DEGREE = 5
 STEP = 0.01  # s; see decision 0038 for what a shorter one changes
@@ -30,6 +30,7 @@ MARGIN = 40  # knots: 0.43^40 = 2e-15
 BLOCK = 4096  # knots
 MOST_KNOTS = 20_000_000
 TOLERANCE = 1e-6  # rad or m, by which a limit of position may be exceeded: rounding
+FARTHEST = 1000.0  # m, of the base from the origin of the program
 LARGEST_JUMP = 0.5  # rad or m between two knots
 
 
@@ -50,7 +51,7 @@ class ToolKinematics(Protocol):
 
 
 @dataclass(frozen=True)
-class Placement:
+class ToolPlacement:
     """Where the robot's base stands in the frame of the program.
 
     Attributes:
@@ -66,8 +67,10 @@ class Placement:
     yaw: float = 0.0
 
     def __post_init__(self) -> None:
-        if not all(map(math.isfinite, (self.x, self.y, self.z, self.yaw))):
-            raise MotionError(f"the base stands at {self}", "finite numbers")
+        if not all(abs(value) <= FARTHEST for value in (self.x, self.y, self.z, self.yaw)):
+            raise MotionError(
+                f"the base stands at {self}", f"finite numbers within {FARTHEST:g} m and rad"
+            )
 
     def in_base(self, position: Float) -> Float:
         """Return positions of the program's frame in the base frame.
@@ -108,7 +111,7 @@ class ToolMotion:
         kinematics: ToolKinematics,
         start: Float,
         limits: JointLimits,
-        placement: Placement | None = None,
+        placement: ToolPlacement | None = None,
         step: float = STEP,
         anchored: bool = False,
     ) -> None:
@@ -126,7 +129,7 @@ class ToolMotion:
         self._start = np.asarray(start, dtype=np.float64)
         self._anchored = anchored
         self._limits = limits
-        self._placement = placement or Placement()
+        self._placement = placement or ToolPlacement()
         self._count = max(2 * DEGREE, math.ceil(path.duration / step - 1e-9)) + 1
         self._step = path.duration / (self._count - 1)
         self.duration = path.duration
@@ -135,6 +138,11 @@ class ToolMotion:
     def joint_names(self) -> tuple[str, ...]:
         """Names of the joints, in the order of the arrays."""
         return self._limits.joint_names
+
+    @property
+    def sample_count(self) -> int:
+        """Number of samples that ``blocks`` gives."""
+        return self._count
 
     def blocks(self) -> Iterator[tuple[Float, Trajectory]]:
         """Go through the motion once.

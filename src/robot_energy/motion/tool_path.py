@@ -18,7 +18,7 @@ CLOSED = 1e-9  # m: ends that are nearer than this are the same point
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
+class LineSegment:
     """A straight move.
 
     Attributes:
@@ -89,7 +89,7 @@ class Dwell:
     source_line: int = 0
 
 
-Segment = Line | Arc | Dwell
+Segment = LineSegment | Arc | Dwell
 
 
 @dataclass(frozen=True)

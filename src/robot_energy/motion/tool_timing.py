@@ -10,19 +10,20 @@ is ever exceeded because an average never is, and the tool leaves the path by at
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from robot_energy.blocks import Float, Int
 from robot_energy.errors import MotionError
-from robot_energy.motion.tool_corners import Pieces, pieces_of
+from robot_energy.motion.tool_corners import PathPieces, pieces_of
 from robot_energy.motion.tool_path import Dwell, ToolPath
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(6)
 ROWS = 65_536  # phases integrated at once
 LONGEST_SMOOTHING = 1.0  # s
+MIN_ACCELERATION, MAX_ACCELERATION = 1e-6, 1e4  # m/s^2, of a tool
+MAX_TOLERANCE = 10.0  # m, of a corner
 REST = 1e-12  # s
 
 
@@ -46,10 +47,15 @@ class ToolLimits:
     smoothing: float = 0.02
 
     def __post_init__(self) -> None:
-        if not 0 < self.acceleration < math.inf:
-            raise MotionError(f"the tool's acceleration is {self.acceleration} m/s^2", "above 0")
-        if not 0 <= self.corner_tolerance < math.inf:
-            raise MotionError(f"the corner tolerance is {self.corner_tolerance} m", "0 or more")
+        if not MIN_ACCELERATION <= self.acceleration <= MAX_ACCELERATION:
+            raise MotionError(
+                f"the tool's acceleration is {self.acceleration} m/s^2",
+                f"{MIN_ACCELERATION:g} to {MAX_ACCELERATION:g} m/s^2",
+            )
+        if not 0 <= self.corner_tolerance <= MAX_TOLERANCE:
+            raise MotionError(
+                f"the corner tolerance is {self.corner_tolerance} m", f"0 to {MAX_TOLERANCE:g} m"
+            )
         if not 0 <= self.smoothing <= LONGEST_SMOOTHING:
             raise MotionError(f"smoothing is {self.smoothing} s", f"0 to {LONGEST_SMOOTHING:g} s")
         if 0 < self.corner_tolerance <= self.averaging_deviation:
@@ -249,7 +255,7 @@ class TimedPath:
         return self._pieces.source_line[self._piece[phase]]
 
 
-def _junction_speeds(pieces: Pieces) -> Float:
+def _junction_speeds(pieces: PathPieces) -> Float:
     """Greatest speed at the beginning of every piece that both sides allow, shape (K + 1,)."""
     speed = pieces.speed
     limit = np.minimum(

@@ -14,6 +14,7 @@ from rosbags.typesys.store import Typestore
 from robot_energy.bag import BagReader
 from robot_energy.blocks import Float
 from robot_energy.errors import MissingTopicError, MotionError
+from robot_energy.files.regular_file import read_regular_text, why_unreadable
 from robot_energy.motion.joint_trajectory import MOST_POINTS, JointTrajectory, read_points
 
 MESSAGE = "trajectory_msgs/msg/JointTrajectory"
@@ -81,7 +82,7 @@ def decode_trajectory(store: Typestore, data: bytes, name: str) -> Any:
         raise MotionError(f"{name} has over {MAX_BYTES} bytes", "a shorter motion")
     try:
         return store.deserialize_cdr(data, MESSAGE)
-    except (SerdeError, ValueError, IndexError, AssertionError, struct.error) as error:
+    except (SerdeError, ValueError, LookupError, AssertionError, struct.error) as error:
         raise MotionError(f"{name} cannot be decoded", f"a {MESSAGE}") from error
 
 
@@ -97,13 +98,12 @@ def read_csv_trajectory(path: str | Path) -> JointTrajectory:
     Raises:
         MotionError: If it cannot be read or columns are missing.
     """
-    file = Path(path)
     try:
-        if file.stat().st_size > MAX_BYTES:
-            raise MotionError(f"{path} has over {MAX_BYTES} bytes", "a shorter motion")
-        lines = file.read_text(encoding="utf-8").splitlines()
+        lines = read_regular_text(path, MAX_BYTES).splitlines()
     except (OSError, UnicodeDecodeError) as error:
-        raise MotionError(f"{path} cannot be read", "a CSV file") from error
+        raise MotionError(
+            f"{path} cannot be read ({why_unreadable(error)})", "a CSV file"
+        ) from error
     header = [name.strip() for name in lines[0].split(",")] if lines else []
     joints = [name.removeprefix("position_") for name in header if name.startswith("position_")]
     expected = {"time", *(f"{kind}_{joint}" for kind in KINDS for joint in joints)}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +12,10 @@ import numpy as np
 from robot_energy.bag import BagWriter
 from robot_energy.blocks import Float
 from robot_energy.errors import MotionError
+from robot_energy.files.output_files import FileKind, write_file
 from robot_energy.motion import FourierMotion, Trajectory
 
+CHANNELS = ("position", "velocity", "acceleration")
 TOPIC = "/joint_trajectory"
 MESSAGE = "trajectory_msgs/msg/JointTrajectory"
 ORIGIN = "computed motion; nothing in it was measured on a robot"
@@ -57,6 +60,15 @@ def points(motion: FourierMotion, rate: float, loops: int = 1) -> tuple[Float, T
     return time, motion.sample(time)
 
 
+def csv_kind(joint_names: Sequence[str]) -> tuple[FileKind, ...]:
+    """What a CSV file of these joints begins with: a table for controllers bears no mark."""
+    return (FileKind("the trajectory of these joints", f"{_header(joint_names)}\n".encode(), b""),)
+
+
+def _header(joint_names: Sequence[str]) -> str:
+    return ",".join(["time", *(f"{kind}_{name}" for kind in CHANNELS for name in joint_names)])
+
+
 def write_csv(path: Path, joint_names: Sequence[str], time: Float, path_points: Trajectory) -> None:
     """Write times, positions, velocities and accelerations, one row per point.
 
@@ -66,14 +78,16 @@ def write_csv(path: Path, joint_names: Sequence[str], time: Float, path_points: 
         time: Shape (N,). [s]
         path_points: The motion at these times, joint side.
     """
-    channels = {
-        "position": path_points.joint_position,
-        "velocity": path_points.joint_velocity,
-        "acceleration": path_points.joint_acceleration,
-    }
-    header = ["time", *(f"{kind}_{name}" for kind in channels for name in joint_names)]
-    rows = np.column_stack([time, *channels.values()])
-    np.savetxt(path, rows, fmt="%.9g", delimiter=",", header=",".join(header), comments="")
+    channels = (
+        path_points.joint_position,
+        path_points.joint_velocity,
+        path_points.joint_acceleration,
+    )
+    header = _header(joint_names)
+    rows = np.column_stack([time, *channels])
+    text = StringIO()
+    np.savetxt(text, rows, fmt="%.9g", delimiter=",", header=header, comments="")
+    write_file(path, text.getvalue().encode(), csv_kind(joint_names), "the trajectory")
 
 
 def write_trajectory(
@@ -95,7 +109,7 @@ def write_trajectory(
     Raises:
         BagError: If the bag cannot be written.
     """
-    from robot_energy.wire.types import typestore
+    from robot_energy.cdr.types import typestore
 
     store = typestore()
     kinds = store.types

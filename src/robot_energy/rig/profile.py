@@ -12,12 +12,12 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from robot_energy.blocks import Float
-from robot_energy.drivetrain import Drivetrain
 from robot_energy.errors import RigError
-from robot_energy.model_file import load
+from robot_energy.model import load
 from robot_energy.motion import MotionLimits
+from robot_energy.physics.drivetrain import Drivetrain
+from robot_energy.physics.rigid_body import Robot
 from robot_energy.rig.lubricant import VG150_MINERAL, VG220_SYNTHETIC, Lubricant
-from robot_energy.robot import Robot
 
 
 @dataclass(frozen=True)

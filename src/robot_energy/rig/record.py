@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from robot_energy.bag import SENSOR_QOS, BagWriter
 from robot_energy.blocks import NANOSECOND, Float, Int, MeterBlock, TemperatureBlock
+from robot_energy.cdr import Encoder, stamp_columns
 from robot_energy.errors import RigError
 from robot_energy.rig.output import RigJoints, RigOutput
 from robot_energy.rig.virtual_rig import VirtualRig
-from robot_energy.wire import Encoder, stamp_columns
 
 JOINT_STATES = "/joint_states"
 MOTOR_TEMPERATURES = "/motor_temperatures"
@@ -31,7 +31,7 @@ METER_DELAY_NS = 20_000_000
 
 
 @dataclass(frozen=True)
-class Recording:
+class RigRecording:
     """What was written.
 
     Attributes:
@@ -179,7 +179,7 @@ def record(
     compression: Literal["zstd", "none"] = "zstd",
     overwrite: bool = False,
     drive_power: bool = False,
-) -> Recording:
+) -> RigRecording:
     """Run a rig and write its topics to a bag.
 
     ``/joint_states`` (sensor_msgs/JointState, effort = motor torque),
@@ -230,7 +230,7 @@ def record(
             queue.write(bag, int(output.truth.stamp_ns[-1]))
             output = next(pieces, None)
         queue.write(bag, None)
-    return Recording(
+    return RigRecording(
         Path(path),
         counts,
         energy,

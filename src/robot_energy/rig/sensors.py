@@ -18,7 +18,7 @@ from robot_energy.blocks import (
     MeterMeaning,
     TemperatureBlock,
 )
-from robot_energy.drivetrain import Drivetrain
+from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.rig.config import RigConfig
 
 TURN = 2.0 * np.pi  # rad

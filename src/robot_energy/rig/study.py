@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from robot_energy.errors import RigError
-from robot_energy.model_file import RobotModel
+from robot_energy.model import RobotModel
 from robot_energy.motion import Program
 from robot_energy.pipeline import EnergyPipeline
 from robot_energy.rig.config import RigConfig
@@ -16,7 +16,7 @@ from robot_energy.rig.virtual_rig import VirtualRig
 
 
 @dataclass(frozen=True)
-class StudyRow:
+class RigStudyRow:
     """One start temperature.
 
     Attributes:
@@ -44,7 +44,7 @@ def temperature_study(
     config: RigConfig | None = None,
     seed: int = 0,
     ambient_degc: float = 20.0,
-) -> list[StudyRow]:
+) -> list[RigStudyRow]:
     """Run the rig from several temperatures and compare models with its meter.
 
     Args:
@@ -63,7 +63,7 @@ def temperature_study(
     Raises:
         RigError: If a run is too short to compare.
     """
-    rows: list[StudyRow] = []
+    rows: list[RigStudyRow] = []
     for index, degc in enumerate(start_temperature_degc):
         rig = VirtualRig(profile, program, config, seed + index, degc, ambient_degc)
         pipelines = {name: EnergyPipeline(model) for name, model in models.items()}
@@ -74,7 +74,7 @@ def temperature_study(
             samples += len(power)
             for pipeline in pipelines.values():
                 pipeline.step(output.joints.joint_block(), output.temperatures, output.meter)
-        row = StudyRow(degc, energy / max(samples, 1), peak, 0.0, {})
+        row = RigStudyRow(degc, energy / max(samples, 1), peak, 0.0, {})
         for name, pipeline in pipelines.items():
             pipeline.flush()
             books = pipeline.ledger.comparison

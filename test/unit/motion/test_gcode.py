@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from robot_energy.errors import MotionError
 from robot_energy.motion.gcode import load_gcode, read_gcode
 from robot_energy.motion.gcode_words import words_of
-from robot_energy.motion.tool_path import Arc, Dwell, Line, ToolPath
+from robot_energy.motion.tool_path import Arc, Dwell, LineSegment, ToolPath
 
 HEAD = "G21 G90\nG0 X0 Y0 Z0\n"
 
@@ -22,7 +22,7 @@ def moves(text):
 def test_lines_feeds_and_rapids():
     """F 7500 mm/min is 125 mm/s (paper B, 5.2.2); G0 runs at the assumed 0.25 m/s."""
     first, second, third = moves(HEAD + "G1 X1200 F7500\nY300 ; modal\nG0 X0 (back)\n")
-    assert first == Line((0, 0, 0), (1.2, 0, 0), 0.125, 3)
+    assert first == LineSegment((0, 0, 0), (1.2, 0, 0), 0.125, 3)
     assert (second.end, second.speed, second.rapid) == ((1.2, 0.3, 0.0), 0.125, False)
     assert (third.end, third.speed, third.rapid) == ((0.0, 0.3, 0.0), 0.25, True)
 
@@ -176,7 +176,11 @@ def test_files_that_are_none(tmp_path):
 
 
 def test_a_path_with_a_hole_is_refused():
-    lines = [Line((0, 0, 0), (1, 0, 0), 0.1), Dwell(1.0), Line((1, 0, 0.1), (2, 0, 0), 0.1, 7)]
+    lines = [
+        LineSegment((0, 0, 0), (1, 0, 0), 0.1),
+        Dwell(1.0),
+        LineSegment((1, 0, 0.1), (2, 0, 0), 0.1, 7),
+    ]
     with pytest.raises(MotionError, match="line 7: the move begins at"):
         ToolPath(lines)
 

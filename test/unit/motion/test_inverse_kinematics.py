@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robot_energy.errors import MotionError
-from robot_energy.model_file import load
+from robot_energy.model import load
 from robot_energy.motion import InverseKinematics
-from robot_energy.robot import Robot
+from robot_energy.physics.rigid_body import Robot
 
 MANTIS = Robot.from_model(load("mantis"))
 GANTRY = Robot.from_model(load("testbed"))

@@ -7,15 +7,15 @@ import pytest
 import yaml
 
 from robot_energy.errors import BagError, MissingTopicError, MotionError
-from robot_energy.identify.trajectory_files import points, write_csv, write_trajectory
 from robot_energy.motion import FourierBasis, FourierMotion, PointToPoint
 from robot_energy.motion.joint_trajectory import JointTrajectory
+from robot_energy.motion.load_motion import joint_list, load_motion
 from robot_energy.motion.planned import BLOCK, SampledMotion, repeated
-from robot_energy.motion.program_file import program_for, read_program
-from robot_energy.motion.programs import joint_list, load_motion
 from robot_energy.motion.ptp import MotionLimits
-from robot_energy.motion.trajectory_file import read_bag_trajectory, read_csv_trajectory
-from robot_energy.robot import Robot
+from robot_energy.motion.ptp_file import program_for, read_program
+from robot_energy.motion.trajectory_reader import read_bag_trajectory, read_csv_trajectory
+from robot_energy.motion.trajectory_writer import points, write_csv, write_trajectory
+from robot_energy.physics.rigid_body import Robot
 from robots import two_link
 
 PROGRAM = {
@@ -73,20 +73,20 @@ def test_what_nobody_said_of_acceleration_is_told(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "text"),
     [
-        ({"schema_version": 2}, "schema_version is 2"),
-        ({"motion": "circle"}, "motion is circle"),
-        ({"angle_unit": "gon"}, "angle_unit is gon"),
-        ({"via": []}, "via is"),
+        ({"schema_version": 2}, "'schema_version' is 2"),
+        ({"motion": "circle"}, "'motion' is 'circle'"),
+        ({"angle_unit": "gon"}, "'angle_unit' is 'gon'"),
+        ({"via": []}, "'via' is a list; expected at least 1"),
         ({"via": [{"shoulder": 0, "elbow": 1}, {"shoulder": 0}]}, "differ in 'elbow'"),
         ({"via": [{"shoulder": True, "elbow": 1}]}, "expected a number"),
         ({"via": [{"shoulder": ".inf", "elbow": 1}]}, "via"),
         ({"dwell": [1, 2, 3]}, "3 dwell times for 2 configurations"),
         ({"dwell": -1}, "dwell"),
-        ({"override": 1.5}, "override is 1.5"),
+        ({"override": 1.5}, "'override' is 1.5"),
         ({"acceleration": {"shoulder": 1}}, "same joints"),
-        ({"repeat": 0}, "repeat is 0"),
-        ({"repeat": 2.5}, "repeat is 2.5"),
-        ({"speed": 3}, "speed is 3"),
+        ({"repeat": 0}, "'repeat' is 0"),
+        ({"repeat": 2.5}, "'repeat' is 2.5; expected a whole number"),
+        ({"speed": 3}, "key 'speed' is unknown"),
     ],
 )
 def test_wrong_program_files_are_refused_by_key(tmp_path, changes, text):
@@ -97,7 +97,7 @@ def test_wrong_program_files_are_refused_by_key(tmp_path, changes, text):
 def test_files_that_are_no_program(tmp_path):
     path = tmp_path / "list.yaml"
     path.write_text("- 1\n")
-    with pytest.raises(MotionError, match="holds list"):
+    with pytest.raises(MotionError, match="is a list"):
         read_program(path)
     with pytest.raises(MotionError, match="cannot be read"):
         read_program(tmp_path / "none.yaml")

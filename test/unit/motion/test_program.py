@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from robot_energy.errors import MotionError
-from robot_energy.model_file import load
+from robot_energy.model import load
 from robot_energy.motion import MotionLimits, PointToPoint, Program, random_program, tool_above
-from robot_energy.robot import Robot
+from robot_energy.physics.rigid_body import Robot
 
 LIMITS = MotionLimits(
     np.array([-3.0, -2.0]), np.array([3.0, 2.0]), np.array([2.0, 1.0]), np.array([8.0, 5.0])

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 from robot_energy.errors import MotionError
-from robot_energy.model_file import load
+from robot_energy.model import load
 from robot_energy.motion import tool_motion
 from robot_energy.motion.gcode import read_gcode
-from robot_energy.motion.programs import ToolOptions, load_motion
-from robot_energy.motion.tool_motion import Placement, ToolMotion
-from robot_energy.motion.tool_path import Line, ToolPath
+from robot_energy.motion.load_motion import ToolOptions, load_motion
+from robot_energy.motion.tool_motion import ToolMotion, ToolPlacement
+from robot_energy.motion.tool_path import LineSegment, ToolPath
 from robot_energy.motion.tool_timing import TimedPath, ToolLimits
-from robot_energy.motion.wall import Wall
-from robot_energy.robot import Robot
-from robot_energy.urdf import JointLimits
+from robot_energy.physics.rigid_body import Robot
+from robot_energy.physics.urdf.checks import JointLimits
+from robot_energy_papers.wall import Wall
 
 L1, L2 = 0.6, 0.5  # m
 
@@ -113,7 +113,7 @@ def test_blocks_do_not_show(monkeypatch):
 
 def test_the_base_is_placed_and_turned():
     """A base at (1, 0) turned by 90 degrees sees (1, 2) of the program at (2, 0)."""
-    seen = Placement(1.0, 0.0, 0.5, math.pi / 2).in_base(np.array([[1.0, 2.0, 0.75]]))
+    seen = ToolPlacement(1.0, 0.0, 0.5, math.pi / 2).in_base(np.array([[1.0, 2.0, 0.75]]))
     np.testing.assert_allclose(seen, [[2.0, 0.0, 0.25]], atol=1e-15)
 
 
@@ -150,7 +150,7 @@ def test_a_jump_between_solutions_is_refused():
             joints[len(joints) // 2 :, 1] *= -1
             return joints
 
-    path = TimedPath(ToolPath([Line((0.5, 0, 0), (0.7, 0, 0), 0.1, 12)]))
+    path = TimedPath(ToolPath([LineSegment((0.5, 0, 0), (0.7, 0, 0), 0.1, 12)]))
     planned = ToolMotion(path, Jumps(), np.zeros(2), limits())
     with pytest.raises(MotionError, match=r"line 12: joint 'elbow' jumps by"):
         together(planned)
@@ -164,9 +164,9 @@ def test_too_many_steps_are_refused():
 
 
 BASES = {
-    "mantis": Placement(-1.2, -0.2, 0.0),
-    "testbed": Placement(),
-    "irb4600": Placement(-1.0, 0.15, 0.0),
+    "mantis": ToolPlacement(-1.2, -0.2, 0.0),
+    "testbed": ToolPlacement(),
+    "irb4600": ToolPlacement(-1.0, 0.15, 0.0),
 }
 
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from robot_energy.errors import MotionError
 from robot_energy.motion.gcode import read_gcode
-from robot_energy.motion.tool_path import Arc, Dwell, Line, ToolPath
+from robot_energy.motion.tool_path import Arc, Dwell, LineSegment, ToolPath
 from robot_energy.motion.tool_timing import TimedPath, ToolLimits
 
 HEAD = "G21 G90\nG0 X0 Y0 Z0\n"
@@ -152,7 +152,9 @@ def test_the_line_of_the_program_is_known():
 
 def tilted(points, feeds):
     ends = [tuple(p) for p in points]
-    return [Line(a, b, f, 1) for a, b, f in zip(ends, ends[1:], feeds, strict=False) if a != b]
+    return [
+        LineSegment(a, b, f, 1) for a, b, f in zip(ends, ends[1:], feeds, strict=False) if a != b
+    ]
 
 
 @settings(max_examples=60, deadline=None)
@@ -205,9 +207,9 @@ def test_velocity_and_acceleration_are_the_slopes(seed, smoothing):
             segments.append(Dwell(float(draw.uniform(0, 0.3))))
             continue
         else:
-            segments.append(Line(at, end, float(draw.uniform(0.05, 0.4)), 1))
+            segments.append(LineSegment(at, end, float(draw.uniform(0.05, 0.4)), 1))
         at = end
-    segments.append(Line(at, (0.5, 0.0, 0.0), 1.0, 1))
+    segments.append(LineSegment(at, (0.5, 0.0, 0.0), 1.0, 1))
     motion = TimedPath(ToolPath(segments), ToolLimits(2.0, 2e-3, smoothing))
     step = 1e-4
     time = draw.uniform(0.0, motion.duration - step, 1000)

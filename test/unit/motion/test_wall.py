@@ -1,15 +1,14 @@
 """The wall of paper B."""
 
-from pathlib import Path
-
 import pytest
 
+from places import ROOT
 from robot_energy.errors import MotionError
 from robot_energy.motion.gcode import load_gcode, read_gcode
 from robot_energy.motion.tool_timing import TimedPath
-from robot_energy.motion.wall import Wall
+from robot_energy_papers.wall import Wall
 
-EXAMPLE = Path(__file__).parents[3] / "src" / "examples" / "programs" / "wall_layer.gcode"
+EXAMPLE = ROOT / "src" / "examples" / "programs" / "wall_layer.gcode"
 
 
 def test_one_layer_is_the_outline_at_125_mm_per_second():

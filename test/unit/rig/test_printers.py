@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from robot_energy.drive import drive_from_model
-from robot_energy.friction import FrictionModel
-from robot_energy.identify.drive_power import read_drive_power
-from robot_energy.model_file import load
+from robot_energy.identify.drives.drive_power import read_drive_power
+from robot_energy.model import load
 from robot_energy.motion import InverseKinematics, Trajectory
+from robot_energy.physics.drive import drive_from_model
+from robot_energy.physics.friction import FrictionModel
 from robot_energy.rig import PROFILES, RigConfig, RigOutput, VirtualRig
 from robot_energy.rig.record import DRIVE_POWER, outputs, record
 

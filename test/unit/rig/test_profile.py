@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from robot_energy.friction import FrictionModel, with_fixed_friction
-from robot_energy.model_file import load
+from robot_energy.model import load
 from robot_energy.motion import Program, random_program, tool_above
+from robot_energy.physics.friction import FrictionModel, with_fixed_friction
 from robot_energy.rig import RigConfig, VirtualRig, kr16_profile
 from robot_energy.rig.study import temperature_study
 
