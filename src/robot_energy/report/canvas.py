@@ -6,19 +6,23 @@ same bytes.
 
 from __future__ import annotations
 
-import os
-from collections.abc import Generator
+from collections.abc import Generator, Iterable
 from contextlib import contextmanager
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 from robot_energy.errors import ReportError
+from robot_energy.files.output_files import GENERATOR, PICTURE, write_file
+from robot_energy.shown_text import shown, shown_lines
 
 Axes = Any  # the annotations of matplotlib are partly unknown
+Target = str | Path | BytesIO  # a file, or a buffer for SVG
 
 COLOURS = {"measured": "#1a1a1a", "predicted": "#0072b2", "fixed": "#d55e00"}
 LINES = {"measured": "-", "predicted": "-", "fixed": "--"}
 SERIES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#1a1a1a")
+MAX_TICK = 40  # characters of a name beside an axis
 FORMATS = {".png", ".svg", ".pdf"}
 STYLE = {
     "font.size": 9.0,
@@ -32,17 +36,16 @@ STYLE = {
     "lines.linewidth": 1.3,
     "svg.hashsalt": "robot_energy",
     "figure.dpi": 100.0,
+    "text.parse_math": False,  # a "$" belongs to a name
 }
 
 
 @contextmanager
-def canvas(
-    path: str | Path, size: tuple[float, float], title: str = ""
-) -> Generator[Any, None, None]:
+def canvas(path: Target, size: tuple[float, float], title: str = "") -> Generator[Any, None, None]:
     """Open a figure, and save it when all is drawn: whole, or not at all after an error.
 
     Args:
-        path: File to write: PNG, SVG or PDF by its suffix. It is replaced whole.
+        path: File to write: PNG, SVG or PDF by its suffix; or a buffer for SVG.
         size: Width and height. [inch]
         title: Above the figure.
 
@@ -52,11 +55,12 @@ def canvas(
     Raises:
         ReportError: If the suffix is none of these, or the file cannot be written.
     """
-    target = Path(path)
-    check_format(target)
+    if not isinstance(path, BytesIO):
+        check_format(Path(path))
     from matplotlib import style
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
+    from matplotlib.text import Text
 
     with style.context(["default", STYLE]):
         figure: Any = Figure(figsize=size, layout="constrained")
@@ -64,7 +68,9 @@ def canvas(
         yield figure
         if title:
             figure.suptitle(title, fontsize=10, x=0.02, ha="left")
-        _save(figure, target)
+        for text in figure.findobj(Text):
+            text.set_text(shown_lines(text.get_text()))
+        _save(figure, path)
 
 
 def panels(figure: Any, count: int, columns: int = 3) -> Any:
@@ -83,6 +89,11 @@ def panels(figure: Any, count: int, columns: int = 3) -> Any:
     for axes in list(grid.flat)[count:]:
         axes.set_visible(False)
     return grid
+
+
+def named_ticks(axis: Any, places: Any, names: Iterable[str]) -> None:
+    """Put names from outside beside the places of an axis, made safe to show."""
+    axis.set_ticks(places, [shown(name, MAX_TICK) for name in names])
 
 
 def panel_grid(count: int, columns: int = 3) -> tuple[int, int]:
@@ -104,19 +115,15 @@ def check_format(path: Path) -> None:
         )
 
 
-def _save(figure: Any, target: Path) -> None:
-    """Write without dates and versions."""
-    kind = target.suffix.lower().removeprefix(".")
+def _save(figure: Any, path: Target) -> None:
+    """Write without dates and versions, with the mark of this tool."""
+    kind = "svg" if isinstance(path, BytesIO) else Path(path).suffix.lower().removeprefix(".")
     metadata: dict[str, Any] = {
-        "png": {"Software": None},
-        "svg": {"Date": None, "Creator": None},
-        "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
+        "png": {"Software": GENERATOR},
+        "svg": {"Date": None, "Creator": GENERATOR},
+        "pdf": {"CreationDate": None, "Creator": GENERATOR, "Producer": None},
     }[kind]
-    draft = target.with_name(target.name + ".part")
-    try:
-        figure.savefig(draft, format=kind, dpi=150, metadata=metadata)
-        os.replace(draft, target)
-    except OSError as error:
-        raise ReportError(
-            f"the figure '{target}' cannot be written ({error.strerror})", "a writable folder"
-        ) from error
+    picture = path if isinstance(path, BytesIO) else BytesIO()
+    figure.savefig(picture, format=kind, dpi=150, metadata=metadata)
+    if not isinstance(path, BytesIO):
+        write_file(path, picture.getvalue(), PICTURE, "the figure")

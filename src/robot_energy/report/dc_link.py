@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
-from robot_energy.identify.dc_link import LinkFit
-from robot_energy.report.canvas import COLOURS, canvas
+from robot_energy.identify.cabinet.dc_link import LinkFit
+from robot_energy.report.canvas import COLOURS, Target, canvas
 from robot_energy.report.printing import Page, line, percent, table
 
 Summary = dict[str, Any]
@@ -66,7 +65,7 @@ def print_link(summary: Summary, page: Page) -> None:
     )
 
 
-def error_over_energy(fit: LinkFit, path: str | Path) -> None:
+def error_over_energy(fit: LinkFit, path: Target) -> None:
     """Draw the error that every energy leaves.
 
     Args:

@@ -8,14 +8,15 @@ does to a terminal, so a report says in both places the same.
 from __future__ import annotations
 
 import base64
-import os
 import re
-import tempfile
 from collections.abc import Callable, Sequence
-from html import escape
+from html import escape as escaped
+from io import BytesIO
 from pathlib import Path
 
 from robot_energy.errors import ReportError
+from robot_energy.files.output_files import HTML, HTML_MARK, write_file
+from robot_energy.shown_text import shown_lines
 
 MOST_DEPTH = 4  # of headings
 LEFT = ' class="text"'
@@ -129,17 +130,16 @@ class Document:
         caption = f"<caption>{escape(title)}</caption>" if title else ""
         self._parts.append(f'<div class="wide"><table>{caption}{"".join(lines)}</table></div>')
 
-    def figure(self, draw: Callable[[Path], object], caption: str) -> None:
+    def figure(self, draw: Callable[[BytesIO], object], caption: str) -> None:
         """Add a figure.
 
         Args:
-            draw: Writes it as SVG to the path that it is given.
+            draw: Writes it as SVG to what it is given.
             caption: What is to be seen; also read out where the figure cannot be shown.
         """
-        with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / "figure.svg"
-            draw(path)
-            data = base64.b64encode(path.read_bytes()).decode("ascii")
+        picture = BytesIO()
+        draw(picture)
+        data = base64.b64encode(picture.getvalue()).decode("ascii")
         self._parts.append(
             f'<figure><img src="data:image/svg+xml;base64,{data}" alt="{escape(caption)}">'
             f"<figcaption>{_prose(caption)}</figcaption></figure>"
@@ -154,6 +154,7 @@ class Document:
         contents = f"<nav><ol>{entries}</ol></nav>" if len(self._contents) > 2 else ""
         return (
             '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
+            f"{HTML_MARK}"
             '<meta name="viewport" content="width=device-width, initial-scale=1">'
             f"<title>{escape(self.title)}</title><style>{STYLE}</style></head><body>\n"
             f"<h1>{escape(self.title)}</h1>\n{lead}\n{contents}\n"
@@ -167,17 +168,12 @@ class Document:
         Raises:
             ReportError: If it cannot be written.
         """
-        target = Path(path)
-        draft = target.with_name(target.name + ".part")
-        try:
-            draft.write_text(self.html(), encoding="utf-8")
-            os.replace(draft, target)
-        except OSError as error:
-            draft.unlink(missing_ok=True)
-            raise ReportError(
-                f"the report cannot be written to '{path}': {error.strerror}",
-                "a folder that can be written to",
-            ) from error
+        write_file(path, self.html().encode("utf-8", "backslashreplace"), HTML, "the report")
+
+
+def escape(text: str) -> str:
+    """Return text as HTML, without characters that reorder or hide what is shown."""
+    return escaped(shown_lines(text))
 
 
 def _prose(text: str) -> str:

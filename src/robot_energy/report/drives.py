@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from robot_energy.identify.all_drives import DrivesFound
-from robot_energy.identify.drive_delay import PowerDelay
-from robot_energy.identify.drives import WAYS, AxisFit, DrivesFit
-from robot_energy.identify.losses import TERMS
-from robot_energy.identify.total_power import TotalFit, TotalScore
-from robot_energy.identify.total_sums import COEFFICIENTS, Sums
+from robot_energy.identify.drives.all_drives import DrivesFound
+from robot_energy.identify.drives.drives import WAYS, AxisFit, DrivesFit
+from robot_energy.identify.drives.losses import TERMS
+from robot_energy.identify.drives.total_power import TotalFit
+from robot_energy.identify.drives.total_sums import COEFFICIENTS, Sums
+from robot_energy.identify.stats.cross_validation import EnergyScore
+from robot_energy.identify.stats.lag import Delay
+from robot_energy.model.drive_models import DRIVE_MODELS
 from robot_energy.report.printing import Page, line, percent, table
 
 Summary = dict[str, Any]
@@ -44,7 +46,7 @@ def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def drives_summary(fit: DrivesFit, delay: PowerDelay | None = None) -> Summary:
+def drives_summary(fit: DrivesFit, delay: Delay | None = None) -> Summary:
     """Return what was identified from the power of each drive, ready for JSON.
 
     Args:
@@ -79,7 +81,7 @@ def drives_summary(fit: DrivesFit, delay: PowerDelay | None = None) -> Summary:
     }
 
 
-def _beyond(delay: PowerDelay) -> str:
+def _beyond(delay: Delay) -> str:
     return (
         f"power and joint states may be shifted by more than {1e3 * delay.span:.0f} ms: check that "
         "both have one clock"
@@ -114,7 +116,7 @@ def _axis(axis: AxisFit) -> Summary:
 
 
 def total_summary(
-    data: Sums, fit: TotalFit, held_out: str, scores: dict[str, TotalScore]
+    data: Sums, fit: TotalFit, held_out: str, scores: dict[str, EnergyScore]
 ) -> Summary:
     """Return what was identified from one meter for all drives, ready for JSON.
 
@@ -129,7 +131,7 @@ def total_summary(
     if untold:
         notes.append(f"not told apart from the terms before, taken as 0: {', '.join(untold)}")
     if negative:
-        notes.append(f"at its bound 0, negative otherwise: {', '.join(negative)}")
+        notes.append(f"at the bound 0, negative otherwise: {', '.join(negative)}")
     if fit.structure in ("shared", "axis_copper"):
         notes.append("what axes share cannot be told apart per axis from one meter here")
     return {
@@ -147,6 +149,9 @@ def total_summary(
                     term: {
                         "value": float(fit.coefficients[row, k]),
                         "std": _finite(float(fit.deviations[row, k])),
+                        "at_bound": bool(
+                            {f"{term} of {name}", f"{term} of all axes"} & set(negative)
+                        ),
                     }
                     for row, term in enumerate(COEFFICIENTS)
                 },
@@ -198,7 +203,10 @@ def _print_drives(summary: Summary, page: Page) -> None:
     for axis in summary["axes"]:
         losses, reduced = axis["losses"], axis["map"]
         if losses is not None:
-            cells = [_figure(losses["values"][term], losses["std"][term]) for term in TERMS]
+            cells = [
+                _figure(losses["values"][term], losses["std"][term], term in losses["negative"])
+                for term in TERMS
+            ]
             found.append((axis["name"], *cells))
         if reduced is not None:
             maps.append(
@@ -249,7 +257,7 @@ def _print_drives(summary: Summary, page: Page) -> None:
     delay = summary["delay"]
     if delay is not None:
         line(page, delay_text("the power", delay))
-    chosen = "loss model" if summary["chosen"] == "loss_model" else "efficiency map"
+    chosen = DRIVE_MODELS[summary["chosen"]].label
     line(page, f"the {chosen} is taken, by its held-out RMS error")
     for note in summary["notes"]:
         line(page, f"note: {note}")
@@ -260,7 +268,7 @@ def delay_text(what: str, delay: Summary) -> str:
 
     Args:
         what: Of what.
-        delay: Fields of a `PowerDelay`.
+        delay: Fields of a `Delay`.
     """
     return (
         f"delay of {what} behind the joint states: {1e3 * delay['value']:+.1f} +- "
@@ -269,7 +277,9 @@ def delay_text(what: str, delay: Summary) -> str:
     )
 
 
-def _figure(value: float, std: float | None) -> str:
+def _figure(value: float, std: float | None, at_bound: bool = False) -> str:
+    if at_bound:
+        return "0, at bound"
     if std is None:
         return "not told"
     return f"{value:.3g} +- {std:.1g}" if std > 0 else f"{value:.3g}"
@@ -300,12 +310,15 @@ def _print_total(summary: Summary, page: Page) -> None:
     table(
         page,
         f"Losses from all recordings: {STRUCTURE_NAMES[summary['structure']]}; constant "
-        f"{_figure(summary['constant'], summary['constant_std'])} W",
+        f"{_figure(summary['constant'], summary['constant_std'], not summary['constant'])} W",
         ("axis", "copper [W/(N m)^2]", "linear [W s/rad]", "quadratic [W s2/rad2]"),
         [
             (
                 axis["name"],
-                *(_figure(axis[term]["value"], axis[term]["std"]) for term in COEFFICIENTS),
+                *(
+                    _figure(*(axis[term][key] for key in ("value", "std", "at_bound")))
+                    for term in COEFFICIENTS
+                ),
             )
             for axis in summary["axes"]
         ],

@@ -9,17 +9,17 @@ from typing import Any
 
 import numpy as np
 
-from robot_energy.identify.across import Across, Judgement
-from robot_energy.identify.dynamics import Dynamics
-from robot_energy.identify.dynamics_model import friction_at_joints
-from robot_energy.identify.sufficiency import temperature_remark
-from robot_energy.identify.validation import TorqueError
-from robot_energy.identify.work import share_off
+from robot_energy.identify.dynamics.dynamics import Dynamics
+from robot_energy.identify.dynamics.dynamics_model import friction_at_joints
+from robot_energy.identify.dynamics.leave_one_out import HoldOutResult, LeaveOneOut
+from robot_energy.identify.dynamics.sufficiency import temperature_remark
+from robot_energy.identify.dynamics.validation import TorqueError
+from robot_energy.identify.dynamics.work import share_off
 from robot_energy.report.printing import Page, line, pairs, table
 
 
 @dataclass(frozen=True)
-class Reference:
+class ReferenceValues:
     """Friction known from elsewhere, to be set beside the identified one, joint side.
 
     Attributes:
@@ -34,7 +34,7 @@ class Reference:
 
 
 @dataclass(frozen=True)
-class Effort:
+class TorqueErrorRow:
     """What an identification took.
 
     Attributes:
@@ -53,8 +53,8 @@ def print_dynamics(
     result: Dynamics,
     held_out: TorqueError,
     held_out_consistent: TorqueError,
-    reference: Reference | None = None,
-    effort: Effort | None = None,
+    reference: ReferenceValues | None = None,
+    effort: TorqueErrorRow | None = None,
     details: bool = False,
     friction_follows: bool = False,
 ) -> None:
@@ -77,7 +77,7 @@ def print_dynamics(
         (
             "rows",
             f"{int(result.observations.used.sum())} torques at {result.observations.rate:g} Hz, "
-            f"as good as {result.fit.independent_rows.sum():.0f} independent ones",
+            f"as good as {result.fit.independent.sum():.0f} independent ones",
         ),
         (
             "settings",
@@ -135,7 +135,7 @@ def _errors(page: Page, result: Dynamics, held_out: TorqueError, consistent: Tor
     )
 
 
-def _friction(page: Page, result: Dynamics, reference: Reference | None) -> None:
+def _friction(page: Page, result: Dynamics, reference: ReferenceValues | None) -> None:
     friction = friction_at_joints(result)
     columns = ["joint"]
     for kind in ("viscous", "Coulomb"):
@@ -214,7 +214,7 @@ def _groups(page: Page, result: Dynamics) -> None:
             table(page, title, ["group", "value", "std", "95 % +-", "told"], rows)
 
 
-def print_across(page: Page, across: Across, joint_names: Sequence[str]) -> None:
+def print_across(page: Page, across: LeaveOneOut, joint_names: Sequence[str]) -> None:
     """Print whole recordings held out: torque of each joint, work of the motors.
 
     Args:
@@ -262,13 +262,13 @@ def print_across(page: Page, across: Across, joint_names: Sequence[str]) -> None
         line(page, f"not predicted: {text}")
 
 
-def _worst(judgement: Judgement, joint_names: Sequence[str]) -> str:
+def _worst(judgement: HoldOutResult, joint_names: Sequence[str]) -> str:
     off = np.abs(judgement.predicted.net - judgement.measured.net)
     share = off / np.maximum(judgement.measured.positive, 1e-12)
     return f"{share.max():.1%} {joint_names[int(np.argmax(share))]}"
 
 
-def _split(judgement: Judgement) -> str:
+def _split(judgement: HoldOutResult) -> str:
     if judgement.trained_on == (judgement.recording,):
         return f"{judgement.recording}, own blocks"
     return f"{judgement.recording} from {', '.join(judgement.trained_on)}"

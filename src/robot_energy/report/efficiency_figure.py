@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from robot_energy.errors import ShapeError
-from robot_energy.identify.drives import AxisFit
-from robot_energy.model_file.joint import EfficiencyMap
-from robot_energy.report.canvas import COLOURS, canvas, panel_grid, panels
+from robot_energy.identify.drives.drives import AxisFit
+from robot_energy.model.drive_models import EfficiencyMap
+from robot_energy.report.canvas import COLOURS, Target, canvas, panel_grid, panels
 
 LEVELS = np.linspace(-0.5, 1.5, 21)
 LEAST_POINTS = 4  # of a surface
 
 
-def efficiency_maps(axes: Sequence[AxisFit], path: str | Path, title: str = "") -> None:
+def efficiency_maps(axes: Sequence[AxisFit], path: Target, title: str = "") -> None:
     """Draw the map of every axis.
 
     Args:

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 
 from robot_energy.errors import ShapeError
-from robot_energy.report.canvas import COLOURS, canvas
+from robot_energy.report.canvas import COLOURS, Target, canvas, named_ticks
 
 
 def energy_errors(
     names: Sequence[str],
     given: Sequence[float],
     new: Sequence[float],
-    path: str | Path,
+    path: Target,
     beyond: Sequence[bool] = (),
 ) -> None:
     """Draw two bars per recording.
@@ -53,8 +52,8 @@ def energy_errors(
                 label=label,
             )
         axes.axvline(0.0, color=COLOURS["measured"], linewidth=0.8)
-        axes.set_yticks(place, names)
+        named_ticks(axes.yaxis, place, names)
         axes.invert_yaxis()
         axes.grid(visible=False, axis="y")
-        axes.set_xlabel("predicted less measured energy [%]")
+        axes.set_xlabel("predicted minus measured energy [%]")
         axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from robot_energy.identify.excitation import Excitation, Quality
+from robot_energy.identify.excitation.excitation import Excitation, ExcitationScore
 from robot_energy.report.printing import NOTHING, Page, line, percent, table
 
 KINDS = ("position", "velocity", "acceleration", "torque")
@@ -65,7 +65,7 @@ def excitation_summary(found: Excitation) -> dict[str, Any]:
     }
 
 
-def _quality(quality: Quality) -> dict[str, Any]:
+def _quality(quality: ExcitationScore) -> dict[str, Any]:
     finite = np.isfinite(quality.condition)
     return {
         "condition": quality.condition if finite else None,

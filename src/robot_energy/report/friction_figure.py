@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from robot_energy.errors import ShapeError
-from robot_energy.friction import viscous_law
-from robot_energy.identify.friction import FrictionFit
-from robot_energy.report.canvas import COLOURS, canvas, panel_grid, panels
+from robot_energy.identify.friction.friction import FrictionFit
+from robot_energy.physics.friction import viscous_law
+from robot_energy.report.canvas import COLOURS, Target, canvas, panel_grid, panels
 
 MILLI = 1e3
 BEYOND = 5.0  # K drawn outside the fitted range, where the edge is held
@@ -20,7 +19,7 @@ TABLE_COLOUR = "#009e73"
 
 
 def friction_over_temperature(
-    fits: Sequence[FrictionFit], path: str | Path, unit: str = "N m", title: str = ""
+    fits: Sequence[FrictionFit], path: Target, unit: str = "N m", title: str = ""
 ) -> None:
     """Draw points and laws of every axis.
 

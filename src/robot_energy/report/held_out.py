@@ -6,14 +6,14 @@ import math
 from typing import Any
 
 from robot_energy.blocks import MeterLocation
-from robot_energy.comparison import Compared
-from robot_energy.identify.held_out_energy import GIVEN, OUTSIDE, HeldOutEnergy, Tested
+from robot_energy.identify.stats.held_out_energy import GIVEN, OUTSIDE, HeldOutEnergy, Tested
 from robot_energy.report.document import Document
 from robot_energy.report.energy_figure import energy_errors
 from robot_energy.report.power_figure import power_and_energy
 from robot_energy.report.printing import NOTE, NOTHING, Page, energy_text, line, percent, table
 from robot_energy.report.series import Role, Series, series_of
 from robot_energy.report.torque_figure import TorqueCurve, torque_over_time
+from robot_energy.timeline.pieces import Compared
 
 KINDS = {
     "test": "recordings named for the test, not used for the fit",
@@ -181,7 +181,7 @@ def _figures(test: HeldOutEnergy, names: tuple[str, ...], page: Document) -> Non
     ]
     for residual, text in (
         (False, "Motor torque on a held-out piece"),
-        (True, "Residual torque, measured less predicted, on the same piece"),
+        (True, "Residual torque, predicted minus measured, on the same piece"),
     ):
         page.figure(
             lambda path, residual=residual: torque_over_time(

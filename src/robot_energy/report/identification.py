@@ -7,13 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from robot_energy.identify.cabinet import CabinetFit, Level
-from robot_energy.identify.friction import FrictionFit
-from robot_energy.identify.friction_study import Study
+from robot_energy.identify.cabinet.cabinet import CabinetFit, Level
+from robot_energy.identify.friction.friction import FrictionFit
+from robot_energy.identify.friction.laws import fitted_laws
+from robot_energy.identify.friction.temperature_study import Study
+from robot_energy.model.friction_laws import FRICTION_LAWS
 from robot_energy.report.printing import Page, line, percent, table
 
 Summary = dict[str, Any]
-LAWS = ("constant", "exponential", "table")
 
 
 def friction_summary(fits: Sequence[FrictionFit], refused: Sequence[str], unit: str) -> Summary:
@@ -62,6 +63,7 @@ def print_friction(summary: Summary, page: Page) -> None:
         page: Where to.
     """
     unit = "A" if summary["effort"] == "log" else "N m"
+    laws = fitted_laws()
     found: list[tuple[str, ...]] = []
     tested: list[tuple[str, ...]] = []
     for axis in summary["axes"]:
@@ -69,7 +71,9 @@ def print_friction(summary: Summary, page: Page) -> None:
         found.append(
             (
                 axis["name"],
-                f"{axis['coulomb']:.4g} +- {axis['coulomb_std']:.2g}",
+                f"{axis['coulomb']:.4g} +- {axis['coulomb_std']:.2g}"
+                if axis["coulomb"] > 0.0
+                else "0, at bound",
                 _law_text(axis),
                 f"{low:.0f} to {high:.0f} degC",
             )
@@ -79,7 +83,7 @@ def print_friction(summary: Summary, page: Page) -> None:
             (
                 axis["name"],
                 str(axis["samples"]),
-                *(f"{errors[name]:.4g}" if name in errors else "-" for name in LAWS),
+                *(f"{errors[name]:.4g}" if name in errors else "-" for name in laws),
                 axis["law"],
             )
         )
@@ -93,21 +97,20 @@ def print_friction(summary: Summary, page: Page) -> None:
     table(
         page,
         f"RMS torque error on temperatures that the fit has not seen [{unit}]",
-        ("axis", "samples", *LAWS, "chosen"),
+        ("axis", "samples", *(FRICTION_LAWS[name].label for name in laws), "chosen"),
         tested,
     )
     for sentence in (*summary["warnings"], *summary["refused"]):
         line(page, f"note: {sentence}")
 
 
+def _loss_text(value: float, std: float) -> str:
+    return f"{value:.1f} +- {std:.1g}" if value > 0.0 else "0, at bound"
+
+
 def _law_text(axis: Summary) -> str:
     law = axis["parameters"]
-    if law["law"] == "constant":
-        return f"{1e3 * law['viscous']['value']:.3g}"
-    if law["law"] == "exponential":
-        a, b, c = (law[key]["value"] for key in ("a", "b", "c"))
-        return f"{1e3 * a:.3g} + {1e3 * b:.3g} exp(-T/{c:.3g})"
-    return " ".join(f"{1e3 * value:.3g}" for value in law["viscous"])
+    return FRICTION_LAWS[law["law"]].text(law)
 
 
 def study_summary(name: str, study: Study, chance: Sequence[float]) -> Summary:
@@ -223,7 +226,7 @@ def print_cabinet(summary: Summary, page: Page) -> None:
         "Constant losses [W]",
         ("side", "loss"),
         [
-            (side, "-" if value is None else f"{value:.1f} +- {std:.1g}")
+            (side, "-" if value is None else _loss_text(value, std))
             for side, value, std in (
                 ("grid", summary["loss_grid"], summary["loss_grid_std"]),
                 ("DC", summary["loss_dc"], summary["loss_dc_std"]),

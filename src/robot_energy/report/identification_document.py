@@ -9,14 +9,14 @@ from typing import Any
 
 from robot_energy import __version__
 from robot_energy.blocks import EffortMeaning
-from robot_energy.identify.all_drives import DrivesFound
-from robot_energy.identify.bags import VIRTUAL, BagFacts
-from robot_energy.identify.cabinet import CabinetFit
-from robot_energy.identify.dc_link import LinkFit
-from robot_energy.identify.everything import Everything
-from robot_energy.identify.held_out_energy import HeldOutEnergy
+from robot_energy.identify.cabinet.cabinet import CabinetFit
+from robot_energy.identify.cabinet.dc_link import LinkFit
+from robot_energy.identify.data.bags import VIRTUAL, BagFacts
+from robot_energy.identify.drives.all_drives import DrivesFound
+from robot_energy.identify.run_all import FullIdentification
+from robot_energy.identify.stats.held_out_energy import HeldOutEnergy
 from robot_energy.identify.steps import DynamicsFound, FrictionFound, Step
-from robot_energy.model_file import RobotModel
+from robot_energy.model import RobotModel
 from robot_energy.report.dc_link import error_over_energy, link_summary, print_link
 from robot_energy.report.document import Document
 from robot_energy.report.drives import delay_text, drives_found_summary, print_drives
@@ -66,7 +66,7 @@ class Identification:
         out: Model file that was written; may be empty.
     """
 
-    whole: Everything
+    whole: FullIdentification
     model: RobotModel
     read: Sequence[BagFacts]
     tests: Sequence[BagFacts]
@@ -252,7 +252,7 @@ def _step(step: Step, found: Identification, page: Page) -> None:
         line(page, f"{NOTE}{note}")
 
 
-def step_summary(step: Step, whole: Everything) -> dict[str, Any]:
+def step_summary(step: Step, whole: FullIdentification) -> dict[str, Any]:
     """Return what one step found, ready for JSON; empty if it was left out."""
     match step.found:
         case DynamicsFound() as found:

@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from rich import box
 from rich.console import Console
-from rich.table import Table
-from rich.text import Text
 
+from robot_energy.model.drive_models import DRIVE_MODELS
 from robot_energy.report.printing import line, pairs, table
 
 Summary = dict[str, Any]
@@ -39,7 +37,7 @@ def print_model(summary: Summary, console: Console) -> None:
         ),
         ("locked joints", ", ".join(summary["locked_joints"]) or "none"),
         ("coupling", "; ".join(summary["coupling"]) or "none"),
-        ("drives", summary["drive"].replace("_", " ")),
+        ("drives", DRIVE_MODELS[summary["drive"]].label),
         (
             "constant losses",
             f"{summary['loss_dc']:g} W on the DC side, {summary['loss_grid']:g} W on the grid side",
@@ -110,11 +108,4 @@ def print_bag(
         line(console, f"origin: {origin}")
     for problem in problems:
         line(console, f"problem: {problem}", style="bold red")
-    grid = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    for column in ("topic", "type", "messages", "used as"):
-        grid.add_column(
-            column, justify="right" if column == "messages" else "left", overflow="fold"
-        )
-    for row in topics:
-        grid.add_row(*(Text(cell) for cell in row))
-    console.print(grid)
+    table(console, "", ("topic", "type", "messages", "used as"), topics)

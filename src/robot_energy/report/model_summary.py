@@ -6,9 +6,9 @@ from collections import Counter
 from collections.abc import Iterable
 from typing import Any, cast, get_args
 
-from robot_energy.model_file import RobotModel
-from robot_energy.model_file.figure import Tag
-from robot_energy.robot import Robot
+from robot_energy.model import RobotModel
+from robot_energy.model.figure import Tag
+from robot_energy.physics.rigid_body import Robot
 
 TAGS: tuple[str, ...] = get_args(Tag)
 

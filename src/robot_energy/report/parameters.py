@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from robot_energy.friction import viscous_law
-from robot_energy.model_file import RobotModel
-from robot_energy.model_file.figure import Figure
-from robot_energy.model_file.joint import ConstantLaw, ExponentialLaw, Joint, TableLaw
+from robot_energy.identify.bounds import is_at_bound
+from robot_energy.model import RobotModel
+from robot_energy.model.drive_models import DRIVE_MODELS
+from robot_energy.model.figure import Figure
+from robot_energy.model.joint import Joint
+from robot_energy.physics.friction import viscous_law
 from robot_energy.report.printing import NOTHING, Page, line, table
 
 WIDE = 1.96  # standard deviations of a 95 % interval
@@ -51,16 +53,11 @@ def _pairs(before: RobotModel, after: RobotModel) -> Iterator[Change]:
     for old, new in zip(before.joints, after.joints, strict=True):
         yield Change(f"{new.name} rotor inertia", "kg m^2", old.rotor_inertia, new.rotor_inertia)
         yield Change(f"{new.name} Coulomb", "N m", old.friction.coulomb, new.friction.coulomb)
-        if new.losses is None:
-            continue
-        for key, unit in (
-            ("constant", "W"),
-            ("copper", "W/(N m)^2"),
-            ("linear", "W s/rad"),
-            ("quadratic", "W s2/rad2"),
-        ):
-            was = None if old.losses is None else getattr(old.losses, key)
-            yield Change(f"{new.name} {key} loss", unit, was, getattr(new.losses, key))
+        for kind in DRIVE_MODELS.values():
+            entry, given = kind.of(new), kind.of(old)
+            for key, words, unit in kind.figures if entry is not None else ():
+                was = None if given is None else getattr(given, key)
+                yield Change(f"{new.name} {words}", unit, was, getattr(entry, key))
     for key, name in (("loss_grid", "grid side"), ("loss_dc", "DC side")):
         was, now = getattr(before.cabinet, key), getattr(after.cabinet, key)
         yield Change(f"{name} constant loss", "W", was, now)
@@ -123,12 +120,11 @@ def _row(change: Change) -> tuple[str, ...]:
         change.unit,
         NOTHING if change.before is None else f"{change.before.value:.4g}",
         f"{change.after.value:.4g}",
-        NOTHING if std is None else f"{std:.2g}",
+        "at bound" if is_at_bound(change.after) else NOTHING if std is None else f"{std:.2g}",
         change.after.tag,
     )
 
 
 def _viscous(joint: Joint) -> str:
-    entry: ConstantLaw | ExponentialLaw | TableLaw = joint.friction.viscous
-    law = viscous_law(entry)
+    law = viscous_law(joint.friction.viscous)
     return " ".join(f"{1e3 * float(law.viscous(degc)):.3g}" for degc in SHOWN_DEGC)

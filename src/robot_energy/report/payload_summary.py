@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from robot_energy.bag_replay import Replay
 from robot_energy.blocks import NANOSECOND
-from robot_energy.replay import Replay
 
 
 def payload_summary(result: Replay) -> dict[str, Any]:

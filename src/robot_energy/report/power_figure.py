@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from robot_energy.blocks import Float
 from robot_energy.errors import ShapeError
-from robot_energy.report.canvas import COLOURS, LINES, Axes, canvas
+from robot_energy.report.canvas import COLOURS, LINES, Axes, Target, canvas
 from robot_energy.report.series import Series
 
 MINUTE = 60.0  # s
@@ -18,11 +17,11 @@ LONG = 600.0  # s, from here on the axis counts minutes
 
 
 def power_and_energy(
-    series: Sequence[Series], path: str | Path, title: str = "", place: str = "the grid"
+    series: Sequence[Series], path: Target, title: str = "", place: str = "the grid"
 ) -> None:
     """Draw power, residual and energy over time, below each other.
 
-    The residual, measured minus predicted, is drawn where a measured curve is among the
+    The residual, predicted minus measured, is drawn where a measured curve is among the
     series; without one there is no such panel.
 
     Args:
@@ -79,12 +78,12 @@ def _residual(axes: Axes, measured: Series, series: Sequence[Series], second: fl
         if curve.role != "measured":
             axes.plot(
                 curve.time / second,
-                _at(measured, curve.time) - curve.power,
+                curve.power - _at(measured, curve.time),
                 LINES[curve.role],
                 color=COLOURS[curve.role],
                 linewidth=1.0,
             )
-    axes.set_ylabel("measured -\npredicted [W]")
+    axes.set_ylabel("predicted -\nmeasured [W]")
 
 
 def _at(measured: Series, time: Float) -> Float:

@@ -9,14 +9,15 @@ from typing import Any
 
 from robot_energy import __version__
 from robot_energy.blocks import NANOSECOND, Quality
-from robot_energy.motion.programs import LoadedMotion
-from robot_energy.predict import Prediction
+from robot_energy.model.drive_models import DRIVE_MODELS
+from robot_energy.motion.load_motion import LoadedMotion
+from robot_energy.prediction import Prediction
 from robot_energy.report.document import Document
 from robot_energy.report.model_summary import count_tags
 from robot_energy.report.printing import (
     NOTHING,
+    EnergyFormat,
     Page,
-    Scale,
     energy_text,
     line,
     number,
@@ -162,7 +163,7 @@ def _notes(result: Prediction) -> list[str]:
             f"DRIVE_EXTRAPOLATED: a drive runs outside its efficiency map in {percent(share)} of "
             "the samples; the nearest point was used"
         )
-    if result.model.drive == "ideal":
+    if DRIVE_MODELS[result.model.drive].lossless:
         notes.append("the model knows no drive losses: they are missing from the energy")
     tags = count_tags(result.model)
     if assumed := tags.get("assumed", 0):
@@ -221,7 +222,7 @@ def print_side_by_side(runs: Sequence[Summary], page: Page) -> None:
         runs: From `prediction_summary`.
         page: Where to.
     """
-    scale = Scale(max(run["energy"]["grid_import"] for run in runs))
+    scale = EnergyFormat(max(run["energy"]["grid_import"] for run in runs))
     table(
         page,
         f"Predicted energy [{scale.unit}]",
@@ -293,7 +294,7 @@ def print_prediction(run: Summary, page: Page) -> None:
         line(page, f"note: {note}")
     line(page, "")
     pairs(page, _facts(run))
-    scale = Scale(max(energy["grid_import"], energy["grid_return"]))
+    scale = EnergyFormat(max(energy["grid_import"], energy["grid_return"]))
     net = _net(run)
 
     def row(text: str, value: float) -> list[str]:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from robot_energy.predict import START_NS, Prediction
-from robot_energy.report.canvas import SERIES, Axes, canvas
-from robot_energy.report.printing import Scale
+from robot_energy.prediction import START_NS, Prediction
+from robot_energy.report.canvas import SERIES, Axes, Target, canvas, named_ticks
+from robot_energy.report.printing import EnergyFormat
 from robot_energy.report.tables import Summary
 
 PARTS = {
@@ -27,7 +26,7 @@ DASHES = ("-", "--", ":", "-.")  # when the colours begin again
 THIN = 0.9  # line width where curves lie over each other
 
 
-def energy_bars(runs: Sequence[Summary], labels: Sequence[str], path: str | Path) -> None:
+def energy_bars(runs: Sequence[Summary], labels: Sequence[str], path: Target) -> None:
     """Draw where the energy of each run goes.
 
     Args:
@@ -39,7 +38,7 @@ def energy_bars(runs: Sequence[Summary], labels: Sequence[str], path: str | Path
         _bars(figure.subplots(), runs, labels)
 
 
-def power_curves(results: Sequence[Prediction], labels: Sequence[str], path: str | Path) -> None:
+def power_curves(results: Sequence[Prediction], labels: Sequence[str], path: Target) -> None:
     """Draw the predicted power of each run over time.
 
     Args:
@@ -56,7 +55,7 @@ def both(
     results: Sequence[Prediction],
     runs: Sequence[Summary],
     labels: Sequence[str],
-    path: str | Path,
+    path: Target,
 ) -> None:
     """Draw energies above powers.
 
@@ -74,7 +73,7 @@ def both(
 
 
 def _bars(axes: Axes, runs: Sequence[Summary], labels: Sequence[str]) -> None:
-    scale = Scale(max(run["energy"]["grid_import"] for run in runs))
+    scale = EnergyFormat(max(run["energy"]["grid_import"] for run in runs))
     place = np.arange(len(runs))[::-1]
     right, left = np.zeros(len(runs)), np.zeros(len(runs))
     for colour, (name, keys) in zip(SERIES, PARTS.items(), strict=False):
@@ -94,7 +93,7 @@ def _bars(axes: Axes, runs: Sequence[Summary], labels: Sequence[str]) -> None:
             textcoords="offset points",
             va="center",
         )
-    axes.set_yticks(place, labels)
+    named_ticks(axes.yaxis, place, labels)
     axes.grid(visible=False, axis="y")
     axes.margins(x=0.14)
     axes.set_xlim(left=min(float(left.min()) * 1.05, 0.0))

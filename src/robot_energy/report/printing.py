@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Sequence
 
-from rich import box
+from rich.cells import cell_len
 from rich.console import Console
-from rich.table import Table
 from rich.text import Text
 
 from robot_energy.report.document import Document
+from robot_energy.report.layout import MIN_PROSE_WIDTH, fitted_table
+from robot_energy.shown_text import shown_lines
 
 Page = Console | Document
 NOTHING = "-"
@@ -18,7 +20,7 @@ NOTE = "note: "  # begins a line that must not be overlooked
 WATT_HOUR = 3600.0  # J
 
 
-class Scale:
+class EnergyFormat:
     """One unit and precision for all energies of a report, so that columns add up by eye.
 
     Args:
@@ -84,7 +86,7 @@ def line(page: Page, text: str, style: str = "") -> None:
         else:
             page.paragraph(text)
         return
-    page.print(Text(text, style=style), soft_wrap=True)
+    page.print(Text(shown_lines(text), style=style), soft_wrap=True)
 
 
 def table(
@@ -94,39 +96,32 @@ def table(
     rows: Sequence[Sequence[str]],
     total: Sequence[str] | None = None,
 ) -> None:
-    """First column left, the others right; a last row of sums below a rule."""
+    """First column left, the others right; a last row of sums below a rule; nothing is cut."""
     if isinstance(page, Document):
         page.table(title, columns, rows, total)
         return
-    line(page, title, style="bold")
-    grid = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    for index, name in enumerate(columns):
-        last = index == len(columns) - 1
-        prose = index > 0 and any(len(row[index]) > 24 for row in rows)
-        grid.add_column(
-            Text(name),
-            justify="left" if prose or not index else "right",
-            no_wrap=not (last and prose),
-            overflow="fold",
-            vertical="bottom",
-        )
-    for index, row in enumerate(rows):
-        last = total is not None and index == len(rows) - 1
-        grid.add_row(*(Text(cell) for cell in row), end_section=last)
-    if total is not None:
-        grid.add_row(*(Text(cell, style="bold") for cell in total))
-    page.print(grid)
+    columns, *rows = (_cells(row) for row in (columns, *rows))
+    total = None if total is None else _cells(total)
+    if title:
+        line(page, title, style="bold")
+    page.print(fitted_table(columns, rows, page.width, total), crop=False)
 
 
 def pairs(page: Page, rows: Sequence[tuple[str, str]]) -> None:
-    """Write names and values, then an empty line."""
+    """Write names and values, then an empty line; long values wrap between words."""
     if isinstance(page, Document):
         page.table("", ("", ""), rows)
         return
-    grid = Table(box=None, show_header=False, pad_edge=False)
-    grid.add_column(no_wrap=True)
-    grid.add_column(overflow="fold")
+    rows = [(shown_lines(name), shown_lines(value)) for name, value in rows]
+    lead = max((cell_len(name) for name, _ in rows), default=0)
+    room = max(page.width - lead - 1, MIN_PROSE_WIDTH)
     for name, value in rows:
-        grid.add_row(Text(name), Text(value))
-    page.print(grid)
+        words = textwrap.wrap(value, room, break_long_words=False, break_on_hyphens=False)
+        for number, part in enumerate(words or [""]):
+            before = "" if number else name
+            line(page, f"{before}{' ' * (lead - cell_len(before))} {part}")
     page.print()
+
+
+def _cells(row: Sequence[str]) -> list[str]:
+    return [shown_lines(cell) for cell in row]

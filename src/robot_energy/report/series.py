@@ -8,9 +8,10 @@ from typing import Literal
 
 import numpy as np
 
+from robot_energy.accounting.energy_curve import EnergyCurve, EnergyRows, add_compared
+from robot_energy.bag_replay import Replay
 from robot_energy.blocks import NANOSECOND, Float, Int
-from robot_energy.comparison import Compared
-from robot_energy.replay import Replay
+from robot_energy.timeline.pieces import Compared
 
 MAX_POINTS = 2000
 BREAK = 1.5  # in lengths of a point: a longer step in time breaks the curve
@@ -46,7 +47,7 @@ def compared_series(
     """Return measured and predicted power at the meter, over what both cover.
 
     Args:
-        result: A replay that kept its means.
+        result: A replay that kept its curves.
         label: Of the prediction.
         role: Of the prediction.
 
@@ -54,8 +55,8 @@ def compared_series(
         Measured and predicted, or None where nothing was compared. Their last energies
         are those of the comparison.
     """
-    start_ns = result.ledger.registers.time.start_ns
-    return None if start_ns is None else series_of(result.compared, start_ns, label, role)
+    curve, start_ns = result.compared_curve, result.ledger.registers.time.start_ns
+    return None if start_ns is None or curve is None else _pair(curve, start_ns, label, role)
 
 
 def series_of(
@@ -72,20 +73,20 @@ def series_of(
     Returns:
         Measured and predicted, or None where nothing was compared.
     """
-    parts = [part for part in compared if len(part.duration_ns)]
-    if not parts:
+    curve = EnergyCurve(2)
+    for part in compared:
+        add_compared(curve, part)
+    return _pair(curve, start_ns, label, role)
+
+
+def _pair(
+    curve: EnergyCurve, start_ns: int, label: str, role: Role
+) -> tuple[Series, Series] | None:
+    rows = curve.rows()
+    if not len(rows.end_ns):
         return None
-    stamp = np.concatenate([part.available_ns for part in parts])
-    duration = np.concatenate([part.duration_ns for part in parts])
-    measured = np.concatenate([part.measured for part in parts])
-    predicted = np.concatenate([part.predicted for part in parts])
-    edges = np.flatnonzero(np.diff(stamp, prepend=stamp[0] - 1))  # one group per reading
-    table = np.add.reduceat(np.stack([measured, predicted], axis=1), edges, axis=0)
-    groups = np.add.reduceat(duration, edges)
-    end_ns = stamp[edges] - start_ns
-    first = _series("measured", "measured", end_ns, groups, table[:, 0])
-    second = _series(label, role, end_ns, groups, table[:, 1])
-    return first, second
+    first = _series("measured", "measured", rows, start_ns, 0)
+    return first, _series(label, role, rows, start_ns, 1)
 
 
 def predicted_series(
@@ -94,34 +95,30 @@ def predicted_series(
     """Return the predicted power from the grid, for bags without a meter.
 
     Args:
-        result: A replay that kept its means.
+        result: A replay that kept its curves.
         label: For the legend.
         role: Decides the colour.
 
     Returns:
         The curve, or None where there is nothing to show.
     """
-    means, start_ns = result.means, result.ledger.registers.time.start_ns
-    if means is None or start_ns is None:
+    curve, start_ns = result.predicted_curve, result.ledger.registers.time.start_ns
+    rows = None if curve is None else curve.rows()
+    if rows is None or start_ns is None or not len(rows.end_ns):
         return None
-    power = means.mean("grid_import") - means.mean("grid_return")
-    known = np.isfinite(power) & (means.period > 0)
-    if not known.any():
-        return None
-    duration = np.rint(means.period[known] / NANOSECOND).astype(np.int64)
-    energy = power[known] * means.period[known]
-    return _series(label, role, means.stamp_ns[known] - start_ns, duration, energy)
+    return _series(label, role, rows, start_ns, 0)
 
 
-def _series(label: str, role: Role, end_ns: Int, duration_ns: Int, energy: Float) -> Series:
+def _series(label: str, role: Role, rows: EnergyRows, start_ns: int, column: int) -> Series:
     """Merge neighbours until few enough are left; points stand in their middle."""
+    begin_ns, end_ns = rows.begin_ns - start_ns, rows.end_ns - start_ns
     every = -(-len(end_ns) // MAX_POINTS)
     firsts = np.arange(0, len(end_ns), every)
     lasts = np.minimum(firsts + every, len(end_ns)) - 1
-    begin = _seconds(end_ns[firsts] - duration_ns[firsts])
+    begin = _seconds(begin_ns[firsts])
     end = _seconds(end_ns[lasts])
-    width = _seconds(np.add.reduceat(duration_ns, firsts))
-    joule = np.add.reduceat(energy, firsts)
+    width = _seconds(np.add.reduceat(rows.duration_ns, firsts))
+    joule = np.add.reduceat(rows.energy[:, column], firsts)
     total = np.cumsum(joule)
     step = begin[1:] - end[:-1]
     cuts = np.flatnonzero((step > BREAK * np.median(width)) | (step < 0)) + 1

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from robot_energy.bag_replay import Replay
 from robot_energy.blocks import NANOSECOND, EffortMeaning
-from robot_energy.replay import Replay
-from robot_energy.report.printing import NOTHING, Page, Scale, line, percent, table
+from robot_energy.report.printing import NOTHING, EnergyFormat, Page, line, percent, table
 
 CAVEATS = {
     "motor_current": "measured = reported current x torque_constant of the model file x speed",
@@ -58,7 +58,7 @@ def shaft_summary(result: Replay) -> dict[str, Any]:
     return {"shaft": {"effort": str(result.effort), "joints": rows}}
 
 
-def print_shaft(page: Page, summary: dict[str, Any], scale: Scale) -> None:
+def print_shaft(page: Page, summary: dict[str, Any], scale: EnergyFormat) -> None:
     """Print the section, where there is one.
 
     Args:

@@ -11,10 +11,12 @@ from collections.abc import Sequence
 from typing import Any
 
 from robot_energy import __version__
+from robot_energy.accounting.account import EnergyAccount
+from robot_energy.accounting.exact_sum import PER_JOULE
+from robot_energy.accounting.registers import CABINET_REGISTERS, JOINT_REGISTERS, Registers
+from robot_energy.bag_replay import Replay
 from robot_energy.blocks import NANOSECOND, MeterLocation, Phase, Quality
-from robot_energy.pipeline import Ledger
-from robot_energy.registers import CABINET_REGISTERS, JOINT_REGISTERS, PER_JOULE, Registers
-from robot_energy.replay import Replay
+from robot_energy.model.drive_models import DRIVE_MODELS
 from robot_energy.report.model_summary import count_tags
 from robot_energy.report.payload_summary import payload_summary
 from robot_energy.report.shaft_summary import shaft_summary
@@ -144,8 +146,9 @@ def _constant_power(result: Replay) -> float:
     standstill of the robot, and the longer it stands the smaller the relative error.
     """
     model, cabinet = result.model, result.model.cabinet
-    drives = [joint.losses.constant.value for joint in model.joints if joint.losses]
-    constant = cabinet.loss_dc.value + (math.fsum(drives) if model.drive == "loss_model" else 0.0)
+    kind = DRIVE_MODELS[model.drive]
+    drives = [kind.constant_loss(entry) for entry in kind.entries(model.joints)]
+    constant = cabinet.loss_dc.value + math.fsum(drives)
     at_grid = result.ledger.comparison.location is not MeterLocation.DC_BUS
     return constant + (cabinet.loss_grid.value if at_grid else 0.0)
 
@@ -176,7 +179,7 @@ def breakdown(registers: Registers) -> dict[str, Any]:
     }
 
 
-def peak_and_mean(ledger: Ledger) -> dict[str, Any]:
+def peak_and_mean(ledger: EnergyAccount) -> dict[str, Any]:
     """Return the highest and the mean predicted power at the grid. [W]
 
     Args:
@@ -191,7 +194,7 @@ def peak_and_mean(ledger: Ledger) -> dict[str, Any]:
     }
 
 
-def phases(ledger: Ledger) -> dict[str, Any]:
+def phases(ledger: EnergyAccount) -> dict[str, Any]:
     """Return time [s] and energy [J] of each phase.
 
     Args:
@@ -298,6 +301,8 @@ def _notes(result: Replay) -> list[str]:
             "no motor temperatures: friction at the model's fallback of "
             f"{result.model.temperature.fallback_degc:g} degC"
         )
+    elif fallback := result.pipeline.power.fallback_use.sentence:
+        notes.append(fallback)
     if result.payload.refused:
         notes.append(f"a payload of the bag was refused: {result.payload.refused}")
     ignored = result.joint_states.ignored_joints

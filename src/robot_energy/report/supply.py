@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from robot_energy.identify.supply import SupplyFound
+from robot_energy.identify.cabinet.supply import SupplyFound
 from robot_energy.report.dc_link import link_summary, print_link
 from robot_energy.report.drives import delay_text
 from robot_energy.report.identification import cabinet_summary, print_cabinet

@@ -5,11 +5,12 @@ from __future__ import annotations
 from datetime import UTC, datetime
 from typing import Any
 
+from robot_energy.model.drive_models import DRIVE_MODELS
 from robot_energy.report.payload_summary import payload_lines
 from robot_energy.report.printing import (
     NOTHING,
+    EnergyFormat,
     Page,
-    Scale,
     energy_text,
     line,
     pairs,
@@ -61,7 +62,7 @@ def headline(summary: Summary) -> str:
         why = "no meter" if summary["topics"]["meter"] is None else "no meter reading fits in time"
         return (
             f"predicted {energy_text(net)} from the grid over {time['observed_time']:.1f} s; "
-            f"nothing measured ({why})"
+            f"nothing measured ({why}): prediction only"
         )
     error = compared["predicted_minus_measured_relative"]
     place = LOCATION_NAMES.get(compared["meter_location"] or "", "the meter")
@@ -116,7 +117,7 @@ def print_replay(summary: Summary, page: Page, other: Summary | None = None) -> 
     for note in summary["notes"]:
         line(page, f"note: {note}")
     line(page, "")
-    scale = Scale(max(summary["energy"]["grid_import"], summary["energy"]["grid_return"]))
+    scale = EnergyFormat(max(summary["energy"]["grid_import"], summary["energy"]["grid_return"]))
     pairs(page, _recording(summary))
     _print_comparison(page, summary, other, scale)
     _print_breakdown(page, summary, other, scale)
@@ -164,7 +165,9 @@ def _recording(summary: Summary) -> list[tuple[str, str]]:
     return rows
 
 
-def _print_comparison(page: Page, summary: Summary, other: Summary | None, scale: Scale) -> None:
+def _print_comparison(
+    page: Page, summary: Summary, other: Summary | None, scale: EnergyFormat
+) -> None:
     compared = summary["comparison"]
     if compared["measured_energy"] is None:
         return
@@ -220,7 +223,7 @@ def part_names(drive: str) -> dict[str, str]:
     return {
         "rigid": "lifting and accelerating, net",
         "friction": "friction",
-        "drive_loss": "drive losses" + (" (not modelled)" if drive == "ideal" else ""),
+        "drive_loss": "drive losses" + (" (not modelled)" if DRIVE_MODELS[drive].lossless else ""),
         "loss_dc": "constant losses, DC side",
         "loss_grid": "constant and supply losses, grid",
         "brake": "brake resistor",
@@ -228,7 +231,9 @@ def part_names(drive: str) -> dict[str, str]:
     }
 
 
-def _print_breakdown(page: Page, summary: Summary, other: Summary | None, scale: Scale) -> None:
+def _print_breakdown(
+    page: Page, summary: Summary, other: Summary | None, scale: EnergyFormat
+) -> None:
     energy = summary["energy"]
     net = energy["grid_import"] - energy["grid_return"]
     names = part_names(summary["model"]["drive"])
@@ -274,7 +279,7 @@ def _print_breakdown(page: Page, summary: Summary, other: Summary | None, scale:
     line(page, "")
 
 
-def print_joints(page: Page, summary: Summary, scale: Scale) -> None:
+def print_joints(page: Page, summary: Summary, scale: EnergyFormat) -> None:
     """Print where the energy of each joint went.
 
     Args:
@@ -333,7 +338,7 @@ def print_joints(page: Page, summary: Summary, scale: Scale) -> None:
     )
 
 
-def print_phases(page: Page, summary: Summary, scale: Scale) -> None:
+def print_phases(page: Page, summary: Summary, scale: EnergyFormat) -> None:
     """Print time and energy of the phases.
 
     Args:

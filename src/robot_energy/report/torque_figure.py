@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
 from robot_energy.blocks import Float
 from robot_energy.errors import ShapeError
-from robot_energy.report.canvas import COLOURS, LINES, canvas, panel_grid, panels
+from robot_energy.report.canvas import COLOURS, LINES, Target, canvas, panel_grid, panels
 from robot_energy.report.series import Role
 
 
@@ -34,7 +33,7 @@ def torque_over_time(
     time: Float,
     measured: Float,
     curves: Sequence[TorqueCurve],
-    path: str | Path,
+    path: Target,
     residual: bool = False,
     title: str = "",
 ) -> None:
@@ -46,7 +45,7 @@ def torque_over_time(
         measured: Motor torque, shape (K, n). [N m]
         curves: Predictions.
         path: File to write: PNG, SVG or PDF by its suffix.
-        residual: Whether to draw measured minus predicted instead.
+        residual: Whether to draw predicted minus measured instead.
         title: Above the figure.
 
     Raises:
@@ -67,7 +66,7 @@ def torque_over_time(
                 torque = curve.motor_torque[:, joint]
                 axes.plot(
                     time,
-                    measured[:, joint] - torque if residual else torque,
+                    torque - measured[:, joint] if residual else torque,
                     LINES[curve.role],
                     color=COLOURS[curve.role],
                     label=curve.label,

@@ -37,9 +37,9 @@ def test_axes_say_quantity_and_unit_and_the_residual_needs_a_meter(tmp_path: Pat
     power_and_energy(CURVES[1:], tmp_path / "without.svg", "", "the grid")
     assert len((tmp_path / "without.svg").read_text()) < len((tmp_path / "with.svg").read_text())
     labels = (tmp_path / "with.svg").read_text()
-    for text in ("power at the DC bus [W]", "predicted [W]", "energy at the DC bus [J]"):
+    for text in ("power at the DC bus [W]", "measured [W]", "energy at the DC bus [J]"):
         assert f"<!-- {text} -->" in labels
-    assert "predicted [W]" not in (tmp_path / "without.svg").read_text()
+    assert "measured [W]" not in (tmp_path / "without.svg").read_text()
 
 
 def test_bad_requests_are_refused(tmp_path: Path) -> None:

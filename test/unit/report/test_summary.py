@@ -7,10 +7,10 @@ from typing import Any
 import pytest
 
 from logbook import FRICTION, GRID, LOSS_DC, LOSS_GRID, mapping, wheel_bag, write_csv
+from robot_energy.bag_replay import Replay, Topics, replay
 from robot_energy.errors import MissingTopicError
-from robot_energy.friction import with_fixed_friction
 from robot_energy.logs import import_csv
-from robot_energy.replay import Replay, Topics, replay
+from robot_energy.physics.friction import with_fixed_friction
 from robot_energy.report import headline, summarise
 from robot_energy.report.model_summary import count_tags
 from robot_energy.report.series import compared_series, predicted_series
@@ -21,7 +21,7 @@ SECONDS = 10.0
 
 
 def run(folder: Path, **shape: Any) -> Replay:
-    return replay(wheel_bag(folder, **shape), one_wheel(), keep_means=True)
+    return replay(wheel_bag(folder, **shape), one_wheel(), keep_curves=True)
 
 
 def test_a_wheel_at_constant_speed_as_worked_out_by_hand(tmp_path: Path) -> None:

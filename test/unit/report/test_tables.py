@@ -8,9 +8,9 @@ import pytest
 from rich.console import Console
 
 from logbook import wheel_bag
-from robot_energy.replay import replay
+from robot_energy.bag_replay import replay
 from robot_energy.report import print_replay, summarise
-from robot_energy.report.printing import Scale, energy_text
+from robot_energy.report.printing import EnergyFormat, energy_text
 from robots import one_wheel
 
 
@@ -59,8 +59,8 @@ def test_energies_in_words(joule: float, text: str) -> None:
 
 
 def test_one_unit_and_precision_for_a_whole_report() -> None:
-    scale = Scale(12_345.0)
+    scale = EnergyFormat(12_345.0)
     assert (scale.unit, scale.joule(12_345.0), scale.joule(-4.0)) == ("kJ", "12.35", "0.00")
     assert scale.joule(None) == scale.watt_hour(None) == "-"
     assert scale.watt_hour(3600.0) == "1.000 Wh"
-    assert Scale(0.0).joule(0.0) == "0.000"
+    assert EnergyFormat(0.0).joule(0.0) == "0.000"

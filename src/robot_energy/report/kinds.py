@@ -1,0 +1,55 @@
+"""Listing of the kinds that the tables have, as Markdown."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from robot_energy.identify.drives import drives as _drives
+from robot_energy.identify.friction import laws as _laws
+from robot_energy.inputs.meter.kinds import METER_KINDS, OTHER
+from robot_energy.inputs.temperatures.kinds import TEMPERATURE_KINDS
+from robot_energy.kinds import Kind
+from robot_energy.log_formats import LOG_FORMATS
+from robot_energy.model.drive_models import DRIVE_MODELS
+from robot_energy.model.friction_laws import FRICTION_LAWS
+
+FITS = (_drives, _laws)  # modules that add the fits to the tables
+
+
+def kinds_listing() -> str:
+    """Return all tables of kinds, one line for each kind, as Markdown."""
+    parts = [
+        _table(
+            "Drive models",
+            ("`drive`", "entry of each joint", "identified", "meaning"),
+            (
+                (f"`{k.name}`", f"`{k.key}`" if k.key else "", _yes(k.fitted), k.line)
+                for k in DRIVE_MODELS.values()
+            ),
+        ),
+        _table(
+            "Friction laws",
+            ("`law`", "follows temperature", "identified", "meaning"),
+            (
+                (f"`{k.name}`", _yes(k.follows_temperature), _yes(k.fit), k.line)
+                for k in FRICTION_LAWS.values()
+            ),
+        ),
+        _table("Meters", ("`type`", "meaning"), _lines((*METER_KINDS.values(), OTHER))),
+        _table("Temperature sources", ("`type`", "meaning"), _lines(TEMPERATURE_KINDS.values())),
+        _table("Log formats", ("`robot-energy import`", "meaning"), _lines(LOG_FORMATS.values())),
+    ]
+    return "\n".join(parts)
+
+
+def _lines(kinds: Iterable[Kind]) -> Iterable[tuple[str, str]]:
+    return ((f"`{kind.name}`", kind.line) for kind in kinds)
+
+
+def _yes(part: object) -> str:
+    return "yes" if part else "no"
+
+
+def _table(title: str, heads: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
+    lines = [heads, ("---",) * len(heads), *rows]
+    return f"### {title}\n\n" + "".join(f"| {' | '.join(line)} |\n" for line in lines)

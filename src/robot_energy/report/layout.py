@@ -1,0 +1,127 @@
+"""Tables that fit a terminal without losing a character.
+
+Columns are as wide as their content. A table that is wider than the terminal is set in
+blocks below each other, which all begin with its first column; prose in the last column
+wraps between words. What fits in no way keeps its width, and the terminal wraps it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+from rich import box
+from rich.cells import cell_len
+from rich.console import Group
+from rich.table import Table
+from rich.text import Text
+
+PROSE = 24  # characters: a longer cell is prose, which reads from the left
+MIN_PROSE_WIDTH = 30  # characters, below which a column of prose is a block of its own
+EDGES = 2  # characters left and right of all columns
+BETWEEN = 2  # characters between two columns
+
+
+@dataclass(frozen=True)
+class _Column:
+    """One column of a table.
+
+    Attributes:
+        name: Its heading, perhaps of several lines.
+        cells: From top to bottom, the row of sums among them.
+        prose: Whether it reads from the left.
+        wraps: Whether it may be narrower than its content.
+    """
+
+    name: str
+    cells: tuple[str, ...]
+    prose: bool
+    wraps: bool
+
+    @property
+    def width(self) -> int:
+        """Width of the widest line."""
+        lines = (line for text in (self.name, *self.cells) for line in text.splitlines())
+        return max((cell_len(line) for line in lines), default=0) or 1  # rich knows no 0
+
+    @property
+    def least(self) -> int:
+        """Width below which a word would be cut."""
+        if not self.wraps:
+            return self.width
+        words = (word for text in (self.name, *self.cells) for word in text.split())
+        longest = max((cell_len(word) for word in words), default=0)
+        return min(self.width, max(longest, MIN_PROSE_WIDTH))
+
+
+def fitted_table(
+    columns: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    width: int,
+    total: Sequence[str] | None = None,
+) -> Group:
+    """Lay out a table: first column left, prose left, the others right.
+
+    Args:
+        columns: Headings.
+        rows: Cells, as many per row as there are headings.
+        width: Of the terminal. [characters]
+        total: A last row of sums below a rule.
+
+    Returns:
+        One table or several below each other; to be printed without cropping.
+    """
+    parts: list[_Column] = []
+    for index, name in enumerate(columns):
+        cells = tuple(row[index] for row in (*rows, *([] if total is None else [total])))
+        prose = index > 0 and any(len(cell) > PROSE for cell in cells[: len(rows)])
+        parts.append(_Column(name, cells, prose, prose and index == len(columns) - 1))
+    blocks = _blocks(parts, width)
+    return Group(*(_table(block, width, total is not None) for block in blocks))
+
+
+def width_of(laid_out: Group) -> int:
+    """Return the width of the widest table of `fitted_table`. [characters]"""
+    tables = (part for part in laid_out.renderables if isinstance(part, Table))
+    return max((table.width or 0 for table in tables), default=0)
+
+
+def _blocks(columns: Sequence[_Column], width: int) -> list[list[_Column]]:
+    """Share the columns out evenly among as few blocks as fit."""
+    first, rest = columns[0], columns[1:]
+    for count in range(1, len(rest) + 1):
+        edges = [round(number * len(rest) / count) for number in range(count + 1)]
+        blocks = [[first, *rest[low:high]] for low, high in pairwise(edges)]
+        if all(_width([column.least for column in block]) <= width for block in blocks):
+            return blocks
+    return [list(columns)]
+
+
+def _width(widths: Sequence[int]) -> int:
+    return EDGES + sum(widths) + BETWEEN * (len(widths) - 1)
+
+
+def _table(columns: Sequence[_Column], width: int, with_total: bool) -> Table:
+    widths = [column.width for column in columns]
+    if columns[-1].wraps:
+        room = width - _width(widths[:-1]) - BETWEEN
+        widths[-1] = min(widths[-1], max(room, columns[-1].least))
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False, width=_width(widths))
+    for index, (column, wide) in enumerate(zip(columns, widths, strict=True)):
+        table.add_column(
+            Text(column.name),
+            justify="left" if column.prose or not index else "right",
+            width=wide,
+            no_wrap=not column.wraps,
+            overflow="fold",
+            vertical="bottom",
+        )
+    count = len(columns[0].cells)
+    for number, cells in enumerate(zip(*(column.cells for column in columns), strict=True)):
+        summed = with_total and number == count - 1
+        table.add_row(
+            *(Text(cell, style="bold" if summed else "") for cell in cells),
+            end_section=with_total and number == count - 2,
+        )
+    return table
