@@ -1,0 +1,192 @@
+"""Power over time as a table: one row per sample, or per averaging period."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from robot_energy.accounting.averaging import MeanBlock
+from robot_energy.accounting.energy_curve import EnergyCurve, EnergyRows, add_compared
+from robot_energy.blocks import NANOSECOND, Float, Int, PowerBlock, sum_over_joints
+from robot_energy.time_series import TimeSeries
+from robot_energy.timeline.pieces import Compared
+
+UNITS = {
+    "predicted_grid_power": "W",
+    "measured_power": "W",
+    "predicted_power_at_meter": "W",
+    "residual_power": "W",
+    "bus_power": "W",
+    "rigid_power": "W",
+    "friction_power": "W",
+    "drive_loss": "W",
+    "loss_dc": "W",
+    "loss_grid": "W",
+    "brake_power": "W",
+    "capacitor_power": "W",
+    "phase": "",
+    "quality": "",
+    "joint_shaft_power": "W",
+    "joint_rigid_power": "W",
+    "joint_friction_power": "W",
+    "joint_drive_loss": "W",
+    "joint_shaft_power_measured": "W",
+    "motor_velocity": "rad/s",
+    "motor_torque": "N m",
+    "motor_temperature_degc": "degC",
+    "viscous_friction": "N m s/rad",
+}
+ALL_ROWS = 2**62  # a table keeps every interval of the comparison
+
+
+def sample_table(
+    block: PowerBlock, joint_names: Sequence[str], compared: Sequence[Compared] | None = None
+) -> TimeSeries:
+    """Return every sample.
+
+    Args:
+        block: Power samples in time order.
+        joint_names: In model order.
+        compared: What was compared with the meter; None: the table has no measured columns.
+
+    Returns:
+        One row per sample. The measured power is the mean over the interval between two
+        readings of the meter that holds the sample; NaN where no interval does.
+    """
+    return _table(
+        block.stamp_ns,
+        {
+            "predicted_grid_power": block.grid_power,
+            **({} if compared is None else _measured(block.stamp_ns, compared)),
+            "bus_power": block.bus_power,
+            "rigid_power": sum_over_joints(block.rigid_power),
+            "friction_power": sum_over_joints(block.friction_power),
+            "drive_loss": sum_over_joints(block.drive_loss),
+            "loss_dc": block.loss_dc,
+            "loss_grid": block.loss_grid,
+            "brake_power": block.brake_power,
+            "capacitor_power": block.capacitor_power,
+            "phase": block.phase,
+            "quality": block.quality,
+        },
+        {
+            "joint_shaft_power": block.shaft_power,
+            "joint_rigid_power": block.rigid_power,
+            "joint_friction_power": block.friction_power,
+            "joint_drive_loss": block.drive_loss,
+            "joint_shaft_power_measured": block.shaft_power_measured,
+            **_motors(block),
+        },
+        joint_names,
+    )
+
+
+def period_table(
+    block: MeanBlock, joint_names: Sequence[str], compared: Sequence[Compared] | None = None
+) -> TimeSeries:
+    """Return means over averaging periods; the stamp is that of the last sample of a period.
+
+    Args:
+        block: The means.
+        joint_names: In model order.
+        compared: What was compared with the meter; None: the table has no measured columns.
+
+    Returns:
+        One row per period, with the columns of `sample_table`; motor quantities are those of
+        the last sample.
+    """
+    rigid, friction = block.joint_mean("rigid"), block.joint_mean("friction")
+    loss = block.joint_mean("drive_loss")
+    return _table(
+        block.stamp_ns,
+        {
+            "predicted_grid_power": block.mean("grid_import") - block.mean("grid_return"),
+            **({} if compared is None else _measured(block.stamp_ns, compared)),
+            "bus_power": sum_over_joints(rigid + friction + loss),
+            "rigid_power": sum_over_joints(rigid),
+            "friction_power": sum_over_joints(friction),
+            "drive_loss": sum_over_joints(loss),
+            "loss_dc": block.mean("loss_dc"),
+            "loss_grid": block.mean("loss_grid"),
+            "brake_power": block.mean("brake"),
+            "capacitor_power": block.mean("capacitor"),
+            "phase": block.phase.astype(np.uint8),
+            "quality": block.quality,
+        },
+        {
+            "joint_shaft_power": rigid + friction,
+            "joint_rigid_power": rigid,
+            "joint_friction_power": friction,
+            "joint_drive_loss": loss,
+            "joint_shaft_power_measured": block.shaft_power_measured,
+            **_motors(block),
+        },
+        joint_names,
+    )
+
+
+def empty_table(joint_names: Sequence[str]) -> TimeSeries:
+    """Return the columns of `sample_table` without a row and without a meter."""
+    n_joints = len(joint_names)
+    first = list(UNITS).index("joint_shaft_power")
+    measured = {"measured_power", "predicted_power_at_meter", "residual_power"}
+    return _table(
+        np.empty(0, dtype=np.int64),
+        {name: np.empty(0) for name in list(UNITS)[:first] if name not in measured},
+        {name: np.empty((0, n_joints)) for name in list(UNITS)[first:]},
+        joint_names,
+    )
+
+
+def _motors(block: PowerBlock | MeanBlock) -> dict[str, Float]:
+    return {
+        "motor_velocity": block.motor_velocity,
+        "motor_torque": block.motor_torque,
+        "motor_temperature_degc": block.motor_temperature_degc,
+        "viscous_friction": block.viscous,
+    }
+
+
+def _table(
+    stamp_ns: Int,
+    columns: dict[str, Any],
+    joint_columns: dict[str, Any],
+    joint_names: Sequence[str],
+) -> TimeSeries:
+    units = {name: UNITS[name] for name in (*columns, *joint_columns)}
+    return TimeSeries(stamp_ns, columns, joint_columns, tuple(joint_names), units)
+
+
+def _measured(stamp_ns: Int, compared: Sequence[Compared]) -> dict[str, Float]:
+    """Mean powers over the interval between readings that holds each stamp."""
+    curve = EnergyCurve(2, ALL_ROWS)
+    for part in compared:
+        add_compared(curve, part)
+    measured, predicted = _at(stamp_ns, curve.rows())
+    return {
+        "measured_power": measured,
+        "predicted_power_at_meter": predicted,
+        "residual_power": predicted - measured,
+    }
+
+
+def _at(stamp_ns: Int, rows: EnergyRows) -> tuple[Float, Float]:
+    """Mean of both energies in the row that holds each stamp, epoch by epoch."""
+    found = np.full((len(stamp_ns), 2), np.nan)
+    power = rows.energy / (rows.duration_ns * NANOSECOND)[:, None]
+    jumps = np.flatnonzero(np.diff(rows.end_ns) < 0) + 1
+    epochs = np.split(np.arange(len(rows.end_ns)), jumps)
+    runs = np.split(np.arange(len(stamp_ns)), np.flatnonzero(np.diff(stamp_ns) < 0) + 1)
+    for run in runs:
+        for epoch in epochs:
+            if not len(epoch):
+                continue
+            row = np.searchsorted(rows.end_ns[epoch], stamp_ns[run], side="left")
+            row = epoch[np.minimum(row, len(epoch) - 1)]
+            stamp = stamp_ns[run]
+            held = (rows.begin_ns[row] <= stamp) & (stamp <= rows.end_ns[row])
+            held &= np.isnan(found[run, 0])
+            found[run[held]] = power[row[held]]
+    return found[:, 0], found[:, 1]

@@ -1,0 +1,131 @@
+"""Prediction: the energy of a motion before it is made."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from robot_energy import prediction
+from robot_energy.api.inputs import ModelName, model_of
+from robot_energy.api.power_table import empty_table, period_table
+from robot_energy.api.results import (
+    EnergyBreakdown,
+    JointEnergy,
+    PhaseEnergy,
+    energy_of,
+    joints_of,
+    phases_of,
+)
+from robot_energy.blocks import Float
+from robot_energy.model import RobotModel
+from robot_energy.model.payload import Payload
+from robot_energy.motion.load_motion import LoadedMotion, ToolOptions, load_motion
+from robot_energy.motion.planned import PlannedMotion
+from robot_energy.physics.rigid_body import Robot
+from robot_energy.prediction import MAX_SAMPLES, Prediction
+from robot_energy.time_series import TimeSeries
+
+
+@dataclass(frozen=True)
+class PredictionResult:
+    """The energy of a motion that has not been made.
+
+    Attributes:
+        program: Name of the motion.
+        model: The model used.
+        duration: Of all repetitions. [s]
+        power: Mean power over short periods, with the columns of a replay but those of the
+            meter; stamps begin at 1 s.
+        energy: Where the energy will go.
+        joints: The same per joint, in model order.
+        phases: Time and energy by phase: ``hold``, ``motion``, ``generating``.
+        notes: What a reader should know, one sentence each.
+        problems: What makes the figures doubtful, one sentence each.
+        prediction: The accounting behind the figures.
+    """
+
+    program: str
+    model: RobotModel
+    duration: float
+    power: TimeSeries
+    energy: EnergyBreakdown
+    joints: tuple[JointEnergy, ...]
+    phases: dict[str, PhaseEnergy]
+    notes: tuple[str, ...]
+    problems: tuple[str, ...]
+    prediction: Prediction = field(repr=False)
+    _summary: dict[str, Any] = field(repr=False)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all figures as plain values: a run in the JSON of ``robot-energy predict``."""
+        return self._summary
+
+
+def predict(
+    program: str | Path | PlannedMotion,
+    model: ModelName,
+    temperature: float | Sequence[float] | Float,
+    *,
+    repeat: int | None = None,
+    payload: Sequence[Payload] = (),
+    topic: str | None = None,
+    tool: ToolOptions | None = None,
+    max_samples: int = MAX_SAMPLES,
+    progress: Callable[[float], None] | None = None,
+) -> PredictionResult:
+    """Predict the energy of a motion program.
+
+    Args:
+        program: G-code, a YAML file of moves, a bag or CSV with a JointTrajectory; or a motion
+            in memory, such as a `robot_energy.motion.planned.SampledMotion`.
+        model: A model, its file, or the name of a shipped one.
+        temperature: Of all motors, or one per joint, held throughout. [degC]
+        repeat: How often the motion is made; None: as the program says.
+        payload: What the robot carries beside the payload of its model.
+        topic: Of the JointTrajectory in a bag.
+        tool: What G-code does not say.
+        max_samples: Longer predictions are refused.
+        progress: Called with the share done, 0 to 1.
+
+    Returns:
+        Power over time and energies.
+
+    Raises:
+        MotionError: If the motion cannot be made, or is too long.
+        RobotEnergyError: If program or model cannot be used.
+    """
+    from robot_energy.report.prediction import prediction_summary
+
+    used = model_of(model)
+    if isinstance(program, str | Path):
+        motion = load_motion(program, Robot.from_model(used), tool, topic)
+    else:
+        motion = LoadedMotion(program, "the motion")
+    result = prediction.predict(
+        used,
+        motion.motion,
+        temperature,
+        motion.name,
+        motion.repeat if repeat is None else repeat,
+        payload,
+        motion.notes,
+        progress,
+        max_samples,
+    )
+    summary = prediction_summary(result, motion)
+    names = used.joint_names
+    return PredictionResult(
+        program=result.program,
+        model=used,
+        duration=result.duration,
+        power=empty_table(names) if result.means is None else period_table(result.means, names),
+        energy=energy_of(summary),
+        joints=joints_of(summary),
+        phases=phases_of(summary),
+        notes=tuple(summary["notes"]),
+        problems=tuple(summary["problems"]),
+        prediction=result,
+        _summary=summary,
+    )

@@ -1,0 +1,266 @@
+"""Replay of a bag: where its energy went."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Literal, TypedDict, Unpack
+
+from robot_energy import bag_replay
+from robot_energy.accounting.averaging import MeanBlock
+from robot_energy.api.inputs import ModelName, effort_meaning, model_of
+from robot_energy.api.power_table import empty_table, period_table, sample_table
+from robot_energy.api.results import (
+    EnergyBreakdown,
+    JointEnergy,
+    MeterComparison,
+    PhaseEnergy,
+    energy_of,
+    joints_of,
+    phases_of,
+)
+from robot_energy.bag_replay import Replay, Topics
+from robot_energy.blocks import PowerBlock
+from robot_energy.inputs.inputs_file import read_inputs
+from robot_energy.inputs.sources import JointStateSource
+from robot_energy.model import RobotModel
+from robot_energy.physics.friction import with_fixed_friction
+from robot_energy.pipeline import Output, Settings
+from robot_energy.time_series import TimeSeries
+
+NONE = "none"  # instead of a topic: use none of the bag's
+FALLBACK = "fallback"  # instead of a temperature: the model's
+
+
+class ReplayOptions(TypedDict, total=False):
+    """What is read and how, under the names of the command's options; all may be left out.
+
+    Attributes:
+        joint_states: Topic of joint states; several where each brings some of the joints.
+        temperatures: Topics of motor temperatures; ``none`` to use none of the bag's.
+        meter: Topic of the power meter.
+        payload: Topic of payloads set at run time; ``none`` to use none of the bag's.
+        inputs: Parameter file of a monitor: read the bag as that node reads its topics.
+        effort: What the effort in the joint states is: ``none``, ``motor_current``,
+            ``motor_torque`` or ``joint_torque``.
+        stamp_source: What dates joint states: ``header`` or ``receive``.
+        reorder_window: Window in which joint states that overtook each other are sorted. [s]
+        derivative_window: Window behind an acceleration. [s]
+        temperature_wait: How long torque waits for late temperatures. [s]
+        meter_max_gap: Longest time between meter readings that is bridged. [s]
+        out: Folder of a new bag for the energy topics.
+        overwrite: Whether an existing ``out`` may be replaced.
+        progress: Called with the share done, 0 to 1.
+    """
+
+    joint_states: str | Sequence[str] | None
+    temperatures: str | Sequence[str] | None
+    meter: str | None
+    payload: str | None
+    inputs: str | Path | None
+    effort: str | None
+    stamp_source: str | None
+    reorder_window: float | None
+    derivative_window: float | None
+    temperature_wait: float | None
+    meter_max_gap: float | None
+    out: str | Path | None
+    overwrite: bool
+    progress: Callable[[float], None] | None
+
+
+@dataclass(frozen=True)
+class ReplayResult:
+    """Where the energy of a bag went.
+
+    Attributes:
+        bag: The bag.
+        model: The model used.
+        power: Power over time, one row per sample or averaging period: predicted grid power,
+            measured power, predicted power at the meter, residual (predicted less measured),
+            bus power, rigid, friction and drive loss of all joints, constant losses, brake,
+            capacitor, phase (`Phase`), quality (bits of `Quality`); and per joint shaft, rigid
+            and friction power, drive loss, motor velocity, torque and temperature.
+        energy: Where the energy went.
+        joints: The same per joint, in model order.
+        comparison: Predicted and measured over the same intervals.
+        phases: Time and energy by phase: ``hold``, ``motion``, ``generating``.
+        notes: What a user should know of inputs and figures, one sentence each.
+        problems: What was wrong with the bag or the accounts, one sentence each.
+        replay: The accounting behind the figures: registers, inputs, topics.
+    """
+
+    bag: Path
+    model: RobotModel
+    power: TimeSeries
+    energy: EnergyBreakdown
+    joints: tuple[JointEnergy, ...]
+    comparison: MeterComparison
+    phases: dict[str, PhaseEnergy]
+    notes: tuple[str, ...]
+    problems: tuple[str, ...]
+    replay: Replay = field(repr=False)
+    _summary: dict[str, Any] = field(repr=False)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all figures as plain values: the JSON of ``robot-energy replay``."""
+        return self._summary
+
+
+def replay(
+    bag: str | Path,
+    model: ModelName,
+    *,
+    temperature: float | Literal["fallback"] | None = None,
+    power_period: float | None = None,
+    **options: Unpack[ReplayOptions],
+) -> ReplayResult:
+    """Run a recorded bag through the model of its robot.
+
+    Args:
+        bag: MCAP file or rosbag2 folder.
+        model: A model, its file, or the name of a shipped one.
+        temperature: Fix friction at this temperature, whatever was measured, or at that which
+            the model assumes without measurement (``fallback``). [degC]
+        power_period: Average the power over periods of this length; None: one row per sample,
+            about 0.5 kB each for six joints. [s]
+        **options: What is read and how: see `ReplayOptions`.
+
+    Returns:
+        Power over time, energies, comparison with the meter.
+
+    Raises:
+        BagError: If the bag cannot be read or holds no usable joint state.
+        MissingTopicError: If a topic is missing or ambiguous.
+        UnknownJointError: If the joint states lack joints of the model.
+        RobotEnergyError: If the model or an option cannot be used.
+    """
+    from robot_energy.report.summary import summarise
+
+    used = model_of(model)
+    change = None
+    if temperature is not None:
+        used, change = fixed_friction(used, temperature)
+    blocks: list[PowerBlock] = []
+    means: list[MeanBlock] = []
+
+    def take(output: Output) -> None:
+        if power_period is None and output.power is not None:
+            blocks.append(output.power)
+        if power_period is not None and output.means is not None:
+            means.append(output.means)
+
+    result = run_replay(
+        bag, used, **options, power_period=power_period, on_output=take, keep_compared=True
+    )
+    compared = result.compared if result.topics.meter else None
+    names = used.joint_names
+    if blocks:
+        power = sample_table(PowerBlock.concatenate(blocks), names, compared)
+    elif means:
+        power = period_table(MeanBlock.concatenate(means), names, compared)
+    else:
+        power = empty_table(names)
+    summary = summarise(result, change)
+    return ReplayResult(
+        bag=result.bag,
+        model=used,
+        power=power,
+        energy=energy_of(summary),
+        joints=joints_of(summary),
+        comparison=MeterComparison(**summary["comparison"]),
+        phases=phases_of(summary),
+        notes=tuple(summary["notes"]),
+        problems=tuple(summary["problems"]),
+        replay=result,
+        _summary=summary,
+    )
+
+
+def fixed_friction(
+    model: RobotModel, temperature: float | Literal["fallback"]
+) -> tuple[RobotModel, str]:
+    """Return a model whose friction stays at one temperature, and what was changed.
+
+    Args:
+        model: Any model.
+        temperature: The operating point, or ``fallback`` for that of the model. [degC]
+    """
+    degc = model.temperature.fallback_degc if temperature == FALLBACK else float(temperature)
+    return with_fixed_friction(model, degc), f"friction fixed at {degc:g} degC"
+
+
+def run_replay(
+    bag: str | Path,
+    model: RobotModel,
+    *,
+    power_period: float | None = None,
+    keep_curves: bool = False,
+    keep_compared: bool = False,
+    on_output: Callable[[Output], None] | None = None,
+    **options: Unpack[ReplayOptions],
+) -> Replay:
+    """Replay a bag with the options of the command.
+
+    Args:
+        bag: MCAP file or rosbag2 folder.
+        model: The robot's model.
+        power_period: Averaging period; None: that of the pipeline. [s]
+        keep_curves: Whether to keep energies over time for figures.
+        keep_compared: Whether to keep all that was compared with the meter.
+        on_output: Called with what each step of the pipeline gave.
+        **options: What is read and how.
+
+    Returns:
+        The accounting of the replay.
+
+    Raises:
+        RobotEnergyError: If bag, model or an option cannot be used.
+    """
+    inputs = options.get("inputs")
+    read, notes = (None, []) if inputs is None else read_inputs(inputs)
+    settings = {
+        name: options.get(name)
+        for name in ("derivative_window", "temperature_wait", "meter_max_gap")
+    }
+    settings["power_period"] = power_period
+    given: dict[str, Any] = {name: value for name, value in settings.items() if value is not None}
+    if read is not None:
+        given.setdefault("meter_max_gap", read.meter_max_gap)
+    effort = options.get("effort") or (NONE if read is None else read.joint_states.effort_meaning)
+    dating: dict[str, Any] = {
+        name: options.get(name) for name in ("stamp_source", "reorder_window")
+    }
+    states = replace(
+        JointStateSource() if read is None else read.joint_states,
+        **{name: value for name, value in dating.items() if value is not None},
+    )
+    temperatures = options.get("temperatures")
+    payload = options.get("payload")
+    result = bag_replay.replay(
+        bag,
+        model,
+        topics=Topics(
+            _topics(options.get("joint_states")) or None,
+            None if temperatures is None else tuple(t for t in _topics(temperatures) if t != NONE),
+            options.get("meter"),
+            "" if payload == NONE else payload,
+        ),
+        settings=Settings(effort=effort_meaning(effort), **given),
+        out=options.get("out"),
+        overwrite=options.get("overwrite", False),
+        keep_curves=keep_curves,
+        keep_means=power_period is not None,
+        keep_compared=keep_compared,
+        progress=options.get("progress"),
+        inputs=read,
+        states=states,
+        on_output=on_output,
+    )
+    result.notes[:0] = notes
+    return result
+
+
+def _topics(names: str | Sequence[str] | None) -> tuple[str, ...]:
+    return (names,) if isinstance(names, str) else tuple(names or ())

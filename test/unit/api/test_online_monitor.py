@@ -1,0 +1,134 @@
+"""One's own loop gives the figures of a replay, however the samples are cut."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import robot_energy as re
+from robot_energy.bag import BagReader
+from robot_energy.cdr.batch import RawBatch
+from robot_energy.cdr.decode import Decoder, stamp_ns
+
+BAG = Path(__file__).resolve().parents[3] / "bags/kr16_warm"
+STAMP = ("header.stamp.sec", "header.stamp.nanosec")
+START = 1_700_000_000_000_000_000
+
+
+def column(bag, topic, *fields):
+    """Stamps and columns of a topic."""
+    decoder = Decoder(bag.topics[topic].msgtype, (*STAMP, *fields), bag.typestore)
+    runs = []
+    for part in bag.parts([topic]):
+        batch = part[topic]
+        assert isinstance(batch, RawBatch)
+        runs += decoder.decode(batch).runs
+    return [
+        np.concatenate([stamp_ns(run) for run in runs]),
+        *(np.concatenate([run.array(field) for run in runs]) for field in fields),
+    ]
+
+
+@pytest.fixture(scope="module")
+def recorded():
+    bag = BagReader(BAG)
+    return (
+        column(bag, "/joint_states", "position", "velocity", "effort"),
+        column(bag, "/motor_temperatures", "temperature_degc"),
+        column(bag, "/power_meter", "power", "interval"),
+    )
+
+
+def run(recorded, sizes):
+    """Push all that was recorded up to each moment, in pieces of the sizes given."""
+    joints, temperatures, meter = recorded
+    monitor = re.OnlineMonitor("kr16", effort="motor_torque")
+    tables, start, turn, done = [], 0, 0, [0, 0]
+    while start < len(joints[0]):
+        end = min(start + sizes[turn % len(sizes)], len(joints[0]))
+        now = joints[0][end - 1]
+        for index, (stamp, push) in enumerate(
+            ((temperatures[0], monitor.push_temperatures), (meter[0], monitor.push_meter))
+        ):
+            last = int(np.searchsorted(stamp, now, side="right"))
+            rows = slice(done[index], last)
+            if last > done[index] and index == 0:
+                push(stamp[rows], temperatures[1][rows])
+            elif last > done[index]:
+                push(stamp[rows], meter[1][rows], interval=meter[2][rows])
+            done[index] = last
+        rows = slice(start, end)
+        tables.append(
+            monitor.push(joints[0][rows], joints[1][rows], joints[2][rows], joints[3][rows])
+        )
+        start, turn = end, turn + 1
+    monitor.push_meter(meter[0][done[1] :], meter[1][done[1] :], interval=meter[2][done[1] :])
+    tables.append(monitor.flush())
+    return monitor, tables
+
+
+@pytest.mark.parametrize("sizes", [(1000,), (1, 7, 40, 3, 250), (100_000,)])
+def test_the_loop_gives_the_registers_of_the_replay_to_the_bit(recorded, sizes):
+    monitor, tables = run(recorded, sizes)
+    expected = re.replay(BAG, "kr16", effort="motor_torque")
+    found, registers = monitor.account.registers, expected.replay.ledger.registers
+    assert np.array_equal(found.microjoule, registers.microjoule)
+    assert np.array_equal(found.remainder, registers.remainder)
+    comparison = monitor.account.comparison
+    assert comparison.measured_energy == expected.replay.ledger.comparison.measured_energy
+    assert comparison.predicted_energy == expected.replay.ledger.comparison.predicted_energy
+    assert monitor.energy == expected.energy
+    for name in (*tables[-1].columns, *tables[-1].joint_columns):
+        together = np.concatenate([table[name] for table in tables])
+        assert np.array_equal(together, expected.power[name], equal_nan=True), name
+
+
+def test_single_samples_and_arrays_are_the_same():
+    stamp = START + np.arange(60) * 4_000_000
+    position = np.sin(np.linspace(0.0, 0.5, 60))[:, None] * np.ones(6)
+    degc, power = np.full((60, 6), 30.0), np.full(60, 500.0)
+    one, many = re.OnlineMonitor("kr16"), re.OnlineMonitor("kr16")
+    for row in range(60):
+        one.push(
+            int(stamp[row]), position[row], motor_temperature_degc=degc[row],
+            measured_power=power[row],
+        )  # fmt: skip
+    many.push(stamp, position, motor_temperature_degc=degc, measured_power=power)
+    one.flush(), many.flush()
+    assert one.energy == many.energy
+    assert one.account.comparison.measured_energy > 0
+    assert one.account.comparison.measured_energy == many.account.comparison.measured_energy
+
+
+def test_what_cannot_be_right_is_counted_and_not_raised():
+    monitor = re.OnlineMonitor("kr16")
+    position = np.zeros((3, 6))
+    position[1, 2] = np.nan
+    monitor.push([START, START + 4_000_000, 0], position)
+    assert monitor.rejected["joint_states"] == {"not_finite": 1, "zero_stamp": 1}
+
+
+def test_the_power_of_one_push_is_empty_until_it_is_complete():
+    monitor = re.OnlineMonitor("kr16")
+    table = monitor.push(START, np.zeros(6))
+    assert len(table) == 0
+    assert table["motor_velocity"].shape == (0, 6)
+    assert set(table.columns) | set(table.joint_columns) == set(table.units)
+
+
+@pytest.mark.parametrize(
+    ("stamp", "position"),
+    [(1.5, np.zeros(6)), (START, np.zeros(5)), ([START, START], np.zeros(6)), (2**62, np.zeros(6))],
+)
+def test_arrays_that_do_not_fit_are_refused(stamp, position):
+    with pytest.raises(re.ShapeError):
+        re.OnlineMonitor("kr16").push(stamp, position)
+
+
+def test_unknown_meanings_are_refused():
+    with pytest.raises(re.ParameterError):
+        re.OnlineMonitor("kr16", effort="torque")
+    with pytest.raises(re.ParameterError):
+        re.OnlineMonitor("kr16", meter_location="roof")
+    with pytest.raises(re.ShapeError):
+        re.OnlineMonitor("kr16").push_meter(START)

@@ -1,0 +1,145 @@
+"""Results of the public functions are those of the commands."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import robot_energy as re
+from robot_energy.cli.main import main
+
+ROOT = Path(__file__).resolve().parents[3]
+BAG = str(ROOT / "bags/kr16_cold")
+PROGRAM = str(ROOT / "src/examples/programs/kr16_pick_and_place.yaml")
+
+
+@pytest.fixture(scope="module")
+def replayed():
+    return re.replay(BAG, model="kr16")
+
+
+def command_json(tmp_path, *words):
+    path = tmp_path / "figures.json"
+    assert main([*words, "--json", str(path)]) == 0
+    return {key: value for key, value in json.loads(path.read_text()).items() if key != "generator"}
+
+
+def test_replay_gives_the_json_of_the_command(replayed, tmp_path, capsys):
+    assert replayed.to_dict() == command_json(tmp_path, "replay", BAG, "--model", "kr16")
+
+
+def test_fields_hold_the_figures_of_the_summary(replayed):
+    summary = replayed.to_dict()
+    assert replayed.energy.__dict__ == summary["energy"]
+    assert [joint.__dict__ for joint in replayed.joints] == summary["joints"]
+    assert replayed.comparison.__dict__ == summary["comparison"]
+    assert {name: phase.__dict__ for name, phase in replayed.phases.items()} == summary["phases"]
+    assert list(replayed.notes) == summary["notes"]
+
+
+def test_the_power_integrates_to_the_energy(replayed):
+    power = replayed.power
+    total = re.physics.trapezoid_energy(power.time, power["predicted_grid_power"])
+    assert total == pytest.approx(replayed.energy.grid_import, rel=1e-6)
+    friction = re.physics.trapezoid_energy(power.time, power["joint_friction_power"])
+    assert friction == pytest.approx([j.friction_energy for j in replayed.joints], rel=1e-6)
+
+
+def test_every_row_balances(replayed):
+    power = replayed.power
+    parts = ("rigid_power", "friction_power", "drive_loss", "loss_dc", "loss_grid")
+    parts += ("brake_power", "capacitor_power")
+    total = sum(power[name] for name in parts)
+    assert total == pytest.approx(power["predicted_grid_power"], rel=1e-9)
+    assert set(power.units) == {*power.columns, *power.joint_columns}
+
+
+def test_measured_power_is_that_of_the_meter(replayed):
+    power, known = replayed.power, np.isfinite(replayed.power["measured_power"])
+    assert known.mean() > 0.99
+    mean = power["measured_power"][known].mean()
+    assert mean == pytest.approx(replayed.comparison.measured_mean_power, rel=1e-3)
+    residual = power["predicted_power_at_meter"] - power["measured_power"]
+    assert np.array_equal(power["residual_power"], residual, equal_nan=True)
+
+
+def test_power_over_periods_holds_the_same_energy(replayed):
+    means = re.replay(BAG, "kr16", power_period=0.1)
+    assert means.energy == replayed.energy
+    assert len(means.power) == pytest.approx(len(replayed.power) / 25, abs=2)
+
+
+def test_a_fixed_temperature_is_that_of_the_command(tmp_path, capsys):
+    words = ("replay", BAG, "--model", "kr16", "--fixed-friction", "40")
+    result = re.replay(BAG, "kr16", temperature=40.0)
+    assert result.to_dict() == command_json(tmp_path, *words)
+    fallback = re.replay(BAG, "kr16", temperature="fallback", temperatures="none")
+    assert fallback.to_dict()["topics"]["temperatures"] == []
+
+
+def test_predict_gives_the_json_of_the_command(tmp_path, capsys):
+    words = ("predict", PROGRAM, "--model", "kr16", "--temperature", "30")
+    result = re.predict(PROGRAM, "kr16", 30.0)
+    runs = command_json(tmp_path, *words)
+    assert [json.loads(json.dumps(result.to_dict()))] == runs["runs"]
+    power = result.power["predicted_grid_power"]
+    known = np.isfinite(power)  # the first row is one sample: no time, hence no mean
+    assert not known[0]
+    assert known[1:].all()
+    total = re.physics.trapezoid_energy(result.power.time[known], power[known])
+    assert total == pytest.approx(result.energy.grid_import, rel=0.02)
+
+
+def test_a_wrong_option_is_refused():
+    with pytest.raises(re.ParameterError):
+        re.replay(BAG, "kr16", effort="torque")
+    with pytest.raises(re.ModelFileError):
+        re.replay(BAG, "no_such_model")
+
+
+def test_identify_cabinet_gives_the_json_and_the_model_of_the_command(tmp_path, capsys):
+    other = str(ROOT / "bags/kr16_warm")
+    result = re.identify_cabinet([BAG, other], "kr16")
+    words = ("identify", "cabinet", BAG, other, "--model", "kr16")
+    found = command_json(tmp_path, *words, "--out", str(tmp_path / "command.yaml"))
+    assert json.loads(json.dumps(result.to_dict())) == found
+    result.save(tmp_path / "api.yaml")
+    assert (tmp_path / "api.yaml").read_bytes() == (tmp_path / "command.yaml").read_bytes()
+
+
+def test_identify_needs_the_meaning_of_the_effort():
+    with pytest.raises(re.ModelFileError):
+        re.identify_friction(BAG, "kr16")
+
+
+def test_identify_dynamics_gives_a_model(tmp_path):
+    result = re.identify_dynamics(BAG, "kr16", "motor_torque")
+    assert result.to_dict()
+    result.save(tmp_path / "model.yaml")
+    assert re.load_model(tmp_path / "model.yaml").joint_names == result.model.joint_names
+
+
+def test_export_writes_the_table(tmp_path, capsys):
+    target = tmp_path / "power.csv"
+    words = ["export", BAG, "--model", "kr16", "--power-period", "0.5", "--out", str(target)]
+    assert main(words) == 0
+    assert main(words) == 0  # its own file is replaced
+    assert target.read_text() == re.replay(BAG, "kr16", power_period=0.5).power.to_csv()
+
+
+def test_export_refuses_what_is_not_its_own(tmp_path, capsys):
+    target = tmp_path / "power.csv"
+    target.write_text("somebody else's")
+    assert main(["export", BAG, "--model", "kr16", "--out", str(target)]) == 2
+    assert target.read_text() == "somebody else's"
+    assert main(["export", BAG, "--model", "kr16", "--out", str(tmp_path / "power.txt")]) == 2
+
+
+def test_export_writes_parquet(tmp_path, capsys):
+    polars = pytest.importorskip("polars")
+    target = tmp_path / "power.parquet"
+    words = ["export", BAG, "--model", "kr16", "--power-period", "0.5", "--out", str(target)]
+    assert main(words) == 0
+    assert main(words) == 0  # its own file is replaced
+    assert polars.read_parquet(target).height == 72
