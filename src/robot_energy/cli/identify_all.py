@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import json
 from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
-from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from robot_energy.cli.identify_inputs import (
     add_bags,
@@ -15,25 +13,21 @@ from robot_energy.cli.identify_inputs import (
     check_results,
     command_of,
     link_voltages,
-    read_sources,
 )
-from robot_energy.cli.terminal import console, progress, write_text
-from robot_energy.errors import ModelFileError, NotIdentifiableError
-
-if TYPE_CHECKING:
-    from robot_energy.identify.bags import Bag, BagFacts, Span
-    from robot_energy.identify.everything import Everything
-    from robot_energy.model_file import RobotModel
+from robot_energy.cli.terminal import console, progress, write_json
+from robot_energy.errors import ModelFileError
+from robot_energy.files.placement import all_or_none
+from robot_energy.shown_text import shown
 
 SUBJECTS = ("dynamics", "friction", "cabinet", "drives", "capacitor")
 
 DESCRIPTION = """\
-Identify everything that the recordings allow, in the order of the power: bodies and rotors
-from measured torque, friction over temperature, constant losses of the cabinet, losses of the
-drives, energy that the DC link stores. What they do not allow is left as the model has it, with
-a sentence that says what to record. Then the energy of the old and the new model is compared
-with the meter on recordings that the fit has not seen: whole recordings in turn, or those of
---test.
+Identify everything that the recordings allow, in this order: bodies and rotors from
+measured torque, friction over temperature, constant losses of the cabinet, losses of the
+drives, energy that the DC link stores. Other parameters keep the values of the model, and
+a sentence says what to record for them. Then the energy of the old and the new model is
+compared with the meter on recordings that the fit has not seen: whole recordings in turn, or
+those of --test.
 """
 EPILOG = """\
 examples:
@@ -87,64 +81,43 @@ def run(args: Namespace) -> int:
     Raises:
         RobotEnergyError: If bags or model cannot be used, or nothing can be identified.
     """
-    from robot_energy.identify.bags import facts
-    from robot_energy.identify.everything import identify_everything, with_provenance
-    from robot_energy.identify.held_out_energy import folds_of, held_out_energy
-    from robot_energy.model_file import load, save
+    from robot_energy.api.identify import identify_all
     from robot_energy.report.document import Document
-    from robot_energy.report.identification_document import (
-        Identification,
-        identification_summary,
-        print_identification,
-    )
+    from robot_energy.report.identification_document import print_identification
 
     check_results(args)
     _check(args)
-    voltages = link_voltages(args)
-    model = load(args.model)
-    bags, refused = _bags(args, model, args.bags)
-    tests, _ = _bags(args, model, args.test)
-    known: list[tuple[BagFacts, Span]] = []
-    for bag in (*bags, *tests):
-        with progress(f"reading {bag.name}") as report:
-            recording = bag.whole(model, report)
-        known.append((facts(bag, recording), recording.span_ns))
-    read = [entry for entry, _ in known[: len(bags)]]
-    with progress("identifying") as report:
-        whole = identify_everything(
-            bags, model, args.skip, lambda _, share: report(share), refused, voltages
-        )
-    _require_something(whole)
-    test = None
-    if not args.no_test:
-        kind, folds = folds_of(bags, tests, [span for _, span in known])
-        with progress("testing on what was held out") as report:
-            test = held_out_energy(kind, folds, whole, args.skip, lambda _, share: report(share))
-    written = with_provenance(whole, read)
-    if args.out is not None:
-        save(written, args.out)
-    found = Identification(
-        whole,
-        written,
-        read,
-        [entry for entry, _ in known[len(bags) :]],
-        test,
-        command_of(args),
-        args.out or "",
+    result = identify_all(
+        args.bags,
+        args.model,
+        args.effort,
+        test=args.test,
+        held_out=not args.no_test,
+        skip=args.skip,
+        drive_power=args.drive_power,
+        drive_joints=args.drive_joints,
+        link_voltages=link_voltages(args),
+        inputs=args.inputs,
+        progress=progress,
+        command=command_of(args),
+        out=args.out or "",
     )
-    if args.json is not None:
-        summary = identification_summary(found)
-        write_text(args.json, json.dumps(summary, indent=2, allow_nan=False) + "\n")
-    if args.report is not None:
-        page = Document(f"Identification of {model.robot.type}", found.lead)
-        print_identification(found, page)
-        page.write(args.report)
+    found = result.found
+    with all_or_none():
+        if args.out is not None:
+            result.save(args.out)
+        if args.json is not None:
+            write_json(args.json, result.to_dict())
+        if args.report is not None:
+            page = Document(f"Identification of {result.model.robot.type}", found.lead)
+            print_identification(found, page)
+            page.write(args.report)
     if args.json != "-":  # last: the reader of a pipe may close it early
         out = console()
         print_identification(found, out)
         for what, path in (("model file", args.out), ("report", args.report)):
             if path is not None:
-                out.print(f"wrote {path}: {what}", soft_wrap=True)
+                out.print(f"wrote {shown(path)}: {what}", soft_wrap=True)
     return 0
 
 
@@ -164,37 +137,3 @@ def _check(args: Namespace) -> None:
         )
     if set(args.skip) == set(SUBJECTS):
         raise ModelFileError("--skip leaves nothing to identify", "fewer subjects")
-
-
-def _bags(args: Namespace, model: RobotModel, paths: Sequence[str]) -> tuple[list[Bag], str]:
-    """The bags, and why their effort cannot be used; empty if it can, or was not told."""
-    from robot_energy.blocks import EffortMeaning
-    from robot_energy.identify.bags import Bag
-    from robot_energy.identify.drive_power import read_drive_power
-    from robot_energy.identify.everything import usable_effort
-
-    effort, inputs = read_sources(args)
-    refused = usable_effort(model, effort)
-    used = EffortMeaning.NONE if refused else effort
-    return [
-        Bag(
-            Path(path),
-            used,
-            inputs,
-            read_drive_power(path, args.drive_power, model.joint_names, args.drive_joints)
-            if args.drive_power
-            else None,
-        )
-        for path in paths
-    ], refused
-
-
-def _require_something(whole: Everything) -> None:
-    """Refuse to report where not one step could be done.
-
-    Raises:
-        NotIdentifiableError: With the reason of every step.
-    """
-    if all(step.found is None for step in whole.steps):
-        reasons = " ".join(f"{step.subject.capitalize()}: {step.reason}" for step in whole.steps)
-        raise NotIdentifiableError(f"nothing can be identified from these recordings. {reasons}")

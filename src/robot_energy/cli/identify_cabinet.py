@@ -12,23 +12,24 @@ from robot_energy.cli.identify_inputs import (
     check_results,
     link_voltages,
     present,
-    read_recordings,
     source_of,
 )
+from robot_energy.cli.terminal import progress
+from robot_energy.files.placement import all_or_none
 
 if TYPE_CHECKING:
     from robot_energy.report.document import Document
 
 DESCRIPTION = """\
 Identify the constant losses of the cabinet from recordings with a power meter (paper A,
-section II-A): while nothing moves the meter shows the sum of both sides, while the robot
-brakes hard it shows the grid side alone. Both phases are found by themselves. After hard
+section II-A): while nothing moves, the meter shows the sum of both sides; while the
+robot brakes hard, it shows the grid side alone. The command finds both phases. After hard
 braking the DC link feeds the drives; how much energy it stores is found from that, with an
 interval, and taken if held-out readings are predicted better with it.
 
 Record at least ten seconds of rest with active drives, and fast motions that stop hard.
-Identify the drives first (or use `identify all`): losses of theirs that the model lacks can
-hide the DC link.
+Identify the drives first (or use `identify all`): drive losses that the model lacks can hide
+the effect of the DC link.
 """
 EPILOG = """\
 example:
@@ -57,33 +58,37 @@ def run(args: Namespace) -> int:
     Raises:
         RobotEnergyError: If recordings or model cannot be used.
     """
-    from robot_energy.identify.supply import fit_supply
-    from robot_energy.model_file import load, save
+    from robot_energy.api.identify import identify_cabinet
     from robot_energy.report.dc_link import error_over_energy
-    from robot_energy.report.supply import print_supply, supply_summary
+    from robot_energy.report.supply import print_supply
 
     check_results(args)
-    voltages = link_voltages(args)
-    model = load(args.model)
-    found = fit_supply(read_recordings(args, model), source_of(args), voltages)
-    summary = supply_summary(found)
-    if args.out is not None:
-        save(found.model, args.out)
-
-    def draw(document: Document) -> None:
-        link = found.link
-        if link is not None:
-            document.figure(
-                lambda path: error_over_energy(link, path),
-                "Error of the predicted power at the grid over the energy of the DC link.",
-            )
-
-    present(
-        args,
-        f"Cabinet of {model.robot.type}",
-        summary,
-        lambda page: print_supply(summary, page),
-        draw,
-        f"Constant losses and DC link identified from {source_of(args)}.",
+    result = identify_cabinet(
+        args.bags,
+        args.model,
+        link_voltages=link_voltages(args),
+        inputs=args.inputs,
+        progress=progress,
     )
+    summary = result.to_dict()
+    with all_or_none():
+        if args.out is not None:
+            result.save(args.out)
+
+        def draw(document: Document) -> None:
+            link = result.found.link
+            if link is not None:
+                document.figure(
+                    lambda path: error_over_energy(link, path),
+                    "Error of the predicted power at the grid over the energy of the DC link.",
+                )
+
+        present(
+            args,
+            f"Cabinet of {result.model.robot.type}",
+            summary,
+            lambda page: print_supply(summary, page),
+            draw,
+            f"Constant losses and DC link identified from {source_of(args)}.",
+        )
     return 0

@@ -5,7 +5,6 @@ from __future__ import annotations
 from argparse import ArgumentParser, ArgumentTypeError, Namespace, RawDescriptionHelpFormatter
 from contextlib import ExitStack
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from robot_energy.cli.identify_inputs import (
@@ -18,21 +17,24 @@ from robot_energy.cli.identify_inputs import (
     read_sources,
 )
 from robot_energy.errors import ModelFileError
+from robot_energy.files.placement import all_or_none
+from robot_energy.files.temporary_folder import TemporaryFolder
+from robot_energy.log_formats import LOG_FORMATS
 
 if TYPE_CHECKING:
-    from robot_energy.identify.drive_data import DriveData
-    from robot_energy.model_file import RobotModel
+    from robot_energy.identify.drives.drive_data import DriveData
+    from robot_energy.model import RobotModel
     from robot_energy.report.document import Document
 
 DESCRIPTION = """\
 Identify how much electrical power the drives take for torque and speed.
 
 With the power of each drive (--drive-power, or drive_power in the mapping of a log): a
-reduced efficiency map in four quadrants (paper B, section 6) and beside it a loss model,
-both tested on held-out data against a constant efficiency and none. A delay of the power
-behind the joint states is found and undone. With one power meter
-for all drives: what of the losses its readings tell apart. Where a recording has both,
-both are done.
+reduced efficiency map in four quadrants (paper B, section 6) and a loss model. Both are
+compared on held-out data with a constant efficiency and with no losses. The lag of the
+power behind the joint states is estimated and removed. With one power meter
+for all drives: those losses that its readings determine. If a recording has both kinds of
+power, both fits are made.
 
 Record motions at several speeds and loads, and several recordings, so that whole ones
 can be held out.
@@ -71,9 +73,15 @@ def add_parser(commands: Any) -> None:
         metavar="JOINT",
         help="joints in the order of that array (default: of the model)",
     )
-    parser.add_argument(
-        "--ur-rtde", action="store_true", help="the recordings are CSV files of UR's RTDE"
-    )
+    for kind in LOG_FORMATS.values():
+        if kind.recording is not None:
+            parser.add_argument(
+                f"--{kind.name}",
+                dest="log_format",
+                action="store_const",
+                const=kind.name,
+                help=f"the recordings are files of {kind.label}",
+            )
     parser.add_argument(
         "--cutoff",
         type=_frequency,
@@ -105,7 +113,8 @@ def run(args: Namespace) -> int:
         RobotEnergyError: If recordings, logs or model cannot be used, or nothing can be
             identified.
     """
-    from robot_energy.identify.all_drives import find_drives
+    from robot_energy.identify.drives.all_drives import find_drives
+    from robot_energy.identify.plausibility import check_drives, check_total
     from robot_energy.report.drives import drives_found_summary, print_drives
     from robot_energy.report.efficiency_figure import efficiency_maps
 
@@ -114,35 +123,40 @@ def run(args: Namespace) -> int:
     data, model, torque = _data(args)
     source = ", ".join(Path(name).name for name in args.bags or args.log)
     found = find_drives(data, model, source, args.cutoff)
+    if found.drives is not None:
+        check_drives(data, found.drives)
+    elif found.total is not None:
+        check_total(found.total.data, found.total.scores)
     summary = drives_found_summary(found, torque)
-    if model is not None:
-        written, notes = found.write(model, source)
-        if notes:
-            summary["total"]["notes"] += notes
-        if args.out is not None:
-            from robot_energy.model_file import save
+    with all_or_none():
+        if model is not None:
+            written, notes = found.write(model, source)
+            if notes:
+                summary["total"]["notes"] += notes
+            if args.out is not None:
+                from robot_energy.model import save
 
-            save(written, args.out)
-    axes = [] if found.drives is None else list(found.drives.axes)
-    maps = [axis for axis in axes if axis.map is not None]
-    if args.plot is not None:
-        efficiency_maps(maps, args.plot, source)
+                save(written, args.out)
+        axes = [] if found.drives is None else list(found.drives.axes)
+        maps = [axis for axis in axes if axis.map is not None]
+        if args.plot is not None:
+            efficiency_maps(maps, args.plot, source)
 
-    def draw(document: Document) -> None:
-        if maps:
-            document.figure(
-                lambda path: efficiency_maps(maps, path),
-                "Reduced efficiency maps in four quadrants, with their points.",
-            )
+        def draw(document: Document) -> None:
+            if maps:
+                document.figure(
+                    lambda path: efficiency_maps(maps, path),
+                    "Reduced efficiency maps in four quadrants, with their points.",
+                )
 
-    present(
-        args,
-        "Electrical power of the drives",
-        summary,
-        lambda page: print_drives(summary, page),
-        draw,
-        f"Identified from {source}.",
-    )
+        present(
+            args,
+            "Electrical power of the drives",
+            summary,
+            lambda page: print_drives(summary, page),
+            draw,
+            f"Identified from {source}.",
+        )
     return 0
 
 
@@ -157,13 +171,16 @@ def _check(args: Namespace) -> None:
             "--log and --mapping alone, or recordings with --model",
             "import the log to a bag",
         )
-    if args.ur_rtde and args.drive_power:
-        raise ModelFileError("recordings of RTDE have no power of each drive", "no --drive-power")
+    if args.log_format and args.drive_power:
+        label = LOG_FORMATS[args.log_format].label
+        raise ModelFileError(
+            f"recordings of {label} have no power of each drive", "no --drive-power"
+        )
 
 
 def _data(args: Namespace) -> tuple[DriveData, RobotModel | None, str]:
     """Samples, the model, and where the torque comes from."""
-    from robot_energy.identify.drive_data import drive_data, drive_data_of_logs
+    from robot_energy.identify.drives.drive_data import drive_data, drive_data_of_logs
 
     if args.log:
         from robot_energy.logs.mapped_csv import read_csv
@@ -175,17 +192,18 @@ def _data(args: Namespace) -> tuple[DriveData, RobotModel | None, str]:
         data = drive_data_of_logs([(held, list(parts)) for _, held, parts in logs], unit)
         return data, None, "log"
     from robot_energy.blocks import EffortMeaning
-    from robot_energy.identify.drive_power import read_drive_power
-    from robot_energy.logs import import_ur_rtde
-    from robot_energy.model_file import load
+    from robot_energy.identify.drives.drive_power import read_drive_power
+    from robot_energy.identify.plausibility import check_signs
+    from robot_energy.model import load
 
     model = load(args.model)
     effort, _ = read_sources(args)
     with ExitStack() as stack:
-        if args.ur_rtde:
-            folder = Path(stack.enter_context(TemporaryDirectory()))
+        recording = LOG_FORMATS[args.log_format].recording if args.log_format else None
+        if recording is not None:
+            folder = stack.enter_context(TemporaryFolder()).path
             bags = [
-                import_ur_rtde([name], folder / str(number), model.joint_names).bag
+                recording(name, folder / str(number), model.joint_names).bag
                 for number, name in enumerate(args.bags)
             ]
         else:
@@ -198,4 +216,6 @@ def _data(args: Namespace) -> tuple[DriveData, RobotModel | None, str]:
             for bag in bags
         ]
     measured = effort is not EffortMeaning.NONE
+    if measured:
+        check_signs(recordings, effort)
     return drive_data(recordings, powers, measured), model, effort.value if measured else "model"

@@ -15,27 +15,28 @@ from robot_energy.cli.identify_inputs import (
     check_results,
     check_source,
     present,
-    read_recordings,
 )
+from robot_energy.cli.numbers import number
+from robot_energy.cli.terminal import progress
 
 if TYPE_CHECKING:
-    from robot_energy.identify.dynamics import DynamicsSettings
-    from robot_energy.identify.signals import Channels
-    from robot_energy.model_file import RobotModel
-    from robot_energy.report.dynamics import Reference
+    from robot_energy.identify.data.signals import Channels
+    from robot_energy.identify.dynamics.dynamics import DynamicsSettings
+    from robot_energy.model import RobotModel
+    from robot_energy.report.dynamics import ReferenceValues
     from robot_energy.report.printing import Page
 
     # Model, stretches of every recording by its name, sources, friction known from elsewhere.
-    Read = tuple[RobotModel, dict[str, list[Channels]], list[str], Reference | None]
+    Read = tuple[RobotModel, dict[str, list[Channels]], list[str], ReferenceValues | None]
 
 DESCRIPTION = """\
 Identify inertial parameters, rotor inertias and friction of a robot from recorded positions
 and motor torques, with standard deviations and errors on held-out data, and write a model
-file that the monitor runs. Of several recordings, each is also predicted from the others.
+file that the monitor runs. Each recording is also predicted from the others.
 
 From bags, with a model file for kinematics and gears; or directly from raw drive logs, by a
 YAML file that says what they hold (src/examples/identify/tx40.yaml). Record all joints moving
-at once, for ten seconds or more, at several speeds and far apart.
+at the same time, for ten seconds or more, at several speeds and far apart.
 """
 EPILOG = """\
 examples:
@@ -59,7 +60,9 @@ def add_parser(subjects: Any) -> None:
     add_bags(parser, required=False, effort="what the effort in the joint states of bags means")
     parser.add_argument("--log", metavar="FILE", help="instead of bags: what raw files hold")
     parser.add_argument(
-        "--data", metavar="FOLDER", help="where the raw files lie (default: beside the mapping)"
+        "--data",
+        metavar="FOLDER",
+        help="where the raw files lie (default: the folder of the mapping)",
     )
     parser.add_argument(
         "--method",
@@ -68,25 +71,25 @@ def add_parser(subjects: Any) -> None:
         help="ordinary, weighted by joint (default), or robust against outliers",
     )
     parser.add_argument(
-        "--stribeck", type=float, metavar="V", help="add a Stribeck term with this speed [rad/s]"
+        "--stribeck", type=number, metavar="V", help="add a Stribeck term with this speed [rad/s]"
     )
     parser.add_argument(
         "--smooth",
-        type=float,
+        type=number,
         default=0.01,
         metavar="V",
         help="speed of the smooth sign of Coulomb friction [rad/s] (default: 0.01)",
     )
     parser.add_argument(
         "--cutoff",
-        type=float,
+        type=number,
         default=10.0,
         metavar="HZ",
         help="low-pass on both sides of the equation (default: 10)",
     )
     parser.add_argument(
         "--delay",
-        type=float,
+        type=number,
         default=5.0,
         metavar="MS",
         help="look for delays of the torque up to this (default: 5; 0: do not)",
@@ -100,15 +103,18 @@ def run(args: Namespace) -> int:
     """Identify.
 
     Raises:
-        RobotEnergyError: If mapping, files or recording cannot be used.
+        RobotEnergyError: If mapping, files or recording cannot be used, or what they give
+            is implausible.
     """
-    from robot_energy.identify.across import across_recordings
-    from robot_energy.identify.dynamics import identify_dynamics
-    from robot_energy.identify.dynamics_model import to_model
-    from robot_energy.model_file import save
+    from robot_energy.files.placement import all_or_none
+    from robot_energy.identify.dynamics.dynamics import identify_dynamics
+    from robot_energy.identify.dynamics.dynamics_model import to_model
+    from robot_energy.identify.dynamics.leave_one_out import across_recordings
+    from robot_energy.identify.plausibility import check_dynamics
+    from robot_energy.model import save
     from robot_energy.report.document import Document
     from robot_energy.report.dynamics import (
-        Effort,
+        TorqueErrorRow,
         dynamics_summary,
         print_across,
         print_dynamics,
@@ -124,13 +130,12 @@ def run(args: Namespace) -> int:
     settings = _settings(args)
     channels = [part for stretches in recordings.values() for part in stretches]
     result = identify_dynamics(channels, model, settings)
-    written = to_model(result, sources)
-    if args.out:
-        save(written, args.out)
     done = time.perf_counter()
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
     held_out, consistent = result.held_out(), result.held_out_consistent()
-    effort = Effort(read - begin, done - read, peak)
+    check_dynamics(result, consistent)
+    written = to_model(result, sources)
+    effort = TorqueErrorRow(read - begin, done - read, peak)
 
     across = across_recordings(recordings, model, settings) if len(recordings) > 1 else None
 
@@ -140,52 +145,51 @@ def run(args: Namespace) -> int:
         if across is not None:
             print_across(page, across, model.joint_names)
 
-    present(
-        args,
-        f"Dynamics of {model.robot.type}",
-        dynamics_summary(result, held_out, consistent),
-        show,
-        lead=f"Identified from {', '.join(sources)}. Model {written.model_id}.",
-    )
+    with all_or_none():
+        if args.out is not None:
+            save(written, args.out)
+        present(
+            args,
+            f"Dynamics of {model.robot.type}",
+            dynamics_summary(result, held_out, consistent),
+            show,
+            lead=f"Identified from {', '.join(sources)}. Model {written.model_id}.",
+        )
     return 0
 
 
 def _log(args: Namespace) -> Read:
     """Read raw files by their mapping."""
-    from robot_energy.identify.raw_log import load_drive_log, model_of, read_channels
-    from robot_energy.model_file import load
-    from robot_energy.report.dynamics import Reference
+    from robot_energy.identify.data.raw_log import load_drive_log, model_of, read_channels
+    from robot_energy.model import load
+    from robot_energy.report.dynamics import ReferenceValues
 
     log = load_drive_log(args.log)
     folder = Path(args.data) if args.data else Path(args.log).parent
     beside = Path(args.log).parent
     model = load(args.model) if args.model else model_of(log, folder, beside)
     known = log.reference
-    reference = None if known is None else Reference(known.viscous, known.coulomb, known.source)
+    reference = (
+        None if known is None else ReferenceValues(known.viscous, known.coulomb, known.source)
+    )
     recordings = {name: [read_channels(log, model, folder, name)] for name in log.names}
     return model, recordings, list(log.files), reference
 
 
 def _bags(args: Namespace) -> Read:
     """Run bags through the stages of the monitor."""
-    from robot_energy.identify.recordings import channels_of
-    from robot_energy.model_file import load
+    from robot_energy.api.identify import dynamics_channels
+    from robot_energy.model import load
 
     model = load(args.model)
-    recordings: dict[str, list[Channels]] = {}
-    rate: float | None = None
-    for bag, part in zip(args.bags, read_recordings(args, model, needs_effort=True), strict=True):
-        found = channels_of([part], rate=rate)
-        rate = found[0].rate
-        name = Path(bag).name
-        recordings[str(bag) if name in recordings else name] = found
+    recordings = dynamics_channels(args.bags, model, args.effort, args.inputs, progress)
     return model, recordings, [Path(bag).name for bag in args.bags], None
 
 
 def _settings(args: Namespace) -> DynamicsSettings:
-    from robot_energy.identify.columns import standard_columns
-    from robot_energy.identify.dynamics import DynamicsSettings
-    from robot_energy.identify.observations import Filters
+    from robot_energy.identify.data.observations import Filters
+    from robot_energy.identify.dynamics.columns import standard_columns
+    from robot_energy.identify.dynamics.dynamics import DynamicsSettings
 
     return DynamicsSettings(
         columns=standard_columns(args.smooth, args.stribeck),

@@ -1,28 +1,35 @@
-"""`robot-energy identify excitation`: a motion that tells a robot's parameters."""
+"""`robot-energy identify excitation`: a motion that makes a robot's parameters identifiable."""
 
 from __future__ import annotations
 
-import json
 from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from robot_energy.cli.terminal import add_debug, check_writable, console, progress, write_text
+from robot_energy.cli.numbers import number, whole
+from robot_energy.cli.terminal import (
+    add_debug,
+    check_bag,
+    check_outputs,
+    console,
+    progress,
+    write_json,
+)
 
 if TYPE_CHECKING:
-    from robot_energy.identify.excitation_limits import Floor
-    from robot_energy.model_file import RobotModel
+    from robot_energy.identify.excitation.limits import Floor
+    from robot_energy.model import RobotModel
 
 TOOL = "tool0"
 CSV, BAG = "excitation.csv", "excitation_bag"
 
 DESCRIPTION = """\
 Make a motion for `identify dynamics`: one finite Fourier series per joint that begins and
-ends at rest (paper B, 4.3.2), optimised so that torque tells the base parameters apart,
-within the limits of position, velocity, acceleration and torque. Written are a CSV file and
-a bag with one trajectory_msgs/JointTrajectory.
+ends at rest (paper B, 4.3.2), optimised so that torque determines the base parameters,
+within the limits of position, velocity, acceleration and torque. The result is a CSV
+file and a bag with one trajectory_msgs/JointTrajectory.
 
-The robot must be at the start pose first. Collisions are not checked.
+Move the robot to the start pose first. Collisions are not checked.
 """
 EPILOG = """\
 examples:
@@ -48,17 +55,17 @@ def add_parser(subjects: Any) -> None:
     shape = parser.add_argument_group("the motion")
     shape.add_argument(
         "--period",
-        type=float,
+        type=number,
         default=10.0,
         metavar="S",
         help="length; the base frequency is one over it (default 10 s)",
     )
-    shape.add_argument("--harmonics", type=int, default=5, metavar="N", help="default 5")
+    shape.add_argument("--harmonics", type=whole, default=5, metavar="N", help="default 5")
     shape.add_argument(
-        "--rate", type=float, default=125.0, metavar="HZ", help="of the points (default 125)"
+        "--rate", type=number, default=125.0, metavar="HZ", help="of the points (default 125)"
     )
     shape.add_argument(
-        "--loops", type=int, default=1, metavar="N", help="periods in the files (default 1)"
+        "--loops", type=whole, default=1, metavar="N", help="periods in the files (default 1)"
     )
     search = parser.add_argument_group("the search")
     search.add_argument(
@@ -67,22 +74,24 @@ def add_parser(subjects: Any) -> None:
         default="determinant",
         help="greatest determinant (D-optimal, default), or least condition number",
     )
-    search.add_argument("--starts", type=int, default=3, metavar="N", help="default 3")
+    search.add_argument("--starts", type=whole, default=3, metavar="N", help="default 3")
     search.add_argument(
-        "--iterations", type=int, default=100, metavar="N", help="of each start (default 100)"
+        "--iterations", type=whole, default=100, metavar="N", help="of each start (default 100)"
     )
-    search.add_argument("--seed", type=int, default=0, metavar="N", help="the same gives the same")
-    limits = parser.add_argument_group("limits, beside those of the URDF")
+    search.add_argument(
+        "--seed", type=whole, default=0, metavar="N", help="the same seed gives the same motion"
+    )
+    limits = parser.add_argument_group("limits, in addition to those of the URDF")
     limits.add_argument(
         "--margin",
-        type=float,
+        type=number,
         default=0.9,
         metavar="SHARE",
         help="share of every limit that may be used (default 0.9)",
     )
     limits.add_argument(
         "--acceleration",
-        type=float,
+        type=number,
         nargs="+",
         metavar="A",
         help="one value or one per joint [rad/s^2] (default: full speed in 0.5 s)",
@@ -90,13 +99,17 @@ def add_parser(subjects: Any) -> None:
     floor = limits.add_mutually_exclusive_group()
     floor.add_argument(
         "--floor",
-        type=float,
+        type=number,
         metavar="M",
-        help="height in the base frame that the tool stays above (default: 0, where there is one)",
+        help="the tool stays above this height in the base frame (default: 0, where there is one)",
     )
-    floor.add_argument("--no-floor", action="store_true", help="let the tool go anywhere")
+    floor.add_argument(
+        "--no-floor", action="store_true", help="do not limit the height of the tool"
+    )
     limits.add_argument(
-        "--tool", metavar="LINK", help=f"link that stays above it (default: payload, or {TOOL})"
+        "--tool",
+        metavar="LINK",
+        help=f"link that stays above the floor (default: payload, or {TOOL})",
     )
     add_debug(parser)
     parser.set_defaults(run=run)
@@ -110,20 +123,21 @@ def run(args: Namespace) -> int:
     """
     import numpy as np
 
-    from robot_energy.identify.excitation import ExcitationSettings, optimise_excitation
-    from robot_energy.identify.excitation_limits import ExcitationLimits
-    from robot_energy.identify.trajectory_files import (
+    from robot_energy.files.placement import all_or_none
+    from robot_energy.identify.excitation.excitation import ExcitationSettings, optimise_excitation
+    from robot_energy.identify.excitation.limits import ExcitationLimits
+    from robot_energy.model import load
+    from robot_energy.motion.trajectory_writer import (
         check_sampling,
         points,
         write_csv,
         write_trajectory,
     )
-    from robot_energy.model_file import load
     from robot_energy.report.excitation import excitation_summary, print_excitation
 
-    check_writable(args.json, "the JSON report")
-    folder = _folder(args)
+    check_outputs(args, [args.model])
     model = load(args.model)
+    folder = _folder(args, model)
     acceleration = None if args.acceleration is None else np.asarray(args.acceleration)
     limits = ExcitationLimits(model, acceleration, args.margin, _floor(args, model))
     settings = ExcitationSettings(
@@ -138,13 +152,13 @@ def run(args: Namespace) -> int:
     with progress("looking for a motion") as report:
         found = optimise_excitation(model, limits, settings, report)
     time, path = points(found.motion, args.rate, args.loops)
-    folder.mkdir(parents=True, exist_ok=True)
     names = limits.robot.joint_names
-    write_trajectory(folder / BAG, names, time, path, args.overwrite)
-    write_csv(folder / CSV, names, time, path)
     summary = excitation_summary(found)
-    if args.json is not None:
-        write_text(args.json, json.dumps(summary, indent=2, allow_nan=False) + "\n")
+    with all_or_none():
+        write_trajectory(folder / BAG, names, time, path, args.overwrite)
+        write_csv(folder / CSV, names, time, path)
+        if args.json is not None:
+            write_json(args.json, summary)
     if args.json != "-":
         out = console()
         print_excitation(summary, out)
@@ -152,27 +166,33 @@ def run(args: Namespace) -> int:
     return 0
 
 
-def _folder(args: Namespace) -> Path:
+def _folder(args: Namespace, model: RobotModel) -> Path:
     """Refuse what cannot be written before the search."""
     from robot_energy.errors import ReportError
+    from robot_energy.files.output_files import check_file
+    from robot_energy.files.output_folder import folder_path
+    from robot_energy.motion.trajectory_writer import csv_kind
+    from robot_energy.shown_text import shown
 
-    folder = Path(args.out)
-    if folder.exists() and not folder.is_dir():
-        raise ReportError(f"'{folder}' is a file", "a folder")
-    taken = [name for name in (CSV, BAG) if (folder / name).exists()]
-    if taken and not args.overwrite:
+    folder = folder_path(args.out)
+    inputs = [args.model]
+    check_bag(str(folder / BAG), args.overwrite, inputs, [args.json])
+    if not folder.exists():
+        return folder
+    check_file(folder / CSV, csv_kind(model.joint_names), "the trajectory", inputs)
+    if (folder / CSV).exists() and not args.overwrite:
         raise ReportError(
-            f"the folder '{folder}' holds {' and '.join(taken)} already",
+            f"the folder '{shown(str(folder))}' holds {CSV} already",
             "a new folder",
-            "choose another, or allow --overwrite",
+            "choose another, or give --overwrite",
         )
     return folder
 
 
 def _floor(args: Namespace, model: RobotModel) -> Floor | None:
     """The tool's floor; by default only where the robot has such a tool."""
-    from robot_energy.identify.excitation_limits import Floor
-    from robot_energy.robot import Robot
+    from robot_energy.identify.excitation.limits import Floor
+    from robot_energy.physics.rigid_body import Robot
 
     if args.no_floor:
         return None

@@ -12,23 +12,25 @@ from robot_energy.cli.identify_inputs import (
     check_results,
     check_source,
     present,
-    read_recordings,
     source_of,
 )
+from robot_energy.cli.terminal import progress
 from robot_energy.errors import ModelFileError, NotIdentifiableError
+from robot_energy.files.placement import all_or_none
 
 if TYPE_CHECKING:
-    from robot_energy.identify.friction_data import FrictionData
-    from robot_energy.identify.friction_study import Span
-    from robot_energy.model_file import RobotModel
+    from robot_energy.api.identify import IdentificationResult
+    from robot_energy.identify.friction.samples import FrictionData
+    from robot_energy.identify.friction.temperature_study import Span
+    from robot_energy.identify.steps import FrictionFound
 
 SHUFFLES = 20
 
 DESCRIPTION = """\
 Identify the friction of every axis over its motor temperature from recordings with measured
 torque (paper A, eq. 8 to 10), and write a model file that the monitor runs. Coulomb
-friction is common to all temperatures; for viscous friction a constant, an exponential law
-and a table compete on temperatures they have not seen.
+friction does not depend on temperature. For viscous friction a constant, an exponential law
+and a table are compared at held-out temperatures.
 
 Record the same motions, at several speeds and in both directions, with the robot cold,
 warm and in between.
@@ -65,7 +67,7 @@ def add_parser(commands: Any) -> None:
 
 
 def _span(text: str) -> Span:
-    from robot_energy.identify.friction_study import Span
+    from robot_energy.identify.friction.temperature_study import Span
 
     low, colon, high = text.partition(":")
     try:
@@ -84,44 +86,70 @@ def run(args: Namespace) -> int:
     Raises:
         RobotEnergyError: If recordings, log or model cannot be used.
     """
-    from robot_energy.identify.friction import fit_axes, with_friction
-    from robot_energy.report.friction_figure import friction_over_temperature
-    from robot_energy.report.identification import (
-        friction_summary,
-        print_friction,
-        print_friction_study,
-    )
-
     check_results(args)
     _check(args)
-    data, model = _data(args)
-    source = source_of(args) or Path(args.log).name
     if args.train is not None:
-        studies = [_study(axis, args) for axis in data]
-        title = "Friction at temperatures that were not seen"
-        present(args, title, studies, lambda page: print_friction_study(studies, page), lead=source)
-        return 0
-    fits, refused = fit_axes(data, source_of(args))
-    unit = "A" if args.log else "N m"
-    summary = friction_summary(fits, refused, "log" if args.log else args.effort or "measured")
-    if args.out is not None and model is not None:
-        from robot_energy.model_file import save
+        _show_study(args)
+    elif args.log:
+        from robot_energy.identify.friction.friction import fit_axes
+        from robot_energy.identify.plausibility import check_friction
+        from robot_energy.identify.steps import FrictionFound
 
-        save(with_friction(model, fits, source), args.out)
-    if args.plot is not None:
-        friction_over_temperature(fits, args.plot, unit, source)
+        fits, refused = fit_axes(_log(args))
+        check_friction(fits)
+        _show(args, FrictionFound(tuple(fits), tuple(refused)), None)
+    else:
+        from robot_energy.api.identify import identify_friction
+
+        result = identify_friction(
+            args.bags, args.model, args.effort, inputs=args.inputs, progress=progress
+        )
+        _show(args, result.found, result)
+    return 0
+
+
+def _show(
+    args: Namespace, found: FrictionFound, result: IdentificationResult[FrictionFound] | None
+) -> None:
+    from robot_energy.report.friction_figure import friction_over_temperature
+    from robot_energy.report.identification import friction_summary, print_friction
+
+    source, unit = source_of(args) or Path(args.log).name, "A" if args.log else "N m"
+    if result is None:
+        summary = friction_summary(found.fits, found.refused, "log")
+    else:
+        summary = result.to_dict()
+    with all_or_none():
+        if args.out is not None and result is not None:
+            result.save(args.out)
+        if args.plot is not None:
+            friction_over_temperature(found.fits, args.plot, unit, source)
+        present(
+            args,
+            "Friction over motor temperature",
+            summary,
+            lambda page: print_friction(summary, page),
+            lambda document: document.figure(
+                lambda path: friction_over_temperature(found.fits, path, unit),
+                "Free points and the laws that competed on temperatures that their fits "
+                "have not seen.",
+            ),
+            f"Identified from {source}.",
+        )
+
+
+def _show_study(args: Namespace) -> None:
+    """Test laws on temperatures that their fits have not seen."""
+    from robot_energy.report.identification import print_friction_study
+
+    studies = [_study(axis, args) for axis in (_log(args) if args.log else _samples(args))]
     present(
         args,
-        "Friction over motor temperature",
-        summary,
-        lambda page: print_friction(summary, page),
-        lambda document: document.figure(
-            lambda path: friction_over_temperature(fits, path, unit),
-            "Free points and the laws that competed on temperatures that their fits have not seen.",
-        ),
-        f"Identified from {source}.",
+        "Friction at temperatures that were not seen",
+        {"studies": studies},
+        lambda page: print_friction_study(studies, page),
+        lead=source_of(args) or Path(args.log).name,
     )
-    return 0
 
 
 def _check(args: Namespace) -> None:
@@ -139,26 +167,26 @@ def _check(args: Namespace) -> None:
         raise ModelFileError("--train and --test belong together", "both or none")
 
 
-def _data(args: Namespace) -> tuple[list[FrictionData], RobotModel | None]:
-    if args.log:
-        from robot_energy.identify.friction_data import friction_data_of_log
-        from robot_energy.logs.mapped_csv import read_csv
-        from robot_energy.logs.mapping import load_mapping
+def _log(args: Namespace) -> list[FrictionData]:
+    from robot_energy.identify.friction.samples import friction_data_of_log
+    from robot_energy.logs.mapped_csv import read_csv
+    from robot_energy.logs.mapping import load_mapping
 
-        _, contents, parts = read_csv(args.log, load_mapping(args.mapping))
-        blocks, names = list(parts), contents.joint_names
-        return [friction_data_of_log(blocks, names, j) for j in range(len(names))], None
-    from robot_energy.identify.friction_data import friction_data
-    from robot_energy.model_file import load
+    _, contents, parts = read_csv(args.log, load_mapping(args.mapping))
+    blocks, names = list(parts), contents.joint_names
+    return [friction_data_of_log(blocks, names, j) for j in range(len(names))]
 
-    model = load(args.model)
-    recordings = read_recordings(args, model, needs_effort=True)
-    return [friction_data(recordings, joint) for joint in range(len(model.joints))], model
+
+def _samples(args: Namespace) -> list[FrictionData]:
+    from robot_energy.api.identify import friction_samples
+    from robot_energy.model import load
+
+    return friction_samples(args.bags, load(args.model), args.effort, args.inputs, progress)
 
 
 def _study(axis: FrictionData, args: Namespace) -> dict[str, Any]:
     """Test unseen temperatures, with the true ones and with shuffled ones."""
-    from robot_energy.identify.friction_study import shuffled, temperature_split
+    from robot_energy.identify.friction.temperature_study import shuffled, temperature_split
     from robot_energy.report.identification import study_summary
 
     study = temperature_split(axis, args.train, args.test)

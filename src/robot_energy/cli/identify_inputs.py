@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
-import json
 import shlex
 from argparse import ArgumentParser, Namespace
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from robot_energy.cli.terminal import add_debug, check_writable, console, progress, write_text
-from robot_energy.errors import ModelFileError, ParameterError
+from robot_energy.cli.numbers import number
+from robot_energy.cli.terminal import add_debug, check_outputs, console, progress, write_json
+from robot_energy.errors import ModelFileError
+from robot_energy.files.placement import all_or_none, place_all
+from robot_energy.shown_text import shown
 
 if TYPE_CHECKING:
     from robot_energy.blocks import EffortMeaning
-    from robot_energy.identify.recordings import Recording
-    from robot_energy.ingest.sources import Inputs
-    from robot_energy.model_file import RobotModel
+    from robot_energy.identify.data.recordings import Recording
+    from robot_energy.inputs.sources import Inputs
+    from robot_energy.model import RobotModel
     from robot_energy.report.document import Document
     from robot_energy.report.printing import Page
 
@@ -69,11 +71,11 @@ def add_results(parser: ArgumentParser, what: str, plot: str = "") -> None:
 
 
 def add_link_voltages(parser: ArgumentParser) -> None:
-    """Add the voltages of the DC link, which the grid meter cannot tell."""
+    """Add the voltages of the DC link, which a grid meter cannot determine."""
     parser.add_argument(
         "--link-voltages",
         nargs=2,
-        type=float,
+        type=number,
         metavar=("MAINS", "CHOPPER"),
         help="of the DC link: rectified mains, and where the brake chopper starts [V] (default: "
         "those of the model file, else 566 and 700, assumed)",
@@ -103,10 +105,11 @@ def check_results(args: Namespace) -> None:
     Raises:
         ReportError: If one of them cannot be.
     """
-    check_writable(args.out, "the model file")
-    check_writable(args.json, "the JSON report")
-    check_writable(args.report, "the HTML report")
-    check_writable(getattr(args, "plot", None), "the figure")
+    inputs: list[Any] = []
+    for name in ("bags", "test", "log", "model", "inputs", "mapping"):
+        value = getattr(args, name, None)
+        inputs += value if isinstance(value, list) else [value]
+    check_outputs(args, [one for one in inputs if isinstance(one, str)], args.out)
 
 
 def check_source(args: Namespace, needs_effort: bool = False) -> None:
@@ -135,16 +138,9 @@ def read_sources(args: Namespace) -> tuple[EffortMeaning, Inputs | None]:
     Raises:
         RobotEnergyError: If the parameter file cannot be used.
     """
-    from robot_energy.blocks import EffortMeaning
-    from robot_energy.inputs_file import read_inputs
+    from robot_energy.api.identify import read_sources
 
-    inputs = None
-    if args.inputs is not None:
-        inputs, notes = read_inputs(args.inputs)
-        if notes:
-            raise ParameterError(notes[0])
-    named = getattr(args, "effort", None) or (inputs.effort if inputs is not None else "none")
-    return EffortMeaning(named), inputs
+    return read_sources(getattr(args, "effort", None), args.inputs)
 
 
 def read_recordings(
@@ -164,21 +160,16 @@ def read_recordings(
     Raises:
         RobotEnergyError: If a bag cannot be used, or its effort has no meaning but needs one.
     """
-    from robot_energy.blocks import EffortMeaning
-    from robot_energy.identify.recordings import read_recording
+    from robot_energy.api.identify import read_recordings
 
-    effort, inputs = read_sources(args)
-    if needs_effort and effort is EffortMeaning.NONE:
-        raise ModelFileError(
-            f"{args.inputs} does not say what the effort means",
-            f"--effort, one of {', '.join(EFFORTS)}",
-            "the effort of a driver is never guessed",
-        )
-    recordings: list[Recording] = []
-    for bag in args.bags if bags is None else bags:
-        with progress(f"reading {Path(bag).name}") as report:
-            recordings.append(read_recording(bag, model, effort, None, report, inputs))
-    return recordings
+    return read_recordings(
+        args.bags if bags is None else bags,
+        model,
+        getattr(args, "effort", None),
+        args.inputs,
+        needs_effort,
+        progress,
+    )
 
 
 def source_of(args: Namespace) -> str:
@@ -194,12 +185,12 @@ def command_of(args: Namespace) -> str:
 def present(
     args: Namespace,
     title: str,
-    summary: dict[str, Any] | Sequence[Any],
+    summary: dict[str, Any],
     show: Callable[[Page], None],
     draw: Callable[[Document], None] | None = None,
     lead: str = "",
 ) -> None:
-    """Write JSON and HTML where they were asked for, and print.
+    """Write JSON and HTML where they were asked for, put all outputs in place, and print.
 
     Args:
         args: Of the command.
@@ -209,22 +200,24 @@ def present(
         draw: Adds figures to a document.
         lead: First sentence of the document.
     """
-    if args.json is not None:
-        write_text(args.json, json.dumps(summary, indent=2, allow_nan=False) + "\n")
-    if args.report is not None:
-        from robot_energy.report.document import Document
+    with all_or_none():
+        if args.json is not None:
+            write_json(args.json, summary)
+        if args.report is not None:
+            from robot_energy.report.document import Document
 
-        page = Document(title, lead)
-        show(page)
-        if draw is not None:
-            draw(page)
-        if getattr(args, "words", None):
-            page.paragraph("This report was made by")
-            page.command(command_of(args))
-        page.write(args.report)
+            page = Document(title, lead)
+            show(page)
+            if draw is not None:
+                draw(page)
+            if getattr(args, "words", None):
+                page.paragraph("This report was made by")
+                page.command(command_of(args))
+            page.write(args.report)
+    place_all()
     if args.json != "-":  # last: the reader of a pipe may close it early
         out = console()
         show(out)
         for what, path in (("model file", args.out), ("report", args.report)):
             if path is not None:
-                out.print(f"wrote {path}: {what}", soft_wrap=True)
+                out.print(f"wrote {shown(path)}: {what}", soft_wrap=True)

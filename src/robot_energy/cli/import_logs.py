@@ -6,95 +6,43 @@ from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
 from typing import TYPE_CHECKING, Any
 
 from robot_energy.cli.terminal import add_debug, console
+from robot_energy.log_formats import LOG_FORMATS
 
 if TYPE_CHECKING:
     from robot_energy.logs import ImportReport
 
-UR_DESCRIPTION = """\
-Turn a recording of UR's real-time interface (RTDE, CSV) into a bag.
-
-Needs the columns timestamp and actual_q_0 ... actual_q_5; uses, where they are there,
-actual_qd_*, actual_current_*, joint_temperatures_*, actual_robot_voltage and
-actual_robot_current. Several files of one recording are joined in the order of their time.
-"""
-UR_EPILOG = """\
-example:
-  robot-energy import ur-rtde part_1.csv part_2.csv --out ur_bag
-  robot-energy replay ur_bag --model ur3e
-"""
-CSV_DESCRIPTION = """\
-Turn any CSV log (plain or .gz, with a header) into a bag, by a small YAML file that says
-which column means what, in which unit. Commented examples: src/examples/mappings.
-"""
-CSV_EPILOG = """\
-example:
-  robot-energy import csv log.csv.gz --mapping kr300.yaml --out kr300_bag
-"""
-
 
 def add_parser(commands: Any) -> None:
-    """Add the sub-command and the kinds of logs."""
+    """Add the sub-command and the formats of logs."""
     parser: ArgumentParser = commands.add_parser(
         "import",
         help="turn logs (UR RTDE, any CSV) into bags",
-        description="Turn logs of robots into bags that replay like any other. Rows that "
+        description="Convert logs of robots to bags that replay like others. Rows that "
         "cannot be used are counted by reason and reported.",
     )
     kinds = parser.add_subparsers(title="kinds of logs", metavar="KIND", required=True)
-    ur: ArgumentParser = kinds.add_parser(
-        "ur-rtde",
-        help="CSV recordings of UR robots",
-        description=UR_DESCRIPTION,
-        epilog=UR_EPILOG,
-        formatter_class=RawDescriptionHelpFormatter,
-    )
-    ur.add_argument("logs", nargs="+", metavar="LOG", help="CSV files of one recording")
-    ur.add_argument(
-        "--joints",
-        nargs=6,
-        metavar="NAME",
-        help="names of the six joints, base first (default: those of the UR URDF)",
-    )
-    ur.add_argument("--prefix", default="", help="put before each joint name")
-    ur.set_defaults(run=run_ur)
-    other: ArgumentParser = kinds.add_parser(
-        "csv",
-        help="any CSV log, by a mapping of its columns",
-        description=CSV_DESCRIPTION,
-        epilog=CSV_EPILOG,
-        formatter_class=RawDescriptionHelpFormatter,
-    )
-    other.add_argument("log", metavar="LOG", help="CSV file, plain or .gz")
-    other.add_argument("--mapping", required=True, metavar="FILE", help="YAML file")
-    other.set_defaults(run=run_csv)
-    for kind in (ur, other):
-        kind.add_argument("--out", required=True, metavar="BAG", help="folder of the new bag")
-        kind.add_argument("--overwrite", action="store_true", help="replace the bag of --out")
-        add_debug(kind)
+    for kind in LOG_FORMATS.values():
+        own: ArgumentParser = kinds.add_parser(
+            kind.name,
+            help=kind.line,
+            description=kind.description,
+            epilog=kind.epilog,
+            formatter_class=RawDescriptionHelpFormatter,
+        )
+        kind.add_arguments(own)
+        own.add_argument("--out", required=True, metavar="BAG", help="folder of the new bag")
+        own.add_argument("--overwrite", action="store_true", help="replace the bag of --out")
+        own.set_defaults(run=run, log_format=kind.name)
+        add_debug(own)
 
 
-def run_ur(args: Namespace) -> int:
-    """Import a UR recording.
+def run(args: Namespace) -> int:
+    """Import logs of one recording.
 
     Raises:
-        RobotEnergyError: If logs or bag cannot be used.
+        RobotEnergyError: If logs, mapping or bag cannot be used.
     """
-    from robot_energy.logs import UR_JOINTS, import_ur_rtde
-
-    names = [f"{args.prefix}{name}" for name in args.joints or UR_JOINTS]
-    _print(import_ur_rtde(args.logs, args.out, names, args.overwrite))
-    return 0
-
-
-def run_csv(args: Namespace) -> int:
-    """Import a CSV log.
-
-    Raises:
-        RobotEnergyError: If mapping, log or bag cannot be used.
-    """
-    from robot_energy.logs import import_csv, load_mapping
-
-    _print(import_csv(args.log, load_mapping(args.mapping), args.out, args.overwrite))
+    _print(LOG_FORMATS[args.log_format].run(args))
     return 0
 
 

@@ -59,15 +59,15 @@ def run(args: Namespace) -> int:
 
 
 def _use(msgtype: str) -> str:
-    from robot_energy.ingest import MeterIngest
-    from robot_energy.ingest.joint_states import JOINT_STATE
-    from robot_energy.ingest.sources import SELF_TOLD
+    from robot_energy.inputs.bag_topics import temperatures_by_type
+    from robot_energy.inputs.joint_states.joint_states import JOINT_STATE
+    from robot_energy.inputs.meter.kinds import meter_kind
 
     if msgtype == JOINT_STATE:
         return "joint states"
-    if msgtype in SELF_TOLD:
+    if msgtype in temperatures_by_type():
         return "temperatures"
-    return "meter" if msgtype in MeterIngest.types else ""
+    return "meter" if meter_kind(msgtype).found_by_type else ""
 
 
 def _read(

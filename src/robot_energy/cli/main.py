@@ -3,54 +3,81 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
 from collections.abc import Callable, Sequence
-from typing import cast
+from importlib.metadata import entry_points
+from io import TextIOWrapper
+from typing import Any, NoReturn, cast
 
 from robot_energy import __version__
 from robot_energy.cli import (
+    completion,
+    export,
     identify,
     import_logs,
     info,
+    kinds,
     models,
     predict,
     replay,
-    reproduce,
     simulate,
 )
-from robot_energy.errors import RobotEnergyError
+from robot_energy.cli.stopping import Stopped, stoppable
+from robot_energy.errors import KindError, RobotEnergyError
+from robot_energy.kinds import load_kinds
+from robot_energy.shown_text import shown_lines
 
-DONE, UNEXPECTED, REFUSED, DAMAGED, INTERRUPTED = 0, 1, 2, 3, 130
+DONE, UNEXPECTED, REFUSED, DAMAGED = 0, 1, 2, 3
+
+COMMANDS = "robot_energy.commands"  # group of entry points: modules with add_parser
 
 EPILOG = """\
 examples:
   robot-energy models                                list the shipped models
-  robot-energy import ur-rtde log_*.csv --out bag    turn a UR recording into a bag
+  robot-energy import ur-rtde log_*.csv --out bag    convert a UR recording to a bag
   robot-energy replay bag --model ur3e --plot p.png  where its energy went
-  robot-energy replay bag --model ur3e --compare     beside friction that knows no temperature
+  robot-energy replay bag --model ur3e --compare     compare with friction at one temperature
   robot-energy predict moves.yaml --model kr16 --temperature 20   energy before it is run
 
 exit codes: 0 done; 1 unexpected error; 2 input refused; 3 done, but the bag is damaged
-and was read in part; 130 interrupted
+and was read in part; 130, 143, 129 interrupted by Ctrl-C, SIGTERM, SIGHUP
 """
+
+
+class Parser(ArgumentParser):
+    """Quotes wrong arguments, such as names of files, without what acts on a terminal."""
+
+    def error(self, message: str) -> NoReturn:
+        """Print usage and what is wrong, and exit."""
+        super().error(shown_lines(message))
 
 
 def build_parser() -> ArgumentParser:
     """Return the parser of the command and all sub-commands."""
-    parser = ArgumentParser(
+    parser = Parser(
         prog="robot-energy",
-        description="Where each watt of a robot goes: predicted beside measured, from recorded "
-        "bags.",
+        description="Compute where each watt of a robot goes, from recorded bags, and compare the "
+        "prediction with the meter.",
         epilog=EPILOG,
         formatter_class=RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"robot-energy {__version__}")
     parser.set_defaults(debug=False)
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    for module in (replay, import_logs, identify, predict, models, info, simulate, reproduce):
+    for module in (
+        replay, export, import_logs, identify, predict, models, kinds, info, simulate,
+        *_further(),
+        completion,
+    ):  # fmt: skip
         module.add_parser(commands)
     return parser
+
+
+def _further() -> list[Any]:
+    """Commands of other packages, such as that of the papers, by the entry points they declare."""
+    return [entry.load() for entry in entry_points(group=COMMANDS)]
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -61,20 +88,28 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     Returns:
         The exit code: 0 done, 1 unexpected error, 2 input refused, 3 done with a damaged
-        bag, 130 interrupted.
+        bag, 128 + the number of the signal that ended it.
     """
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper) and not stream.encoding.lower().startswith("utf"):
+            stream.reconfigure(errors="backslashreplace")  # names may hold any letter
     try:
+        load_kinds()
         args = build_parser().parse_args(argv)
+    except KindError as error:
+        return _fail(str(error), REFUSED)
     except SystemExit as exit_:  # --help, --version, or a wrong argument
         return exit_.code if isinstance(exit_.code, int) else REFUSED
     args.words = tuple(sys.argv[1:] if argv is None else argv)  # for reports
     run = cast("Callable[[Namespace], int]", args.run)
     try:
-        code = run(args)
-        sys.stdout.flush()
+        with stoppable():
+            code = run(args)
+            sys.stdout.flush()
         return code
-    except KeyboardInterrupt:
-        return _fail("interrupted", INTERRUPTED)
+    except KeyboardInterrupt as stop:
+        number = stop.number if isinstance(stop, Stopped) else signal.SIGINT
+        return _fail(f"interrupted ({number.name})", 128 + number)
     except BrokenPipeError:  # the reader of our output has seen enough, as `head` does
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return DONE
@@ -100,5 +135,5 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _fail(text: str, code: int) -> int:
     """Print one sentence."""
-    print(f"robot-energy: {' '.join(text.split())}", file=sys.stderr)
+    print(f"robot-energy: {shown_lines(' '.join(text.split()))}", file=sys.stderr)
     return code

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import json
 from argparse import ArgumentParser, Namespace
 from typing import Any
 
-from robot_energy.cli.terminal import add_debug, check_writable, console, write_text
+from robot_energy.cli.terminal import add_debug, check_outputs, console, write_json
 
 
 def add_parser(commands: Any) -> None:
@@ -14,7 +13,7 @@ def add_parser(commands: Any) -> None:
     parser: ArgumentParser = commands.add_parser(
         "models",
         aliases=["model"],
-        help="list shipped models; check a model file",
+        help="list the shipped models; check a model file",
         description="List the models that come with the tool, or check one (models check).",
     )
     add_debug(parser)
@@ -40,7 +39,7 @@ def run_list(args: Namespace) -> int:
     Raises:
         RobotEnergyError: If a shipped model is broken.
     """
-    from robot_energy.model_file import load, shipped_models
+    from robot_energy.model import load, shipped_models
     from robot_energy.report.model_summary import count_tags
 
     out = console()
@@ -60,16 +59,16 @@ def run_check(args: Namespace) -> int:
     Raises:
         RobotEnergyError: If the file or its URDF cannot be used.
     """
-    from robot_energy.model_file import load
+    from robot_energy.model import load
+    from robot_energy.physics.rigid_body import Robot
     from robot_energy.report import summarise_model
     from robot_energy.report.listings import print_model
-    from robot_energy.robot import Robot
 
-    check_writable(args.json, "the JSON")
+    check_outputs(args, [args.model])
     model = load(args.model)
     summary = summarise_model(model, Robot.from_model(model))
     if args.json != "-":
         print_model(summary, console())
     if args.json is not None:
-        write_text(args.json, json.dumps(summary, indent=2, allow_nan=False) + "\n")
+        write_json(args.json, summary)
     return 0

@@ -2,29 +2,35 @@
 
 from __future__ import annotations
 
-import json
 import shlex
+import sys
 from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from robot_energy.cli.terminal import add_debug, check_writable, console, progress, write_text
+from robot_energy.cli.numbers import number, whole
+from robot_energy.cli.terminal import add_debug, check_outputs, console, progress, write_json
+from robot_energy.shown_text import shown
 
 if TYPE_CHECKING:
-    from robot_energy.model_file.payload import Payload
-    from robot_energy.motion.programs import LoadedMotion, ToolOptions
-    from robot_energy.predict import Prediction
+    from robot_energy.blocks import Float
+    from robot_energy.model import RobotModel
+    from robot_energy.model.payload import Payload
+    from robot_energy.motion.load_motion import LoadedMotion, ToolOptions
+    from robot_energy.prediction import Prediction
     from robot_energy.report.document import Document
 
 MOST_RUNS = 100
+LONG = 200_000  # samples of a prediction that takes more than a moment
+MOST_SAMPLES = 1_000_000_000
 PAYLOAD_LINK = "tool0"
 
 DESCRIPTION = """\
-Predict the energy of motion programs before they are run, for one robot or several side by
-side, at motor temperatures that you give. A program is G-code, a YAML file of point-to-point
-moves, a bag with a trajectory_msgs/JointTrajectory, or such a trajectory as CSV. The figures go
-through the same stages as live operation and replay; every watt has its place: bodies,
-friction, drives, constant losses, brake. Nothing is measured here. Collisions are not checked.
+Predict the energy of motion programs before they are run, for one or several robots, at
+the motor temperatures that you give. A program is G-code, a YAML file of point-to-point
+moves, a bag with a trajectory_msgs/JointTrajectory, or such a trajectory as CSV. A prediction uses
+the same stages as live operation and replay, and states the power of bodies, friction, drives,
+constant losses and brake. Nothing is measured here. Collisions are not checked.
 """
 EPILOG = """\
 examples:
@@ -66,9 +72,16 @@ def add_parser(commands: Any) -> None:
         f"(default link {PAYLOAD_LINK})",
     )
     parser.add_argument(
-        "--repeat", type=int, metavar="N", help="how often (default: as the program says, or 1)"
+        "--repeat", type=whole, metavar="N", help="how often (default: as the program says, or 1)"
     )
     parser.add_argument("--topic", metavar="NAME", help="of the JointTrajectory in a bag")
+    parser.add_argument(
+        "--max-samples",
+        type=whole,
+        metavar="N",
+        help="longest prediction, all programs, robots and temperatures together (default "
+        "5,000,000: hours of motion at 100 to 200 samples per second)",
+    )
     output = parser.add_argument_group("output")
     output.add_argument("--json", metavar="FILE", help="write all figures as JSON; - for stdout")
     output.add_argument("--report", metavar="FILE", help="write one HTML file with everything")
@@ -90,19 +103,19 @@ def add_parser(commands: Any) -> None:
     )
     tool.add_argument("--tool", default="tool0", metavar="LINK", help="default tool0")
     tool.add_argument(
-        "--tool-acceleration", type=float, metavar="A", help="greatest, default 2 m/s^2, assumed"
+        "--tool-acceleration", type=number, metavar="A", help="greatest, default 2 m/s^2, assumed"
     )
     tool.add_argument(
         "--corner-tolerance",
-        type=float,
+        type=number,
         metavar="MM",
         help="greatest distance from a corner, default 3 mm; 0 stops in every corner",
     )
     tool.add_argument(
-        "--smoothing", type=float, metavar="S", help="of the tool's motion, default 0.02 s"
+        "--smoothing", type=number, metavar="S", help="of the tool's motion, default 0.02 s"
     )
     tool.add_argument(
-        "--rapid", type=float, metavar="M_PER_S", help="speed of G0 without F, default 0.25 m/s"
+        "--rapid", type=number, metavar="M_PER_S", help="speed of G0 without F, default 0.25 m/s"
     )
     add_debug(parser)
     parser.set_defaults(run=run)
@@ -115,18 +128,14 @@ def run(args: Namespace) -> int:
         RobotEnergyError: If a model or program cannot be used.
     """
     from robot_energy.errors import MotionError
+    from robot_energy.files.placement import all_or_none
     from robot_energy.report.prediction import (
         prediction_summary,
         predictions_summary,
         print_predictions,
     )
 
-    for path, what in (
-        (args.json, "the JSON report"),
-        (args.report, "the report"),
-        (args.plot, "the figure"),
-    ):
-        check_writable(path, what)
+    check_outputs(args, [*args.program, *args.model])
     if args.plot is not None:
         from pathlib import Path
 
@@ -139,32 +148,32 @@ def run(args: Namespace) -> int:
     found = _predictions(args)
     runs = [prediction_summary(result, motion) for result, motion in found]
     results = [result for result, _ in found]
-    if args.json is not None:
-        text = json.dumps(predictions_summary(runs), indent=2, allow_nan=False)
-        write_text(args.json, text + "\n")
-    if args.report is not None:
-        _report(args, results, runs)
-    if args.plot is not None:
-        from robot_energy.report.prediction import label
-        from robot_energy.report.prediction_figure import both
+    with all_or_none():
+        if args.json is not None:
+            write_json(args.json, predictions_summary(runs))
+        if args.report is not None:
+            _report(args, results, runs)
+        if args.plot is not None:
+            from robot_energy.report.prediction import label
+            from robot_energy.report.prediction_figure import both
 
-        both(results, runs, [label(one, runs) for one in runs], args.plot)
+            both(results, runs, [label(one, runs) for one in runs], args.plot)
     if args.json != "-":
         out = console()
         print_predictions(runs, out)
         for path in (args.report, args.plot):
             if path is not None:
-                out.print(f"wrote {path}", soft_wrap=True)
+                out.print(f"wrote {shown(path)}", soft_wrap=True)
     return 0
 
 
 def _predictions(args: Namespace) -> list[tuple[Prediction, LoadedMotion]]:
     """All programs by all robots at all temperatures."""
     from robot_energy.errors import MotionError
-    from robot_energy.model_file import load
-    from robot_energy.motion.programs import joint_list, load_motion
-    from robot_energy.predict import predict
-    from robot_energy.robot import Robot
+    from robot_energy.model import load
+    from robot_energy.motion.load_motion import joint_list, load_motion
+    from robot_energy.physics.rigid_body import Robot
+    from robot_energy.prediction import MAX_SAMPLES, predict
 
     models = [load(name) for name in args.model]
     bases = _per_model(args.base, len(models), "--base")
@@ -172,26 +181,46 @@ def _predictions(args: Namespace) -> list[tuple[Prediction, LoadedMotion]]:
     payload = [] if args.payload is None else [_payload(args.payload)]
     if args.repeat is not None and args.repeat < 1:
         raise MotionError(f"--repeat is {args.repeat}", "a whole number from 1 on")
-    found: list[tuple[Prediction, LoadedMotion]] = []
+    if args.max_samples is not None and not 0 < args.max_samples <= MOST_SAMPLES:
+        raise MotionError(f"--max-samples is {args.max_samples}", f"1 to {MOST_SAMPLES}")
+    plans: list[tuple[LoadedMotion, RobotModel, Float, int]] = []
     for program in args.program:
         for model, base, start in zip(models, bases, starts, strict=True):
             robot = Robot.from_model(model)
             motion = load_motion(program, robot, _tool_options(args, base, start), args.topic)
+            repeat = motion.repeat if args.repeat is None else args.repeat
             for text in args.temperature:
                 degc = joint_list(text, "--temperature", sorted({1, robot.n_joints}))
-                with progress(f"{motion.name}, {model.robot.type}") as show:
-                    result = predict(
-                        model,
-                        motion.motion,
-                        degc,
-                        motion.name,
-                        motion.repeat if args.repeat is None else args.repeat,
-                        payload,
-                        motion.notes,
-                        show,
-                    )
-                found.append((result, motion))
+                plans.append((motion, model, degc, repeat))
+    most = MAX_SAMPLES if args.max_samples is None else args.max_samples
+    _say_length([(motion, repeat) for motion, _, _, repeat in plans], most)
+    found: list[tuple[Prediction, LoadedMotion]] = []
+    for motion, model, degc, repeat in plans:
+        label = f"{motion.name}, {model.robot.type}, {motion.motion.duration * repeat:.4g} s"
+        with progress(label) as show:
+            result = predict(
+                model, motion.motion, degc, motion.name, repeat, payload, motion.notes, show, most
+            )
+        found.append((result, motion))
     return found
+
+
+def _say_length(plans: Sequence[tuple[LoadedMotion, int]], most: int) -> None:
+    """Say how long a prediction is before it begins, and refuse one that is too long."""
+    from robot_energy.errors import MotionError
+    from robot_energy.prediction import planned_samples
+
+    samples = sum(planned_samples(plan.motion, repeat) for plan, repeat in plans)
+    duration = sum(plan.motion.duration * repeat for plan, repeat in plans)
+    what = f"{samples} samples over {duration:.6g} s of motion"
+    if samples > most:
+        raise MotionError(
+            f"the prediction has {what}",
+            f"at most {most} samples",
+            f"predict less, or allow more with --max-samples {samples}",
+        )
+    if samples > LONG:
+        print(f"predicting {what}", file=sys.stderr)
 
 
 def _per_model(values: Sequence[str] | None, count: int, option: str) -> list[str | None]:
@@ -210,15 +239,15 @@ def _tool_options(args: Namespace, base: str | None, start: str | None) -> ToolO
     import math
     from dataclasses import replace
 
-    from robot_energy.motion.programs import ToolOptions, joint_list
-    from robot_energy.motion.tool_motion import Placement
+    from robot_energy.motion.load_motion import ToolOptions, joint_list
+    from robot_energy.motion.tool_motion import ToolPlacement
     from robot_energy.motion.tool_timing import ToolLimits
 
-    placement = Placement()
+    placement = ToolPlacement()
     if base is not None:
         values = joint_list(base, "--base", (3, 4)).tolist()
         yaw = math.radians(values[3]) if len(values) == 4 else 0.0
-        placement = Placement(values[0], values[1], values[2], yaw)
+        placement = ToolPlacement(values[0], values[1], values[2], yaw)
     given: dict[str, float] = {}
     if args.tool_acceleration is not None:
         given["acceleration"] = args.tool_acceleration
@@ -236,8 +265,8 @@ def _tool_options(args: Namespace, base: str | None, start: str | None) -> ToolO
 
 
 def _payload(text: str) -> Payload:
-    from robot_energy.model_file.payload import payload
-    from robot_energy.motion.programs import joint_list
+    from robot_energy.model.payload import payload
+    from robot_energy.motion.load_motion import joint_list
 
     figures, _, link = text.partition("@")
     values = joint_list(figures, "--payload", (1, 4)).tolist()

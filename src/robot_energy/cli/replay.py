@@ -2,40 +2,51 @@
 
 from __future__ import annotations
 
-import json
 from argparse import ArgumentParser, ArgumentTypeError, Namespace, RawDescriptionHelpFormatter
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from robot_energy.cli.memory import keep_freed_memory
 from robot_energy.cli.terminal import (
     add_debug,
-    check_writable,
+    check_bag,
+    check_outputs,
     console,
     progress,
-    write_text,
+    write_json,
 )
 from robot_energy.errors import ReportError
 
 if TYPE_CHECKING:
-    from robot_energy.model_file import RobotModel
-    from robot_energy.replay import Replay
+    from robot_energy.bag_replay import Replay
+    from robot_energy.model import RobotModel
 
 AT_FALLBACK = "fallback"
-NONE = "none"
 DAMAGED = 3
+INPUT_OPTIONS = (
+    "joint_states",
+    "temperatures",
+    "meter",
+    "payload",
+    "inputs",
+    "effort",
+    "stamp_source",
+    "reorder_window",
+    "derivative_window",
+    "temperature_wait",
+    "meter_max_gap",
+)
 EFFORTS = ("none", "motor_current", "motor_torque", "joint_torque")
 LONGEST_WINDOW = 0.5  # in which joint states are sorted [s]
 
 DESCRIPTION = """\
 Run a recorded bag through the model of its robot and print where the energy went:
-predicted beside measured over the same time, per joint, per loss, per phase, with what
-was left out and why.
+predicted and measured over the same time, per joint, per loss and per phase, and which
+samples were rejected for which reason.
 
 Topics are found by their type: sensor_msgs/JointState, MotorTemperatures or
-sensor_msgs/Temperature (frame_id = joint), PowerReading. Name them where there are several;
-what else a robot publishes is described in the parameter file of its monitor (--inputs).
+sensor_msgs/Temperature (frame_id = joint), PowerReading. If there are several of one type,
+name the one to use. Describe other types in the parameter file of the monitor (--inputs).
 """
 EPILOG = """\
 examples:
@@ -78,12 +89,48 @@ def add_parser(commands: Any) -> None:
     outputs.add_argument(
         "--plot", metavar="FILE", help="draw power and energy over time (.png, .svg, .pdf)"
     )
+    friction = parser.add_argument_group("friction").add_mutually_exclusive_group()
+    friction.add_argument(
+        "--fixed-friction",
+        metavar="DEGC",
+        type=degc,
+        help="keep friction at its value at this temperature, whatever was measured",
+    )
+    friction.add_argument(
+        "--compare",
+        metavar="DEGC",
+        nargs="?",
+        const=AT_FALLBACK,
+        type=degc,
+        help="run a second time with friction fixed at this temperature (default: the "
+        "model's fallback temperature) and set both side by side",
+    )
+    settings = add_inputs(parser)
+    settings.add_argument(
+        "--power-period",
+        type=positive,
+        metavar="S",
+        help="averaging period of /energy/power (default 0.02 s)",
+    )
+    add_debug(parser)
+    parser.set_defaults(run=run)
+
+
+def add_inputs(parser: ArgumentParser) -> Any:
+    """Add the options that say what is read and how; their names are in ``INPUT_OPTIONS``.
+
+    Args:
+        parser: Of a command that replays a bag.
+
+    Returns:
+        The group of settings, for those of the command itself.
+    """
     topics = parser.add_argument_group("topics")
     topics.add_argument(
         "--joint-states",
         metavar="TOPIC",
         nargs="+",
-        help="topic of joint states; several where each brings some of the joints",
+        help="topic of joint states; several if each has some of the joints",
     )
     topics.add_argument(
         "--temperatures",
@@ -91,7 +138,9 @@ def add_parser(commands: Any) -> None:
         nargs="+",
         help="topics of motor temperatures; 'none' to use none of the bag's",
     )
-    topics.add_argument("--meter", metavar="TOPIC")
+    topics.add_argument(
+        "--meter", metavar="TOPIC", help="topic of the power meter; default: the one in the bag"
+    )
     topics.add_argument(
         "--inputs",
         metavar="FILE",
@@ -105,68 +154,54 @@ def add_parser(commands: Any) -> None:
     parser.add_argument(
         "--effort",
         choices=EFFORTS,
-        help="what the effort in the joint states is; with it, measured shaft energy stands "
-        "beside the predicted one per joint (default: what --inputs says, else none: it is "
-        "not used, and never guessed)",
-    )
-    friction = parser.add_argument_group("friction").add_mutually_exclusive_group()
-    friction.add_argument(
-        "--fixed-friction",
-        metavar="DEGC",
-        type=_degc,
-        help="keep friction at its value at this temperature, whatever was measured",
-    )
-    friction.add_argument(
-        "--compare",
-        metavar="DEGC",
-        nargs="?",
-        const=AT_FALLBACK,
-        type=_degc,
-        help="run a second time with friction fixed at this temperature (default: the "
-        "model's fallback temperature) and set both side by side",
+        help="what the effort in the joint states is; with it, measured shaft energy is "
+        "compared with the predicted one per joint (default: that of --inputs, else none: "
+        "effort is not used)",
     )
     settings = parser.add_argument_group("settings, seldom needed")
     settings.add_argument(
         "--derivative-window",
-        type=_positive,
+        type=positive,
         metavar="S",
         help="window behind an acceleration (default 0.02 s)",
     )
     settings.add_argument(
-        "--stamps",
+        "--stamp-source",
         choices=("header", "receive"),
         help="what dates joint states: their header (default), or the time of the recording "
         "for drivers that do not set it",
     )
     settings.add_argument(
-        "--reorder",
+        "--reorder-window",
         type=_window,
         metavar="S",
-        help="window in which joint states that overtook each other are sorted (default 0 s)",
+        help="window in which out-of-order joint states are sorted (default 0 s)",
     )
     settings.add_argument(
-        "--settle",
-        type=_positive,
+        "--temperature-wait",
+        type=positive,
         metavar="S",
         help="how long torque waits for late temperatures (default 0.1 s)",
     )
     settings.add_argument(
-        "--power-period",
-        type=_positive,
-        metavar="S",
-        help="averaging period of /energy/power (default 0.02 s)",
-    )
-    settings.add_argument(
         "--meter-max-gap",
-        type=_positive,
+        type=positive,
         metavar="S",
-        help="longest time between meter readings that is bridged (default 2 s)",
+        help="longest time between meter readings that is bridged (default: what --inputs says, "
+        "else 2 s)",
     )
-    add_debug(parser)
-    parser.set_defaults(run=run)
+    return settings
 
 
-def _degc(text: str) -> float | str:
+def degc(text: str) -> float | str:
+    """Return a temperature, or ``fallback`` for that of the model. [degC]
+
+    Args:
+        text: As it was typed.
+
+    Raises:
+        ArgumentTypeError: If it is none.
+    """
     if text == AT_FALLBACK:
         return text
     try:
@@ -179,13 +214,21 @@ def _degc(text: str) -> float | str:
 
 
 def _window(text: str) -> float:
-    value = _positive(text)
+    value = positive(text)
     if value > LONGEST_WINDOW:
         raise ArgumentTypeError(f"'{text}' is longer than {LONGEST_WINDOW:g} s")
     return value
 
 
-def _positive(text: str) -> float:
+def positive(text: str) -> float:
+    """Return a time above 0. [s]
+
+    Args:
+        text: As it was typed.
+
+    Raises:
+        ArgumentTypeError: If it is none.
+    """
     try:
         value = float(text)
     except ValueError:
@@ -207,78 +250,55 @@ def run(args: Namespace) -> int:
     Raises:
         RobotEnergyError: If model, bag or outputs cannot be used.
     """
-    from robot_energy.friction import with_fixed_friction
-    from robot_energy.model_file import load
+    from robot_energy.api.replay import fixed_friction
+    from robot_energy.files.placement import all_or_none
+    from robot_energy.model import load
     from robot_energy.report import print_replay, summarise
 
-    check_writable(args.json, "the JSON report")
-    check_writable(args.plot, "the figure")
+    inputs = [args.bag, args.model, args.inputs]
+    check_outputs(args, inputs)
     if args.plot is not None:
         from robot_energy.report.canvas import check_format
 
         check_format(Path(args.plot))
-    if args.out is not None and Path(args.out).resolve() == Path(args.bag).resolve():
-        raise ReportError(f"the bag {args.bag} is also named as --out", "another folder")
+    if args.out is not None:
+        check_bag(args.out, args.overwrite, inputs, (args.json, args.plot))
     model, change = load(args.model), None
-    degc = args.fixed_friction
-    if degc is not None:
-        degc = model.temperature.fallback_degc if degc == AT_FALLBACK else degc
-        model, change = with_fixed_friction(model, degc), f"friction fixed at {degc:g} degC"
-    first = _replay(args, model, "replaying", out=args.out)
-    summary = summarise(first, change)
-    second = other = None
-    if args.compare is not None:
-        fallback = model.temperature.fallback_degc
-        degc = fallback if args.compare == AT_FALLBACK else args.compare
-        second = _replay(args, with_fixed_friction(model, degc), "with fixed friction", out=None)
-        other = summarise(second, f"friction fixed at {degc:g} degC")
-    if args.json is not None:
-        document = summary if other is None else {**summary, "compared_with": other}
-        write_text(args.json, json.dumps(document, indent=2, allow_nan=False) + "\n")
-    if args.plot is not None:
-        _plot(args.plot, first, second, change, other)
+    if args.fixed_friction is not None:
+        model, change = fixed_friction(model, args.fixed_friction)
+    with all_or_none():
+        first = _replay(args, model, "replaying", out=args.out)
+        summary = summarise(first, change)
+        second = other = None
+        if args.compare is not None:
+            fixed, other_change = fixed_friction(model, args.compare)
+            second = _replay(args, fixed, "with fixed friction", out=None)
+            other = summarise(second, other_change)
+        if args.plot is not None:
+            _plot(args.plot, first, second, change, other)
+        if args.json is not None:
+            write_json(args.json, summary if other is None else {**summary, "compared_with": other})
     if args.json != "-":  # last: the reader of a pipe may close it early
         print_replay(summary, console(), other)
     return DAMAGED if first.problems else 0
 
 
 def _replay(args: Namespace, model: RobotModel, label: str, out: str | None) -> Replay:
-    from robot_energy.blocks import EffortMeaning
-    from robot_energy.ingest.sources import JointStateSource
-    from robot_energy.inputs_file import read_inputs
-    from robot_energy.pipeline import Settings
-    from robot_energy.replay import Topics, replay
+    from robot_energy.api.replay import run_replay
 
     keep_freed_memory()
-    named = args.temperatures
-    temperatures = None if named is None else tuple(topic for topic in named if topic != NONE)
-    payload = "" if args.payload == NONE else args.payload
-    names = ("derivative_window", "settle", "power_period", "meter_max_gap")
-    given = {name: getattr(args, name) for name in names if getattr(args, name) is not None}
-    inputs, notes = (None, []) if args.inputs is None else read_inputs(args.inputs)
-    effort = args.effort or (NONE if inputs is None else inputs.effort)
-    asked = {key: getattr(args, key) for key in ("stamps", "reorder")}
-    states = replace(
-        JointStateSource() if inputs is None else inputs.joint_states,
-        **{key: value for key, value in asked.items() if value is not None},
-    )
+    options = {name: getattr(args, name) for name in INPUT_OPTIONS}
     with progress(label) as report:
-        result = replay(
+        return run_replay(
             args.bag,
             model,
-            topics=Topics(
-                tuple(args.joint_states or ()) or None, temperatures, args.meter, payload
-            ),
-            settings=Settings(effort=EffortMeaning(effort), **given),
+            **options,
+            power_period=args.power_period,
             out=out,
             overwrite=args.overwrite,
-            keep_means=args.plot is not None,
+            keep_curves=args.plot is not None,
             progress=report,
-            inputs=inputs,
-            states=states,
         )
-    result.notes[:0] = notes
-    return result
 
 
 def _plot(

@@ -5,7 +5,8 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
 from typing import TYPE_CHECKING, Any
 
-from robot_energy.cli.terminal import add_debug, console
+from robot_energy.cli.numbers import number, whole
+from robot_energy.cli.terminal import add_debug, check_bag, console
 
 if TYPE_CHECKING:
     from robot_energy.motion import Program
@@ -15,10 +16,10 @@ ROBOTS = ("kr16", "mantis", "testbed", "irb4600")
 TOOL, LEAST_HEIGHT = "tool0", 0.2  # m: the random program stays above the floor
 
 DESCRIPTION = """\
-Play a robot with its cabinet, motor thermometers and grid meter for a while, and record
-what they report to a bag. The plant knows effects that the model under test does not:
+Simulate a robot with its cabinet, motor temperature sensors and grid meter, and record their
+messages to a bag. The plant knows effects that the model under test does not:
 Stribeck and load-dependent friction, lubricant, copper, iron and inverter loss, sensor
-errors. No figure of it was measured: results on it prove the method, not a robot.
+errors. Nothing is measured on a robot: results on the rig show that the method works.
 """
 EPILOG = """\
 example:
@@ -38,41 +39,41 @@ def add_parser(commands: Any) -> None:
     )
     parser.add_argument("--robot", choices=ROBOTS, default="kr16", help="plant (default kr16)")
     parser.add_argument("--out", required=True, metavar="BAG", help="folder of the new bag")
-    parser.add_argument("--duration", type=float, default=60.0, metavar="S", help="default 60 s")
+    parser.add_argument("--duration", type=number, default=60.0, metavar="S", help="default 60 s")
     parser.add_argument(
         "--start-temperature",
-        type=float,
+        type=number,
         default=20.0,
         metavar="DEGC",
         help="of motors and gears (default 20 degC)",
     )
     parser.add_argument(
-        "--ambient", type=float, default=20.0, metavar="DEGC", help="default 20 degC"
+        "--ambient", type=number, default=20.0, metavar="DEGC", help="default 20 degC"
     )
     parser.add_argument(
         "--seed",
-        type=int,
+        type=whole,
         default=0,
         metavar="N",
         help="of program and sensor errors; the same seed gives the same bag",
     )
     parser.add_argument(
         "--speedup",
-        type=float,
+        type=number,
         default=1.0,
         metavar="FACTOR",
-        help="on the speed of the temperatures alone (default 1)",
+        help="factor on how fast temperatures change (default 1)",
     )
     parser.add_argument(
         "--override",
-        type=float,
+        type=number,
         default=1.0,
         metavar="SHARE",
         help="share of full speed, above 0 to 1 (default 1)",
     )
     parser.add_argument(
         "--dwell",
-        type=float,
+        type=number,
         default=0.2,
         metavar="S",
         help="rest after every motion (default 0.2 s)",
@@ -99,6 +100,7 @@ def run(args: Namespace) -> int:
 
     if args.seed < 0:
         raise RigError(f"the seed is {args.seed}", "a whole number from 0 on")
+    check_bag(args.out, args.overwrite)
     profile = PROFILES[args.robot]()
     rig = VirtualRig(
         profile,

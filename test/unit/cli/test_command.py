@@ -10,11 +10,11 @@ from xml.etree import ElementTree
 import pytest
 
 from logbook import WHEEL_MAPPING, mapping, wheel_bag, wheel_csv, wheel_model, write_csv
+from places import ROOT
 from robot_energy import __version__
 from robot_energy.cli import main
 from robot_energy.logs import import_csv
 
-ROOT = Path(__file__).parents[3]
 DATA = os.environ.get("ROBOT_ENERGY_DATA", "")
 
 
@@ -62,6 +62,23 @@ def test_replay_prints_tables_and_writes_all_outputs(
     assert main([*args, "--overwrite"]) == 0
 
 
+def test_replay_bridges_as_far_as_the_parameter_file_says_unless_told_otherwise(
+    tmp_path: Path,
+) -> None:
+    """Readings 0.1 s apart, of which a file bridges 0.05 s."""
+    bag, model = wheel_bag(tmp_path, rate=10.0), wheel_model(tmp_path)
+    file, out = tmp_path / "node.yaml", tmp_path / "r.json"
+    file.write_text("/**:\n  ros__parameters:\n    meter_max_gap: 0.05\n")
+    words = ["replay", str(bag), "--model", str(model), "--json", str(out), "--inputs", str(file)]
+    measured: list[float | None] = []
+    for more in ([], ["--meter-max-gap", "0.2"]):
+        assert main([*words, *more]) == 0
+        comparison = json.loads(out.read_text())["comparison"]
+        measured.append(comparison and comparison["measured_energy"])
+    assert measured[0] != pytest.approx(800.0)
+    assert measured[1] == pytest.approx(800.0)
+
+
 def test_json_on_standard_output_is_nothing_but_json(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -98,7 +115,7 @@ def test_a_model_that_cannot_be_used(tmp_path: Path, capsys: pytest.CaptureFixtu
         (text.replace("drive: ideal", "drive: perfect"), "'drive' is 'perfect'"),
         (text.replace("schema_version: 1", "schema_version: 9"), "schema_version 9"),
         ("a: [", "not valid YAML"),
-        ("[]", "holds list"),
+        ("[]", "is a list"),
     ):
         broken.write_text(wrong)
         assert said in refused(capsys, "replay", bag, "--model", broken)
@@ -175,7 +192,7 @@ def test_outputs_are_checked_before_the_work(
     assert "no known format" in refused(capsys, *command, "--plot", tmp_path / "a.bmp")
     assert "there is no folder" in refused(capsys, *command, "--json", tmp_path / "no" / "a")
     assert "a folder" in refused(capsys, *command, "--json", tmp_path)
-    assert "also named as --out" in refused(capsys, *command, "--out", tmp_path / "no bag")
+    assert "the input" in refused(capsys, *command, "--out", tmp_path / "no bag")
 
 
 def test_import_reports_every_bad_row(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -241,7 +258,7 @@ def test_wrong_arguments_and_help(capsys: pytest.CaptureFixture[str]) -> None:
         [],
         ["fly"],
         ["replay", "x"],
-        ["replay", "x", "--model", "m", "--settle", "-1"],
+        ["replay", "x", "--model", "m", "--temperature-wait", "-1"],
         ["replay", "x", "--model", "m", "--fixed-friction", "hot"],
     ):
         assert main(args) == 2

@@ -5,7 +5,7 @@ import pytest
 
 from plants import PROGRAM, two_link_profile
 from robot_energy.cli import main
-from robot_energy.model_file import load
+from robot_energy.model import load
 from robot_energy.rig import RigConfig, VirtualRig
 from robot_energy.rig.record import record
 

@@ -7,8 +7,8 @@ import pytest
 from rosbags.highlevel import AnyReader
 
 from robot_energy.cli import main
-from robot_energy.model_file import load
-from robot_energy.robot import Robot
+from robot_energy.model import load
+from robot_energy.physics.rigid_body import Robot
 
 QUICK = ["identify", "excitation", "--model", "kr16", "--starts", "1", "--iterations", "2"]
 JOINTS = [f"joint_a{number}" for number in range(1, 7)]

@@ -1,15 +1,15 @@
 """`robot-energy predict`: programs of every kind, several robots, refusals in one sentence."""
 
 import json
-from pathlib import Path
 
 import pytest
 import yaml
 
+from places import ROOT
 from robot_energy.cli import main
-from robot_energy.motion.wall import Wall
+from robot_energy_papers.wall import Wall
 
-EXAMPLES = Path(__file__).parents[3] / "src" / "examples" / "programs"
+EXAMPLES = ROOT / "src" / "examples" / "programs"
 MOVES = EXAMPLES / "kr16_pick_and_place.yaml"
 ROBOTS = ["--model", "mantis", "--base=-1.2,-0.2,0", "--model", "testbed", "--base=0,0,0",
           "--model", "irb4600", "--base=-1,0.15,0"]  # fmt: skip
@@ -163,3 +163,53 @@ def test_the_example_of_moves_is_complete():
         "schema_version", "motion", "angle_unit", "via", "dwell", "override", "acceleration",
         "repeat",
     }  # fmt: skip
+
+
+LENGTHS = {
+    "dwell": ("G21 G90\nG0 X500 Y500 Z500\nG4 S86400\nG1 X600 F6000\n", []),
+    "slow": ("G21 G90\nG0 X500 Y500 Z500\nG1 X600 F6000\n", ["--tool-acceleration", "0.000001"]),
+    "often": ("G21 G90\nG0 X500 Y500 Z500\nG1 X600 F6000\nG1 X500\n", ["--repeat", "100000"]),
+}
+
+
+@pytest.mark.parametrize("name", LENGTHS)
+def test_a_prediction_that_is_too_long_is_refused_before_it_begins(tmp_path, capsys, name):
+    text, options = LENGTHS[name]
+    path = tmp_path / "long.gcode"
+    path.write_text(text)
+    found = refused(capsys, path, "--model", "testbed", "--temperature", "20", *options,
+                    "--max-samples", "40000")  # fmt: skip
+    assert "samples over" in found
+    assert "--max-samples" in found
+
+
+def test_programs_and_temperatures_count_together_and_the_length_is_said(capsys, monkeypatch, wall):
+    from robot_energy.cli import predict
+
+    options = [wall, "--model", "testbed", "--temperature", "20", "--json", "-"]
+    monkeypatch.setattr(predict, "LONG", 100)
+    assert run(*options, "--max-samples", "1000") == 0
+    said = capsys.readouterr().err
+    assert "samples over" in said
+    text = refused(capsys, *options, "--temperature", "30", "--max-samples", "1000")
+    assert "at most 1000 samples" in text
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ["--base", "1e308,0,0"], ["--base", "0,0,0,1e300"], ["--start", "1e308,0,0"],
+        ["--tool-acceleration", "1e-9"], ["--tool-acceleration", "1e8"], ["--smoothing", "9"],
+        ["--corner-tolerance", "1e8"], ["--rapid", "1e6"], ["--payload", "1e308"],
+        ["--repeat", "1000000"], ["--max-samples", "0"],
+    ],
+)  # fmt: skip
+def test_absurd_numbers_are_refused_in_one_sentence(capsys, wall, options):
+    refused(capsys, wall, "--model", "testbed", "--temperature", "20", *options)
+
+
+@pytest.mark.parametrize("text", ["nan", "inf", "-inf", "1e10", "x", "", "9" * 400])
+@pytest.mark.parametrize("option", ["--rapid", "--smoothing", "--repeat"])
+def test_what_is_no_number_is_a_mistake_in_the_command(capsys, wall, option, text):
+    assert run(wall, "--model", "testbed", "--temperature", "20", f"{option}={text}") == 2
+    assert option in capsys.readouterr().err

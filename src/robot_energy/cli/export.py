@@ -1,0 +1,122 @@
+"""`robot-energy export`: the power of a recorded bag over time as CSV or Parquet."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
+from typing import TYPE_CHECKING, Any
+
+from robot_energy.cli.memory import keep_freed_memory
+from robot_energy.cli.replay import DAMAGED, INPUT_OPTIONS, add_inputs, degc, positive
+from robot_energy.cli.terminal import add_debug, console, progress
+from robot_energy.errors import ReportError
+from robot_energy.files.output_files import CSV, PARQUET, FileKind, check_file, write_file
+from robot_energy.shown_text import shown
+
+if TYPE_CHECKING:
+    from robot_energy.time_series import TimeSeries
+
+WHAT = "the table"
+KINDS: dict[str, tuple[FileKind, ...]] = {".csv": CSV, ".parquet": PARQUET}
+
+DESCRIPTION = """\
+Run a recorded bag through the model of its robot and write its power over time: one row per
+sample or per period, with predicted, measured and residual power, every loss, phase and
+quality, and the same per joint. Units are those of the nomenclature: W, N m, rad/s, degC.
+"""
+EPILOG = """\
+examples:
+  robot-energy export bag --model kr16 --out power.csv
+  robot-energy export bag --model kr16 --power-period 0.1 --out power.parquet
+"""
+
+
+def add_parser(commands: Any) -> None:
+    """Add the sub-command."""
+    parser: ArgumentParser = commands.add_parser(
+        "export",
+        help="the power of a recorded bag over time, as CSV or Parquet",
+        description=DESCRIPTION,
+        epilog=EPILOG,
+        formatter_class=RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("bag", help="MCAP file, or rosbag2 folder (MCAP or sqlite3)")
+    parser.add_argument(
+        "--model",
+        required=True,
+        metavar="FILE|NAME",
+        help="model file, or name of a shipped model (see: robot-energy models)",
+    )
+    parser.add_argument(
+        "--out", required=True, metavar="FILE", help="the table: .csv, or .parquet (needs polars)"
+    )
+    parser.add_argument(
+        "--fixed-friction",
+        metavar="DEGC",
+        type=degc,
+        help="keep friction at its value at this temperature, whatever was measured",
+    )
+    settings = add_inputs(parser)
+    settings.add_argument(
+        "--power-period",
+        type=positive,
+        metavar="S",
+        help="write means over periods of this length (default: every sample)",
+    )
+    add_debug(parser)
+    parser.set_defaults(run=run)
+
+
+def run(args: Namespace) -> int:
+    """Replay and write the table.
+
+    Args:
+        args: Of the sub-command.
+
+    Returns:
+        0, or 3 if the bag is damaged and was read in part.
+
+    Raises:
+        RobotEnergyError: If model, bag or output cannot be used.
+    """
+    from robot_energy.api.replay import replay
+
+    suffix = next((end for end in KINDS if args.out.lower().endswith(end)), None)
+    if suffix is None:
+        raise ReportError(
+            f"'{shown(args.out)}' is no table of a known kind", f"a name with {' or '.join(KINDS)}"
+        )
+    inputs = [name for name in (args.bag, args.model, args.inputs) if name]
+    check_file(args.out, KINDS[suffix], WHAT, inputs)
+    if suffix == ".parquet":
+        _require_polars()
+    keep_freed_memory()
+    with progress("replaying") as report:
+        result = replay(
+            args.bag,
+            args.model,
+            temperature=args.fixed_friction,
+            power_period=args.power_period,
+            progress=report,
+            **{name: getattr(args, name) for name in INPUT_OPTIONS},
+        )
+    write_file(args.out, _bytes(result.power, suffix), KINDS[suffix], WHAT)
+    out = console()
+    for sentence in (*result.problems, *result.notes):
+        out.print(sentence, soft_wrap=True)
+    out.print(f"wrote {shown(args.out)}: {len(result.power)} rows", soft_wrap=True)
+    return DAMAGED if result.replay.problems else 0
+
+
+def _bytes(table: TimeSeries, suffix: str) -> bytes:
+    return table.to_csv().encode() if suffix == ".csv" else table.to_parquet()
+
+
+def _require_polars() -> None:
+    from importlib.util import find_spec
+
+    if find_spec("polars") is None:
+        raise ReportError(
+            "Parquet needs the library polars, which is not installed",
+            "polars, or a name with .csv",
+            "install it: pip install polars",
+        )
