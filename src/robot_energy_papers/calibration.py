@@ -12,12 +12,12 @@ import numpy as np
 from robot_energy.blocks import Float
 from robot_energy.errors import RigError
 from robot_energy.motion import random_program, tool_above
-from robot_energy.reproduce.experiment import FIRST_SEED, LEAST_HEIGHT, SEED_STEP, TOOL
 from robot_energy.rig import PlantProfile, RigConfig, VirtualRig
 from robot_energy.rig.plant import PlantDrives
 from robot_energy.rig.record import outputs
 from robot_energy.rig.study import temperature_study
 from robot_energy.rig.supply import Supply
+from robot_energy_papers.experiment import FIRST_SEED, LEAST_HEIGHT, SEED_STEP, TOOL
 
 POSES = 300
 PROGRAM_DEGC = (20.0, 22.0, 60.0, 80.0)

@@ -13,12 +13,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from robot_energy.blocks import Float
-from robot_energy.drive import Drive, EfficiencyMaps, LossModel
 from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.drive_data import drive_data
-from robot_energy.identify.drives import CONSTANT_EFFICIENCY, WAYS, DrivesFit, Way, fit_drives
-from robot_energy.identify.efficiency import processed
-from robot_energy.reproduce.mantis import RATE, Run
+from robot_energy.identify.drives.drive_data import drive_data
+from robot_energy.identify.drives.drives import (
+    CONSTANT_EFFICIENCY,
+    WAYS,
+    DrivesFit,
+    Way,
+    fit_drives,
+)
+from robot_energy.identify.drives.efficiency import processed
+from robot_energy.physics.drive import Drive, EfficiencyMaps, LossModel
+from robot_energy_papers.mantis import RATE, PrintRun
 
 WAY_NAMES: dict[Way, str] = {
     "none": "no efficiency",
@@ -76,7 +82,7 @@ class DriveTest:
     ways: dict[Way, WayResult]
 
 
-def identify_drives(runs: Sequence[Run]) -> DrivesFit:
+def identify_drives(runs: Sequence[PrintRun]) -> DrivesFit:
     """Identify maps and losses of every drive from excitation runs.
 
     Raises:
@@ -91,7 +97,7 @@ def identify_drives(runs: Sequence[Run]) -> DrivesFit:
     return fit
 
 
-def tested(runs: Mapping[str, Run], fit: DrivesFit) -> dict[str, DriveTest]:
+def tested(runs: Mapping[str, PrintRun], fit: DrivesFit) -> dict[str, DriveTest]:
     """Predict the electrical power of runs that the fit has not seen.
 
     Args:
@@ -105,7 +111,7 @@ def tested(runs: Mapping[str, Run], fit: DrivesFit) -> dict[str, DriveTest]:
     return {name: _test(name, run, drives, fit.cutoff) for name, run in runs.items()}
 
 
-def _test(name: str, run: Run, drives: Mapping[Way, Drive], cutoff: float) -> DriveTest:
+def _test(name: str, run: PrintRun, drives: Mapping[Way, Drive], cutoff: float) -> DriveTest:
     rows = run.rows
     power = run.recording.power
     shaft, velocity = run.shaft_predicted, power.motor_velocity[rows]

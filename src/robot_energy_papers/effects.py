@@ -11,14 +11,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from tempfile import TemporaryDirectory
 
-from robot_energy.model_file import load
-from robot_energy.reproduce.experiment import Programs, make_programs, soaked
-from robot_energy.reproduce.held_out import held_out
-from robot_energy.reproduce.models import FIXED_DEGC, FOLLOWS, fixed_name, identify
+from robot_energy.files.temporary_folder import TemporaryFolder
+from robot_energy.model import load
 from robot_energy.rig import RigConfig, kr16_profile
+from robot_energy_papers.experiment import Programs, make_programs, soaked
+from robot_energy_papers.held_out import held_out
+from robot_energy_papers.models import FIXED_DEGC, FOLLOWS, fixed_name, identify
 
 MODELLED = "lubricant_temperature"  # the one effect that the proposed model has
 SENSORS = (
@@ -122,8 +121,8 @@ def effect_row(name: str, config: RigConfig, rigs: Rigs, seed: int) -> EffectRow
     profile = kr16_profile()
     programs: Programs = make_programs(profile, seed, rigs.moves)
     train_seed, test_seed = rig_seeds(seed)
-    with TemporaryDirectory(prefix="robot_energy_") as place:
-        folder = Path(place)
+    with TemporaryFolder() as place:
+        folder = place.path
         train = soaked(
             profile, programs.train, rigs.train_degc, folder, "train", train_seed, config
         )

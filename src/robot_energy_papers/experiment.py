@@ -24,7 +24,7 @@ from robot_energy.motion import (
     tool_above,
 )
 from robot_energy.rig import PlantProfile, RigConfig, VirtualRig
-from robot_energy.rig.record import Recording, outputs, record
+from robot_energy.rig.record import RigRecording, outputs, record
 
 MOVES = 20  # paper A, section IV
 WARM_UP = 60.0  # s, paper A, section IV
@@ -71,7 +71,7 @@ class MotionSet:
         way: How its temperature was reached: ``heating``, ``cooling`` or ``soaked``.
     """
 
-    recording: Recording
+    recording: RigRecording
     time: float
     way: str
 
@@ -157,7 +157,7 @@ def by_motion(
     seed: int,
     hold: Program | None = None,
     config: RigConfig | None = None,
-) -> tuple[list[MotionSet], Recording | None]:
+) -> tuple[list[MotionSet], RigRecording | None]:
     """Run one rig through sets and warm-ups, and record sets on the way.
 
     The rig is never stopped or set: one stream of motion from the first sample on. Whether

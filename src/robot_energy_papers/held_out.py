@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
+from robot_energy.bag_replay import replay
 from robot_energy.blocks import NANOSECOND, EffortMeaning, Float, Quality
 from robot_energy.errors import RigError
-from robot_energy.identify.recordings import read_recording
-from robot_energy.model_file import RobotModel
-from robot_energy.replay import replay
-from robot_energy.reproduce.experiment import MotionSet
+from robot_energy.identify.data.recordings import read_recording
+from robot_energy.model import RobotModel
+from robot_energy_papers.experiment import MotionSet
 
 
 @dataclass(frozen=True)

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
 from robot_energy.blocks import Float
-from robot_energy.report.canvas import COLOURS, SERIES, canvas, panels
+from robot_energy.report.canvas import COLOURS, SERIES, Target, canvas, named_ticks, panels
 
 WIDE = 9.0  # inch
 GREY = "#9a9a9a"
@@ -18,7 +17,7 @@ SHOWN = 0.995  # quantile of the values up to which an axis reaches: corners hav
 
 
 @dataclass(frozen=True)
-class Line:
+class FigureLine:
     """One curve.
 
     Attributes:
@@ -41,7 +40,7 @@ class Line:
         return self.time[rows], self.values[rows, column]
 
 
-def measured_and(lines: Sequence[tuple[str, Float, str, float]], time: Float) -> list[Line]:
+def measured_and(lines: Sequence[tuple[str, Float, str, float]], time: Float) -> list[FigureLine]:
     """Return curves with a column for the sum over the joints.
 
     Args:
@@ -49,16 +48,16 @@ def measured_and(lines: Sequence[tuple[str, Float, str, float]], time: Float) ->
         time: Shape (N,). [s]
     """
     return [
-        Line(label, time, np.column_stack([values, values.sum(axis=1)]), colour, width)
+        FigureLine(label, time, np.column_stack([values, values.sum(axis=1)]), colour, width)
         for label, values, colour, width in lines
     ]
 
 
 def joint_panels(
-    lines: Sequence[Line],
+    lines: Sequence[FigureLine],
     names: Sequence[str],
     unit: str,
-    path: str | Path,
+    path: Target,
     title: str = "",
     limits: tuple[float, float] | None = None,
 ) -> None:
@@ -97,7 +96,7 @@ def bars(
     groups: Sequence[str],
     series: Mapping[str, Sequence[float]],
     unit: str,
-    path: str | Path,
+    path: Target,
     title: str = "",
     reference: Sequence[float | None] | None = None,
     reference_label: str = "paper B",
@@ -135,7 +134,7 @@ def bars(
                     label=reference_label if number == 0 else None, linestyle=(0, (4, 2)),
                 )  # fmt: skip
         axes.axhline(0.0, color=COLOURS["measured"], linewidth=0.8)
-        axes.set_xticks(place, groups)
+        named_ticks(axes.xaxis, place, groups)
         axes.set_ylabel(unit)
         axes.grid(axis="x", visible=False)
         figure.legend(loc="outside lower center", ncols=4)
@@ -146,7 +145,7 @@ def stacked(
     parts: Mapping[str, Sequence[float]],
     marks: Mapping[str, Sequence[float]],
     unit: str,
-    path: str | Path,
+    path: Target,
     title: str = "",
 ) -> None:
     """Draw stacked horizontal bars, and other figures of the same groups as marks.
@@ -176,14 +175,14 @@ def stacked(
                 values, place, shape, color=COLOURS["measured"], label=name, markersize=5,
                 markerfacecolor="white",
             )  # fmt: skip
-        axes.set_yticks(place, groups)
+        named_ticks(axes.yaxis, place, groups)
         axes.set_xlabel(unit)
         axes.grid(axis="y", visible=False)
         figure.legend(loc="outside lower center", ncols=4)
 
 
 def powers_over_time(
-    panels_: Mapping[str, Sequence[Line]], unit: str, path: str | Path, title: str = ""
+    panels_: Mapping[str, Sequence[FigureLine]], unit: str, path: Target, title: str = ""
 ) -> None:
     """Draw one panel below the other, each with its own curves.
 

@@ -12,18 +12,18 @@ from typing import Any
 import numpy as np
 
 from robot_energy.blocks import Float, JointBlock, PowerBlock, TemperatureBlock
-from robot_energy.drivetrain import Drivetrain
-from robot_energy.model_file import RobotModel, load
+from robot_energy.model import RobotModel, load
 from robot_energy.motion import InverseKinematics, Trajectory
 from robot_energy.motion.gcode import read_gcode
-from robot_energy.motion.tool_motion import Placement, ToolMotion
+from robot_energy.motion.tool_motion import ToolMotion, ToolPlacement
 from robot_energy.motion.tool_timing import TimedPath
-from robot_energy.motion.wall import Wall
+from robot_energy.physics.drivetrain import Drivetrain
+from robot_energy.physics.rigid_body import Robot
 from robot_energy.pipeline import EnergyPipeline, Output, Settings
-from robot_energy.reproduce.mantis import Smooth
 from robot_energy.rig import PROFILES, RigOutput, VirtualRig
 from robot_energy.rig.record import outputs
-from robot_energy.robot import Robot
+from robot_energy_papers.mantis import Smooth
+from robot_energy_papers.wall import Wall
 
 QUARTER = 0.5 * np.pi
 MOTOR_DEGC = 25.0
@@ -57,7 +57,7 @@ class Machine:
     model: str
     link: str
     start: tuple[float, ...]
-    placement: Placement
+    placement: ToolPlacement
     options: dict[str, Any]
     paper: float | None
 
@@ -66,20 +66,20 @@ class Machine:
 MACHINES = {
     "mantis_held": Machine(
         "Mantis, 1 held", "mantis", "tool0", (0.0, -1.2, 1.8),
-        Placement(0.6, -1.9, 0.0, QUARTER), {"held": ("joint_1",), "lifted": True}, -0.93,
+        ToolPlacement(0.6, -1.9, 0.0, QUARTER), {"held": ("joint_1",), "lifted": True}, -0.93,
     ),
     "mantis_all": Machine(
         "Mantis, all", "mantis", "tool0", (0.0, -1.2, 1.8),
-        Placement(0.6, -1.9, 0.0, QUARTER),
+        ToolPlacement(0.6, -1.9, 0.0, QUARTER),
         {"weight": np.array([0.05, 1.0, 1.0]), "lifted": True}, -0.92,
     ),
     "testbed": Machine(
-        "gantry", "testbed", "tool0", (1.0, 0.4, 0.0), Placement(-1.15, -0.4, 0.0), {},
+        "gantry", "testbed", "tool0", (1.0, 0.4, 0.0), ToolPlacement(-1.15, -0.4, 0.0), {},
         -0.77,
     ),
     "irb4600": Machine(
         "arm", "irb4600", "nozzle", (0.1, 0.3, 0.2, 0.0, 1.07, 0.0),
-        Placement(0.6, -1.3, -0.2, QUARTER), {"orientation": np.diag([-1.0, 1.0, -1.0])}, None,
+        ToolPlacement(0.6, -1.3, -0.2, QUARTER), {"orientation": np.diag([-1.0, 1.0, -1.0])}, None,
     ),
 }  # fmt: skip
 
@@ -101,7 +101,7 @@ def wall_motion(machine: Machine, layers: int = 1, height: float = 0.0) -> ToolM
         kinematics,
         np.array(machine.start),
         robot.limits,
-        Placement(place.x, place.y, place.z - height, place.yaw),
+        ToolPlacement(place.x, place.y, place.z - height, place.yaw),
         anchored=kinematics.structure == "planar",
     )
 

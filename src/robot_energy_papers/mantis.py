@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.blocks import NANOSECOND, EffortMeaning, Float
-from robot_energy.identify.drive_data import BRIDGED
-from robot_energy.identify.drive_power import DrivePower, read_drive_power
-from robot_energy.identify.excitation import ExcitationSettings, optimise_excitation
-from robot_energy.identify.excitation_limits import ExcitationLimits
-from robot_energy.identify.recordings import Recording, read_recording
-from robot_energy.model_file import RobotModel
+from robot_energy.identify.data.recordings import Recording, read_recording
+from robot_energy.identify.drives.drive_data import BRIDGED
+from robot_energy.identify.drives.drive_power import MeasuredDrivePower, read_drive_power
+from robot_energy.identify.excitation.excitation import ExcitationSettings, optimise_excitation
+from robot_energy.identify.excitation.limits import ExcitationLimits
+from robot_energy.model import RobotModel
 from robot_energy.motion import (
     FourierBasis,
     FourierMotion,
@@ -36,7 +36,7 @@ LEAD = 1.2  # s at rest, until thermometers (1 Hz) and derivative filter have be
 
 
 @dataclass(frozen=True)
-class Run:
+class PrintRun:
     """One recorded motion, read back with one model.
 
     Attributes:
@@ -47,7 +47,7 @@ class Run:
     """
 
     recording: Recording
-    power: DrivePower
+    power: MeasuredDrivePower
     begin: int
     end: int
 
@@ -168,10 +168,10 @@ def recorded(
     return path
 
 
-def read_run(path: Path, model: RobotModel) -> Run:
+def read_run(path: Path, model: RobotModel) -> PrintRun:
     """Read a recorded run back with a model."""
     recording = read_recording(path, model, EffortMeaning.MOTOR_TORQUE)
     power = read_drive_power(path, DRIVE_POWER, model.joint_names)
     stamp = recording.torque.stamp_ns
     lead = round(LEAD / NANOSECOND)
-    return Run(recording, power, int(stamp[0]) + lead, int(stamp[-1]) - lead)
+    return PrintRun(recording, power, int(stamp[0]) + lead, int(stamp[-1]) - lead)

@@ -14,17 +14,18 @@ import numpy as np
 
 from robot_energy.blocks import EffortMeaning, Float
 from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.cabinet import CabinetFit, fit_cabinet, with_cabinet
-from robot_energy.identify.drive_data import drive_data, location
-from robot_energy.identify.friction import FrictionFit, fit_friction, with_friction
-from robot_energy.identify.friction_data import friction_data
-from robot_energy.identify.recordings import Recording, read_recording
-from robot_energy.identify.total_power import TotalFit, fit_total, with_total
-from robot_energy.identify.total_sums import sums
-from robot_energy.model_file import RobotModel
-from robot_energy.model_file.figure import PositiveFigure
-from robot_energy.model_file.joint import ConstantLaw, JointFriction
-from robot_energy.model_file.schema import Capacitor
+from robot_energy.identify.cabinet.cabinet import CabinetFit, fit_cabinet, with_cabinet
+from robot_energy.identify.data.recordings import Recording, read_recording
+from robot_energy.identify.drives.drive_data import drive_data, location
+from robot_energy.identify.drives.total_power import TotalFit, fit_total, with_total
+from robot_energy.identify.drives.total_sums import sums
+from robot_energy.identify.friction.friction import FrictionFit, fit_friction, with_friction
+from robot_energy.identify.friction.samples import friction_data
+from robot_energy.model import RobotModel
+from robot_energy.model.figure import PositiveFigure
+from robot_energy.model.friction_laws import ConstantLaw
+from robot_energy.model.joint import JointFriction
+from robot_energy.model.schema import Capacitor
 from robot_energy.rig import SupplyProfile
 
 FOLLOWS = "follows"  # the paper's proposed model: fv follows the motor temperature

@@ -15,22 +15,15 @@ import numpy as np
 
 from robot_energy.blocks import Float
 from robot_energy.errors import RigError
-from robot_energy.model_file import load
-from robot_energy.reproduce.calibration import Calibration, calibrate
-from robot_energy.reproduce.effects import EffectRow, Rigs, configurations, effect_row, rig_seeds
-from robot_energy.reproduce.experiment import (
-    MOVES,
-    MotionSet,
-    Plan,
-    by_motion,
-    make_programs,
-    soaked,
-)
-from robot_energy.reproduce.held_out import SetRow, held_out, shaft_power
-from robot_energy.reproduce.models import FOLLOWS, Identified, identify
+from robot_energy.model import load
 from robot_energy.rig import RigConfig, kr16_profile
 from robot_energy.rig.plant import PlantFriction
-from robot_energy.rig.record import Recording
+from robot_energy.rig.record import RigRecording
+from robot_energy_papers.calibration import Calibration, calibrate
+from robot_energy_papers.effects import EffectRow, Rigs, configurations, effect_row, rig_seeds
+from robot_energy_papers.experiment import MOVES, MotionSet, Plan, by_motion, make_programs, soaked
+from robot_energy_papers.held_out import SetRow, held_out, shaft_power
+from robot_energy_papers.models import FOLLOWS, Identified, identify
 
 Progress = Callable[[float], None]
 SHARE_BEFORE_FITS = 0.9  # of the work that the bar shows
@@ -38,7 +31,7 @@ AXIS = 0  # of fig. 5
 
 
 @dataclass(frozen=True)
-class Scale:
+class PaperAStudySize:
     """How much of the experiment is done.
 
     Attributes:
@@ -65,7 +58,7 @@ class Scale:
 # The halls are warm so that continuous motion takes the motors to about 80 degC, the
 # upper end of the paper; conductances to the hall are assumed anyway. 22 degC is recorded
 # because the paper normalises to it.
-FULL = Scale(
+FULL = PaperAStudySize(
     moves=MOVES,
     train=Plan(125, (20.0, 22.0, *range(24, 94, 4)), ambient_degc=32.0),
     test=Plan(
@@ -77,7 +70,7 @@ FULL = Scale(
     rigs=Rigs((20.0, 35.0, 50.0, 65.0, 80.0), (20.0, 40.0, 60.0, 80.0), MOVES),
     programs=6,
 )
-QUICK = Scale(
+QUICK = PaperAStudySize(
     moves=14,
     train=None,
     test=None,
@@ -139,10 +132,10 @@ class PaperA:
     """
 
     seed: int
-    scale: Scale
+    scale: PaperAStudySize
     train: list[MotionSet]
     test: list[MotionSet]
-    rest: Recording
+    rest: RigRecording
     identified: Identified
     rows: list[SetRow]
     shaft: list[ShaftCurve]
@@ -157,7 +150,11 @@ class PaperA:
 
 
 def study(
-    folder: Path, seed: int, scale: Scale, workers: int = 1, progress: Progress | None = None
+    folder: Path,
+    seed: int,
+    scale: PaperAStudySize,
+    workers: int = 1,
+    progress: Progress | None = None,
 ) -> PaperA:
     """Do the whole study.
 
@@ -209,7 +206,9 @@ def study(
     )
 
 
-def record_training(folder: Path, seed: int, scale: Scale) -> tuple[list[MotionSet], Recording]:
+def record_training(
+    folder: Path, seed: int, scale: PaperAStudySize
+) -> tuple[list[MotionSet], RigRecording]:
     """Record the sets for identification and the rest in several poses.
 
     Args:
@@ -235,7 +234,7 @@ def record_training(folder: Path, seed: int, scale: Scale) -> tuple[list[MotionS
     return sets, rest
 
 
-def record_test(folder: Path, seed: int, scale: Scale) -> list[MotionSet]:
+def record_test(folder: Path, seed: int, scale: PaperAStudySize) -> list[MotionSet]:
     """Record the sets that no fit sees.
 
     Args:
@@ -323,6 +322,7 @@ def _pool(
         pool.shutdown(wait=False, cancel_futures=True)
         for child in set(active_children()) - others:
             child.terminate()
+            child.join()  # it writes no file any more
         raise
     pool.shutdown()
 

@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 
 from robot_energy.blocks import Float
-from robot_energy.friction import viscous_law
+from robot_energy.physics.friction import viscous_law
 from robot_energy.report.identification import cabinet_summary, friction_summary
-from robot_energy.reproduce.calibration import Calibration
-from robot_energy.reproduce.held_out import SetRow, normalised, worst
-from robot_energy.reproduce.models import FOLLOWS
-from robot_energy.reproduce.paper_a import PaperA, mean_shaft_power
+from robot_energy_papers.calibration import Calibration
+from robot_energy_papers.held_out import SetRow, normalised, worst
+from robot_energy_papers.models import FOLLOWS
+from robot_energy_papers.paper_a import PaperA, mean_shaft_power
 
 REFERENCE_DEGC = 22.0  # of fig. 7a
 POWER_DEGC = 60.0  # of fig. 4

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from robot_energy.report.printing import percent
-from robot_energy.reproduce.models import FOLLOWS
-from robot_energy.reproduce.paper_a import PaperA
-from robot_energy.reproduce.paper_a_figures import (
+from robot_energy_papers.models import FOLLOWS
+from robot_energy_papers.paper_a import PaperA
+from robot_energy_papers.paper_a_figures import (
     FIXED,
     coulomb_drift,
     electrical_over_mechanical,

@@ -8,16 +8,9 @@ import numpy as np
 
 from robot_energy.report.document import Document
 from robot_energy.report.printing import Page, percent, table
-from robot_energy.report.temperature_figures import (
-    EnergyCurve,
-    EnergyStudy,
-    Role,
-    energy_and_deviation,
-    energy_over_temperature,
-)
-from robot_energy.reproduce.models import CAPACITOR, FOLLOWS, LOSSES
-from robot_energy.reproduce.paper_a import PaperA
-from robot_energy.reproduce.paper_a_figures import (
+from robot_energy_papers.models import CAPACITOR, FOLLOWS, LOSSES
+from robot_energy_papers.paper_a import PaperA
+from robot_energy_papers.paper_a_figures import (
     FIXED,
     REFERENCE_DEGC,
     SHORT,
@@ -27,13 +20,20 @@ from robot_energy.reproduce.paper_a_figures import (
     model_names,
     reference_power,
 )
-from robot_energy.reproduce.paper_a_numbers import COLUMNS, SLIPS, UNKNOWN, hardest, numbers
-from robot_energy.reproduce.paper_a_sections import (
+from robot_energy_papers.paper_a_numbers import COLUMNS, SLIPS, UNKNOWN, hardest, numbers
+from robot_energy_papers.paper_a_sections import (
     RIG,
     effects_section,
     friction_section,
     plant_section,
     power_section,
+)
+from robot_energy_papers.temperature_figures import (
+    EnergyStudy,
+    ModelEnergyCurve,
+    Role,
+    energy_and_deviation,
+    energy_over_temperature,
 )
 
 PAPER = (
@@ -57,7 +57,7 @@ def energy_study(result: PaperA, models: tuple[str, ...]) -> EnergyStudy:
     """
     reference, names = reference_power(result), curve_names(result)
     curves = [
-        EnergyCurve(
+        ModelEnergyCurve(
             names[name],
             ROLES[name],
             np.array([row.predicted[name] / row.compared for row in result.rows]) / reference,

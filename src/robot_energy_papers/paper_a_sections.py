@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
+from robot_energy.bag_replay import replay
 from robot_energy.blocks import Float
-from robot_energy.friction import with_fixed_friction
-from robot_energy.replay import replay
+from robot_energy.physics.friction import with_fixed_friction
 from robot_energy.report.document import Document
 from robot_energy.report.friction_figure import friction_over_temperature
 from robot_energy.report.identification import (
@@ -20,19 +20,17 @@ from robot_energy.report.identification import (
 from robot_energy.report.power_figure import power_and_energy
 from robot_energy.report.printing import percent, table
 from robot_energy.report.series import Series, compared_series
-from robot_energy.report.temperature_figures import (
-    shaft_power_over_temperature,
-)
-from robot_energy.reproduce.effects import ALL, EFFECTS, NO_OIL, NOTHING
-from robot_energy.reproduce.models import FOLLOWS
-from robot_energy.reproduce.paper_a import PaperA, mean_shaft_power
-from robot_energy.reproduce.paper_a_figures import (
+from robot_energy_papers.effects import ALL, EFFECTS, NO_OIL, NOTHING
+from robot_energy_papers.models import FOLLOWS
+from robot_energy_papers.paper_a import PaperA, mean_shaft_power
+from robot_energy_papers.paper_a_figures import (
     POWER_DEGC,
     REFERENCE_DEGC,
     figures,
     friction_errors,
     nearest_row,
 )
+from robot_energy_papers.temperature_figures import shaft_power_over_temperature
 
 RIG = "virtual rig, KR 16 class"
 WINDOW = 7.0  # s of fig. 5
@@ -97,9 +95,9 @@ def power_section(document: Document, result: PaperA) -> None:
 def _series(bag: Path, result: PaperA) -> list[Series]:
     """Measured, predicted, and predicted with friction held at 22 degC."""
     model = result.identified.models[FOLLOWS]
-    found = compared_series(replay(bag, model, keep_means=True), "predicted, friction follows")
+    found = compared_series(replay(bag, model, keep_curves=True), "predicted, friction follows")
     held = compared_series(
-        replay(bag, with_fixed_friction(model, REFERENCE_DEGC), keep_means=True),
+        replay(bag, with_fixed_friction(model, REFERENCE_DEGC), keep_curves=True),
         f"predicted, friction held at {REFERENCE_DEGC:g} degC",
         "fixed",
     )

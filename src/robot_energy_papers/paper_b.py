@@ -10,16 +10,17 @@ from typing import Literal
 import numpy as np
 
 from robot_energy.blocks import Float
-from robot_energy.identify.columns import standard_columns
-from robot_energy.identify.drives import DrivesFit
-from robot_energy.identify.dynamics import Dynamics, DynamicsSettings, identify_dynamics
-from robot_energy.identify.dynamics_model import to_model
-from robot_energy.identify.signals import Channels, stretches
-from robot_energy.model_file import RobotModel, load
+from robot_energy.identify.data.signals import Channels, stretches
+from robot_energy.identify.drives.drives import DrivesFit
+from robot_energy.identify.dynamics.columns import standard_columns
+from robot_energy.identify.dynamics.dynamics import Dynamics, DynamicsSettings, identify_dynamics
+from robot_energy.identify.dynamics.dynamics_model import to_model
+from robot_energy.model import RobotModel, load
 from robot_energy.motion import JointMotion
-from robot_energy.reproduce.accuracy import Accuracy, Definition, accuracies
-from robot_energy.reproduce.drive_study import DriveTest, identify_drives, tested
-from robot_energy.reproduce.machines import (
+from robot_energy.rig import mantis_profile
+from robot_energy_papers.accuracy import Accuracy, Definition, accuracies
+from robot_energy_papers.drive_study import DriveTest, identify_drives, tested
+from robot_energy_papers.machines import (
     ARM,
     MACHINES,
     Curve,
@@ -28,8 +29,7 @@ from robot_energy.reproduce.machines import (
     predicted,
     wall_motion,
 )
-from robot_energy.reproduce.mantis import Run, Smooth, excitation, read_run, recorded, slower
-from robot_energy.rig import mantis_profile
+from robot_energy_papers.mantis import PrintRun, Smooth, excitation, read_run, recorded, slower
 
 Progress = Callable[[float], None]
 SLOW = 0.4  # of the speed, for the second excitation
@@ -43,7 +43,7 @@ SEED_STEP = 100  # between the seeds of two studies
 
 
 @dataclass(frozen=True)
-class Scale:
+class PaperBStudySize:
     """How much is done.
 
     Attributes:
@@ -57,8 +57,8 @@ class Scale:
     heights: tuple[float, ...]
 
 
-FULL = Scale(100, 100, (0.0, 0.25, 0.5, 0.75, 0.99))
-QUICK = Scale(25, 0, (0.0, 0.5, 0.99))
+FULL = PaperBStudySize(100, 100, (0.0, 0.25, 0.5, 0.75, 0.99))
+QUICK = PaperBStudySize(25, 0, (0.0, 0.5, 0.99))
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class MechanicalTest:
         accuracy: By definition.
     """
 
-    run: Run
+    run: PrintRun
     accuracy: dict[Definition, Accuracy]
 
 
@@ -125,7 +125,7 @@ class PaperB:
     """
 
     seed: int
-    scale: Scale
+    scale: PaperBStudySize
     trained: dict[str, Trained]
     weighted: dict[Definition, Accuracy]
     machines: dict[str, MachineResult]
@@ -141,7 +141,9 @@ class PaperB:
         return self.trained[BOTH]
 
 
-def study(folder: Path, seed: int, scale: Scale, progress: Progress | None = None) -> PaperB:
+def study(
+    folder: Path, seed: int, scale: PaperBStudySize, progress: Progress | None = None
+) -> PaperB:
     """Do all studies.
 
     Args:
@@ -195,7 +197,7 @@ def study(folder: Path, seed: int, scale: Scale, progress: Progress | None = Non
 
 
 def identify_mechanics(
-    runs: Sequence[Run], model: RobotModel, method: Literal["ols", "wls"]
+    runs: Sequence[PrintRun], model: RobotModel, method: Literal["ols", "wls"]
 ) -> Dynamics:
     """Identify bodies and friction from excitation runs.
 
@@ -218,7 +220,7 @@ def identify_mechanics(
     return identify_dynamics(channels, model, DynamicsSettings(columns, method))
 
 
-def _trained(runs: list[Run], start: RobotModel, paths: Mapping[str, Path]) -> Trained:
+def _trained(runs: list[PrintRun], start: RobotModel, paths: Mapping[str, Path]) -> Trained:
     dynamics = identify_mechanics(runs, start, "ols")
     model = to_model(dynamics, ["excitation on the virtual rig"])
     drives = identify_drives(runs)
@@ -227,11 +229,11 @@ def _trained(runs: list[Run], start: RobotModel, paths: Mapping[str, Path]) -> T
     return Trained(dynamics, model, drives, mechanical, tested(held_out, drives))
 
 
-def _accuracy(run: Run) -> dict[Definition, Accuracy]:
+def _accuracy(run: PrintRun) -> dict[Definition, Accuracy]:
     return accuracies(run.shaft_predicted, run.shaft_measured, run.duration)
 
 
-def _machine(key: str, scale: Scale, seed: int) -> MachineResult:
+def _machine(key: str, scale: PaperBStudySize, seed: int) -> MachineResult:
     machine = MACHINES[key]
     model = load(machine.model)
     single = wall_motion(machine)

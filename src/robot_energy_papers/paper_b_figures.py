@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.reproduce.accuracy import Accuracy
-from robot_energy.reproduce.drive_study import DriveTest
-from robot_energy.reproduce.machines import MACHINES, Energies
-from robot_energy.reproduce.paper_b import PaperB, Trained, at_heights, relative
+from robot_energy_papers.accuracy import Accuracy
+from robot_energy_papers.drive_study import DriveTest
+from robot_energy_papers.machines import MACHINES, Energies
+from robot_energy_papers.paper_b import PaperB, Trained, at_heights, relative
 
 Figures = dict[str, Any]
 LEAST = 0.01  # of the shafts' energy: a drive that gives less has no accuracy worth naming

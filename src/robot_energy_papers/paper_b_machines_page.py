@@ -9,16 +9,16 @@ import numpy as np
 from robot_energy.blocks import Float
 from robot_energy.report.canvas import SERIES
 from robot_energy.report.document import Document
-from robot_energy.report.machine_figures import (
-    Line,
+from robot_energy.report.printing import Page, percent, table
+from robot_energy_papers.machine_figures import (
+    FigureLine,
     bars,
     joint_panels,
     powers_over_time,
     stacked,
 )
-from robot_energy.report.printing import Page, percent, table
-from robot_energy.reproduce.machines import ARM, MACHINES, PARTS
-from robot_energy.reproduce.paper_b import PaperB, at_heights, relative
+from robot_energy_papers.machines import ARM, MACHINES, PARTS
+from robot_energy_papers.paper_b import PaperB, at_heights, relative
 
 
 def print_machines(result: PaperB, page: Page) -> None:
@@ -121,7 +121,9 @@ def add_machines(document: Document, result: PaperB) -> None:
         lambda path: powers_over_time(
             {
                 what: [
-                    Line(MACHINES[key].name, curve.time, getattr(curve, name)[:, None], SERIES[k])
+                    FigureLine(
+                        MACHINES[key].name, curve.time, getattr(curve, name)[:, None], SERIES[k]
+                    )
                     for k, (key, curve) in enumerate(curves.items())
                 ]
                 for name, what in (
@@ -140,7 +142,7 @@ def add_machines(document: Document, result: PaperB) -> None:
     document.figure(
         lambda path: joint_panels(
             [
-                Line(f"joint {joint + 1}", time, _ways(result, joint), SERIES[joint])
+                FigureLine(f"joint {joint + 1}", time, _ways(result, joint), SERIES[joint])
                 for joint in range(6)
             ],
             names,

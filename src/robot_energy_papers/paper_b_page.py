@@ -8,28 +8,15 @@ from robot_energy.blocks import Float
 from robot_energy.report.canvas import COLOURS
 from robot_energy.report.document import Document
 from robot_energy.report.efficiency_figure import efficiency_maps
-from robot_energy.report.machine_figures import (
-    GREY,
-    Line,
-    bars,
-    joint_panels,
-    measured_and,
-)
 from robot_energy.report.printing import NOTHING, Page, percent, table
-from robot_energy.reproduce.accuracy import DEFINITIONS
-from robot_energy.reproduce.drive_study import PAPER, WAY_NAMES, DriveTest
-from robot_energy.reproduce.mantis import RATE
-from robot_energy.reproduce.paper_b import (
-    BOTH,
-    SLOWED,
-    VALIDATION,
-    WALL,
-    WALL_HELD,
-    PaperB,
-)
-from robot_energy.reproduce.paper_b_figures import told
-from robot_energy.reproduce.paper_b_machines_page import add_machines
-from robot_energy.reproduce.paper_b_numbers import (
+from robot_energy_papers.accuracy import DEFINITIONS
+from robot_energy_papers.drive_study import PAPER, WAY_NAMES, DriveTest
+from robot_energy_papers.machine_figures import GREY, FigureLine, bars, joint_panels, measured_and
+from robot_energy_papers.mantis import RATE
+from robot_energy_papers.paper_b import BOTH, SLOWED, VALIDATION, WALL, WALL_HELD, PaperB
+from robot_energy_papers.paper_b_figures import told
+from robot_energy_papers.paper_b_machines_page import add_machines
+from robot_energy_papers.paper_b_numbers import (
     COLUMNS,
     PAPER_JOINTS,
     PAPER_TOTAL,
@@ -228,7 +215,7 @@ def _drives(document: Document, result: PaperB) -> None:
         "Accuracy of electrical energy by way (as fig. 22).",
     )
     efficiency = [
-        Line(run, found.time, _efficiency(found), colour)
+        FigureLine(run, found.time, _efficiency(found), colour)
         for run, found, colour in ((WALL, test, OURS), (WALL_HELD, held, OTHER))
     ]
     document.figure(

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
 from robot_energy.blocks import Float
 from robot_energy.errors import ShapeError
-from robot_energy.report.canvas import COLOURS, SERIES, Axes, canvas
+from robot_energy.report.canvas import COLOURS, SERIES, Axes, Target, canvas
 
 PERCENT = 100.0
 KILO = 1e-3
@@ -27,7 +26,7 @@ LOOKS: dict[Role, dict[str, Any]] = {
 
 
 @dataclass(frozen=True)
-class EnergyCurve:
+class ModelEnergyCurve:
     """Energy of one model over robot temperature.
 
     Attributes:
@@ -58,11 +57,11 @@ class EnergyStudy:
     robot_degc: Float
     measured: Float
     cooling: Sequence[bool]
-    curves: Sequence[EnergyCurve]
+    curves: Sequence[ModelEnergyCurve]
     reference_degc: float
 
 
-def energy_over_temperature(study: EnergyStudy, path: str | Path, title: str = "") -> None:
+def energy_over_temperature(study: EnergyStudy, path: Target, title: str = "") -> None:
     """Draw measured and predicted energy (paper A, fig. 7a).
 
     Args:
@@ -81,7 +80,7 @@ def energy_over_temperature(study: EnergyStudy, path: str | Path, title: str = "
         axes.set_xlabel("robot temperature, mean of the motors [degC]")
 
 
-def energy_and_deviation(study: EnergyStudy, path: str | Path, title: str = "") -> None:
+def energy_and_deviation(study: EnergyStudy, path: Target, title: str = "") -> None:
     """Draw energy and deviation below each other (paper A, fig. 7a and 7b).
 
     Args:
@@ -101,13 +100,13 @@ def energy_and_deviation(study: EnergyStudy, path: str | Path, title: str = "") 
         axes[1].axhline(0.0, color="#9a9a9a", linewidth=0.8)
         for curve in study.curves:
             _curve(axes[1], study, curve, PERCENT * curve.error)
-        axes[1].set_ylabel("predicted less measured [%]")
+        axes[1].set_ylabel("predicted minus measured [%]")
         axes[1].set_xlabel("robot temperature, mean of the motors [degC]; grey: +-5 %")
         figure.align_ylabels(axes)
 
 
 def shaft_power_over_temperature(
-    curves: Mapping[str, tuple[Float, Float]], path: str | Path, name: str, title: str = ""
+    curves: Mapping[str, tuple[Float, Float]], path: Target, name: str, title: str = ""
 ) -> None:
     """Draw measured shaft power of one axis at several temperatures (paper A, fig. 5).
 
@@ -163,7 +162,7 @@ def _energies(axes: Axes, study: EnergyStudy) -> None:
 
 
 def _curve(
-    axes: Axes, study: EnergyStudy, curve: EnergyCurve, values: Float, label: str = ""
+    axes: Axes, study: EnergyStudy, curve: ModelEnergyCurve, values: Float, label: str = ""
 ) -> None:
     """A line through the sets of heating up; points alone for those of cooling down."""
     cooling = np.asarray(study.cooling, dtype=np.bool_)

@@ -69,7 +69,7 @@ class Wall:
             "; wall plan of paper B (Robotics 2024, 13(5), 78), sections 5.2.2 and 5.2.3",
             f"; {_mm(self.length)} mm by {_mm(self.width)} mm, {self.layers} layer(s) of "
             f"{_mm(self.layer_height)} mm, {_mm(self.speed)} mm/s; infill: {infill}",
-            "; made by robot_energy.motion.wall",
+            "; made by robot_energy_papers.wall",
             "G21 ; mm",
             "G90 ; absolute",
             "G17 ; arcs, if any, are horizontal",

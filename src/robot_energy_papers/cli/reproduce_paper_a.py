@@ -2,28 +2,26 @@
 
 from __future__ import annotations
 
-import json
-import shutil
 from argparse import ArgumentParser, ArgumentTypeError, Namespace, RawDescriptionHelpFormatter
 from pathlib import Path
 from typing import Any
 
-from robot_energy.cli.terminal import add_debug, console, progress, write_text
+from robot_energy.cli.terminal import add_debug, console, progress, write_json
+from robot_energy.shown_text import shown
+from robot_energy_papers.cli.study_folder import BAGS, FIGURES, FRONT, MODEL, REPORT, study_folder
 
 DESCRIPTION = """\
-Do the experiment of paper A again on the virtual rig: sets of 20 motions while a robot of
+Repeat the experiment of paper A on the virtual rig: sets of 20 motions while a robot of
 the KR 16 class warms up from 20 to about 80 degC, identification from the recorded bags,
 and grid energy of held-out motions with friction that is fixed and friction that follows
 temperature. Writes report.html, figures.json, front.svg, the identified model and the bags.
 
-Nothing in it was measured on a robot: it proves the method.
+Nothing is measured on a robot: the study shows that the method works.
 """
 EPILOG = """\
 example:
   robot-energy reproduce paper-a --quick --out build/paper_a
 """
-REPORT, FIGURES, FRONT, MODEL = "report.html", "figures.json", "front.svg", "identified.yaml"
-BAGS, OURS = "bags", ("train_*", "test_*")
 WORKERS = 2
 
 
@@ -74,28 +72,27 @@ def run(args: Namespace) -> int:
     Raises:
         RobotEnergyError: If the folder cannot be used, or a run or fit fails.
     """
-    from robot_energy.model_file import save
+    from robot_energy.model import save
     from robot_energy.report.printing import line
-    from robot_energy.reproduce.models import FOLLOWS
-    from robot_energy.reproduce.paper_a import FULL, QUICK, study
-    from robot_energy.reproduce.paper_a_figures import figures
-    from robot_energy.reproduce.paper_a_numbers import hardest
-    from robot_energy.reproduce.paper_a_page import front_picture, page, print_errors
+    from robot_energy_papers.models import FOLLOWS
+    from robot_energy_papers.paper_a import FULL, QUICK, study
+    from robot_energy_papers.paper_a_figures import figures
+    from robot_energy_papers.paper_a_numbers import hardest
+    from robot_energy_papers.paper_a_page import front_picture, page, print_errors
 
-    folder = _folder(args.out, overwrite=args.overwrite)
     workers = args.workers or (1 if args.quick else WORKERS)
-    with progress("recording, identifying, testing") as report:
-        result = study(folder / BAGS, args.seed, QUICK if args.quick else FULL, workers, report)
-    page(result, _command(args)).write(folder / REPORT)
-    text = json.dumps(figures(result), indent=2, allow_nan=False) + "\n"
-    write_text(str(folder / FIGURES), text)
-    save(result.identified.models[FOLLOWS], folder / MODEL)
-    front_picture(result, folder / FRONT)
+    with study_folder(args.out, args.overwrite) as folder:
+        with progress("recording, identifying, testing") as report:
+            result = study(folder / BAGS, args.seed, QUICK if args.quick else FULL, workers, report)
+        page(result, _command(args)).write(folder / REPORT)
+        write_json(str(folder / FIGURES), figures(result))
+        save(result.identified.models[FOLLOWS], folder / MODEL)
+        front_picture(result, folder / FRONT)
     out = console()
     print_errors(result, out)
     line(out, hardest(result))
     for name in (REPORT, FIGURES, FRONT, MODEL, BAGS):
-        line(out, f"wrote {folder / name}")
+        line(out, f"wrote {shown(str(Path(args.out) / name))}")
     return 0
 
 
@@ -103,22 +100,3 @@ def _command(args: Namespace) -> str:
     """The command line that makes this page, without where and how fast."""
     seed = f" --seed {args.seed}" if args.seed else ""
     return f"robot-energy reproduce paper-a{' --quick' if args.quick else ''}{seed}"
-
-
-def _folder(name: str, *, overwrite: bool) -> Path:
-    """Make the folder, and clear what an earlier study left in it."""
-    from robot_energy.errors import ReportError
-
-    folder = Path(name)
-    if folder.exists() and not folder.is_dir():
-        raise ReportError(f"'{name}' is a file", "a folder", "name another one with --out")
-    if folder.is_dir() and any(folder.iterdir()):
-        if not overwrite:
-            raise ReportError(
-                f"the folder '{name}' is not empty", "a new folder", "or give --overwrite"
-            )
-        for pattern in OURS:
-            for bag in (folder / BAGS).glob(pattern):
-                shutil.rmtree(bag)
-    (folder / BAGS).mkdir(parents=True, exist_ok=True)
-    return folder

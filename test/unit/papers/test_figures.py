@@ -3,17 +3,17 @@
 import numpy as np
 import pytest
 
-from robot_energy.drivetrain import Drivetrain
 from robot_energy.errors import RigError
-from robot_energy.model_file import load
+from robot_energy.model import load
 from robot_energy.motion import Program
-from robot_energy.reproduce.calibration import FLOWS, calibrate, holding_power
-from robot_energy.reproduce.effects import EFFECTS, EffectRow, configurations
-from robot_energy.reproduce.held_out import SetRow, normalised, worst
-from robot_energy.reproduce.models import UNKNOWN, with_capacitor, without_knowledge
-from robot_energy.reproduce.paper_a import ShaftCurve, mean_shaft_power
+from robot_energy.physics.drivetrain import Drivetrain
+from robot_energy.physics.rigid_body import Robot
 from robot_energy.rig import RigConfig, VirtualRig, kr16_profile
-from robot_energy.robot import Robot
+from robot_energy_papers.calibration import FLOWS, calibrate, holding_power
+from robot_energy_papers.effects import EFFECTS, EffectRow, configurations
+from robot_energy_papers.held_out import SetRow, normalised, worst
+from robot_energy_papers.models import UNKNOWN, with_capacitor, without_knowledge
+from robot_energy_papers.paper_a import ShaftCurve, mean_shaft_power
 
 PROFILE = kr16_profile()
 

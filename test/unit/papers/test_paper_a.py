@@ -8,17 +8,17 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from robot_energy.bag_replay import replay
 from robot_energy.cli import main
-from robot_energy.friction import viscous_law
-from robot_energy.model_file import load
-from robot_energy.replay import replay
-from robot_energy.reproduce.effects import ALL, Rigs, configurations, effect_row
-from robot_energy.reproduce.experiment import make_programs, soaked
-from robot_energy.reproduce.held_out import held_out
-from robot_energy.reproduce.models import FOLLOWS, identify
-from robot_energy.reproduce.paper_a import QUICK, record_test, study
-from robot_energy.reproduce.paper_a_figures import beyond_range
+from robot_energy.model import load
+from robot_energy.physics.friction import viscous_law
 from robot_energy.rig import RigConfig, kr16_profile
+from robot_energy_papers.effects import ALL, Rigs, configurations, effect_row
+from robot_energy_papers.experiment import make_programs, soaked
+from robot_energy_papers.held_out import held_out
+from robot_energy_papers.models import FOLLOWS, identify
+from robot_energy_papers.paper_a import QUICK, record_test, study
+from robot_energy_papers.paper_a_figures import beyond_range
 
 TINY = replace(
     QUICK,
@@ -105,10 +105,10 @@ def test_the_page_holds_all_of_it_and_needs_nothing_else(quick):
 def test_the_command_refuses_in_one_sentence(quick, capsys, tmp_path):
     folder, _ = quick
     assert main(["reproduce", "paper-a", "--out", str(folder)]) == 2
-    assert "is not empty" in capsys.readouterr().err
+    assert "give --overwrite" in capsys.readouterr().err  # all of it is ours
     (tmp_path / "file").write_text("")
     assert main(["reproduce", "paper-a", "--out", str(tmp_path / "file")]) == 2
-    assert "is a file" in capsys.readouterr().err
+    assert "is no folder" in capsys.readouterr().err
     assert main(["reproduce", "paper-a", "--seed", "-1"]) == 2
     assert "no whole number" in capsys.readouterr().err
 

@@ -8,15 +8,9 @@ import numpy as np
 import pytest
 
 from robot_energy.cli.main import main
-from robot_energy.model_file import load
-from robot_energy.predict import predict
-from robot_energy.reproduce.machines import (
-    MACHINES,
-    MOTOR_DEGC,
-    PARTS,
-    predicted,
-    wall_motion,
-)
+from robot_energy.model import load
+from robot_energy.prediction import predict
+from robot_energy_papers.machines import MACHINES, MOTOR_DEGC, PARTS, predicted, wall_motion
 
 TRAINED = ("both speeds", "full speed", "40 % of it")
 WALL, HELD, VALIDATION = "wall, all joints", "wall, joint 1 held", "validation"
@@ -38,7 +32,7 @@ def test_everything_is_written_and_labelled(found, capsys):
     assert load(folder / "identified.yaml").joint_names == ("joint_1", "joint_2", "joint_3")
     assert (folder / "front.svg").stat().st_size > 1000
     assert main(["reproduce", "paper-b", "--quick", "--out", str(folder)]) == 2
-    assert "not empty" in capsys.readouterr().err
+    assert "give --overwrite" in capsys.readouterr().err  # all of it is ours
 
 
 def test_mechanical_energy_is_predicted_on_runs_that_no_fit_saw(found):
@@ -133,7 +127,7 @@ def test_energies_are_those_of_the_prediction(found, key):
 @pytest.mark.parametrize("key", MACHINES)
 def test_the_tool_follows_the_wall(key):
     """Every machine draws the same rectangle of 1.2 m by 0.3 m."""
-    from robot_energy.robot import Robot
+    from robot_energy.physics.rigid_body import Robot
 
     machine = MACHINES[key]
     robot = Robot.from_model(load(machine.model))

@@ -1,0 +1,1 @@
+"""Commands that do the experiments of the papers again."""
