@@ -10,20 +10,24 @@ from typing import ClassVar
 
 import numpy as np
 
+from robot_energy.accounting.account import EnergyAccount
+from robot_energy.accounting.energy_curve import EnergyCurve, add_compared, add_means
 from robot_energy.bag import DEFAULT_QOS, LATCHED_QOS, BagReader, BagWriter
-from robot_energy.bag_sources import (
+from robot_energy.bag.ownership import foreign_entries
+from robot_energy.blocks import EffortMeaning, FrictionBlock, JointBlock
+from robot_energy.errors import BagError, MissingTopicError, UnknownJointError
+from robot_energy.files.output_folder import check_folder
+from robot_energy.inputs.bag_topics import (
     find_meter,
     named_sources,
     possible_temperatures,
     resolve,
     sources_by_type,
 )
-from robot_energy.blocks import EffortMeaning, FrictionBlock, JointBlock
-from robot_energy.comparison import Compared
-from robot_energy.errors import BagError, MissingTopicError, UnknownJointError
-from robot_energy.ingest import JointStateIngest, MeterIngest, TemperatureIngest
-from robot_energy.ingest.joint_states import JOINT_STATE
-from robot_energy.ingest.sources import Inputs, JointStateSource, TemperatureSource
+from robot_energy.inputs.joint_states.joint_states import JOINT_STATE, JointStateIngest
+from robot_energy.inputs.meter.meter import MeterIngest
+from robot_energy.inputs.sources import Inputs, JointStateSource, TemperatureSource
+from robot_energy.inputs.temperatures.temperatures import TemperatureIngest
 from robot_energy.messages import (
     FrictionWriter,
     PayloadReader,
@@ -37,10 +41,10 @@ from robot_energy.messages.payload import PAYLOAD
 from robot_energy.messages.power import POWER_STATE
 from robot_energy.messages.registers import ENERGY_REGISTERS
 from robot_energy.messages.torque import JOINT_TORQUE
-from robot_energy.model_file import RobotModel
-from robot_energy.pipeline import EnergyPipeline, Ledger, Output, Settings
-from robot_energy.pipeline.averaging import MeanBlock
+from robot_energy.model import RobotModel
+from robot_energy.pipeline import EnergyPipeline, Output, Settings
 from robot_energy.pipeline.payload_timeline import PayloadChange
+from robot_energy.timeline.pieces import Compared
 
 SECOND_NS = 1_000_000_000
 ROWS = 4096  # samples in one step at most
@@ -80,9 +84,10 @@ class Replay:
         pipeline: The pipeline with its books closed.
         problems: What was wrong with the bag, one sentence each.
         notes: What a user should know of the inputs, one sentence each.
-        means: Means of every period, where they were asked for.
-        compared: What became comparable with the meter in each step, where means were
-            asked for; their sums are those of the comparison.
+        predicted_curve: Predicted energy from the grid over time, where curves were asked for.
+        compared_curve: Measured and predicted energy at the meter over time, likewise; their
+            sums are those of the comparison.
+        compared: What became comparable with the meter in each step, where that was asked for.
         origin: Where the recording comes from, as its writer said; empty if it did not.
     """
 
@@ -97,12 +102,13 @@ class Replay:
     pipeline: EnergyPipeline
     problems: list[str] = field(default_factory=list[str])
     notes: list[str] = field(default_factory=list[str])
-    means: MeanBlock | None = None
+    predicted_curve: EnergyCurve | None = None
+    compared_curve: EnergyCurve | None = None
     compared: list[Compared] = field(default_factory=list[Compared])
     origin: str = ""
 
     @property
-    def ledger(self) -> Ledger:
+    def ledger(self) -> EnergyAccount:
         """Registers, comparison, phases."""
         return self.pipeline.ledger
 
@@ -125,7 +131,7 @@ def find_topics(bag: BagReader, wanted: Topics, inputs: Inputs | None = None) ->
     """
     joints = wanted.joint_states or ()
     if not joints and inputs is not None:
-        full = [resolve(bag, topic) for topic in inputs.joint_states.joint_state_topics]
+        full = [resolve(bag, topic) for topic in inputs.joint_states.topics]
         joints = tuple(topic for topic in full if topic is not None)
     for topic in joints:
         bag.require(topic, (JOINT_STATE,))
@@ -194,11 +200,13 @@ def replay(
     settings: Settings | None = None,
     out: str | Path | None = None,
     overwrite: bool = False,
-    keep_means: bool = False,
+    keep_curves: bool = False,
     progress: Progress | None = None,
     inputs: Inputs | None = None,
     on_output: Callable[[Output], None] | None = None,
     states: JointStateSource | None = None,
+    keep_compared: bool = False,
+    keep_means: bool = False,
 ) -> Replay:
     """Run a bag through the pipeline.
 
@@ -209,12 +217,13 @@ def replay(
         settings: Settings of the pipeline.
         out: Folder of a new bag for the energy topics.
         overwrite: Whether an existing ``out`` may be replaced.
-        keep_means: Whether to return the means of every period and what was compared
-            (memory grows with the bag).
+        keep_curves: Whether to return energies over time for plots (in bounded memory).
         progress: Called with the share done, 0 to 1.
         inputs: What the inputs of a live monitor are, to read the bag in the same way.
         on_output: Called with what each step of the pipeline gave, for identification.
         states: What the joint states mean, instead of what ``inputs`` says of them.
+        keep_compared: Whether to return all that was compared (memory grows with the bag).
+        keep_means: Whether ``on_output`` needs the means over ``power_period``.
 
     Returns:
         The closed books and the accounting of every input.
@@ -226,7 +235,7 @@ def replay(
         RobotEnergyError: If the model cannot be used.
     """
     settings = settings or Settings()
-    if out is None and not keep_means:
+    if out is None and not keep_curves and not keep_means:
         settings = replace(settings, power_period=None)  # nobody would see the means
     bag = BagReader(path)
     used = find_topics(bag, topics or Topics(), inputs)
@@ -234,7 +243,9 @@ def replay(
     source, more = find_meter(bag, used.meter, inputs.meter if inputs is not None else None)
     meter = MeterIngest(source, bag.typestore)
     pipeline = EnergyPipeline(model, settings.with_meter(*meter.source.limits))
-    temperatures = TemperatureIngest(model.joint_names, sources, bag.typestore)
+    temperatures = TemperatureIngest(
+        model.joint_names, sources, bag.typestore, model.temperature.stale_after
+    )
     result = Replay(
         bag=Path(path),
         model=model,
@@ -258,27 +269,40 @@ def replay(
         origin=bag.origin,
         notes=[*notes, *more],
     )
-    means: list[MeanBlock] = []
-    compared: list[Compared] = []
-    if keep_means:
-        pipeline.ledger.on_compared = compared.append
-    writer = _Writer(out, overwrite, model, bag.origin) if out is not None else None
+    if keep_curves:
+        result.predicted_curve, result.compared_curve = EnergyCurve(1), EnergyCurve(2)
+
+    def take(compared: Compared) -> None:
+        if keep_compared:
+            result.compared.append(compared)
+        if result.compared_curve is not None:
+            add_compared(result.compared_curve, compared)
+
+    if keep_curves or keep_compared:
+        pipeline.ledger.on_compared = take
+    writer = None
+    if out is not None:
+        check_folder(out, foreign_entries, overwrite, (path,), BagError)
+        writer = _Writer(out, overwrite, model, bag.origin, Path(path))
     try:
         for output in _outputs(bag, result, sliced=writer is not None, progress=progress):
             if writer is not None:
                 writer.write(output, pipeline.ledger, result.payload.changes)
-            if keep_means and output.means is not None:
-                means.append(output.means)
+            if result.predicted_curve is not None and output.means is not None:
+                add_means(result.predicted_curve, output.means)
             if on_output is not None:
                 on_output(output)
         result.problems += bag.problems
-        result.notes += temperatures.doubts
+        newest_ns = result.joint_states.newest_ns
+        result.notes += [*temperatures.doubts, *temperatures.clock_doubts(newest_ns)]
+        result.notes += meter.clock_doubts()
         _require_samples(result)
-    finally:
         if writer is not None:
             writer.close()
-    result.means = MeanBlock.concatenate(means) if means else None
-    result.compared = compared
+    except BaseException:
+        if writer is not None:
+            writer.discard()
+        raise
     return result
 
 
@@ -305,6 +329,7 @@ def _outputs(
             yield pipeline.step(block, temperatures if first else None, meter if first else None)
         if progress is not None and batches and start is not None and end is not None:
             progress(min(1.0, (int(batches[0].log_time_ns[-1]) - start) / max(end - start, 1)))
+    yield pipeline.step(None, result.temperatures.flush(), result.meter.flush())
     for block in _slices(result.joint_states.flush(), sliced):
         if block is not None:
             yield pipeline.step(block)
@@ -342,7 +367,9 @@ def _require_samples(result: Replay) -> None:
         raise BagError(f"{result.bag} holds no message of {topic}{why}", "a recording in motion")
     reasons = ", ".join(f"{count} {name}" for name, count in ingest.account.rejected.items())
     raise BagError(
-        f"none of the {ingest.account.received} messages of {topic} can be used ({reasons})"
+        f"none of the {ingest.account.received} messages of {topic} can be used ({reasons})",
+        "joint states of this robot",
+        "look up the reasons in the nomenclature",
     )
 
 
@@ -357,7 +384,9 @@ class _Writer:
         "/energy/payload": PAYLOAD,
     }
 
-    def __init__(self, path: str | Path, overwrite: bool, model: RobotModel, origin: str) -> None:
+    def __init__(
+        self, path: str | Path, overwrite: bool, model: RobotModel, origin: str, source: Path
+    ) -> None:
         self._torque = TorqueWriter(model.joint_names, model.model_id)
         self._friction = FrictionWriter(model)
         self._power = PowerStateWriter(model.joint_names, model.model_id)
@@ -365,11 +394,13 @@ class _Writer:
         self._payload = PayloadWriter(model.model_id)
         self._payloads = 0  # changes written
         self._booked: int | None = None
-        self._made = (path, overwrite, origin)
+        self._made = (path, overwrite, origin, source)
         self._bag: BagWriter | None = None
         self._frictions: list[FrictionBlock] = []
 
-    def write(self, output: Output, ledger: Ledger, payloads: Sequence[PayloadChange]) -> None:
+    def write(
+        self, output: Output, ledger: EnergyAccount, payloads: Sequence[PayloadChange]
+    ) -> None:
         torque, friction, power, registers, payload = self.TOPICS
         if output.friction is not None:
             self._frictions.append(output.friction)
@@ -400,10 +431,14 @@ class _Writer:
         if self._bag is not None:
             self._bag.close()
 
+    def discard(self) -> None:
+        if self._bag is not None:
+            self._bag.discard()
+
     def _open(self) -> BagWriter:
         if self._bag is None:
-            path, overwrite, origin = self._made
-            self._bag = BagWriter(path, overwrite=overwrite, origin=origin)
+            path, overwrite, origin, source = self._made
+            self._bag = BagWriter(path, overwrite=overwrite, origin=origin, inputs=(source,))
             for topic, msgtype in self.TOPICS.items():
                 qos = LATCHED_QOS if msgtype in (JOINT_FRICTION, PAYLOAD) else DEFAULT_QOS
                 self._bag.add_topic(topic, msgtype, qos)

@@ -1,17 +1,22 @@
-"""YAML -> plain values, safely: bounded, without tags, aliases and repeated keys.
+"""Configuration files: YAML -> plain values -> a validated model, or one sentence why not.
 
-The whole document is looked through as events, which needs no memory and no recursion, before
-anything is made of it. The C parser does the work where PyYAML has it.
+Bounded, without tags, aliases and repeated keys: the whole document is looked through as
+events, which needs no memory and no recursion, before anything is made of it. The C parser does
+the work where PyYAML has it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Hashable
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import yaml
+from pydantic import BaseModel, ValidationError
 
 from robot_energy.errors import ModelFileError, RobotEnergyError
+from robot_energy.files.regular_file import read_regular_text, why_unreadable
+from robot_energy.schema_errors import described, listed, refusal
 
 if TYPE_CHECKING:
     _Base = yaml.SafeLoader
@@ -22,6 +27,8 @@ MAX_BYTES = 8 * 1024 * 1024  # an embedded URDF and large maps fit
 MAX_NODES = 200_000  # keys and values; a large efficiency map has some thousands
 MAX_DEPTH = 50  # a model file has eight
 LARGEST_INTEGER = 2**63
+
+M = TypeVar("M", bound=BaseModel)
 
 
 class _Loader(_Base):
@@ -51,6 +58,81 @@ class _Loader(_Base):
 _Loader.add_constructor("tag:yaml.org,2002:int", _Loader.construct_yaml_int)
 
 
+def load(
+    path: str | Path,
+    model: type[M],
+    error: type[RobotEnergyError],
+    what: str = "configuration file",
+    remedy: str = "",
+) -> M:
+    """Read and validate one file.
+
+    Args:
+        path: A YAML file.
+        model: Its schema.
+        error: What to raise.
+        what: What the file is, for messages.
+        remedy: Where an example of one is.
+
+    Raises:
+        RobotEnergyError: The error asked for, if the file cannot be read, is no bounded YAML, or
+            does not fit the schema.
+    """
+    text = read_text(path, error, what, remedy=remedy)
+    return validated(parse_yaml(text, str(path), error), model, str(path), error)
+
+
+def read_text(
+    path: str | Path,
+    error: type[RobotEnergyError],
+    what: str,
+    max_bytes: int = MAX_BYTES,
+    expected: str = "a YAML file",
+    remedy: str = "",
+) -> str:
+    """Read a regular file of text; a pipe or a device is never waited for.
+
+    Args:
+        path: The file.
+        error: What to raise.
+        what: What the file is, for messages.
+        max_bytes: Its largest size.
+        expected: What there should be.
+        remedy: What the user can do if it cannot be read.
+
+    Raises:
+        RobotEnergyError: The error asked for, if it is missing, too large, special or not UTF-8.
+    """
+    try:
+        return read_regular_text(path, max_bytes)
+    except (OSError, UnicodeDecodeError) as found:
+        why = why_unreadable(found)
+        raise error(f"the {what} '{path}' cannot be read ({why})", expected, remedy) from found
+
+
+def validated(
+    data: object, model: type[M], source: str, error: type[RobotEnergyError] = ModelFileError
+) -> M:
+    """Validate plain values.
+
+    Args:
+        data: What `parse_yaml` returned.
+        model: The schema.
+        source: Name of the file, for messages.
+        error: What to raise.
+
+    Raises:
+        RobotEnergyError: The error asked for, naming keys, what was found and what was expected.
+    """
+    if not isinstance(data, dict):
+        keys = [name for name, field in model.model_fields.items() if field.is_required()]
+        raise error(f"{source} is {described(data)}", f"a mapping with {listed(keys)}")
+    try:
+        return model.model_validate(data)
+    except ValidationError as report:
+        raise refusal(report, model, cast("object", data), source, error) from report
+
+
 def parse_yaml(text: str, source: str, error: type[RobotEnergyError] = ModelFileError) -> Any:
     """Parse one YAML document.
 
@@ -76,11 +158,11 @@ def parse_yaml(text: str, source: str, error: type[RobotEnergyError] = ModelFile
     except (yaml.YAMLError, RecursionError, ValueError) as found:
         mark = getattr(found, "problem_mark", None)
         where = f" at line {mark.line + 1}" if mark is not None else ""
-        problem = getattr(found, "problem", None) or _told(found)
+        problem = getattr(found, "problem", None) or _short(found)
         raise error(f"{source} is not valid YAML{where}: {problem}") from found
 
 
-def _told(error: Exception) -> str:
+def _short(error: Exception) -> str:
     """What an error without a mark says; only its kind if that is more than a line."""
     text = str(error)
     return text if text and "\n" not in text and len(text) < 80 else type(error).__name__

@@ -5,6 +5,8 @@ Every message is one sentence that says what was found, what was expected and wh
 
 from __future__ import annotations
 
+from robot_energy.shown_text import MAX_LINE, shown
+
 
 class RobotEnergyError(Exception):
     """Base class of every error this library raises on purpose.
@@ -16,6 +18,8 @@ class RobotEnergyError(Exception):
     """
 
     def __init__(self, found: str, expected: str = "", remedy: str = "") -> None:
+        # Names from outside are quoted in all three; nothing of them may act on a terminal.
+        found, expected, remedy = (shown(part, MAX_LINE) for part in (found, expected, remedy))
         self.found = found
         self.expected = expected
         self.remedy = remedy
@@ -25,6 +29,13 @@ class RobotEnergyError(Exception):
         if remedy:
             text += f". {remedy[0].upper()}{remedy[1:]}"
         super().__init__(text.rstrip(".") + ".")
+
+
+class KindError(RobotEnergyError, KeyError):
+    """A kind of drive model, friction law, meter ... is unknown, registered twice or incomplete."""
+
+    def __str__(self) -> str:
+        return str(self.args[0])
 
 
 class ModelFileError(RobotEnergyError, ValueError):
@@ -109,3 +120,7 @@ class ReportError(RobotEnergyError, ValueError):
 
 class NotIdentifiableError(RobotEnergyError, ValueError):
     """The data do not excite a parameter that was asked for."""
+
+
+class ImplausibleIdentificationError(RobotEnergyError, ValueError):
+    """What was identified contradicts physics or the URDF grossly, so that it is not written."""

@@ -12,22 +12,24 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from robot_energy.accounting.account import EnergyAccount
+from robot_energy.accounting.averaging import MeanBlock
 from robot_energy.blocks import PLAUSIBLE_DEGC, Float, JointBlock, TemperatureBlock
 from robot_energy.errors import MotionError, UnknownJointError
-from robot_energy.friction import FrictionModel
-from robot_energy.limit_use import LimitUse
-from robot_energy.model_file import RobotModel
-from robot_energy.model_file.joint import ConstantLaw
-from robot_energy.model_file.payload import Payload
+from robot_energy.model import RobotModel
+from robot_energy.model.friction_laws import FRICTION_LAWS
+from robot_energy.model.payload import Payload
 from robot_energy.motion.planned import LONGEST, PlannedMotion, repeated
 from robot_energy.motion.ptp import Trajectory
-from robot_energy.pipeline import EnergyPipeline, Ledger, Output, Settings
-from robot_energy.pipeline.averaging import MeanBlock
+from robot_energy.physics.friction import FrictionModel
+from robot_energy.physics.limit_utilisation import LimitUse
+from robot_energy.pipeline import EnergyPipeline, Output, Settings
 
 START_NS = 1_000_000_000  # stamps of 0 mean that there is none
 POINTS = 1500  # of the curve of power, at most
 SHORTEST_PERIOD = 0.02  # s
-MOST_REPEATS = 1_000_000
+MOST_REPEATS = 100_000
+MAX_SAMPLES = 5_000_000  # of all repetitions: minutes of work, and hours of motion
 Progress = Callable[[float], None]
 
 
@@ -64,7 +66,7 @@ class Prediction:
     payload: tuple[Payload, ...] = ()
 
     @property
-    def ledger(self) -> Ledger:
+    def ledger(self) -> EnergyAccount:
         """Registers and phases."""
         return self.pipeline.ledger
 
@@ -78,6 +80,7 @@ def predict(
     payload: Sequence[Payload] = (),
     notes: Sequence[str] = (),
     progress: Progress | None = None,
+    max_samples: int = MAX_SAMPLES,
 ) -> Prediction:
     """Predict the energy of a motion.
 
@@ -90,22 +93,26 @@ def predict(
         payload: Bodies that the robot carries from start to end.
         notes: What a reader should know of the motion, one sentence each.
         progress: Called with the share done, 0 to 1.
+        max_samples: Of all repetitions; more are refused before the work begins.
 
     Returns:
         The closed books.
 
     Raises:
-        MotionError: If the motion cannot be made, or figures make no sense.
+        MotionError: If the motion cannot be made or is too long, or figures make no sense.
         UnknownJointError: If the motion lacks joints of the model.
         RobotEnergyError: If the model cannot be used.
     """
     temperature = _temperatures(motor_temperature_degc, len(model.joints))
     order = _order(model, motion.joint_names)
-    if not 1 <= repeat <= MOST_REPEATS:
-        raise MotionError(f"{repeat} repetitions were asked for", f"1 to {MOST_REPEATS}")
+    samples = planned_samples(motion, repeat)
     duration = motion.duration * repeat
-    if not 0 < duration <= LONGEST:
-        raise MotionError(f"all repetitions last {duration:.4g} s", f"at most {LONGEST:g} s")
+    if samples > max_samples:
+        raise MotionError(
+            f"{program} has {samples} samples over {duration:.4g} s",
+            f"at most {max_samples} samples",
+            "predict fewer repetitions or a part of it, or allow more",
+        )
     period = max(SHORTEST_PERIOD, duration / POINTS)
     pipeline = EnergyPipeline(model, Settings(power_period=period, temperature_assumed=True))
     for body in payload:
@@ -119,7 +126,9 @@ def predict(
         motor_temperature_degc=temperature,
         extrapolated=tuple(name for name, is_so in zip(names, outside, strict=True) if is_so),
         one_temperature=tuple(
-            joint.name for joint in model.joints if isinstance(joint.friction.viscous, ConstantLaw)
+            joint.name
+            for joint in model.joints
+            if not FRICTION_LAWS[joint.friction.viscous.law].follows_temperature
         ),
         duration=duration,
         repeat=repeat,
@@ -140,6 +149,24 @@ def predict(
     _take(result, means, pipeline.flush())
     result.means = MeanBlock.concatenate(means) if means else None
     return result
+
+
+def planned_samples(motion: PlannedMotion, repeat: int) -> int:
+    """Return how many samples a prediction has, before it is made.
+
+    Args:
+        motion: From start to end.
+        repeat: How often it is made.
+
+    Raises:
+        MotionError: If it is repeated too often or lasts too long.
+    """
+    if not 1 <= repeat <= MOST_REPEATS:
+        raise MotionError(f"{repeat} repetitions were asked for", f"1 to {MOST_REPEATS}")
+    duration = motion.duration * repeat
+    if not 0 < duration <= LONGEST:
+        raise MotionError(f"all repetitions last {duration:.4g} s", f"at most {LONGEST:g} s")
+    return motion.sample_count * repeat
 
 
 def _take(result: Prediction, means: list[MeanBlock], output: Output) -> None:

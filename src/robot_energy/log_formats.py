@@ -1,0 +1,121 @@
+"""Table of the formats of logs that become bags; light to import, for the command line."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser, Namespace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from robot_energy.kinds import Kind, Kinds
+
+if TYPE_CHECKING:
+    from robot_energy.logs import ImportReport
+
+
+@dataclass(frozen=True, kw_only=True)
+class LogFormat(Kind):
+    """One format of logs. Its name is that of ``robot-energy import NAME``.
+
+    Attributes:
+        description: What the format needs and uses, for the help.
+        epilog: Examples, for the help.
+        add_arguments: Adds the arguments of the import, but for ``--out`` and ``--overwrite``.
+        run: Turns logs into the bag of ``--out``, by these arguments.
+        recording: Turns one file into a bag, with the joints of a model; with it
+            ``identify drives --NAME`` takes such files. None: it takes bags of them.
+    """
+
+    description: str
+    epilog: str = ""
+    add_arguments: Callable[[ArgumentParser], None]
+    run: Callable[[Namespace], ImportReport]
+    recording: Callable[[str, Path, Sequence[str]], ImportReport] | None = None
+
+
+def _ur_arguments(parser: ArgumentParser) -> None:
+    parser.add_argument("logs", nargs="+", metavar="LOG", help="CSV files of one recording")
+    parser.add_argument(
+        "--joints",
+        nargs=6,
+        metavar="NAME",
+        help="names of the six joints, base first (default: those of the UR URDF)",
+    )
+    parser.add_argument("--prefix", default="", help="put before each joint name")
+
+
+def _run_ur(args: Namespace) -> ImportReport:
+    from robot_energy.logs import UR_JOINTS, import_ur_rtde
+
+    names = [f"{args.prefix}{name}" for name in args.joints or UR_JOINTS]
+    return import_ur_rtde(args.logs, args.out, names, args.overwrite)
+
+
+def _ur_recording(log: str, out: Path, joint_names: Sequence[str]) -> ImportReport:
+    from robot_energy.logs import import_ur_rtde
+
+    return import_ur_rtde([log], out, joint_names)
+
+
+def _csv_arguments(parser: ArgumentParser) -> None:
+    parser.add_argument("log", metavar="LOG", help="CSV file, plain or .gz")
+    parser.add_argument("--mapping", required=True, metavar="FILE", help="YAML file")
+
+
+def _run_csv(args: Namespace) -> ImportReport:
+    from robot_energy.logs import import_csv, load_mapping
+
+    return import_csv(args.log, load_mapping(args.mapping), args.out, args.overwrite)
+
+
+LOG_FORMATS = Kinds(
+    "log format",
+    LogFormat(
+        name="ur-rtde",
+        label="UR's RTDE",
+        line="CSV recordings of UR robots",
+        description="""\
+Turn a recording of UR's real-time interface (RTDE, CSV) into a bag.
+
+Needs the columns timestamp and actual_q_0 ... actual_q_5; uses, where they are there,
+actual_qd_*, actual_current_*, joint_temperatures_*, actual_robot_voltage and
+actual_robot_current. Several files of one recording are joined in the order of their time.
+""",
+        epilog="""\
+example:
+  robot-energy import ur-rtde part_1.csv part_2.csv --out ur_bag
+  robot-energy replay ur_bag --model ur3e
+""",
+        add_arguments=_ur_arguments,
+        run=_run_ur,
+        recording=_ur_recording,
+    ),
+    LogFormat(
+        name="csv",
+        label="CSV",
+        line="any CSV log, by a mapping of its columns",
+        description="""\
+Turn any CSV log (plain or .gz, with a header) into a bag, by a small YAML file that says
+which column means what, in which unit. Commented examples: src/examples/mappings.
+""",
+        epilog="""\
+example:
+  robot-energy import csv log.csv.gz --mapping kr300.yaml --out kr300_bag
+""",
+        add_arguments=_csv_arguments,
+        run=_run_csv,
+    ),
+)
+
+
+def register_log_format(kind: LogFormat) -> LogFormat:
+    """Add a format of logs: ``robot-energy import NAME`` knows it from now on.
+
+    Args:
+        kind: With its arguments and its import.
+
+    Raises:
+        KindError: If its name is taken.
+    """
+    return LOG_FORMATS.register(kind)

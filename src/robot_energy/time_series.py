@@ -1,0 +1,157 @@
+"""Quantities over time as a table: to pandas, polars, xarray, CSV or Parquet.
+
+None of these libraries is needed by the monitor; each is imported where it is asked for.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robot_energy.errors import ShapeError
+from robot_energy.files.output_files import GENERATOR
+from robot_energy.timeline.stamps import SECOND_NS
+
+Column = NDArray[Any]
+
+
+@dataclass(frozen=True)
+class TimeSeries:
+    """Columns over one axis of time.
+
+    Attributes:
+        stamp_ns: Rising, shape (W,). [ns since 1970]
+        columns: Values by name, each of shape (W,).
+        joint_columns: Values per joint by name, each of shape (W, n).
+        joint_names: The n joints, in their order.
+        units: Unit of each column by its name; empty for a number without unit.
+    """
+
+    stamp_ns: NDArray[np.int64]
+    columns: Mapping[str, Column]
+    joint_columns: Mapping[str, Column] = field(default_factory=dict[str, Column])
+    joint_names: tuple[str, ...] = ()
+    units: Mapping[str, str] = field(default_factory=dict[str, str])
+
+    def __post_init__(self) -> None:
+        for name, values in self.columns.items():
+            _check(name, values, (len(self),))
+        for name, values in self.joint_columns.items():
+            _check(name, values, (len(self), len(self.joint_names)))
+
+    def __len__(self) -> int:
+        """Return the number of rows."""
+        return len(self.stamp_ns)
+
+    def __getitem__(self, name: str) -> Column:
+        """Return a column, shape (W,) or (W, n).
+
+        Raises:
+            KeyError: If there is none of that name.
+        """
+        return self.columns[name] if name in self.columns else self.joint_columns[name]
+
+    @property
+    def time(self) -> NDArray[np.float64]:
+        """Time since the first row, shape (W,). [s]"""
+        start = self.stamp_ns[:1]
+        return (self.stamp_ns - start) / SECOND_NS if len(self) else np.empty(0)
+
+    def to_dict(self) -> dict[str, Column]:
+        """Return all columns flat: ``stamp_ns``, then ``name``, then ``joint.name``."""
+        flat: dict[str, Column] = {"stamp_ns": self.stamp_ns, **self.columns}
+        for index, joint in enumerate(self.joint_names):
+            for name, values in self.joint_columns.items():
+                flat[f"{joint}.{name}"] = values[:, index]
+        return flat
+
+    def to_pandas(self) -> Any:
+        """Return a `pandas.DataFrame` with the time (UTC) as index.
+
+        Raises:
+            ImportError: If pandas is not installed.
+        """
+        pandas = _library("pandas")
+        flat = self.to_dict()
+        index = pandas.to_datetime(flat.pop("stamp_ns"), unit="ns", utc=True)
+        return pandas.DataFrame(flat, index=index.rename("time"))
+
+    def to_polars(self) -> Any:
+        """Return a `polars.DataFrame` whose first column is the time (UTC).
+
+        Raises:
+            ImportError: If polars is not installed.
+        """
+        polars = _library("polars")
+        flat = self.to_dict()
+        time = polars.Series("time", flat.pop("stamp_ns")).cast(polars.Datetime("ns", "UTC"))
+        return polars.DataFrame([time, *(polars.Series(k, v) for k, v in flat.items())])
+
+    def to_xarray(self) -> Any:
+        """Return an `xarray.Dataset` over ``time`` and ``joint``, with units as attributes.
+
+        Raises:
+            ImportError: If xarray is not installed.
+        """
+        xarray = _library("xarray")
+        flat = {name: ("time", values) for name, values in self.columns.items()}
+        per_joint = {
+            name: (("time", "joint"), values) for name, values in self.joint_columns.items()
+        }
+        data = xarray.Dataset(
+            {**flat, **per_joint},
+            coords={
+                "time": self.stamp_ns.astype("datetime64[ns]"),
+                "joint": list(self.joint_names),
+            },
+        )
+        for name, unit in self.units.items():
+            data[name].attrs["units"] = unit
+        return data
+
+    def to_csv(self) -> str:
+        """Return the table as CSV: one line of names, NaN as an empty cell."""
+        flat = self.to_dict()
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(flat)
+        columns = [values.tolist() for values in flat.values()]
+        for row in zip(*columns, strict=True):
+            writer.writerow(["" if value != value else value for value in row])
+        return text.getvalue()
+
+    def to_parquet(self) -> bytes:
+        """Return the table as a Parquet file; its metadata hold the units as JSON.
+
+        Raises:
+            ImportError: If polars is not installed.
+        """
+        target = io.BytesIO()
+        frame = _library("polars").DataFrame(self.to_dict())
+        marks = {"generator": GENERATOR, "units": json.dumps({**self.units})}
+        frame.write_parquet(target, metadata=marks)
+        return target.getvalue()
+
+
+def _check(name: str, values: Column, shape: tuple[int, ...]) -> None:
+    if values.shape != shape:
+        raise ShapeError(f"the column '{name}' has the shape {values.shape}", f"{shape}")
+
+
+def _library(name: str) -> Any:
+    try:
+        return import_module(name)
+    except ModuleNotFoundError as error:
+        package = name.partition(".")[0]
+        raise ImportError(
+            f"{package} is not installed; expected for this conversion. "
+            f"Install it: pip install {package}."
+        ) from error
