@@ -16,10 +16,10 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
 
-from robot_energy.model_file import RobotModel
-from robot_energy.pipeline import Ledger
-from robot_energy.state_file import Submit, books_of
-from ros2_energy_monitor.findings import ERROR, WARN, Findings
+from robot_energy.accounting.account import EnergyAccount
+from robot_energy.model import RobotModel
+from robot_energy.store import Submit, load_account
+from ros2_energy_monitor.diagnostics.reporter import ERROR, OK, WARN, StatusBuilder
 
 OPENING = 2.0  # how long configure waits for the disk [s]
 ANSWERING = 0.5  # how long a service does; joint states wait for it meanwhile [s]
@@ -54,7 +54,7 @@ class Checkpoints:
     Args:
         node: The node.
         model: The robot's model.
-        ledger: The books.
+        ledger: The energy account.
         folder: Where the state files lie; None keeps nothing.
         period: Between two checkpoints. [s]
         encode: Gives the message of the registers, marked as persisted or not.
@@ -65,36 +65,49 @@ class Checkpoints:
         self,
         node: Node,
         model: RobotModel,
-        ledger: Ledger,
+        ledger: EnergyAccount,
         folder: Path | None,
         period: float,
         encode: Callable[[bool], Any],
         publish: Callable[[Any], None],
     ) -> None:
-        self._log = node.get_logger()
+        self._node, self._log = node, node.get_logger()
         self._ledger = ledger
         self._period = period
         self._encode, self._publish = encode, publish
-        self._thread = ThreadPoolExecutor(1, thread_name_prefix="checkpoints")
+        self._arguments = (model, folder)
+        self._thread: ThreadPoolExecutor | None = None
         self._durations: deque[float] = deque(maxlen=DURATIONS)
         self._begun: float | None = None  # when the checkpoint under way was begun
         self._done: float | None = None  # when the latest one was finished
         self._row: Any = None  # what is published once it is
         self._warning = ""
+        self._adopted = ""
         self._trouble = ""
-        self.books = books_of(ledger, model, folder, _timed(self._thread, self._durations))
-        self.books.open(OPENING)
-        self._tell()
         self.running = False
+
+    def open(self) -> None:
+        """Read the registers from disk, take the lock of the folder and start the timer.
+
+        Raises:
+            RegisterError: If another monitor has the folder, or its files cannot be used.
+        """
+        self._thread = ThreadPoolExecutor(1, thread_name_prefix="checkpoints")
+        model, folder = self._arguments
+        submit = _timed(self._thread, self._durations)
+        owner = self._node.get_fully_qualified_name()
+        self.store = load_account(self._ledger, model, folder, submit, owner)
+        self.store.open(OPENING)
+        self._log_news()
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        node.create_timer(period, self._begin, clock=steady)
+        self._node.create_timer(self._period, self._begin, clock=steady)
 
     def poll(self) -> None:
         """Publish the registers of a checkpoint that has been finished; call every tick."""
-        if not self.books.busy:
+        if not self.store.busy:
             return
-        outcome = self.books.poll()
-        if outcome is None and self.books.busy:
+        outcome = self.store.poll()
+        if outcome is None and self.store.busy:
             return
         self._begun = None
         if outcome:
@@ -103,7 +116,7 @@ class Checkpoints:
         elif outcome is not None and self.running:
             self._publish(self._encode(False))
         self._row = None
-        self._tell()
+        self._log_news()
 
     def now(self, patience: float = ANSWERING) -> bool:
         """Bring the registers to disk as they stand, and publish them.
@@ -115,30 +128,32 @@ class Checkpoints:
             Whether they are on disk.
         """
         self._row = None  # of a checkpoint that is overtaken
-        kept = self.books.checkpoint(patience)
+        kept = self.store.checkpoint(patience)
         if kept:
             self._begun, self._done = None, time.monotonic()
         self._publish(self._encode(kept))
-        self._tell()
+        self._log_news()
         return kept
 
     def close(self) -> None:
-        """Let another monitor write."""
-        self.books.close(CLOSING)
-        self._tell()
-        self._thread.shutdown(wait=False)
+        """Release the folder, so that another monitor can write."""
+        if hasattr(self, "store"):
+            self.store.close(CLOSING)
+            self._log_news()
+        if self._thread is not None:
+            self._thread.shutdown(wait=False)
 
-    def findings(self) -> Findings:
+    def findings(self) -> StatusBuilder:
         """Say how the checkpoints are doing."""
-        books, now = self.books, time.monotonic()
-        found = Findings("registers")
+        store, now = self.store, time.monotonic()
+        found = StatusBuilder("registers")
         waiting = math.nan if self._begun is None else now - self._begun
         durations = np.array(self._durations) if self._durations else np.array([math.nan])
         found.values |= {
-            "sequence": books.sequence,
-            "checkpoints": books.checkpoints,
+            "sequence": store.sequence,
+            "checkpoints": store.checkpoints,
             "checkpoint_age": math.nan if self._done is None else now - self._done,
-            "checkpoint_failures": books.failures,
+            "checkpoint_failures": store.failures,
             "checkpoint_duration_p50": float(np.quantile(durations, 0.5)),
             "checkpoint_duration_p99": float(np.quantile(durations, 0.99)),
             "restarts": self._ledger.restarts,
@@ -147,42 +162,47 @@ class Checkpoints:
         }
         if waiting > LATE_PERIODS * self._period:
             found.add(
-                ERROR, f"a checkpoint in {books.folder} has been under way for {waiting:.1f} s"
+                ERROR, f"a checkpoint in {store.folder} has been under way for {waiting:.1f} s"
             )
-        elif books.trouble:
-            found.add(ERROR, books.trouble.rstrip("."))
+        elif store.trouble:
+            found.add(ERROR, store.trouble.rstrip("."))
         if self._warning:
             found.add(WARN, self._warning.rstrip("."))
+        if store.adopted:
+            found.add(OK, store.adopted)
         return found
 
     def _begin(self) -> None:
         """Begin the checkpoint of this period."""
         if not self.running:
             return
-        if not self.books.keeps:
+        if not self.store.keeps:
             self._publish(self._encode(False))
             return
-        if self.books.busy:
+        if self.store.busy:
             # Still at the last one. What is shown now must not be followed by less.
             self._row = None
             self._publish(self._encode(False))
             return
         row = self._encode(True)
         self._begun = time.monotonic()
-        self._row = row if self.books.begin() else None
+        self._row = row if self.store.begin() else None
 
-    def _tell(self) -> None:
+    def _log_news(self) -> None:
         """Log what is new."""
-        for notice in self.books.notices:
+        for notice in self.store.notices:
             self._warning = notice
             self._log.warning(notice)
-        self.books.notices.clear()
-        if self.books.trouble != self._trouble:
-            if self.books.trouble:
-                self._log.error(self.books.trouble)
+        self.store.notices.clear()
+        if self.store.adopted != self._adopted:
+            self._adopted = self.store.adopted
+            self._log.info(self._adopted)
+        if self.store.trouble != self._trouble:
+            if self.store.trouble:
+                self._log.error(self.store.trouble)
             else:
                 self._log.info("the registers are kept on disk again")
-            self._trouble = self.books.trouble
+            self._trouble = self.store.trouble
 
 
 def _timed(thread: ThreadPoolExecutor, durations: deque[float]) -> Submit:

@@ -8,7 +8,7 @@ from typing import Any
 from rclpy.node import Node
 
 
-class Entities:
+class EntitySnapshot:
     """Remembers what a node consists of.
 
     Args:
@@ -20,7 +20,7 @@ class Entities:
         self._kept = {id(entity) for entity in self._all()}
 
     def restore(self) -> None:
-        """Destroy every publisher, subscription, service and timer that came later."""
+        """Destroy every publisher, subscription, service, timer and guard that came later."""
         self._destroy()
         group = self._node.default_callback_group  # keeps a dead reference to each of them
         group.entities = {reference for reference in group.entities if reference() is not None}
@@ -33,6 +33,7 @@ class Entities:
             (list(node.clients), node.destroy_client),
             (list(node.subscriptions), node.destroy_subscription),
             (list(node.publishers), node.destroy_publisher),
+            (list(node.guards), node.destroy_guard_condition),
         ]
         for entities, destroy in pairs:
             for entity in entities:
@@ -51,4 +52,5 @@ class Entities:
             *node.clients,
             *node.subscriptions,
             *node.publishers,
+            *node.guards,
         ]

@@ -27,14 +27,15 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
-from robot_energy.ingest import Accounting
-from robot_energy.wire.batch import RawBatch
-from ros2_energy_monitor.revival import Revival
-from ros2_energy_monitor.sequences import Sequences
-from ros2_energy_monitor.suppliers import Suppliers
+from robot_energy.cdr.batch import RawBatch
+from robot_energy.inputs.rejection_log import RejectionLog
+from ros2_energy_monitor.base.message_loss import MessageLossCounter
+from ros2_energy_monitor.base.resubscribe import ResubscribePolicy
+from ros2_energy_monitor.diagnostics.topic_publishers import TopicPublishers
 
 # A message, its number as its publisher counts, and when the middleware received it [ns].
 Numbered = tuple[bytes, int | None, int]
+INACTIVE = "inactive"  # the reason under which messages are counted meanwhile
 
 
 class NeverReady(CallbackGroup):
@@ -80,7 +81,7 @@ class Inbox:
         qos: Quality of service; its depth bounds what can wait between two ticks.
         direct: False to use ordinary callbacks although the internals of rclpy fit.
         renew_after: Silence after which to subscribe anew although there are publishers,
-            see `Revival`; None for never, as with topics that are silent by nature. [s]
+            see `ResubscribePolicy`; None for never, as with topics that are silent by nature. [s]
 
     Attributes:
         topic: Resolved name of the topic.
@@ -89,7 +90,7 @@ class Inbox:
         received: Messages drained so far.
         overflows: How often the queue was found full, so that messages may be lost.
         renewals: How often the subscription was made anew.
-        suppliers: Who publishes the topic.
+        topic_publishers: Who publishes the topic.
     """
 
     def __init__(
@@ -107,15 +108,15 @@ class Inbox:
         self.received = 0
         self.overflows = 0
         self.renewals = 0
-        self.suppliers = Suppliers(node, self.topic, self.msgtype, qos)
+        self.topic_publishers = TopicPublishers(node, self.topic, self.msgtype, qos)
         self._node = node
         self._type = message_type
         self._qos = qos
         self._depth = qos.depth
         self._arrived_ns: int | None = None
         self._queue: deque[Numbered] = deque(maxlen=qos.depth)
-        self._sequences = Sequences(self._met)
-        self._revival = None if renew_after is None else Revival(renew_after)
+        self._sequences = MessageLossCounter(self._met)
+        self._revival = None if renew_after is None else ResubscribePolicy(renew_after)
         self._met_before = 0  # publishers that earlier subscriptions have met
         self._subscribe(NeverReady())
         self.direct = direct and self._fits()
@@ -152,7 +153,7 @@ class Inbox:
             return [now] * len(received)
         return [time if 0 < time <= now else now for time in received]
 
-    def discard(self, account: Accounting) -> None:
+    def discard(self, account: RejectionLog) -> None:
         """Take every message that waits and count it as rejected, since the node is inactive.
 
         Args:
@@ -161,9 +162,9 @@ class Inbox:
         batch = self.drain()
         if batch is not None:
             account.received += len(batch)
-            account.reject("inactive", len(batch))
+            account.reject(INACTIVE, len(batch))
 
-    def revive(self) -> None:
+    def resubscribe_if_silent(self) -> None:
         """Subscribe anew if it is time for that; called about once a second."""
         if self._revival is None:
             return
@@ -185,7 +186,7 @@ class Inbox:
         return self._sequences.lost
 
     @property
-    def misfits(self) -> int:
+    def mismatches(self) -> int:
         """Publishers met so far whose quality of service does not fit."""
         status = self._status(Event.RCL_SUBSCRIPTION_REQUESTED_INCOMPATIBLE_QOS)
         return 0 if status is None else int(status.total_count)

@@ -2,30 +2,35 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Sequence
 from typing import Any
 
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
-from robot_energy.ingest import Accounting, MeterIngest, TemperatureIngest
-from robot_energy.ingest.meter_source import MeterInputs
-from robot_energy.ingest.sources import INTERFACE_NAMES, TemperatureInputs
-from robot_energy.model_file import RobotModel
-from robot_energy.wire.batch import RawBatch
-from robot_energy.wire.types import extended, typestore
-from ros2_energy_monitor.definitions import definitions_of
-from ros2_energy_monitor.drain import Inbox
-from ros2_energy_monitor.node_parameters import EnergyParameters, TorqueParameters
-from ros2_energy_monitor.publishers import best_effort, latched
+from robot_energy.cdr.batch import RawBatch
+from robot_energy.cdr.types import extended, typestore
+from robot_energy.errors import MessageTypeError
+from robot_energy.inputs.meter.meter import MeterIngest
+from robot_energy.inputs.meter.source import MeterInputs
+from robot_energy.inputs.rejection_log import RejectionLog
+from robot_energy.inputs.sources import TemperatureInputs
+from robot_energy.inputs.temperatures.kinds import INTERFACE_NAMES
+from robot_energy.inputs.temperatures.temperatures import TemperatureIngest
+from robot_energy.model import RobotModel
+from robot_energy.shown_text import shown
+from ros2_energy_monitor.base.inbox import Inbox
+from ros2_energy_monitor.base.message_classes import message_class
+from ros2_energy_monitor.base.message_definitions import definitions_of
+from ros2_energy_monitor.base.parameters import EnergyParameters, TorqueParameters
+from ros2_energy_monitor.base.publishers import best_effort, latched
 
 SLOW_DEPTH = 500  # messages of temperatures and meters, which come at 0.1 to 1000 Hz
 
 KEYS_DEPTH = 10  # messages with names of values, of which the last one counts
 
 
-def message_class(node: Node, msgtype: str, use: str) -> type[Any] | None:
+def wanted_class(node: Node, msgtype: str, use: str) -> type[Any] | None:
     """Return the class of a message type, or None after an error in the log.
 
     Packages of messages are optional: one that is not installed costs the inputs that need
@@ -36,14 +41,10 @@ def message_class(node: Node, msgtype: str, use: str) -> type[Any] | None:
         msgtype: Type of a message, such as ``control_msgs/msg/DynamicJointState``.
         use: What it is for, for the log.
     """
-    package, _, name = msgtype.partition("/msg/")
     try:
-        return getattr(importlib.import_module(f"{package}.msg"), name)
-    except (ImportError, AttributeError):
-        node.get_logger().error(
-            f"{use} is not read: it needs {msgtype}, which is not installed; install "
-            f"ros-jazzy-{package.replace('_', '-')} or take it out of the parameters"
-        )
+        return message_class(msgtype)
+    except MessageTypeError as error:
+        node.get_logger().error(f"{shown(use)} is not read: {error}")
         return None
 
 
@@ -66,10 +67,10 @@ def temperature_ingest(
         name: source.resolved(node.resolve_topic_name)
         for name, source in parameters.temperature_sources.items()
         if all(
-            [message_class(node, kind, f"the source '{name}'") for kind in source.topics.values()]
+            [wanted_class(node, kind, f"the source '{name}'") for kind in source.topics.values()]
         )
     }
-    return TemperatureIngest(model.joint_names, sources)
+    return TemperatureIngest(model.joint_names, sources, stale_after=model.temperature.stale_after)
 
 
 def joint_state_inboxes(node: Node, parameters: TorqueParameters | EnergyParameters) -> list[Inbox]:
@@ -87,7 +88,7 @@ def joint_state_inboxes(node: Node, parameters: TorqueParameters | EnergyParamet
             best_effort(parameters.joint_state_depth),
             renew_after=parameters.resubscribe_after,
         )
-        for topic in parameters.joint_states.joint_state_topics
+        for topic in parameters.joint_states.topics
     ]
 
 
@@ -108,13 +109,13 @@ def temperature_inboxes(node: Node, ingest: TemperatureIngest, renew_after: floa
             renew_after=None if kind == INTERFACE_NAMES else renew_after,
         )
         for topic, kind in ingest.topics.items()
-        if (kind_class := message_class(node, kind, topic)) is not None
+        if (kind_class := wanted_class(node, kind, topic)) is not None
     ]
 
 
 def temperature_inputs(
     ingest: TemperatureIngest, inboxes: Sequence[Inbox]
-) -> list[tuple[Inbox, Accounting]]:
+) -> list[tuple[Inbox, RejectionLog]]:
     """Return every inbox of values with its account.
 
     Not those of the keys: keys come once, and what came while the node was inactive is of
@@ -143,7 +144,7 @@ def meter_input(
         ParameterError: If the messages lack what the parameters name.
     """
     source = parameters.meter.resolved(node.resolve_topic_name)
-    kind = message_class(node, source.type, "the meter")
+    kind = wanted_class(node, source.type, "the meter")
     if kind is None:
         return MeterIngest(), []
     known = extended(typestore(), definitions_of(kind))
@@ -154,6 +155,6 @@ def meter_input(
     return MeterIngest(source, known), inboxes
 
 
-def drain_all(inboxes: Sequence[Inbox]) -> list[RawBatch]:
-    """Take what waits in each inbox; those with nothing are left out."""
-    return [batch for inbox in inboxes if (batch := inbox.drain()) is not None]
+def messages_in(batches: Sequence[RawBatch]) -> int:
+    """Return the number of messages in some batches."""
+    return sum(len(batch) for batch in batches)

@@ -1,4 +1,4 @@
-"""The life cycle of a managed node: four steps to fill in, errors told in one sentence."""
+"""The life cycle of a managed node: four steps to fill in, errors logged in one sentence."""
 
 from __future__ import annotations
 
@@ -8,9 +8,12 @@ from collections.abc import Callable
 from typing import Any
 
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rosgraph_msgs.msg import Clock
 
 from robot_energy.errors import RobotEnergyError
-from ros2_energy_monitor.entities import Entities
+from robot_energy.timeline.stamps import is_valid_time
+from ros2_energy_monitor.base.entities import EntitySnapshot
+from ros2_energy_monitor.base.guard import Guard
 
 DONE, REFUSED, BROKEN = (
     TransitionCallbackReturn.SUCCESS,
@@ -22,10 +25,10 @@ DONE, REFUSED, BROKEN = (
 class ManagedNode(LifecycleNode, ABC):
     """A node that is configured, activated, deactivated and cleaned up, any number of times.
 
-    A subclass fills in `equip`, `begin`, `finish` and `release`, and ends its constructor
-    with `settle`. What a step raises as `RobotEnergyError` refuses the transition and is
-    logged in one sentence; any other error is logged whole and takes the node back to
-    unconfigured.
+    A subclass fills in `configure`, `activate`, `deactivate` and `cleanup`, and ends its
+    constructor with `autostart`. What a step raises as `RobotEnergyError` refuses the
+    transition and is logged in one sentence; any other error is logged whole and takes the
+    node back to unconfigured.
 
     Args:
         name: Name of the node.
@@ -33,32 +36,36 @@ class ManagedNode(LifecycleNode, ABC):
 
     Attributes:
         active: Whether the node counts and publishes.
+        guard: Catches what timers, services, subscriptions and inputs raise.
+        bad_clocks: Messages of ``/clock`` left out, as their time is no stamp.
     """
 
     def __init__(self, name: str, **options: Any) -> None:
+        self.guard = Guard(name, options.get("context"))
+        self.bad_clocks = 0
         super().__init__(name, **options)
         self.active = False
-        self._equipped = False
+        self._is_configured = False
         self._starting = False
-        self._starts_late = False
+        self._autostart_pending = False
         self._error: Exception | None = None
-        self._kept: Entities | None = None
+        self._permanent: EntitySnapshot | None = None
 
     @abstractmethod
-    def equip(self) -> None:
-        """Read files and create entities; called by configure."""
+    def configure(self) -> None:
+        """Read files and create entities; called by the transition configure."""
 
     @abstractmethod
-    def begin(self) -> None:
-        """Start to work; called by activate."""
+    def activate(self) -> None:
+        """Start to work; called by the transition activate."""
 
     @abstractmethod
-    def finish(self) -> None:
-        """Hand out what still waits; called by deactivate."""
+    def deactivate(self) -> None:
+        """Publish what still waits; called by the transition deactivate."""
 
     @abstractmethod
-    def release(self) -> None:
-        """Let go of files; called by cleanup, also after an `equip` that failed halfway."""
+    def cleanup(self) -> None:
+        """Close files; called by the transition cleanup, and after a `configure` that failed."""
 
     @property
     def state(self) -> str:
@@ -75,27 +82,27 @@ class ManagedNode(LifecycleNode, ABC):
         """Whether nothing is awaited that the node needs before it can be activated."""
         return True
 
-    def settle(self, *, start: bool) -> None:
+    def autostart(self, *, enabled: bool) -> None:
         """End the constructor; entities created before are kept by cleanup.
 
         Args:
-            start: Whether to configure and activate now, or once it is `ready`.
+            enabled: Whether to configure and activate now, or once it is `ready`.
 
         Raises:
             Exception: What keeps it from starting.
         """
-        self._kept = Entities(self)
-        if not start:
+        self._permanent = EntitySnapshot(self)
+        if not enabled:
             return
         self._starting = True
         if self.trigger_configure() != DONE or (self.ready and self.trigger_activate() != DONE):
             raise self._error or RuntimeError(f"{self.get_name()} cannot be started")
         self._starting = False
-        self._starts_late = not self.active
+        self._autostart_pending = not self.active
 
-    def start_late(self) -> None:
+    def resume_autostart(self) -> None:
         """Activate, now that what was awaited at the start is there."""
-        if self._starts_late:
+        if self._autostart_pending:
             self.trigger_activate()
 
     def close(self) -> None:
@@ -103,65 +110,97 @@ class ManagedNode(LifecycleNode, ABC):
         if self.active:
             self.trigger_deactivate()
 
+    def create_timer(self, period: float, callback: Any, *args: Any, **options: Any) -> Any:
+        """Create a timer whose callback no exception leaves."""
+        guarded = self.guard.callback(f"timer.{_name(callback)}", callback)
+        return super().create_timer(period, guarded, *args, **options)
+
+    def create_service(
+        self, kind: Any, name: str, callback: Any, *args: Any, **options: Any
+    ) -> Any:
+        """Create a service that answers in any case."""
+        guarded = self.guard.callback(f"service.{name.rpartition('/')[2]}", callback)
+        return super().create_service(kind, name, guarded, *args, **options)
+
+    def create_subscription(
+        self, kind: Any, topic: str, callback: Any, *args: Any, **options: Any
+    ) -> Any:
+        """Create a subscription whose callback no exception leaves."""
+        if kind is Clock:
+            callback = self._stamped(callback)
+        guarded = self.guard.callback(f"topic.{topic}", callback)
+        return super().create_subscription(kind, topic, guarded, *args, **options)
+
+    def _stamped(self, take: Callable[[Clock], None]) -> Callable[[Clock], None]:
+        """Leave out times that no output could carry; rclpy raises for some of them."""
+
+        def stamped(message: Clock) -> None:
+            if is_valid_time(message.clock.sec, message.clock.nanosec):
+                take(message)
+            else:
+                self.bad_clocks += 1
+
+        return stamped
+
     def destroy_node(self) -> None:
         """Destroy the node, its files released before."""
-        self._let_go()
+        self.guard.run("release", self._release_all)
         super().destroy_node()
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Equip the node; if that fails it stays unconfigured, with nothing left behind."""
+        """Configure the node; if that fails it stays unconfigured, with nothing left behind."""
 
-        def equip() -> None:
-            self._equipped = True
-            self.equip()
+        def configure() -> None:
+            self._is_configured = True
+            self.configure()
 
-        result = self._run("configured", equip)
+        result = self._run("configured", configure)
         if result == REFUSED:
-            self._let_go()
+            self._release_all()
         return result
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Start to work."""
 
-        def begin() -> None:
-            self.begin()
+        def activate() -> None:
+            self.activate()
             self.active = True
 
-        return self._run("activated", begin)
+        return self._run("activated", activate)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Hand out what waits and stop."""
+        """Publish what waits and stop."""
         return self._run("deactivated", self._stop)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Let go of everything; configure starts anew."""
-        return self._run("cleaned up", self._let_go)
+        """Release everything; configure starts anew."""
+        return self._run("cleaned up", self._release_all)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Hand out what waits and let go of everything for good."""
+        """Publish what waits and release everything for good."""
 
         def end() -> None:
             self._stop()
-            self._let_go()
+            self._release_all()
 
         return self._run("shut down", end)
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Let go of everything after an unexpected error."""
-        return self._run("cleaned up", self._let_go)
+        """Release everything after an unexpected error."""
+        return self._run("cleaned up", self._release_all)
 
     def _stop(self) -> None:
         if self.active:
             self.active = False
-            self.finish()
+            self.deactivate()
 
-    def _let_go(self) -> None:
-        self.active = self._starts_late = False
-        if self._equipped:
-            self._equipped = False
-            self.release()
-        if self._kept is not None:
-            self._kept.restore()
+    def _release_all(self) -> None:
+        self.active = self._autostart_pending = False
+        if self._is_configured:
+            self._is_configured = False
+            self.cleanup()
+        if self._permanent is not None:
+            self._permanent.restore()
 
     def _run(self, what: str, work: Callable[[], None]) -> TransitionCallbackReturn:
         """Run one transition; rclpy would swallow its errors without a word."""
@@ -174,4 +213,9 @@ class ManagedNode(LifecycleNode, ABC):
                 text = str(error) if expected else "".join(traceback.format_exception(error))
                 self.get_logger().error(f"{self.get_name()} cannot be {what}: {text}")
             return REFUSED if expected else BROKEN
+        self.get_logger().info(what)
         return DONE
+
+
+def _name(callback: Any) -> str:
+    return str(getattr(callback, "__qualname__", type(callback).__name__))

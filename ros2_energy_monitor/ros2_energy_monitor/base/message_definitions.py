@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import importlib
 import re
 from typing import Any
+
+from ros2_energy_monitor.base import message_classes as interfaces
 
 PLAIN = {"double": "float64", "float": "float32", "boolean": "bool", "octet": "byte"}
 SEQUENCE = re.compile(r"sequence<(?P<item>.+?)(?:, (?P<most>\d+))?>")
@@ -37,7 +38,7 @@ def _add(message_class: type[Any], found: dict[str, tuple[str, str]]) -> None:
         item, suffix = _item(kind)
         if "/" in item:
             inner, _, inner_name = item.partition("/")
-            _add(getattr(importlib.import_module(f"{inner}.msg"), inner_name), found)
+            _add(interfaces.message_class(f"{inner}/msg/{inner_name}"), found)
         lines.append(f"{PLAIN.get(item, item)}{suffix} {field}")
     found[name] = ("ros2msg", "\n".join(lines) + "\n")
 

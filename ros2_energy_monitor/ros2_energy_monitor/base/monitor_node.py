@@ -3,25 +3,29 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Sequence
 from contextlib import ExitStack
+from functools import partial
 from typing import Any, ClassVar, Generic, TypeVar
 
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 
+from robot_energy.cdr.batch import RawBatch
 from robot_energy.errors import RobotDescriptionError, RobotEnergyError, UrdfAwaitedError
-from robot_energy.ingest import Accounting
-from robot_energy.ingest.order import StampOrder
-from robot_energy.model_file import RobotModel, load
-from robot_energy.robot import Robot
-from ros2_energy_monitor.drain import Inbox
-from ros2_energy_monitor.entities import Entities
-from ros2_energy_monitor.findings import Reporter, Source
-from ros2_energy_monitor.life_cycle import ManagedNode
-from ros2_energy_monitor.node_parameters import Common, declare, in_force
-from ros2_energy_monitor.node_watch import NodeWatch
-from ros2_energy_monitor.robot_description import AwaitedDescription, ComparedDescription
-from ros2_energy_monitor.tempo import Tempo
+from robot_energy.inputs.rejection_log import RejectionLog
+from robot_energy.model import RobotModel, load
+from robot_energy.physics.rigid_body import Robot
+from robot_energy.shown_text import MAX_LINE, shown
+from robot_energy.timeline.gaps import StampOrder
+from ros2_energy_monitor.base.entities import EntitySnapshot
+from ros2_energy_monitor.base.inbox import Inbox
+from ros2_energy_monitor.base.lifecycle import ManagedNode
+from ros2_energy_monitor.base.parameters import Common, declare, parameter_lines
+from ros2_energy_monitor.base.robot_description import AwaitedDescription, ComparedDescription
+from ros2_energy_monitor.base.tick_statistics import TickStatistics
+from ros2_energy_monitor.diagnostics.node import NodeWatch
+from ros2_energy_monitor.diagnostics.reporter import Reporter, Source, StatusBuilder
 
 P = TypeVar("P", bound=Common)
 ROBOT_DESCRIPTION = "robot_description"
@@ -50,7 +54,7 @@ class MonitorNode(ManagedNode, Generic[P]):
         inputs: Every inbox with the account of its messages, from `set_up`.
         orders: Orders of stamps in which becoming active leaves a gap, from `set_up`.
         sources: What the node says about itself, from `set_up`.
-        holds: What cleanup closes, from `set_up`.
+        exit_stack: What cleanup closes, from `set_up`.
 
     Raises:
         RobotEnergyError: If a parameter, or with ``autostart`` the model, cannot be used.
@@ -63,19 +67,20 @@ class MonitorNode(ManagedNode, Generic[P]):
 
     def __init__(self, name: str, parameters_type: type[P], **options: Any) -> None:
         super().__init__(name, **options)
-        self.inputs: list[tuple[Inbox, Accounting]] = []
+        self.inputs: list[tuple[Inbox, RejectionLog]] = []
         self.orders: list[StampOrder] = []
         self.sources: list[Source] = []
         self._description: AwaitedDescription | ComparedDescription | None = None
-        self.holds = ExitStack()
+        self.exit_stack = ExitStack()
+        self._inventory = ""
         try:
             self.parameters = declare(self, parameters_type)
             self._steady = Clock(clock_type=ClockType.STEADY_TIME)
             self._reporter = Reporter(self)
-            self._tempo = Tempo(1.0 / self.parameters.tick_rate)
-            self._watch = NodeWatch(self, self._tempo, self.UNIQUE_TOPIC)
+            self._tick_statistics = TickStatistics(1.0 / self.parameters.tick_rate)
+            self._watch = NodeWatch(self, self._tick_statistics, self.UNIQUE_TOPIC)
             self.create_timer(REPORT_PERIOD, self._report, clock=self._steady)
-            self.settle(start=self.parameters.autostart)
+            self.autostart(enabled=self.parameters.autostart)
         except Exception:
             self.destroy_node()
             raise
@@ -91,7 +96,7 @@ class MonitorNode(ManagedNode, Generic[P]):
     def report(self) -> None:
         """Publish, once a second while active, what has no rate of its own."""
 
-    def equip(self) -> None:
+    def configure(self) -> None:
         """Read the model, set up and start to drain, as soon as the robot is described."""
         name = self.parameters.model
         try:
@@ -102,14 +107,14 @@ class MonitorNode(ManagedNode, Generic[P]):
                 awaited.topic,
                 lambda urdf_xml: load(name, urdf_xml),
                 self._adopt,
-                self.start_late,
+                self.resume_autostart,
             )
             self.get_logger().info("; ".join(self._description.sentences()))
         else:
             self._description = ComparedDescription(self, ROBOT_DESCRIPTION, model)
             self._set_up(model)
 
-    def begin(self) -> None:
+    def activate(self) -> None:
         """Discard what came before; the time until now is a gap."""
         if not self.ready and self._description is not None:
             raise RobotDescriptionError("; ".join(self._description.sentences()))
@@ -117,19 +122,23 @@ class MonitorNode(ManagedNode, Generic[P]):
         for order in self.orders:
             order.interrupt()
         robot = self.model.robot
-        self.get_logger().info(f"{robot.type}, model {self._model_id}, is monitored")
+        self.get_logger().info(f"{shown(robot.type)}, model {self._model_id}, is monitored")
 
-    def tell(self, robot: Robot) -> None:
-        """Log what of the robot is modelled, and what is not."""
-        self.get_logger().info("\n".join(["the joints:", *robot.inventory.sentences()]))
+    def log_inventory(self, robot: Robot) -> None:
+        """Log what of the robot is modelled and what is not, unless it was logged before."""
+        lines = ["the joints:", *robot.inventory.sentences()]
+        text = "\n".join(shown(line, MAX_LINE) for line in lines)
+        if text != self._inventory:
+            self._inventory = text
+            self.get_logger().info(text)
 
-    def finish(self) -> None:
+    def deactivate(self) -> None:
         """Take and publish what still waits."""
         self.tick()
 
-    def release(self) -> None:
+    def cleanup(self) -> None:
         """Close what is held; forget inputs and sources, whose entities cleanup destroys."""
-        self.holds.close()
+        self.exit_stack.close()
         self.inputs, self.orders, self.sources = [], [], []
         self._description = None
 
@@ -140,11 +149,11 @@ class MonitorNode(ManagedNode, Generic[P]):
 
     def _adopt(self, model: RobotModel) -> None:
         """Set up with a model that came late; if that fails, wait on as before."""
-        before = Entities(self)
+        before = EntitySnapshot(self)
         try:
             self._set_up(model)
         except RobotEnergyError:
-            self.holds.close()
+            self.exit_stack.close()
             before.restore()
             self.inputs, self.orders, self.sources = [], [], []
             raise
@@ -152,11 +161,12 @@ class MonitorNode(ManagedNode, Generic[P]):
     def _set_up(self, model: RobotModel) -> None:
         self.model, self._model_id = model, model.model_id
         self.set_up()
-        self.get_logger().info(f"configured with {in_force(self)}")
+        for line in parameter_lines(self):
+            self.get_logger().debug(line)
         self.create_timer(1.0 / self.parameters.tick_rate, self._tick, clock=self._steady)
 
     def _tick(self) -> None:
-        with self._tempo.tick():
+        with self._tick_statistics.tick():
             if self.active:
                 self.tick()
             else:
@@ -164,16 +174,29 @@ class MonitorNode(ManagedNode, Generic[P]):
 
     def _report(self) -> None:
         if self.active:
-            self.report()
+            self.guard.run("report", self.report)
         for inbox, _ in self.inputs:
-            inbox.revive()
+            self.guard.run("subscribing", inbox.resubscribe_if_silent)
         described = [] if self._description is None else self._description.sentences()
-        statuses = [
-            self._watch.judge(self.inputs, described),
-            *(source() for source in self.sources),
-        ]
-        self._reporter.publish(statuses, self._model_id if self.sources else "")
+        sources = [self.guard.run("diagnostics", source) for source in self.sources]
+        node = self.guard.run("diagnostics", lambda: self._watch.check(self.inputs, described))
+        if node is None:
+            node = StatusBuilder("node")
+            self.guard.check(node)
+        statuses = [node, *(found for found in sources if found is not None)]
+        self._reporter.publish(statuses, hardware_id(self.model) if self.sources else "")
+
+    def drain(self, inboxes: Sequence[Inbox]) -> list[RawBatch]:
+        """Take what waits in each inbox; those with nothing are left out."""
+        batches = [self.guard.run(f"queue.{inbox.topic}", inbox.drain) for inbox in inboxes]
+        return [batch for batch in batches if batch is not None]
 
     def _discard(self) -> None:
         for inbox, account in self.inputs:
-            inbox.discard(account)
+            self.guard.run(f"queue.{inbox.topic}", partial(inbox.discard, account))
+
+
+def hardware_id(model: RobotModel) -> str:
+    """Return type and serial number of the robot: what differs between two robots of a type."""
+    robot = model.robot
+    return " ".join(shown(part) for part in (robot.type, robot.serial) if part)

@@ -9,16 +9,18 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
-from pathlib import Path
 from typing import Any, cast
 
 import yaml
+
+from robot_energy.files.regular_file import read_regular_text
+from robot_energy.inputs.inputs_file import MAX_BYTES
 
 OPTION = "--params-file"
 KEY = "ros__parameters"
 
 
-def strangers(arguments: Sequence[str], node_name: str) -> list[str]:
+def files_without_section(arguments: Sequence[str], node_name: str) -> list[str]:
     """Return one sentence for every parameter file that has no section for a node.
 
     Files that cannot be read are left to ROS, which refuses them.
@@ -43,7 +45,7 @@ def strangers(arguments: Sequence[str], node_name: str) -> list[str]:
 def sections(path: str) -> Iterator[str]:
     """Yield the full names of the nodes that a parameter file is for, wildcards as they are."""
     try:
-        document = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+        document = yaml.safe_load(read_regular_text(path, MAX_BYTES))
     except (OSError, UnicodeDecodeError, yaml.YAMLError):
         return
     yield from _walk(document, "")

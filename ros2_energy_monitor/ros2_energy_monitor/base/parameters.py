@@ -20,10 +20,11 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
 from robot_energy.errors import ParameterError
-from robot_energy.ingest.meter_source import MeterInputs
-from robot_energy.ingest.parameters import Parameter, assemble, parameter
-from robot_energy.ingest.sources import JointStateInputs, TemperatureInputs
-from ros2_energy_monitor.parameter_files import strangers
+from robot_energy.inputs.meter.source import MeterInputs
+from robot_energy.inputs.parameters import Parameter, assemble, parameter, refuse_renamed
+from robot_energy.inputs.sources import JointStateInputs, TemperatureInputs
+from robot_energy.shown_text import shown_lines
+from ros2_energy_monitor.base.parameter_files import files_without_section
 
 __all__ = ["ParameterError", "declare", "parameter"]
 
@@ -96,17 +97,14 @@ class FrictionParameters(TemperatureInputs, Common):
 
 
 @dataclass(frozen=True, kw_only=True)
-class BooksParameters(MeterInputs, Common):
-    """What the nodes that keep the books share."""
+class AccountParameters(MeterInputs, Common):
+    """What the nodes that keep an energy account share."""
 
     power_rate: float = parameter(
         "Rate of energy/power, whose powers are means over its period [1/s].", 50.0, 0.1, 1000.0
     )
-    settle: float = parameter(
+    temperature_wait: float = parameter(
         "How long torque waits for a temperature that arrives late [s].", 0.1, 0.0, 10.0
-    )
-    meter_max_gap: float = parameter(
-        "Longest time between two meter readings that is bridged [s].", 2.0, 0.01, 3600.0
     )
     state_folder: str = parameter(
         "Folder that keeps the registers across restarts; $ROS_HOME is ~/.ros where it is not "
@@ -119,7 +117,7 @@ class BooksParameters(MeterInputs, Common):
 
 
 @dataclass(frozen=True, kw_only=True)
-class PowerParameters(BooksParameters):
+class PowerParameters(AccountParameters):
     """Parameters of the power monitor."""
 
     joint_torque_depth: int = parameter(
@@ -131,7 +129,7 @@ class PowerParameters(BooksParameters):
 
 
 @dataclass(frozen=True, kw_only=True)
-class EnergyParameters(TorqueParameters, FrictionParameters, BooksParameters):
+class EnergyParameters(TorqueParameters, FrictionParameters, AccountParameters):
     """Parameters of the energy monitor, the three monitors in one process."""
 
     publish_torque: bool = parameter(
@@ -191,9 +189,9 @@ def declare(node: Node, cls: type[P]) -> P:
         ParameterError: If a required parameter is missing, or a value has a wrong type or
             is out of its range.
     """
-    complaints = strangers(sys.argv, node.get_fully_qualified_name())
+    complaints = files_without_section(sys.argv, node.get_fully_qualified_name())
     for sentence in complaints:  # at once: it may be why a parameter is missing
-        node.get_logger().warning(sentence)
+        node.get_logger().warning(shown_lines(sentence))
     given = cast("dict[str, RosParameter]", getattr(node, "_parameter_overrides", {}))
     names: list[str] = []
 
@@ -202,18 +200,22 @@ def declare(node: Node, cls: type[P]) -> P:
         return _declare_one(node, entry, given)
 
     values = assemble(cls, value_of, node.get_name())
+    refuse_renamed(given, names, node.get_name())
     unknown = _unknown(node, given, names)
     if getattr(values, "strict_parameters", False) and (complaints or unknown):
         raise ParameterError([*complaints, *unknown][0])
     for sentence in unknown:
-        node.get_logger().warning(sentence)
+        node.get_logger().warning(shown_lines(sentence))
     return values
 
 
-def in_force(node: Node) -> str:
-    """Return every parameter of a node with its value, in one line for the log."""
+def parameter_lines(node: Node) -> list[str]:
+    """Return every parameter of a node with its value, one line for each group."""
     declared = cast("dict[str, RosParameter]", node.get_parameters_by_prefix(""))
-    return ", ".join(f"{name} {declared[name].value!r}" for name in sorted(declared))
+    groups: dict[str, list[str]] = {}
+    for name in sorted(declared):
+        groups.setdefault(name.rpartition(".")[0], []).append(f"{name} {declared[name].value!r}")
+    return [shown_lines(", ".join(entries)) for entries in groups.values()]
 
 
 def _declare_one(node: Node, entry: Parameter, given: dict[str, RosParameter]) -> Any:

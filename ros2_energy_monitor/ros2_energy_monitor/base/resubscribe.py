@@ -11,7 +11,7 @@ LONGEST = 120.0  # [s]
 AT_ONCE = 2.0  # data so soon after a trial are its success [s]
 
 
-class Revival:
+class ResubscribePolicy:
     """Decides for one subscription.
 
     Args:

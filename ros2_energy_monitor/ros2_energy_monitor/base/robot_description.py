@@ -8,10 +8,13 @@ from rclpy.node import Node
 from std_msgs.msg import String
 
 from robot_energy.errors import RobotEnergyError
-from robot_energy.model_file import RobotModel
-from robot_energy.robot import Robot
-from robot_energy.urdf_agreement import disagreements
-from ros2_energy_monitor.publishers import latched
+from robot_energy.model import RobotModel
+from robot_energy.physics.rigid_body import Robot
+from robot_energy.physics.urdf.compare import disagreements
+from robot_energy.shown_text import shown
+from ros2_energy_monitor.base.publishers import latched
+
+MAX_FOUND = 20  # disagreements that are named
 
 
 class AwaitedDescription:
@@ -95,7 +98,7 @@ class ComparedDescription:
 
     def _take(self, message: String) -> None:
         try:
-            found = disagreements(self._model, message.data)
+            found = [shown(one) for one in disagreements(self._model, message.data)[:MAX_FOUND]]
         except RobotEnergyError as error:
             found = [f"it cannot be read: {str(error).rstrip('.')}"]
         self._complaint = ""

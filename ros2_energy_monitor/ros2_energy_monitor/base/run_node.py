@@ -18,7 +18,9 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from robot_energy.errors import RobotEnergyError
-from ros2_energy_monitor.shared_memory import clear_ports
+from robot_energy.kinds import load_kinds
+from ros2_energy_monitor.base.guard import Guard
+from ros2_energy_monitor.base.shared_memory import clear_ports
 
 EXIT_BAD_SETUP = 2
 PATIENCE = 0.2  # longest time until a signal is noticed [s]
@@ -85,9 +87,17 @@ def spin(node: Node, context: Context, stopped: Callable[[], bool]) -> None:
     """
     executor = SingleThreadedExecutor(context=context)
     executor.add_node(node)
+    guard: Guard | None = getattr(node, "guard", None)
     try:
         while context.ok() and not stopped():
-            executor.spin_once(timeout_sec=PATIENCE)
+            try:
+                executor.spin_once(timeout_sec=PATIENCE)
+            except (ExternalShutdownException, InvalidHandle):
+                raise
+            except Exception as error:  # of rclpy itself: callbacks are guarded on their own
+                if guard is None:
+                    raise
+                guard.note("executor", error)
     except (ExternalShutdownException, InvalidHandle):
         if context.ok():
             raise
@@ -111,6 +121,7 @@ def run(make_node: Callable[..., Node], args: Sequence[str] | None = None) -> in
     name = getattr(make_node, "NAME", "robot_energy")
     try:
         with ros(args) as context:
+            load_kinds()
             for sentence in clear_ports():
                 get_logger(name).warning(sentence)
             node = make_node(context=context)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from robot_energy.blocks import EffortMeaning
 from robot_energy.pipeline import Settings
-from ros2_energy_monitor.node_parameters import (
+from ros2_energy_monitor.base.parameters import (
     Common,
     EnergyParameters,
     PowerParameters,
@@ -27,12 +27,12 @@ def settings_of(parameters: Common) -> Settings:
             settings,
             derivative_window=parameters.derivative_window,
             derivative_lag=None if lag < 0 else lag,
-            effort=EffortMeaning(parameters.effort),
+            effort=EffortMeaning(parameters.joint_states.effort_meaning),
         )
     if isinstance(parameters, PowerParameters | EnergyParameters):
         settings = replace(
             settings,
-            settle=parameters.settle,
+            temperature_wait=parameters.temperature_wait,
             power_period=1.0 / parameters.power_rate,
             meter_max_gap=parameters.meter_max_gap,
         ).with_meter(*parameters.meter.limits)

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import os
 import re
+import stat
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -51,10 +52,17 @@ def _half_made(folder: Path) -> Iterator[Path]:
         return
     for path in sorted(paths):
         try:
-            with path.open("rb") as file:
-                word = file.read(4)
-        except OSError:  # gone, or of another user
+            number = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
+        except OSError:  # gone, of another user, or a link
             continue
+        try:
+            if not stat.S_ISREG(os.fstat(number).st_mode):
+                continue  # no port: a pipe or a folder that has the name of one
+            word = os.read(number, 4)
+        except OSError:
+            continue
+        finally:
+            os.close(number)
         if int.from_bytes(word, "little") != READY:
             yield path
 

@@ -11,7 +11,7 @@ from pathlib import Path
 STATM = Path("/proc/self/statm")  # Linux
 
 
-class Tempo:
+class TickStatistics:
     """Collects the ticks between two reports.
 
     Args:

@@ -17,10 +17,10 @@ from pathlib import Path
 from rclpy.executors import SingleThreadedExecutor
 
 from robot_energy.errors import RobotEnergyError
-from ros2_energy_monitor.console import Console
-from ros2_energy_monitor.demo_replay import show_bags
-from ros2_energy_monitor.processes import Children
-from ros2_energy_monitor.shell import StopSignal, ros
+from ros2_energy_monitor.base.run_node import StopSignal, ros
+from ros2_energy_monitor.demo.demo_replay import show_bags
+from ros2_energy_monitor.demo.processes import NodeProcesses
+from ros2_energy_monitor.nodes.console import Console
 
 MODEL = "kr16"
 MONITORS = ("torque_monitor", "friction_monitor", "power_monitor")
@@ -46,7 +46,7 @@ def live(seconds: float, folder: Path, stop: StopSignal) -> bool:
     }
     os.environ.update(environment)
     print(f"Live for {seconds:g} s: a virtual robot that warms up, not a real one", flush=True)
-    with Children(folder, dict(os.environ)) as children:
+    with NodeProcesses(folder, dict(os.environ)) as children:
         children.start("virtual_robot", thermal_speedup=min(WARM_UP / seconds, FASTEST))
         for name in MONITORS:
             keep_nothing = {"state_folder": "''"} if name == "power_monitor" else {}
@@ -70,7 +70,7 @@ def live(seconds: float, folder: Path, stop: StopSignal) -> bool:
         return _verdict(children, started=end is not None, stopped=stop.received)
 
 
-def _verdict(children: Children, *, started: bool, stopped: bool) -> bool:
+def _verdict(children: NodeProcesses, *, started: bool, stopped: bool) -> bool:
     """Stop the nodes and say what went wrong, if anything did."""
     early = [] if stopped else children.ended()
     codes = children.stop()

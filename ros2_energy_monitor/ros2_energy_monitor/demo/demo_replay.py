@@ -6,13 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rich.console import Console as Terminal
-from rich.table import Table
-from rich.text import Text
 
+from robot_energy.bag_replay import Replay, replay
 from robot_energy.errors import BagError
-from robot_energy.friction import with_fixed_friction
-from robot_energy.model_file import RobotModel, load
-from robot_energy.replay import Replay, replay
+from robot_energy.model import RobotModel, load
+from robot_energy.physics.friction import with_fixed_friction
+from robot_energy.report.printing import table
 
 COLD_DEGC, WARM_DEGC = 22.0, 60.0  # where a fixed model would have been identified
 BAGS = {"kr16_cold": WARM_DEGC, "kr16_warm": COLD_DEGC}  # the fixed model in its figure
@@ -63,22 +62,25 @@ def show_bags(bags: Path, out: Path, model_name: str) -> list[Row]:
     model = load(model_name)
     out.mkdir(parents=True, exist_ok=True)
     rows = [_row(bags / name, model, out) for name in BAGS]
-    table = Table(title="Energy from the grid, recorded bags of the virtual rig")
-    for heading in ("bag", "measured [Wh]", "friction", "predicted [Wh]", "error"):
-        table.add_column(Text(heading), justify="left" if heading == "bag" else "right")
-    for row in rows:
-        for kind, energy in (
-            ("follows temperature", row.aware),
-            *((f"fixed at {degc:g} degC", energy) for degc, energy in row.fixed.items()),
-        ):
-            table.add_row(
+    table(
+        Terminal(),
+        "Energy from the grid, recorded bags of the virtual rig",
+        ("bag", "measured [Wh]", "friction", "predicted [Wh]", "error"),
+        [
+            (
                 row.bag,
                 f"{row.measured / JOULE_PER_WH:.2f}",
                 kind,
                 f"{energy / JOULE_PER_WH:.2f}",
                 f"{100.0 * (energy / row.measured - 1.0):+.1f} %",
             )
-    Terminal().print(table)
+            for row in rows
+            for kind, energy in (
+                ("follows temperature", row.aware),
+                *((f"fixed at {degc:g} degC", energy) for degc, energy in row.fixed.items()),
+            )
+        ],
+    )
     for row in rows:
         print(f"figure: {row.figure}", flush=True)
     return rows
@@ -89,9 +91,9 @@ def _row(bag: Path, model: RobotModel, out: Path) -> Row:
     from robot_energy.report.power_figure import power_and_energy
     from robot_energy.report.series import compared_series
 
-    first = replay(bag, model, keep_means=True)
+    first = replay(bag, model, keep_curves=True)
     fixed = {
-        degc: replay(bag, with_fixed_friction(model, degc), keep_means=True)
+        degc: replay(bag, with_fixed_friction(model, degc), keep_curves=True)
         for degc in (COLD_DEGC, WARM_DEGC)
     }
     shown = BAGS[bag.name]

@@ -24,11 +24,11 @@ from ros2_energy_msgs.msg import EnergyRegisters
 
 from robot_energy.bag import BagReader
 from robot_energy.errors import ReportError, RobotEnergyError
-from ros2_energy_monitor.player import LEAD, Player, pausing
-from ros2_energy_monitor.processes import Children
-from ros2_energy_monitor.publishers import reliable
-from ros2_energy_monitor.shared_memory import clear_ports
-from ros2_energy_monitor.shell import StopSignal, ros
+from ros2_energy_monitor.base.publishers import reliable
+from ros2_energy_monitor.base.run_node import StopSignal, ros
+from ros2_energy_monitor.base.shared_memory import clear_ports
+from ros2_energy_monitor.demo.processes import NodeProcesses
+from ros2_energy_monitor.nodes.player import LEAD, Player, pausing
 
 MODEL = "follows"  # of the study: friction follows temperature, plain as in the paper
 TOPICS = ("/joint_states", "/motor_temperatures", "/power_meter")
@@ -105,8 +105,10 @@ def live_energies(
     Returns:
         None if nothing was published, or it was stopped.
     """
-    with ros([]) as context, Children(log, dict(os.environ)) as children:
-        children.start("torque_monitor", model=model, effort="motor_torque")
+    with ros([]) as context, NodeProcesses(log, dict(os.environ)) as children:
+        children.start(
+            "torque_monitor", model=model, **{"joint_states.effort_meaning": "motor_torque"}
+        )
         children.start("friction_monitor", model=model)
         children.start("power_monitor", model=model, state_folder="''")
         node = rclpy.create_node("live_study", context=context)
@@ -171,6 +173,8 @@ def main(args: Sequence[str] | None = None) -> int:
     os.environ["ROS_DOMAIN_ID"] = str(os.getpid() % 100 + 1)
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     stop = StopSignal()
+    study: Path = options.study.resolve()
+    log = study.with_name(f"{study.name}_log")  # beside the study, which stays what it is
     try:
         studied = read_study(options.study)
         for sentence in clear_ports():
@@ -179,9 +183,7 @@ def main(args: Sequence[str] | None = None) -> int:
         print("recording                  degC    replay   three nodes", flush=True)
         agree = True
         for one in studied:
-            found = live_energies(
-                one, options.study / "identified.yaml", options.rate, options.study / "log", stop
-            )
+            found = live_energies(one, options.study / "identified.yaml", options.rate, log, stop)
             if stop.received:
                 print("interrupted; all nodes are stopped", flush=True)
                 return 130

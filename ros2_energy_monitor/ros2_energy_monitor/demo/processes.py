@@ -15,7 +15,7 @@ PR_SET_PDEATHSIG = 1
 GRACE = 5.0  # time to end after SIGINT, before SIGKILL [s]
 
 
-class Children:
+class NodeProcesses:
     """Starts nodes of this package and stops them at the end of the `with` block.
 
     Args:
@@ -40,7 +40,7 @@ class Children:
         options = ["--ros-args", *(word for pair in words for word in ("-p", pair))]
         with self.log(name).open("wb") as log:
             self._running[name] = subprocess.Popen(
-                [sys.executable, "-m", f"ros2_energy_monitor.{name}", *options],
+                [sys.executable, "-m", "ros2_energy_monitor", name, *options],
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=subprocess.STDOUT,

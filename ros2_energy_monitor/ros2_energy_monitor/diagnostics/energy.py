@@ -5,38 +5,52 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 
+from robot_energy.accounting.account import EnergyAccount
 from robot_energy.blocks import Quality
-from robot_energy.ingest import Accounting, JointStateIngest, MeterIngest, TemperatureIngest
-from robot_energy.ingest.sources import INTERFACE_NAMES
-from robot_energy.model_file import RobotModel
-from robot_energy.pipeline import FrictionStage, Ledger
-from robot_energy.pipeline.temperature_watch import TemperatureWatch
-from ros2_energy_monitor.drain import Inbox
-from ros2_energy_monitor.findings import ERROR, STALE, WARN, Findings, Number, Source
-from ros2_energy_monitor.input_watch import InputWatch, accounting
-from ros2_energy_monitor.time_watch import TimeWatch
+from robot_energy.inputs.joint_states.joint_states import JointStateIngest
+from robot_energy.inputs.meter.meter import MeterIngest
+from robot_energy.inputs.rejection_log import RejectionLog
+from robot_energy.inputs.temperatures.kinds import INTERFACE_NAMES
+from robot_energy.inputs.temperatures.stuck import StuckTemperatureDetector
+from robot_energy.inputs.temperatures.temperatures import TemperatureIngest
+from robot_energy.model import RobotModel
+from robot_energy.pipeline import FrictionStage
+from robot_energy.pipeline.fallback_use import FallbackUse
+from robot_energy.timeline.epochs import EpochSplitter
+from robot_energy.timeline.streams import sentence_of
+from ros2_energy_monitor.base.inbox import Inbox
+from ros2_energy_monitor.diagnostics.inputs import InputWatch, accounting
+from ros2_energy_monitor.diagnostics.reporter import (
+    ERROR,
+    STALE,
+    WARN,
+    Number,
+    Source,
+    StatusBuilder,
+)
+from ros2_energy_monitor.diagnostics.time import TimeWatch
 
 RECENT = 10.0  # a finding of joint states that was true this long ago still shows [s]
 
 
 def joint_state_source(inboxes: list[Inbox], ingest: JointStateIngest, timeout: float) -> Source:
-    """Judge joint states; the topics share one account, which is shown with the first."""
-    accounts = [ingest.account, *(Accounting() for _ in inboxes[1:])]
+    """Check joint states; the topics share one account, which is shown with the first."""
+    accounts = [ingest.account, *(RejectionLog() for _ in inboxes[1:])]
     watches = [
         InputWatch("joint state", inbox, account, timeout)
         for inbox, account in zip(inboxes, accounts, strict=True)
     ]
     topics = ", ".join(inbox.topic for inbox in inboxes)
 
-    def findings() -> Findings:
-        found = Findings("joint states")
+    def findings() -> StatusBuilder:
+        found = StatusBuilder("joint states")
         missing = ", ".join(sorted(ingest.missing_joints))
         if missing and not ingest.samples:
             found.add(ERROR, f"the joint names of {topics} lack {missing}")
         for finding in ingest.findings(RECENT):
             found.add(ERROR if finding.severe else WARN, finding.sentence)
         for number, (inbox, watch) in enumerate(zip(inboxes, watches, strict=True)):
-            watch.judge(found, f"{inbox.topic}." if number else "")
+            watch.check(found, f"{inbox.topic}." if number else "")
         found.values |= {
             "gaps": ingest.order.gaps,
             "backward_jumps": ingest.order.jumps,
@@ -45,13 +59,13 @@ def joint_state_source(inboxes: list[Inbox], ingest: JointStateIngest, timeout: 
             "joints_ignored": len(ingest.ignored_joints),
             **{f"age.{name}": age for name, age in ingest.ages.items()},
         }
-        found.remarks += strangers(topics, ingest.ignored_joints)
+        found.remarks += unknown_joints(topics, ingest.ignored_joints)
         return found
 
     return findings
 
 
-def strangers(topics: str, names: Iterable[str]) -> list[str]:
+def unknown_joints(topics: str, names: Iterable[str]) -> list[str]:
     """Name joints that a topic brings and the model does not know, one sentence each."""
     return [
         f"{topics} also names '{name}', which the model does not know: ignored"
@@ -60,12 +74,24 @@ def strangers(topics: str, names: Iterable[str]) -> list[str]:
 
 
 def temperature_source(
-    inboxes: list[Inbox], ingest: TemperatureIngest, stage: FrictionStage, model: RobotModel
+    inboxes: list[Inbox],
+    ingest: TemperatureIngest,
+    stage: FrictionStage,
+    model: RobotModel,
+    newest_ns: Callable[[], int | None] = lambda: None,
 ) -> Source:
-    """Judge motor temperatures and the friction that follows from them."""
+    """Check motor temperatures and the friction that follows from them.
 
-    def findings() -> Findings:
-        found = Findings("motor temperatures")
+    Args:
+        inboxes: Where they arrive.
+        ingest: What became of them.
+        stage: The friction that follows.
+        model: The robot's model.
+        newest_ns: Gives the newest stamp of the joint states, where they are known. [ns]
+    """
+
+    def findings() -> StatusBuilder:
+        found = StatusBuilder("motor temperatures")
         ages = [inbox.age for inbox in inboxes if inbox.received]
         topics = ", ".join(inbox.topic for inbox in inboxes) or "any topic"
         silent = [
@@ -86,8 +112,8 @@ def temperature_source(
             **{f"readings_{key}": value for key, value in _readings(stage).items()},
             **{f"motor_temperature_degc.{name}": value for name, value in degc.items()},
         }
-        found.remarks += strangers(topics, ingest.ignored_joints)
-        for doubt in ingest.doubts:
+        found.remarks += unknown_joints(topics, ingest.ignored_joints)
+        for doubt in (*ingest.doubts, *ingest.clock_doubts(newest_ns(), RECENT)):
             found.add(WARN, doubt)
         if unknown and ingest.account.rejected and not ingest.account.accepted:
             worst = ingest.account.rejected.most_common(1)[0][0]
@@ -110,10 +136,12 @@ def temperature_source(
     return findings
 
 
-def stuck_temperatures(watch: TemperatureWatch, model: RobotModel) -> Callable[[Findings], None]:
-    """Judge whether the temperatures follow the losses of the motors."""
+def stuck_temperatures(
+    watch: StuckTemperatureDetector, model: RobotModel
+) -> Callable[[StatusBuilder], None]:
+    """Check whether the temperatures follow the losses of the motors."""
 
-    def judge(found: Findings) -> None:
+    def check(found: StatusBuilder) -> None:
         stuck = [name for name, is_so in zip(model.joint_names, watch.stuck, strict=True) if is_so]
         found.values["temperatures_stuck"] = len(stuck)
         if stuck:
@@ -123,24 +151,46 @@ def stuck_temperatures(watch: TemperatureWatch, model: RobotModel) -> Callable[[
                 f"losses must have warmed it by {watch.rise.max():.0f} K",
             )
 
-    return judge
+    return check
+
+
+def fallback_temperatures(use: FallbackUse) -> Callable[[StatusBuilder], None]:
+    """Check whether samples had to do without temperatures that do arrive."""
+    before = 0
+
+    def check(found: StatusBuilder) -> None:
+        nonlocal before
+        count = use.missing + use.stale
+        found.values["fallback_temperature_samples"] = count
+        if count > before and use.of_another_time:
+            found.add(WARN, use.sentence)
+        before = count
+
+    return check
+
+
+def stray_stamps(epochs: EpochSplitter, what: str, found: StatusBuilder) -> None:
+    """Check the stamps of a stream of messages."""
+    sentence = sentence_of(epochs, what, within=RECENT)
+    if sentence:
+        found.add(WARN, sentence)
 
 
 def energy_source(
-    ledger: Ledger,
+    ledger: EnergyAccount,
     meter: Sequence[Inbox],
     readings: MeterIngest,
     meter_timeout: float,
-    *inputs: Callable[[Findings], None],
+    *inputs: Callable[[StatusBuilder], None],
 ) -> Source:
-    """Judge the books and the meter.
+    """Check the energy account and the meter.
 
     Args:
-        ledger: The books.
+        ledger: The energy account.
         meter: Where meter readings arrive: one topic, voltage and current, or none.
         readings: What became of them.
         meter_timeout: Silence beyond which the meter counts as missing. [s]
-        inputs: Each judges another input of the node.
+        inputs: Each checks another input of the node.
     """
     names = ("meter_voltage_", "meter_current_") if len(meter) > 1 else ("meter_",)
     watches = [
@@ -150,17 +200,17 @@ def energy_source(
 
     watch_of_time = TimeWatch()
 
-    def findings() -> Findings:
-        found = Findings("energy")
-        for judge in inputs:
-            judge(found)
-        wrong = watch_of_time.judge(ledger.registers.time)
+    def findings() -> StatusBuilder:
+        found = StatusBuilder("energy")
+        for check in inputs:
+            check(found)
+        wrong = watch_of_time.check(ledger.registers.time)
         if wrong:
             found.add(ERROR, wrong)
         for name, watch in watches:
-            watch.judge(found, name)
+            watch.check(found, name)
         time, comparison = ledger.registers.time, ledger.comparison
-        residual = comparison.measured_energy - comparison.predicted_energy
+        residual = comparison.predicted_energy - comparison.measured_energy
         measured = comparison.measured_energy
         found.values |= {
             "coverage": time.coverage,
@@ -169,7 +219,7 @@ def energy_source(
             "gaps": time.gap_count,
             "comparison_time": comparison.compared_ns * 1e-9,
             "residual_energy": residual if comparison.compared_ns else math.nan,
-            "residual_share": residual / measured if measured else math.nan,
+            "residual_share": residual / abs(measured) if measured else math.nan,
             "residual_share_last_minute": ledger.judgement.residual_share,
             "meter_counter_resets": comparison.curve.counter.resets,
             "meter_counter_wraps": comparison.curve.counter.wraps,
@@ -185,14 +235,14 @@ def energy_source(
             found.add(
                 WARN, f"the power of {ledger.quality[Quality.NOT_FINITE]} samples is not finite"
             )
-        for sentence in ledger.judgement.findings(comparison):
+        for sentence in ledger.judgement.findings(comparison) + readings.clock_doubts(RECENT):
             found.add(WARN, sentence)
         return found
 
     return findings
 
 
-def _share(ledger: Ledger, bit: Quality) -> float:
+def _share(ledger: EnergyAccount, bit: Quality) -> float:
     return ledger.quality[bit] / ledger.samples if ledger.samples else math.nan
 
 

@@ -1,15 +1,17 @@
-"""Judges one input: is it there, is it fresh, is it whole, is it accepted."""
+"""Checks one input: is it there, is it fresh, is it whole, is it accepted."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from robot_energy.comparison import MeterCurve
-from robot_energy.ingest import Accounting
-from ros2_energy_monitor.drain import Inbox
-from ros2_energy_monitor.findings import ERROR, STALE, WARN, Findings, Number
+from robot_energy.inputs.meter.power_curve import MeterCurve
+from robot_energy.inputs.rejection_log import RejectionLog
+from ros2_energy_monitor.base.inbox import INACTIVE, Inbox
+from ros2_energy_monitor.diagnostics.reporter import ERROR, STALE, WARN, Number, StatusBuilder
 
+ALONE = "prediction only"  # what is left without the input
+ABSENT_REPORTS = 5  # one a second: discovery takes less, so an input absent so long is absent
 REJECTED_SHARE = 0.01  # more than this of the messages of one second is worth a warning
 
 
@@ -21,32 +23,37 @@ class _Counts:
     rejected: Mapping[str, int] = field(default_factory=lambda: dict[str, int]())
     overflows: int = 0
     lost: int = 0
-    misfits: int = 0
+    mismatches: int = 0
 
 
 class InputWatch:
-    """Judges one input.
+    """Checks one input.
 
     Args:
         what: What the input brings, such as ``joint state``.
         inbox: Where it arrives.
         account: What became of it.
         timeout: Silence beyond which it counts as missing. [s]
-        needed: Whether its absence from the start is an error.
+        needed: Whether its absence from the start is an error; else it is a note.
     """
 
     def __init__(
-        self, what: str, inbox: Inbox, account: Accounting, timeout: float, needed: bool = True
+        self, what: str, inbox: Inbox, account: RejectionLog, timeout: float, needed: bool = True
     ) -> None:
         self._what, self._inbox, self._account = what, inbox, account
         self._timeout, self._needed = timeout, needed
         self._before = _Counts()
+        self._absent = 0  # reports since the start without a publisher
 
-    def judge(self, found: Findings, prefix: str = "") -> None:
+    def check(self, found: StatusBuilder, prefix: str = "") -> None:
         """Add the key values of the input and what is wrong with it."""
         inbox, account, before = self._inbox, self._account, self._before
         after = _Counts(
-            account.received, dict(account.rejected), inbox.overflows, inbox.lost, inbox.misfits
+            account.received,
+            dict(account.rejected),
+            inbox.overflows,
+            inbox.lost,
+            inbox.mismatches,
         )
         self._before = after
         found.values |= {
@@ -58,7 +65,7 @@ class InputWatch:
             f"{prefix}subscription_renewals": inbox.renewals,
         }
         self._presence(found)
-        self._suppliers(found, prefix, changed=after.misfits != before.misfits)
+        self._report_publishers(found, prefix, changed=after.mismatches != before.mismatches)
         self._rejected(found, before, after)
         if after.lost > before.lost:
             full = " as the queue was full" if after.overflows > before.overflows else ""
@@ -68,32 +75,48 @@ class InputWatch:
                 f"the last second{full}",
             )
 
-    def _presence(self, found: Findings) -> None:
+    def _presence(self, found: StatusBuilder) -> None:
         inbox = self._inbox
         if inbox.received and inbox.age > self._timeout:
             found.add(STALE, f"no {self._what} for {inbox.age:.1f} s on {inbox.topic}")
-        elif not inbox.received and self._needed:
+        elif not inbox.received:
             publishers = inbox.publishers
-            found.add(
-                ERROR,
+            missing = (
                 f"no {self._what} has arrived on {inbox.topic}, which has "
-                f"{publishers or 'no'} publisher{'s' if publishers > 1 else ''}",
+                f"{publishers or 'no'} publisher{'s' if publishers > 1 else ''}"
             )
+            if self._needed:
+                found.add(ERROR, missing)
+            elif publishers:
+                found.notes.append(f"{missing}: {ALONE}")
+            else:
+                self._without(found)
 
-    def _suppliers(self, found: Findings, prefix: str, *, changed: bool) -> None:
+    def _without(self, found: StatusBuilder) -> None:
+        """Say that an input that is not needed has no publisher; in the log, once it is sure."""
+        sentence = f"no publisher on {self._inbox.topic}: {ALONE}"
+        found.notes.append(sentence)
+        self._absent += 1
+        if self._absent >= ABSENT_REPORTS:
+            found.remarks.append(sentence)
+
+    def _report_publishers(self, found: StatusBuilder, prefix: str, *, changed: bool) -> None:
         """Name the publishers if there are several, and those that nothing arrives from."""
-        suppliers = self._inbox.suppliers
-        suppliers.look(now=changed)
-        if suppliers.names.total() > 1:
-            found.values |= {f"{prefix}publisher.{name}": n for name, n in suppliers.names.items()}
-        for complaint in suppliers.complaints:
+        topic_publishers = self._inbox.topic_publishers
+        topic_publishers.look(now=changed)
+        if topic_publishers.names.total() > 1:
+            found.values |= {
+                f"{prefix}publisher.{name}": n for name, n in topic_publishers.names.items()
+            }
+        for complaint in topic_publishers.complaints:
             found.add(WARN if self._inbox.publishers else ERROR, complaint)
 
-    def _rejected(self, found: Findings, before: _Counts, after: _Counts) -> None:
+    def _rejected(self, found: StatusBuilder, before: _Counts, after: _Counts) -> None:
         new = after.received - before.received
         reasons = {
             reason: count - before.rejected.get(reason, 0)
             for reason, count in after.rejected.items()
+            if reason != INACTIVE  # as asked for
         }
         if new and sum(reasons.values()) > REJECTED_SHARE * new:
             worst = max(reasons, key=lambda reason: reasons[reason])
@@ -104,10 +127,11 @@ class InputWatch:
             )
 
 
-def accounting(account: Accounting | MeterCurve, prefix: str = "") -> dict[str, Number]:
-    """Return received, accepted and rejected messages by reason."""
+def accounting(account: RejectionLog | MeterCurve, prefix: str = "") -> dict[str, Number]:
+    """Return received messages, and what sums to them: accepted, waiting, rejected by reason."""
     return {
         f"{prefix}received": account.received,
         f"{prefix}accepted": account.accepted,
+        f"{prefix}waiting": account.waiting if isinstance(account, RejectionLog) else 0,
         **{f"{prefix}rejected.{reason}": count for reason, count in account.rejected.items()},
     }

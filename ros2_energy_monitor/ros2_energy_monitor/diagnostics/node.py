@@ -1,4 +1,4 @@
-"""Judges the node itself: state, pace, memory, clock, name, and whether its accounts add up."""
+"""Checks the node itself: state, pace, memory, clock, name, and whether its accounts add up."""
 
 from __future__ import annotations
 
@@ -6,52 +6,67 @@ import time
 from collections.abc import Iterable
 
 from lifecycle_msgs.msg import State
-from rclpy.lifecycle import LifecycleNode
 
-from robot_energy.ingest import Accounting
-from ros2_energy_monitor.drain import Inbox
-from ros2_energy_monitor.findings import ERROR, WARN, Findings
-from ros2_energy_monitor.suppliers import LOOK_PERIOD
-from ros2_energy_monitor.tempo import Tempo, resident_memory
+from robot_energy.inputs.rejection_log import RejectionLog
+from robot_energy.timeline.stamps import RANGE
+from ros2_energy_monitor.base.inbox import Inbox
+from ros2_energy_monitor.base.lifecycle import ManagedNode
+from ros2_energy_monitor.base.tick_statistics import TickStatistics, resident_memory
+from ros2_energy_monitor.diagnostics.reporter import ERROR, WARN, StatusBuilder
+from ros2_energy_monitor.diagnostics.topic_publishers import LOOK_PERIOD
 
 BUSY = 0.8  # share of the time beyond which a node will soon not keep up
 
 
 class NodeWatch:
-    """Judges one node.
+    """Checks one node.
 
     Args:
         node: The node.
-        tempo: Pace of its ticks.
+        tick_statistics: Pace of its ticks.
         unique_topic: Topic that only one node may publish; empty for none.
     """
 
-    def __init__(self, node: LifecycleNode, tempo: Tempo, unique_topic: str = "") -> None:
-        self._node, self._tempo, self._topic = node, tempo, unique_topic
+    def __init__(
+        self, node: ManagedNode, tick_statistics: TickStatistics, unique_topic: str = ""
+    ) -> None:
+        self._node, self._tick_statistics, self._topic = node, tick_statistics, unique_topic
         self._looked: float | None = None
         self._twins: list[str] = []
+        self._bad_clocks = 0
 
-    def judge(
-        self, inputs: Iterable[tuple[Inbox, Accounting]], warnings: Iterable[str] = ()
-    ) -> Findings:
+    def check(
+        self, inputs: Iterable[tuple[Inbox, RejectionLog]], warnings: Iterable[str] = ()
+    ) -> StatusBuilder:
         """Return the status of the node.
 
         Args:
             inputs: Every inbox with the account of its messages.
             warnings: What else is to be said.
         """
-        found = Findings("node")
+        found = StatusBuilder("node")
         number, label = self._node._state_machine.current_state
-        pace = self._tempo.take()
-        found.values |= {"lifecycle_state": number, **pace, "memory": resident_memory()}
+        pace = self._tick_statistics.take()
+        self._node.guard.check(found)
+        found.values |= {
+            "lifecycle_state": label,
+            **pace,
+            "memory_mb": resident_memory() * 1e-6,
+        }
         for sentence in unbalanced(inputs):
             found.add(ERROR, sentence)
         for sentence in warnings:
             found.add(WARN, sentence)
-        if number != State.PRIMARY_STATE_ACTIVE:
-            found.add(WARN, f"the node is {label}: nothing is counted or published")
+        resting = f"the node is {label}: nothing is counted or published"
+        if number == State.PRIMARY_STATE_INACTIVE:  # as asked for
+            found.notes.append(resting)
+        elif number != State.PRIMARY_STATE_ACTIVE:
+            found.add(WARN, resting)
         if pace["busy_share"] > BUSY:
             found.add(WARN, f"ticks take {pace['busy_share']:.0%} of the time")
+        if self._node.bad_clocks > self._bad_clocks:
+            new, self._bad_clocks = self._node.bad_clocks - self._bad_clocks, self._node.bad_clocks
+            found.add(WARN, f"{new} times on /clock were left out: not {RANGE}")
         if not self._node.get_clock().now().nanoseconds:
             found.add(WARN, "use_sim_time is on and /clock is silent: waiting for clock")
         for sentence in self._look():
@@ -78,13 +93,13 @@ class NodeWatch:
         return self._twins
 
 
-def unbalanced(inputs: Iterable[tuple[Inbox, Accounting]]) -> list[str]:
+def unbalanced(inputs: Iterable[tuple[Inbox, RejectionLog]]) -> list[str]:
     """Return one sentence for each account that does not add up; there must never be one.
 
     Args:
         inputs: Every inbox with its account; several inboxes may share one.
     """
-    accounts: dict[int, tuple[Accounting, list[Inbox]]] = {}
+    accounts: dict[int, tuple[RejectionLog, list[Inbox]]] = {}
     for inbox, account in inputs:
         accounts.setdefault(id(account), (account, []))[1].append(inbox)
     sentences: list[str] = []

@@ -1,7 +1,8 @@
 """What the monitors say about themselves on ``/diagnostics``, once a second.
 
-Every status has numeric key values and one sentence that tells all that is wrong, the
-worst first, or that all is well. The worst finding decides the level.
+Every status has key values, most of them numbers, and one sentence that says all that is wrong, the
+worst first; else what is worth knowing though nothing is wrong, or that all is well. The
+worst finding decides the level.
 """
 
 from __future__ import annotations
@@ -12,7 +13,11 @@ from dataclasses import dataclass, field
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
+from robot_energy.shown_text import MAX_LINE, shown, shown_lines
+from robot_energy.timeline.stamps import SECOND_NS, bounded
+
 Number = float | int
+Value = Number | str
 OK, WARN, ERROR, STALE = (
     DiagnosticStatus.OK,
     DiagnosticStatus.WARN,
@@ -20,22 +25,25 @@ OK, WARN, ERROR, STALE = (
     DiagnosticStatus.STALE,
 )
 MOST_REMARKS = 100  # kept, so that a topic of ever new names cannot fill the memory
+ALL_IS_WELL = "all is well"
 SEVERITY = {OK: 0, WARN: 1, STALE: 2, ERROR: 3}
 
 
 @dataclass
-class Findings:
+class StatusBuilder:
     """What one status collects.
 
     Attributes:
         name: What the status is about.
-        values: Numeric key values.
-        remarks: Sentences for the log, each said once in the life of the node.
+        values: Key values.
+        remarks: Sentences for the log, each logged once in the life of the node.
+        notes: What to know though nothing is wrong, one sentence each; shown at level OK.
     """
 
     name: str
-    values: dict[str, Number] = field(default_factory=lambda: dict[str, Number]())
+    values: dict[str, Value] = field(default_factory=lambda: dict[str, Value]())
     remarks: list[str] = field(default_factory=lambda: list[str]())
+    notes: list[str] = field(default_factory=lambda: list[str]())
     _found: list[tuple[bytes, str]] = field(default_factory=lambda: list[tuple[bytes, str]]())
 
     def add(self, level: bytes, message: str) -> None:
@@ -51,14 +59,15 @@ class Findings:
     def message(self) -> str:
         """All that is wrong in one sentence, the worst first."""
         worst_first = sorted(self._found, key=lambda one: -SEVERITY[one[0]])
-        return "; ".join(message for _, message in worst_first) or "all is well"
+        wrong = [message for _, message in worst_first]
+        return "; ".join(wrong or self.notes) or ALL_IS_WELL
 
     def __len__(self) -> int:
         """Return how many things are wrong."""
         return len(self._found)
 
 
-Source = Callable[[], Findings]
+Source = Callable[[], StatusBuilder]
 
 
 class Reporter:
@@ -71,36 +80,37 @@ class Reporter:
     def __init__(self, node: Node) -> None:
         self._node = node
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
-        self._said: set[str] = set()
+        self._logged: set[str] = set()
 
-    def publish(self, statuses: list[Findings], model_id: str) -> None:
+    def publish(self, statuses: list[StatusBuilder], hardware_id: str) -> None:
         """Publish the statuses, and log the remarks that are new.
 
         Args:
             statuses: What was found, by subject.
-            model_id: Identity of the model, which becomes the hardware id; empty for none.
+            hardware_id: Type and serial number of the robot; empty for none.
         """
         message = DiagnosticArray()
-        message.header.stamp = self._node.get_clock().now().to_msg()
-        message.status = [self._status(found, model_id) for found in statuses]
+        now = bounded(self._node.get_clock().now().nanoseconds)
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(now, SECOND_NS)
+        message.status = [self._status(found, hardware_id) for found in statuses]
         self._publisher.publish(message)
         for remark in (remark for found in statuses for remark in found.remarks):
-            if remark not in self._said and len(self._said) < MOST_REMARKS:
-                self._said.add(remark)
-                self._node.get_logger().info(remark)
+            if remark not in self._logged and len(self._logged) < MOST_REMARKS:
+                self._logged.add(remark)
+                self._node.get_logger().info(shown_lines(remark))
 
-    def _status(self, found: Findings, model_id: str) -> DiagnosticStatus:
+    def _status(self, found: StatusBuilder, hardware_id: str) -> DiagnosticStatus:
         return DiagnosticStatus(
             level=found.level,
             name=f"{self._node.get_fully_qualified_name().lstrip('/')}: {found.name}",
-            message=found.message,
-            hardware_id=model_id,
+            message=shown(found.message, MAX_LINE),
+            hardware_id=hardware_id,
             values=[
-                KeyValue(key=key, value=_text(value))
+                KeyValue(key=shown(key), value=_text(value))
                 for key, value in {**found.values, "findings": len(found)}.items()
             ],
         )
 
 
-def _text(value: Number) -> str:
-    return str(value) if isinstance(value, int) else f"{value:.6g}"
+def _text(value: Value) -> str:
+    return shown(str(value)) if isinstance(value, int | str) else f"{value:.6g}"

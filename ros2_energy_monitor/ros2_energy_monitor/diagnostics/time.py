@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from robot_energy.registers import Timekeeping
+from robot_energy.accounting.integration import Coverage
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class TimeWatch:
     def __init__(self) -> None:
         self._before: _Account | None = None
 
-    def judge(self, time: Timekeeping) -> str:
+    def check(self, time: Coverage) -> str:
         """Return what does not add up since the last call; there must never be anything.
 
         Args:

@@ -15,7 +15,7 @@ LOOK_PERIOD = 5.0  # [s]
 UNKNOWN = "_NODE_NAME_UNKNOWN_"
 
 
-class Suppliers:
+class TopicPublishers:
     """The publishers of one topic as the graph knows them.
 
     Args:

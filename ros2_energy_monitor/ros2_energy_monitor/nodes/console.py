@@ -15,10 +15,10 @@ from rich.console import Console as Terminal
 from rich.live import Live
 from ros2_energy_msgs.msg import EnergyRegisters, JointFriction, PowerState
 
-from ros2_energy_monitor.board import Board
-from ros2_energy_monitor.node_parameters import ConsoleParameters, declare
-from ros2_energy_monitor.publishers import best_effort, latched
-from ros2_energy_monitor.shell import run
+from ros2_energy_monitor.base.parameters import ConsoleParameters, declare
+from ros2_energy_monitor.base.publishers import best_effort, latched
+from ros2_energy_monitor.base.run_node import run
+from ros2_energy_monitor.demo.console_view import ConsoleView
 
 
 class Console(Node):
@@ -37,7 +37,7 @@ class Console(Node):
     def __init__(self, write: Callable[[str], None] | None = None, **options: Any) -> None:
         super().__init__(self.NAME, **options)
         parameters = declare(self, ConsoleParameters)
-        self.board = Board()
+        self.board = ConsoleView()
         self._write = write or _print
         self.create_subscription(PowerState, "energy/power", self._take_power, best_effort(50))
         self.create_subscription(
@@ -60,7 +60,7 @@ class Console(Node):
         """Draw the table anew, or print the next line."""
         now = time.monotonic()
         if self._live is not None:
-            self._live.update(self.board.table(now), refresh=True)
+            self._live.update(self.board.table(now, self._live.console.width), refresh=True)
         else:
             self._write(self.board.line(now))
 

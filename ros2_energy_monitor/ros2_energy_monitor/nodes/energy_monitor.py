@@ -2,37 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
-from robot_energy.blocks import EffortMeaning
-from robot_energy.ingest import JointStateIngest
+from robot_energy.accounting.account import EnergyAccount
+from robot_energy.blocks import EffortMeaning, JointBlock
+from robot_energy.inputs.joint_states.joint_states import JointStateIngest
 from robot_energy.messages import FrictionWriter, TorqueWriter
-from robot_energy.pipeline import EnergyPipeline, Ledger, Output
-from ros2_energy_monitor.diagnostics import (
-    energy_source,
-    joint_state_source,
-    stuck_temperatures,
-    temperature_source,
-)
-from ros2_energy_monitor.inputs import (
-    drain_all,
+from robot_energy.pipeline import EnergyPipeline, Output
+from ros2_energy_monitor.base.account_publisher import AccountPublisher
+from ros2_energy_monitor.base.inputs import (
     joint_state_inboxes,
+    messages_in,
     meter_input,
     temperature_inboxes,
     temperature_ingest,
     temperature_inputs,
 )
-from ros2_energy_monitor.monitor_node import MonitorNode
-from ros2_energy_monitor.node_parameters import EnergyParameters
-from ros2_energy_monitor.payload_service import PayloadService
-from ros2_energy_monitor.publishers import (
-    BooksPublisher,
-    friction_publisher,
-    torque_publisher,
+from ros2_energy_monitor.base.monitor_node import MonitorNode
+from ros2_energy_monitor.base.parameters import EnergyParameters
+from ros2_energy_monitor.base.publishers import friction_publisher, torque_publisher
+from ros2_energy_monitor.base.run_node import run
+from ros2_energy_monitor.base.settings import settings_of
+from ros2_energy_monitor.diagnostics.energy import (
+    energy_source,
+    fallback_temperatures,
+    joint_state_source,
+    stuck_temperatures,
+    temperature_source,
 )
-from ros2_energy_monitor.settings import settings_of
-from ros2_energy_monitor.shell import run
+from ros2_energy_monitor.services.payload import PayloadService
+from ros2_energy_monitor.services.predict_trajectory import PredictionService
 
 
 class EnergyMonitor(MonitorNode[EnergyParameters]):
@@ -67,15 +67,25 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
         self._friction_writer = FrictionWriter(self.model)
         self._torque = torque_publisher(self, depth) if self.parameters.publish_torque else None
         self._friction = friction_publisher(self)
-        self._books = BooksPublisher(self, self.model, self.ledger, self.parameters)
-        self.holds.callback(self._books.checkpoints.close)
+        self._account_publisher = AccountPublisher(self, self.model, self.ledger, self.parameters)
+        self.exit_stack.callback(self._account_publisher.close)
+        self._account_publisher.open()
         renew = self.parameters.resubscribe_after
         states = joint_state_inboxes(self, self.parameters)
         self.joint_states, *self._further = states
         self.temperatures = temperature_inboxes(self, self._temperature, renew)
         self._meter, self.readings = meter_input(self, self.parameters, renew)
-        PayloadService(self, self._pipeline.torque, self.model.model_id)
-        self.tell(self._pipeline.torque.robot)
+        PayloadService(self, self._pipeline.torque, self.model.model_id).open()
+        prediction = PredictionService(
+            self,
+            self.guard,
+            self.model,
+            lambda: self._pipeline.torque.next_payload,
+            lambda: self._pipeline.friction.latest().motor_temperature_degc[0],
+        )
+        self.exit_stack.callback(prediction.close)
+        prediction.open()
+        self.log_inventory(self._pipeline.torque.robot)
         self.inputs = [
             *((inbox, self.ingest.account) for inbox in states),
             *temperature_inputs(self._temperature, self.temperatures),
@@ -85,7 +95,11 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
         self.sources = [
             joint_state_source(states, self.ingest, self.parameters.input_timeout),
             temperature_source(
-                self.temperatures, self._temperature, self._pipeline.friction, self.model
+                self.temperatures,
+                self._temperature,
+                self._pipeline.friction,
+                self.model,
+                lambda: self.ingest.newest_ns,
             ),
             energy_source(
                 self.ledger,
@@ -93,19 +107,20 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
                 self._meter,
                 self.parameters.meter_max_gap,
                 stuck_temperatures(self._pipeline.power.watch, self.model),
+                fallback_temperatures(self._pipeline.power.fallback_use),
             ),
-            self._books.checkpoints.findings,
+            self._account_publisher.checkpoints.findings,
         ]
 
-    def begin(self) -> None:
+    def activate(self) -> None:
         """Publish the friction as it stands, also before the first temperature."""
-        super().begin()
-        self._books.begin()
+        super().activate()
+        self._account_publisher.activate()
         self._friction.publish(self._friction_writer.encode(self._pipeline.friction.latest()))
 
     @property
-    def ledger(self) -> Ledger:
-        """The books."""
+    def ledger(self) -> EnergyAccount:
+        """The energy account."""
         return self._pipeline.ledger
 
     def tick(self) -> None:
@@ -114,27 +129,65 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
         Joint states come first: the temperatures and readings drained after them are then
         never older than what they belong to.
         """
-        states = drain_all([self.joint_states, *self._further])
-        temperatures = self._temperature.step(drain_all(self.temperatures))
-        readings = drain_all(self.readings)
-        joints = self.ingest.step(states)
-        meter = self._meter.step(readings)
-        self._publish(self._pipeline.step(joints, temperatures, meter))
+        states = self.drain([self.joint_states, *self._further])
+        temperatures, readings = self.drain(self.temperatures), self.drain(self.readings)
+        self._publish(
+            self.guard.feed(
+                "motor_temperatures",
+                self._temperature.arrivals(temperatures),
+                lambda: self._pipeline.step(temperatures=self._temperature.step(temperatures)),
+                self._temperature.restart,
+            )
+        )
+        self.guard.feed(
+            "meter",
+            [(self._meter.account, messages_in(readings))],
+            lambda: self._pipeline.step(meter=self._meter.step(readings)),
+            self._meter.restart,
+        )
+        self._joints(messages_in(states), lambda: self.ingest.step(states))
+        self.guard.run("registers", self._account_publisher.checkpoints.poll)
 
-    def finish(self) -> None:
+    def deactivate(self) -> None:
         """Book and publish what still waits."""
         self.tick()
-        self._publish(self._pipeline.step(self.ingest.flush()))
-        self._publish(self._pipeline.flush())
-        self._books.finish()
+        self._publish(
+            self.guard.run(
+                "motor_temperatures",
+                lambda: self._pipeline.step(temperatures=self._temperature.flush()),
+            )
+        )
+        self.guard.run("meter", lambda: self._pipeline.step(meter=self._meter.flush()))
+        self._joints(0, self.ingest.flush)
+        self._publish(self.guard.run("joint_states", self._pipeline.flush, self._restart))
+        self.guard.run("registers", self._account_publisher.deactivate)
 
-    def _publish(self, output: Output) -> None:
-        if output.torque is not None and self._torque is not None:
-            self._torque.publish(self._torque_writer.encode(output.torque))
-        if output.friction is not None:
-            self._friction.publish(self._friction_writer.encode(output.friction))
-        self._books.power(output.means)
-        self._books.checkpoints.poll()
+    def _joints(self, arrived: int, take: Callable[[], JointBlock | None]) -> None:
+        """Let joint states go all their way, from messages to energy."""
+        self._publish(
+            self.guard.feed(
+                "joint_states",
+                [(self.ingest.account, arrived)],
+                lambda: self._pipeline.step(take()),
+                self._restart,
+            )
+        )
+
+    def _restart(self) -> None:
+        self.ingest.restart()
+        self._pipeline.restart()
+
+    def _publish(self, output: Output | None) -> None:
+        if output is None:
+            return
+        torque, friction, means = output.torque, output.friction, output.means
+        if torque is not None and self._torque is not None:
+            publish, encode = self._torque.publish, self._torque_writer.encode
+            self.guard.run("publish.joint_torque", lambda: publish(encode(torque)))
+        if friction is not None:
+            send, write = self._friction.publish, self._friction_writer.encode
+            self.guard.run("publish.joint_friction", lambda: send(write(friction)))
+        self.guard.run("publish.power", lambda: self._account_publisher.power(means))
 
 
 def main(args: Sequence[str] | None = None) -> int:

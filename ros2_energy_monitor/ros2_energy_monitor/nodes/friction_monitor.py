@@ -5,20 +5,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from robot_energy.blocks import FrictionBlock, TemperatureBlock
 from robot_energy.messages import FrictionWriter
 from robot_energy.pipeline import FrictionStage
-from ros2_energy_monitor.diagnostics import temperature_source
-from ros2_energy_monitor.drain import Inbox
-from ros2_energy_monitor.inputs import (
-    drain_all,
+from ros2_energy_monitor.base.inbox import Inbox
+from ros2_energy_monitor.base.inputs import (
     temperature_inboxes,
     temperature_ingest,
     temperature_inputs,
 )
-from ros2_energy_monitor.monitor_node import MonitorNode
-from ros2_energy_monitor.node_parameters import FrictionParameters
-from ros2_energy_monitor.publishers import friction_publisher
-from ros2_energy_monitor.shell import run
+from ros2_energy_monitor.base.monitor_node import MonitorNode
+from ros2_energy_monitor.base.parameters import FrictionParameters
+from ros2_energy_monitor.base.publishers import friction_publisher
+from ros2_energy_monitor.base.run_node import run
+from ros2_energy_monitor.diagnostics.energy import temperature_source
 
 
 class FrictionMonitor(MonitorNode[FrictionParameters]):
@@ -48,17 +48,38 @@ class FrictionMonitor(MonitorNode[FrictionParameters]):
         self.inputs = temperature_inputs(self.ingest, self.temperatures)
         self.sources = [temperature_source(self.temperatures, self.ingest, self._stage, self.model)]
 
-    def begin(self) -> None:
+    def activate(self) -> None:
         """Publish the friction as it stands, also before the first temperature."""
-        super().begin()
+        super().activate()
         self._publisher.publish(self._writer.encode(self._stage.latest()))
 
     def tick(self) -> None:
         """Drain the temperatures and publish the friction from each of them onward."""
-        temperatures = self.ingest.step(drain_all(self.temperatures))
-        friction = self._stage.step(temperatures) if temperatures is not None else None
-        if friction is not None:
-            self._publisher.publish(self._writer.encode(friction))
+        temperatures = self.drain(self.temperatures)
+        accounts = self.ingest.arrivals(temperatures)
+        self._publish(
+            self.guard.feed(
+                "motor_temperatures",
+                accounts,
+                lambda: self._friction(self.ingest.step(temperatures)),
+                self.ingest.restart,
+            )
+        )
+
+    def deactivate(self) -> None:
+        """Publish what still waits."""
+        self.tick()
+        self._publish(
+            self.guard.run("motor_temperatures", lambda: self._friction(self.ingest.flush()))
+        )
+
+    def _friction(self, temperatures: TemperatureBlock | None) -> FrictionBlock | None:
+        return None if temperatures is None else self._stage.step(temperatures)
+
+    def _publish(self, block: FrictionBlock | None) -> None:
+        if block is not None:
+            publish, encode = self._publisher.publish, self._writer.encode
+            self.guard.run("publish.joint_friction", lambda: publish(encode(block)))
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import argparse
 import heapq
-import importlib
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
@@ -18,22 +17,28 @@ from contextlib import contextmanager
 from typing import Any
 
 import rclpy
+from rclpy.exceptions import NameValidationException
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
+from rclpy.validate_full_topic_name import validate_full_topic_name
 
 from robot_energy.bag import BagReader
-from robot_energy.errors import MissingTopicError, RobotEnergyError
-from robot_energy.ingest.joint_states import JOINT_STATE
-from robot_energy.wire.batch import RawBatch
-from ros2_energy_monitor.publishers import reliable
-from ros2_energy_monitor.shared_memory import clear_ports
-from ros2_energy_monitor.shell import StopSignal, ros
+from robot_energy.cdr.batch import RawBatch
+from robot_energy.errors import BagError, MissingTopicError, RobotEnergyError
+from robot_energy.inputs.joint_states.joint_states import JOINT_STATE
+from robot_energy.shown_text import shown, shown_lines
+from ros2_energy_monitor.base.message_classes import message_class
+from ros2_energy_monitor.base.publishers import reliable
+from ros2_energy_monitor.base.run_node import StopSignal, ros
+from ros2_energy_monitor.base.shared_memory import clear_ports
 
 DEPTH = 5000  # messages that a subscriber may lag behind
 LEAD = 0.5  # s of the clock by which slow topics are early, at most ...
 MOST_LEAD = 5.0  # s of the recording: from 10 s on a stream counts as having another clock
 MATCHING = 10.0  # s until every topic that has a subscriber has met it
 LISTENING = 1.0  # s after the first subscriber, for the others
+MAX_SENTENCES = 20  # about topics left out
 SECOND_NS = 1_000_000_000
 
 
@@ -44,20 +49,20 @@ class Player:
         node: The node that publishes.
         bag: The bag.
         rate: Times the speed of nature, > 0.
-        topics: Which to play; None for all whose message package is installed.
+        topics: Which to play; None for all that can be.
 
     Attributes:
-        unknown: Topics left out, whose message type cannot be imported.
+        left_out: Why topics are not played, one sentence each.
         played: Messages by topic.
 
     Raises:
-        MissingTopicError: If the bag lacks a topic.
+        MissingTopicError: If the bag lacks a topic, or none can be played.
     """
 
     def __init__(
         self, node: Node, bag: BagReader, rate: float, topics: Sequence[str] | None = None
     ) -> None:
-        self.unknown: list[str] = []
+        self.left_out: list[str] = []
         self.played: Counter[str] = Counter()
         self._node, self._bag, self._rate = node, bag, rate
         self._publishers: dict[str, Any] = {}
@@ -67,11 +72,42 @@ class Player:
                 raise MissingTopicError(
                     f"{bag.path} has no {topic}", f"one of {', '.join(bag.topics) or 'none'}"
                 )
-            kind = message_type(info.msgtype)
-            if kind is None:
-                self.unknown.append(topic)
-            else:
-                self._publishers[topic] = node.create_publisher(kind, topic, reliable(DEPTH))
+            try:
+                self._publish(topic, info.msgtype)
+            except RobotEnergyError as error:
+                self.left_out.append(f"left out: {shown(topic)}: {error}")
+        if not self._publishers:
+            raise MissingTopicError(
+                f"nothing of {bag.path} can be played",
+                "topics with legal names and installed messages",
+                "; ".join(self.left_out),
+            )
+
+    def _publish(self, topic: str, msgtype: str) -> None:
+        """Make the publisher of one topic.
+
+        Raises:
+            MessageTypeError: If its messages are not installed.
+            BagError: If its name cannot be that of a topic, or is that of another one.
+        """
+        name = _full(topic)
+        try:
+            validate_full_topic_name(name)
+        except (NameValidationException, TypeError) as error:  # TypeError: no Unicode
+            what = str(error).splitlines()[0].rstrip(":")
+            raise BagError("no topic can have this name", remedy=what) from error
+        if name in {_full(other) for other in self._publishers}:
+            raise BagError(f"another topic is played as {name}", "each topic once")
+        kind = message_class(msgtype)
+        try:
+            self._publishers[topic] = self._node.create_publisher(kind, name, reliable(DEPTH))
+        except rclpy_implementation.RCLError as error:
+            raise BagError(f"ROS refuses it ({str(error).splitlines()[0]})") from error
+
+    @property
+    def topics(self) -> list[str]:
+        """The topics that are played, as the bag names them."""
+        return list(self._publishers)
 
     def heard(self) -> list[str]:
         """Return the topics that somebody listens to."""
@@ -106,20 +142,15 @@ class Player:
         yield from heapq.merge(*streams, key=lambda entry: entry[0])
 
 
+def _full(topic: str) -> str:
+    return topic if topic.startswith("/") else f"/{topic}"
+
+
 def _stream(bag: BagReader, topic: str, lead_ns: int) -> Iterator[tuple[int, str, bytes]]:
     for part in bag.parts([topic]):
         batch: RawBatch = part[topic]
         for index, logged in enumerate(batch.log_time_ns.tolist()):
             yield logged - lead_ns, topic, batch.row(index)
-
-
-def message_type(name: str) -> type[Any] | None:
-    """Return the class of a message type such as ``sensor_msgs/msg/JointState``, if installed."""
-    package, _, short = name.partition("/msg/")
-    try:
-        return getattr(importlib.import_module(f"{package}.msg"), short, None)
-    except ImportError:
-        return None
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -183,18 +214,18 @@ def _play(
 ) -> int:
     with pausing(node, stop) as pause:
         player = Player(node, bag, rate, topics)
-        for topic in player.unknown:
-            print(f"left out, its messages are not installed: {topic}", flush=True)
+        for sentence in player.left_out[:MAX_SENTENCES]:
+            print(sentence, flush=True)
         limit = time.monotonic() + MATCHING
         while not player.heard() and time.monotonic() < limit and pause(0.05):
             pass
         if not player.heard() and not stop.received:
-            print(f"nobody listens to {', '.join(bag.topics)}", flush=True)
+            print(shown_lines(f"nobody listens to {', '.join(player.topics)}"), flush=True)
             return 1
         if pause(LISTENING):
             player.play(pause)
         for topic, count in player.played.items():
-            print(f"{count:8d} {topic}", flush=True)
+            print(f"{count:8d} {shown(topic)}", flush=True)
         pause(LEAD)  # until what was sent last has been taken
         return 130 if stop.received else 0
 

@@ -9,18 +9,27 @@ from typing import Any
 
 from ros2_energy_msgs.msg import JointFriction, JointTorque
 
-from robot_energy.blocks import PowerBlock
+from robot_energy.accounting.account import EnergyAccount
+from robot_energy.accounting.averaging import MeanBlock
+from robot_energy.blocks import FrictionBlock, MeterBlock, PowerBlock, TorqueBlock
 from robot_energy.messages import FrictionReader, TorqueReader
-from robot_energy.pipeline import Ledger, PowerStage
-from ros2_energy_monitor.diagnostics import energy_source, stuck_temperatures
-from ros2_energy_monitor.drain import Inbox
-from ros2_energy_monitor.input_watch import InputWatch
-from ros2_energy_monitor.inputs import drain_all, meter_input
-from ros2_energy_monitor.monitor_node import MonitorNode
-from ros2_energy_monitor.node_parameters import PowerParameters
-from ros2_energy_monitor.publishers import FRICTION_DEPTH, BooksPublisher, latched, reliable
-from ros2_energy_monitor.settings import settings_of
-from ros2_energy_monitor.shell import run
+from robot_energy.pipeline import PowerStage
+from ros2_energy_monitor.base.account_publisher import AccountPublisher
+from ros2_energy_monitor.base.inbox import Inbox
+from ros2_energy_monitor.base.inputs import messages_in, meter_input
+from ros2_energy_monitor.base.monitor_node import MonitorNode
+from ros2_energy_monitor.base.parameters import PowerParameters
+from ros2_energy_monitor.base.publishers import FRICTION_DEPTH, latched, reliable
+from ros2_energy_monitor.base.run_node import run
+from ros2_energy_monitor.base.settings import settings_of
+from ros2_energy_monitor.diagnostics.energy import (
+    energy_source,
+    fallback_temperatures,
+    stray_stamps,
+    stuck_temperatures,
+)
+from ros2_energy_monitor.diagnostics.inputs import InputWatch
+from ros2_energy_monitor.diagnostics.reporter import StatusBuilder
 
 
 class PowerMonitor(MonitorNode[PowerParameters]):
@@ -45,9 +54,10 @@ class PowerMonitor(MonitorNode[PowerParameters]):
         self._torque = TorqueReader(self.model.joint_names, self.model.model_id)
         self._friction = FrictionReader(self.model)
         self._stage = PowerStage(self.model, settings)
-        self.ledger = Ledger(len(self.model.joints), settings)
-        self._books = BooksPublisher(self, self.model, self.ledger, self.parameters)
-        self.holds.callback(self._books.checkpoints.close)
+        self.ledger = EnergyAccount(len(self.model.joints), settings)
+        self._account_publisher = AccountPublisher(self, self.model, self.ledger, self.parameters)
+        self.exit_stack.callback(self._account_publisher.close)
+        self._account_publisher.open()
         depth = self.parameters.joint_torque_depth
         renew = self.parameters.resubscribe_after
         self.torques = Inbox(
@@ -75,46 +85,87 @@ class PowerMonitor(MonitorNode[PowerParameters]):
                 self.readings,
                 self._meter,
                 self.parameters.meter_max_gap,
-                torque.judge,
-                partial(friction.judge, prefix="friction_"),
+                torque.check,
+                partial(friction.check, prefix="friction_"),
                 stuck_temperatures(self._stage.watch, self.model),
+                fallback_temperatures(self._stage.fallback_use),
+                self._clocks,
             ),
-            self._books.checkpoints.findings,
+            self._account_publisher.checkpoints.findings,
         ]
 
-    def begin(self) -> None:
+    def activate(self) -> None:
         """Keep and publish the registers from now on."""
-        super().begin()
-        self._books.begin()
+        super().activate()
+        self._account_publisher.activate()
 
     def tick(self) -> None:
         """Drain all inputs and publish the periods that ended.
 
         Torque comes first, though it is used last: what it belongs to is then not newer.
         """
-        torques = self.torques.drain()
-        frictions, readings = self.frictions.drain(), drain_all(self.readings)
-        friction = self._friction.decode(frictions) if frictions is not None else None
-        if friction is not None:
-            self._stage.friction(friction)
-        meter = self._meter.step(readings)
-        if meter is not None:
-            self.ledger.measure(meter)
-        torque = self._torque.decode(torques) if torques is not None else None
-        if torque is not None:
-            self._book(self._stage.step(torque))
-        self._books.checkpoints.poll()
+        torques = self.drain([self.torques])
+        frictions, readings = self.drain([self.frictions]), self.drain(self.readings)
+        self.guard.feed(
+            "joint_friction",
+            [(self._friction.account, messages_in(frictions))],
+            lambda: [self._use_friction(self._friction.decode(batch)) for batch in frictions],
+            self._friction.restart,
+        )
+        self.guard.feed(
+            "meter",
+            [(self._meter.account, messages_in(readings))],
+            lambda: self._use_meter(self._meter.step(readings)),
+            self._meter.restart,
+        )
+        means = self.guard.feed(
+            "joint_torque",
+            [(self._torque.account, messages_in(torques))],
+            lambda: [self._use_torque(self._torque.decode(batch)) for batch in torques],
+            self._restart,
+        )
+        for mean in means or ():
+            self._publish(mean)
+        self.guard.run("registers", self._account_publisher.checkpoints.poll)
 
-    def finish(self) -> None:
+    def deactivate(self) -> None:
         """Book and publish what still waits."""
         self.tick()
-        self._book(self._stage.flush())
-        self._books.power(self.ledger.flush())
-        self._books.finish()
+        self.guard.run("joint_friction", lambda: self._use_friction(self._friction.flush()))
+        self.guard.run("meter", lambda: self._use_meter(self._meter.flush()))
+        self._publish(
+            self.guard.run("joint_torque", lambda: self._use_torque(self._torque.flush()))
+        )
+        last = self.guard.run("joint_torque", lambda: self._book(self._stage.flush()))
+        self._publish(last)
+        self._publish(self.guard.run("joint_torque", self.ledger.flush))
+        self.guard.run("registers", self._account_publisher.deactivate)
 
-    def _book(self, power: PowerBlock | None) -> None:
-        if power is not None:
-            self._books.power(self.ledger.step(power))
+    def _clocks(self, found: StatusBuilder) -> None:
+        """Check the stamps of torque and friction."""
+        stray_stamps(self._torque.epochs, f"messages on {self.torques.topic}", found)
+        stray_stamps(self._friction.epochs, f"messages on {self.frictions.topic}", found)
+
+    def _use_friction(self, friction: FrictionBlock | None) -> None:
+        if friction is not None:
+            self._stage.friction(friction)
+
+    def _use_meter(self, meter: MeterBlock | None) -> None:
+        if meter is not None:
+            self.ledger.measure(meter)
+
+    def _use_torque(self, torque: TorqueBlock | None) -> MeanBlock | None:
+        return None if torque is None else self._book(self._stage.step(torque))
+
+    def _book(self, power: PowerBlock | None) -> MeanBlock | None:
+        return None if power is None else self.ledger.step(power)
+
+    def _restart(self) -> None:
+        self._torque.restart()
+        self._stage.restart()
+
+    def _publish(self, means: MeanBlock | None) -> None:
+        self.guard.run("publish.power", lambda: self._account_publisher.power(means))
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from robot_energy.blocks import EffortMeaning, JointBlock, TorqueBlock
-from robot_energy.ingest import JointStateIngest
+from robot_energy.inputs.joint_states.joint_states import JointStateIngest
 from robot_energy.messages import TorqueWriter
 from robot_energy.pipeline import TorqueStage
-from ros2_energy_monitor.diagnostics import joint_state_source
-from ros2_energy_monitor.inputs import drain_all, joint_state_inboxes
-from ros2_energy_monitor.monitor_node import MonitorNode
-from ros2_energy_monitor.node_parameters import TorqueParameters
-from ros2_energy_monitor.payload_service import PayloadService
-from ros2_energy_monitor.publishers import torque_publisher
-from ros2_energy_monitor.settings import settings_of
-from ros2_energy_monitor.shell import run
+from ros2_energy_monitor.base.inputs import joint_state_inboxes, messages_in
+from ros2_energy_monitor.base.monitor_node import MonitorNode
+from ros2_energy_monitor.base.parameters import TorqueParameters
+from ros2_energy_monitor.base.publishers import torque_publisher
+from ros2_energy_monitor.base.run_node import run
+from ros2_energy_monitor.base.settings import settings_of
+from ros2_energy_monitor.diagnostics.energy import joint_state_source
+from ros2_energy_monitor.services.payload import PayloadService
 
 
 class TorqueMonitor(MonitorNode[TorqueParameters]):
@@ -47,8 +47,8 @@ class TorqueMonitor(MonitorNode[TorqueParameters]):
         )
         self._writer = TorqueWriter(self.model.joint_names, self.model.model_id)
         self._publisher = torque_publisher(self, depth)
-        PayloadService(self, self.stage, self.model.model_id)
-        self.tell(self.stage.robot)
+        PayloadService(self, self.stage, self.model.model_id).open()
+        self.log_inventory(self.stage.robot)
         inboxes = joint_state_inboxes(self, self.parameters)
         self.joint_states, *self._further = inboxes
         self.inputs = [(inbox, self.ingest.account) for inbox in inboxes]
@@ -58,21 +58,33 @@ class TorqueMonitor(MonitorNode[TorqueParameters]):
 
     def tick(self) -> None:
         """Drain the joint states and publish the torques that became complete."""
-        self._take(self.ingest.step(drain_all([self.joint_states, *self._further])))
+        states = self.drain([self.joint_states, *self._further])
+        self._joints(messages_in(states), lambda: self.ingest.step(states))
 
-    def finish(self) -> None:
+    def deactivate(self) -> None:
         """Publish the last torques, whose window will not fill any more."""
         self.tick()
-        self._take(self.ingest.flush())
-        self._publish(self.stage.flush())
+        self._joints(0, self.ingest.flush)
+        self._publish(self.guard.run("joint_states", self.stage.flush, self._restart))
 
-    def _take(self, joints: JointBlock | None) -> None:
-        if joints is not None:
-            self._publish(self.stage.step(joints))
+    def _joints(self, arrived: int, take: Callable[[], JointBlock | None]) -> None:
+        """Let joint states go their way from messages to torques."""
+
+        def torque() -> TorqueBlock | None:
+            joints = take()
+            return None if joints is None else self.stage.step(joints)
+
+        accounts = [(self.ingest.account, arrived)]
+        self._publish(self.guard.feed("joint_states", accounts, torque, self._restart))
+
+    def _restart(self) -> None:
+        self.ingest.restart()
+        self.stage.restart()
 
     def _publish(self, torque: TorqueBlock | None) -> None:
         if torque is not None:
-            self._publisher.publish(self._writer.encode(torque))
+            publish, encode = self._publisher.publish, self._writer.encode
+            self.guard.run("publish.joint_torque", lambda: publish(encode(torque)))
 
 
 def main(args: Sequence[str] | None = None) -> int:

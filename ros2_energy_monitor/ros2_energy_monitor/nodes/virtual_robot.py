@@ -14,9 +14,9 @@ from sensor_msgs.msg import JointState
 from robot_energy.motion import random_program, tool_above
 from robot_energy.rig import RigConfig, VirtualRig, kr16_profile
 from robot_energy.rig.record import RigEncoder
-from ros2_energy_monitor.node_parameters import RobotParameters, declare
-from ros2_energy_monitor.publishers import RowPublisher, best_effort
-from ros2_energy_monitor.shell import run
+from ros2_energy_monitor.base.parameters import RobotParameters, declare
+from ros2_energy_monitor.base.publishers import RowPublisher, best_effort
+from ros2_energy_monitor.base.run_node import run
 
 CLEARANCE = 0.3  # height that the flange keeps above the base [m]
 

@@ -10,7 +10,7 @@ from ros2_energy_msgs.srv import SetPayload
 
 from robot_energy.messages import PayloadWriter, answer_set_payload
 from robot_energy.pipeline import TorqueStage
-from ros2_energy_monitor.publishers import RowPublisher, latched
+from ros2_energy_monitor.base.publishers import RowPublisher, latched
 
 DEPTH = 100  # changes that a late subscriber gets at most
 SECOND_NS = 1_000_000_000
@@ -26,18 +26,26 @@ class PayloadService:
     """
 
     def __init__(self, node: Node, stage: TorqueStage, model_id: str) -> None:
-        self._stage, self._logger = stage, node.get_logger()
+        self._node, self._stage = node, stage
         self._writer = PayloadWriter(model_id)
-        self._publisher = RowPublisher(node, Payload, "energy/payload", latched(DEPTH))
-        node.create_service(SetPayload, "~/set_payload", self._answer)
+        self._publisher: RowPublisher | None = None
+
+    def open(self) -> None:
+        """Create the service and the publisher."""
+        self._publisher = RowPublisher(self._node, Payload, "energy/payload", latched(DEPTH))
+        self._node.create_service(SetPayload, "~/set_payload", self._answer)
 
     def _answer(
         self, request: SetPayload.Request, response: SetPayload.Response
     ) -> SetPayload.Response:
         answer = answer_set_payload(self._stage.set_payload, cast("Any", request))
-        if answer.change is not None:
+        if answer.change is not None and self._publisher is not None:
             self._publisher.publish(self._writer.encode(answer.change))
-        self._logger.info(f"set_payload: {answer.message}")
+        log = self._node.get_logger()
+        if answer.success:
+            log.info(f"set_payload: {answer.message}")
+        else:  # rclpy ties one severity to each place of a call
+            log.warning(f"set_payload: {answer.message}")
         response.success, response.message = answer.success, answer.message
         response.valid_from.sec, response.valid_from.nanosec = divmod(answer.from_ns, SECOND_NS)
         return response

@@ -10,11 +10,12 @@ from rclpy.node import Node
 from ros2_energy_msgs.msg import EnergyInterval, JointEnergy
 from ros2_energy_msgs.srv import CloseInterval, ListIntervals, OpenInterval, ResetRegisters
 
+from robot_energy.accounting import record
+from robot_energy.accounting.account import EnergyAccount
 from robot_energy.errors import RegisterError
 from robot_energy.messages import interval_fields
-from robot_energy.pipeline import Ledger
-from robot_energy.registers import record
-from ros2_energy_monitor.checkpoints import Checkpoints
+from robot_energy.shown_text import MAX_LINE, shown
+from ros2_energy_monitor.base.checkpoints import Checkpoints
 
 R = TypeVar("R")
 SECOND_NS = 1_000_000_000
@@ -25,23 +26,30 @@ class RegisterServices:
 
     Args:
         node: The node that serves.
-        ledger: The books.
+        ledger: The energy account.
         checkpoints: Bring them to disk.
         joint_names: Joints in model order.
     """
 
     def __init__(
-        self, node: Node, ledger: Ledger, checkpoints: Checkpoints, joint_names: Sequence[str]
+        self,
+        node: Node,
+        ledger: EnergyAccount,
+        checkpoints: Checkpoints,
+        joint_names: Sequence[str],
     ) -> None:
         self._node, self._ledger, self._checkpoints = node, ledger, checkpoints
         self._names = joint_names
+
+    def open(self) -> None:
+        """Create the services."""
         for kind, name, answer in (
             (ResetRegisters, "reset_registers", self._reset),
             (OpenInterval, "open_interval", self._open),
             (CloseInterval, "close_interval", self._close),
             (ListIntervals, "list_intervals", self._list),
         ):
-            node.create_service(kind, f"~/{name}", answer)
+            self._node.create_service(kind, f"~/{name}", answer)
 
     def _reset(self, request: Any, response: Any) -> Any:
         def change() -> str:
@@ -68,14 +76,14 @@ class RegisterServices:
         return self._change(response, change)
 
     def _list(self, request: Any, response: Any) -> Any:
-        response.energy_start = _time(self._ledger.registers.time.start_ns or 0)
+        response.energy_start = _time(self._ledger.start_ns or 0)
         response.intervals = [self._message(one) for one in self._ledger.list_intervals()]
         return response
 
     def _change(self, response: Any, change: Callable[[], str]) -> Any:
-        """Change the books and bring them to disk before the answer."""
+        """Change the account and bring them to disk before the answer."""
         try:
-            self._checkpoints.books.require()
+            self._checkpoints.store.require()
             response.message = change()
         except RegisterError as error:
             response.success, response.message = False, str(error)
@@ -84,6 +92,7 @@ class RegisterServices:
         response.persisted = self._checkpoints.now()
         if not response.persisted:
             response.message += "; it is in memory only"
+        response.message = shown(response.message, MAX_LINE)
         self._node.get_logger().info(response.message)
         return response
 

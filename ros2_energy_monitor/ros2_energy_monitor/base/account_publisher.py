@@ -1,0 +1,79 @@
+"""Publishes powers and registers, and keeps the registers on disk."""
+
+from __future__ import annotations
+
+from rclpy.node import Node
+from ros2_energy_msgs.msg import EnergyRegisters, PowerState
+
+from robot_energy.accounting.account import EnergyAccount
+from robot_energy.accounting.averaging import MeanBlock
+from robot_energy.messages import PowerStateWriter, RegistersWriter
+from robot_energy.model import RobotModel
+from ros2_energy_monitor.base.checkpoints import CLOSING, Checkpoints, folder_of
+from ros2_energy_monitor.base.parameters import AccountParameters
+from ros2_energy_monitor.base.publishers import RowPublisher, reliable
+from ros2_energy_monitor.services.registers import RegisterServices
+
+
+class AccountPublisher:
+    """Publishes ``energy/power`` and ``energy/registers``; `open` creates, `close` ends.
+
+    Args:
+        node: The node that publishes.
+        model: The robot's model.
+        ledger: The energy account.
+        parameters: Where and how often it is kept.
+
+    Attributes:
+        checkpoints: What keeps it.
+    """
+
+    def __init__(
+        self, node: Node, model: RobotModel, ledger: EnergyAccount, parameters: AccountParameters
+    ) -> None:
+        self._node, self._ledger, self._joint_names = node, ledger, model.joint_names
+        self._power_writer = PowerStateWriter(model.joint_names, model.model_id)
+        self._registers_writer = RegistersWriter(model.joint_names, model.model_id)
+        self._power: RowPublisher | None = None
+        self._registers: RowPublisher | None = None
+        self.checkpoints = Checkpoints(
+            node,
+            model,
+            ledger,
+            folder_of(parameters.state_folder),
+            parameters.checkpoint_period,
+            lambda persisted: self._registers_writer.encode(ledger, persisted),
+            lambda rows: self._registers and self._registers.publish(rows),
+        )
+
+    def open(self) -> None:
+        """Create publishers and services, and read the registers from disk.
+
+        Raises:
+            RegisterError: If the state files cannot be used.
+        """
+        self._power = RowPublisher(self._node, PowerState, "energy/power", reliable(100))
+        self._registers = RowPublisher(
+            self._node, EnergyRegisters, "energy/registers", reliable(10)
+        )
+        self.checkpoints.open()
+        RegisterServices(self._node, self._ledger, self.checkpoints, self._joint_names).open()
+
+    def close(self) -> None:
+        """End the work on the disk; safe also after an `open` that failed."""
+        self.checkpoints.close()
+        self._power = self._registers = None
+
+    def activate(self) -> None:
+        """Keep and publish the registers from now on."""
+        self.checkpoints.running = True
+
+    def deactivate(self) -> None:
+        """Keep and publish the registers once more, and then no longer."""
+        self.checkpoints.now(CLOSING)
+        self.checkpoints.running = False
+
+    def power(self, means: MeanBlock | None) -> None:
+        """Publish the periods that ended."""
+        if means is not None and self._power is not None:
+            self._power.publish(self._power_writer.encode(means, self._ledger.comparison.location))

@@ -1,0 +1,1 @@
+"""Statuses on ``/diagnostics``: inputs, node, energy."""

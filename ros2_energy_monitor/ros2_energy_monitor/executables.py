@@ -1,0 +1,13 @@
+"""The executables of the package and their modules; read by setup.py and by ``python -m``."""
+
+EXECUTABLES = {
+    "torque_monitor": "ros2_energy_monitor.nodes.torque_monitor",
+    "friction_monitor": "ros2_energy_monitor.nodes.friction_monitor",
+    "power_monitor": "ros2_energy_monitor.nodes.power_monitor",
+    "energy_monitor": "ros2_energy_monitor.nodes.energy_monitor",
+    "virtual_robot": "ros2_energy_monitor.nodes.virtual_robot",
+    "console": "ros2_energy_monitor.nodes.console",
+    "player": "ros2_energy_monitor.nodes.player",
+    "demo": "ros2_energy_monitor.demo.demo",
+    "live_study": "ros2_energy_monitor.demo.live_study",
+}
