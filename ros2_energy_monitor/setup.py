@@ -1,20 +1,12 @@
 """Packaging of the nodes, their launch files and their configuration."""
 
+import runpy
 from glob import glob
 
 from setuptools import find_packages, setup
 
 NAME = "ros2_energy_monitor"
-EXECUTABLES = [
-    "torque_monitor",
-    "friction_monitor",
-    "power_monitor",
-    "energy_monitor",
-    "virtual_robot",
-    "console",
-    "player",
-    "live_study",
-]
+EXECUTABLES = runpy.run_path(f"{NAME}/executables.py")["EXECUTABLES"]
 
 setup(
     name=NAME,
@@ -26,7 +18,9 @@ setup(
         (f"share/{NAME}/launch", sorted(glob("launch/*.launch.py"))),
         (f"share/{NAME}/config", sorted(glob("config/*.yaml"))),
     ],
-    entry_points={"console_scripts": [f"{name} = {NAME}.{name}:main" for name in EXECUTABLES]},
+    entry_points={
+        "console_scripts": [f"{name} = {module}:main" for name, module in EXECUTABLES.items()]
+    },
     install_requires=["setuptools"],
     # Not `tests_require`: with it newer setuptools make colcon find no tests.
     extras_require={"test": ["pytest"]},

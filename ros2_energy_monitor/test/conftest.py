@@ -20,12 +20,13 @@ from rclpy.signals import SignalHandlerOptions
 
 from robot_energy.bag import BagReader, BagWriter
 from robot_energy.rig.record import RigEncoder
-from ros2_energy_monitor import monitor_node
-from ros2_energy_monitor.drain import Inbox
-from ros2_energy_monitor.node_parameters import RobotParameters
-from ros2_energy_monitor.publishers import best_effort, reliable
-from ros2_energy_monitor.shared_memory import clear_ports
-from ros2_energy_monitor.virtual_robot import make_rig
+from ros2_energy_monitor.base import monitor_node
+from ros2_energy_monitor.base.guard import Guard
+from ros2_energy_monitor.base.inbox import Inbox
+from ros2_energy_monitor.base.parameters import RobotParameters
+from ros2_energy_monitor.base.publishers import best_effort, reliable
+from ros2_energy_monitor.base.shared_memory import clear_ports
+from ros2_energy_monitor.nodes.virtual_robot import make_rig
 
 LOOPBACK = {  # UDP without shared memory, which what is killed would leave half made
     "ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET",
@@ -58,8 +59,16 @@ class Diagnosed:
         return self._latest[name]
 
     @staticmethod
-    def values(status: DiagnosticStatus) -> dict[str, float]:
-        return {pair.key: float(pair.value) for pair in status.values}
+    def values(status: DiagnosticStatus) -> dict[str, Any]:
+        """Key values; numbers as such, words as text."""
+        return {pair.key: _number_or_text(pair.value) for pair in status.values}
+
+
+def _number_or_text(value: str) -> float | str:
+    try:
+        return float(value)
+    except ValueError:
+        return value
 
 
 class Bench:
@@ -123,6 +132,27 @@ class Bench:
 def own_state_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Every test begins with empty registers and leaves none behind."""
     monkeypatch.setenv("ROS_HOME", str(tmp_path / "ros"))
+
+
+@pytest.fixture(autouse=True)
+def no_internal_errors(
+    request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[None]:
+    """A border must hide no fault: only a test that injects errors may see some counted."""
+    guards: list[Guard] = []
+    make = Guard.__init__
+
+    def made(self: Guard, *args: Any, **options: Any) -> None:
+        make(self, *args, **options)
+        guards.append(self)
+
+    monkeypatch.setattr(Guard, "__init__", made)
+    yield
+    counted = [dict(guard.errors) for guard in guards if guard.errors]
+    if request.node.get_closest_marker("injects_errors"):
+        assert counted, "the test is marked as injecting errors, and none was counted"
+    else:
+        assert not counted, f"nodes counted internal errors: {counted}"
 
 
 @pytest.fixture

@@ -7,20 +7,20 @@ import pytest
 from ros2_energy_msgs.msg import EnergyRegisters, MotorTemperatures, PowerReading, PowerState
 from sensor_msgs.msg import JointState
 
+from robot_energy.bag_replay import replay
 from robot_energy.blocks import EffortMeaning
-from robot_energy.model_file import load, save
+from robot_energy.cdr.batch import RawBatch
+from robot_energy.cdr.decode import Decoder
+from robot_energy.model import load, save
 from robot_energy.pipeline import Settings
-from robot_energy.replay import replay
-from robot_energy.reproduce.experiment import make_programs, soaked
-from robot_energy.reproduce.held_out import held_out
-from robot_energy.reproduce.models import FOLLOWS, fixed_name, identify
 from robot_energy.rig import kr16_profile
-from robot_energy.wire.batch import RawBatch
-from robot_energy.wire.layout import Decoder
-from ros2_energy_monitor.energy_monitor import EnergyMonitor
-from ros2_energy_monitor.friction_monitor import FrictionMonitor
-from ros2_energy_monitor.power_monitor import PowerMonitor
-from ros2_energy_monitor.torque_monitor import TorqueMonitor
+from robot_energy_papers.experiment import make_programs, soaked
+from robot_energy_papers.held_out import held_out
+from robot_energy_papers.models import FOLLOWS, fixed_name, identify
+from ros2_energy_monitor.nodes.energy_monitor import EnergyMonitor
+from ros2_energy_monitor.nodes.friction_monitor import FrictionMonitor
+from ros2_energy_monitor.nodes.power_monitor import PowerMonitor
+from ros2_energy_monitor.nodes.torque_monitor import TorqueMonitor
 
 BURST = 300  # messages published at once, far less than a queue holds
 STAMP = ("header.stamp.sec", "header.stamp.nanosec")
@@ -42,6 +42,9 @@ def decode(msgtype: str, fields: tuple[str, ...], rows: list[bytes]) -> dict[str
     assert len(decoded.runs) == 1
     assert not len(decoded.malformed)
     return {name: decoded.runs[0].array(name) for name in fields}
+
+
+EFFORT = {"joint_states.effort_meaning": "motor_torque"}
 
 
 class Collected:
@@ -112,7 +115,7 @@ def compare(collected: Collected, offline, ledger) -> None:
 
 
 def test_energy_monitor_equals_replay(bench, messages, offline):
-    node = bench.add(EnergyMonitor, model="kr16", effort="motor_torque", state_folder="")
+    node = bench.add(EnergyMonitor, model="kr16", state_folder="", **EFFORT)
     collected = Collected(bench)
     publish_all(
         bench,
@@ -177,7 +180,7 @@ def study(tmp_path_factory):
 
 def through_three_nodes(bench, messages, model, states) -> tuple[PowerMonitor, Collected]:
     """Play messages through the three nodes and wait until they have published all of it."""
-    torque = bench.add(TorqueMonitor, model=model, effort="motor_torque")
+    torque = bench.add(TorqueMonitor, model=model, **EFFORT)
     friction = bench.add(FrictionMonitor, model=model)
     power = bench.add(PowerMonitor, model=model, state_folder="")
     collected = Collected(bench)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from ros2_energy_msgs.msg import JointFriction
 
-from ros2_energy_monitor.friction_monitor import FrictionMonitor
-from ros2_energy_monitor.node_watch import unbalanced
-from ros2_energy_monitor.publishers import latched
+from ros2_energy_monitor.base.publishers import latched
+from ros2_energy_monitor.diagnostics.node import unbalanced
+from ros2_energy_monitor.nodes.friction_monitor import FrictionMonitor
 
 messages = pytest.importorskip("control_msgs.msg", reason="control_msgs is not installed")
 

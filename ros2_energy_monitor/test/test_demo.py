@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from robot_energy.rig.record import record
-from ros2_energy_monitor.node_parameters import RobotParameters
-from ros2_energy_monitor.virtual_robot import make_rig
+from ros2_energy_monitor.base.parameters import RobotParameters
+from ros2_energy_monitor.nodes.virtual_robot import make_rig
 
 LIMIT = 90.0  # s
 
@@ -30,7 +30,7 @@ def bags(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def demo(child_environment, *options: str) -> subprocess.Popen[str]:
     return subprocess.Popen(
-        [sys.executable, "-m", "ros2_energy_monitor.demo", *options],
+        [sys.executable, "-m", "ros2_energy_monitor", "demo", *options],
         env=child_environment,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
@@ -71,7 +71,7 @@ def test_interrupted_demo_leaves_nothing_running(child_environment, bags, tmp_pa
     assert process.stdout is not None
     try:
         for line in process.stdout:
-            if line.startswith("predicted"):
+            if line.startswith("from the grid"):
                 break
         assert len(processes_of_session(process.pid)) == 5
         os.killpg(process.pid, signal.SIGINT)
@@ -87,7 +87,7 @@ def test_killed_demo_takes_its_nodes_along(child_environment, tmp_path):
     process = demo(child_environment, "--seconds=60", f"--out={tmp_path}")
     assert process.stdout is not None
     for line in process.stdout:
-        if line.startswith("predicted"):
+        if line.startswith("from the grid"):
             break
     process.kill()
     process.communicate(timeout=LIMIT)

@@ -9,10 +9,10 @@ import pytest
 from rclpy.executors import Executor
 from sensor_msgs.msg import JointState
 
-from robot_energy.ingest import JointStateIngest
-from robot_energy.wire.batch import RawBatch
-from ros2_energy_monitor.drain import Inbox, NeverReady
-from ros2_energy_monitor.publishers import best_effort, reliable
+from robot_energy.cdr.batch import RawBatch
+from robot_energy.inputs.joint_states.joint_states import JointStateIngest
+from ros2_energy_monitor.base.inbox import Inbox, NeverReady
+from ros2_energy_monitor.base.publishers import best_effort, reliable
 
 
 def state(number: int) -> JointState:

@@ -14,12 +14,12 @@ from rclpy.signals import SignalHandlerOptions
 from ros2_energy_msgs.msg import JointFriction, JointTorque
 from sensor_msgs.msg import JointState, Temperature
 
-from robot_energy.ingest import Accounting
-from ros2_energy_monitor.drain import Inbox
-from ros2_energy_monitor.findings import Findings
-from ros2_energy_monitor.input_watch import InputWatch
-from ros2_energy_monitor.publishers import best_effort, latched, reliable
-from ros2_energy_monitor.torque_monitor import TorqueMonitor
+from robot_energy.inputs.rejection_log import RejectionLog
+from ros2_energy_monitor.base.inbox import Inbox
+from ros2_energy_monitor.base.publishers import best_effort, latched, reliable
+from ros2_energy_monitor.diagnostics.inputs import ABSENT_REPORTS, InputWatch, accounting
+from ros2_energy_monitor.diagnostics.reporter import StatusBuilder
+from ros2_energy_monitor.nodes.torque_monitor import TorqueMonitor
 
 NAME = "torque_monitor: joint states"
 RELIABLE, BEST_EFFORT = ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT
@@ -44,8 +44,8 @@ def test_quality_of_service_that_does_not_fit_is_named(
     bench, asked, reliability, durability, reason
 ):
     inbox = Inbox(bench.tester, JointState, "states", asked)
-    watch = InputWatch("joint state", inbox, Accounting(), 1.0)
-    watch.judge(Findings("before"))  # has looked at the graph: the event must tell it to look
+    watch = InputWatch("joint state", inbox, RejectionLog(), 1.0)
+    watch.check(StatusBuilder("before"))  # has looked at the graph: the event must tell it to look
     offered = QoSProfile(depth=5, reliability=reliability, durability=durability)
     publisher = bench.tester.create_publisher(JointState, "states", offered)
     if not reason:
@@ -53,9 +53,9 @@ def test_quality_of_service_that_does_not_fit_is_named(
         publisher.publish(JointState())
         bench.spin_until(inbox.drain, "a message")
     else:
-        bench.spin_until(lambda: inbox.misfits, "the event")
-    found = Findings("joint states")
-    watch.judge(found)
+        bench.spin_until(lambda: inbox.mismatches, "the event")
+    found = StatusBuilder("joint states")
+    watch.check(found)
     sentence = f"the quality of service of /states from /tester does not fit: {reason}"
     assert (sentence in found.message) is bool(reason)
     assert (found.level == DiagnosticStatus.ERROR) is bool(reason)
@@ -76,11 +76,11 @@ def test_a_topic_of_another_type_is_named(bench, monkeypatch):
     inbox = Inbox(nodes[0], JointState, "states", best_effort(5))
     publisher = nodes[1].create_publisher(Temperature, "states", 5)
     bench.spin_until(lambda: nodes[0].count_publishers("states"), "the publisher")
-    watch = InputWatch("joint state", inbox, Accounting(), 1.0)
+    watch = InputWatch("joint state", inbox, RejectionLog(), 1.0)
 
-    def judged() -> Findings:
-        found = Findings("joint states")
-        watch.judge(found)
+    def judged() -> StatusBuilder:
+        found = StatusBuilder("joint states")
+        watch.check(found)
         return found
 
     words = "publishes /states as sensor_msgs/msg/Temperature, not sensor_msgs/msg/JointState"
@@ -132,27 +132,55 @@ def test_the_graph_is_asked_at_most_every_five_seconds(bench, monkeypatch):
     steady = time.monotonic()
     for second in range(12):
         monkeypatch.setattr(time, "monotonic", lambda second=second: steady + second)
-        inbox.suppliers.look()
+        inbox.topic_publishers.look()
     assert asked == [steady, steady + 5, steady + 10]
 
 
 def test_all_findings_stand_in_one_sentence_the_worst_first():
-    found = Findings("all")
+    found = StatusBuilder("all")
     found.add(DiagnosticStatus.WARN, "this is odd")
     found.add(DiagnosticStatus.ERROR, "that is wrong")
     found.add(DiagnosticStatus.STALE, "it is old")
     assert found.message == "that is wrong; it is old; this is odd"
     assert found.level == DiagnosticStatus.ERROR
     assert len(found) == 3
-    assert (Findings("none").message, Findings("none").level) == (
+    assert (StatusBuilder("none").message, StatusBuilder("none").level) == (
         "all is well",
         DiagnosticStatus.OK,
     )
+
+
+def test_an_absent_input_that_is_not_needed_is_a_note_and_once_in_the_log(bench):
+    inbox = Inbox(bench.tester, JointState, "cell1/meter", best_effort(5))
+    watch = InputWatch("meter reading", inbox, RejectionLog(), 1.0, needed=False)
+    sentence = "no publisher on /cell1/meter: prediction only"
+    for number in range(1, ABSENT_REPORTS + 3):
+        found = StatusBuilder("energy")
+        watch.check(found)
+        assert (found.level, found.message) == (DiagnosticStatus.OK, sentence)
+        assert (len(found), found.values["input_publishers"]) == (0, 0)
+        assert found.remarks == ([sentence] if number >= ABSENT_REPORTS else [])
+    bench.tester.create_publisher(JointState, "cell1/meter", best_effort(5))
+    bench.spin_until(lambda: inbox.publishers, "the publisher")
+    found = StatusBuilder("energy")
+    watch.check(found)
+    assert found.message.startswith("no meter reading has arrived on /cell1/meter, which has 1 pub")
+    assert found.level == DiagnosticStatus.OK
+    found.add(DiagnosticStatus.WARN, "this is odd")
+    assert found.message == "this is odd"
 
 
 def test_friction_that_is_kept_is_not_subscribed_anew(bench):
     inbox = Inbox(bench.tester, JointFriction, "friction", latched(5))
     bench.tester.create_publisher(JointFriction, "friction", latched(5))
     bench.spin_until(lambda: inbox.publishers, "the publisher")
-    inbox.revive()
+    inbox.resubscribe_if_silent()
     assert inbox.renewals == 0
+
+
+def test_the_counts_that_are_published_add_up():
+    account = RejectionLog(received=7, accepted=3, waiting=2)
+    account.reject("duplicate_stamp", 2)
+    values = accounting(account, "states.")
+    assert values.pop("states.received") == sum(values.values()) == 7
+    assert values["states.waiting"] == 2

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import runpy
 import sys
 from pathlib import Path
@@ -11,11 +10,13 @@ from typing import Any
 
 import pytest
 
+from ros2_energy_monitor.executables import EXECUTABLES
+
 PACKAGE = Path(__file__).resolve().parent.parent
 FILES = sorted((PACKAGE / "launch").glob("*.launch.py"))
 NAMES = {
     "launch": ["LaunchDescription"],
-    "launch.actions": ["DeclareLaunchArgument", "IncludeLaunchDescription"],
+    "launch.actions": ["DeclareLaunchArgument", "IncludeLaunchDescription", "OpaqueFunction"],
     "launch.conditions": ["IfCondition", "UnlessCondition"],
     "launch.launch_description_sources": ["PythonLaunchDescriptionSource"],
     "launch.substitutions": ["LaunchConfiguration", "PathJoinSubstitution"],
@@ -30,6 +31,9 @@ class Recorded:
 
     def __init__(self, kind: str, args: tuple[Any, ...], options: dict[str, Any]) -> None:
         self.kind, self.args, self.options = kind, args, options
+
+    def perform(self, given: dict[str, str]) -> str:
+        return given[self.args[0]]
 
 
 @pytest.fixture
@@ -49,20 +53,20 @@ def describe(monkeypatch: pytest.MonkeyPatch):
             setattr(module, name, maker(name))
         monkeypatch.setitem(sys.modules, module_name, module)
 
-    def run(path: Path) -> list[Recorded]:
+    def run(path: Path, **given: str) -> list[Recorded]:
+        """What the file makes, for arguments or their defaults."""
         made.clear()
         runpy.run_path(str(path))["generate_launch_description"]()
+        defaults = {
+            one.args[0]: one.options.get("default_value", "kr16")
+            for one in made
+            if one.kind == "DeclareLaunchArgument"
+        }
+        for one in [one for one in made if one.kind == "OpaqueFunction"]:
+            one.options["function"]({**defaults, **given})
         return list(made)
 
     return run
-
-
-def executables() -> list[str]:
-    tree = ast.parse((PACKAGE / "setup.py").read_text())
-    for node in tree.body:
-        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "EXECUTABLES":
-            return ast.literal_eval(node.value)
-    raise AssertionError("setup.py has no EXECUTABLES")
 
 
 def test_the_launch_files_are_found():
@@ -70,14 +74,52 @@ def test_the_launch_files_are_found():
 
 
 def test_the_monitor_runs_in_one_process_or_in_three(describe):
-    nodes = [one for one in describe(FILES[0]) if one.kind == "Node"]
-    kinds = {one.options["executable"]: one.options["condition"].kind for one in nodes}
-    assert kinds == {
-        "energy_monitor": "UnlessCondition",
-        "torque_monitor": "IfCondition",
-        "friction_monitor": "IfCondition",
-        "power_monitor": "IfCondition",
-    }
+    assert list(nodes_of(describe(FILES[0]))) == ["energy_monitor"]
+    assert list(nodes_of(describe(FILES[0], separate="true"))) == [
+        "torque_monitor",
+        "friction_monitor",
+        "power_monitor",
+    ]
+
+
+def nodes_of(made: list[Recorded]) -> dict[str, Recorded]:
+    return {one.options["executable"]: one for one in made if one.kind == "Node"}
+
+
+def test_arguments_reach_the_nodes(describe):
+    """The parameter file comes after that of the package; only keepers have a folder."""
+    given = {"params_file": "my.yaml", "state_folder": "/kept", "use_sim_time": "true"}
+    for separate in ("true", "false"):
+        nodes = nodes_of(describe(FILES[0], separate=separate, log_level="debug", **given))
+        for name, node in nodes.items():
+            _, file, values = node.options["parameters"]
+            assert file == "my.yaml"
+            assert values["use_sim_time"] is True
+            assert node.options["arguments"][-1] == "debug"
+            keeper = name in ("energy_monitor", "power_monitor")
+            assert values.get("state_folder") == ("/kept" if keeper else None)
+
+
+def test_the_virtual_robot_counts_apart_from_a_real_one(describe):
+    def folder(**given: str) -> str | None:
+        node = nodes_of(describe(FILES[0], **given))["energy_monitor"]
+        return node.options["parameters"][-1].get("state_folder")
+
+    assert folder() is None  # as the parameter files say
+    assert folder(virtual="true") == "$ROS_HOME/robot_energy/virtual_robot"
+    assert folder(virtual="true", state_folder="/mine") == "/mine"
+    assert folder(state_folder="") == ""
+
+
+def test_an_unknown_argument_is_refused(describe, monkeypatch):
+    words = ["ros2", "launch", "ros2_energy_monitor", "energy_monitor.launch.py", "model:=kr16"]
+    monkeypatch.setattr(sys, "argv", [*words, "param_file:=a.yaml"])
+    with pytest.raises(RuntimeError, match="unknown launch argument 'param_file'"):
+        describe(FILES[0])
+    monkeypatch.setattr(sys, "argv", [*words, "params_file:=a.yaml"])
+    describe(FILES[0])
+    monkeypatch.setattr(sys, "argv", ["ros2", "launch", "cell.launch.py", "colour:=red"])
+    describe(FILES[0])
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.name)
@@ -87,7 +129,7 @@ def test_launch_file_names_only_what_exists(describe, path):
     assert nodes
     for node in nodes:
         assert node.options["package"] == "ros2_energy_monitor"
-        assert node.options["executable"] in executables()
+        assert node.options["executable"] in EXECUTABLES
         config = node.options["parameters"][0]
         assert config.kind == "PathJoinSubstitution"
         assert (PACKAGE / Path(*config.args[0][1:])).is_file()
@@ -96,9 +138,3 @@ def test_launch_file_names_only_what_exists(describe, path):
     assert used == declared
     for source in (one for one in made if one.kind == "PythonLaunchDescriptionSource"):
         assert (PACKAGE / Path(*source.args[0][0].args[0][1:])).is_file()
-
-
-def test_every_executable_has_a_main():
-    for name in executables():
-        source = ast.parse((PACKAGE / "ros2_energy_monitor" / f"{name}.py").read_text())
-        assert "main" in {node.name for node in source.body if isinstance(node, ast.FunctionDef)}

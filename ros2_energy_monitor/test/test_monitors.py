@@ -20,11 +20,12 @@ from sensor_msgs.msg import JointState, Temperature
 
 from robot_energy.blocks import Quality
 from robot_energy.errors import ModelFileError
-from ros2_energy_monitor.energy_monitor import EnergyMonitor
-from ros2_energy_monitor.friction_monitor import FrictionMonitor
-from ros2_energy_monitor.power_monitor import PowerMonitor
-from ros2_energy_monitor.publishers import latched
-from ros2_energy_monitor.torque_monitor import TorqueMonitor
+from ros2_energy_monitor.base.parameters import parameter_lines
+from ros2_energy_monitor.base.publishers import latched
+from ros2_energy_monitor.nodes.energy_monitor import EnergyMonitor
+from ros2_energy_monitor.nodes.friction_monitor import FrictionMonitor
+from ros2_energy_monitor.nodes.power_monitor import PowerMonitor
+from ros2_energy_monitor.nodes.torque_monitor import TorqueMonitor
 
 JOINTS = [f"joint_a{axis}" for axis in range(1, 7)]
 MONITORS = [TorqueMonitor, FrictionMonitor, PowerMonitor, EnergyMonitor]
@@ -44,17 +45,20 @@ def temperatures(second: int, degc: float = 30.0) -> MotorTemperatures:
 
 @pytest.mark.parametrize("monitor", MONITORS)
 def test_unknown_model_is_refused(bench, monitor):
-    with pytest.raises(ModelFileError, match="no model file can be read at 'kr17'"):
+    with pytest.raises(ModelFileError, match="the model file 'kr17' cannot be read"):
         bench.add(monitor, model="kr17")
 
 
 @pytest.mark.parametrize("monitor", [TorqueMonitor, EnergyMonitor])
 def test_the_log_says_what_is_modelled(bench, monitor, capfd):
-    bench.add(monitor, model="kr16")
+    node = bench.add(monitor, model="kr16")
     output = capfd.readouterr().err
     for joint in JOINTS:
         assert re.search(rf"{joint} +revolute +modelled", output), output
-    assert "tick_rate 25.0" in output
+    assert "tick_rate" not in output  # at DEBUG only, one line for each group
+    lines = parameter_lines(node)
+    assert any("tick_rate 25.0" in line for line in lines)
+    assert max(map(len, lines)) < 1000
 
 
 def test_a_missing_friction_monitor_is_said(bench):
@@ -273,7 +277,7 @@ def test_missing_joint_is_named(bench):
 def test_joints_of_two_topics_make_one_torque(bench, messages):
     """A limb on a topic of its own: every state of the first joint's topic gives a torque."""
     topics = ["arm/joint_states", "wrist/joint_states"]
-    node = bench.add(TorqueMonitor, model="kr16", joint_state_topics=topics)
+    node = bench.add(TorqueMonitor, model="kr16", **{"joint_states.topics": topics})
     torques = bench.inbox(JointTorque, "energy/joint_torque")
     sent = {topic: bench.publisher(JointState, topic) for topic in topics}
     for whole in messages["/joint_states"][:100]:
@@ -336,11 +340,22 @@ def test_power_monitor_diagnoses_torque_and_meter(bench):
     )
 
 
+def test_a_typing_error_in_the_topic_of_the_meter_shows(bench):
+    """At level OK, since a robot without a meter is no fault."""
+    bench.add(EnergyMonitor, model="kr16", **{"meter.topic": "power_metre"})
+    bench.publisher(PowerReading, "power_meter", subscribers=0)
+    status = bench.diagnosed().wait(
+        "energy_monitor: energy", "no publisher on /power_metre: prediction only"
+    )
+    assert status.level == DiagnosticStatus.OK
+
+
 def test_silent_meter_is_diagnosed(bench, messages):
     bench.add(EnergyMonitor, model="kr16", meter_max_gap=0.1)
     diagnosed = bench.diagnosed()
     name = "energy_monitor: energy"
-    assert diagnosed.wait(name, "all is well").level == DiagnosticStatus.OK  # no meter at all
+    note = "no publisher on /power_meter: prediction only"
+    assert diagnosed.wait(name, note).level == DiagnosticStatus.OK
     publisher = bench.publisher(PowerReading, "power_meter")
     publisher.publish(messages["/power_meter"][0])
     assert diagnosed.wait(name, "no meter reading for").level == DiagnosticStatus.STALE

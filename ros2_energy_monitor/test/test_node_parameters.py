@@ -10,14 +10,11 @@ import yaml
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from robot_energy.ingest.parameters import assemble
-from robot_energy.ingest.sources import (
-    FLOAT_ARRAY,
-    TEMPERATURE,
-    JointStateSource,
-    TemperatureSource,
-)
-from ros2_energy_monitor.node_parameters import (
+from robot_energy.inputs.parameters import RENAMED, assemble
+from robot_energy.inputs.sources import JointStateSource, TemperatureSource
+from robot_energy.inputs.temperatures.kinds import FLOAT_ARRAY, TEMPERATURE
+from ros2_energy_monitor.base.parameter_files import files_without_section, sections
+from ros2_energy_monitor.base.parameters import (
     ConsoleParameters,
     EnergyParameters,
     FrictionParameters,
@@ -27,7 +24,6 @@ from ros2_energy_monitor.node_parameters import (
     TorqueParameters,
     declare,
 )
-from ros2_energy_monitor.parameter_files import sections, strangers
 
 CONFIG = Path(__file__).resolve().parent.parent / "config"
 NODES = {
@@ -248,11 +244,14 @@ def test_sections_of_a_namespace_and_of_several_nodes(tmp_path):
     )
     assert list(sections(str(path))) == ["/cell/torque_monitor", "/other/*"]
     arguments = ["--params-file", str(path)]
-    assert not strangers(arguments, "/cell/torque_monitor")
-    assert not strangers(arguments, "/other/torque_monitor")
-    assert "only for /cell/torque_monitor, /other/*" in strangers(arguments, "/torque_monitor")[0]
+    assert not files_without_section(arguments, "/cell/torque_monitor")
+    assert not files_without_section(arguments, "/other/torque_monitor")
+    assert (
+        "only for /cell/torque_monitor, /other/*"
+        in files_without_section(arguments, "/torque_monitor")[0]
+    )
     path.write_text("{")
-    assert not strangers(arguments, "/torque_monitor")
+    assert not files_without_section(arguments, "/torque_monitor")
 
 
 def test_strict_parameters_refuse_what_is_unknown(bench):
@@ -261,17 +260,23 @@ def test_strict_parameters_refuse_what_is_unknown(bench):
 
 
 @pytest.mark.parametrize(
-    "entry",
+    "name",
     [
-        *(entry for entry in fields(TorqueParameters) if entry.name != "joint_states"),
-        *fields(JointStateSource),  # whose parameters stand for that field
+        *(entry.name for entry in fields(TorqueParameters) if entry.name != "joint_states"),
+        *(f"joint_states.{entry.name}" for entry in fields(JointStateSource)),
     ],
-    ids=lambda entry: entry.name,
 )
-def test_one_wrong_letter_in_any_name_is_noticed(bench, capfd, entry):
-    wrong = entry.name[:-1] + ("x" if entry.name[-1] != "x" else "y")
+def test_one_wrong_letter_in_any_name_is_noticed(bench, capfd, name):
+    wrong = name[:-1] + ("x" if name[-1] != "x" else "y")
     bench.add(Any, **{"model": "kr16", wrong: 1})
-    assert f"no parameter '{wrong}'; did you mean '{entry.name}'?" in capfd.readouterr().err
+    assert f"no parameter '{wrong}'; did you mean '{name}'?" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize("old", RENAMED)
+def test_a_name_of_an_earlier_version_ends_the_node(bench, old):
+    with pytest.raises(ParameterError) as caught:
+        bench.add(Any, **{"model": "kr16", old: 1})
+    assert RENAMED[old] in caught.value.expected
 
 
 def test_unknown_parameter_is_named_with_its_neighbour(bench, capfd):

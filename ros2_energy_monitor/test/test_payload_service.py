@@ -7,15 +7,15 @@ from ros2_energy_msgs.msg import Payload
 from ros2_energy_msgs.srv import SetPayload
 from sensor_msgs.msg import JointState
 
-from robot_energy.ingest import JointStateIngest
-from robot_energy.model_file import load
-from robot_energy.model_file.payload import payload
+from robot_energy.cdr.batch import RawBatch
+from robot_energy.inputs.joint_states.joint_states import JointStateIngest
+from robot_energy.model import load
+from robot_energy.model.payload import payload
 from robot_energy.pipeline import EnergyPipeline
-from robot_energy.wire.batch import RawBatch
-from ros2_energy_monitor.energy_monitor import EnergyMonitor
-from ros2_energy_monitor.publishers import latched
-from ros2_energy_monitor.settings import settings_of
-from ros2_energy_monitor.torque_monitor import TorqueMonitor
+from ros2_energy_monitor.base.publishers import latched
+from ros2_energy_monitor.base.settings import settings_of
+from ros2_energy_monitor.nodes.energy_monitor import EnergyMonitor
+from ros2_energy_monitor.nodes.torque_monitor import TorqueMonitor
 
 
 def ask(bench, node: str, **request) -> SetPayload.Response:
@@ -36,7 +36,8 @@ def test_a_payload_changes_the_energy_from_its_stamp_on(bench, messages):
     bench.spin_until(lambda: node.ingest.account.accepted == 200, "joint states")
     answer = ask(bench, "energy_monitor", link="link_6", mass=8.0)
     assert answer.success, answer.message
-    assert answer.message.startswith("the robot carries 8 kg on 'link_6' from 17000000")
+    assert answer.valid_from.sec // 10**6 == 1700
+    assert "from 2023-11-14 22:13:2" in answer.message
     for row in rows[200:]:
         publisher.publish(row)
     bench.spin_until(lambda: node.ingest.account.accepted == 400, "joint states")
@@ -72,6 +73,7 @@ def test_an_accepted_payload_is_kept_for_those_who_come_late(bench, monitor):
     (message,) = bench.spin_until(lambda: received, "the payload")
     assert (message.link, message.mass, message.centre_of_mass[2]) == ("tool0", 5.0, 0.1)
     assert message.model_id == node.model.model_id
+    assert message.header.frame_id == "tool0"  # the frame in which the body is given
 
 
 @pytest.mark.parametrize(

@@ -7,19 +7,23 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
+from mcap.writer import Writer
 from sensor_msgs.msg import JointState
 
 from robot_energy.bag import BagReader, BagWriter
-from robot_energy.errors import MissingTopicError, ReportError
-from robot_energy.model_file import load, save
-from robot_energy.replay import replay
-from ros2_energy_monitor import live_study
-from ros2_energy_monitor.player import Player, message_type
+from robot_energy.bag_replay import replay
+from robot_energy.errors import MessageTypeError, MissingTopicError, ReportError
+from robot_energy.model import load, save
+from ros2_energy_monitor.base.message_classes import message_class
+from ros2_energy_monitor.demo import live_study
+from ros2_energy_monitor.nodes.player import Player
 
 RATE = 8.0
+FLOAT = "std_msgs/msg/Float64"
 
 
 def play(bench, bag: Path, topics=None) -> tuple[Player, float]:
@@ -58,14 +62,89 @@ def test_what_cannot_be_played_is_left_out_or_refused(bench, tmp_path):
     reader = BagReader(tmp_path / "odd")
     with pytest.raises(MissingTopicError, match="no /torque"):
         Player(bench.tester, reader, 1.0, ["/torque"])
-    assert message_type("sensor_msgs/msg/JointState") is JointState
-    assert message_type("nobody_msgs/msg/Thing") is None
-    assert message_type("sensor_msgs/msg/Thing") is None
+
+
+def odd_bag(folder: Path, topics: dict[str, str]) -> BagReader:
+    """A bag with one message of each topic and of a type that the library need not know."""
+    path = folder / "odd.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start(profile="ros2")
+        for topic, msgtype in topics.items():
+            schema = writer.register_schema(msgtype, "ros2msg", b"float64 value")
+            channel = writer.register_channel(topic, "cdr", schema)
+            writer.add_message(channel, 10**18, bytes(12), 10**18)
+        writer.finish()
+    return BagReader(path)
+
+
+ILLEGAL = {
+    "/a b": FLOAT, "/" + "x" * 300: FLOAT, "/a//b": FLOAT, "/\x1b[2J": FLOAT, "/{node}": FLOAT,
+    "~/a": FLOAT, "/": FLOAT, "/plain": FLOAT, "plain": FLOAT, "/os": ".os/msg/T",
+    "/none": "/msg/T", "/up": "../x/msg/T", "/small": "os/msg/system", "/absent": "os/msg/System",
+    "/line": f"{FLOAT}\n",
+}  # fmt: skip
+
+
+def test_illegal_topics_and_types_are_left_out_with_a_sentence_each(bench, tmp_path):
+    reader = odd_bag(tmp_path, ILLEGAL)
+    player = Player(bench.tester, reader, 1.0)
+    assert player.topics == ["/plain"]
+    assert len(player.left_out) == len(ILLEGAL) - 1
+    assert not [line for line in player.left_out if not line.isprintable()]
+
+
+def test_a_bag_of_which_nothing_can_be_played_is_refused(bench, child_environment, tmp_path):
+    reader = odd_bag(tmp_path, {"/os": ".os/msg/T"})
+    with pytest.raises(MissingTopicError, match="nothing of"):
+        Player(bench.tester, reader, 1.0)
+    done = run(child_environment, "player", str(reader.path))
+    assert done.returncode == 2
+    assert len(done.stdout.splitlines()) == 1
+    assert "Traceback" not in done.stderr
+
+
+PLAY = """
+import sys
+import rclpy
+from robot_energy.bag import BagReader
+from ros2_energy_monitor.nodes.player import Player
+assert sys.path[0] == ""
+rclpy.init()
+print(*Player(rclpy.create_node("player"), BagReader(sys.argv[1]), 1.0).topics)
+assert hasattr(sys.modules["nav_msgs.msg"].Goals, "get_fields_and_field_types")
+"""
+
+
+def test_a_bag_imports_nothing_from_the_working_folder(child_environment, tmp_path):
+    """Neither a module that is none of the index nor one that has the name of one that is."""
+    for name in ("evil_msgs", "nav_msgs"):
+        (tmp_path / name / "msg").mkdir(parents=True)
+        (tmp_path / name / "__init__.py").write_text(f"open('{name}_ran', 'w')\n")
+        (tmp_path / name / "msg" / "__init__.py").write_text("class Goals: pass\n")
+    topics = {"/a": "evil_msgs/msg/Goals", "/b": "nav_msgs/msg/Goals", "/c": "x/msg/T"}
+    reader = odd_bag(tmp_path, topics)
+    done = subprocess.run(
+        [sys.executable, "-c", PLAY, str(reader.path)], cwd=tmp_path, env=child_environment,
+        capture_output=True, text=True, check=False, timeout=120,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == ["/b"]
+    assert list(tmp_path.glob("*_ran")) == []
+
+
+def test_a_module_of_another_place_is_not_taken_for_the_installed_one(monkeypatch, tmp_path):
+    decoy = ModuleType("stereo_msgs")
+    decoy.__file__ = str(tmp_path / "stereo_msgs" / "__init__.py")
+    monkeypatch.setitem(sys.modules, "stereo_msgs", decoy)
+    with pytest.raises(MessageTypeError, match="for the messages of stereo_msgs"):
+        message_class("stereo_msgs/msg/DisparityImage")
+    assert message_class("sensor_msgs/msg/JointState") is JointState
 
 
 def run(environment, module: str, *words: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-m", f"ros2_energy_monitor.{module}", *words],
+        [sys.executable, "-m", "ros2_energy_monitor", module, *words],
         env=environment, capture_output=True, text=True, check=False, timeout=120,
     )  # fmt: skip
 

@@ -19,7 +19,7 @@ MONITORS = ["torque_monitor", "friction_monitor", "power_monitor", "energy_monit
 def command(name: str, *parameters: str) -> list[str]:
     options = [word for parameter in parameters for word in ("-p", parameter)]
     arguments = ["--ros-args", *options] if options else []
-    return [sys.executable, "-m", f"ros2_energy_monitor.{name}", *arguments]
+    return [sys.executable, "-m", "ros2_energy_monitor", name, *arguments]
 
 
 @pytest.fixture
@@ -83,7 +83,7 @@ def test_many_signals_end_a_node_as_cleanly_as_one(start, name):
             "torque_monitor has no parameter 'tick_rat'; did you mean 'tick_rate'?",
         ),
         ((), "torque_monitor was started without its parameter 'model'"),
-        (("model:=kr17",), "no model file can be read at 'kr17'"),
+        (("model:=kr17",), "the model file 'kr17' cannot be read"),
         (("model:=kr16", "tick_rate:=-1.0"), "parameter 'tick_rate' of torque_monitor is -1.0"),
     ],
 )
@@ -137,7 +137,14 @@ def test_a_broken_model_file_is_named(start, tmp_path: Path):
 
 def test_wrong_ros_arguments_are_refused(child_environment):
     result = subprocess.run(
-        [sys.executable, "-m", "ros2_energy_monitor.torque_monitor", "--ros-args", "-p", "model"],
+        [
+            sys.executable,
+            "-m",
+            "ros2_energy_monitor.nodes.torque_monitor",
+            "--ros-args",
+            "-p",
+            "model",
+        ],
         env=child_environment,
         capture_output=True,
         text=True,

@@ -17,7 +17,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from sensor_msgs.msg import JointState
 
-from ros2_energy_monitor.energy_monitor import EnergyMonitor
+from ros2_energy_monitor.nodes.energy_monitor import EnergyMonitor
 
 NAME = "energy_monitor: joint states"
 LIMIT = 2.0  # s, from the first message that arrives to counting and OK

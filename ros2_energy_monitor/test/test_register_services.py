@@ -5,21 +5,32 @@ from __future__ import annotations
 import subprocess
 import sys
 import threading
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from ros2_energy_msgs.msg import EnergyRegisters
-from ros2_energy_msgs.srv import CloseInterval, ListIntervals, OpenInterval, ResetRegisters
+from ros2_energy_msgs.srv import (
+    CloseInterval,
+    ListIntervals,
+    OpenInterval,
+    ResetRegisters,
+    SetPayload,
+)
 from sensor_msgs.msg import JointState
 
-from robot_energy.registers.record import FORMAT_VERSION, LedgerRecord
-from robot_energy.state_file.envelope import unwrap
-from ros2_energy_monitor.checkpoints import folder_of
-from ros2_energy_monitor.energy_monitor import EnergyMonitor
-from ros2_energy_monitor.power_monitor import PowerMonitor
+from robot_energy.accounting.account import EnergyAccount
+from robot_energy.accounting.record import FORMAT_VERSION, LedgerRecord
+from robot_energy.model import load
+from robot_energy.store import load_account
+from robot_energy.store.envelope import unwrap
+from ros2_energy_monitor.base.checkpoints import folder_of
+from ros2_energy_monitor.nodes.energy_monitor import EnergyMonitor
+from ros2_energy_monitor.nodes.power_monitor import PowerMonitor
 
 FAST: dict[str, Any] = {"model": "kr16", "checkpoint_period": 0.1}
 KILLS = Path(__file__).resolve().parents[2] / "test/soak/kills.py"
@@ -245,7 +256,7 @@ def test_a_second_monitor_says_so_and_takes_over(bench, messages, tmp_path):
     publisher = bench.publisher(JointState, "joint_states")
     rows = messages["/joint_states"]
     feed(bench, first, publisher, rows[:300])
-    assert first._books.checkpoints.now()
+    assert first._account_publisher.checkpoints.now()
     total = first.ledger.registers.cabinet("grid_import")
     second, observer = start(bench, tmp_path), Observer(bench)
     status = observer.diagnosed("another monitor", str(tmp_path))
@@ -265,7 +276,7 @@ def test_ticks_go_on_while_the_disk_hangs(bench, messages, tmp_path):
     feed(bench, node, publisher, rows[:200])
     observer.wait(persisted=True)
     card = threading.Event()
-    node._books.checkpoints._thread.submit(card.wait)
+    node._account_publisher.checkpoints._thread.submit(card.wait)
     try:
         observer.wait(persisted=False)
         hung = len(observer.rows)
@@ -288,6 +299,73 @@ def test_files_that_cannot_be_used_are_told(bench, tmp_path):
     start(bench, tmp_path)
     status = Observer(bench).diagnosed("begin anew")
     assert status.level == DiagnosticStatus.WARN
+
+
+HOSTILE = ["x" * 3_000_000, "a\n[ERROR] forged", "\x1b[2J", "", " ", "\U0001f916" * 300, "a\u2028b"]
+
+
+def test_a_barrage_of_strings_and_numbers_changes_nothing(bench, messages, tmp_path):
+    """Refused in one short line each; the registers go on and can be read back."""
+    node = start(bench, tmp_path)
+    publisher = bench.publisher(JointState, "joint_states")
+    feed(bench, node, publisher, messages["/joint_states"][:300])
+    assert call(bench, node, OpenInterval, "open_interval", name="job").persisted
+    before = node.ledger.tally()
+    answers = []
+    for text in HOSTILE:
+        answers += [
+            call(bench, node, ResetRegisters, "reset_registers", reason=text),
+            call(bench, node, OpenInterval, "open_interval", name=text),
+            call(bench, node, CloseInterval, "close_interval", name=text),
+            call(bench, node, SetPayload, "set_payload", link=text, mass=1.0),
+        ]
+    for sec, nanosec in ((2**31 - 1, 2**32 - 1), (2**31 - 1, 0), (0, 10**9)):
+        valid_from = Time(sec=sec, nanosec=nanosec)
+        fields = {"link": "tool0", "mass": 1.0, "valid_from": valid_from}
+        answers.append(call(bench, node, SetPayload, "set_payload", **fields))
+    for mass in (1e308, float("nan"), float("inf"), -1.0):
+        answers.append(call(bench, node, SetPayload, "set_payload", link="tool0", mass=mass))
+    assert not any(answer.success for answer in answers)
+    assert all(answer.message.isprintable() for answer in answers)
+    assert max(len(answer.message) for answer in answers) < 5000
+    assert node.ledger.tally() == before
+    widest = "\U0001f916" * 100
+    assert call(bench, node, OpenInterval, "open_interval", name=widest).persisted
+    assert call(bench, node, ResetRegisters, "reset_registers", reason=2 * widest).persisted
+    kept = newest(tmp_path)
+    assert [one.name for one in kept.open_intervals] == ["job", widest]
+    assert kept.trace[-1].text == 2 * widest
+
+
+def test_namespaces_have_registers_of_their_own(bench, messages, tmp_path):
+    nodes = [
+        bench.add(partial(EnergyMonitor, namespace=name), **{**FAST, "state_folder": str(tmp_path)})
+        for name in ("cell1", "cell2")
+    ]
+    assert all(node._account_publisher.checkpoints.now() for node in nodes)
+    assert len(list(tmp_path.glob("cell1-*.state"))) == 1
+    assert len(list(tmp_path.glob("cell2-*.state"))) == 1
+
+
+def test_files_of_an_earlier_release_are_adopted_with_a_word(bench, messages, tmp_path):
+    ledger = EnergyAccount(6)
+    model = load("kr16")
+    books = load_account(ledger, model, tmp_path)
+    books.open()
+    assert books.close()
+    start(bench, tmp_path)
+    status = Observer(bench).diagnosed("earlier release")
+    assert status.level == DiagnosticStatus.OK
+
+
+def test_kills_while_services_are_called_and_the_clock_steps(child_environment):
+    """See test/soak/service_kills.py."""
+    done = subprocess.run(
+        [sys.executable, str(KILLS.with_name("service_kills.py")), "--kills=20"],
+        env=child_environment, capture_output=True, text=True, timeout=280, check=False,
+    )  # fmt: skip
+    print(done.stdout)
+    assert done.returncode == 0, done.stdout + done.stderr
 
 
 def test_fifty_kills_in_motion(child_environment):

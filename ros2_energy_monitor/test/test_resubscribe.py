@@ -2,28 +2,28 @@
 
 from __future__ import annotations
 
-from ros2_energy_monitor.revival import LONGEST, Revival
+from ros2_energy_monitor.base.resubscribe import LONGEST, ResubscribePolicy
 
 
-def trials(revival: Revival, start: int, stop: int, publishers: int = 1) -> list[int]:
+def trials(revival: ResubscribePolicy, start: int, stop: int, publishers: int = 1) -> list[int]:
     """Seconds at which it is time to subscribe anew."""
     return [second for second in range(start, stop) if revival.due(float(second), publishers)]
 
 
 def test_the_wait_doubles_up_to_a_limit():
-    revival = Revival(10.0)
+    revival = ResubscribePolicy(10.0)
     assert trials(revival, 0, 400) == [10, 30, 70, 150, 270, 390]
     assert LONGEST == 120.0
 
 
 def test_nothing_is_tried_without_a_publisher():
-    revival = Revival(10.0)
+    revival = ResubscribePolicy(10.0)
     assert trials(revival, 0, 100, publishers=0) == []
     assert trials(revival, 100, 115) == [109]  # counts from when the publisher came
 
 
 def test_data_after_a_trial_are_its_success():
-    revival = Revival(10.0)
+    revival = ResubscribePolicy(10.0)
     revival.heard(0.0)
     assert trials(revival, 1, 11) == [10]
     revival.heard(10.5)
@@ -31,7 +31,7 @@ def test_data_after_a_trial_are_its_success():
 
 
 def test_a_topic_that_is_silent_by_nature_is_left_alone():
-    revival = Revival(10.0)
+    revival = ResubscribePolicy(10.0)
     revival.heard(0.0)
     assert trials(revival, 1, 25) == [10]
     revival.heard(25.0)  # came by itself: such a silence says nothing

@@ -11,13 +11,13 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from robot_energy.errors import RobotDescriptionError, UrdfAwaitedError
-from robot_energy.model_file import load, save
-from ros2_energy_monitor.energy_monitor import EnergyMonitor
-from ros2_energy_monitor.entities import Entities
-from ros2_energy_monitor.friction_monitor import FrictionMonitor
-from ros2_energy_monitor.power_monitor import PowerMonitor
-from ros2_energy_monitor.publishers import latched
-from ros2_energy_monitor.torque_monitor import TorqueMonitor
+from robot_energy.model import load, save
+from ros2_energy_monitor.base.entities import EntitySnapshot
+from ros2_energy_monitor.base.publishers import latched
+from ros2_energy_monitor.nodes.energy_monitor import EnergyMonitor
+from ros2_energy_monitor.nodes.friction_monitor import FrictionMonitor
+from ros2_energy_monitor.nodes.power_monitor import PowerMonitor
+from ros2_energy_monitor.nodes.torque_monitor import TorqueMonitor
 
 NAME = "energy_monitor: node"
 KR16 = load("kr16").urdf_xml
@@ -57,7 +57,7 @@ def test_a_monitor_waits_and_starts_by_itself(bench, model, describe, monitor):
 
 def test_what_is_awaited_and_refused_is_said(bench, model, describe):
     node = bench.add(EnergyMonitor, model=str(model))
-    size = len(Entities(node))
+    size = len(EntitySnapshot(node))
     diagnosed = bench.diagnosed()
     diagnosed.wait(NAME, "waiting for a robot description on /robot_description")
     describe("garbage")
@@ -67,7 +67,7 @@ def test_what_is_awaited_and_refused_is_said(bench, model, describe):
     assert node.state == "inactive"
     describe(load("ur3e").urdf_xml)  # good, but of another robot
     diagnosed.wait(NAME, "no joint 'joint_a1'")
-    assert len(Entities(node)) == size
+    assert len(EntitySnapshot(node)) == size
     describe(KR16)
     diagnosed.wait(NAME, "all is well")
     assert node.active
@@ -86,11 +86,11 @@ class Fussy(EnergyMonitor):
 
 def test_a_description_that_cannot_be_adopted_leaves_nothing_behind(bench, model, describe):
     node = bench.add(Fussy, model=str(model))
-    size = len(Entities(node))
+    size = len(EntitySnapshot(node))
     diagnosed = bench.diagnosed()
     describe(KR16)
     diagnosed.wait(NAME, "nobody likes it")
-    assert len(Entities(node)) == size
+    assert len(EntitySnapshot(node)) == size
     assert not node.ready
     node.fussy = False
     describe(KR16 + " ")

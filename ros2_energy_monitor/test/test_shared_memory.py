@@ -12,8 +12,9 @@ import pytest
 from rclpy.node import Node
 
 from robot_energy.errors import ParameterError
-from ros2_energy_monitor import shared_memory, shell
-from ros2_energy_monitor.shared_memory import clear_ports
+from ros2_energy_monitor.base import run_node as shell
+from ros2_energy_monitor.base import shared_memory
+from ros2_energy_monitor.base.shared_memory import clear_ports
 
 READY, RAW = b"\2" + bytes(99), bytes(100)
 STARTED = "is monitored"
@@ -27,6 +28,17 @@ def test_what_is_in_use_is_left_alone_at_once(tmp_path: Path) -> None:
     (tmp_path / "other").write_bytes(RAW)
     assert clear_ports(tmp_path, orphaned=1e9) == []
     assert len(list(tmp_path.iterdir())) == 5
+
+
+def test_what_only_has_the_name_of_a_port_is_neither_waited_for_nor_touched(tmp_path: Path) -> None:
+    ports = [tmp_path / f"fastrtps_port{number}" for number in range(7000, 7004)]
+    (tmp_path / "half_made").write_bytes(RAW)
+    os.mkfifo(ports[0])
+    ports[1].symlink_to("half_made")
+    ports[2].symlink_to("/dev/zero")
+    ports[3].mkdir()
+    assert clear_ports(tmp_path, orphaned=0.0) == []
+    assert all(os.path.lexists(port) for port in ports)
 
 
 @pytest.mark.parametrize("content", [RAW, b"\1" + bytes(99), b""])
@@ -90,7 +102,7 @@ def test_a_monitor_starts_beside_a_port_left_half_made(child_environment: dict[s
     port.write_bytes(RAW)
     monitor = subprocess.Popen(
         [
-            *(sys.executable, "-m", "ros2_energy_monitor.energy_monitor"),
+            *(sys.executable, "-m", "ros2_energy_monitor", "energy_monitor"),
             *("--ros-args", "-p", "model:=kr16"),
         ],
         env=environment,

@@ -10,12 +10,12 @@ from sensor_msgs.msg import Temperature
 from std_msgs.msg import Float64MultiArray
 
 from robot_energy.errors import ParameterError
-from robot_energy.model_file import load
-from robot_energy.pipeline.temperature_watch import TemperatureWatch
-from ros2_energy_monitor.diagnostics import stuck_temperatures
-from ros2_energy_monitor.findings import WARN, Findings
-from ros2_energy_monitor.friction_monitor import FrictionMonitor
-from ros2_energy_monitor.node_watch import unbalanced
+from robot_energy.inputs.temperatures.stuck import StuckTemperatureDetector
+from robot_energy.model import load
+from ros2_energy_monitor.diagnostics.energy import stuck_temperatures
+from ros2_energy_monitor.diagnostics.node import unbalanced
+from ros2_energy_monitor.diagnostics.reporter import WARN, StatusBuilder
+from ros2_energy_monitor.nodes.friction_monitor import FrictionMonitor
 
 SOURCES = {
     "temperature_sources": ["row", "text", "more", "wrist"],
@@ -83,8 +83,10 @@ def test_a_source_whose_messages_are_not_installed_costs_only_itself(bench, capf
     output = capfd.readouterr().err
     if "control_msgs" not in output:
         pytest.skip("control_msgs is installed here")
-    assert output.count("the source 'states' is not read: it needs control_msgs/msg/Dyn") == 1
-    assert "install ros-jazzy-control-msgs" in output
+    assert (
+        output.count("the source 'states' is not read: the message type control_msgs/msg/Dyn") == 1
+    )
+    assert "Install ros-jazzy-control-msgs" in output
     assert [reader.name for reader in node.ingest.readers] == ["motors"]
     latest = bench.latest(JointFriction, "energy/joint_friction")
     bench.publisher(MotorTemperatures, "motor_temperatures").publish(
@@ -119,14 +121,14 @@ def test_diagnostics_say_which_unit_the_readings_look_like(bench):
 
 def test_diagnostics_name_the_thermometers_that_hang():
     model = load("kr16")
-    watch = TemperatureWatch(model)
-    judge = stuck_temperatures(watch, model)
-    found = Findings("energy")
-    judge(found)
+    watch = StuckTemperatureDetector(model)
+    check = stuck_temperatures(watch, model)
+    found = StatusBuilder("energy")
+    check(found)
     assert found.values == {"temperatures_stuck": 0}
     assert found.message == "all is well"
     watch.stuck[[1, 4]], watch.rise[1] = True, 3.4
-    judge(found)
+    check(found)
     assert found.values == {"temperatures_stuck": 2}
     assert found.level == WARN
     assert "joint_a2, joint_a5 has not changed although" in found.message

@@ -8,9 +8,9 @@ from ros2_energy_msgs.msg import MotorTemperatures, PowerReading
 from sensor_msgs.msg import JointState
 
 from robot_energy.errors import RigError
-from ros2_energy_monitor.node_parameters import RobotParameters
-from ros2_energy_monitor.publishers import best_effort
-from ros2_energy_monitor.virtual_robot import VirtualRobot, make_rig
+from ros2_energy_monitor.base.parameters import RobotParameters
+from ros2_energy_monitor.base.publishers import best_effort
+from ros2_energy_monitor.nodes.virtual_robot import VirtualRobot, make_rig
 
 
 def test_all_topics_with_stamps_of_the_clock(bench):

@@ -1,0 +1,101 @@
+"""The live table: rows that add up, one sign, whole at every width."""
+
+import io
+import math
+
+import pytest
+from rich.console import Console
+from ros2_energy_msgs.msg import EnergyRegisters, JointPower, PowerState
+
+from ros2_energy_monitor.demo.console_view import PARTS, ConsoleView
+
+
+def state(**changes):
+    parts = {
+        "rigid_power": -116.4,
+        "friction_power": 677.5,
+        "drive_loss": 0.4,
+        "loss_dc": 150.0,
+        "loss_grid": 250.0,
+        "brake_power": 22.6,
+        "capacitor_power": -0.7,
+    }
+    parts |= changes
+    joint = JointPower(name="joint_a1", drive_power=12345.6, friction_power=1.0, coulomb=0.5)
+    return PowerState(
+        predicted_grid_power=sum(parts.values()),
+        measured_power=1150.0,
+        predicted_power_at_meter=983.0,
+        residual_power=-167.0,
+        period=1.0,
+        coverage=1.0,
+        joints=[joint],
+        **parts,
+    )
+
+
+def words(board, width=200):
+    """Words of every line, cut at the edge of the terminal as a live display cuts."""
+    console = Console(file=io.StringIO(), width=width)
+    lines = console.render_lines(board.table(0.0, width), pad=False)
+    return ["".join(part.text for part in line).split() for line in lines]
+
+
+@pytest.fixture
+def board():
+    board = ConsoleView()
+    board.take_power(state(), 0.0)
+    board.registers = EnergyRegisters(
+        predicted_energy_at_meter=6.78 * 3600.0, measured_energy=6.98 * 3600.0
+    )
+    return board
+
+
+@pytest.mark.parametrize("rigid", [-116.4, 0.0, 1234.5, -0.2])
+def test_the_parts_shown_sum_to_the_power_shown(rigid):
+    board = ConsoleView()
+    board.take_power(state(rigid_power=rigid), 0.0)
+    shown, head = words(board)[5], words(board)[3]
+    assert head[-len(PARTS) :] == list(PARTS)
+    predicted, *parts = (int(word) for word in shown[2:])
+    assert sum(parts) == predicted
+    assert parts[0] == pytest.approx(rigid, abs=1.0)
+    assert parts[3] == 400
+
+
+def test_parts_and_whole_are_of_the_same_instant_whatever_the_smoothing(board):
+    for number in range(20):
+        message = state(rigid_power=1000.0 * math.sin(number))
+        message.period = 0.02
+        board.take_power(message, 0.0)
+        predicted, *parts = (int(word) for word in words(board)[5][2:])
+        assert sum(parts) == predicted
+
+
+def test_errors_are_predicted_minus_measured_in_watts_joules_and_per_cent(board):
+    rows = {" ".join(row[:2]): row[2:] for row in words(board) if row[1:2] in (["[W]"], ["[Wh]"])}
+    assert rows["energy [Wh]"] == ["6.78", "6.98", "-0.20", "-2.9", "%"]
+    assert ["power", "[W]", "983", "1150", "-167", "-14.5", "%"] in words(board)
+    assert "predicted 983 W, measured 1150 W (-14.5 %)" in board.line(0.0)
+    assert "6.78 Wh predicted, 6.98 Wh measured (-2.9 %)" in board.line(0.0)
+
+
+def test_without_a_meter_nothing_is_compared():
+    board = ConsoleView()
+    nothing = state()
+    nothing.measured_power = nothing.predicted_power_at_meter = nothing.residual_power = math.nan
+    board.take_power(nothing, 0.0)
+    board.registers = EnergyRegisters(predicted_energy_at_meter=math.nan, measured_energy=math.nan)
+    assert ["power", "[W]", "-", "-", "-", "-"] in words(board)
+    assert "measured" not in board.line(0.0)
+
+
+def test_no_figure_is_cut_at_any_width(board):
+    def figures(parts):
+        return {part for part in parts if any(letter.isdigit() for letter in part)}
+
+    table = figures(word for row in words(board) for word in row)
+    line = figures(board.line(0.0).split())
+    for width in range(20, 201):
+        shown = figures(word for row in words(board, width) for word in row)
+        assert shown == table if width >= 40 else shown in (table, line), width

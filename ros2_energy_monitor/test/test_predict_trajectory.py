@@ -1,0 +1,202 @@
+"""The service that predicts a trajectory equals the command, and keeps no tick waiting."""
+
+from __future__ import annotations
+
+import json
+import math
+import threading
+
+import numpy as np
+import pytest
+from builtin_interfaces.msg import Duration
+from rclpy.serialization import serialize_message
+from ros2_energy_msgs.srv import PredictTrajectory, SetPayload
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from robot_energy import prediction
+from robot_energy.bag import BagWriter
+from robot_energy.cdr.types import typestore
+from robot_energy.cli.main import main
+from robot_energy.model import load
+from robot_energy.motion.trajectory_reader import MESSAGE
+from ros2_energy_monitor.nodes.energy_monitor import EnergyMonitor
+
+MODEL = load("kr16")
+JOINTS = MODEL.joint_names
+ENERGIES = (
+    "shaft_energy_positive",
+    "shaft_energy_negative",
+    "rigid_energy",
+    "friction_energy",
+    "drive_loss_energy",
+)
+
+
+def swing(joint_names=JOINTS, seconds=2) -> JointTrajectory:
+    """There and back of all joints, from rest to rest."""
+    shape = np.array([0.0, 0.4, 0.9, 0.5, 0.0])
+    points = [
+        JointTrajectoryPoint(
+            positions=(share * np.linspace(0.3, -0.5, len(joint_names))).tolist(),
+            time_from_start=Duration(sec=index * seconds),
+        )
+        for index, share in enumerate(shape.tolist())
+    ]
+    return JointTrajectory(joint_names=list(joint_names), points=points)
+
+
+class Client:
+    """Asks the service of a bench."""
+
+    def __init__(self, bench) -> None:
+        self._bench = bench
+        self._client = bench.tester.create_client(
+            PredictTrajectory, "energy_monitor/predict_trajectory"
+        )
+        bench.spin_until(self._client.service_is_ready, "the service")
+
+    def send(self, **request):
+        return self._client.call_async(PredictTrajectory.Request(**request))
+
+    def ask(self, **request) -> PredictTrajectory.Response:
+        future = self.send(**request)
+        self._bench.spin_until(future.done, "the prediction")
+        return future.result()
+
+
+@pytest.fixture
+def node(bench):
+    return bench.add(EnergyMonitor, model="kr16", state_folder="")
+
+
+@pytest.fixture
+def client(bench, node):
+    return Client(bench)
+
+
+def as_sent(trajectory) -> bytes:
+    """The message as bags hold it: rclpy leaves unused bytes at the end."""
+    data, store = serialize_message(trajectory), typestore()
+    definition = store.get_msgdef(MESSAGE)
+    _, size = definition.deserialize_cdr_le(memoryview(data)[4:], 0, definition.cls, store)
+    return data[: 4 + size]
+
+
+def by_command(tmp_path, trajectory, *options) -> dict:
+    """What `robot-energy predict` says about the same message."""
+    bag = tmp_path / f"{len(list(tmp_path.iterdir()))}.mcap"
+    with BagWriter(bag) as writer:
+        writer.add_topic("/plan", MESSAGE)
+        row = np.frombuffer(as_sent(trajectory), dtype=np.uint8)
+        writer.write("/plan", np.array([10**9]), row[None, :])
+    out = tmp_path / "out.json"
+    assert main(["predict", str(bag), "--model", "kr16", "--json", str(out), *options]) == 0
+    return json.loads(out.read_text())["runs"][0]
+
+
+def compare(answer, run) -> None:
+    assert answer.success, answer.message
+    assert answer.duration == run["time"]["duration"]
+    assert answer.predicted_import_energy == run["energy"]["grid_import"] > 0
+    assert answer.predicted_return_energy == run["energy"]["grid_return"]
+    assert answer.brake_energy == run["energy"]["brake"]
+    assert answer.predicted_peak_power == run["power"]["predicted_peak_grid_power"]
+    assert answer.predicted_mean_power == run["power"]["predicted_mean_grid_power"]
+    assert [joint.name for joint in answer.joints] == [joint["name"] for joint in run["joints"]]
+    for joint, expected in zip(answer.joints, run["joints"], strict=True):
+        assert [getattr(joint, key) for key in ENERGIES] == [expected[key] for key in ENERGIES]
+        assert math.isnan(joint.shaft_energy_positive_measured)
+    assert list(answer.motor_temperature_degc) == list(run["motor_temperature_degc"].values())
+    assert answer.extrapolated == bool(run["friction"]["extrapolated_joints"])
+
+
+def test_the_service_equals_the_command(client, tmp_path):
+    trajectory = swing()
+    run = by_command(tmp_path, trajectory, "--temperature", "40", "--repeat", "3")
+    answer = client.ask(trajectory=trajectory, repeat=3, motor_temperature_degc=[40.0] * 6)
+    compare(answer, run)
+
+
+def test_temperatures_follow_the_names_and_the_fallback_fills(client, tmp_path):
+    trajectory = swing(JOINTS[::-1])
+    given = [30.0, 31.0, math.nan, 33.0, 34.0, 35.0]
+    fallback = MODEL.temperature.fallback_degc
+    used = [fallback if math.isnan(value) else value for value in given[::-1]]
+    run = by_command(tmp_path, trajectory, "--temperature", ",".join(map(str, used)))
+    compare(client.ask(trajectory=trajectory, motor_temperature_degc=given), run)
+
+
+def test_the_payload_that_is_carried_counts(bench, client, tmp_path):
+    request = SetPayload.Request(link="tool0", mass=8.0)
+    setter = bench.tester.create_client(SetPayload, "energy_monitor/set_payload")
+    bench.spin_until(setter.service_is_ready, "the service")
+    future = setter.call_async(request)
+    bench.spin_until(future.done, "the payload")
+    assert future.result().success
+    trajectory = swing()
+    run = by_command(tmp_path, trajectory, "--temperature", "40", "--payload", "8")
+    compare(client.ask(trajectory=trajectory, motor_temperature_degc=[40.0] * 6), run)
+    bare = by_command(tmp_path, trajectory, "--temperature", "40")
+    assert bare["energy"]["grid_import"] != run["energy"]["grid_import"]
+
+
+@pytest.mark.parametrize(
+    "request_",
+    [
+        {"trajectory": JointTrajectory()},
+        {"trajectory": swing(JOINTS[:-1])},
+        {"trajectory": swing((*JOINTS[:-1], "stranger"))},
+        {"trajectory": swing(seconds=1_000_000)},
+        {"trajectory": swing(), "repeat": 2**32 - 1},
+        {"trajectory": swing(), "motor_temperature_degc": [20.0]},
+        {"trajectory": swing(), "motor_temperature_degc": [math.inf] * 6},
+        {"trajectory": swing(), "motor_temperature_degc": [900.0] * 6},
+    ],
+)
+def test_what_cannot_be_predicted_is_refused(client, request_):
+    answer = client.ask(**request_)
+    assert not answer.success
+    assert "expected" in answer.message
+    assert client.ask(trajectory=swing()).success
+
+
+def test_ticks_go_on_and_a_second_request_is_refused(bench, node, client, monkeypatch):
+    held, entered = threading.Event(), threading.Event()
+    predict = prediction.predict
+
+    def slow(*args, **options):
+        entered.set()
+        assert held.wait(30)
+        return predict(*args, **options)
+
+    monkeypatch.setattr(prediction, "predict", slow)
+    first = client.send(trajectory=swing())
+    bench.spin_until(entered.is_set, "the prediction to begin")
+    ticks = []
+    tick = node.tick
+    monkeypatch.setattr(node, "tick", lambda: (ticks.append(1), tick()))
+    bench.spin_until(lambda: len(ticks) > 5, "ticks beside the prediction")
+    assert not client.ask(trajectory=swing()).success
+    assert not first.done()
+    held.set()
+    bench.spin_until(first.done, "the first answer")
+    assert first.result().success
+
+
+def test_cleanup_gives_up_a_prediction_and_answers(bench, node, client, monkeypatch):
+    held, entered = threading.Event(), threading.Event()
+
+    def endless(*args, **options):
+        entered.set()
+        while not held.wait(0.01):
+            options["progress"](0.5)
+
+    monkeypatch.setattr(prediction, "predict", endless)
+    future = client.send(trajectory=swing())
+    bench.spin_until(entered.is_set, "the prediction to begin")
+    thread = next(one for one in threading.enumerate() if one.name.startswith("prediction"))
+    node.trigger_deactivate()
+    node.trigger_cleanup()
+    bench.spin_until(future.done, "the answer")
+    assert not future.result().success
+    bench.spin_until(lambda: not thread.is_alive(), "the end of the thread")
