@@ -13,7 +13,7 @@ from recording import motion
 from rich.table import Table
 
 from robot_energy.blocks import JointBlock
-from robot_energy.model_file import load
+from robot_energy.model import load
 from robot_energy.pipeline import EnergyPipeline
 
 

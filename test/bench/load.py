@@ -17,7 +17,7 @@ from recording import JOINTS, motion
 from ros2_energy_msgs.msg import PowerState
 from sensor_msgs.msg import JointState
 
-from robot_energy.wire.layout import Encoder, stamp_columns
+from robot_energy.cdr.decode import Encoder, stamp_columns
 
 WARM_UP = 2.0  # s
 

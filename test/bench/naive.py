@@ -14,8 +14,8 @@ import numpy as np
 import pinocchio as pin
 from rosbags.highlevel import AnyReader
 
-from robot_energy.model_file import load
-from robot_energy.wire.types import typestore
+from robot_energy.cdr.types import typestore
+from robot_energy.model import load
 
 
 def main(bag: str, model_name: str) -> None:

@@ -5,11 +5,11 @@ from __future__ import annotations
 import time
 
 from robot_energy.bag import BagReader
+from robot_energy.bag_replay import replay
 from robot_energy.cli.memory import keep_freed_memory
-from robot_energy.ingest import JointStateIngest
-from robot_energy.model_file import load
-from robot_energy.replay import replay
-from robot_energy.robot import Robot
+from robot_energy.inputs.joint_states.joint_states import JointStateIngest
+from robot_energy.model import load
+from robot_energy.physics.rigid_body import Robot
 
 
 def main(bag: str, model_name: str) -> dict[str, float]:

@@ -16,10 +16,10 @@ import scipy.ndimage
 import scipy.signal
 import scipy.stats  # noqa: F401
 
-from robot_energy.identify.dynamics import identify_dynamics
-from robot_energy.identify.dynamics_model import friction_at_joints, to_model
-from robot_energy.identify.raw_log import load_drive_log, model_of, read_channels
-from robot_energy.model_file import save
+from robot_energy.identify.data.raw_log import load_drive_log, model_of, read_channels
+from robot_energy.identify.dynamics.dynamics import identify_dynamics
+from robot_energy.identify.dynamics.dynamics_model import friction_at_joints, to_model
+from robot_energy.model import save
 
 MAPPING = Path(__file__).resolve().parents[2] / "src/examples/identify/tx40.yaml"
 

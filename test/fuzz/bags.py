@@ -13,7 +13,7 @@ from target import JOINTS, done, in_file, scratch
 
 from robot_energy.bag import BagReader, BagWriter
 from robot_energy.bag.metadata import FILE_NAME
-from robot_energy.ingest.joint_states import JOINT_STATE
+from robot_energy.inputs.joint_states.joint_states import JOINT_STATE
 from robot_energy.logs import import_csv, import_ur_rtde
 from robot_energy.logs.mapping import load_mapping
 

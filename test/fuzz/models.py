@@ -9,17 +9,16 @@ import yaml
 from target import JOINTS, done, in_file, scratch
 
 import robots
-from robot_energy.ingest.sources import (
-    TEMPERATURE_TYPES,
-)
-from robot_energy.inputs_file import read_inputs
-from robot_energy.model_file import parse_yaml, validate
-from robot_energy.pipeline import EnergyPipeline, Ledger
-from robot_energy.registers.record import FORMAT_VERSION
-from robot_energy.robot import Robot
-from robot_energy.state_file import books_of
-from robot_energy.state_file.bookkeeper import file_name_of, identity_of
-from robot_energy.state_file.envelope import wrap
+from robot_energy.accounting.account import EnergyAccount
+from robot_energy.accounting.record import FORMAT_VERSION
+from robot_energy.inputs.inputs_file import read_inputs
+from robot_energy.inputs.temperatures.kinds import TEMPERATURE_KINDS
+from robot_energy.model import parse_yaml, validate
+from robot_energy.physics.rigid_body import Robot
+from robot_energy.pipeline import EnergyPipeline
+from robot_energy.store import load_account
+from robot_energy.store.account_store import file_name_of, identity_of
+from robot_energy.store.envelope import wrap
 
 
 def model_file(data: bytes) -> bool:
@@ -81,14 +80,19 @@ def inputs_file(data: bytes) -> bool:
 
 def inputs_seeds() -> list[bytes]:
     """Parameters of a node."""
-    source = {"topic": "/a", "type": TEMPERATURE_TYPES[0], "unit": "kelvin", "joints": ["a"]}
+    source = {
+        "topic": "/a",
+        "type": next(iter(TEMPERATURE_KINDS)),
+        "unit": "kelvin",
+        "joints": ["a"],
+    }
     nodes = {"/**": {"ros__parameters": {"temperature_sources": ["m"], "m": source, "rate": 2}}}
     return [yaml.safe_dump(nodes).encode()]
 
 
 def state_file(data: bytes) -> bool:
     """State files are continued or moved aside; what a newer release wrote stays, with a word."""
-    model, ledger = robots.two_link(), Ledger(2)
+    model, ledger = robots.two_link(), EnergyAccount(2)
     folder = scratch() / "state"
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir()
@@ -96,7 +100,7 @@ def state_file(data: bytes) -> bool:
     (folder / f"{name}.a.state").write_bytes(data)
     payload = data.partition(b"\n")[2]
     (folder / f"{name}.b.state").write_bytes(wrap(FORMAT_VERSION, 1, payload))
-    keeper = books_of(ledger, model, folder)
+    keeper = load_account(ledger, model, folder)
     keeper.open()
     taken = keeper.sequence > 0
     kept = keeper.close()
@@ -110,7 +114,7 @@ def state_seeds() -> list[bytes]:
     """The books of an arm that has moved."""
     model, folder = robots.two_link(), scratch() / "state_seed"
     pipeline = EnergyPipeline(model)
-    keeper = books_of(pipeline.ledger, model, folder)
+    keeper = load_account(pipeline.ledger, model, folder)
     keeper.open()
     stamp, pose = 10 + np.arange(20) / 100, np.full((20, 2), 0.3)
     pipeline.step(robots.joint_block(stamp, pose, pose))

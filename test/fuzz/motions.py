@@ -7,20 +7,15 @@ import yaml
 from target import JOINTS, done, in_file
 
 import robots
+from robot_energy.cdr import typestore
 from robot_energy.motion.gcode import load_gcode
 from robot_energy.motion.joint_trajectory import read_points
-from robot_energy.motion.program_file import program_for, read_program
+from robot_energy.motion.ptp_file import program_for, read_program
 from robot_energy.motion.tool_timing import TimedPath
-from robot_energy.motion.trajectory_file import (
-    MESSAGE as JOINT_TRAJECTORY,
-)
-from robot_energy.motion.trajectory_file import (
-    decode_trajectory,
-    read_csv_trajectory,
-)
-from robot_energy.motion.wall import Wall
-from robot_energy.robot import Robot
-from robot_energy.wire import typestore
+from robot_energy.motion.trajectory_reader import MESSAGE as JOINT_TRAJECTORY
+from robot_energy.motion.trajectory_reader import decode_trajectory, read_csv_trajectory
+from robot_energy.physics.rigid_body import Robot
+from robot_energy_papers.wall import Wall
 
 
 def gcode(data: bytes) -> bool:

@@ -9,27 +9,29 @@ from rosbags.interfaces import Nodetype
 from target import JOINTS
 
 import robots
-from robot_energy.ingest import JointStateIngest, MeterIngest, TemperatureIngest
-from robot_energy.ingest.joint_states import JOINT_STATE
-from robot_energy.ingest.meter_source import (
+from robot_energy.accounting.account import EnergyAccount
+from robot_energy.cdr import RawBatch, typestore
+from robot_energy.inputs.joint_states.joint_states import JOINT_STATE, JointStateIngest
+from robot_energy.inputs.meter.meter import MeterIngest
+from robot_energy.inputs.meter.source import (
     BATTERY_STATE,
     FLOAT32,
     FLOAT64,
     POWER_READING,
     MeterSource,
 )
-from robot_energy.ingest.sources import (
+from robot_energy.inputs.sources import TemperatureSource
+from robot_energy.inputs.temperatures.kinds import (
     INTERFACE_NAMES,
     INTERFACE_VALUES,
-    TEMPERATURE_TYPES,
-    TemperatureSource,
+    TEMPERATURE_KINDS,
 )
+from robot_energy.inputs.temperatures.temperatures import TemperatureIngest
 from robot_energy.messages import FrictionReader, TorqueReader
 from robot_energy.messages.friction import JOINT_FRICTION
 from robot_energy.messages.payload import PAYLOAD, PayloadReader
 from robot_energy.messages.torque import JOINT_TORQUE
-from robot_energy.pipeline import EnergyPipeline, Ledger
-from robot_energy.wire import RawBatch, typestore
+from robot_energy.pipeline import EnergyPipeline
 
 NAMED = {"link": "fore", "key": "temperature", "value": "35.5 degC"}
 KEYS = ["shoulder/temperature", "elbow/temperature"]
@@ -43,7 +45,7 @@ MESSAGES = (
     BATTERY_STATE,
     FLOAT32,
     FLOAT64,
-    *TEMPERATURE_TYPES,
+    *TEMPERATURE_KINDS,
 )
 SOURCES = {
     kind: TemperatureSource(
@@ -52,10 +54,10 @@ SOURCES = {
         joints=JOINTS[:1] if kind.endswith("/Temperature") else JOINTS,
         keys=("temperature",),
         names=JOINTS if kind.endswith("DiagnosticArray") else (),
-        stamps="receipt" if kind.endswith("MultiArray") else "header",
+        stamp_source="receive" if kind.endswith("MultiArray") else "header",
         names_topic="/names" if kind == INTERFACE_VALUES else "",
     )
-    for index, kind in enumerate(TEMPERATURE_TYPES)
+    for index, kind in enumerate(TEMPERATURE_KINDS)
 }
 METERS = {
     POWER_READING: MeterSource(topic="/reading"),
@@ -92,7 +94,7 @@ def online(data: bytes) -> bool:
     pipeline = EnergyPipeline(model)
     joints = JointStateIngest(JOINTS)
     meters = {kind: MeterIngest(source) for kind, source in METERS.items()}
-    ledgers = {kind: Ledger(2) for kind in METERS}
+    ledgers = {kind: EnergyAccount(2) for kind in METERS}
     ledgers[POWER_READING] = pipeline.ledger
 
     def measure(batch: RawBatch) -> None:

@@ -41,13 +41,13 @@ from rclpy.serialization import deserialize_message
 from ros2_energy_msgs.msg import EnergyRegisters
 from sensor_msgs.msg import JointState
 
+from robot_energy.accounting.record import FORMAT_VERSION, LedgerRecord
 from robot_energy.errors import StateFileError
-from robot_energy.model_file import save
-from robot_energy.registers.record import FORMAT_VERSION, LedgerRecord
-from robot_energy.state_file.envelope import unwrap
+from robot_energy.model import save
+from robot_energy.store.envelope import unwrap
 from robots import one_wheel
-from ros2_energy_monitor.drain import Inbox
-from ros2_energy_monitor.publishers import reliable
+from ros2_energy_monitor.base.inbox import Inbox
+from ros2_energy_monitor.base.publishers import reliable
 
 MINUTES = (30.0, 1.5)
 
@@ -72,12 +72,12 @@ def run(folder: str, quick: bool) -> list[Figure]:
     return kill(folder, 50 if quick else 1000)
 
 
-def kill(folder: str, kills: int) -> list[Figure]:
+def kill(folder: str, kills: int, harness_type: type[Harness] | None = None) -> list[Figure]:
     """Kill some times and return what was found."""
     os.environ.update(ISOLATED)
     os.environ.setdefault("ROS_DOMAIN_ID", str(os.getpid() % 100 + 1))
     rclpy.init()
-    harness = Harness(Path(folder))
+    harness = (harness_type or Harness)(Path(folder))
     try:
         return harness.run(kills)
     finally:
@@ -116,6 +116,8 @@ class Harness:
         folder: For the model, the state files and the log of the monitors.
     """
 
+    young = YOUNG
+
     def __init__(self, folder: Path) -> None:
         self._state = folder / "state"
         save(one_wheel(), folder / "wheel.yaml")
@@ -138,6 +140,7 @@ class Harness:
         assert self._nursery.stdout.readline() == "ready\n"
         self._clock_ns = time.time_ns() - time.monotonic_ns()
         self._begun_ns = self._sent_ns = self._now_ns()
+        self._offset_ns = 0  # of the stamps from the time of this machine
         self._rows: list[Row] = []
         self._moving = False  # whether this monitor has counted a sample of its own
         self._restored_ns = 0  # newest sample that was on disk at its birth
@@ -150,7 +153,7 @@ class Harness:
         begin = time.monotonic()
         while len(self._deaths) < kills:
             born, pid = self._bear()
-            if self._random.random() < YOUNG:
+            if self._random.random() < self.young:
                 self._until(born + self._random.uniform(0.0, 1.0))
             else:
                 self._wait_for_row(born)
@@ -216,8 +219,8 @@ class Harness:
                 position=[SPEED * (self._sent_ns - self._begun_ns) * 1e-9],
                 velocity=[SPEED],
             )
-            message.header.stamp.sec = self._sent_ns // SECOND_NS
-            message.header.stamp.nanosec = self._sent_ns % SECOND_NS
+            stamp_ns = self._sent_ns + self._offset_ns
+            message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp_ns, SECOND_NS)
             self._states.publish(message)
         self._drain()
         time.sleep(0.004)

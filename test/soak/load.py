@@ -23,7 +23,7 @@ from figure import Figure
 from many_joints import write_cell
 from rclpy.executors import SingleThreadedExecutor
 
-from ros2_energy_monitor.shared_memory import clear_ports
+from ros2_energy_monitor.base.shared_memory import clear_ports
 
 MINUTES = (16.5, 1.2)
 HERE = Path(__file__).parent
@@ -85,7 +85,7 @@ def _load(
     clear_ports()  # of another process that was killed: the driver would wait without end
     monitor = subprocess.Popen(
         [
-            *(sys.executable, "-m", "ros2_energy_monitor.energy_monitor", "--ros-args"),
+            *(sys.executable, "-m", "ros2_energy_monitor", "energy_monitor", "--ros-args"),
             *("-p", f"model:={model}", *options, "--log-level", "error"),
         ],
         env=environment,

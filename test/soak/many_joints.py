@@ -7,7 +7,7 @@ import xml.etree.ElementTree as ET
 from copy import deepcopy
 from pathlib import Path
 
-from robot_energy.model_file import load, save, validate
+from robot_energy.model import load, save, validate
 
 ARM = "kr16"
 

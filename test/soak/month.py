@@ -20,12 +20,14 @@ from figure import Figure, resident_kib, slope
 from numpy.typing import NDArray
 from reference import Reference
 
+from robot_energy.accounting.registers import CABINET_REGISTERS, JOINT_REGISTERS
 from robot_energy.blocks import Float, Int, Quality
-from robot_energy.ingest import JointStateIngest, MeterIngest, TemperatureIngest
-from robot_energy.model_file import load
+from robot_energy.cdr import Encoder, RawBatch, stamp_columns
+from robot_energy.inputs.joint_states.joint_states import JointStateIngest
+from robot_energy.inputs.meter.meter import MeterIngest
+from robot_energy.inputs.temperatures.temperatures import TemperatureIngest
+from robot_energy.model import load
 from robot_energy.pipeline import EnergyPipeline, Settings
-from robot_energy.registers import CABINET_REGISTERS, JOINT_REGISTERS
-from robot_energy.wire import Encoder, RawBatch, stamp_columns
 
 T = TypeVar("T")
 

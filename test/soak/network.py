@@ -62,8 +62,8 @@ def inside(outage: float, times: int, names: str) -> None:
     from rclpy.executors import SingleThreadedExecutor
     from rclpy.parameter import Parameter
 
-    from ros2_energy_monitor.energy_monitor import EnergyMonitor
-    from ros2_energy_monitor.node_watch import unbalanced
+    from ros2_energy_monitor.diagnostics.node import unbalanced
+    from ros2_energy_monitor.nodes.energy_monitor import EnergyMonitor
 
     os.environ |= {
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET",

@@ -11,7 +11,7 @@ import os
 import signal
 import sys
 
-from ros2_energy_monitor.energy_monitor import main
+from ros2_energy_monitor.nodes.energy_monitor import main
 
 
 def serve() -> None:

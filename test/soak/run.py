@@ -21,10 +21,12 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 import flips
+import flood
 import kills
 import load
 import month
 import network
+import service_kills
 from figure import Figure, LongRun
 from rich.console import Console
 from rich.table import Table
@@ -34,9 +36,11 @@ import fuzz
 RUNS: dict[str, LongRun] = {
     "month": month,
     "kills": kills,
+    "service_kills": service_kills,
     "load": load,
     "fuzz": fuzz,
     "flips": flips,
+    "flood": flood,
     "network": network,
 }
 BUILD = Path(__file__).resolve().parents[2] / "build"
