@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from robot_energy.accounting.account import EnergyAccount
+from robot_energy.accounting.record import Identity
 from robot_energy.blocks import (
     NANOSECOND,
     Float,
@@ -13,8 +15,6 @@ from robot_energy.blocks import (
     MeterMeaning,
     PowerBlock,
 )
-from robot_energy.pipeline import Ledger
-from robot_energy.registers.record import Identity
 
 NAMES = ("shoulder", "elbow")
 IDENTITY = Identity(robot_type="arm", robot_serial="7", joint_names=NAMES, model_id="m1")
@@ -65,9 +65,9 @@ def counter(start_s: float, end_s: float, watt: float = 90.0) -> MeterBlock:
     return MeterBlock(stamp, nothing, energy, nothing, MeterMeaning.CUMULATIVE, MeterLocation.GRID)
 
 
-def restarted(ledger: Ledger) -> Ledger:
+def restarted(ledger: EnergyAccount) -> EnergyAccount:
     """Books that continue, in another process as it were, from the JSON of these."""
     text = ledger.state(IDENTITY).to_json()
-    fresh = Ledger(len(NAMES))
+    fresh = EnergyAccount(len(NAMES))
     fresh.restore(type(ledger.state(IDENTITY)).from_json(text))
     return fresh

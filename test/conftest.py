@@ -1,6 +1,11 @@
 """Options of the tests."""
 
 import pytest
+from hypothesis import settings
+
+# A busy machine is no failure: properties have no deadline.
+settings.register_profile("robot_energy", deadline=None)
+settings.load_profile("robot_energy")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

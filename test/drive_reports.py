@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from robot_energy.blocks import Float, MeterLocation, MeterMeaning
-from robot_energy.identify.drive_data import DriveData, drive_data_of_logs
-from robot_energy.logs.recording import Contents, FileAccount, LogBlock, write_bag
+from robot_energy.identify.drives.drive_data import DriveData, drive_data_of_logs
+from robot_energy.logs.recording import FileAccount, LogBlock, RecordingContents, write_bag
 from robot_energy.motion import random_program
 from robot_energy.rig import RigConfig, VirtualRig, kr16_profile
 from robot_energy.rig.output import RigOutput, Truth
@@ -61,9 +61,9 @@ def log_block(output: RigOutput, power: Float, motor_side: bool) -> LogBlock:
     )
 
 
-def contents(names: tuple[str, ...]) -> Contents:
+def contents(names: tuple[str, ...]) -> RecordingContents:
     """A log with everything."""
-    return Contents(
+    return RecordingContents(
         names,
         True,
         True,
@@ -76,7 +76,7 @@ def contents(names: tuple[str, ...]) -> Contents:
 
 def drive_data(seeds: list[int], config: RigConfig | None = None, **options: float) -> DriveData:
     """Samples of several runs, as logs give them, motor side."""
-    logs: list[tuple[Contents, list[LogBlock]]] = []
+    logs: list[tuple[RecordingContents, list[LogBlock]]] = []
     for seed in seeds:
         rig, output = run(seed, config=config, **options)
         power = reported(electrical(output.truth), seed)
@@ -96,5 +96,5 @@ def record(folder: Path, seed: int, duration: float = 40.0, grid: bool = False) 
     if grid:
         block = replace(block, reading=output.truth.grid_power)
         held = replace(held, location=MeterLocation.GRID)
-    write_bag(folder, held, [block], [FileAccount(path=folder)], origin="virtual rig")
+    write_bag(folder, held, [block], [FileAccount(path=Path("rig.csv"))], origin="virtual rig")
     return folder

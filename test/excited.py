@@ -6,11 +6,11 @@ import numpy as np
 from scipy.signal import lfilter
 
 from robot_energy.blocks import Float
-from robot_energy.drivetrain import Drivetrain
-from robot_energy.friction import FrictionModel
-from robot_energy.identify.signals import Channels, Motion
-from robot_energy.model_file import RobotModel
-from robot_energy.robot import Robot
+from robot_energy.identify.data.signals import Channels, Motion
+from robot_energy.model import RobotModel
+from robot_energy.physics.drivetrain import Drivetrain
+from robot_energy.physics.friction import FrictionModel
+from robot_energy.physics.rigid_body import Robot
 
 
 def fourier_motion(n_joints: int, time: Float, seed: int = 0) -> Motion:

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from robot_energy.blocks import JointBlock
-from robot_energy.ingest import JointStateIngest
-from robot_energy.urdf import JointLimits
-from robot_energy.wire.batch import RawBatch
-from robot_energy.wire.layout import Encoder, stamp_columns
+from robot_energy.cdr.batch import RawBatch
+from robot_energy.cdr.decode import Encoder, stamp_columns
+from robot_energy.inputs.joint_states.joint_states import JointStateIngest
+from robot_energy.physics.urdf.checks import JointLimits
 
 NAMES = ("a", "b")
 SECOND = 10**9

@@ -10,12 +10,13 @@ import numpy as np
 
 from robot_energy.bag import BagReader
 from robot_energy.blocks import JointBlock, MeterBlock, TemperatureBlock
-from robot_energy.ingest import JointStateIngest, MeterIngest
+from robot_energy.cdr.batch import RawBatch
+from robot_energy.cdr.decode import Decoder, stamp_ns
+from robot_energy.inputs.joint_states.joint_states import JointStateIngest
+from robot_energy.inputs.meter.meter import MeterIngest
 from robot_energy.logs import import_csv
 from robot_energy.logs.mapping import LogMapping
-from robot_energy.model_file import save
-from robot_energy.wire.batch import RawBatch
-from robot_energy.wire.layout import Decoder, stamp_ns
+from robot_energy.model import save
 from robots import one_wheel
 
 # The wheel turns at 2 rad/s, its motor at 20 rad/s. Friction torque at the motor is

@@ -3,7 +3,7 @@
 import numpy as np
 
 import robots
-from robot_energy.model_file import save
+from robot_energy.model import save
 from robot_energy.motion import MotionLimits, Program
 from robot_energy.rig import Lubricant, PlantProfile, SupplyProfile
 

@@ -7,7 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from robot_energy.ingest.sources import (
+from robot_energy.cdr.batch import RawBatch
+from robot_energy.cdr.encode import Encoder, stamp_columns
+from robot_energy.cdr.types import typestore
+from robot_energy.inputs.temperatures.kinds import (
     DIAGNOSTICS,
     DYNAMIC_JOINT_STATE,
     FLOAT_ARRAY,
@@ -16,9 +19,6 @@ from robot_energy.ingest.sources import (
     MOTOR_TEMPERATURES,
     TEMPERATURE,
 )
-from robot_energy.wire.batch import RawBatch
-from robot_energy.wire.encode import Encoder, stamp_columns
-from robot_energy.wire.types import typestore
 
 Values = Sequence[float] | np.ndarray
 

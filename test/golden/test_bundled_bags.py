@@ -9,13 +9,13 @@ from pathlib import Path
 
 import pytest
 
+from places import ROOT
 from robot_energy.bag import BagReader
-from robot_energy.friction import with_fixed_friction
-from robot_energy.model_file import load
-from robot_energy.replay import replay
+from robot_energy.bag_replay import replay
+from robot_energy.model import load
+from robot_energy.physics.friction import with_fixed_friction
 from robot_energy.report import summarise
 
-ROOT = Path(__file__).resolve().parents[2]
 BAGS = ("kr16_cold", "kr16_warm")
 RELATIVE = 1e-9  # other processors round transcendental functions differently
 ELSEWHERE = ("bag", "tool_version", "model.source", "model.notes")  # not results

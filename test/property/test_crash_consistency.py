@@ -18,7 +18,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robot_energy.state_file.slots import SlotPair
+from robot_energy.store.slots import SlotPair
 
 SECTOR = 16  # bytes that reach the disk together; small, to have many in a small file
 STATES = [b"a" * 40, b"b" * 70, b"c" * 10, b"d" * 55, b"e" * 90, b"f" * 20, b"g" * 60]

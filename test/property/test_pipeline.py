@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import robots
+from robot_energy.accounting.averaging import MeanBlock
 from robot_energy.blocks import (
     EffortMeaning,
     JointBlock,
@@ -18,11 +19,10 @@ from robot_energy.blocks import (
     TemperatureBlock,
     sum_over_joints,
 )
-from robot_energy.drivetrain import Drivetrain
-from robot_energy.ingest.order import StampOrder
-from robot_energy.model_file.payload import Payload, payload
+from robot_energy.model.payload import Payload, payload
+from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.pipeline import EnergyPipeline, Settings
-from robot_energy.pipeline.averaging import MeanBlock
+from robot_energy.timeline.gaps import StampOrder
 
 MODEL = robots.two_link()
 

@@ -6,9 +6,9 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ledgers import IDENTITY, power_block, restarted
+from accounts import IDENTITY, power_block, restarted
+from robot_energy.accounting.account import EnergyAccount
 from robot_energy.blocks import MeterBlock, MeterLocation, MeterMeaning, PowerBlock
-from robot_energy.pipeline import Ledger
 
 SIZE = 300
 indices = st.lists(st.integers(1, SIZE - 1), max_size=12, unique=True).map(sorted)
@@ -50,9 +50,9 @@ def apart(block: PowerBlock, cuts: list[int]) -> PowerBlock:
 def test_restarts_cost_exactly_the_intervals_they_interrupt(seed, cuts):
     """Restarting at any samples = counting in one piece with gaps at these samples."""
     block = random_power(seed)
-    reference = Ledger(2)
+    reference = EnergyAccount(2)
     reference.step(apart(block, cuts))
-    ledger = Ledger(2)
+    ledger = EnergyAccount(2)
     for number, (start, stop) in enumerate(pairwise([0, *cuts, SIZE])):
         ledger = restarted(ledger) if number else ledger
         ledger.step(block[slice(start, stop)])
@@ -81,7 +81,7 @@ def test_adjacent_intervals_add_up_to_the_registers_whatever_the_cutting(
     """To the microjoule and nanosecond, across cuts, a reset and a restart."""
     block = random_power(seed)
     edges = sorted({0, *bounds, *cuts, *([restart] if restart else []), SIZE})
-    ledger, whole = Ledger(2), None
+    ledger, whole = EnergyAccount(2), None
     before = None
     for start, stop in pairwise(edges):
         if start == restart:
@@ -123,7 +123,7 @@ def test_state_does_not_depend_on_the_cutting(seed, cuts, other, reset):
     block = random_power(seed)
 
     def run(bounds: list[int]):
-        ledger = Ledger(2)
+        ledger = EnergyAccount(2)
         ledger.measure(lifetime_counter(block, seed))
         for start, stop in pairwise(sorted({0, reset, SIZE, *bounds})):
             ledger.step(block[slice(start, stop)])
@@ -140,7 +140,7 @@ def test_state_does_not_depend_on_the_cutting(seed, cuts, other, reset):
 def test_resets_lose_and_add_nothing(seed, resets):
     """What the trace holds of every reset and what was counted since add up to one piece."""
     block = random_power(seed)
-    whole, ledger = Ledger(2), Ledger(2)
+    whole, ledger = EnergyAccount(2), EnergyAccount(2)
     whole.step(block)
     for start, stop in pairwise([0, *resets, SIZE]):
         if start:

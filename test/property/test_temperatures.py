@@ -11,17 +11,17 @@ from hypothesis import strategies as st
 import robots
 import temperature_messages as says
 from robot_energy.blocks import TemperatureBlock
-from robot_energy.ingest import TemperatureIngest
-from robot_energy.ingest.sources import (
+from robot_energy.inputs.sources import TemperatureSource
+from robot_energy.inputs.temperatures.kinds import (
     DIAGNOSTICS,
     DYNAMIC_JOINT_STATE,
     FLOAT_ARRAY,
     INTERFACE_VALUES,
     TEMPERATURE,
-    TemperatureSource,
 )
+from robot_energy.inputs.temperatures.stuck import StuckTemperatureDetector
+from robot_energy.inputs.temperatures.temperatures import TemperatureIngest
 from robot_energy.pipeline import FrictionStage
-from robot_energy.pipeline.temperature_watch import TemperatureWatch
 
 S = 10**9
 JOINTS = ("shoulder", "elbow")
@@ -171,7 +171,7 @@ def test_a_stuck_reading_is_found_at_the_same_sample_in_any_cut(seed: int, cuts:
     stamp[size // 2 :] -= int(rng.choice([0, 200 * S]))
 
     def marks(parts: list[slice]) -> Any:
-        watch = TemperatureWatch(robots.two_link())
+        watch = StuckTemperatureDetector(robots.two_link())
         rows = []
         for part in parts:
             found = watch.step(stamp[part], segment[part], loss[part], degc[part])

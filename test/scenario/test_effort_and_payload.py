@@ -7,25 +7,26 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from places import ROOT
 from plants import PROGRAM, two_link_profile
 from robot_energy.bag import BagReader, BagWriter
+from robot_energy.bag_replay import Topics, replay
 from robot_energy.blocks import EffortMeaning
+from robot_energy.cdr import Decoder
+from robot_energy.cdr.types import typestore
 from robot_energy.logs import import_ur_rtde
 from robot_energy.messages import PayloadWriter
 from robot_energy.messages.payload import PAYLOAD
-from robot_energy.model_file import load
-from robot_energy.model_file.payload import payload
+from robot_energy.model import load
+from robot_energy.model.payload import payload
 from robot_energy.pipeline import Settings
 from robot_energy.pipeline.payload_timeline import PayloadChange
-from robot_energy.replay import Topics, replay
 from robot_energy.report import summarise
 from robot_energy.rig import RigConfig, RigOutput, VirtualRig
 from robot_energy.rig.record import outputs, record
-from robot_energy.wire import Decoder
-from robot_energy.wire.types import typestore
 from robots import two_link
 
-BAG = Path(__file__).resolve().parents[2] / "bags" / "kr16_cold"
+BAG = ROOT / "bags" / "kr16_cold"
 MODEL = load("kr16")
 SECOND_NS = 10**9
 BY_MOTOR_TORQUE = Settings(effort=EffortMeaning.MOTOR_TORQUE)

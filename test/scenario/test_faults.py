@@ -5,19 +5,20 @@ and everything it hides is accounted for.
 """
 
 from collections.abc import Callable
-from pathlib import Path
+from copy import deepcopy
 from typing import Any
 
 import numpy as np
 import pytest
 
+from places import ROOT
 from robot_energy.bag import BagReader, BagWriter
+from robot_energy.bag_replay import Replay, replay
 from robot_energy.blocks import Quality
-from robot_energy.model_file import load
-from robot_energy.replay import Replay, replay
-from robot_energy.wire.types import extended, typestore
+from robot_energy.cdr.types import extended, typestore
+from robot_energy.model import load
 
-BAG = Path(__file__).resolve().parents[2] / "bags" / "kr16_cold"
+BAG = ROOT / "bags" / "kr16_cold"
 JOINTS, TEMPERATURES, METER = "/joint_states", "/motor_temperatures", "/power_meter"
 SECOND = 10**9
 MODEL = load("kr16")
@@ -275,3 +276,40 @@ def test_a_bag_of_another_release_is_read_by_its_own_definitions(tmp_path, refer
 def typestore_of(msgtype, text):
     """The known definitions with one message defined otherwise."""
     return extended(typestore(), {msgtype: ("ros2msg", text)})
+
+
+def test_one_impossible_velocity_among_nine_thousand_changes_next_to_nothing(faulty, reference):
+    """1,000 rad/s in one joint state: refused by name, and no thermometer is called stuck."""
+
+    def spoil(messages):
+        states = [message for _, topic, message in messages if topic == JOINTS]
+        states[4500].velocity = np.array([0.0, 1000.0, 0.0, 0.0, 0.0, 0.0])
+        return messages
+
+    result = faulty(spoil)
+    assert result.joint_states.account.rejected == {"impossible_velocity": 1}
+    assert energy(result) == pytest.approx(energy(reference), rel=1e-3)
+    assert result.ledger.quality[Quality.TEMPERATURE_STUCK] == 0
+    assert result.ledger.registers.time.gap_count == 0
+
+
+def test_stamps_that_no_message_can_carry_again_change_nothing(faulty, reference):
+    """The time that DDS calls infinite, before the first and after the last of every topic."""
+
+    def spoil(messages):
+        times = {"first": messages[0][0], "last": messages[-1][0]}
+        extra = []
+        for time in times.values():
+            for topic in (JOINTS, TEMPERATURES, METER):
+                message = deepcopy(next(one for _, name, one in messages if name == topic))
+                message.header.stamp.sec, message.header.stamp.nanosec = 2**31 - 1, 2**32 - 1
+                extra.append((time, topic, message))
+        return [*extra[:3], *messages, *extra[3:]]
+
+    result = faulty(spoil)
+    for ingest in (result.joint_states, result.temperatures, result.meter):
+        assert ingest.account.rejected == {"bad_stamp": 2}
+    found = result.ledger.registers.microjoule
+    np.testing.assert_array_equal(found, reference.ledger.registers.microjoule)
+    assert result.ledger.registers.time == reference.ledger.registers.time
+    assert result.ledger.comparison.measured_energy == reference.ledger.comparison.measured_energy

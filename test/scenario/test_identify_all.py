@@ -13,12 +13,13 @@ import pytest
 
 from pages import read
 from plants import PROGRAM, two_link_profile
+from robot_energy.bag_replay import replay
 from robot_energy.cli.main import main
-from robot_energy.model_file import load
-from robot_energy.replay import replay
+from robot_energy.model import load
 from robot_energy.report.summary import summarise
 from robot_energy.rig import RigConfig, VirtualRig
 from robot_energy.rig.record import record
+from terminal_tables import WIDTHS, lost, recorded_tables
 
 TEMPERATURES = (25, 55, 70)
 UNSEEN = 40
@@ -42,7 +43,12 @@ def outcome(folder: Path) -> Path:
     test = ["--test", str(folder / f"at_{UNSEEN}")]
     names = (("--out", "model.yaml"), ("--report", "report.html"), ("--json", "report.json"))
     files = [word for option, name in names for word in (option, str(folder / name))]
-    assert main(["identify", "all", *bags, *model, *test, *files]) == 0
+    with recorded_tables() as tables:
+        assert main(["identify", "all", *bags, *model, *test, *files]) == 0
+    assert len(tables) > 10
+    for columns, rows, total in tables:
+        for width in WIDTHS:
+            assert not lost(columns, rows, total, width), (columns, width)
     return folder
 
 

@@ -10,11 +10,11 @@ import pytest
 import robots
 from joint_messages import JOINT_STATE, batch, message
 from robot_energy.blocks import Quality
-from robot_energy.ingest import JointStateIngest
-from robot_energy.ingest.sources import JointStateSource
+from robot_energy.cdr.batch import RawBatch
+from robot_energy.cdr.decode import Encoder, stamp_columns
+from robot_energy.inputs.joint_states.joint_states import JointStateIngest
+from robot_energy.inputs.sources import JointStateSource
 from robot_energy.pipeline import EnergyPipeline, Settings
-from robot_energy.wire.batch import RawBatch
-from robot_energy.wire.layout import Encoder, stamp_columns
 
 MODEL = robots.two_link()
 NAMES = MODEL.joint_names
@@ -147,7 +147,7 @@ def test_any_order_within_the_window_gives_the_same_joules(once):
     rng = np.random.default_rng(3)
     late = np.argsort(IN_A_LOOP + rng.uniform(0, 0.05, len(IN_A_LOOP)), kind="stable")
     messages = rows(IN_A_LOOP)
-    chain = Chain(reorder=0.06).take([messages[row] for row in late]).end()
+    chain = Chain(reorder_window=0.06).take([messages[row] for row in late]).end()
     assert chain.exact == once.exact
     assert chain.rejected == {}
     unsorted = Chain().take([messages[row] for row in late]).end()

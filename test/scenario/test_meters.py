@@ -5,23 +5,23 @@ meter as messages of another type, and replayed with the parameters that say wha
 """
 
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
 
+from places import ROOT
 from robot_energy.bag import BagReader, BagWriter
+from robot_energy.bag_replay import Replay, replay
 from robot_energy.blocks import MeterBlock
-from robot_energy.ingest import MeterIngest
-from robot_energy.ingest.meter_source import BATTERY_STATE, FLOAT32, FLOAT64, MeterSource
-from robot_energy.ingest.sources import Inputs
-from robot_energy.model_file import load
-from robot_energy.replay import Replay, replay
+from robot_energy.cdr.batch import RawBatch
+from robot_energy.cdr.types import extended, typestore
+from robot_energy.inputs.meter.meter import MeterIngest
+from robot_energy.inputs.meter.source import BATTERY_STATE, FLOAT32, FLOAT64, MeterSource
+from robot_energy.inputs.sources import Inputs
+from robot_energy.model import load
 from robot_energy.report import summarise
-from robot_energy.wire.batch import RawBatch
-from robot_energy.wire.types import extended, typestore
 
-BAG = Path(__file__).resolve().parents[2] / "bags" / "kr16_cold"
+BAG = ROOT / "bags" / "kr16_cold"
 JOINTS, TEMPERATURES, METER = "/joint_states", "/motor_temperatures", "/power_meter"
 SECOND = 10**9
 OTHER = "acme_msgs/msg/PowerStamped"

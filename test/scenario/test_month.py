@@ -3,7 +3,7 @@
 import month
 import pytest
 
-from robot_energy.registers import ExactSum
+from robot_energy.accounting.exact_sum import ExactSum
 
 
 @pytest.fixture

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from robot_energy.blocks import Quality, TemperatureBlock
-from robot_energy.model_file import load
+from robot_energy.model import load
 from robot_energy.motion import random_program
 from robot_energy.pipeline import EnergyPipeline
 from robot_energy.rig import RigConfig, VirtualRig, kr16_profile

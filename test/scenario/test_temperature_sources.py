@@ -11,10 +11,15 @@ import numpy as np
 import pytest
 
 import temperature_messages as says
+from places import ROOT
 from robot_energy.bag import BagReader, BagWriter
+from robot_energy.bag_replay import Replay, Topics, replay
 from robot_energy.blocks import Quality
+from robot_energy.cdr.decode import Decoder, stamp_ns
 from robot_energy.errors import MissingTopicError
-from robot_energy.ingest.sources import (
+from robot_energy.inputs.inputs_file import read_inputs
+from robot_energy.inputs.sources import Inputs, TemperatureSource
+from robot_energy.inputs.temperatures.kinds import (
     DIAGNOSTICS,
     DYNAMIC_JOINT_STATE,
     FLOAT_ARRAY,
@@ -22,16 +27,11 @@ from robot_energy.ingest.sources import (
     INTERFACE_VALUES,
     MOTOR_TEMPERATURES,
     TEMPERATURE,
-    Inputs,
-    TemperatureSource,
 )
-from robot_energy.inputs_file import read_inputs
-from robot_energy.model_file import load
-from robot_energy.replay import Replay, Topics, replay
+from robot_energy.model import load
 from robot_energy.report import summarise
-from robot_energy.wire.layout import Decoder, stamp_ns
 
-BAG = Path(__file__).resolve().parents[2] / "bags" / "kr16_cold"
+BAG = ROOT / "bags" / "kr16_cold"
 TEMPERATURES = "/motor_temperatures"
 MODEL = load("kr16")
 JOINTS = MODEL.joint_names

@@ -9,7 +9,7 @@ import yaml
 
 import robots
 from robot_energy.errors import ModelFileError
-from robot_energy.model_file import load, parse_yaml
+from robot_energy.model import load, parse_yaml
 
 
 def doubling(levels):

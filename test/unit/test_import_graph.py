@@ -1,4 +1,9 @@
-"""The direction of dependencies, as the blueprint draws it."""
+"""Layers: which module may import which, for the complete list of modules.
+
+A module that is not listed fails, so that every new one is given its place. A module imports
+from its own layer and from those below; packages of one layer may use each other as long as no
+cycle arises.
+"""
 
 import ast
 import subprocess
@@ -9,50 +14,161 @@ import pytest
 
 import robot_energy
 
-ROOT = Path(robot_energy.__file__).parent
-PHYSICS = {
-    "robot",
-    "drivetrain",
-    "effort",
-    "derivative",
-    "torque",
-    "friction",
-    "drive",
-    "cabinet",
-    "registers",
-    "comparison",
-    "shaft_comparison",
+SOURCES = Path(robot_energy.__file__).parent.parent
+MODULES = {
+    "robot_energy": """
+        __main__ bag_replay blocks config_file errors kinds log_formats prediction schema_errors
+        shown_text time_series units
+    """,
+    "robot_energy.accounting": """
+        account account_record averaging comparison energy_curve event_log exact_sum
+        integration job_intervals meter_checks plain_text record record_repair
+        registers settings shaft_comparison
+    """,
+    "robot_energy.api": """
+        identify inputs online_monitor power_table predict replay results
+    """,
+    "robot_energy.bag": """
+        mcap_block mcap_file mcap_records mcap_summary metadata ownership packed
+        reader sources sqlite_source writer
+    """,
+    "robot_energy.cdr": """
+        batch decode encode plan schema types walk
+    """,
+    "robot_energy.cli": """
+        completion export identify identify_all identify_cabinet identify_drives
+        identify_dynamics identify_excitation identify_friction identify_inputs
+        import_logs info kinds main memory models numbers predict replay simulate stopping
+        terminal
+    """,
+    "robot_energy.files": """
+        output_files output_folder output_streams placement regular_file
+        temporary_folder
+    """,
+    "robot_energy.identify": """
+        bounds plausibility run_all steps
+    """,
+    "robot_energy.identify.cabinet": """
+        cabinet dc_link link_readings meter_delay supply
+    """,
+    "robot_energy.identify.data": """
+        bags observations raw_log recordings signals
+    """,
+    "robot_energy.identify.drives": """
+        all_drives drive_data drive_delay drive_power drives efficiency losses
+        total_power total_sums
+    """,
+    "robot_energy.identify.dynamics": """
+        base_parameters columns consistent dynamics dynamics_model inertials
+        leave_one_out sufficiency torque_delay validation work
+    """,
+    "robot_energy.identify.excitation": """
+        excitation limits
+    """,
+    "robot_energy.identify.friction": """
+        friction laws samples temperature_study
+    """,
+    "robot_energy.identify.stats": """
+        cross_validation held_out_energy lag regression
+    """,
+    "robot_energy.inputs": """
+        bag_topics inputs_file parameters rejection_log sources
+    """,
+    "robot_energy.inputs.joint_states": """
+        decode joint_states jumps partial_states plausibility publisher_conflicts
+        reorder_buffer velocities
+    """,
+    "robot_energy.inputs.meter": """
+        energy_counter kinds meter power_curve source voltage_current_pairs
+    """,
+    "robot_energy.inputs.temperatures": """
+        filter kinds reader stuck temperatures
+    """,
+    "robot_energy.logs": """
+        mapped_csv mapping recording table ur_rtde
+    """,
+    "robot_energy.messages": """
+        friction interval payload power registers torque
+    """,
+    "robot_energy.model": """
+        drive_models figure friction_laws joint load open_schema payload schema
+    """,
+    "robot_energy.motion": """
+        fourier gcode gcode_words inverse_kinematics joint_trajectory load_motion
+        planar planned ptp ptp_file ptp_loop sequence tool_corners tool_motion
+        tool_path tool_timing trajectory_reader trajectory_writer
+    """,
+    "robot_energy.physics": """
+        cabinet derivative drive drivetrain effort equations friction limit_utilisation
+        rigid_body torque
+    """,
+    "robot_energy.physics.urdf": """
+        checks compare parse
+    """,
+    "robot_energy.pipeline": """
+        energy_pipeline fallback_use friction_certainty friction_stage
+        friction_timeline payload_timeline power_stage settings torque_stage
+    """,
+    "robot_energy.report": """
+        canvas dc_link document drives dynamics efficiency_figure energy_figure
+        excitation friction_figure held_out identification identification_document
+        kinds layout listings model_summary parameters payload_summary power_figure
+        prediction prediction_figure printing series shaft_summary summary supply
+        tables torque_figure
+    """,
+    "robot_energy.rig": """
+        config lubricant output plant printers profile record sensors study supply
+        thermal virtual_rig
+    """,
+    "robot_energy.store": """
+        account_store adoption envelope slots state_files
+    """,
+    "robot_energy.timeline": """
+        epochs gaps pieces stamps streams
+    """,
+    "robot_energy_papers": """
+        accuracy calibration drive_study effects experiment held_out machine_figures
+        machines mantis models paper_a paper_a_figures paper_a_numbers paper_a_page
+        paper_a_sections paper_b paper_b_figures paper_b_machines_page
+        paper_b_numbers paper_b_page temperature_figures wall
+    """,
+    "robot_energy_papers.cli": """
+        reproduce reproduce_paper_a reproduce_paper_b study_folder
+    """,
 }
-BOOKS = {"registers", "shaft_comparison"}
-ALLOWED = {
-    "errors": set(),
-    "blocks": {"errors"},
-    "yaml_text": {"errors"},
-    "model_file": {"errors", "yaml_text"},
-    "urdf_text": {"errors"},
-    "urdf": {"errors", "blocks", "urdf_text"},
-    "urdf_agreement": {"model_file", "urdf"},
-    "wire": {"errors"},
-    **{name: {"errors", "blocks", "model_file", "robot", "drivetrain", "urdf"} for name in PHYSICS},
-    "torque": {"errors", "blocks", "model_file", "robot", "drivetrain", "effort"},
-    "shaft_comparison": {"errors", "blocks", "registers"},
-    "comparison": {"errors", "blocks", "registers", "units"},
-    "pipeline": {"errors", "blocks", "model_file", "urdf", *PHYSICS},
-    "ingest": {"errors", "blocks", "units", "urdf", "wire"},
-    "bag": {"errors", "wire", "yaml_text"},
-    "state_file": {"errors", "model_file", "pipeline", "registers"},
-    "messages": {"errors", "blocks", "model_file", "wire", "ingest", "pipeline", *BOOKS},
-}
+# From the ground up; each line may import from itself and from the lines above it.
+LAYERS = (
+    ("errors", "units", "kinds", "blocks", "shown_text"),
+    ("files",),
+    ("config_file", "schema_errors", "model"),
+    ("physics", "timeline", "cdr"),
+    ("bag", "inputs", "accounting", "logs", "log_formats", "time_series"),
+    ("pipeline", "messages", "store"),
+    ("motion",),
+    ("bag_replay", "prediction"),
+    ("identify", "rig"),
+    ("report",),
+    ("api",),
+    ("cli", "__main__"),
+    ("robot_energy_papers",),
+)
+# Nothing online imports these.
+OFFLINE = ("identify", "report", "rig", "motion", "cli")
+ONLINE = ("pipeline", "inputs", "messages", "accounting", "store", "timeline", "cdr")
 FOREIGN = {
-    "rclpy",
-    "std_msgs",
-    "sensor_msgs",
-    "ros2_energy_msgs",
-    "ros2_energy_monitor",
-    "diagnostic_msgs",
-    "builtin_interfaces",
-    "ament_index_python",
-}
+    "ament_index_python", "builtin_interfaces", "control_msgs", "diagnostic_msgs",
+    "lifecycle_msgs", "rclpy", "rosidl_runtime_py", "ros2_energy_monitor", "ros2_energy_msgs",
+    "sensor_msgs", "std_msgs", "std_srvs", "trajectory_msgs",
+}  # fmt: skip
+
+
+def files():
+    """Every module of the library by its dotted name."""
+    return {
+        ".".join(path.relative_to(SOURCES).with_suffix("").parts): path
+        for package in ("robot_energy", "robot_energy_papers")
+        for path in sorted((SOURCES / package).rglob("*.py"))
+    }
 
 
 def imports(path):
@@ -63,49 +179,75 @@ def imports(path):
             yield from (alias.name for alias in node.names)
 
 
-def modules():
-    for path in sorted(ROOT.rglob("*.py")):
-        yield path.relative_to(ROOT).with_suffix("").parts[0], path
+def part(module):
+    """The package or module of the library that has a layer, of a dotted name."""
+    names = module.split(".")
+    return names[0] if names[0] == "robot_energy_papers" or len(names) == 1 else names[1]
 
 
-def test_modules_import_only_what_stands_before_them_in_the_chain():
-    for name, path in modules():
-        if name not in ALLOWED:
+def layer(name):
+    return next(level for level, names in enumerate(LAYERS) if name in names)
+
+
+def test_every_module_is_listed_and_every_listed_module_exists():
+    listed = {f"{package}.{name}" for package, names in MODULES.items() for name in names.split()}
+    found = {name for name in files() if not name.endswith("__init__")}
+    assert found == listed
+
+
+def test_modules_import_only_from_their_own_layer_and_below():
+    for module, path in files().items():
+        own = part(module)
+        if own in ("robot_energy", "__init__"):  # the public API stands on everything
             continue
-        used = {part.split(".")[1] for part in imports(path) if part.startswith("robot_energy.")}
-        assert used <= ALLOWED[name] | {name}, f"{path} imports {used - ALLOWED[name]}"
+        for used in imports(path):
+            if used.split(".")[0] in ("robot_energy", "robot_energy_papers"):
+                below = part(used) == "robot_energy" or layer(part(used)) <= layer(own)
+                assert below, f"{module} imports {used}, which stands above it"
 
 
-def test_nothing_but_the_command_imports_reproduce():
-    """The studies stand on everything else, and only the command stands on them."""
-    for name, path in modules():
-        used = {part.split(".")[1] for part in imports(path) if part.startswith("robot_energy.")}
-        assert "reproduce" not in used or name in ("reproduce", "cli"), path
-        assert name != "reproduce" or "cli" not in used, path
+def test_packages_import_each_other_in_no_circle():
+    edges = {}
+    for module, path in files().items():
+        own = part(module)
+        edges.setdefault(own, set()).update(
+            part(used) for used in imports(path) if used.startswith("robot_energy.")
+        )
+        edges[own].discard(own)
+    done, open_ = set(), []
+
+    def visit(name):
+        assert name not in open_, f"a circle of imports: {' -> '.join([*open_, name])}"
+        if name not in done:
+            open_.append(name)
+            for used in sorted(edges.get(name, ())):
+                visit(used)
+            open_.pop()
+            done.add(name)
+
+    for name in sorted(edges):
+        if name not in ("robot_energy", "__init__"):
+            visit(name)
 
 
 def test_the_library_imports_no_ros():
-    for _, path in modules():
-        used = {part.split(".")[0] for part in imports(path)}
-        assert not used & FOREIGN, f"{path} imports {used & FOREIGN}"
+    for module, path in files().items():
+        used = {name.split(".")[0] for name in imports(path)}
+        assert not used & FOREIGN, f"{module} imports {used & FOREIGN}"
 
 
-def test_only_robot_imports_pinocchio():
+def test_only_one_module_imports_pinocchio():
     found = {
-        path.relative_to(ROOT).as_posix()
-        for _, path in modules()
-        if "pinocchio" in {part.split(".")[0] for part in imports(path)}
+        m for m, path in files().items() if "pinocchio" in {i.split(".")[0] for i in imports(path)}
     }
-    assert found == {"robot.py"}
+    assert found == {"robot_energy.physics.rigid_body"}
 
 
 @pytest.mark.parametrize(
     "heavy",
-    ["matplotlib", "scipy", "rich", "clarabel", "robot_energy.identify", "robot_energy.report"],
+    ["matplotlib", "scipy", "rich", "clarabel", *(f"robot_energy.{name}" for name in OFFLINE)],
 )
 def test_nothing_online_imports_what_only_reports_need(heavy):
-    code = (
-        "import sys, robot_energy.pipeline, robot_energy.ingest, robot_energy.messages;"
-        f"sys.exit('{heavy}' in sys.modules)"
-    )
+    online = ", ".join(f"robot_energy.{name}" for name in ONLINE)
+    code = f"import sys, {online}; sys.exit('{heavy}' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -8,10 +8,10 @@ from scipy.integrate import quad
 
 from robot_energy.blocks import Phase, Quality
 from robot_energy.errors import MotionError, UnknownJointError
-from robot_energy.model_file.payload import payload
+from robot_energy.model.payload import payload
 from robot_energy.motion import MotionLimits, Program
-from robot_energy.motion.planned import SampledMotion
-from robot_energy.predict import START_NS, predict
+from robot_energy.motion.planned import SampledMotion, repeated
+from robot_energy.prediction import START_NS, predict
 from robot_energy.report.prediction import prediction_summary
 from robots import G, figure, joint_block, one_wheel, two_link
 
@@ -223,3 +223,26 @@ def test_what_cannot_be_predicted_is_refused(changes, error, text):
     given = {"model": one_wheel(), "motion": wheel(1.0), "motor_temperature_degc": 25.0}
     with pytest.raises(error, match=text):
         predict(**{**given, **changes})
+
+
+def test_a_prediction_knows_its_samples_before_it_is_made():
+    motion = wheel(1.0)
+    made = sum(len(time) for time, _ in motion.blocks())
+    assert made <= motion.sample_count <= made + 10
+    with pytest.raises(MotionError, match=f"{3 * motion.sample_count} samples"):
+        predict(one_wheel(), motion, 25.0, repeat=3, max_samples=3 * motion.sample_count - 1)
+    predict(one_wheel(), motion, 25.0, repeat=3, max_samples=3 * motion.sample_count)
+
+
+def test_short_turns_are_handed_out_together():
+    """A motion of some samples, 1,000 times, is not 1,000 steps of the pipeline."""
+    program = Program(
+        np.array([[0.0], [1e-3]]),
+        MotionLimits(np.array([-9.0]), np.array([9.0]), np.array([SPEED]), np.array([1.0]), 0.0),
+        0.0,
+    )
+    motion = SampledMotion(program, ("axle",), program.period, program.period / 4)
+    parts = list(repeated(motion, 1000))
+    assert len(parts) == 1
+    assert len(parts[0][0]) == 4001
+    assert (np.diff(parts[0][0]) > 0).all()

@@ -1,0 +1,191 @@
+"""Docstrings of public functions: arguments, shapes, units, results, errors, sources.
+
+What is missing is counted per module in `docstring_gaps.txt`. A number may only fall: the test
+fails when one grows, and when one fell and the table still has the old number.
+"""
+
+import ast
+import re
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from places import ROOT
+
+PACKAGES = (
+    ROOT / "src/robot_energy",
+    ROOT / "src/robot_energy_papers",
+    ROOT / "ros2_energy_monitor/ros2_energy_monitor",
+)
+TABLE = ROOT / "test/docs/docstring_gaps.txt"
+KINDS = ("argument", "shape", "unit", "returns", "raises", "source")
+
+ARRAY = re.compile(r"\b(Float|Int|NDArray|ndarray)\b")
+REAL = re.compile(r"\b(float|Float|np\.float64)\b")
+SHAPE = re.compile(r"\bshape\b|\(n|\(\.\.\.|\(N|\(\d+,|per (joint|sample)|one per|of each")
+UNIT = re.compile(r"\[[^\]]+\]")
+SOURCE = re.compile(r"\bSource:|\beq\.|\[A|\[B|doi|DOI|paper [AB]")
+
+Function = ast.FunctionDef | ast.AsyncFunctionDef
+
+
+def section(docstring: str, *titles: str) -> str | None:
+    """Text of a Google section, without its title."""
+    found = re.search(
+        rf"^ *(?:{'|'.join(titles)}):[ ]*\n((?:\s+.*\n?|\n)*?)(?=^\S|^ *[A-Z]\w+:\s*$|\Z)",
+        docstring, flags=re.MULTILINE,
+    )  # fmt: skip
+    return found.group(1) if found else None
+
+
+def entries(text: str) -> dict[str, str]:
+    """`name: description` of a section, with continued lines."""
+    found: dict[str, str] = {}
+    names: list[str] = []
+    for line in text.splitlines():
+        begin = re.match(r"^ {4,8}((?:\*{0,2}\w+(?:, )?)+)(?: \(.*?\))?: (.*)$", line)
+        if begin and len(line) - len(line.lstrip()) <= 4:
+            names = [name.strip("* ") for name in begin.group(1).split(",")]
+            found |= dict.fromkeys(names, begin.group(2))
+        else:
+            for name in names:
+                found[name] += " " + line.strip()
+    return found
+
+
+def raised_classes(function: Function, known: set[str]) -> set[str]:
+    """Our error classes that a function raises itself."""
+    names = set()
+    for node in ast.walk(function):
+        if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call):
+            name = ast.unparse(node.exc.func).split(".")[-1]
+            names |= {name} & known
+    return names
+
+
+def public_functions(tree: ast.Module) -> Iterator[tuple[str, Function, str]]:
+    """Qualified name, function and docstring; that of `__init__` is the docstring of its class."""
+    for node in tree.body:
+        if isinstance(node, Function) and not node.name.startswith("_"):
+            yield node.name, node, ast.get_docstring(node) or ""
+        elif isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+            for item in node.body:
+                if not isinstance(item, Function):
+                    continue
+                if item.name == "__init__":
+                    yield node.name, item, ast.get_docstring(node) or ""
+                elif not item.name.startswith("_"):
+                    yield f"{node.name}.{item.name}", item, ast.get_docstring(item) or ""
+
+
+def gaps_of_function(name: str, function: Function, docstring: str, errors: set[str]):
+    """Kind and place of all that one docstring lacks."""
+    every = [*function.args.posonlyargs, *function.args.args, *function.args.kwonlyargs]
+    given = [item for item in every if item.arg not in ("self", "cls")]
+    if function.name == "_" or any("overload" in ast.unparse(d) for d in function.decorator_list):
+        return
+    described = entries(section(docstring, "Args", "Attributes") or "")
+    for argument in given:
+        text = described.get(argument.arg)
+        kind = ast.unparse(argument.annotation) if argument.annotation else ""
+        if text is None:
+            yield "argument", f"{name}({argument.arg})"
+            continue
+        if "Callable" in kind:
+            continue
+        if ARRAY.search(kind) and not SHAPE.search(text):
+            yield "shape", f"{name}({argument.arg})"
+        if REAL.search(kind) and not UNIT.search(text):
+            yield "unit", f"{name}({argument.arg})"
+    gives = function.returns is not None and ast.unparse(function.returns) not in (
+        "None", "NoReturn", "Never"
+    )  # fmt: skip
+    first = docstring.split("\n")[0]
+    if (
+        gives
+        and function.name != "__init__"
+        and section(docstring, "Returns", "Yields") is None
+        and not (len(given) == 0 or re.match(r"(Return|Yield|Whether|The )", first))
+    ):
+        yield "returns", name
+    documented = section(docstring, "Raises") or ""
+    for error in sorted(raised_classes(function, errors)):
+        if error not in documented:
+            yield "raises", f"{name}: {error}"
+
+
+def gaps_of_module(path: Path, errors: set[str]) -> list[tuple[str, str]]:
+    """Every gap of one module."""
+    tree = ast.parse(path.read_text())
+    found = [
+        gap
+        for name, function, docstring in public_functions(tree)
+        for gap in gaps_of_function(name, function, docstring, errors)
+    ]
+    physics = "robot_energy/physics/" in path.as_posix() and "urdf" not in path.as_posix()
+    if physics and path.name != "__init__.py" and not SOURCE.search(path.read_text()):
+        found.append(("source", "module"))
+    return found
+
+
+@pytest.fixture(scope="module")
+def gaps() -> dict[str, list[tuple[str, str]]]:
+    """Gaps by module."""
+    text = (ROOT / "src/robot_energy/errors.py").read_text()
+    errors = {node.name for node in ast.parse(text).body if isinstance(node, ast.ClassDef)}
+    return {
+        path.relative_to(package.parent).with_suffix("").as_posix().replace("/", "."): found
+        for package in PACKAGES
+        for path in sorted(package.rglob("*.py"))
+        if (found := gaps_of_module(path, errors))
+    }
+
+
+def test_docstrings_lack_no_more_than_the_table_says(gaps, capsys):
+    lines = [line.split() for line in TABLE.read_text().splitlines() if line[:1] not in ("#", "")]
+    allowed = {module: int(number) for module, number in lines}
+    totals = Counter(kind for found in gaps.values() for kind, _ in found)
+    with capsys.disabled():
+        print("\ndocstring gaps:", ", ".join(f"{totals[kind]} {kind}" for kind in KINDS))
+    grown = {module: found for module, found in gaps.items() if len(found) > allowed.get(module, 0)}
+    assert not grown, f"document these: {grown}"
+    fallen = {
+        module: len(gaps.get(module, [])) for module, number in allowed.items()
+        if len(gaps.get(module, [])) < number
+    }  # fmt: skip
+    assert not fallen, f"lower the numbers in {TABLE.relative_to(ROOT)} to {fallen}"
+
+
+@pytest.mark.parametrize(
+    ("source", "expected"),
+    [
+        ('def f(a: int) -> None:\n    """Do."""', ["argument"]),
+        ('def f(a: int) -> None:\n    """Do.\n\n    Args:\n        a: Number.\n    """', []),
+        ('def f(a: float) -> None:\n    """Do.\n\n    Args:\n        a: Speed.\n    """', ["unit"]),
+        (
+            'def f(a: float, b: int) -> None:\n    """Do.\n\n    Args:\n        a: Speed,\n'
+            '            of it. [rad/s]\n        b: Number.\n    """',
+            [],
+        ),
+        (
+            'def f(a: Float) -> None:\n    """Do.\n\n    Args:\n        a: Speed. [m/s]\n    """',
+            ["shape"],
+        ),
+        (
+            'def f(a: int) -> int:\n    """Do.\n\n    Args:\n        a: Number.\n    """',
+            ["returns"],
+        ),
+        ('def f() -> None:\n    """Do."""\n    raise BagError("x")', ["raises"]),
+        (
+            'def f() -> None:\n    """Do.\n\n    Raises:\n        BagError: Always.\n    """\n'
+            '    raise BagError("x")',
+            [],
+        ),
+    ],
+)
+def test_each_kind_of_gap_is_found(source, expected, tmp_path):
+    path = tmp_path / "module.py"
+    path.write_text(source)
+    assert [kind for kind, _ in gaps_of_module(path, {"BagError"})] == expected

@@ -1,0 +1,69 @@
+"""A user without ROS: the wheel in an empty environment replays a bundled bag."""
+
+import json
+import os
+import re
+import subprocess
+import venv
+import zipfile
+
+import pytest
+
+from places import ROOT
+
+PINNED = re.compile(r"^[A-Za-z0-9_.-]+==[^\s\\;]+")
+
+
+def run(*command, folder=ROOT):
+    # Nothing of this environment may help: neither its packages nor its ROS.
+    kept = ("PATH", "HOME", "PIP_", "SSL_", "http", "HTTP", "https", "HTTPS", "TMPDIR")
+    environment = {k: v for k, v in os.environ.items() if k.startswith(kept)}
+    done = subprocess.run(
+        [str(word) for word in command],
+        cwd=folder, env=environment, capture_output=True, text=True, check=False, timeout=600,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr[-2000:]
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory):
+    dist = tmp_path_factory.mktemp("dist")
+    run("make", "--silent", "wheel", f"DIST={dist}")
+    return next(dist.glob("*.whl"))
+
+
+def test_the_wheel_holds_library_models_and_messages_and_no_workspace(wheel):
+    names = zipfile.ZipFile(wheel).namelist()
+    assert any(name.endswith("models/kr16.yaml") for name in names)
+    assert any(name.endswith("msg/PowerState.msg") for name in names)
+    assert not any(".data/" in name for name in names)
+
+
+def test_source_distribution_has_what_the_wheel_is_built_from(wheel):
+    listing = run("tar", "tzf", next(wheel.parent.glob("*.tar.gz")))
+    assert "package.xml" in listing
+    assert "msg/PowerState.msg" in listing
+
+
+def test_the_wheel_replays_a_bag_in_an_empty_environment(wheel, tmp_path):
+    # The versions that the set-up pins, so that no release of tomorrow decides this test.
+    lines = [
+        match.group(0)
+        for path in sorted((ROOT / ".ci").glob("requirements*.txt"))
+        for match in map(PINNED.match, path.read_text().splitlines())
+        if match
+    ]
+    pins = tmp_path / "pins.txt"
+    pins.write_text("\n".join(lines))
+    venv.create(tmp_path / "env", with_pip=True)
+    python = tmp_path / "env/bin/python"
+    run(python, "-m", "pip", "install", "--quiet", "-c", pins, wheel, folder=tmp_path)
+    report = tmp_path / "report.json"
+    command = tmp_path / "env/bin/robot-energy"
+    run(command, "replay", ROOT / "bags/kr16_cold", "--model", "kr16", "--json", report)
+    expected = json.loads((ROOT / "test/golden/kr16_cold.json").read_text())
+    found = json.loads(report.read_text())
+    assert found["energy"]["grid_import"] == pytest.approx(expected["energy.grid_import"], rel=1e-9)
+    version = run(python, "-c", "import robot_energy; print(robot_energy.__version__)")
+    assert version.strip() in wheel.name

@@ -1,0 +1,90 @@
+"""Every command of identification refuses what no robot can be, and writes nothing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+import robots
+from plants import LIMITS, two_link_profile
+from robot_energy.cli.main import main
+from robot_energy.motion import Program
+from robot_energy.rig import RigConfig, VirtualRig
+from robot_energy.rig.record import record
+
+VIA = np.array([[0.3, -1.0], [1.4, 0.8], [-0.6, 1.2]])
+SHOULDER, ELBOW = 1.0, 1.0  # torque constants that leave the recorded torque as it is
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("rig")
+    slow = Program(VIA, LIMITS, dwell=1.5)  # long enough to read the meter at rest
+    rig = VirtualRig(two_link_profile(folder), slow, RigConfig(), 0, 25.0)
+    record(rig, 30.0, folder / "bag")
+    return folder / "bag"
+
+
+def model(folder: Path, constants: tuple[float, float], gears: tuple[float, float] = (1, 1)) -> str:
+    data = robots.two_link_data()
+    for joint, constant, gear in zip(data["joints"], constants, gears, strict=True):
+        joint["torque_constant"] = robots.figure(constant)
+        joint["gear_ratio"]["value"] *= gear
+    path = folder / "model.yaml"
+    path.write_text(yaml.safe_dump(data))
+    return str(path)
+
+
+def run(folder: Path, capsys: pytest.CaptureFixture[str], *words: str) -> str:
+    """The one sentence of a command that must refuse."""
+    files = ("--out", "x.yaml"), ("--json", "x.json"), ("--report", "x.html")
+    extra = [word for option, name in files for word in (option, str(folder / name))]
+    assert main(["identify", *words, *extra]) == 2
+    assert not list(folder.glob("x.*"))
+    out, err = capsys.readouterr()
+    assert err.startswith("robot-energy: ")
+    assert err.count("\n") == 1
+    assert "Traceback" not in out + err
+    return err
+
+
+@pytest.mark.parametrize("subject", ["all", "dynamics", "friction", "drives"])
+@pytest.mark.parametrize(
+    ("constants", "joints"),
+    [((-1.0, -1.0), "all joints"), ((1.0, -1.0), "elbow"), ((-1.0, 1.0), "shoulder")],
+)
+def test_torque_of_the_wrong_sign(
+    bag: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    subject: str,
+    constants: tuple[float, float],
+    joints: str,
+) -> None:
+    words = [subject, str(bag), "--model", model(tmp_path, constants), "--effort", "motor_current"]
+    said = run(tmp_path, capsys, *words)
+    assert f"torque of {joints} is opposite in sign" in said
+    assert f"urn the sign of torque_constant of {joints} in the model file" in said
+
+
+@pytest.mark.parametrize("subject", ["all", "dynamics", "friction"])
+def test_one_gear_sign_wrong(
+    bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], subject: str
+) -> None:
+    path = model(tmp_path, (SHOULDER, ELBOW), (-1, 1))
+    said = run(tmp_path, capsys, subject, str(bag), "--model", path, "--effort", "motor_torque")
+    assert "torque of shoulder" in said
+    assert "urn the sign of gear_ratio of" in said
+
+
+def test_a_meter_of_the_wrong_sign(
+    bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    parameters = tmp_path / "inputs.yaml"
+    parameters.write_text("/**:\n  ros__parameters:\n    meter: {sign: load_negative}\n")
+    path = model(tmp_path, (SHOULDER, ELBOW))
+    said = run(tmp_path, capsys, "cabinet", str(bag), "--model", path, "--inputs", str(parameters))
+    assert "while the robot stands still" in said

@@ -1,0 +1,80 @@
+"""The set-up installs nothing that is not pinned by hash, and no system package unasked."""
+
+import os
+import pty
+import re
+import shutil
+import subprocess
+import sys
+
+import pytest
+
+from places import ROOT
+
+CI = ROOT / ".ci"
+NEEDED = ("bash", "dirname", "sed", "paste", "tail", "mkdir", "cat", "env")
+
+
+@pytest.mark.parametrize("path", sorted(CI.glob("requirements*.txt")), ids=lambda path: path.name)
+def test_every_pinned_distribution_carries_a_hash(path):
+    pins = [line for line in path.read_text().splitlines() if re.match(r"[a-z]", line)]
+    assert pins
+    assert [line for line in pins if not re.fullmatch(r"\S+==\S[^\\]*\\", line)] == []
+    assert len(re.findall(r"\\\n    --hash=sha256:[0-9a-f]{64}$", path.read_text(), re.M)) >= len(
+        pins
+    )
+
+
+@pytest.fixture
+def bare(tmp_path):
+    """A machine with apt and without compilers, whose root runs the set-up."""
+    tools = tmp_path / "bin"
+    tools.mkdir()
+    for name in NEEDED:
+        (tools / name).symlink_to(shutil.which(name))
+    for name, text in {"id": "echo 0", "apt-get": f"echo $@ >>{tmp_path}/apt; exit 1"}.items():
+        (tools / name).write_text(f"#!{shutil.which('bash')}\n{text}\n")
+        (tools / name).chmod(0o755)
+    (tmp_path / ".ci").mkdir()
+    shutil.copy(CI / "setup", tmp_path / ".ci/setup")
+    return tmp_path
+
+
+def set_up(folder, stdin=subprocess.DEVNULL, stderr=subprocess.PIPE, **settings):
+    """Start the set-up there; return the process."""
+    python = os.path.realpath(sys.executable)
+    settings = {"PATH": str(folder / "bin"), "PYTHON": python, **settings}
+    command = [folder / ".ci/setup"]
+    return subprocess.Popen(command, stdin=stdin, stderr=stderr, env=settings, text=True)
+
+
+@pytest.mark.parametrize("settings", [{"CI": "true"}, {"YES": "1"}], ids=str)
+def test_apt_is_used_without_a_question_where_that_was_said(bare, settings):
+    process = set_up(bare, **settings)
+    process.communicate(timeout=60)
+    assert process.returncode == 1
+    assert (bare / "apt").read_text().startswith("update")
+
+
+@pytest.mark.parametrize("settings", [{}, {"CI": "false"}, {"YES": "no"}], ids=str)
+def test_apt_is_not_used_where_nobody_can_be_asked(bare, settings):
+    process = set_up(bare, **settings)
+    _, said = process.communicate(timeout=60)
+    assert process.returncode == 1
+    assert not (bare / "apt").exists()
+    assert "YES=1" in said
+    assert "apt-get install make cmake gcc g++" in said
+
+
+@pytest.mark.parametrize(("answer", "used"), [("y\n", True), ("n\n", False), ("\n", False)])
+def test_a_human_is_asked_before_apt_is_used(bare, answer, used):
+    ours, theirs = pty.openpty()
+    try:
+        os.write(ours, answer.encode())
+        assert set_up(bare, stdin=theirs, stderr=theirs).wait(timeout=60) == 1
+        said = os.read(ours, 10_000).decode()
+    finally:
+        os.close(ours)
+        os.close(theirs)
+    assert "make cmake gcc g++" in said
+    assert (bare / "apt").exists() == used
