@@ -1,35 +1,83 @@
 """Packaging of the library `robot_energy` and the command `robot-energy`."""
 
+import re
+import sys
+from pathlib import Path
+
 from setuptools import find_packages, setup
 
 NAME = "robot_energy"
+HERE = Path(__file__).parent
+# The one place of the version; package.xml repeats it for ROS, and a test compares them.
+VERSION = re.search(r'^__version__ = "(.+)"$', (HERE / NAME / "__init__.py").read_text(), re.M)[1]
+
+CORE = [
+    "lz4>=4.3",
+    "mcap>=1.1,<2",
+    "numpy>=1.26,<3",
+    "pin>=3.2,<5",
+    "pydantic>=2.7,<3",
+    "PyYAML>=6.0",
+    "rich>=13.7",
+    "rosbags>=0.10.5,<0.12",
+    "scipy>=1.11.4",
+    "shtab>=1.7",
+    "zstandard>=0.22",
+]
+IDENTIFY = ["clarabel>=0.9,<1", "threadpoolctl>=3.1"]
+REPORT = ["matplotlib>=3.8"]
+
+# Files of a colcon workspace; a wheel has its console script and needs none of them.
+WORKSPACE = [
+    ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+    (f"share/{NAME}", ["package.xml"]),
+    # colcon puts `bin` on PATH; `ros2 run` finds the console script below.
+    ("bin", ["bin/robot-energy"]),
+]
 
 setup(
     name=NAME,
-    version="0.1.0",
-    packages=find_packages(include=[NAME, f"{NAME}.*"]),
+    version=VERSION,
+    packages=find_packages(
+        include=[NAME, f"{NAME}.*", "robot_energy_papers", "robot_energy_papers.*"]
+    ),
     package_data={
         NAME: [
             "py.typed",
             "models/*.yaml",
             "models/*.urdf",
             # A link to the interface package: one source of truth for the messages.
-            "wire/msg/*.msg",
+            "cdr/msg/*.msg",
         ]
     },
-    data_files=[
-        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
-        (f"share/{NAME}", ["package.xml"]),
-        # colcon puts `bin` on PATH; `ros2 run` finds the console script below.
-        ("bin", ["bin/robot-energy"]),
-    ],
-    entry_points={"console_scripts": ["robot-energy = robot_energy.cli:main"]},
-    install_requires=["setuptools"],
-    # Not `tests_require`: with it newer setuptools make colcon find no tests.
-    extras_require={"test": ["pytest"]},
+    data_files=[] if "bdist_wheel" in sys.argv else WORKSPACE,
+    entry_points={
+        "console_scripts": ["robot-energy = robot_energy.cli:main"],
+        "robot_energy.commands": ["reproduce = robot_energy_papers.cli.reproduce"],
+    },
+    python_requires=">=3.11",
+    install_requires=CORE,
+    extras_require={
+        "identify": IDENTIFY,
+        "report": REPORT,
+        "papers": [*IDENTIFY, *REPORT],
+        "all": [*IDENTIFY, *REPORT],
+        # Not `tests_require`: with it newer setuptools make colcon find no tests.
+        "test": ["pytest", "hypothesis"],
+    },
     zip_safe=False,
     maintainer="Robot energy maintainers",
     maintainer_email="maintainers@robot-energy.invalid",
-    description="Where each watt of a robot goes: predicted beside measured, live and from bags.",
+    description="Energy monitoring of robots: where each watt goes, predicted and measured.",
+    long_description="Energy monitoring of robots: model torques, temperature-aware friction, "
+    "drive and cabinet losses, predicted against measured grid power; from recorded bags or "
+    "planned motions. Runs without ROS.",
     license="Apache-2.0",
+    classifiers=[
+        "Intended Audience :: Science/Research",
+        "Operating System :: POSIX :: Linux",
+        "Programming Language :: Python :: 3.11",
+        "Programming Language :: Python :: 3.12",
+        "Topic :: Scientific/Engineering",
+    ],
 )

@@ -1,6 +1,6 @@
 ; wall plan of paper B (Robotics 2024, 13(5), 78), sections 5.2.2 and 5.2.3
 ; 1200 mm by 300 mm, 1 layer(s) of 10 mm, 125 mm/s; infill: none
-; made by robot_energy.motion.wall
+; made by robot_energy_papers.wall
 G21 ; mm
 G90 ; absolute
 G17 ; arcs, if any, are horizontal
