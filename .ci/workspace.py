@@ -29,7 +29,9 @@ LOG = BUILD / "setup.log"
 ENV_SCRIPT = VENV / "env.sh"
 VENV_PYTHON = VENV / "bin" / "python"
 SITE = VENV / "lib" / f"python{sys.version_info[0]}.{sys.version_info[1]}" / "site-packages"
-REQUIREMENTS = [CI / "requirements-ros.txt", CI / "requirements.txt"]
+REQUIREMENTS = [
+    CI / name for name in ("requirements-build.txt", "requirements-ros.txt", "requirements.txt")
+]
 INTERFACES = "ros2_energy_msgs"
 PYTHON_PACKAGES = {
     "robot_energy": ROOT / "src",
@@ -106,13 +108,12 @@ def make_environment() -> bool:
     with step("Python packages: ROS 2 Jazzy, Pinocchio and others, 290 MB"):
         install = [VENV_PYTHON, "-m", "pip", "install", "--no-deps", "--no-input"]
         quiet = ["--progress-bar=off", "--disable-pip-version-check"]
-        requirements = [word for path in REQUIREMENTS for word in ("-r", path)]
+        # empy is the one source distribution: it is built by what was installed before.
+        pinned = ["--require-hashes", "--no-build-isolation", "--use-pep517"]
         failure = "pip could not install the packages; check the network and start again"
-        # empy is the one source distribution: build it with the pinned setuptools.
-        constraint = BUILD / "setuptools.txt"
-        lines = REQUIREMENTS[0].read_text().splitlines(keepends=True)
-        constraint.write_text("".join(line for line in lines if line.startswith("setuptools==")))
-        run([*install, *quiet, *requirements], failure, PIP_CONSTRAINT=str(constraint))
+        for paths in (REQUIREMENTS[:1], REQUIREMENTS[1:]):
+            files = [word for path in paths for word in ("-r", path)]
+            run([*install, *quiet, *pinned, *files], failure)
         run([VENV_PYTHON, CI / "mend_wheels.py"], "the ROS wheels could not be mended")
     write_env_script()
     with step("checking that they load"):
