@@ -186,7 +186,7 @@ class EpochSplitter:
                     calm.rows = list(range(start + position, start + len(stamp_ns)))
                 return Sorted([*runs, calm], strays)
             # One by one, but only as far as it takes to be calm again.
-            piece = rest[:size].tolist()
+            piece: list[int] = rest[:size].tolist()
             place = [*waiting, *range(start + position, start + position + len(piece))]
             found = self._sort_out([*self._held, *piece])
             for run in found.runs:
