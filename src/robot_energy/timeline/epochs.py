@@ -175,7 +175,7 @@ class EpochSplitter:
             What became of the messages held before and of these.
         """
         start, position, size = len(self._held), 0, FIRST_PIECE
-        waiting = list(range(start))
+        waiting: list[int] = list(range(start))
         runs: list[EpochRun] = []
         strays: list[int] = []
         while position < len(stamp_ns):
@@ -186,7 +186,7 @@ class EpochSplitter:
                     calm.rows = list(range(start + position, start + len(stamp_ns)))
                 return Sorted([*runs, calm], strays)
             # One by one, but only as far as it takes to be calm again.
-            piece: list[int] = rest[:size].tolist()
+            piece = rest[:size].tolist()
             place = [*waiting, *range(start + position, start + position + len(piece))]
             found = self._sort_out([*self._held, *piece])
             for run in found.runs:
