@@ -46,6 +46,7 @@ setup(
             "py.typed",
             "models/*.yaml",
             "models/*.urdf",
+            "presets/*.yaml",
             # A link to the interface package: one source of truth for the messages.
             "cdr/msg/*.msg",
         ]

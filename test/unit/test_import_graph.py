@@ -99,8 +99,8 @@ MODULES = {
         tool_path tool_timing trajectory_reader trajectory_writer
     """,
     "robot_energy.physics": """
-        cabinet derivative drive drivetrain effort equations friction limit_utilisation
-        rigid_body torque
+        cabinet derivative drive drivetrain effort effort_check equations friction
+        limit_utilisation rigid_body torque
     """,
     "robot_energy.physics.urdf": """
         checks compare parse
@@ -108,6 +108,9 @@ MODULES = {
     "robot_energy.pipeline": """
         energy_pipeline fallback_use friction_certainty friction_stage
         friction_timeline payload_timeline power_stage settings torque_stage
+    """,
+    "robot_energy.presets": """
+        robots
     """,
     "robot_energy.report": """
         canvas dc_link document drives dynamics efficiency_figure energy_figure
@@ -142,7 +145,7 @@ LAYERS = (
     ("files",),
     ("config_file", "schema_errors", "model"),
     ("physics", "timeline", "cdr"),
-    ("bag", "inputs", "accounting", "logs", "log_formats", "time_series"),
+    ("bag", "inputs", "presets", "accounting", "logs", "log_formats", "time_series"),
     ("pipeline", "messages", "store"),
     ("motion",),
     ("bag_replay", "prediction"),

@@ -23,10 +23,11 @@ from robot_energy.api.results import (
 from robot_energy.bag_replay import Replay, Topics
 from robot_energy.blocks import PowerBlock
 from robot_energy.inputs.inputs_file import read_inputs
-from robot_energy.inputs.sources import JointStateSource
+from robot_energy.inputs.sources import Inputs, JointStateSource
 from robot_energy.model import RobotModel
 from robot_energy.physics.friction import with_fixed_friction
 from robot_energy.pipeline import Output, Settings
+from robot_energy.presets import ROBOTS
 from robot_energy.time_series import TimeSeries
 
 NONE = "none"  # instead of a topic: use none of the bag's
@@ -42,6 +43,8 @@ class ReplayOptions(TypedDict, total=False):
         meter: Topic of the power meter.
         payload: Topic of payloads set at run time; ``none`` to use none of the bag's.
         inputs: Parameter file of a monitor: read the bag as that node reads its topics.
+        robot: Name of a robot whose driver is known (`robot-energy kinds` lists them): its
+            inputs count where ``inputs`` says nothing.
         effort: What the effort in the joint states is: ``none``, ``motor_current``,
             ``motor_torque`` or ``joint_torque``.
         stamp_source: What dates joint states: ``header`` or ``receive``.
@@ -59,6 +62,7 @@ class ReplayOptions(TypedDict, total=False):
     meter: str | None
     payload: str | None
     inputs: str | Path | None
+    robot: str | None
     effort: str | None
     stamp_source: str | None
     reorder_window: float | None
@@ -218,8 +222,7 @@ def run_replay(
     Raises:
         RobotEnergyError: If bag, model or an option cannot be used.
     """
-    inputs = options.get("inputs")
-    read, notes = (None, []) if inputs is None else read_inputs(inputs)
+    read, notes = _inputs(options.get("inputs"), options.get("robot"))
     settings = {
         name: options.get(name)
         for name in ("derivative_window", "temperature_wait", "meter_max_gap")
@@ -260,6 +263,14 @@ def run_replay(
     )
     result.notes[:0] = notes
     return result
+
+
+def _inputs(path: str | Path | None, robot: str | None) -> tuple[Inputs | None, list[str]]:
+    """The inputs of a parameter file and of a known robot, and what is misspelt in them."""
+    if robot is None:
+        return (None, []) if path is None else read_inputs(path)
+    preset = ROBOTS[robot]
+    return read_inputs(preset.inputs) if path is None else read_inputs(path, preset)
 
 
 def _topics(names: str | Sequence[str] | None) -> tuple[str, ...]:

@@ -15,7 +15,7 @@ from robot_energy.cli.terminal import (
     progress,
     write_json,
 )
-from robot_energy.errors import ReportError
+from robot_energy.errors import ModelFileError, ReportError
 
 if TYPE_CHECKING:
     from robot_energy.bag_replay import Replay
@@ -29,6 +29,7 @@ INPUT_OPTIONS = (
     "meter",
     "payload",
     "inputs",
+    "robot",
     "effort",
     "stamp_source",
     "reorder_window",
@@ -52,11 +53,11 @@ EPILOG = """\
 examples:
   robot-energy replay bag --model kr16
   robot-energy replay bag --model my_robot.yaml --out bag_energy --json energy.json
-  robot-energy replay bag --model ur3e --compare --plot power.png
+  robot-energy replay bag --robot ur5e --compare --plot power.png
   robot-energy replay bag --model ur3e --compare 20 --temperatures /driver/temperatures
   robot-energy replay bag --model my_robot.yaml --inputs energy_monitor.yaml
   robot-energy replay bag --model kr16 --effort motor_torque
-  robot-energy replay bag --model ur3e --json - | jq .comparison
+  robot-energy replay bag --robot fr3 --model my_fr3.yaml --json - | jq .comparison
 """
 
 
@@ -70,12 +71,7 @@ def add_parser(commands: Any) -> None:
         formatter_class=RawDescriptionHelpFormatter,
     )
     parser.add_argument("bag", help="MCAP file, or rosbag2 folder (MCAP or sqlite3)")
-    parser.add_argument(
-        "--model",
-        required=True,
-        metavar="FILE|NAME",
-        help="model file, or name of a shipped model (see: robot-energy models)",
-    )
+    add_robot(parser)
     outputs = parser.add_argument_group("outputs")
     outputs.add_argument(
         "--out", metavar="BAG", help="write the energy topics (/energy/...) into a new bag"
@@ -114,6 +110,45 @@ def add_parser(commands: Any) -> None:
     )
     add_debug(parser)
     parser.set_defaults(run=run)
+
+
+def add_robot(parser: ArgumentParser) -> None:
+    """Add the options that name the robot: its model, and its driver.
+
+    Args:
+        parser: Of a command that replays a bag.
+    """
+    parser.add_argument(
+        "--model",
+        metavar="FILE|NAME",
+        help="model file, or name of a shipped model (see: robot-energy models); needed unless "
+        "--robot has one",
+    )
+    parser.add_argument(
+        "--robot",
+        metavar="NAME",
+        help="robot whose driver is known (see: robot-energy kinds): read the topics of its driver "
+        "and use the shipped model; --model and --inputs go before",
+    )
+
+
+def model_named(args: Namespace) -> str:
+    """Return the model that --model or --robot names.
+
+    Args:
+        args: Of the command.
+
+    Raises:
+        ModelFileError: If neither names one.
+        KindError: If the robot is unknown.
+    """
+    from robot_energy.presets import ROBOTS
+
+    if args.robot is not None:
+        return ROBOTS[args.robot].model_or(args.model)
+    if args.model is None:
+        raise ModelFileError("neither --model nor --robot is given", "one of them")
+    return args.model
 
 
 def add_inputs(parser: ArgumentParser) -> Any:
@@ -255,7 +290,8 @@ def run(args: Namespace) -> int:
     from robot_energy.model import load
     from robot_energy.report import print_replay, summarise
 
-    inputs = [args.bag, args.model, args.inputs]
+    named = model_named(args)
+    inputs = [args.bag, named, args.inputs]
     check_outputs(args, inputs)
     if args.plot is not None:
         from robot_energy.report.canvas import check_format
@@ -263,7 +299,7 @@ def run(args: Namespace) -> int:
         check_format(Path(args.plot))
     if args.out is not None:
         check_bag(args.out, args.overwrite, inputs, (args.json, args.plot))
-    model, change = load(args.model), None
+    model, change = load(named), None
     if args.fixed_friction is not None:
         model, change = fixed_friction(model, args.fixed_friction)
     with all_or_none():
