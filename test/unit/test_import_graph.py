@@ -69,7 +69,7 @@ MODULES = {
         friction laws samples temperature_study
     """,
     "robot_energy.identify.stats": """
-        cross_validation held_out_energy lag regression
+        cross_validation held_out_energy lag regression threads
     """,
     "robot_energy.inputs": """
         bag_topics inputs_file parameters rejection_log sources

@@ -89,7 +89,7 @@ def _rows(cells: Cells, numbers: int) -> TableRows:
         cells.line,
         values.select(pl.all().fill_null(np.nan)).to_numpy().reshape(len(cells), numbers),
         cells.whole,
-        ~lost.reshape(len(cells), numbers).any(axis=1),
+        np.asarray(~lost.reshape(len(cells), numbers).any(axis=1)),
         tuple(columns[:, place] for place in range(numbers, columns.width)),
     )
 
