@@ -52,7 +52,7 @@ MODULES = {
         cabinet dc_link link_readings meter_delay supply
     """,
     "robot_energy.identify.data": """
-        bags observations raw_log recordings signals
+        bags log_channels observations recordings signals
     """,
     "robot_energy.identify.drives": """
         all_drives drive_data drive_delay drive_power drives efficiency losses
@@ -69,7 +69,7 @@ MODULES = {
         friction laws samples temperature_study
     """,
     "robot_energy.identify.stats": """
-        cross_validation held_out_energy lag regression
+        cross_validation held_out_energy lag regression threads
     """,
     "robot_energy.inputs": """
         bag_topics inputs_file parameters rejection_log sources
@@ -85,7 +85,7 @@ MODULES = {
         filter kinds reader stuck temperatures
     """,
     "robot_energy.logs": """
-        mapped_csv mapping recording table ur_rtde
+        mapped_log mapping recording rows table ur_rtde
     """,
     "robot_energy.messages": """
         friction interval payload power registers torque

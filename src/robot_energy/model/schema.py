@@ -7,7 +7,7 @@ published number from an assumed one. Motor side unless the name says ``joint_``
 from __future__ import annotations
 
 import hashlib
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, PrivateAttr, model_validator
 from pydantic_core import PydanticCustomError
@@ -209,6 +209,14 @@ class RobotModel(ModelEntry):
     def source(self) -> str:
         """File this model was read from."""
         return self._source
+
+    def changed(self, **entries: Any) -> RobotModel:
+        """Return a copy with other entries and the same URDF.
+
+        Args:
+            entries: Values by the name of the entry, already validated.
+        """
+        return self.model_copy(update=entries).with_urdf(self._urdf_xml, self._source)
 
     def with_urdf(self, xml: str, source: str) -> RobotModel:
         """Return this model with the URDF text attached."""
