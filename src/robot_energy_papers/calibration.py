@@ -34,6 +34,7 @@ FLOWS = (
     "loss_grid",
     "grid_power",
 )
+ELECTRICAL = ("iron_loss", "copper_loss", "inverter_loss", "rectifier_loss")
 
 
 @dataclass(frozen=True)
@@ -77,9 +78,26 @@ class Calibration:
     flows: dict[float, dict[str, float]]
 
     def ratio(self, cold: float, hot: float) -> Float:
-        """Return the energy at one temperature over that at another, by program."""
+        """Return the energy at one temperature over that at another.
+
+        Args:
+            cold: Start temperature above the line. [degC]
+            hot: Start temperature below the line. [degC]
+
+        Returns:
+            Shape (programs,). [-]
+        """
         column = self.start_degc.tolist()
         return self.mean_power[:, column.index(cold)] / self.mean_power[:, column.index(hot)]
+
+    def electrical_over_mechanical(self, degc: float) -> float:
+        """Return the losses of motors, inverters and rectifier over those of friction. [-]
+
+        Args:
+            degc: Start temperature. [degC]
+        """
+        flow = self.flows[degc]
+        return sum(flow[name] for name in ELECTRICAL) / flow["friction_power"]
 
 
 def holding_power(profile: PlantProfile, joint_position: Float, motor_degc: float) -> Float:
@@ -113,6 +131,9 @@ def calibrate(profile: PlantProfile, seed: int, programs: int, moves: int) -> Ca
         seed: Of the study.
         programs: How many programs of the kind of the experiment; >= 1.
         moves: Motions in each.
+
+    Returns:
+        What the plant does.
 
     Raises:
         RigError: If no program is asked for.

@@ -85,6 +85,11 @@ class EffectRow:
         """Its greatest error in size, with its sign. [-]"""
         return max(self.follows, key=abs)
 
+    @property
+    def worst_fixed(self) -> float:
+        """Greatest error in size of fixed friction, with its sign. [-]"""
+        return max(self.fixed, key=abs)
+
 
 def configurations(names: Sequence[str] | None = None) -> dict[str, RigConfig]:
     """Return the rigs by name.
@@ -114,6 +119,9 @@ def effect_row(name: str, config: RigConfig, rigs: Rigs, seed: int) -> EffectRow
         config: Its effects.
         rigs: Temperatures and length.
         seed: Of the study; every rig has the same programs, meter and noise.
+
+    Returns:
+        What came out.
 
     Raises:
         RobotEnergyError: If rig, bags or fits fail.
@@ -146,5 +154,11 @@ def effect_row(name: str, config: RigConfig, rigs: Rigs, seed: int) -> EffectRow
 
 
 def rig_seeds(seed: int) -> tuple[int, int]:
-    """Seeds of the rig that is identified and of the one that tests: two meters, two days."""
+    """Return the seeds of the rig that is identified and of the one that tests.
+
+    They differ in their meters and their noise.
+
+    Args:
+        seed: Of the study.
+    """
     return 2 * seed + 1, 2 * seed + 2

@@ -129,7 +129,11 @@ class Energies:
     cabinet: float
 
     def plus(self, other: Energies) -> Energies:
-        """Return the sum of two stretches of time."""
+        """Return the sum of two time spans.
+
+        Args:
+            other: The other span.
+        """
         return Energies(
             self.duration + other.duration,
             self.net + other.net,
@@ -176,6 +180,9 @@ def predicted(model: RobotModel, motion: ToolMotion) -> tuple[Energies, Curve]:
     Args:
         model: The model.
         motion: The motion.
+
+    Returns:
+        Its energies, and its power over time.
     """
     pipeline = EnergyPipeline(model, Settings(power_period=None, temperature_assumed=True))
     warm: TemperatureBlock | None = TemperatureBlock(
@@ -216,6 +223,9 @@ def played(machine: Machine, motion: ToolMotion, seed: int) -> tuple[Energies, C
         machine: The machine.
         motion: The motion.
         seed: Of the rig.
+
+    Returns:
+        Its energies, and its power over time.
     """
     smooth = Smooth(motion)
     profile = PROFILES[machine.model]()

@@ -127,13 +127,12 @@ MODULES = {
         epochs gaps pieces stamps streams
     """,
     "robot_energy_papers": """
-        accuracy calibration drive_study effects experiment held_out machine_figures
-        machines mantis models paper_a paper_a_figures paper_a_numbers paper_a_page
-        paper_a_sections paper_b paper_b_figures paper_b_machines_page
-        paper_b_numbers paper_b_page temperature_figures wall
+        accuracy calibration drawings drive_study effects experiment held_out job_pool
+        machines mantis models pages paper_a paper_a_numbers paper_a_page paper_b
+        paper_b_numbers paper_b_page wall
     """,
     "robot_energy_papers.cli": """
-        reproduce reproduce_paper_a reproduce_paper_b study_folder
+        reproduce study_folder
     """,
 }
 # From the ground up; each line may import from itself and from the lines above it.

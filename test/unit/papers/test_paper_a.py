@@ -18,7 +18,6 @@ from robot_energy_papers.experiment import make_programs, soaked
 from robot_energy_papers.held_out import held_out
 from robot_energy_papers.models import FOLLOWS, identify
 from robot_energy_papers.paper_a import QUICK, record_test, study
-from robot_energy_papers.paper_a_figures import beyond_range
 
 TINY = replace(
     QUICK,
@@ -125,12 +124,12 @@ def test_other_processes_give_the_figures_of_this_one(tmp_path):
     (here,) = record_test(tmp_path / "here", 3, TINY)
     (row,) = held_out([here], result.identified.models, FOLLOWS)
     assert row == result.rows[0]
-    assert beyond_range(result) == (0, 0.0)  # 45 degC, between 20 and 70
+    assert result.beyond_range == (0, 0.0)  # 45 degC, between 20 and 70
     hot = replace(here, recording=replace(
         here.recording, motor_temperature_degc=np.full((2, 6), 90.0)
     ))  # fmt: skip
     top = min(fit.range_degc[1] for fit in result.identified.fits)
-    assert beyond_range(replace(result, test=[here, hot])) == (1, 90.0 - top)
+    assert replace(result, test=[here, hot]).beyond_range == (1, 90.0 - top)
 
 
 def test_a_rig_that_has_only_what_the_model_has_is_recovered(tmp_path):
