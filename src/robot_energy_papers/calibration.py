@@ -15,7 +15,6 @@ from robot_energy.motion import random_program, tool_above
 from robot_energy.rig import PlantProfile, RigConfig, VirtualRig
 from robot_energy.rig.plant import PlantDrives
 from robot_energy.rig.record import outputs
-from robot_energy.rig.study import temperature_study
 from robot_energy.rig.supply import Supply
 from robot_energy_papers.experiment import FIRST_SEED, LEAST_HEIGHT, SEED_STEP, TOOL
 
@@ -144,22 +143,22 @@ def calibrate(profile: PlantProfile, seed: int, programs: int, moves: int) -> Ca
     limits = profile.motion_limits(robot)
     above = tool_above(robot, TOOL, LEAST_HEIGHT)
     first = FIRST_SEED + SEED_STEP * seed
-    mean, peak = np.empty((programs, len(PROGRAM_DEGC))), np.empty((programs, len(PROGRAM_DEGC)))
+    mean, peak = np.empty((2, programs, len(PROGRAM_DEGC)))
     flows: dict[float, dict[str, float]] = {}
     for number in range(programs):
         program = random_program(limits, first + number, moves, accept=above)
-        rows = temperature_study(profile, program, {}, PROGRAM_DEGC, seed=seed)
-        mean[number] = [row.true_power for row in rows]
-        peak[number] = [row.peak_power for row in rows]
-        if number == 0:
-            for degc in PROGRAM_DEGC:
-                rig = VirtualRig(profile, program, None, seed, degc)
-                truth = [piece.truth for piece in outputs(rig, program.period)]
-                rows_of = sum(len(part) for part in truth)
-                flows[degc] = {
-                    name: float(sum(getattr(part, name).sum() for part in truth)) / rows_of
-                    for name in FLOWS
-                }
+        for column, degc in enumerate(PROGRAM_DEGC):
+            rig = VirtualRig(profile, program, None, seed, degc)
+            truth = [piece.truth for piece in outputs(rig, program.period)]
+            samples = sum(len(part) for part in truth)
+            flow = {
+                name: float(sum(getattr(part, name).sum() for part in truth)) / samples
+                for name in FLOWS
+            }
+            mean[number, column] = flow["grid_power"]
+            peak[number, column] = max(float(part.grid_power.max()) for part in truth)
+            if number == 0:
+                flows[degc] = flow
     generator = np.random.default_rng(seed)
     drawn: list[Float] = []
     while len(drawn) < POSES:

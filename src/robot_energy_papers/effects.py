@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 from robot_energy.files.temporary_folder import TemporaryFolder
 from robot_energy.model import load
-from robot_energy.rig import RigConfig, kr16_profile
+from robot_energy.rig import RigConfig, load_profile
 from robot_energy_papers.experiment import Programs, make_programs, soaked
 from robot_energy_papers.held_out import held_out
 from robot_energy_papers.models import FIXED_DEGC, FOLLOWS, fixed_name, identify
@@ -126,7 +126,7 @@ def effect_row(name: str, config: RigConfig, rigs: Rigs, seed: int) -> EffectRow
     Raises:
         RobotEnergyError: If rig, bags or fits fail.
     """
-    profile = kr16_profile()
+    profile = load_profile("kr16")
     programs: Programs = make_programs(profile, seed, rigs.moves)
     train_seed, test_seed = rig_seeds(seed)
     with TemporaryFolder() as place:

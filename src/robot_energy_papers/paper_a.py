@@ -10,7 +10,7 @@ import numpy as np
 from robot_energy.blocks import Float
 from robot_energy.errors import RigError
 from robot_energy.model import RobotModel, load
-from robot_energy.rig import RigConfig, kr16_profile
+from robot_energy.rig import RigConfig, load_profile
 from robot_energy.rig.plant import PlantFriction
 from robot_energy.rig.record import RigRecording
 from robot_energy_papers.calibration import Calibration, calibrate
@@ -237,7 +237,7 @@ def study(
     Raises:
         RobotEnergyError: If rig, recordings or fits fail.
     """
-    profile, rigs = kr16_profile(), configurations(scale.effects)
+    profile, rigs = load_profile("kr16"), configurations(scale.effects)
     steps = Steps(len(rigs) + 3, progress, SHARE_BEFORE_FITS)
     with job_pool(workers, steps.done) as run:
         work = [
@@ -288,7 +288,7 @@ def record_training(
     Raises:
         RigError: If rig or bags cannot be made.
     """
-    profile = kr16_profile()
+    profile = load_profile("kr16")
     programs, rig = make_programs(profile, seed, scale.moves), rig_seeds(seed)[0]
     if scale.train is None:
         sets = soaked(profile, programs.train, scale.train_degc, folder, "train", rig)
@@ -314,7 +314,7 @@ def record_test(folder: Path, seed: int, scale: PaperAStudySize) -> list[MotionS
     Returns:
         The sets.
     """
-    profile = kr16_profile()
+    profile = load_profile("kr16")
     programs, rig = make_programs(profile, seed, scale.moves), rig_seeds(seed)[1]
     if scale.test is None:
         return soaked(profile, programs.test, scale.test_degc, folder, "test", rig)
@@ -342,7 +342,7 @@ def _shaft_curves(
 
 
 def _true_friction(entry: MotionSet) -> TrueFriction:
-    profile = kr16_profile()
+    profile = load_profile("kr16")
     gear = entry.recording.gear_temperature_degc.mean(axis=0)
     viscous = PlantFriction(profile, RigConfig()).viscous(gear) + profile.eddy_viscous
     return TrueFriction(entry.recording.motor_temperature_degc.mean(axis=0), viscous)

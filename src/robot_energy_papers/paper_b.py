@@ -14,7 +14,7 @@ from robot_energy.identify.dynamics.dynamics import Dynamics, DynamicsSettings, 
 from robot_energy.identify.dynamics.dynamics_model import to_model
 from robot_energy.model import RobotModel, load
 from robot_energy.motion import JointMotion
-from robot_energy.rig import mantis_profile
+from robot_energy.rig import load_profile
 from robot_energy_papers.accuracy import Accuracy, Definition, accuracies
 from robot_energy_papers.drive_study import DriveTest, identify_drives, tested
 from robot_energy_papers.job_pool import Progress, Steps
@@ -185,7 +185,7 @@ def study(
         RobotEnergyError: If a rig, a recording or a fit fails.
     """
     step = Steps(STEPS, progress).done
-    start, profile = load("mantis"), mantis_profile()
+    start, profile = load("mantis"), load_profile("mantis")
     first = seed * SEED_STEP
     train = excitation(start, profile, first + 1, scale.iterations)
     other = excitation(start, profile, first + 2, scale.iterations)

@@ -96,7 +96,7 @@ MODULES = {
     "robot_energy.motion": """
         fourier gcode gcode_words inverse_kinematics joint_trajectory load_motion
         planar planned ptp ptp_file ptp_loop sequence tool_corners tool_motion
-        tool_path tool_timing trajectory_reader trajectory_writer
+        tool_path tool_timing trajectory_io
     """,
     "robot_energy.physics": """
         cabinet derivative drive drivetrain effort equations friction limit_utilisation
@@ -117,7 +117,7 @@ MODULES = {
         tables torque_figure
     """,
     "robot_energy.rig": """
-        config lubricant output plant printers profile record sensors study supply
+        config lubricant output plant profile record sensors supply
         thermal virtual_rig
     """,
     "robot_energy.store": """

@@ -8,14 +8,14 @@ from robot_energy.model import load
 from robot_energy.motion import Program
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.rigid_body import Robot
-from robot_energy.rig import RigConfig, VirtualRig, kr16_profile
+from robot_energy.rig import RigConfig, VirtualRig, load_profile
 from robot_energy_papers.calibration import FLOWS, calibrate, holding_power
 from robot_energy_papers.effects import EFFECTS, EffectRow, configurations
 from robot_energy_papers.held_out import SetRow, normalised, worst
 from robot_energy_papers.models import UNKNOWN, with_capacitor, without_knowledge
 from robot_energy_papers.paper_a import ShaftCurve
 
-PROFILE = kr16_profile()
+PROFILE = load_profile("kr16")
 
 
 def row(degc, measured, predicted, way="heating"):

@@ -12,7 +12,7 @@ from robot_energy.bag_replay import replay
 from robot_energy.cli import main
 from robot_energy.model import load
 from robot_energy.physics.friction import viscous_law
-from robot_energy.rig import RigConfig, kr16_profile
+from robot_energy.rig import RigConfig, load_profile
 from robot_energy_papers.effects import ALL, Rigs, configurations, effect_row
 from robot_energy_papers.experiment import make_programs, soaked
 from robot_energy_papers.held_out import held_out
@@ -134,7 +134,7 @@ def test_other_processes_give_the_figures_of_this_one(tmp_path):
 
 def test_a_rig_that_has_only_what_the_model_has_is_recovered(tmp_path):
     """No hidden effect: friction and constants are those of the plant, the energy is exact."""
-    profile, config = kr16_profile(), RigConfig.plain()
+    profile, config = load_profile("kr16"), RigConfig.plain()
     programs = make_programs(profile, 0, moves=12)
     train = soaked(profile, programs.train, (20.0, 50.0), tmp_path, "train", 1, config)
     rest = soaked(profile, programs.hold, (50.0,), tmp_path, "rest", 1, config)
