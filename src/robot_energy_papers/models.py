@@ -26,6 +26,7 @@ from robot_energy.model.figure import PositiveFigure
 from robot_energy.model.friction_laws import ConstantLaw
 from robot_energy.model.joint import JointFriction
 from robot_energy.model.schema import Capacitor
+from robot_energy.physics.friction import viscous_law
 from robot_energy.rig import SupplyProfile
 
 FOLLOWS = "follows"  # the paper's proposed model: fv follows the motor temperature
@@ -74,9 +75,25 @@ class Identified:
     sets: tuple[SetFriction, ...]
     notes: tuple[str, ...]
 
+    def viscous(self, motor_temperature_degc: Float) -> Float:
+        """Return viscous friction of every axis by its identified law.
+
+        Args:
+            motor_temperature_degc: Shape (n,). [degC]
+
+        Returns:
+            Motor side, shape (n,). [N m s/rad]
+        """
+        pairs = zip(self.fits, motor_temperature_degc, strict=True)
+        return np.array([float(viscous_law(fit.law).viscous(degc)) for fit, degc in pairs])
+
 
 def fixed_name(degc: float) -> str:
-    """Return the name of the model whose friction is that of one operating point."""
+    """Return the name of the model whose friction is that of one operating point.
+
+    Args:
+        degc: Robot temperature. [degC]
+    """
     return f"fixed_{degc:.0f}"
 
 

@@ -96,7 +96,7 @@ MODULES = {
     "robot_energy.motion": """
         fourier gcode gcode_words inverse_kinematics joint_trajectory load_motion
         planar planned ptp ptp_file ptp_loop sequence tool_corners tool_motion
-        tool_path tool_timing trajectory_reader trajectory_writer
+        tool_path tool_timing trajectory_io
     """,
     "robot_energy.physics": """
         cabinet derivative drive drivetrain effort equations friction limit_utilisation
@@ -117,7 +117,7 @@ MODULES = {
         tables torque_figure
     """,
     "robot_energy.rig": """
-        config lubricant output plant printers profile record sensors study supply
+        config lubricant output plant profile record sensors supply
         thermal virtual_rig
     """,
     "robot_energy.store": """
@@ -127,13 +127,12 @@ MODULES = {
         epochs gaps pieces stamps streams
     """,
     "robot_energy_papers": """
-        accuracy calibration drive_study effects experiment held_out machine_figures
-        machines mantis models paper_a paper_a_figures paper_a_numbers paper_a_page
-        paper_a_sections paper_b paper_b_figures paper_b_machines_page
-        paper_b_numbers paper_b_page temperature_figures wall
+        accuracy calibration drawings drive_study effects experiment held_out job_pool
+        machines mantis models pages paper_a paper_a_numbers paper_a_page paper_b
+        paper_b_numbers paper_b_page wall
     """,
     "robot_energy_papers.cli": """
-        reproduce reproduce_paper_a reproduce_paper_b study_folder
+        reproduce study_folder
     """,
 }
 # From the ground up; each line may import from itself and from the lines above it.
