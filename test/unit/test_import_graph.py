@@ -91,7 +91,7 @@ MODULES = {
         friction interval payload power registers torque
     """,
     "robot_energy.model": """
-        drive_models figure friction_laws joint load open_schema payload schema
+        drive_models figure friction_laws joint load open_schema payload reference schema
     """,
     "robot_energy.motion": """
         fourier gcode gcode_words inverse_kinematics joint_trajectory load_motion
@@ -120,6 +120,9 @@ MODULES = {
         config lubricant output plant printers profile record sensors study supply
         thermal virtual_rig
     """,
+    "robot_energy.starter": """
+        arm description model_text priors
+    """,
     "robot_energy.store": """
         account_store adoption envelope slots state_files
     """,
@@ -145,7 +148,7 @@ LAYERS = (
     ("bag", "inputs", "accounting", "logs", "log_formats", "time_series"),
     ("pipeline", "messages", "store"),
     ("motion",),
-    ("bag_replay", "prediction"),
+    ("bag_replay", "prediction", "starter"),
     ("identify", "rig"),
     ("report",),
     ("api",),
@@ -153,7 +156,7 @@ LAYERS = (
     ("robot_energy_papers",),
 )
 # Nothing online imports these.
-OFFLINE = ("identify", "report", "rig", "motion", "cli")
+OFFLINE = ("identify", "report", "rig", "motion", "cli", "starter")
 ONLINE = ("pipeline", "inputs", "messages", "accounting", "store", "timeline", "cdr")
 FOREIGN = {
     "ament_index_python", "builtin_interfaces", "control_msgs", "diagnostic_msgs",
