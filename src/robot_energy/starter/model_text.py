@@ -13,6 +13,7 @@ from robot_energy.starter.description import RobotText
 from robot_energy.starter.priors import SHAPE_A, SHAPE_B, SHAPE_C, RobotClass, Share
 
 WIDTH = 92
+HOT = f"{SHAPE_A:g} of the viscous friction at 20 degC"
 
 
 def starter_text(arm: Arm, description: RobotText, folder: str | Path) -> str:
@@ -126,7 +127,7 @@ def _joint(joint: ArmJoint, robot: RobotClass) -> str:
         f"      coulomb: {_share(robot.coulomb, torque, of_limit)}  # N m\n"
         f"      viscous:  # a + b exp(-T / c), N m s/rad, T in degC\n"
         f"        law: exponential\n"
-        f"        a: {_figure(SHAPE_A * viscous, robot.viscous.spread, '0.206 of the viscous friction at 20 degC')}\n"
+        f"        a: {_figure(SHAPE_A * viscous, robot.viscous.spread, HOT)}\n"
         f"        b: {_figure(SHAPE_B * viscous, robot.viscous.spread, _viscous(robot))}\n"
         f"        c: {_figure(SHAPE_C, 0.2, 'shape of an ABB robot, Bittencourt, recalled')}\n"
         f"        fitted_degc: [{robot.fitted_degc[0]}, {robot.fitted_degc[1]}]\n"
