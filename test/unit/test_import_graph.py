@@ -35,8 +35,11 @@ MODULES = {
     "robot_energy.cdr": """
         batch decode encode plan schema types walk
     """,
+    "robot_energy.check": """
+        coverage evidence finding hypotheses meter motion payload run torque
+    """,
     "robot_energy.cli": """
-        completion export identify identify_all identify_cabinet identify_drives
+        check completion export identify identify_all identify_cabinet identify_drives
         identify_dynamics identify_excitation identify_friction identify_inputs
         import_logs info kinds main memory models numbers predict replay simulate stopping
         terminal
@@ -149,14 +152,14 @@ LAYERS = (
     ("pipeline", "messages", "store"),
     ("motion",),
     ("bag_replay", "prediction", "starter"),
-    ("identify", "rig"),
+    ("identify", "rig", "check"),
     ("report",),
     ("api",),
     ("cli", "__main__"),
     ("robot_energy_papers",),
 )
 # Nothing online imports these.
-OFFLINE = ("identify", "report", "rig", "motion", "cli", "starter")
+OFFLINE = ("identify", "report", "rig", "motion", "cli", "starter", "check")
 ONLINE = ("pipeline", "inputs", "messages", "accounting", "store", "timeline", "cdr")
 FOREIGN = {
     "ament_index_python", "builtin_interfaces", "control_msgs", "diagnostic_msgs",
