@@ -41,8 +41,8 @@ MODULES = {
     "robot_energy.cli": """
         check completion export identify identify_all identify_cabinet identify_drives
         identify_dynamics identify_excitation identify_friction identify_inputs
-        import_logs info kinds main memory models numbers predict replay simulate stopping
-        terminal
+        import_logs info kinds main memory models numbers predict replay robots simulate
+        stopping terminal
     """,
     "robot_energy.files": """
         output_files output_folder output_streams placement regular_file

@@ -9,7 +9,7 @@ from typing import Any, Literal, TypedDict, Unpack
 
 from robot_energy import bag_replay
 from robot_energy.accounting.averaging import MeanBlock
-from robot_energy.api.inputs import ModelName, effort_meaning, model_of
+from robot_energy.api.inputs import ModelName, driver_inputs, effort_meaning, model_of
 from robot_energy.api.power_table import empty_table, period_table, sample_table
 from robot_energy.api.results import (
     EnergyBreakdown,
@@ -22,12 +22,10 @@ from robot_energy.api.results import (
 )
 from robot_energy.bag_replay import Replay, Topics
 from robot_energy.blocks import PowerBlock
-from robot_energy.inputs.inputs_file import read_inputs
-from robot_energy.inputs.sources import Inputs, JointStateSource
+from robot_energy.inputs.sources import JointStateSource
 from robot_energy.model import RobotModel
 from robot_energy.physics.friction import with_fixed_friction
 from robot_energy.pipeline import Output, Settings
-from robot_energy.presets import ROBOTS
 from robot_energy.time_series import TimeSeries
 
 NONE = "none"  # instead of a topic: use none of the bag's
@@ -222,7 +220,7 @@ def run_replay(
     Raises:
         RobotEnergyError: If bag, model or an option cannot be used.
     """
-    read, notes = _inputs(options.get("inputs"), options.get("robot"))
+    read, notes = driver_inputs(options.get("inputs"), options.get("robot"))
     settings = {
         name: options.get(name)
         for name in ("derivative_window", "temperature_wait", "meter_max_gap")
@@ -263,14 +261,6 @@ def run_replay(
     )
     result.notes[:0] = notes
     return result
-
-
-def _inputs(path: str | Path | None, robot: str | None) -> tuple[Inputs | None, list[str]]:
-    """The inputs of a parameter file and of a known robot, and what is misspelt in them."""
-    if robot is None:
-        return (None, []) if path is None else read_inputs(path)
-    preset = ROBOTS[robot]
-    return read_inputs(preset.inputs) if path is None else read_inputs(path, preset)
 
 
 def _topics(names: str | Sequence[str] | None) -> tuple[str, ...]:

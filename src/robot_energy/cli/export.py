@@ -6,15 +6,8 @@ from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
 from typing import TYPE_CHECKING, Any
 
 from robot_energy.cli.memory import keep_freed_memory
-from robot_energy.cli.replay import (
-    DAMAGED,
-    INPUT_OPTIONS,
-    add_inputs,
-    add_robot,
-    degc,
-    model_named,
-    positive,
-)
+from robot_energy.cli.replay import DAMAGED, INPUT_OPTIONS, add_inputs, degc, positive
+from robot_energy.cli.robots import add_robot, model_named
 from robot_energy.cli.terminal import add_debug, console, progress
 from robot_energy.errors import ReportError
 from robot_energy.files.output_files import CSV, PARQUET, FileKind, check_file, write_file

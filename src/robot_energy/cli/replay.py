@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from robot_energy.cli.memory import keep_freed_memory
+from robot_energy.cli.robots import add_robot, model_named
 from robot_energy.cli.terminal import (
     add_debug,
     check_bag,
@@ -15,7 +16,7 @@ from robot_energy.cli.terminal import (
     progress,
     write_json,
 )
-from robot_energy.errors import ModelFileError, ReportError
+from robot_energy.errors import ReportError
 
 if TYPE_CHECKING:
     from robot_energy.bag_replay import Replay
@@ -110,45 +111,6 @@ def add_parser(commands: Any) -> None:
     )
     add_debug(parser)
     parser.set_defaults(run=run)
-
-
-def add_robot(parser: ArgumentParser) -> None:
-    """Add the options that name the robot: its model, and its driver.
-
-    Args:
-        parser: Of a command that replays a bag.
-    """
-    parser.add_argument(
-        "--model",
-        metavar="FILE|NAME",
-        help="model file, or name of a shipped model (see: robot-energy models); needed unless "
-        "--robot has one",
-    )
-    parser.add_argument(
-        "--robot",
-        metavar="NAME",
-        help="robot whose driver is known (see: robot-energy kinds): read the topics of its driver "
-        "and use the shipped model; --model and --inputs go before",
-    )
-
-
-def model_named(args: Namespace) -> str:
-    """Return the model that --model or --robot names.
-
-    Args:
-        args: Of the command.
-
-    Raises:
-        ModelFileError: If neither names one.
-        KindError: If the robot is unknown.
-    """
-    from robot_energy.presets import ROBOTS
-
-    if args.robot is not None:
-        return ROBOTS[args.robot].model_or(args.model)
-    if args.model is None:
-        raise ModelFileError("neither --model nor --robot is given", "one of them")
-    return args.model
 
 
 def add_inputs(parser: ArgumentParser) -> Any:
