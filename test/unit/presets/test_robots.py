@@ -90,6 +90,18 @@ def test_the_two_meanings_of_effort_of_universal_robots(tmp_path, sent, taken_fo
     assert effort_notes(replayed(tmp_path, bag, "ur5e", "--effort", sent)) == []
 
 
+def test_check_takes_the_robot_too(tmp_path, capsys):
+    """The torque of newer releases, taken for the current of older ones."""
+    bag = str(ur(tmp_path, EffortMeaning.JOINT_TORQUE))
+    out = tmp_path / "check.json"
+    assert main(["check", bag, "--robot", "ur5e", "--json", str(out)]) == 2
+    assert "torque" in capsys.readouterr().out
+    (checked,) = json.loads(out.read_text())["recordings"]
+    assert checked["findings"][0]["cause"] == "torque_scale"
+    assert main(["check", bag, "--model", "ur5e", "--inputs", "ur5e", "--json", str(out)]) == 2
+    assert json.loads(out.read_text())["recordings"] == [checked]
+
+
 def franka(driver: Driver, block: JointBlock) -> Iterator[Message]:
     """1 kHz from the controllers; at 30 Hz with fingers; and from the state broadcaster."""
     yield from driver.joint_states(block, "/franka/joint_states")
