@@ -13,6 +13,7 @@ from robot_energy.blocks import Float, Int
 PER_JOULE = 1e6  # microjoules
 MAX_COUNTER = 2**63 - 1  # where every counter stays: the largest that int64 and a file hold
 REMAINDER_BITS = 40  # the remainder counts units of 2^-40 microjoule
+REMAINDER_MASK = (1 << REMAINDER_BITS) - 1
 BLOCK = 1 << 10  # rows whose remainders add up exactly in a float
 NEAR_FULL = MAX_COUNTER - (1 << 60)  # beyond, rows are added one by one [uJ]
 ROUND_WHOLE = 1.5 * 2.0**52  # adding and subtracting this rounds to an integer,
@@ -46,6 +47,7 @@ class ExactSum:
     def __init__(self, size: int) -> None:
         self.microjoule: Int = np.zeros(size, dtype=np.int64)
         self.remainder: Int = np.zeros(size, dtype=np.int64)
+        self._scratch: Float = np.empty((2, 0, size))
 
     def add(self, energy: Float) -> None:
         """Add the energies of intervals.
@@ -59,18 +61,26 @@ class ExactSum:
         start = 0
         while start < len(energy):
             full = bool((np.abs(self.microjoule) > NEAR_FULL).any())
-            size = 1 if full else BLOCK  # so that cutting makes no difference
-            rest = energy[start : start + size] * PER_JOULE
-            start += size
-            whole = rest + ROUND_WHOLE
+            part = energy[start : start + (1 if full else BLOCK)]  # cutting makes no difference
+            start += len(part)
+            if len(part) > self._scratch.shape[1]:
+                self._scratch = np.empty((2, len(part), len(self.microjoule)))
+            whole, rest = self._scratch[:, : len(part)]
+            np.multiply(part, PER_JOULE, out=rest)
+            np.add(rest, ROUND_WHOLE, out=whole)
             whole -= ROUND_WHOLE
             rest -= whole
             rest += ROUND_REMAINDER
             rest -= ROUND_REMAINDER
-            ones = np.ones(len(rest))
-            add_saturating(self.microjoule, (ones @ whole).astype(np.int64))
+            ones = np.ones(len(part))
+            more = (ones @ whole).astype(np.int64)
             self.remainder += (ones @ rest * 2.0**REMAINDER_BITS).astype(np.int64)
-            self._carry()
+            if full:
+                add_saturating(self.microjoule, more)
+                self._carry()
+            else:  # far from where a counter is full
+                self.microjoule += more + (self.remainder >> REMAINDER_BITS)
+                self.remainder &= REMAINDER_MASK
 
     def add_sums(self, microjoule: Int, remainder: Int) -> None:
         """Add sums that were made elsewhere, such as those of a state file.
@@ -89,7 +99,7 @@ class ExactSum:
 
     def _carry(self) -> None:
         add_saturating(self.microjoule, self.remainder >> REMAINDER_BITS)
-        self.remainder &= (1 << REMAINDER_BITS) - 1
+        self.remainder &= REMAINDER_MASK
 
     @property
     def joule(self) -> Float:
