@@ -14,7 +14,7 @@ PER_JOULE = 1e6  # microjoules
 MAX_COUNTER = 2**63 - 1  # where every counter stays: the largest that int64 and a file hold
 REMAINDER_BITS = 40  # the remainder counts units of 2^-40 microjoule
 REMAINDER_MASK = (1 << REMAINDER_BITS) - 1
-BLOCK = 1 << 10  # rows whose remainders add up exactly in a float
+BLOCK = 1 << 12  # rows whose sums, of 2 MJ each, are exact in a float
 NEAR_FULL = MAX_COUNTER - (1 << 60)  # beyond, rows are added one by one [uJ]
 ROUND_WHOLE = 1.5 * 2.0**52  # adding and subtracting this rounds to an integer,
 ROUND_REMAINDER = 1.5 * 2.0 ** (52 - REMAINDER_BITS)  # and this to the remainder's unit
@@ -47,7 +47,7 @@ class ExactSum:
     def __init__(self, size: int) -> None:
         self.microjoule: Int = np.zeros(size, dtype=np.int64)
         self.remainder: Int = np.zeros(size, dtype=np.int64)
-        self._scratch: Float = np.empty((2, 0, size))
+        self._scratch: Float = np.empty((2, 0))
 
     def add(self, energy: Float) -> None:
         """Add the energies of intervals.
@@ -63,18 +63,18 @@ class ExactSum:
             full = bool((np.abs(self.microjoule) > NEAR_FULL).any())
             part = energy[start : start + (1 if full else BLOCK)]  # cutting makes no difference
             start += len(part)
-            if len(part) > self._scratch.shape[1]:
-                self._scratch = np.empty((2, len(part), len(self.microjoule)))
-            whole, rest = self._scratch[:, : len(part)]
-            np.multiply(part, PER_JOULE, out=rest)
+            if part.size > self._scratch.shape[1]:
+                self._scratch = np.empty((2, part.size))
+            whole, rest = (room[: part.size].reshape(part.T.shape) for room in self._scratch)
+            np.multiply(part.T, PER_JOULE, out=rest)
             np.add(rest, ROUND_WHOLE, out=whole)
             whole -= ROUND_WHOLE
             rest -= whole
             rest += ROUND_REMAINDER
             rest -= ROUND_REMAINDER
             ones = np.ones(len(part))
-            more = (ones @ whole).astype(np.int64)
-            self.remainder += (ones @ rest * 2.0**REMAINDER_BITS).astype(np.int64)
+            more = (whole @ ones).astype(np.int64)
+            self.remainder += (rest @ ones * 2.0**REMAINDER_BITS).astype(np.int64)
             if full:
                 add_saturating(self.microjoule, more)
                 self._carry()

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
 REFERENCE_DEGC = 20.0  # at which copper losses are stated
 MAX_CONDITION = 1e9  # of a transmission matrix
-PIECE = 512  # samples worked on at a time, small enough for the cache
 
 
 @dataclass(frozen=True)
@@ -354,17 +353,11 @@ def interval_energy(power: Float, before: Float, duration: Float) -> tuple[Float
         Energy of each interval, shape (N, R), and the greatest amount among them, NaN if one
         is NaN. [J]
     """
-    half = (0.5 * duration)[:, None]
     energy = np.empty_like(power)
     np.add(power[0], before, out=energy[0])
-    peaks: list[float] = []
-    for start in range(0, len(power), PIECE):
-        end, first = min(start + PIECE, len(power)), max(start, 1)
-        np.add(power[first:end], power[first - 1 : end - 1], out=energy[first:end])
-        piece = energy[start:end]
-        piece *= half[start:end]
-        peaks += (float(piece.max()), -float(piece.min()))
-    return energy, float(np.max(peaks))
+    np.add(power[1:], power[:-1], out=energy[1:])
+    energy *= (0.5 * duration)[:, None]
+    return energy, float(np.maximum(energy.max(), -energy.min()))
 
 
 def torque_map(transmission: Float) -> Float:
