@@ -174,8 +174,10 @@ class _QuadraticFit:
         offsets = np.arange(-int(behind.max()), int(ahead.max()) + 1)
         self._first, self._last = start + int(offsets[0]), stop + int(offsets[-1])
         # u and the weights are (offsets, rows), so that every operation runs along the rows
-        around = sliding_window_view(self._part(stamp), len(rows))
-        self._u = (around - instants) * (NANOSECOND / scale)
+        near = (self._part(stamp) - instants[0]).astype(np.float64)  # whole numbers, exact
+        around = sliding_window_view(near, len(rows))
+        self._u = around - (instants - instants[0]).astype(np.float64)
+        self._u *= NANOSECOND / scale
         shortest_behind, shortest_ahead = int(behind.min()), int(ahead.min())
         self._outside = {  # of the offsets that lie outside of some windows, which windows
             index: (offset < -behind) | (offset > ahead)
