@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from robot_energy.blocks import Float, Int
+from robot_energy.physics.equations import COLUMNS
 
 PER_JOULE = 1e6  # microjoules
 MAX_COUNTER = 2**63 - 1  # where every counter stays: the largest that int64 and a file hold
@@ -63,24 +64,31 @@ class ExactSum:
             full = bool((np.abs(self.microjoule) > NEAR_FULL).any())
             part = energy[start : start + (1 if full else BLOCK)]  # cutting makes no difference
             start += len(part)
-            if part.size > self._scratch.shape[1]:
-                self._scratch = np.empty((2, part.size))
-            whole, rest = (room[: part.size].reshape(part.T.shape) for room in self._scratch)
-            np.multiply(part.T, PER_JOULE, out=rest)
-            np.add(rest, ROUND_WHOLE, out=whole)
-            whole -= ROUND_WHOLE
-            rest -= whole
-            rest += ROUND_REMAINDER
-            rest -= ROUND_REMAINDER
-            ones = np.ones(len(part))
-            more = (whole @ ones).astype(np.int64)
-            self.remainder += (rest @ ones * 2.0**REMAINDER_BITS).astype(np.int64)
+            more = np.empty_like(self.microjoule)
+            for first in range(0, len(more), COLUMNS):
+                columns = slice(first, first + COLUMNS)
+                more[columns] = self._whole(part[:, columns].T, self.remainder[columns])
             if full:
                 add_saturating(self.microjoule, more)
                 self._carry()
             else:  # far from where a counter is full
                 self.microjoule += more + (self.remainder >> REMAINDER_BITS)
                 self.remainder &= REMAINDER_MASK
+
+    def _whole(self, energy: Float, remainder: Int) -> Int:
+        """Add the remainders of energies, shape (R, N), in place; return the whole parts. [uJ]"""
+        if energy.size > self._scratch.shape[1]:
+            self._scratch = np.empty((2, energy.size))
+        whole, rest = (room[: energy.size].reshape(energy.shape) for room in self._scratch)
+        np.multiply(energy, PER_JOULE, out=rest)
+        np.add(rest, ROUND_WHOLE, out=whole)
+        whole -= ROUND_WHOLE
+        rest -= whole
+        rest += ROUND_REMAINDER
+        rest -= ROUND_REMAINDER
+        ones = np.ones(energy.shape[1])
+        remainder += (rest @ ones * 2.0**REMAINDER_BITS).astype(np.int64)
+        return (whole @ ones).astype(np.int64)
 
     def add_sums(self, microjoule: Int, remainder: Int) -> None:
         """Add sums that were made elsewhere, such as those of a state file.

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 REFERENCE_DEGC = 20.0  # at which copper losses are stated
 MAX_CONDITION = 1e9  # of a transmission matrix
+COLUMNS = 9  # worked on at a time, so few that thousands of samples fit the cache
 
 
 @dataclass(frozen=True)
@@ -353,11 +354,16 @@ def interval_energy(power: Float, before: Float, duration: Float) -> tuple[Float
         Energy of each interval, shape (N, R), and the greatest amount among them, NaN if one
         is NaN. [J]
     """
-    energy = np.empty_like(power)
+    energy, half = np.empty_like(power), (0.5 * duration)[:, None]
     np.add(power[0], before, out=energy[0])
-    np.add(power[1:], power[:-1], out=energy[1:])
-    energy *= (0.5 * duration)[:, None]
-    return energy, float(np.maximum(energy.max(), -energy.min()))
+    peaks: list[float] = []
+    for first in range(0, power.shape[1], COLUMNS):
+        columns = slice(first, first + COLUMNS)
+        part, given = energy[:, columns], power[:, columns]
+        np.add(given[1:], given[:-1], out=part[1:])
+        part *= half
+        peaks += (float(part.max()), -float(part.min()))
+    return energy, float(np.max(peaks))
 
 
 def torque_map(transmission: Float) -> Float:
