@@ -275,5 +275,5 @@ def _crossings(block: JointBlock, before: int) -> Int:
     if rises and last - before < len(stamp):  # much quicker than dividing every stamp
         borders = np.arange(before + 1, last + 1) * EVERY_NS
         rows = np.searchsorted(stamp, borders, side="left")
-        return rows[differences(rows, -1) > 0]
+        return rows[differences(rows, -1) > 0] if len(rows) else rows
     return np.flatnonzero(differences(stamp // EVERY_NS, before))
