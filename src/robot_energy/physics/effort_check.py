@@ -8,6 +8,7 @@ a joint torque by the gear ratio. Nothing is corrected; the sentence says what t
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -36,18 +37,20 @@ class EffortCheck:
 
     def __init__(self, meaning: EffortMeaning, model: RobotModel, drivetrain: Drivetrain) -> None:
         self._meaning = meaning
+        n_joints = len(model.joints)
         has_constants = all(joint.torque_constant is not None for joint in model.joints)
-        self._readings = [
-            Effort.from_model(model, each, drivetrain)
+        self._maps = {  # motor torque of an effort of 1 at each joint, shape (n, n)
+            each: Effort.from_model(model, each, drivetrain).motor_torque(np.eye(n_joints))
             for each in EffortMeaning
             if each is not EffortMeaning.NONE
             and (each is not EffortMeaning.MOTOR_CURRENT or has_constants)
-        ]
+        }
         coulomb = [joint.friction.coulomb.value for joint in model.joints]
         self._coulomb = float(np.square(np.asarray(coulomb)).sum())
         self._samples = 0
         self._rigid = 0.0  # sum of r r
-        self._products = np.zeros((len(self._readings), 2))  # sums of m r and m m
+        self._effort_rigid = np.zeros((n_joints, n_joints))  # sums of effort i times r j
+        self._effort_effort = np.zeros((n_joints, n_joints))
 
     @np.errstate(invalid="ignore", over="ignore")  # bad samples are left out
     def step(self, joint_effort: Float, motor_torque_rigid: Float) -> None:
@@ -59,27 +62,42 @@ class EffortCheck:
         """
         if self._meaning is EffortMeaning.NONE:
             return
-        good = np.isfinite(joint_effort).all(axis=1) & np.isfinite(motor_torque_rigid).all(axis=1)
-        rigid = motor_torque_rigid[good]
+        effort, rigid = joint_effort, motor_torque_rigid
+        if not math.isfinite(float(effort.sum()) + float(rigid.sum())):
+            good = np.isfinite(effort).all(axis=1) & np.isfinite(rigid).all(axis=1)
+            effort, rigid = effort[good], rigid[good]
         self._samples += len(rigid)
         self._rigid += float(np.square(rigid).sum())
-        for row, reading in zip(self._products, self._readings, strict=True):
-            measured = reading.motor_torque(joint_effort[good])
-            row += (float((measured * rigid).sum()), float(np.square(measured).sum()))
+        self._effort_rigid += effort.T @ rigid
+        self._effort_effort += effort.T @ effort
+
+    def factors(self) -> dict[EffortMeaning, tuple[float, float]]:
+        """Return the factor of each meaning, and the correlation of ``m`` and ``r``. [-]
+
+        A model without torque constants has no factor as a current; NaN where nothing was
+        sent.
+        """
+        found: dict[EffortMeaning, tuple[float, float]] = {}
+        for meaning, torque in self._maps.items():
+            product = float((torque * self._effort_rigid).sum())
+            square = float((torque * (self._effort_effort @ torque)).sum())
+            both = math.sqrt(max(square * self._rigid, 0.0))
+            found[meaning] = (
+                product / self._rigid if self._rigid else math.nan,
+                product / both if both else math.nan,
+            )
+        return found
 
     def doubts(self) -> list[str]:
         """Return what contradicts the configured meaning; one sentence, or none."""
-        if self._samples < MIN_SAMPLES or not self._products[:, 1].all():
+        if self._samples < MIN_SAMPLES:
             return []
         if self._rigid / self._samples <= MIN_LOAD**2 * self._coulomb:
             return []
-        factors: dict[EffortMeaning, float] = {}
-        correlation = 0.0
-        for reading, (product, square) in zip(self._readings, self._products, strict=True):
-            factors[reading.meaning] = float(product) / self._rigid
-            if reading.meaning is self._meaning:
-                correlation = float(product) / math.sqrt(float(square) * self._rigid)
-        factor = factors[self._meaning]
+        factors = self.factors()
+        factor, correlation = factors[self._meaning]
+        if math.isnan(correlation):
+            return []
         if correlation >= MIN_CORRELATION:
             return [] if _near(factor) else [self._scale(factor, factors)]
         if correlation <= -MIN_CORRELATION:
@@ -94,13 +112,13 @@ class EffortCheck:
             ]
         return []
 
-    def _scale(self, factor: float, factors: dict[EffortMeaning, float]) -> str:
+    def _scale(self, factor: float, factors: Mapping[EffortMeaning, tuple[float, float]]) -> str:
         said = f"taken for {self._meaning}, the effort is {factor:.2g} times the torque that "
-        fitting = [each for each, other in factors.items() if _near(other)]
+        fitting = {each: other for each, (other, _) in factors.items() if _near(other)}
         if fitting:
-            best = min(fitting, key=lambda each: abs(math.log(factors[each])))
+            best = min(fitting, key=lambda each: abs(math.log(fitting[each])))
             return (
-                f"{said}the bodies need, taken for {best} {factors[best]:.2g} times: "
+                f"{said}the bodies need, taken for {best} {fitting[best]:.2g} times: "
                 f"joint_states.effort_meaning is probably {best}"
             )
         return (
