@@ -10,7 +10,7 @@ import numpy as np
 
 from robot_energy.blocks import Float
 from robot_energy.errors import MotionError
-from robot_energy.motion.ptp import Trajectory
+from robot_energy.motion.ptp import SampledPath, Trajectory
 
 BLOCK = 4096  # samples
 LONGEST = 1e7  # s, some four months
@@ -45,14 +45,6 @@ class PlannedMotion(Protocol):
         ...
 
 
-class PlannedSamples(Protocol):
-    """A motion that can be evaluated at any time."""
-
-    def sample(self, time: Float) -> Trajectory:
-        """Return the motion at times since its start, shape (N,). [s]"""
-        ...
-
-
 class SampledMotion:
     """A motion in closed form, sampled at equal steps.
 
@@ -73,7 +65,7 @@ class SampledMotion:
 
     def __init__(
         self,
-        motion: PlannedSamples,
+        motion: SampledPath,
         joint_names: Sequence[str],
         duration: float,
         step: float = 5e-3,
@@ -132,12 +124,7 @@ def repeated(motion: PlannedMotion, times: int) -> Iterator[tuple[Float, Traject
             rows = slice(1 if again else 0, None)
             last = path.joint_position[-1]
             if len(time[rows]):
-                part = Trajectory(
-                    path.joint_position[rows],
-                    path.joint_velocity[rows],
-                    path.joint_acceleration[rows],
-                )
-                held.append((time[rows] + turn * motion.duration, part))
+                held.append((time[rows] + turn * motion.duration, path.rows(rows)))
                 count += len(time[rows])
             if count >= BLOCK:
                 yield _joined(held)
@@ -147,14 +134,8 @@ def repeated(motion: PlannedMotion, times: int) -> Iterator[tuple[Float, Traject
 
 
 def _joined(parts: Sequence[tuple[Float, Trajectory]]) -> tuple[Float, Trajectory]:
-    if len(parts) == 1:
-        return parts[0]
-    paths = [path for _, path in parts]
-    return np.concatenate([time for time, _ in parts]), Trajectory(
-        np.concatenate([path.joint_position for path in paths]),
-        np.concatenate([path.joint_velocity for path in paths]),
-        np.concatenate([path.joint_acceleration for path in paths]),
-    )
+    times, paths = zip(*parts, strict=True)
+    return np.concatenate(times), Trajectory.concatenate(paths)
 
 
 def _check_closed(first: Float, last: Float, names: Sequence[str]) -> None:

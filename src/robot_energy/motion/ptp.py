@@ -10,6 +10,7 @@ the motion lasts ``jerk_time`` longer. With ``jerk_time = 0`` it is the plain tr
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -77,6 +78,9 @@ class MotionLimits:
             robot: Any robot with velocity limits.
             acceleration: Joint side, shape (n,). [rad/s^2] or [m/s^2]
             jerk_time: Time over which acceleration builds up. [s]
+
+        Returns:
+            The limits.
 
         Raises:
             MotionError: If the URDF gives no finite velocity limit.
@@ -152,17 +156,50 @@ class Trajectory:
     joint_velocity: Float
     joint_acceleration: Float
 
+    def rows(self, chosen: slice) -> Trajectory:
+        """Return some of the instants.
 
-class JointMotion(Protocol):
+        Args:
+            chosen: Which.
+        """
+        return Trajectory(
+            self.joint_position[chosen],
+            self.joint_velocity[chosen],
+            self.joint_acceleration[chosen],
+        )
+
+    @classmethod
+    def concatenate(cls, parts: Sequence[Trajectory]) -> Trajectory:
+        """Return parts one after the other.
+
+        Args:
+            parts: At least one.
+        """
+        return cls(
+            np.concatenate([part.joint_position for part in parts]),
+            np.concatenate([part.joint_velocity for part in parts]),
+            np.concatenate([part.joint_acceleration for part in parts]),
+        )
+
+
+class SampledPath(Protocol):
+    """A motion that can be evaluated at any time."""
+
+    def sample(self, time: Float) -> Trajectory:
+        """Return the motion.
+
+        Args:
+            time: Since its start, shape (N,). [s]
+        """
+        ...
+
+
+class JointMotion(SampledPath, Protocol):
     """What a robot can be made to do: a loop that can be sampled at any time."""
 
     @property
     def n_joints(self) -> int:
         """Number of joints."""
-        ...
-
-    def sample(self, time: Float) -> Trajectory:
-        """Return the motion at times since its start, shape (N,). [s]"""
         ...
 
 
