@@ -27,9 +27,9 @@ class Accuracy:
     """Accuracy by one definition.
 
     Attributes:
-        joint: Of each joint, shape (n,). [-]
-        total: Of the sum of the joints' energies. [-]
-        summed: Of the energy of the summed power, taken before magnitudes. [-]
+        joint: Accuracy of each joint, shape (n,). [-]
+        total: Accuracy of the sum of the joints' energies. [-]
+        summed: Accuracy of the energy of the summed power, taken before magnitudes. [-]
         mean: Mean over the joints. [-]
     """
 

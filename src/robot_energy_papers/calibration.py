@@ -63,7 +63,7 @@ class Calibration:
     """The plant in figures.
 
     Attributes:
-        mean_power: Of random programs at each start temperature, shape (programs, K). [W]
+        mean_power: Mean power by random program and start temperature, shape (programs, K). [W]
         peak_power: The same, greatest power. [W]
         start_degc: The start temperatures, shape (K,). [degC]
         holding: Power at rest.
@@ -107,7 +107,7 @@ def holding_power(profile: PlantProfile, joint_position: Float, motor_degc: floa
     Args:
         profile: The plant.
         joint_position: Poses, shape (N, n). [rad]
-        motor_degc: Of every winding. [degC]
+        motor_degc: Temperature of every winding. [degC]
 
     Returns:
         Shape (N,). [W]
@@ -127,7 +127,7 @@ def calibrate(profile: PlantProfile, seed: int, programs: int, moves: int) -> Ca
 
     Args:
         profile: The plant.
-        seed: Of the study.
+        seed: Seed of the study.
         programs: How many programs of the kind of the experiment; >= 1.
         moves: Motions in each.
 

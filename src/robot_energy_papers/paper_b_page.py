@@ -240,9 +240,9 @@ def _machine_drawings(result: PaperB) -> dict[str, Drawing]:
         "parts": lambda path: stacked(
             _machine_names(), _parts(result), marks, "energy of one layer [J]", path, "models"
         ),
-        "beside": lambda path: bars(
-            [MACHINES[key].name for key in others], savings, "energy beside the arm's [%]", path,
-            f"models, {_wall_name(result)}", paper,
+        "relative": lambda path: bars(
+            [MACHINES[key].name for key in others], savings, "energy compared with the arm [%]",
+            path, f"models, {_wall_name(result)}", paper,
         ),
         "powers": lambda path: over_time(
             powers, "power [W]", path, "models", columns=1, cut=True

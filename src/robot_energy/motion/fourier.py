@@ -74,7 +74,7 @@ class FourierMotion:
 
     Args:
         basis: Harmonics and period.
-        weights: Of the basis, shape (2 L - 1, n): the middle of each joint [rad] or [m],
+        weights: Weights of the basis, shape (2 L - 1, n): the middle of each joint [rad] or [m],
             then speeds [rad/s] or [m/s].
 
     Raises:

@@ -51,7 +51,7 @@ KNOWN_G = MOTIONS | {4, 17, 20, 21, 90, 91, 92} | set(WITHOUT_EFFECT)
 
 @dataclass(frozen=True)
 class GcodeProgram:
-    """What a program says.
+    """Content of a program.
 
     Attributes:
         path: The tool path.
@@ -93,7 +93,7 @@ def read_gcode(
 
     Args:
         text: The program.
-        name: Of the program, for messages.
+        name: Name of the program, for messages.
         rapid_speed: Speed of G0 without F. [m/s]
 
     Returns:
@@ -290,7 +290,7 @@ class _Machine:
             self._add(LineSegment(start, end, speed, self.line, rapid, extruding))
 
     def _unknown(self, axis: str) -> bool:
-        """Whether the program has said nothing yet of where the tool is."""
+        """Whether the program has not stated yet where the tool is."""
         return self.absolute and not self.moved and axis not in self.known
 
     def _feed(self) -> float:
@@ -307,7 +307,7 @@ class _Machine:
         by_radius, by_centre = "R" in values, "I" in values or "J" in values
         if by_radius == by_centre:
             raise self._error(
-                f"G{self.motion} has {'R beside I or J' if by_radius else 'no I, J or R'}",
+                f"G{self.motion} has {'R together with I or J' if by_radius else 'no I, J or R'}",
                 "the centre by I and J from the start, or the radius by R",
             )
         if by_radius:

@@ -52,7 +52,7 @@ def words_of(text: str, where: str) -> list[Word]:
         codes (M117 ...) is left out.
 
     Raises:
-        MotionError: If something is no word, a comment does not end, or a checksum is wrong.
+        MotionError: If a part is not a word, a comment does not end, or a checksum is wrong.
     """
     if len(text) > MOST_CHARACTERS:
         raise MotionError(
@@ -83,7 +83,7 @@ def words_of(text: str, where: str) -> list[Word]:
         after = "" if word is None else bare[word.end() : word.end() + 1]
         if word is None or after == "." or len(word[2]) > MOST_DIGITS:
             raise MotionError(
-                f"{where}: '{_printable(bare[place:])}' is no word of G-code",
+                f"{where}: '{_printable(bare[place:])}' is not a word of G-code",
                 "a letter and a number, such as X12.5",
                 "give comments in ( ) or after ;",
             )
@@ -106,7 +106,7 @@ def _checked(code: str, where: str) -> str:
         raise MotionError(
             f"{where} has the checksum '{_printable(given)}'",
             f"{actual}, which is that of its text",
-            "the file was damaged or edited; write it anew or remove the checksums",
+            "the file was damaged or edited; write it again or remove the checksums",
         )
     return body
 

@@ -38,14 +38,14 @@ class InverseKinematics:
 
     Args:
         robot: The robot.
-        link: Whose frame is the tool, in the URDF.
+        link: Link of the URDF whose frame is the tool.
         held: Names of joints that stay where they start; planar arms only.
-        weight: Of each joint in the distance from the start, where a planar arm has more
+        weight: Weight of each joint in the distance from the start, where a planar arm has more
             joints than it needs: a joint with a small weight moves more. Shape (n,), > 0. [-]
         lifted: The height of a planar arm's tool is left to an axis outside of the model, as
             paper B leaves out the print axis: heights are not looked at.
-        orientation: Of the tool in the base frame, for six or more joints; None: as at the
-            start. Shape (3, 3).
+        orientation: Rotation of the tool in the base frame, for six or more joints; None: as
+            at the start. Shape (3, 3). [-]
 
     Attributes:
         structure: ``gantry``, ``planar`` or ``spatial``.
@@ -104,7 +104,7 @@ class InverseKinematics:
 
         Args:
             tool_position: Places of the link's origin in the base frame, shape (N, 3). [m]
-            start: Joint positions from which the first place is looked for; tells elbow and
+            start: Joint positions from which the first place is searched; decides elbow and
                 wrist sides, the positions of held joints, and the reference of redundant ones.
                 Shape (n,). [rad] or [m]
 

@@ -51,7 +51,7 @@ class SampledMotion:
     Args:
         motion: To be sampled.
         joint_names: In the order of its arrays.
-        duration: From start to end, > 0. [s]
+        duration: Time from start to end, > 0. [s]
         step: Between samples, at most; the end is always one. [s]
         instants: Times that are samples as well, where the motion has kinks. [s]
 

@@ -211,7 +211,7 @@ class Profile:
         limits: Velocity, acceleration and jerk time.
 
     Attributes:
-        duration: Of each move; 0 where nothing moves, shape (K,). [s]
+        duration: Duration of each move; 0 where nothing moves, shape (K,). [s]
     """
 
     def __init__(self, distance: Float, limits: MotionLimits) -> None:
@@ -234,7 +234,7 @@ class Profile:
         """Evaluate the profile.
 
         Args:
-            move: Which of the K moves, shape (N,).
+            move: Index of the move, shape (N,).
             time: Since the start of that move; before it rests at 0 and after it at 1,
                 shape (N,). [s]
 

@@ -35,7 +35,7 @@ class ProgramFile(ModelEntry):
     Attributes:
         schema_version: 1.
         motion: Always ``point_to_point``.
-        angle_unit: Of revolute joints; prismatic ones are in m.
+        angle_unit: Unit of revolute joints; prismatic ones are in m.
         via: Configurations, each a mapping of all joints by name.
         dwell: Rest at every configuration, one value or one for each. [s]
         override: Share of full speed, in (0, 1]. [-]
@@ -108,8 +108,8 @@ def program_for(file: ProgramFile, limits: JointLimits, name: str = "the program
 
     Args:
         file: The program.
-        limits: Of the robot, from its URDF.
-        name: Of the program, for messages.
+        limits: Limits of the robot, from its URDF.
+        name: Name of the program, for messages.
 
     Returns:
         The loop and what was assumed.
@@ -154,5 +154,7 @@ def _same_joints(found: set[str], expected: Sequence[str], name: str) -> None:
             f"{name} moves {', '.join(sorted(found))}",
             f"the joints of the model, {', '.join(expected)}",
             "write the program for this robot: "
-            + (f"it lacks {missing[0]}" if missing else f"{foreign[0]} is no joint of the model"),
+            + (
+                f"it lacks {missing[0]}" if missing else f"{foreign[0]} is not a joint of the model"
+            ),
         )

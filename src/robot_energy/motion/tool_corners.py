@@ -37,7 +37,7 @@ class PathPieces:
     """Pieces of a path in order, shape (K,) or (K, 3).
 
     Attributes:
-        length: Of each, 0 for a dwell. [m]
+        length: Length of each, 0 for a dwell. [m]
         origin: c. [m]
         radius: r. [m]
         rate: k. [rad/m]

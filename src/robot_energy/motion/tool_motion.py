@@ -92,8 +92,8 @@ class ToolMotion:
         kinematics: Inverse kinematics.
         start: Joint positions near the first one; decides which solution is taken,
             shape (n,). [rad] or [m]
-        limits: Of the joints; a motion beyond them is refused.
-        placement: Of the robot's base in the frame of the program.
+        limits: Limits of the joints; a motion beyond them is refused.
+        placement: Place of the robot's base in the frame of the program.
         step: Time between knots, > 0. [s]
         anchored: Whether every solution depends on ``start``, as where a redundant arm stays
             as near to it as it can; otherwise each is solved from the one before.

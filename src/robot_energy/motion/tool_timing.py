@@ -91,12 +91,12 @@ class TimedPath:
     """A tool path in time.
 
     Args:
-        path: What the program says.
+        path: The programmed path.
         limits: What the tool may do.
 
     Attributes:
-        duration: From rest to rest, smoothing included. [s]
-        length: Of the way with rounded corners. [m]
+        duration: Time from rest to rest, smoothing included. [s]
+        length: Length of the path with rounded corners. [m]
         stops: Number of rests on the way that no dwell asks for: corners that could not
             be rounded.
         full_speed_share: Share of the way passed at the commanded speed. [-]
@@ -110,8 +110,8 @@ class TimedPath:
         self.length = float(self._pieces.length.sum())
         speed = _junction_speeds(self._pieces)
         dwelling = self._pieces.length == 0
-        beside = dwelling | np.append(dwelling[1:], False)
-        self.stops = int(((speed[1:-1] == 0) & ~beside[:-1] & ~dwelling[1:]).sum())
+        at_dwell = dwelling | np.append(dwelling[1:], False)
+        self.stops = int(((speed[1:-1] == 0) & ~at_dwell[:-1] & ~dwelling[1:]).sum())
         self._phases(speed)
         self._integrate()
 
@@ -250,7 +250,11 @@ class TimedPath:
         )
 
     def source_line(self, time: Float) -> Int:
-        """Return the line of the program that is executed at times, shape (N,). [s]"""
+        """Return the line of the program that is executed, shape (N,).
+
+        Args:
+            time: Since the start, shape (N,). [s]
+        """
         phase, _ = self._find(np.asarray(time) - 0.5 * self.limits.smoothing)
         return self._pieces.source_line[self._piece[phase]]
 

@@ -82,7 +82,11 @@ class RigEncoder:
         )
 
     def joint_states(self, block: RigJoints) -> NDArray[np.uint8]:
-        """Return sensor_msgs/JointState messages, shape (N, size)."""
+        """Return sensor_msgs/JointState messages, shape (N, size).
+
+        Args:
+            block: N samples.
+        """
         return self._joints.encode(
             {
                 **stamp_columns(block.stamp_ns),
@@ -94,13 +98,21 @@ class RigEncoder:
         )
 
     def drive_power(self, block: RigJoints) -> NDArray[np.uint8]:
-        """Return std_msgs/Float64MultiArray messages, one value per drive, shape (N, size)."""
+        """Return std_msgs/Float64MultiArray messages, one value per drive, shape (N, size).
+
+        Args:
+            block: N samples.
+        """
         nothing = np.empty((len(block), 0), dtype=np.uint32)
         columns = {"layout.dim.size": nothing, "layout.dim.stride": nothing}
         return self._drives.encode({**columns, "data": block.measured_drive_power}, len(block))
 
     def temperatures(self, block: TemperatureBlock) -> NDArray[np.uint8]:
-        """Return ros2_energy_msgs/MotorTemperatures messages, shape (N, size)."""
+        """Return ros2_energy_msgs/MotorTemperatures messages, shape (N, size).
+
+        Args:
+            block: N readings.
+        """
         return self._temperatures.encode(
             {
                 **stamp_columns(block.stamp_ns),
@@ -110,7 +122,11 @@ class RigEncoder:
         )
 
     def meter(self, block: MeterBlock) -> NDArray[np.uint8]:
-        """Return ros2_energy_msgs/PowerReading messages, shape (N, size)."""
+        """Return ros2_energy_msgs/PowerReading messages, shape (N, size).
+
+        Args:
+            block: N readings.
+        """
         return self._meter.encode(
             {
                 **stamp_columns(block.stamp_ns),
@@ -190,7 +206,7 @@ def record(
         rig: The rig, at any point of its program.
         duration: [s]
         path: Folder of the bag, made here.
-        compression: Of the chunks.
+        compression: Compression of the chunks.
         overwrite: Replace a bag that is there.
         drive_power: Record the electrical input of each drive as well, on ``/drive_power``
             (std_msgs/Float64MultiArray), at every sample of the joint states.

@@ -46,10 +46,10 @@ class VirtualRig:
         program: What the robot does, from its start onward.
         config: Effects and sensors; everything on by default.
         seed: The same seed gives the same bytes.
-        start_temperature_degc: Of motors and gears at the start, one value or (n,). [degC]
+        start_temperature_degc: Motors and gears, one value or (n,). [degC]
         ambient_degc: [degC]
         start_stamp_ns: Stamp of the first sample. [ns]
-        rate_hz: Of the joint states. [Hz]
+        rate_hz: Rate of the joint states. [Hz]
 
     Attributes:
         joint_names: Names, in the order of every array.

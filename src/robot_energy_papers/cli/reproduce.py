@@ -86,7 +86,7 @@ def _count(least: int) -> Callable[[str], int]:
     def parse(text: str) -> int:
         value = int(text) if text.isdecimal() else -1
         if value < least:
-            raise ArgumentTypeError(f"'{text}' is no whole number from {least} on")
+            raise ArgumentTypeError(f"'{text}' is not a whole number from {least} on")
         return value
 
     return parse
