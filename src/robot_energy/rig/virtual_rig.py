@@ -16,6 +16,7 @@ import numpy as np
 
 from robot_energy.blocks import (
     NANOSECOND,
+    Block,
     Float,
     Int,
     MeterBlock,
@@ -35,7 +36,7 @@ from robot_energy.rig.thermal import ThermalNetwork, longest_step
 BLOCK = 1.0  # s of samples computed at once, at most
 EPOCH_NS = 1_000_000_000 * 1_000_000_000  # an arbitrary instant in 2001
 PLAUSIBLE_DEGC = (-20.0, 150.0)
-Waiting = TypeVar("Waiting", TemperatureBlock, MeterBlock)
+Waiting = TypeVar("Waiting", bound=Block)
 
 
 class VirtualRig:
@@ -240,7 +241,7 @@ class VirtualRig:
 
 
 def _joined(waiting: Waiting | None, more: Waiting) -> Waiting:
-    return more if waiting is None else waiting.concatenate([waiting, more])
+    return more if waiting is None else type(more).concatenate([waiting, more])
 
 
 def _start(
