@@ -16,7 +16,7 @@ from robot_energy.rig import PlantProfile, RigConfig, VirtualRig
 from robot_energy.rig.plant import PlantDrives
 from robot_energy.rig.record import outputs
 from robot_energy.rig.supply import Supply
-from robot_energy_papers.experiment import FIRST_SEED, LEAST_HEIGHT, SEED_STEP, TOOL
+from robot_energy_papers.experiment import FIRST_SEED, MIN_HEIGHT, SEED_STEP, TOOL
 
 POSES = 300
 PROGRAM_DEGC = (20.0, 22.0, 60.0, 80.0)
@@ -141,7 +141,7 @@ def calibrate(profile: PlantProfile, seed: int, programs: int, moves: int) -> Ca
         raise RigError(f"{programs} programs were asked for", "at least 1")
     robot, _ = profile.mechanics()
     limits = profile.motion_limits(robot)
-    above = tool_above(robot, TOOL, LEAST_HEIGHT)
+    above = tool_above(robot, TOOL, MIN_HEIGHT)
     first = FIRST_SEED + SEED_STEP * seed
     mean, peak = np.empty((2, programs, len(PROGRAM_DEGC)))
     flows: dict[float, dict[str, float]] = {}

@@ -28,7 +28,7 @@ from robot_energy.rig.record import RigRecording, outputs, record
 
 MOVES = 20  # paper A, section IV
 WARM_UP = 60.0  # s, paper A, section IV
-TOOL, LEAST_HEIGHT = "tool0", 0.2  # m: programs stay above the floor
+TOOL, MIN_HEIGHT = "tool0", 0.2  # m: programs stay above the floor
 # Shares of the joint ranges that let all axes run fast and none overheat.
 TRAIN_WARM_UP_ZONE = (0.9, 0.65, 0.75, 0.6, 1.0, 1.0)
 TEST_WARM_UP_ZONE = (0.45, 0.25, 0.6, 0.5, 0.65, 0.5)
@@ -127,7 +127,7 @@ def make_programs(profile: PlantProfile, seed: int, moves: int = MOVES) -> Progr
     """
     robot, _ = profile.mechanics()
     limits = profile.motion_limits(robot)
-    above = tool_above(robot, TOOL, LEAST_HEIGHT)
+    above = tool_above(robot, TOOL, MIN_HEIGHT)
     first = FIRST_SEED + SEED_STEP * seed
 
     def measured(program: Program) -> Program:

@@ -26,8 +26,8 @@ IN_PLACE = 1e-10  # m, and rad of the orientation
 LEVEL = 1e-9  # m: how far a place may lie off the plane of a planar arm
 SINGULAR = 1e-3  # least singular value of a Jacobian [m/rad], a turn counting as one metre
 DAMPING = 1e-2  # below this singular value steps are damped
-LONGEST_STEP = 0.3  # rad
-MOST_STEPS = 100
+MAX_STEP = 0.3  # rad
+MAX_STEPS = 100
 JUMP, JUMP_WAY = 0.5, 0.1  # rad in less than so many m is no motion but another branch
 LIMIT_TOLERANCE = 1e-9  # rad or m
 SPATIAL_JOINTS = 6
@@ -204,7 +204,7 @@ class InverseKinematics:
         """Newton steps: posture, distance still missed, least singular value there."""
         posture = posture.copy()
         missed, least = np.inf, 0.0
-        for _ in range(MOST_STEPS):
+        for _ in range(MAX_STEPS):
             here, turned, jacobian = self.robot.link_jacobian(posture, self.link)
             error = np.concatenate([place - here, _turn(orientation @ turned.T)])
             missed = float(np.abs(error).max())
@@ -215,7 +215,7 @@ class InverseKinematics:
             damping = max(0.0, DAMPING - least)
             step = right.T @ (size / (size**2 + damping**2) * (left.T @ error))
             longest = float(np.abs(step).max())
-            posture += step * min(1.0, LONGEST_STEP / longest) if longest > 0 else step
+            posture += step * min(1.0, MAX_STEP / longest) if longest > 0 else step
         return posture, missed, least
 
     def _check_limits(self, wanted: Float, found: Float) -> None:

@@ -22,7 +22,7 @@ from robot_energy.physics.rigid_body import Robot
 GCODE = (".gcode", ".gco", ".g", ".nc", ".ngc", ".cnc", ".tap")
 YAML = (".yaml", ".yml")
 BAG = (".mcap", ".db3", ".zstd")
-LARGEST_FIGURE = 1e6  # of numbers in lists, whatever their unit
+MAX_VALUE = 1e6  # of numbers in lists, whatever their unit
 BENT = 0.6  # rad: a joint that would start in the middle of its range, stretched, starts bent
 TOOL_DOWN = np.diag([1.0, -1.0, -1.0])  # z of the tool points down, its x forward
 
@@ -193,7 +193,7 @@ def joint_list(text: str, what: str, counts: Sequence[int]) -> Float:
         values = np.array([float(part) for part in text.split(",")])
     except ValueError as error:
         raise MotionError(f"{what} is '{text}'", "numbers divided by commas") from error
-    if not (np.abs(values) <= LARGEST_FIGURE).all() or (counts and len(values) not in counts):
+    if not (np.abs(values) <= MAX_VALUE).all() or (counts and len(values) not in counts):
         number = " or ".join(map(str, counts)) or "any number of"
         raise MotionError(f"{what} is '{text}'", f"{number} finite numbers divided by commas")
     return values

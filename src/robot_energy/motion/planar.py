@@ -24,12 +24,12 @@ from robot_energy.physics.rigid_body import Robot
 Complex = NDArray[np.complexfloating]
 
 PARALLEL = 1e-9  # sine of the angle between axes that count as parallel
-CLOSE = 1e-12  # m: the tool is in place
-FLAT = 1e-10  # slope of the objective along the redundant motion, per its weight [rad]
+POSITION_TOLERANCE = 1e-12  # m: the tool is in place
+SLOPE_TOLERANCE = 1e-10  # slope of the objective along the redundant motion, per its weight [rad]
 STRETCHED = 1e-4  # sine of the angle between two links that count as one line
 STRIDE = 0.05  # m of tool way from one solution to the next one looked for
-MOST_STEPS = 50
-LONGEST_STEP = 0.3  # rad
+MAX_STEPS = 50
+MAX_STEP = 0.3  # rad
 
 
 @dataclass(frozen=True)
@@ -212,14 +212,15 @@ class PlanarArm:
         signs = np.outer(self.sense[index], self.sense[index])
         matrix = np.zeros((count + 2, count + 2))
         posture = posture.copy()
-        for _ in range(MOST_STEPS):
+        for _ in range(MAX_STEPS):
             vectors = self.link * np.exp(1j * np.cumsum(posture * self.sense))
             arms = np.cumsum(vectors[::-1])[::-1]  # from each joint to the tool
             slope = 1j * self.sense[index] * arms[index]
             jacobian = np.stack([slope.real, slope.imag])
             away = complex(arms[0]) - place
             pull = weight[index] * (posture - start)[index] - force @ jacobian
-            if abs(away) < CLOSE and np.abs(pull / weight[index]).max() < FLAT:
+            level = np.abs(pull / weight[index]).max() < SLOPE_TOLERANCE
+            if level and abs(away) < POSITION_TOLERANCE:
                 return posture, force
             bent = -signs * arms[index][later]  # second derivatives of the place
             matrix[:count, :count] = -(force[0] * bent.real + force[1] * bent.imag)
@@ -231,7 +232,7 @@ class PlanarArm:
             except np.linalg.LinAlgError:
                 return None
             size = float(np.abs(step[:count]).max())
-            share = min(1.0, LONGEST_STEP / size) if size > 0 else 1.0
+            share = min(1.0, MAX_STEP / size) if size > 0 else 1.0
             posture[index] += share * step[:count]
             force = force + share * step[count:]
         return None

@@ -13,9 +13,9 @@ from robot_energy.errors import MotionError
 from robot_energy.motion.ptp import SampledPath, Trajectory
 
 BLOCK = 4096  # samples
-LONGEST = 1e7  # s, some four months
-MOST_SAMPLES = 1_000_000_000
-CLOSED = 1e-6  # rad or m, by which start and end of a repeated motion may differ
+MAX_DURATION = 1e7  # s, some four months
+MAX_SAMPLES = 1_000_000_000
+CLOSED_TOLERANCE = 1e-6  # rad or m, by which start and end of a repeated motion may differ
 
 
 class PlannedMotion(Protocol):
@@ -71,10 +71,10 @@ class SampledMotion:
         step: float = 5e-3,
         instants: Sequence[float] = (),
     ) -> None:
-        if not 0 < duration <= LONGEST:
-            raise MotionError(f"the motion lasts {duration:.4g} s", f"above 0 to {LONGEST:g} s")
-        if not 0 < step < math.inf or duration / step > MOST_SAMPLES:
-            raise MotionError(f"the step is {step} s", f"a time > 0 s, {MOST_SAMPLES} at most")
+        if not 0 < duration <= MAX_DURATION:
+            raise MotionError(f"the motion lasts {duration:.4g} s", f"> 0 to {MAX_DURATION:g} s")
+        if not 0 < step < math.inf or duration / step > MAX_SAMPLES:
+            raise MotionError(f"the step is {step} s", f"a time > 0 s, {MAX_SAMPLES} at most")
         self._motion = motion
         self.joint_names = tuple(joint_names)
         self.duration = duration
@@ -140,7 +140,7 @@ def _joined(parts: Sequence[tuple[Float, Trajectory]]) -> tuple[Float, Trajector
 
 def _check_closed(first: Float, last: Float, names: Sequence[str]) -> None:
     apart = np.abs(first - last)
-    if apart.max() > CLOSED:
+    if apart.max() > CLOSED_TOLERANCE:
         joint = int(np.argmax(apart))
         raise MotionError(
             f"the motion is to be repeated, but joint '{names[joint]}' ends {apart[joint]:.4g} "

@@ -22,7 +22,7 @@ from robot_energy.physics.rigid_body import Robot
 
 DEFAULT_JERK_TIME = 0.05  # s
 LIMIT_TOLERANCE = 1e-9  # rad
-LEAST_WAY = 1e-12  # rad; less is rounding and takes no time
+MIN_DISTANCE = 1e-12  # rad; less is rounding and takes no time
 
 
 @dataclass(frozen=True)
@@ -216,7 +216,7 @@ class Profile:
 
     def __init__(self, distance: Float, limits: MotionLimits) -> None:
         way = np.abs(distance)
-        moves = way.max(axis=1) > LEAST_WAY
+        moves = way.max(axis=1) > MIN_DISTANCE
         with np.errstate(divide="ignore", over="ignore"):
             speed = (limits.velocity / way).min(axis=1)
             rise = (limits.acceleration / way).min(axis=1)

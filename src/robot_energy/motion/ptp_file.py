@@ -18,7 +18,7 @@ from robot_energy.motion.ptp import DEFAULT_JERK_TIME, MotionLimits
 from robot_energy.motion.ptp_loop import Program
 from robot_energy.physics.urdf.checks import JointLimits
 
-MOST_VIAS = 10_000
+MAX_VIAS = 10_000
 RAMP = 0.5  # s to full speed, where nobody gave an acceleration
 DEGREE = np.pi / 180.0  # rad
 Positive = Annotated[Number, Field(gt=0)]
@@ -48,7 +48,7 @@ class ProgramFile(ModelEntry):
     schema_version: Literal[1]
     motion: Literal["point_to_point"]
     angle_unit: Literal["rad", "deg"]
-    via: Annotated[list[dict[Name, Number]], Field(min_length=1, max_length=MOST_VIAS)]
+    via: Annotated[list[dict[Name, Number]], Field(min_length=1, max_length=MAX_VIAS)]
     dwell: Time | list[Time] = 0.2
     override: Annotated[Number, Field(gt=0, le=1)] = 1.0
     acceleration: Positive | dict[Name, Positive] | None = None

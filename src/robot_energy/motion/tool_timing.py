@@ -21,7 +21,7 @@ from robot_energy.motion.tool_path import Dwell, ToolPath
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(6)
 ROWS = 65_536  # phases integrated at once
-LONGEST_SMOOTHING = 1.0  # s
+MAX_SMOOTHING = 1.0  # s
 MIN_ACCELERATION, MAX_ACCELERATION = 1e-6, 1e4  # m/s^2, of a tool
 MAX_TOLERANCE = 10.0  # m, of a corner
 REST = 1e-12  # s
@@ -56,8 +56,8 @@ class ToolLimits:
             raise MotionError(
                 f"the corner tolerance is {self.corner_tolerance} m", f"0 to {MAX_TOLERANCE:g} m"
             )
-        if not 0 <= self.smoothing <= LONGEST_SMOOTHING:
-            raise MotionError(f"smoothing is {self.smoothing} s", f"0 to {LONGEST_SMOOTHING:g} s")
+        if not 0 <= self.smoothing <= MAX_SMOOTHING:
+            raise MotionError(f"smoothing is {self.smoothing} s", f"0 to {MAX_SMOOTHING:g} s")
         if 0 < self.corner_tolerance <= self.averaging_deviation:
             raise MotionError(
                 f"smoothing over {self.smoothing} s at {self.acceleration} m/s^2 leaves the path "
