@@ -16,6 +16,7 @@ CORE = [
     "mcap>=1.1,<2",
     "numpy>=1.26,<3",
     "pin>=3.2,<5",
+    "polars>=1.20,<3",
     "pydantic>=2.7,<3",
     "PyYAML>=6.0",
     "rich>=13.7",

@@ -108,8 +108,7 @@ def without_knowledge(model: RobotModel) -> RobotModel:
     joints = [joint.model_copy(update={"friction": friction}) for joint in model.joints]
     guess = PositiveFigure(value=GUESS, tag="assumed", source=UNKNOWN)
     cabinet = model.cabinet.model_copy(update={"loss_grid": guess, "loss_dc": guess})
-    update = {"joints": joints, "cabinet": cabinet, "drive": "ideal"}
-    return model.model_copy(update=update).with_urdf(model.urdf_xml, model.source)
+    return model.changed(joints=joints, cabinet=cabinet, drive="ideal")
 
 
 def identify(
@@ -188,7 +187,7 @@ def _with_tables(model: RobotModel, fits: Sequence[FrictionFit]) -> RobotModel:
         else joint
         for joint, fit in zip(model.joints, fits, strict=True)
     ]
-    return model.model_copy(update={"joints": joints}).with_urdf(model.urdf_xml, model.source)
+    return model.changed(joints=joints)
 
 
 def _with_losses(
@@ -228,4 +227,4 @@ def with_capacitor(model: RobotModel, supply: SupplyProfile) -> RobotModel:
         chopper_voltage=plate(supply.chopper_on_voltage),
     )
     cabinet = model.cabinet.model_copy(update={"capacitor": capacitor})
-    return model.model_copy(update={"cabinet": cabinet}).with_urdf(model.urdf_xml, model.source)
+    return model.changed(cabinet=cabinet)

@@ -35,8 +35,11 @@ MODULES = {
     "robot_energy.cdr": """
         batch decode encode plan schema types walk
     """,
+    "robot_energy.check": """
+        coverage evidence finding hypotheses meter motion payload run torque
+    """,
     "robot_energy.cli": """
-        completion export identify identify_all identify_cabinet identify_drives
+        check completion export identify identify_all identify_cabinet identify_drives
         identify_dynamics identify_excitation identify_friction identify_inputs
         import_logs info kinds main memory models numbers predict replay simulate stopping
         terminal
@@ -52,7 +55,7 @@ MODULES = {
         cabinet dc_link link_readings meter_delay supply
     """,
     "robot_energy.identify.data": """
-        bags observations raw_log recordings signals
+        bags log_channels observations recordings signals
     """,
     "robot_energy.identify.drives": """
         all_drives drive_data drive_delay drive_power drives efficiency losses
@@ -69,7 +72,7 @@ MODULES = {
         friction laws samples temperature_study
     """,
     "robot_energy.identify.stats": """
-        cross_validation held_out_energy lag regression
+        cross_validation held_out_energy lag regression threads
     """,
     "robot_energy.inputs": """
         bag_topics inputs_file parameters rejection_log sources
@@ -85,13 +88,13 @@ MODULES = {
         filter kinds reader stuck temperatures
     """,
     "robot_energy.logs": """
-        mapped_csv mapping recording table ur_rtde
+        mapped_log mapping recording rows table ur_rtde
     """,
     "robot_energy.messages": """
         friction interval payload power registers torque
     """,
     "robot_energy.model": """
-        drive_models figure friction_laws joint load open_schema payload schema
+        drive_models figure friction_laws joint load open_schema payload reference schema
     """,
     "robot_energy.motion": """
         fourier gcode gcode_words inverse_kinematics joint_trajectory load_motion
@@ -120,6 +123,9 @@ MODULES = {
         config lubricant output plant profile record sensors supply
         thermal virtual_rig
     """,
+    "robot_energy.starter": """
+        arm description model_text priors
+    """,
     "robot_energy.store": """
         account_store adoption envelope slots state_files
     """,
@@ -144,15 +150,15 @@ LAYERS = (
     ("bag", "inputs", "accounting", "logs", "log_formats", "time_series"),
     ("pipeline", "messages", "store"),
     ("motion",),
-    ("bag_replay", "prediction"),
-    ("identify", "rig"),
+    ("bag_replay", "prediction", "starter"),
+    ("identify", "rig", "check"),
     ("report",),
     ("api",),
     ("cli", "__main__"),
     ("robot_energy_papers",),
 )
 # Nothing online imports these.
-OFFLINE = ("identify", "report", "rig", "motion", "cli")
+OFFLINE = ("identify", "report", "rig", "motion", "cli", "starter", "check")
 ONLINE = ("pipeline", "inputs", "messages", "accounting", "store", "timeline", "cdr")
 FOREIGN = {
     "ament_index_python", "builtin_interfaces", "control_msgs", "diagnostic_msgs",

@@ -302,10 +302,7 @@ def test_a_real_ur3e_is_predicted_better_than_by_shaft_power_and_a_constant(tmp_
 @pytest.mark.skipif(not DATA, reason="skipped: no data folder (ROBOT_ENERGY_DATA)")
 def test_the_drives_of_a_real_cobot_are_predicted(tmp_path):
     """Every second of four predicted from the three others, each drive and their sum."""
-    pandas = pytest.importorskip("pandas", reason="skipped: no pandas to read Parquet")
-    pytest.importorskip("pyarrow", reason="skipped: no pyarrow to read Parquet")
-    log, report = tmp_path / "voraus.csv", tmp_path / "report.json"
-    pandas.read_parquet(Path(DATA) / "voraus" / "test.parquet").to_csv(log, index=False)
+    log, report = Path(DATA) / "voraus" / "test.parquet", tmp_path / "report.json"
     mapping = ROOT / "src" / "examples" / "mappings" / "voraus.yaml"
     words = ["identify", "drives", "--log", str(log), "--mapping", str(mapping)]
     assert main([*words, "--json", str(report)]) == 0
