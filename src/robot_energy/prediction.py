@@ -87,7 +87,7 @@ def predict(
     Args:
         model: The robot's model.
         motion: From start to end; its joints are matched by name.
-        motor_temperature_degc: Of all motors, or one for each joint of the model. [degC]
+        motor_temperature_degc: One for all motors, or shape (n,). [degC]
         program: Name of the motion, for reports.
         repeat: How often the motion is made without a pause.
         payload: Bodies that the robot carries from start to end.

@@ -28,7 +28,7 @@ class Program:
         override: Share of full speed, in (0, 1]. [-]
 
     Attributes:
-        via: Shape (K, n). [rad] or [m]
+        via: As given, shape (K, n). [rad] or [m]
         period: Length of one loop. [s]
 
     Raises:
