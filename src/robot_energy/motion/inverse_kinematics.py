@@ -202,11 +202,14 @@ class InverseKinematics:
         self, place: Float, orientation: Float, posture: Float
     ) -> tuple[Float, float, float]:
         """Newton steps: posture, distance still missed, least singular value there."""
+        from scipy.spatial.transform import Rotation
+
         posture = posture.copy()
         missed, least = np.inf, 0.0
         for _ in range(MAX_STEPS):
             here, turned, jacobian = self.robot.link_jacobian(posture, self.link)
-            error = np.concatenate([place - here, _turn(orientation @ turned.T)])
+            turn = Rotation.from_matrix(orientation @ turned.T).as_rotvec()
+            error = np.concatenate([place - here, turn])
             missed = float(np.abs(error).max())
             left, size, right = np.linalg.svd(jacobian, full_matrices=False)
             least = float(size[-1])
@@ -287,24 +290,3 @@ def _rotation(orientation: Float) -> Float:
     ):
         raise MotionError(f"the orientation is {matrix.tolist()}", "a rotation matrix (3, 3)")
     return matrix
-
-
-def _turn(rotation: Float) -> Float:
-    """Rotation vector of a rotation, shape (3,). [rad]"""
-    axis = 0.5 * np.array(
-        [
-            rotation[2, 1] - rotation[1, 2],
-            rotation[0, 2] - rotation[2, 0],
-            rotation[1, 0] - rotation[0, 1],
-        ]
-    )
-    sine = float(np.linalg.norm(axis))
-    angle = np.arctan2(sine, 0.5 * (np.trace(rotation) - 1.0))
-    if sine > 1e-6:
-        return axis * (angle / sine)
-    if angle < 1.0:
-        return axis
-    # Half a turn: its axis is the largest column of R + 1.
-    column = rotation + np.eye(3)
-    best = column[:, int(np.argmax(np.diagonal(column)))]
-    return best * (np.pi / float(np.linalg.norm(best)))

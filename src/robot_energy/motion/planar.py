@@ -75,9 +75,7 @@ class PlanarArm:
         first = np.eye(3)[int(np.argmin(np.abs(normal)))]
         first = first - (first @ normal) * normal
         first /= np.linalg.norm(first)
-        x, y, z = normal
-        crossed = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]) @ first
-        across = np.stack([first, crossed])
+        across = np.stack([first, np.cross(normal, first)])
         origins = robot.joint_origins(zero)
         places = (np.vstack([origins, tool]) - origins[0]) @ across.T
         steps = np.diff(places[:, 0] + 1j * places[:, 1])
