@@ -216,10 +216,13 @@ def load_profile(name: str) -> PlantProfile:
         The plant.
 
     Raises:
-        RigError: If a figure is missing or makes no sense.
+        RigError: If there is no such plant, or a figure makes no sense.
     """
-    path = resources.files("robot_energy.rig") / "profiles" / f"{name}.yaml"
-    data: dict[str, Any] = yaml.safe_load(path.read_text("utf-8"))
+    folder = resources.files("robot_energy.rig") / "profiles"
+    files = {path.name.removesuffix(".yaml"): path for path in folder.iterdir()}
+    if name not in files:
+        raise RigError(f"there is no plant '{name}'", ", ".join(sorted(files)))
+    data: dict[str, Any] = yaml.safe_load(files[name].read_text("utf-8"))
     body, supply = data.pop("body"), SupplyProfile(**data.pop("supply"))
     oils = tuple(OILS[oil] for oil in data.pop("lubricant"))
     figures = {
