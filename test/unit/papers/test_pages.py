@@ -45,9 +45,11 @@ def templates(monkeypatch):
 
 
 def test_every_kind_of_block_becomes_its_part_of_the_page(templates):
-    drawings = {"drawn": lambda target: target.write(b"<svg/>")}
-    parts = {"part": lambda page: page.paragraph("from Python")}
-    html = pages.document("page", {"name": "x", "none": None}, drawings, parts).html()
+    pieces = {
+        "drawn": lambda target: target.write(b"<svg/>"),
+        "part": lambda page: page.paragraph("from Python"),
+    }
+    html = pages.document("page", {"name": "x", "none": None}, pieces).html()
     assert "<h1>Title of x</h1>" in html
     assert '<p class="lead">A lead of two lines.</p>' in html
     assert ">Section</h2>" in html
