@@ -36,7 +36,7 @@ MODULES = {
         batch decode encode plan schema types walk
     """,
     "robot_energy.check": """
-        coverage evidence finding hypotheses meter motion payload run torque
+        coverage evidence finding hypotheses meter motion payload run search torque
     """,
     "robot_energy.cli": """
         check completion export identify identify_all identify_cabinet identify_drives

@@ -86,7 +86,7 @@ def _count(least: int) -> Callable[[str], int]:
     def parse(text: str) -> int:
         value = int(text) if text.isdecimal() else -1
         if value < least:
-            raise ArgumentTypeError(f"'{text}' is no whole number from {least} on")
+            raise ArgumentTypeError(f"'{text}' is not a whole number from {least} on")
         return value
 
     return parse
@@ -106,8 +106,10 @@ def run(args: Namespace) -> int:
     """
     from robot_energy.model import save
     from robot_energy.report.printing import line
+    from robot_energy_papers.pages import document, print_template
 
-    module = f"robot_energy_papers.{args.paper.replace('-', '_')}"
+    name = args.paper.replace("-", "_")
+    module = f"robot_energy_papers.{name}"
     paper, numbers, page = (import_module(module + part) for part in ("", "_numbers", "_page"))
     options: dict[str, Any] = {}
     if "workers" in args:
@@ -116,14 +118,15 @@ def run(args: Namespace) -> int:
         with progress("recording, identifying, testing") as report:
             scale = paper.QUICK if args.quick else paper.FULL
             result = paper.study(folder / BAGS, args.seed, scale, progress=report, **options)
-        page.page(result, _command(args)).write(folder / REPORT)
+        context = {**page.context(result), "command": _command(args)}
+        document(name, context, page.pieces(result)).write(folder / REPORT)
         write_json(str(folder / FIGURES), numbers.figures(result))
         save(result.model, folder / MODEL)
         page.front_picture(result, folder / FRONT)
     out = console()
-    page.print_tables(result, out)
-    for name in (REPORT, FIGURES, FRONT, MODEL, BAGS):
-        line(out, f"wrote {shown(str(Path(args.out) / name))}")
+    print_template(f"{name}_terminal", context, out)
+    for file in (REPORT, FIGURES, FRONT, MODEL, BAGS):
+        line(out, f"wrote {shown(str(Path(args.out) / file))}")
     return 0
 
 
