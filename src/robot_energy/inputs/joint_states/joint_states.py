@@ -52,7 +52,7 @@ class JointStateIngest:
             publishers apart; None to do without.
         effort: Whether to read the effort; NaN everywhere if not. A message whose effort
             is absent or of another length than its names has none.
-        source: What dates the messages, and whether they are sorted.
+        source: What dates the messages, whether they are sorted, and what they call the joints.
 
     Attributes:
         account: Received, accepted and rejected messages. A message with some of the joints
@@ -61,6 +61,9 @@ class JointStateIngest:
         order: Gaps and backward jumps of the samples.
         samples: Samples given out.
         conflicts: What was seen of second publishers.
+
+    Raises:
+        ParameterError: If the source names more or fewer joints than the model has.
     """
 
     def __init__(
@@ -81,7 +84,8 @@ class JointStateIngest:
         self._names = tuple(joint_names)
         self._effort = effort
         self._receive_time = source.stamp_source == RECEIVE
-        self._reader = JointStateReader(joint_names, effort, self._receive_time, typestore)
+        names = source.names_of(joint_names)
+        self._reader = JointStateReader(names, effort, self._receive_time, typestore)
         self._continuity = StreamSplitter(Reach(patient=False), JointReadings.joined)
         self._source, self._limits = source, limits
         self._plausibility = Plausibility(joint_names, limits)
