@@ -149,7 +149,7 @@ def gear_ratio(joint: int, factor: float) -> Cause:
         drivetrain = Drivetrain(transmission, evidence.drivetrain.rotor_inertia)
         return replace(evidence, drivetrain=drivetrain, motor_torque=torque)
 
-    return Cause("gear_ratio", (joint,), factor, correct, 0.9)
+    return Cause("gear_ratio", (joint,), factor, correct, 0.85 + 0.1 * abs(np.log(factor)))
 
 
 def effort_meaning(evidence: Evidence) -> Cause:
