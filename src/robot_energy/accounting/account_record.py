@@ -9,7 +9,6 @@ import numpy as np
 
 from robot_energy.accounting.event_log import EventLog
 from robot_energy.accounting.exact_sum import add_saturating
-from robot_energy.accounting.integration import Coverage
 from robot_energy.accounting.record import (
     JOINT_KEYS,
     SHAFT_KEYS,
@@ -21,6 +20,7 @@ from robot_energy.accounting.record import (
 )
 from robot_energy.accounting.registers import CABINET_REGISTERS, JOINT_REGISTERS
 from robot_energy.blocks import Int, Phase, Quality
+from robot_energy.timeline.coverage import Coverage
 
 if TYPE_CHECKING:
     from robot_energy.accounting.account import EnergyAccount

@@ -212,7 +212,7 @@ class Comparison:
                 self._last = None
                 self._epochs.pop(self._predicted_epoch, None)
                 self._predicted_epoch += 1
-                self._led = int(stamp_ns[stop]), self.curve.accepted
+                self._led = int(stamp_ns[stop]), self.curve.account.accepted
         done.append(self._advance())
         self._note_idle(int(stamp_ns[-1]), any(len(part.duration_ns) for part in done))
         return _joined(done)
@@ -225,7 +225,10 @@ class Comparison:
             return
         since_ns, readings = self._led
         newest = self.curve.newest_ns
-        waited = now_ns - since_ns > ALONE_NS and self.curve.accepted - readings >= ALONE_READINGS
+        waited = (
+            now_ns - since_ns > ALONE_NS
+            and self.curve.account.accepted - readings >= ALONE_READINGS
+        )
         if waited and newest is not None and abs(newest - now_ns) < NEAR_NS:
             epoch = self._epochs.setdefault(self._predicted_epoch, _Epoch())
             epoch.measured = self._epochs.pop(self._measured_epoch, _Epoch()).measured
@@ -256,7 +259,7 @@ class Comparison:
         curve, idle = self.curve, self.idle
         ahead_ns = None if curve.newest_ns is None else curve.newest_ns - newest_ns
         if compared or idle is None or newest_ns < idle.since_ns:
-            self.idle = Idle(newest_ns, newest_ns, curve.accepted, curve.gaps, ahead_ns)
+            self.idle = Idle(newest_ns, newest_ns, curve.account.accepted, curve.gaps, ahead_ns)
         else:
             self.idle = replace(idle, until_ns=newest_ns, ahead_ns=ahead_ns)
         if ahead_ns is None or ahead_ns <= EARLY_NS:

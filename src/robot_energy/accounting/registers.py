@@ -9,8 +9,9 @@ from __future__ import annotations
 import numpy as np
 
 from robot_energy.accounting.exact_sum import ExactSum
-from robot_energy.accounting.integration import Coverage, SampleIntervals, TrapezoidIntegrator
+from robot_energy.accounting.integration import SampleIntervals, TrapezoidIntegrator
 from robot_energy.blocks import Float, Int, PowerBlock
+from robot_energy.timeline.coverage import Coverage
 
 CABINET_REGISTERS = ("grid_import", "grid_return", "brake", "loss_dc", "loss_grid", "capacitor")
 JOINT_REGISTERS = ("shaft_positive", "shaft_negative", "rigid", "friction", "drive_loss")
