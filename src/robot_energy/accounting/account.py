@@ -139,8 +139,7 @@ class EnergyAccount:
             oldest = now - self.comparison.patience_ns
             while not oldest <= int(self._unplaced[0].stamp_ns[-1]) <= now:
                 self._unplaced.popleft()
-            none = np.empty(0, dtype=np.int64)
-            return Compared(none, none, np.empty(0), np.empty(0))
+            return Compared.empty()
         supply = SupplyBlock.concatenate([*self._unplaced, block.supply])
         self._unplaced.clear()
         return self.comparison.predict(supply.stamp_ns, supply.segment, supply.power_at(location))

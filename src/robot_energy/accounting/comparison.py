@@ -197,7 +197,7 @@ class Comparison:
                 self._match(int(second[start]) * SECOND_NS)
             rows = slice(start, stop)
             done.append(self._predict(stamp_ns[rows], segment[rows], power[rows]))
-        return _joined(done)
+        return Compared.concatenate(done)
 
     def _predict(self, stamp_ns: Int, segment: Int, power: Float) -> Compared:
         done: list[Compared] = []
@@ -214,8 +214,8 @@ class Comparison:
                 self._predicted_epoch += 1
                 self._led = int(stamp_ns[stop]), self.curve.account.accepted
         done.append(self._advance())
-        self._note_idle(int(stamp_ns[-1]), any(len(part.duration_ns) for part in done))
-        return _joined(done)
+        self._note_idle(int(stamp_ns[-1]), any(map(len, done)))
+        return Compared.concatenate(done)
 
     def _match(self, now_ns: int) -> None:
         """Go on with the meter's readings where only one side's clock has jumped back."""
@@ -282,8 +282,7 @@ class Comparison:
     def _advance(self) -> Compared:
         epoch = self._epochs.setdefault(self._predicted_epoch, _Epoch())
         predicted, measured = epoch.predicted, epoch.measured
-        none, nothing = np.empty(0, dtype=np.int64), np.empty(0)
-        result = Compared(none, none, nothing, nothing)
+        result = Compared.empty()
         if len(predicted) and len(measured):
             until = int(min(predicted.end_ns[-1], measured.end_ns[-1]))
             start = int(max(predicted.start_ns[0], measured.start_ns[0]))
@@ -321,13 +320,3 @@ class Comparison:
         self._sum.add(energy)
         self.compared_ns += int((high - low).sum())
         return Compared(measured.end_ns[row_m], high - low, energy[:, 0], energy[:, 1])
-
-
-def _joined(parts: list[Compared]) -> Compared:
-    """Join what became comparable, in the order given."""
-    return Compared(
-        *(
-            np.concatenate([getattr(part, name) for part in parts])
-            for name in ("available_ns", "duration_ns", "measured", "predicted")
-        )
-    )

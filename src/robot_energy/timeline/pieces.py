@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import NANOSECOND, Float, Int
+from robot_energy.blocks import NANOSECOND, Block, Float, Int
 
 
 @dataclass(frozen=True)
@@ -84,17 +84,27 @@ class CoveredPieces:
 
 
 @dataclass(frozen=True)
-class Compared:
+class Compared(Block):
     """Elementary intervals on which both powers are known.
 
     Attributes:
-        available_ns: When the meter had reported the interval, shape (K,). [ns]
+        stamp_ns: When the meter had reported the interval, shape (K,). [ns]
         duration_ns: Shape (K,). [ns]
         measured: Measured energy, shape (K,). [J]
         predicted: Predicted energy at the meter's place, shape (K,). [J]
     """
 
-    available_ns: Int
     duration_ns: Int
     measured: Float
     predicted: Float
+
+    @classmethod
+    def empty(cls) -> Compared:
+        """No intervals."""
+        none, nothing = np.empty(0, dtype=np.int64), np.empty(0)
+        return cls(none, none, nothing, nothing)
+
+    @property
+    def available_ns(self) -> Int:
+        """When the meter had reported the interval, shape (K,). [ns]"""
+        return self.stamp_ns
