@@ -81,5 +81,4 @@ class ModelMessageReader(Generic[B]):
                 rows.append(run.rows[valid])
         if not any(map(len, blocks)):
             return None
-        block = type(blocks[0]).concatenate(blocks)
-        return block if len(blocks) == 1 else block[np.argsort(np.concatenate(rows))]
+        return type(blocks[0]).arranged(blocks, rows)[0]

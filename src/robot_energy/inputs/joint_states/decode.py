@@ -106,11 +106,7 @@ class JointStateReader:
         if not placed:
             none, empty = np.empty(0, dtype=np.int64), np.empty((0, len(self._names)))
             return _joint_block(none, empty, empty), none
-        rows, part = placed[0]
-        if len(placed) > 1:
-            rows = np.concatenate([rows for rows, _ in placed])
-            order = np.argsort(rows)
-            rows, part = rows[order], JointBlock.concatenate([part for _, part in placed])[order]
+        part, rows = JointBlock.arranged([p for _, p in placed], [r for r, _ in placed])
         good = self._usable(part)
         return (part, rows) if good is None else (part[good], rows[good])
 
