@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -32,6 +32,7 @@ class JointStateReader:
         effort: Whether to read the effort too.
         receive_time: Whether the time of receipt counts instead of the header's stamp.
         typestore: Message definitions of the source; those known here by default.
+        checked: Leaves out what cannot be used for what it says; None for no such check.
 
     Attributes:
         ignored_joints: Joints met that the model does not know.
@@ -44,7 +45,9 @@ class JointStateReader:
         effort: bool = False,
         receive_time: bool = False,
         typestore: Typestore | None = None,
+        checked: Callable[[JointBlock], JointBlock | None] | None = None,
     ) -> None:
+        self._checked = checked
         self.ignored_joints: set[str] = set()
         self._log = log
         self._names = tuple(joint_names)
@@ -73,6 +76,11 @@ class JointStateReader:
         read = [entry for entry in read if len(entry[1][0])]
         if not read:
             return None
+        block = self._merged(read)
+        return block if self._checked is None else self._checked(block)
+
+    def _merged(self, read: Sequence[tuple[RawBatch, tuple[JointBlock, Int]]]) -> JointBlock:
+        """Join the messages of several topics, which each came with their rows."""
         parts = [part for _, (part, _) in read]
         whole = JointBlock.concatenate(parts)
         if len(read) == 1:

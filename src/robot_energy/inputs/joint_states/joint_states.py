@@ -83,9 +83,11 @@ class JointStateIngest:
         self._names = tuple(joint_names)
         self._receive_time = source.stamp_source == RECEIVE
         self._plausibility = Plausibility(joint_names, limits)
-        self._reader = JointStateReader(joint_names, log, effort, self._receive_time, typestore)
         self._velocities = VelocityCheck(
             n_joints, limits, source.max_velocity_ratio, log, self._plausibility
+        )
+        self._reader = JointStateReader(
+            joint_names, log, effort, self._receive_time, typestore, self._velocities.step
         )
         self._stream = StreamSplitter[JointBlock](
             Reach(patient=False), log.reject, round(source.reorder_window / NANOSECOND), _by_joints
@@ -178,8 +180,6 @@ class JointStateIngest:
             The samples that are known by now, or None if there are none.
         """
         block = self._reader.read([batches] if isinstance(batches, RawBatch) else batches)
-        if block is not None:
-            block = self._velocities.step(block)
         return self._samples([] if block is None else self._stream.step(block))
 
     def flush(self) -> JointBlock | None:
