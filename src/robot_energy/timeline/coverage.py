@@ -78,7 +78,14 @@ class Coverage:
             self.end_ns = earlier.end_ns
 
     def count(self, observed_ns: int, gap_ns: int, gap_count: int, jumps: int) -> None:
-        """Count on; a counter that is full stays so. [ns] [ns]"""
+        """Count on; a counter that is full stays so.
+
+        Args:
+            observed_ns: Time that was integrated. [ns]
+            gap_ns: Time that was not. [ns]
+            gap_count: Gaps that began.
+            jumps: Jumps of the stamps.
+        """
         self.observed_ns = min(self.observed_ns + observed_ns, MAX_COUNTER)
         self.gap_ns = min(self.gap_ns + gap_ns, MAX_COUNTER)
         self.gap_count = min(self.gap_count + gap_count, MAX_COUNTER)

@@ -14,7 +14,11 @@ B = TypeVar("B", bound=Block)
 
 
 def all_alike(block: Block) -> dict[bytes, Int]:
-    """Return the rows of a stream whose messages are all of one kind."""
+    """Return the rows of each kind of messages in a stream that has one kind only.
+
+    Args:
+        block: The messages.
+    """
     return {b"": np.arange(len(block))}
 
 
@@ -52,7 +56,14 @@ class ReorderBuffer(Generic[B]):
         self._held: B | None = None
 
     def step(self, block: B) -> B:
-        """Take messages of one epoch in order of arrival; return those that are in order."""
+        """Take messages.
+
+        Args:
+            block: Of one epoch, in order of arrival.
+
+        Returns:
+            Those that are in order, which may be none.
+        """
         if not self._window_ns:
             return block
         known = self.waiting

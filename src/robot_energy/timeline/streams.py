@@ -121,7 +121,11 @@ class StreamSplitter(Generic[B]):
 
 
 def joined(runs: Sequence[StreamRun[B]]) -> B | None:
-    """Return the messages of some runs as one block; None if there are none."""
+    """Return the messages of some runs as one block; None if there are none.
+
+    Args:
+        runs: In the order of their messages.
+    """
     blocks = [run.block for run in runs if len(run.block)]
     return type(blocks[0]).concatenate(blocks) if blocks else None
 
@@ -136,7 +140,7 @@ def sentence_of(
     remedy: str = "synchronise the clocks",
     within: float | None = None,
 ) -> str:
-    """Say what was wrong with the stamps of a stream; empty if nothing was.
+    """Return what was wrong with the stamps of a stream; empty if nothing was.
 
     Args:
         epochs: Of the stream.
@@ -169,7 +173,7 @@ def sentence_of(
 
 
 def apart_sentence(epochs: EpochSplitter, newest_ns: int | None, what: str) -> str:
-    """Say that a stream of states is of another time than the joint states; empty if not.
+    """Return that a stream of states is of another time than the joint states; empty if not.
 
     Args:
         epochs: Of the stream.
