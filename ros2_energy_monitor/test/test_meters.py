@@ -92,7 +92,7 @@ def test_any_installed_message_can_be_a_meter(bench):
         message.header.stamp.sec = stamp
         publisher.publish(message)
     counter = node.ledger.comparison.curve
-    bench.spin_until(lambda: counter.accepted == 5, "counts")
+    bench.spin_until(lambda: counter.account.accepted == 5, "counts")
 
 
 def test_a_type_that_is_not_installed_costs_the_meter_alone(bench):

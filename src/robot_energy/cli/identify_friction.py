@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser, ArgumentTypeError, Namespace, RawDescriptionHelpFormatter
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from robot_energy.cli.identify_inputs import (
@@ -58,7 +57,7 @@ def add_parser(commands: Any) -> None:
     log = parser.add_argument_group(
         "from a log of single-joint motions, without a model (relative figures)"
     )
-    log.add_argument("--log", metavar="CSV", help="a CSV log, plain or .gz")
+    log.add_argument("--log", nargs="+", metavar="LOG", help="tables: CSV, plain or .gz, Parquet")
     log.add_argument("--mapping", metavar="FILE", help="what its columns mean")
     split = parser.add_argument_group("test on temperatures that the fit has not seen")
     split.add_argument("--train", type=_span, metavar="LOW:HIGH", help="[degC], one may be empty")
@@ -114,7 +113,7 @@ def _show(
     from robot_energy.report.friction_figure import friction_over_temperature
     from robot_energy.report.identification import friction_summary, print_friction
 
-    source, unit = source_of(args) or Path(args.log).name, "A" if args.log else "N m"
+    source, unit = source_of(args), "A" if args.log else "N m"
     if result is None:
         summary = friction_summary(found.fits, found.refused, "log")
     else:
@@ -148,7 +147,7 @@ def _show_study(args: Namespace) -> None:
         "Friction at temperatures that were not seen",
         {"studies": studies},
         lambda page: print_friction_study(studies, page),
-        lead=source_of(args) or Path(args.log).name,
+        lead=source_of(args),
     )
 
 
@@ -169,12 +168,12 @@ def _check(args: Namespace) -> None:
 
 def _log(args: Namespace) -> list[FrictionData]:
     from robot_energy.identify.friction.samples import friction_data_of_log
-    from robot_energy.logs.mapped_csv import read_csv
-    from robot_energy.logs.mapping import load_mapping
+    from robot_energy.logs import load_mapping, open_logs
 
-    _, contents, parts = read_csv(args.log, load_mapping(args.mapping))
-    blocks, names = list(parts), contents.joint_names
-    return [friction_data_of_log(blocks, names, j) for j in range(len(names))]
+    mapping = load_mapping(args.mapping)
+    parts = [log.whole() for log in open_logs(args.log, mapping)]
+    names = mapping.joints.names
+    return [friction_data_of_log(parts, names, j) for j in range(len(names))]
 
 
 def _samples(args: Namespace) -> list[FrictionData]:

@@ -174,7 +174,7 @@ def read_recordings(
 
 def source_of(args: Namespace) -> str:
     """Return the names of the recordings, for the model file."""
-    return ", ".join(Path(bag).name for bag in args.bags)
+    return ", ".join(Path(name).name for name in args.bags or args.log)
 
 
 def command_of(args: Namespace) -> str:

@@ -281,7 +281,7 @@ def with_fixed_friction(model: RobotModel, motor_temperature_degc: float) -> Rob
         law = ConstantLaw(law="constant", viscous=figure)
         friction = joint.friction.model_copy(update={"viscous": law})
         joints[index] = joint.model_copy(update={"friction": friction})
-    return model.model_copy(update={"joints": joints}).with_urdf(model.urdf_xml, model.source)
+    return model.changed(joints=joints)
 
 
 def _level(std: float | None) -> Callable[[Float], Float]:

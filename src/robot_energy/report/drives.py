@@ -241,10 +241,10 @@ def _print_drives(summary: Summary, page: Page) -> None:
         ("RMS error of the power of a drive on held-out data [W]", "rms"),
     ):
         rows: list[tuple[str, ...]] = []
-        for way in WAYS:
-            values = [comparison["ways"][way][key] for comparison in comparisons]
+        for way in dict.fromkeys((*WAYS, *(way for c in comparisons for way in c["ways"]))):
+            values = [c["ways"].get(way, {}).get(key, math.nan) for c in comparisons]
             shown = [percent(v) if key == "energy_accuracy" else f"{v:.4g}" for v in values]
-            rows.append((WAY_NAMES[way], *shown))
+            rows.append((WAY_NAMES.get(way) or DRIVE_MODELS[way].label, *shown))
         table(page, title, ("prediction", *heads), rows)
     line(
         page,
