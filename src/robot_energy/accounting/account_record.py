@@ -113,13 +113,13 @@ def carry_into(ledger: EnergyAccount, record: LedgerRecord) -> None:
     ledger.shaft.add_sums(
         _integers(*_rows(energy, SHAFT_KEYS)),
         _integers(*_rows(rest.joints, SHAFT_KEYS)),
-        _integers(*totals.shaft_compared_ns),
     )
+    add_saturating(ledger.shaft.compared_ns, _integers(*totals.shaft_compared_ns))
     ledger.comparison.add_sums(
         _integers(totals.measured_energy_microjoule, totals.predicted_energy_at_meter_microjoule),
         _integers(rest.measured, rest.predicted_at_meter),
-        totals.compared_ns,
     )
+    ledger.comparison.compared_ns += totals.compared_ns
     names = [phase.name for phase in Phase]
     ledger.phase_energy_sum.add_sums(
         _integers(*(record.phase_energy_microjoule.get(name, 0) for name in names)),

@@ -74,8 +74,8 @@ class _Epoch:
     newest_ns: int | None = None
 
 
-class Comparison:
-    """Accumulates predicted and measured energy over what both cover.
+class Comparison(ExactSum):
+    """Accumulates measured and predicted energy over what both cover.
 
     Args:
         max_gap: Longest time between meter readings that is bridged. [s]
@@ -100,6 +100,7 @@ class Comparison:
         max_power: float = MAX_POWER,
         wraps_at: float | None = None,
     ) -> None:
+        super().__init__(2)  # measured, predicted
         self.curve = MeterCurve(max_gap, max_power, wraps_at)
         self.location = MeterLocation.UNKNOWN
         self.meaning = MeterMeaning.UNKNOWN
@@ -107,7 +108,6 @@ class Comparison:
         self.idle: Idle | None = None
         self.early_since_ns: int | None = None
         self._patience_ns = round(max(patience, 3 * max_gap) / NANOSECOND)
-        self._sum = ExactSum(2)
         self._epochs: dict[int, _Epoch] = {0: _Epoch()}
         self._measured_epoch = 0
         self._predicted_epoch = 0
@@ -123,31 +123,16 @@ class Comparison:
     @property
     def measured_energy(self) -> float:
         """Measured energy over the compared intervals. [J]"""
-        return float(self._sum.joule[0])
+        return float(self.joule[0])
 
     @property
     def predicted_energy(self) -> float:
         """Predicted energy at the meter's place over the same intervals. [J]"""
-        return float(self._sum.joule[1])
-
-    @property
-    def microjoule(self) -> Int:
-        """Measured and predicted energy as integers, shape (2,). [uJ]"""
-        return self._sum.microjoule
-
-    @property
-    def remainder(self) -> Int:
-        """What is left of both beyond whole microjoules, shape (2,). [2^-40 uJ]"""
-        return self._sum.remainder
-
-    def add_sums(self, microjoule: Int, remainder: Int, compared_ns: int) -> None:
-        """Add what was compared before; measured, then predicted. [uJ] [2^-40 uJ] [ns]"""
-        self._sum.add_sums(microjoule, remainder)
-        self.compared_ns += compared_ns
+        return float(self.joule[1])
 
     def reset(self) -> None:
         """Begin at zero; what still waits for the meter is compared later."""
-        self._sum.reset()
+        super().reset()
         self.compared_ns = 0
 
     def interrupt(self) -> None:
@@ -317,6 +302,6 @@ class Comparison:
             ],
             axis=1,
         )
-        self._sum.add(energy)
+        self.add(energy)
         self.compared_ns += int((high - low).sum())
         return Compared(measured.end_ns[row_m], high - low, energy[:, 0], energy[:, 1])
