@@ -260,6 +260,7 @@ def replay(
             limits=pipeline.torque.robot.limits,
             effort=settings.effort is not EffortMeaning.NONE,
             source=states or (JointStateSource() if inputs is None else inputs.joint_states),
+            max_gap=settings.max_gap,
         ),
         temperatures=temperatures,
         meter=meter,

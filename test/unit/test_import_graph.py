@@ -78,8 +78,7 @@ MODULES = {
         bag_topics inputs_file parameters rejection_log sources
     """,
     "robot_energy.inputs.joint_states": """
-        decode joint_states jumps partial_states plausibility publisher_conflicts
-        reorder_buffer velocities
+        decode joint_states jumps partial_states plausibility publisher_conflicts velocities
     """,
     "robot_energy.inputs.meter": """
         energy_counter kinds meter power_curve source voltage_current_pairs
@@ -91,7 +90,7 @@ MODULES = {
         mapped_log mapping recording rows table ur_rtde
     """,
     "robot_energy.messages": """
-        friction interval payload power registers torque
+        friction interval model_messages payload power registers torque
     """,
     "robot_energy.model": """
         drive_models figure friction_laws joint load open_schema payload reference schema
@@ -133,7 +132,7 @@ MODULES = {
         account_store adoption envelope slots state_files
     """,
     "robot_energy.timeline": """
-        epochs gaps pieces stamps streams
+        coverage epochs gaps hold pieces reorder stamps streams
     """,
     "robot_energy_papers": """
         accuracy calibration drawings drive_study effects experiment held_out job_pool

@@ -123,7 +123,7 @@ def temperature_source(
             **accounting(ingest.account),
             **_by_source(ingest),
             "joints_ignored": len(ingest.ignored_joints),
-            **{f"readings_{key}": value for key, value in _readings(stage).items()},
+            **accounting(stage.account, "readings_"),
             **{f"motor_temperature_degc.{name}": value for name, value in degc.items()},
         }
         found.remarks += unknown_joints(topics, ingest.ignored_joints)
@@ -237,7 +237,7 @@ def energy_source(
             "residual_share_last_minute": ledger.judgement.residual_share,
             "meter_counter_resets": comparison.curve.counter.resets,
             "meter_counter_wraps": comparison.curve.counter.wraps,
-            **accounting(comparison.curve, "meter_readings_"),
+            **accounting(comparison.curve.account, "meter_readings_"),
             "extrapolated_share": _share(ledger, Quality.EXTRAPOLATED),
             "drive_extrapolated_share": _share(ledger, Quality.DRIVE_EXTRAPOLATED),
             "temperature_missing_share": _share(ledger, Quality.TEMPERATURE_MISSING),
@@ -266,11 +266,3 @@ def _by_source(ingest: TemperatureIngest) -> dict[str, Number]:
     for reader in ingest.readers if len(ingest.readers) > 1 else ():
         values |= accounting(reader.account, f"{reader.name}.")
     return values
-
-
-def _readings(stage: FrictionStage) -> dict[str, int]:
-    return {
-        "received": stage.received,
-        "accepted": stage.accepted,
-        **{f"rejected.{reason}": count for reason, count in stage.rejected.items() if count},
-    }

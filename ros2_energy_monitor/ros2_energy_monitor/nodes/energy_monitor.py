@@ -62,6 +62,7 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
             limits=self._pipeline.torque.robot.limits,
             effort=settings.effort is not EffortMeaning.NONE,
             source=source,
+            max_gap=settings.max_gap,
         )
         self._torque_writer = TorqueWriter(names, self.model.model_id)
         self._friction_writer = FrictionWriter(self.model)

@@ -44,6 +44,7 @@ class TorqueMonitor(MonitorNode[TorqueParameters]):
             limits=self.stage.robot.limits,
             effort=settings.effort is not EffortMeaning.NONE,
             source=source,
+            max_gap=settings.max_gap,
         )
         self._writer = TorqueWriter(self.model.joint_names, self.model.model_id)
         self._publisher = torque_publisher(self, depth)

@@ -49,6 +49,8 @@ class ReplayOptions(TypedDict, total=False):
         reorder_window: Window in which joint states that overtook each other are sorted. [s]
         derivative_window: Window behind an acceleration. [s]
         temperature_wait: How long torque waits for late temperatures. [s]
+        max_gap: Longest time between two joint states that is bridged; 0: five times their
+            usual period, 0.1 s to 1 s. [s]
         meter_max_gap: Longest time between meter readings that is bridged. [s]
         out: Folder of a new bag for the energy topics.
         overwrite: Whether an existing ``out`` may be replaced.
@@ -66,6 +68,7 @@ class ReplayOptions(TypedDict, total=False):
     reorder_window: float | None
     derivative_window: float | None
     temperature_wait: float | None
+    max_gap: float | None
     meter_max_gap: float | None
     out: str | Path | None
     overwrite: bool
@@ -223,12 +226,12 @@ def run_replay(
     read, notes = driver_inputs(options.get("inputs"), options.get("robot"))
     settings = {
         name: options.get(name)
-        for name in ("derivative_window", "temperature_wait", "meter_max_gap")
+        for name in ("derivative_window", "temperature_wait", "max_gap", "meter_max_gap")
     }
     settings["power_period"] = power_period
     given: dict[str, Any] = {name: value for name, value in settings.items() if value is not None}
     if read is not None:
-        given.setdefault("meter_max_gap", read.meter_max_gap)
+        given = {"max_gap": read.max_gap, "meter_max_gap": read.meter_max_gap, **given}
     effort = options.get("effort") or (NONE if read is None else read.joint_states.effort_meaning)
     dating: dict[str, Any] = {
         name: options.get(name) for name in ("stamp_source", "reorder_window")

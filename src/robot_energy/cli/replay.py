@@ -36,6 +36,7 @@ INPUT_OPTIONS = (
     "reorder_window",
     "derivative_window",
     "temperature_wait",
+    "max_gap",
     "meter_max_gap",
 )
 EFFORTS = ("none", "motor_current", "motor_torque", "joint_torque")
@@ -179,6 +180,13 @@ def add_inputs(parser: ArgumentParser) -> Any:
         type=positive,
         metavar="S",
         help="how long torque waits for late temperatures (default 0.1 s)",
+    )
+    settings.add_argument(
+        "--max-gap",
+        type=positive,
+        metavar="S",
+        help="longest time between two joint states that is bridged (default: what --inputs says, "
+        "else five times their usual period, 0.1 s to 1 s)",
     )
     settings.add_argument(
         "--meter-max-gap",

@@ -24,6 +24,7 @@ from robot_energy.inputs.temperatures.kinds import (
     TEMPERATURE_KINDS,
     TemperatureKind,
 )
+from robot_energy.timeline.gaps import BY_PERIOD, MAX_MAX_GAP, checked_max_gap
 
 NO_JOINT = "-"  # a place of an array that is none of the model's joints
 
@@ -227,7 +228,23 @@ class TemperatureInputs:
 
 
 @dataclass(frozen=True, kw_only=True)
-class JointStateInputs:
+class GapInputs:
+    """How long the joint states may be silent, or the torques that follow from them."""
+
+    max_gap: float = parameter(
+        "Longest time between two joint states that is bridged; 0: five times their usual "
+        "period, at least 0.1 s and at most 1 s [s].",
+        BY_PERIOD,
+        BY_PERIOD,
+        MAX_MAX_GAP,
+    )
+
+    def __post_init__(self) -> None:
+        checked_max_gap(self.max_gap)
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointStateInputs(GapInputs):
     """Parameters of the joint states."""
 
     joint_states: JointStateSource = group(JointStateSource)

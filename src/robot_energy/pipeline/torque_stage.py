@@ -90,8 +90,9 @@ class TorqueStage:
         Returns:
             Torques, or None while every sample still waits.
         """
-        if len(block):
-            self._newest_ns = int(block.stamp_ns[-1])
+        if not len(block):
+            return None
+        self._newest_ns = int(block.stamp_ns[-1])
         return self._torque(self._derivative.step(block))
 
     def plan(self, block: JointBlock) -> TorqueBlock | None:
