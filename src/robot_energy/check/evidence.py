@@ -163,5 +163,5 @@ def rest_noise(evidence: Evidence) -> Float:
     ramp = np.linspace(-1.0, 1.0, size)[None, :, None]
     slope: Float = (windows * ramp).sum(axis=1, keepdims=True) / float((ramp**2).sum())
     rest: Float = windows - windows.mean(axis=1, keepdims=True) - slope * ramp
-    noise: Float = np.quantile(np.std(rest, axis=1), 0.05, axis=0)
-    return noise
+    ordered = np.sort(np.std(rest, axis=1), axis=0)
+    return np.asarray(ordered[int(0.05 * len(ordered))], dtype=np.float64)
