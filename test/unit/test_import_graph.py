@@ -41,8 +41,8 @@ MODULES = {
     "robot_energy.cli": """
         check completion export identify identify_all identify_cabinet identify_drives
         identify_dynamics identify_excitation identify_friction identify_inputs
-        import_logs info kinds main memory models numbers predict replay simulate stopping
-        terminal
+        import_logs info kinds main memory models numbers predict replay robots simulate
+        stopping terminal
     """,
     "robot_energy.files": """
         output_files output_folder output_streams placement regular_file
@@ -101,8 +101,8 @@ MODULES = {
         tool_path tool_timing trajectory_io
     """,
     "robot_energy.physics": """
-        cabinet derivative drive drivetrain effort equations friction limit_utilisation
-        rigid_body torque
+        cabinet derivative drive drivetrain effort effort_check equations friction
+        limit_utilisation rigid_body torque
     """,
     "robot_energy.physics.urdf": """
         checks compare parse
@@ -110,6 +110,9 @@ MODULES = {
     "robot_energy.pipeline": """
         energy_pipeline fallback_use friction_certainty friction_stage
         friction_timeline payload_timeline power_stage settings torque_stage
+    """,
+    "robot_energy.presets": """
+        robots
     """,
     "robot_energy.report": """
         canvas dc_link document drives dynamics efficiency_figure energy_figure
@@ -146,7 +149,7 @@ LAYERS = (
     ("files",),
     ("config_file", "schema_errors", "model"),
     ("physics", "timeline", "cdr"),
-    ("bag", "inputs", "accounting", "logs", "log_formats", "time_series"),
+    ("bag", "inputs", "presets", "accounting", "logs", "log_formats", "time_series"),
     ("pipeline", "messages", "store"),
     ("motion",),
     ("bag_replay", "prediction", "starter"),

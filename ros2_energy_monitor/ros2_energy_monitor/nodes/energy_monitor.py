@@ -94,7 +94,9 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
         ]
         self.orders = [self.ingest.order]
         self.sources = [
-            joint_state_source(states, self.ingest, self.parameters.input_timeout),
+            joint_state_source(
+                states, self.ingest, self.parameters.input_timeout, self._pipeline.torque
+            ),
             temperature_source(
                 self.temperatures,
                 self._temperature,

@@ -9,7 +9,7 @@ from typing import Any, Literal, TypedDict, Unpack
 
 from robot_energy import bag_replay
 from robot_energy.accounting.averaging import MeanBlock
-from robot_energy.api.inputs import ModelName, effort_meaning, model_of
+from robot_energy.api.inputs import ModelName, driver_inputs, effort_meaning, model_of
 from robot_energy.api.power_table import empty_table, period_table, sample_table
 from robot_energy.api.results import (
     EnergyBreakdown,
@@ -22,7 +22,6 @@ from robot_energy.api.results import (
 )
 from robot_energy.bag_replay import Replay, Topics
 from robot_energy.blocks import PowerBlock
-from robot_energy.inputs.inputs_file import read_inputs
 from robot_energy.inputs.sources import JointStateSource
 from robot_energy.model import RobotModel
 from robot_energy.physics.friction import with_fixed_friction
@@ -42,6 +41,8 @@ class ReplayOptions(TypedDict, total=False):
         meter: Topic of the power meter.
         payload: Topic of payloads set at run time; ``none`` to use none of the bag's.
         inputs: Parameter file of a monitor: read the bag as that node reads its topics.
+        robot: Name of a robot whose driver is known (`robot-energy kinds` lists them): its
+            inputs count where ``inputs`` says nothing.
         effort: What the effort in the joint states is: ``none``, ``motor_current``,
             ``motor_torque`` or ``joint_torque``.
         stamp_source: What dates joint states: ``header`` or ``receive``.
@@ -61,6 +62,7 @@ class ReplayOptions(TypedDict, total=False):
     meter: str | None
     payload: str | None
     inputs: str | Path | None
+    robot: str | None
     effort: str | None
     stamp_source: str | None
     reorder_window: float | None
@@ -221,8 +223,7 @@ def run_replay(
     Raises:
         RobotEnergyError: If bag, model or an option cannot be used.
     """
-    inputs = options.get("inputs")
-    read, notes = (None, []) if inputs is None else read_inputs(inputs)
+    read, notes = driver_inputs(options.get("inputs"), options.get("robot"))
     settings = {
         name: options.get(name)
         for name in ("derivative_window", "temperature_wait", "max_gap", "meter_max_gap")

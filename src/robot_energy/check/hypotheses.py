@@ -126,7 +126,14 @@ def _unexplained(measured: Float, rigid: Float, speed: Float, moving: NDArray[np
 
 
 def torque_factor(name: str, joints: tuple[int, ...], factor: float, least_gain: float) -> Cause:
-    """The recorded torque is ``factor`` times what it should be."""
+    """The recorded torque is ``factor`` times what it should be.
+
+    Args:
+        name: Of the cause.
+        joints: Indices in model order.
+        factor: Recorded over true torque. [-]
+        least_gain: In cost, for it to be named. [-]
+    """
 
     def correct(evidence: Evidence) -> Evidence:
         torque = evidence.motor_torque.copy()
@@ -137,7 +144,12 @@ def torque_factor(name: str, joints: tuple[int, ...], factor: float, least_gain:
 
 
 def gear_ratio(joint: int, factor: float) -> Cause:
-    """The gear ratio of a joint in the model is ``factor`` times the true one."""
+    """The gear ratio of a joint in the model is ``factor`` times the true one.
+
+    Args:
+        joint: Index in model order.
+        factor: Ratio of the model over the true one. [-]
+    """
 
     def correct(evidence: Evidence) -> Evidence:
         transmission = evidence.drivetrain.transmission.copy()
@@ -149,11 +161,15 @@ def gear_ratio(joint: int, factor: float) -> Cause:
         drivetrain = Drivetrain(transmission, evidence.drivetrain.rotor_inertia)
         return replace(evidence, drivetrain=drivetrain, motor_torque=torque)
 
-    return Cause("gear_ratio", (joint,), factor, correct, 0.9)
+    return Cause("gear_ratio", (joint,), factor, correct, 0.85 + 0.1 * abs(np.log(factor)))
 
 
 def effort_meaning(evidence: Evidence) -> Cause:
-    """The effort is motor torque where joint torque was stated, or the reverse."""
+    """The effort is motor torque where joint torque was stated, or the reverse.
+
+    Args:
+        evidence: The recording, whose stated meaning is doubted.
+    """
     joint = evidence.effort is EffortMeaning.JOINT_TORQUE
 
     def correct(evidence: Evidence) -> Evidence:
@@ -175,7 +191,14 @@ def effort_meaning(evidence: Evidence) -> Cause:
 
 
 def joint_sign(joint: int) -> Cause:
-    """Position, velocity and acceleration of a joint have the wrong sign."""
+    """Position, velocity and acceleration of a joint have the wrong sign.
+
+    Args:
+        joint: Index in model order.
+
+    Returns:
+        The cause.
+    """
 
     def correct(evidence: Evidence) -> Evidence:
         changed: dict[str, Float] = {}
@@ -189,7 +212,15 @@ def joint_sign(joint: int) -> Cause:
 
 
 def joint_order(first: int, second: int) -> Cause:
-    """Two joints have each other's position, velocity and torque."""
+    """Two joints have each other's position, velocity and torque.
+
+    Args:
+        first: Index in model order.
+        second: Index in model order.
+
+    Returns:
+        The cause.
+    """
 
     def correct(evidence: Evidence) -> Evidence:
         order = list(range(evidence.position.shape[1]))
@@ -221,7 +252,16 @@ def _offset(joint: int, value: float) -> Cause:
 
 
 def home_pose(first: int, second: int, value: float) -> Cause:
-    """Two neighbours count from a home pose: their zeros are off by a right angle each."""
+    """Two neighbours count from a home pose: their zeros are off, in opposite directions.
+
+    Args:
+        first: Index in model order.
+        second: Index in model order.
+        value: Offset of the first; that of the second is its negative. [rad]
+
+    Returns:
+        The cause.
+    """
 
     def correct(evidence: Evidence) -> Evidence:
         position = evidence.position.copy()
@@ -232,8 +272,13 @@ def home_pose(first: int, second: int, value: float) -> Cause:
     return Cause("zero_offset", (first, second), value, correct, 1.0)
 
 
-def best_offset(evidence: Evidence, joint: int, trial: Trial) -> Cause | None:
-    """The zero offset of a joint that lowers the cost most; None if none does."""
+def best_offset(evidence: Evidence, joint: int) -> Cause | None:
+    """The zero offset of a joint that lowers the cost most; None if none does.
+
+    Args:
+        evidence: The recording.
+        joint: Index in model order.
+    """
     from scipy.optimize import minimize_scalar
 
     step = max(1, len(evidence.stamp_ns) // 500)

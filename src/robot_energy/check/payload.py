@@ -12,6 +12,7 @@ from robot_energy.check.hypotheses import FLOOR, MIN_SAMPLES, Cause, Trial
 
 SURE = 4.0  # standard deviations by which a mass differs from 0
 MIN_MASS = 0.3  # [kg]
+MAX_SHARE = 0.15  # of the robot's own moving mass; it carries less, beyond its known payload
 
 
 def payload_cause(trial: Trial) -> list[Cause]:
@@ -27,14 +28,17 @@ def payload_cause(trial: Trial) -> list[Cause]:
         One cause, or none. [kg]
     """
     free, std, torque = _fitted_payload(trial, True)
-    if not (abs(free) > SURE * std and abs(free) > MIN_MASS):
+    robot = trial.evidence.robot
+    largest = MAX_SHARE * (robot.moving_mass - robot.payload_mass) + robot.payload_mass
+    least = -robot.payload_mass - 0.2 * largest  # a part of the last link may be missing
+    if not (abs(free) > SURE * std and abs(free) > MIN_MASS and least < free < largest):
         return []
     fixed, _, _ = _fitted_payload(trial, False)
 
     def correct(evidence: Evidence) -> Evidence:
         return replace(evidence, motor_torque=evidence.motor_torque - torque)
 
-    return [Cause("payload", (), 0.5 * (free + fixed), correct, 0.5, abs(free - fixed) / 2)]
+    return [Cause("payload", (), 0.5 * (free + fixed), correct, 0.9, abs(free - fixed) / 2)]
 
 
 def _fitted_payload(trial: Trial, with_scale: bool) -> tuple[float, float, Float]:

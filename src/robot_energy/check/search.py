@@ -90,7 +90,7 @@ def candidates(trial: Trial) -> list[Cause]:
     ]
     for j in everything:
         if not prismatic[j] and np.ptp(evidence.position[:, j]) > MIN_MOVE:
-            best = best_offset(evidence, j, trial)
+            best = best_offset(evidence, j)
             if best is not None:
                 found.append(best)
     return found

@@ -50,7 +50,7 @@ class JointStateIngest:
             publishers apart; None to do without.
         effort: Whether to read the effort; NaN everywhere if not. A message whose effort
             is absent or of another length than its names has none.
-        source: What dates the messages, and whether they are sorted.
+        source: What dates the messages, whether they are sorted, and what they call the joints.
         max_gap: Longest time between two samples that is bridged; 0: five median periods,
             0.1 s to 1 s. [s]
 
@@ -63,7 +63,8 @@ class JointStateIngest:
         conflicts: What was seen of second publishers.
 
     Raises:
-        ParameterError: If ``max_gap`` cannot be one.
+        ParameterError: If ``max_gap`` cannot be one, or the source names more or fewer joints
+            than the model has.
     """
 
     def __init__(
@@ -86,8 +87,9 @@ class JointStateIngest:
         self._velocities = VelocityCheck(
             n_joints, limits, source.max_velocity_ratio, log, self._plausibility
         )
+        names = source.names_of(joint_names)
         self._reader = JointStateReader(
-            joint_names, log, effort, self._receive_time, typestore, self._velocities.step
+            names, log, effort, self._receive_time, typestore, self._velocities.step
         )
         self._stream = StreamSplitter[JointBlock](
             Reach(patient=False), log.reject, round(source.reorder_window / NANOSECOND), _by_joints
