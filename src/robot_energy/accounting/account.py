@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from collections import Counter, deque
 from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -35,6 +37,7 @@ from robot_energy.blocks import (
     SupplyBlock,
 )
 from robot_energy.errors import RegisterError
+from robot_energy.timeline.coverage import Coverage
 from robot_energy.timeline.pieces import Compared
 from robot_energy.timeline.stamps import MAX_STAMP_NS, MIN_STAMP_NS
 from robot_energy.units import MAX_COUNTER
@@ -109,26 +112,69 @@ class EnergyAccount:
 
         Returns:
             Means of the periods that ended, or None.
+
+        Raises:
+            Exception: Whatever a fault of the program raises; nothing of the block is booked
+                then, and its time is a gap.
         """
+        before = self._counters()
+        try:
+            means, compared = self._booked(block)
+        except Exception:
+            self._take_back(*before)
+            raise
+        if self.on_compared is not None and compared is not None:
+            self.on_compared(compared)
+        return means
+
+    def _counters(self) -> tuple[list[Int], Coverage, dict[str, Any]]:
+        """All counters as they stand."""
+        return (
+            [each.copy() for each in self._arrays()],
+            replace(self.registers.time),
+            {
+                "samples": self.samples,
+                "peak_power": self.peak_power,
+                "quality": self.quality.copy(),
+                "_compared_ns": self.comparison.compared_ns,
+            },
+        )
+
+    def _take_back(self, arrays: list[Int], time: Coverage, values: dict[str, Any]) -> None:
+        """Go back to what `_counters` gave; the time until the next sample is a gap."""
+        for each, earlier in zip(self._arrays(), arrays, strict=True):
+            each[:] = earlier
+        self.registers.time = time
+        self.comparison.compared_ns = values.pop("_compared_ns")
+        self.__dict__.update(values)
+        self.interrupt()
+
+    def _arrays(self) -> list[Int]:
+        """The counters that are arrays."""
+        sums = (self.registers, self.shaft, self.comparison, self.phase_energy_sum)
+        pairs = [array for each in sums for array in (each.microjoule, each.remainder)]
+        return [*pairs, self.shaft.compared_ns, self.phase_ns]
+
+    def _booked(self, block: PowerBlock) -> tuple[MeanBlock | None, Compared | None]:
+        """Book a block; return the means and what was compared, None if all was booked before."""
         if self._resume_ns is not None:
             fresh = self._without_repeated(block, self._resume_ns)
             if fresh is None:
-                return None
+                return None, None
             block = fresh
         intervals = self.registers.step(block)
         shaft = self.shaft.step(block, intervals)
         compared = self._compare(block)
         self.judgement.step(compared)
-        if self.on_compared is not None:
-            self.on_compared(compared)
         self._book(
             block,
             intervals.energy[:, CABINET_REGISTERS.index("grid_import")],
             intervals.duration_ns,
         )
-        if self._averager is None:
-            return None
-        return self._averager.step(block, intervals, shaft, compared)
+        means = None
+        if self._averager is not None:
+            means = self._averager.step(block, intervals, shaft, compared)
+        return means, compared
 
     def _compare(self, block: PowerBlock) -> Compared:
         """Compare as far as possible; power waits until it is known where the meter sits."""

@@ -78,6 +78,8 @@ class TrapezoidIntegrator:
 
     def interrupt(self) -> None:
         """Let the time from the last to the next sample be a gap of its own, or a jump."""
-        if self.time.end_ns is not None:
+        self.time.in_gap = False
+        if self.time.end_ns is None:
+            self._last = None
+        else:
             self._last = (self.time.end_ns, NO_SEGMENT, np.full(1, np.nan))
-            self.time.in_gap = False

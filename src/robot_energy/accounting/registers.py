@@ -40,6 +40,10 @@ class Registers(ExactSum):
         """Account of observed and missing time."""
         return self._trapezoid.time
 
+    @time.setter
+    def time(self, time: Coverage) -> None:
+        self._trapezoid.time = time
+
     @np.errstate(invalid="ignore")
     def step(self, block: PowerBlock) -> SampleIntervals:
         """Integrate a block.

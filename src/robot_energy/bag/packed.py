@@ -37,17 +37,11 @@ def open_file(path: Path, report: Report) -> Source:
     return SqliteSource(path, report) if path.suffix == ".db3" else McapSource(path, report)
 
 
-class PackedMessages:
-    """Messages each packed with zstd.
+class _Packed:
+    """What another source reads, on its way out."""
 
-    Args:
-        source: What delivers them packed.
-        report: Takes one sentence per thing found wrong.
-    """
-
-    def __init__(self, source: Source, report: Report) -> None:
+    def __init__(self, source: Source) -> None:
         self._source = source
-        self._report = report
 
     @property
     def unverified_count(self) -> int:
@@ -61,6 +55,30 @@ class PackedMessages:
             BagError: If it cannot be read.
         """
         return self._source.contents()
+
+    def parts(self, topics: dict[str, str]) -> Iterator[dict[str, RawBatch]]:
+        """Yield the messages of some topics, unpacked.
+
+        Args:
+            topics: Message type by topic.
+
+        Yields:
+            One batch per topic that has messages in the part.
+        """
+        yield from self._source.parts(topics)
+
+
+class PackedMessages(_Packed):
+    """Messages each packed with zstd.
+
+    Args:
+        source: What delivers them packed.
+        report: Takes one sentence per thing found wrong.
+    """
+
+    def __init__(self, source: Source, report: Report) -> None:
+        super().__init__(source)
+        self._report = report
 
     def parts(self, topics: dict[str, str]) -> Iterator[dict[str, RawBatch]]:
         """Yield the messages of some topics, unpacked.
@@ -103,7 +121,7 @@ class PackedMessages:
         return RawBatch.from_messages(batch.topic, batch.msgtype, times, rows)
 
 
-class PackedFile:
+class PackedFile(_Packed):
     """A bag file packed as a whole with zstd, unpacked into a temporary folder.
 
     The folder goes when this object does, or the process.
@@ -127,31 +145,7 @@ class PackedFile:
         except BaseException:
             self._folder.remove()
             raise
-        self._source = open_file(target, report)
-
-    @property
-    def unverified_count(self) -> int:
-        """Messages delivered so far that no checksum in the bag covers."""
-        return self._source.unverified_count
-
-    def contents(self) -> BagContents:
-        """Return what the file holds.
-
-        Raises:
-            BagError: If it cannot be read.
-        """
-        return self._source.contents()
-
-    def parts(self, topics: dict[str, str]) -> Iterator[dict[str, RawBatch]]:
-        """Yield the messages of some topics.
-
-        Args:
-            topics: Message type by topic.
-
-        Yields:
-            One batch per topic that has messages in the part.
-        """
-        yield from self._source.parts(topics)
+        super().__init__(open_file(target, report))
 
 
 def _unpack_file(path: Path, target: Path) -> None:

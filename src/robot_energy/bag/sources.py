@@ -187,9 +187,7 @@ class McapSource:
         if int((steps < -SECOND_NS).sum()) >= MANY_STEPS_BACK:
             self._report(f"{self._file.path.name}: {broken_times(topic)}")
             return batch
-        order = np.argsort(logged, kind="stable")
-        offset, length = batch.offset, batch.length
-        return RawBatch(topic, msgtype, times[order], block.buffer, offset[order], length[order])
+        return batch[np.argsort(logged, kind="stable")]
 
 
 def broken_times(topic: str) -> str:
@@ -208,11 +206,8 @@ def _as_logged(times: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def _in_file_order(topic: str, msgtype: str, block: McapChunk, streams: list[Messages]) -> RawBatch:
-    times, offset, length = streams[0].log_time_ns, streams[0].offset, streams[0].length
-    if len(streams) > 1:
-        times = np.concatenate([stream.log_time_ns for stream in streams])
-        offset = np.concatenate([stream.offset for stream in streams])
-        length = np.concatenate([stream.length for stream in streams])
-        order = np.argsort(offset)
-        times, offset, length = times[order], offset[order], length[order]
-    return RawBatch(topic, msgtype, times, block.buffer, offset, length)
+    times = np.concatenate([stream.log_time_ns for stream in streams])
+    offset = np.concatenate([stream.offset for stream in streams])
+    length = np.concatenate([stream.length for stream in streams])
+    batch = RawBatch(topic, msgtype, times, block.buffer, offset, length)
+    return batch if len(streams) == 1 else batch[np.argsort(offset)]

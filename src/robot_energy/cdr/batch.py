@@ -69,6 +69,15 @@ class RawBatch:
         """Return the number of messages."""
         return len(self.offset)
 
+    def __getitem__(self, rows: slice | NDArray[np.int64]) -> RawBatch:
+        """Return some of the messages, in the order given, in the same buffer."""
+        return replace(
+            self,
+            log_time_ns=self.log_time_ns[rows],
+            offset=self.offset[rows],
+            length=self.length[rows],
+        )
+
     def pieces(self, max_bytes: int) -> Iterator[tuple[int, RawBatch]]:
         """Yield the batch in pieces of bounded size, each with its first row.
 
@@ -86,16 +95,7 @@ class RawBatch:
         while start < len(self):
             before = int(end[start - 1]) if start else 0
             stop = max(int(np.searchsorted(end, before + max_bytes, side="right")), start + 1)
-            part = slice(start, stop)
-            yield (
-                start,
-                replace(
-                    self,
-                    log_time_ns=self.log_time_ns[part],
-                    offset=self.offset[part],
-                    length=self.length[part],
-                ),
-            )
+            yield start, self[slice(start, stop)]
             start = stop
 
     def row(self, i: int) -> bytes:

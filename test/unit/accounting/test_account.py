@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from accounts import NAMES, steady
+from robot_energy.accounting.account import EnergyAccount
 from robot_energy.blocks import MeterBlock, MeterLocation, MeterMeaning
 from robot_energy.pipeline import EnergyPipeline
 from robots import joint_block, one_wheel
@@ -34,3 +36,34 @@ def test_a_first_reading_that_comes_late_is_compared_at_its_own_place(pieces: in
     assert books.compared_ns == pytest.approx(30e9, abs=1e3)
     assert books.predicted_energy == pytest.approx(38.0 * 30.0, rel=1e-6)
     assert books.measured_energy == pytest.approx(40.0 * 30.0, rel=1e-6)
+
+
+@pytest.mark.parametrize("first", [0, 1])
+@pytest.mark.parametrize(
+    "stage", ["registers.add", "shaft.step", "judgement.step", "_averager.step"]
+)
+def test_a_fault_in_the_middle_books_nothing_of_the_block(stage, first, monkeypatch):
+    """Energy and time are those of a run in which these samples never came."""
+    blocks = [steady(begin, begin + 1.0, 500.0) for begin in (10.0, 11.01, 12.02)]
+    ledger, reference = EnergyAccount(len(NAMES)), EnergyAccount(len(NAMES))
+    for account in (ledger, reference):
+        for block in blocks[:first]:
+            account.step(block)
+    before = ledger.tally()
+
+    def fail(*arguments):
+        raise ZeroDivisionError
+
+    owner, name = stage.split(".")
+    with monkeypatch.context() as faulty:
+        faulty.setattr(getattr(ledger, owner), name, fail)
+        with pytest.raises(ZeroDivisionError):
+            ledger.step(blocks[1])
+    assert ledger.tally() == before
+    reference.interrupt()
+    for account in (ledger, reference):
+        account.step(blocks[2])
+    assert ledger.tally() == reference.tally()
+    assert ledger.registers.time == reference.registers.time
+    assert (ledger.samples, ledger.quality) == (reference.samples, reference.quality)
+    assert (ledger.phase_ns == reference.phase_ns).all()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
@@ -143,8 +142,8 @@ class TemperatureReader:
             if batch is not None:
                 before = int(np.searchsorted(batch.log_time_ns, arrival_ns))
                 if before:
-                    yield _rows(batch, slice(0, before))
-                batch = _rows(batch, slice(before, None))
+                    yield batch[slice(0, before)]
+                batch = batch[slice(before, None)]
             cast("Any", self._adapter).keys = names  # as adapters with a keys_type have
         if batch is not None and len(batch):
             yield batch
@@ -243,12 +242,3 @@ class TemperatureReader:
                 f"{self.source.topic} reads {values[row, place]:g} for "
                 f"{self._joint_names[columns[place]]}: set unit: {'degc' if kelvin else 'kelvin'}"
             )
-
-
-def _rows(batch: RawBatch, rows: slice) -> RawBatch:
-    return replace(
-        batch,
-        log_time_ns=batch.log_time_ns[rows],
-        offset=batch.offset[rows],
-        length=batch.length[rows],
-    )
