@@ -21,7 +21,11 @@ from robot_energy.inputs.joint_states.joint_states import JOINT_STATE, JointStat
 from robot_energy.inputs.meter.meter import MeterIngest
 from robot_energy.inputs.meter.source import BATTERY_STATE, FLOAT32, FLOAT64, POWER_READING
 from robot_energy.inputs.sources import JointStateSource
-from robot_energy.inputs.temperatures.kinds import FLOAT_ARRAY, INTERFACE_NAMES
+from robot_energy.inputs.temperatures.kinds import (
+    EXAMPLE_FLOAT_ARRAY,
+    FLOAT_ARRAY,
+    INTERFACE_NAMES,
+)
 from robot_energy.inputs.temperatures.temperatures import TemperatureIngest
 from robot_energy.messages import FrictionReader, FrictionWriter, TorqueReader, TorqueWriter
 from robot_energy.messages.friction import JOINT_FRICTION
@@ -39,9 +43,9 @@ HEADED = (
     PAYLOAD,
     JOINT_TORQUE,
     JOINT_FRICTION,
-    *(kind for kind in SOURCES if kind != FLOAT_ARRAY),
+    *(kind for kind in SOURCES if kind not in (FLOAT_ARRAY, EXAMPLE_FLOAT_ARRAY)),
 )
-RECEIVED = (FLOAT_ARRAY, FLOAT32, FLOAT64)  # dated by their time of receipt alone
+RECEIVED = (FLOAT_ARRAY, EXAMPLE_FLOAT_ARRAY, FLOAT32, FLOAT64)  # dated by their time of receipt alone
 KINDS = (*HEADED, *RECEIVED)
 
 
