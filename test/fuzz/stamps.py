@@ -103,7 +103,7 @@ def clean() -> tuple[Message, ...]:
                 data = example(kind, 30.0 if kind in SOURCES else 1.0)
                 headed = kind in HEADED
                 messages.append(Message(kind, now, stamped(data, *at) if headed else data))
-            messages += [Message(kind, now, example(kind, 20.0 + index)) for kind in RECEIVED[1:]]
+            messages += [Message(kind, now, example(kind, 20.0 + index)) for kind in RECEIVED[2:]]
             rows = friction.encode(stage.friction.latest())
             messages.append(Message(JOINT_FRICTION, now, stamped(rows[0].tobytes(), *at)))
     return tuple(messages)
