@@ -17,16 +17,14 @@ import numpy as np
 
 from robot_energy.blocks import Float
 from robot_energy.errors import MotionError
-from robot_energy.identify.data.observations import regressor_of
 from robot_energy.identify.data.signals import Motion
 from robot_energy.identify.dynamics.base_parameters import BaseParameters, not_excited
 from robot_energy.identify.dynamics.columns import Column, standard_columns
-from robot_energy.identify.dynamics.dynamics import structure
+from robot_energy.identify.dynamics.torque_model import TorqueModel
 from robot_energy.identify.excitation.limits import ExcitationLimits, stepped, steps
 from robot_energy.identify.stats.threads import one_thread
 from robot_energy.model import RobotModel
 from robot_energy.motion import FourierBasis, FourierMotion, JointMotion
-from robot_energy.physics.drivetrain import Drivetrain
 
 Criterion = Literal["condition", "determinant"]
 
@@ -131,9 +129,8 @@ class Judge:
         seed: int = 0,
     ) -> None:
         self.limits = limits
-        self._columns = columns
-        self._transmission = Drivetrain.from_model(model).transmission
-        self.base = structure(limits.robot, self._transmission, columns)
+        self._torque_model = TorqueModel.from_model(model, columns)
+        self.base = self._torque_model.structure()
         random = np.random.default_rng(seed)
         shape = (STATES, limits.robot.n_joints)
         draw = [random.uniform(-1.0, 1.0, shape) for _ in range(3)]
@@ -148,8 +145,7 @@ class Judge:
         self._scale = 1.0 / (torque[:, None] * size)
 
     def _raw(self, motion: Motion) -> Float:
-        regressor = regressor_of(motion, self.limits.robot, self._transmission, self._columns)
-        return regressor[:, :, self.base.independent]
+        return self._torque_model.regressor(motion)[:, :, self.base.independent]
 
     def rows(self, motion: Motion) -> Float:
         """Scaled observation matrix over the root of its number of rows, shape (N, n, B)."""
