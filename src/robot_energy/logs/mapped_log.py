@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -84,7 +85,7 @@ class MappedLog:
             if (column := getattr(mapping.time, key)) is not None
         ]
 
-    def _add(self, key: str, file: Path, names: Sequence[str] | None, group: Columns) -> None:
+    def _add(self, key: str, file: Path, names: Sequence[str] | None, group: Columns[Any]) -> None:
         joints = self._mapping.joints
         if file not in self.tables:
             self.tables[file] = LogTable(file, self._mapping.delimiter, names)

@@ -190,10 +190,5 @@ def powers_of(
     bags: Sequence[Bag], model: RobotModel
 ) -> tuple[list[Recording], list[MeasuredDrivePower | None]]:
     """Read all bags, and say which measured power of drives belongs to which recording."""
-    recordings: list[Recording] = []
-    powers: list[MeasuredDrivePower | None] = []
-    for bag in bags:
-        parts = bag.read(model)
-        recordings += parts
-        powers += [bag.drive_power] * len(parts)
-    return recordings, powers
+    read = [(part, bag.drive_power) for bag in bags for part in bag.read(model)]
+    return [part for part, _ in read], [power for _, power in read]

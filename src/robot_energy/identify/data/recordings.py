@@ -24,7 +24,7 @@ from robot_energy.blocks import (
     Quality,
     TorqueBlock,
 )
-from robot_energy.errors import BagError
+from robot_energy.errors import BagError, NotIdentifiableError
 from robot_energy.identify.data.signals import Channels, stretches
 from robot_energy.inputs.meter.power_curve import MeterLimits
 from robot_energy.inputs.sources import Inputs
@@ -101,6 +101,25 @@ class Recording:
             supply.stamp_ns, supply.segment, supply.power_at(meter.location)
         )
         return replace(self, meter=meter, compared=(compared,))
+
+
+def with_meter(recordings: Sequence[Recording]) -> list[Recording]:
+    """Return the recordings that have a power meter.
+
+    Args:
+        recordings: Of one robot.
+
+    Raises:
+        NotIdentifiableError: If there is none.
+    """
+    metered = [part for part in recordings if part.meter is not None]
+    if not metered:
+        raise NotIdentifiableError(
+            "no recording has a power meter",
+            "measured grid power beside the joint states",
+            "record the meter's topic too",
+        )
+    return metered
 
 
 def _inside(stamp_ns: Int, start_ns: int, end_ns: int) -> NDArray[np.bool_]:

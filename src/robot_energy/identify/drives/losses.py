@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from robot_energy.blocks import Float, Int
 from robot_energy.errors import NotIdentifiableError
 from robot_energy.identify.bounds import identified
-from robot_energy.identify.stats.regression import Fit, regress
+from robot_energy.identify.stats.regression import Fit, independent, regress
 from robot_energy.model.drive_models import LossDrive
 from robot_energy.model.figure import PositiveFigure
 
@@ -100,7 +100,8 @@ def fit_losses(
             f"at least {max(LEAST_SAMPLES, 2 * columns.shape[1])}",
             "record longer, with power beside the joint states",
         )
-    told = independent(columns)
+    told = np.zeros(columns.shape[1], dtype=np.bool_)
+    told[independent(columns, LEAST_SHARE * _size(columns))] = True
     if not told.any():
         raise NotIdentifiableError(f"{what} are all zero", "motion under load")
     used: list[int] = np.flatnonzero(told).tolist()
@@ -112,23 +113,6 @@ def fit_losses(
             break
         negative.append(used.pop(worst))
     return _losses(fit, used, told, negative, names)
-
-
-def independent(columns: Float) -> NDArray[np.bool_]:
-    """Which columns those before them do not explain, shape (P,)."""
-    told = np.zeros(columns.shape[1], dtype=np.bool_)
-    base = np.empty((len(columns), 0))
-    for k, column in enumerate(columns.T):
-        size = float(np.linalg.norm(column))
-        if not size > 0.0:
-            continue
-        rest = column - base @ (base.T @ column)
-        rest = rest - base @ (base.T @ rest)
-        left = float(np.linalg.norm(rest))
-        if left > LEAST_SHARE * size:
-            told[k] = True
-            base = np.column_stack([base, rest / left])
-    return told
 
 
 def _size(columns: Float) -> Float:

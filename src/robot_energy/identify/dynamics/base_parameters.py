@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from robot_energy.blocks import Float, Int
-from robot_energy.identify.stats.regression import qr_r
+from robot_energy.identify.stats.regression import independent, qr_r
 
 ROUNDING = 1e-9  # of the largest pivot: what is below it may be rounding
 SHOWN = 1e-6  # coefficients below are rounding
@@ -137,18 +137,10 @@ def base_parameters(
     floor = pivots[rank] if rank < len(pivots) else 0.0
     least = float(np.sqrt(pivots[rank - 1] * max(floor, np.finfo(float).tiny))) if rank else np.inf
     least = max(least, 10.0 * float(floor))
-    directions = np.zeros((len(triangle), 0))
-    independent: list[int] = []
-    for index in range(columns.shape[1]) if order is None else order:
-        rest = triangle[:, index]
-        for _ in range(2):  # once more, against the rounding of the first time
-            rest = rest - directions @ (directions.T @ rest)
-        size = float(np.linalg.norm(rest))
-        if size > least and len(independent) < rank:
-            directions = np.column_stack([directions, rest / size])
-            independent.append(index)
-    chosen = np.array(sorted(independent), dtype=np.int64)
-    rest_of = [index for index in range(columns.shape[1]) if index not in independent]
+    chosen = np.array(
+        sorted(independent(triangle, np.full(columns.shape[1], least), order)[:rank]), np.int64
+    )
+    rest_of = [index for index in range(columns.shape[1]) if index not in chosen]
     others = np.array(rest_of, dtype=np.int64)
     relation = np.linalg.lstsq(triangle[:, chosen], triangle[:, others], rcond=None)[0]
     return BaseParameters(tuple(names), chosen, others, relation)

@@ -9,7 +9,7 @@ residuals, ``(X'X)^-1 X' Omega X (X'X)^-1`` with Omega their autocovariance.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -173,6 +173,30 @@ def qr_r(rows: Float) -> Float:
         Upper triangle, shape (min(M, P), P).
     """
     return np.asarray(np.linalg.qr(rows, mode="r"), dtype=np.float64)  # pyright: ignore
+
+
+def independent(columns: Float, least: Float, order: Iterable[int] | None = None) -> list[int]:
+    """Return the columns that those before them do not explain.
+
+    Args:
+        columns: In their own units, shape (N, P). [-]
+        least: Length that must be left of each column, shape (P,). [-]
+        order: Places of the columns, the preferred first; None: as they are.
+
+    Returns:
+        Their places, in this order.
+    """
+    base = np.empty((len(columns), 0))
+    found: list[int] = []
+    for place in range(columns.shape[1]) if order is None else order:
+        rest = columns[:, place]
+        for _ in range(2):  # once more, against the rounding of the first time
+            rest = rest - base @ (base.T @ rest)
+        left = float(np.linalg.norm(rest))
+        if left > least[place]:
+            base = np.column_stack([base, rest / left])
+            found.append(place)
+    return found
 
 
 def factor(columns: Float, target: Float, weight: Float) -> tuple[Float, Float]:
