@@ -66,9 +66,9 @@ def opposite_joints(
 
     Args:
         names: Of the joints.
-        measured: Torque, shape (N, n).
-        rigid: Torque of the bodies as given, same side, shape (N, n).
-        velocity: Of the same side, shape (N, n).
+        measured: Torque, shape (N, n). [N m]
+        rigid: Torque of the bodies as given, same side, shape (N, n). [N m]
+        velocity: Of the same side, shape (N, n). [rad/s]
         usable: Moving samples with a known torque, shape (N, n).
 
     Returns:
@@ -104,7 +104,7 @@ def refuse_opposite(found: Mapping[str, float], joints: int, remedy: str = TURN)
     """Refuse torque of the wrong sign.
 
     Args:
-        found: From `opposite_joints`.
+        found: From `opposite_joints`. [-]
         joints: How many the robot has.
         remedy: With ``{joints}`` in it.
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -191,8 +192,7 @@ class FrictionModel:
         Returns:
             Motor side, same shape; NaN where the temperature is NaN. [N m s/rad]
         """
-        columns = [law.viscous(motor_temperature_degc[..., i]) for i, law in enumerate(self.laws)]
-        return np.stack(columns, axis=-1)
+        return self._by_joint("viscous", motor_temperature_degc)
 
     def viscous_std(self, motor_temperature_degc: Float) -> Float:
         """Return standard deviations of the viscous coefficients, see `ViscousLaw.std`.
@@ -203,8 +203,7 @@ class FrictionModel:
         Returns:
             Motor side, same shape; NaN where none is known. [N m s/rad]
         """
-        columns = [law.std(motor_temperature_degc[..., i]) for i, law in enumerate(self.laws)]
-        return np.stack(columns, axis=-1)
+        return self._by_joint("std", motor_temperature_degc)
 
     def viscous_std_unknown(self, assumed_degc: float) -> Float:
         """Return the deviations where the temperature is assumed, see `ViscousLaw.std_unknown`.
@@ -219,10 +218,12 @@ class FrictionModel:
 
     def extrapolated(self, motor_temperature_degc: Float) -> NDArray[np.bool_]:
         """Tell where a law is held at the edge of its range, same shape."""
-        columns = [
-            law.extrapolated(motor_temperature_degc[..., i]) for i, law in enumerate(self.laws)
-        ]
-        return np.stack(columns, axis=-1)
+        return self._by_joint("extrapolated", motor_temperature_degc)
+
+    def _by_joint(self, what: str, degc: Float) -> Any:
+        return np.stack(
+            [getattr(law, what)(degc[..., i]) for i, law in enumerate(self.laws)], axis=-1
+        )
 
     def torque(
         self,

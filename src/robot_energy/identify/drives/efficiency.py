@@ -58,7 +58,7 @@ def without_outliers(values: Float) -> Float:
     """Put NaN where values are further from the median than three scaled MADs.
 
     Args:
-        values: NaN where missing, shape (N,).
+        values: NaN where missing, shape (N,). [any unit]
     """
     from scipy.stats import median_abs_deviation
 
@@ -75,7 +75,7 @@ def smooth(values: Float, stretch: Int, period: float, cutoff: float) -> Float:
     """Fill gaps by straight lines and filter without phase shift, stretch by stretch.
 
     Args:
-        values: NaN where missing, shape (N,); beyond the last known value it is held.
+        values: NaN where missing, shape (N,); beyond the last known value it is held. [any unit]
         stretch: Number of the uninterrupted stretch of each sample, shape (N,).
         period: Between samples. [s]
         cutoff: Of the low-pass; at most 90 % of the Nyquist frequency is used. [Hz]
@@ -103,7 +103,7 @@ def processed(values: Float, stretch: Int, period: float, cutoff: float) -> Floa
     """Both steps of the paper's data processing; used for efficiencies and, again, for power.
 
     Args:
-        values: Shape (N,).
+        values: Shape (N,). [any unit]
         stretch: Number of the uninterrupted stretch of each sample, shape (N,).
         period: Between samples. [s]
         cutoff: Of the low-pass. [Hz]

@@ -85,7 +85,7 @@ def fit_losses(
     """Fit coefficients that are not negative, with deviations from blocks.
 
     Args:
-        columns: Shape (N, P), those that matter most first.
+        columns: Shape (N, P), those that matter most first. [W/coefficient]
         target: Shape (N,). [W]
         block: Contiguous block of each sample, shape (N,).
         names: Of the columns.

@@ -106,7 +106,7 @@ def fit_structure(
     Args:
         data: Pieces between readings.
         structure: What is told apart.
-        errors: On blocks not seen, for the record.
+        errors: On blocks not seen, for the record. [W]
 
     Raises:
         NotIdentifiableError: If the readings are too few.

@@ -164,6 +164,7 @@ def piece_means(
         stamp: Of the samples, shape (N,). [ns]
         stretch: Number of the uninterrupted stretch of each sample, shape (N,).
         columns: Shape (N, K); a piece with a NaN in the first column is left out.
+            [W] or [W/coefficient]
 
     Returns:
         The pieces that are left, and means by trapezoids, shape (pieces, K); NaN where

@@ -122,6 +122,7 @@ def base_parameters(
 
     Args:
         columns: In their own units, on motion that excites everything, shape (M, P).
+            [N m/parameter]
         names: Of the parameters.
         order: Which parameters stand for a group, the preferred first; default as they are.
 
@@ -150,7 +151,7 @@ def not_excited(columns: Float, labels: Sequence[str]) -> tuple[str, ...]:
     """Return the groups that a recording cannot tell, by name.
 
     Args:
-        columns: Of independent parameters, on the recorded motion, shape (M, B).
+        columns: Of independent parameters, on the recorded motion, shape (M, B). [N m/parameter]
         labels: Names of the parameters.
 
     Returns:

@@ -21,7 +21,7 @@ from robot_energy.identify.data.signals import Motion
 from robot_energy.identify.dynamics.base_parameters import BaseParameters, not_excited
 from robot_energy.identify.dynamics.columns import Column, standard_columns
 from robot_energy.identify.dynamics.torque_model import TorqueModel
-from robot_energy.identify.excitation.limits import ExcitationLimits, stepped, steps
+from robot_energy.identify.excitation.limits import ExcitationLimits, slopes
 from robot_energy.identify.stats.threads import one_thread
 from robot_energy.model import RobotModel
 from robot_energy.motion import FourierBasis, FourierMotion, JointMotion
@@ -186,14 +186,10 @@ class Judge:
         else:
             slope = (left / size) @ right * (-2.0 / len(size))
         slope = slope.reshape(rows.shape)
-        step = steps(self.limits)
-        result = np.empty((3, *motion.joint_position.shape))
-        for order in range(3):
-            for joint in range(rows.shape[1]):
-                moved = self.rows(stepped(motion, order, joint, step[order, joint]))
-                result[order, :, joint] = (slope * (moved - rows)).sum(axis=(1, 2))
-                result[order, :, joint] /= step[order, joint]
-        return result
+        found = slopes(
+            motion, self.limits, lambda moved: (slope * (self.rows(moved) - rows)).sum(axis=(1, 2))
+        )
+        return found.swapaxes(1, 2)
 
 
 def sampled(motion: JointMotion, time: Float) -> Motion:

@@ -197,7 +197,7 @@ class ExcitationLimits:
 
     def torque_slopes(self, motion: Motion) -> Float:
         """Use of torque per position, velocity, acceleration, shape (3, n, N, n)."""
-        return _slopes(motion, self, lambda m: self.joint_torque(m) / self.torque)
+        return slopes(motion, self, lambda m: self.joint_torque(m) / self.torque)
 
     def floor_slopes(self, motion: Motion) -> Float:
         """Use of the floor per position of each joint, shape (n, N)."""
@@ -211,34 +211,26 @@ class ExcitationLimits:
         return result
 
 
-def steps(limits: ExcitationLimits) -> Float:
-    """Steps of numerical derivatives, shape (3, n)."""
-    return STEP * np.stack([limits.reach, limits.velocity, limits.acceleration])
+def slopes(motion: Motion, limits: ExcitationLimits, function: Callable[[Motion], Float]) -> Float:
+    """Return forward differences of a function of a motion.
 
+    Args:
+        motion: N samples of it.
+        limits: A step is a millionth of them.
+        function: Of the motion, shape (N, ...).
 
-def stepped(motion: Motion, order: int, joint: int, step: float) -> Motion:
-    """Return a motion with one joint's position (0), velocity (1) or acceleration (2) moved."""
-    channels = [motion.joint_position, motion.joint_velocity, motion.joint_acceleration]
-    channels[order] = channels[order].copy()
-    channels[order][:, joint] += step
-    return Motion(*channels)
-
-
-def _slopes(motion: Motion, limits: ExcitationLimits, function: Callable[[Motion], Float]) -> Float:
+    Returns:
+        Per position, velocity and acceleration of each joint, shape (3, n, N, ...).
+    """
     here = function(motion)
-    size = steps(limits)
-    return np.stack(
-        [
-            np.stack(
-                [
-                    (function(stepped(motion, order, joint, size[order, joint])) - here)
-                    / size[order, joint]
-                    for joint in range(limits.robot.n_joints)
-                ]
-            )
-            for order in range(3)
-        ]
-    )
+    channels = (motion.joint_position, motion.joint_velocity, motion.joint_acceleration)
+    sizes = STEP * np.stack([limits.reach, limits.velocity, limits.acceleration])
+    result = np.empty((*sizes.shape, *here.shape))
+    for order, joint in np.ndindex(sizes.shape):
+        moved = [channel.copy() for channel in channels]
+        moved[order][:, joint] += sizes[order, joint]
+        result[order, joint] = (function(Motion(*moved)) - here) / sizes[order, joint]
+    return result
 
 
 def _smooth_maximum(use: Float, both: bool) -> tuple[float, Float]:

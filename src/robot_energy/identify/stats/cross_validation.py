@@ -81,7 +81,7 @@ def averaged(values: Float, window: Int) -> Float:
     """Return the mean of every window.
 
     Args:
-        values: Shape (N, K) or (N,).
+        values: Shape (N, K) or (N,). [any unit]
         window: Number of the window of each row, rising, shape (N,).
     """
     first = np.flatnonzero(np.diff(window, prepend=window[:1] - 1))
@@ -99,7 +99,7 @@ def folds_by_value(values: Float, folds: int = FOLDS) -> Int:
     """Cut samples into folds of equal size by a quantity, such as the temperature.
 
     Args:
-        values: Shape (N,), finite.
+        values: Shape (N,), finite. [any unit]
         folds: Number of folds; fewer where values repeat too often.
 
     Returns:
@@ -165,7 +165,7 @@ def held_out(target: Float, fold: Int, predict: Callable[[Mask, Mask], Float]) -
     """Return the error over all folds, each predicted from the others.
 
     Args:
-        target: Shape (N,) or (N, n).
+        target: Shape (N,) or (N, n). [any unit]
         fold: Fold of each sample, shape (N,).
         predict: As of `predict_held_out`.
     """
@@ -181,7 +181,7 @@ def simplest(errors: Mapping[Name, float]) -> Name:
     """Return the first of some models that no later one beats by a margin.
 
     Args:
-        errors: Held-out error of each, the simplest first.
+        errors: Held-out error of each, the simplest first. [any unit]
     """
     chosen, *others = errors
     for name in others:
@@ -206,7 +206,7 @@ def energy_score(
         measured: Shape (N,). [W]
         duration: That each stands for, shape (N,). [s]
         fold: Shape (N,).
-        weight: Of each in the RMS error; None for all alike, shape (N,).
+        weight: Of each in the RMS error; None for all alike, shape (N,). [-]
     """
     error, place = predicted - measured, np.unique(fold, return_inverse=True)[1]
     share = np.bincount(place, error * duration) / np.bincount(place, measured * duration)
@@ -221,6 +221,6 @@ def jackknife_std(left_out: Float) -> Float:
     """Return deviations of figures from what they are with each block left out.
 
     Args:
-        left_out: Shape (blocks,) or (blocks, K).
+        left_out: Shape (blocks,) or (blocks, K). [any unit]
     """
     return np.sqrt((len(left_out) - 1) * np.var(left_out, axis=0))

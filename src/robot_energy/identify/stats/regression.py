@@ -87,8 +87,8 @@ def fit(
     """Fit one set of parameters to one target or to several, such as the torques of joints.
 
     Args:
-        columns: Independent, finite, shape (N, P) or (N, n, P).
-        target: Finite, shape (N,) or (N, n).
+        columns: Independent, finite, shape (N, P) or (N, n, P). [target/parameter]
+        target: Finite, shape (N,) or (N, n). [any unit]
         names: Of the parameters.
         covariance: From `jackknife` or `autocorrelated`.
         method: ``ols``; ``wls``: each target weighted by the noise of its residual; ``irls``:
@@ -167,7 +167,7 @@ def qr_r(rows: Float) -> Float:
     """Return R of a QR decomposition: ``R'R = rows' rows``, without squaring anything.
 
     Args:
-        rows: Shape (M, P).
+        rows: Shape (M, P). [any unit]
 
     Returns:
         Upper triangle, shape (min(M, P), P).
@@ -203,9 +203,9 @@ def factor(columns: Float, target: Float, weight: Float) -> tuple[Float, Float]:
     """Compress weighted rows to a triangle with the same sums of squares.
 
     Args:
-        columns: Shape (N, n, P).
-        target: Shape (N, n).
-        weight: Shape (N, n); rows of weight 0 are left out.
+        columns: Shape (N, n, P). [target/parameter]
+        target: Shape (N, n). [any unit]
+        weight: Shape (N, n); rows of weight 0 are left out. [1/target]
 
     Returns:
         R of shape (K, P) and b of shape (K,): ``|R x - b|^2`` is the weighted sum of
@@ -346,8 +346,8 @@ def regress(
     """Fit one target, with deviations from blocks; refuse columns that are not told apart.
 
     Args:
-        columns: Shape (N, P), finite.
-        target: Shape (N,), finite.
+        columns: Shape (N, P), finite. [target/parameter]
+        target: Shape (N,), finite. [any unit]
         block: Number of the contiguous block that each sample belongs to, shape (N,).
         names: Name of each parameter, for messages.
         method: As of `fit`.
