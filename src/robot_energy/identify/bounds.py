@@ -25,7 +25,11 @@ def at_bound(source: str, value: float = 0.0) -> PositiveFigure:
 
 
 def is_at_bound(figure: Figure) -> bool:
-    """Whether a figure was written by `at_bound`."""
+    """Whether a figure was written by `at_bound`.
+
+    Args:
+        figure: Of a model file.
+    """
     return figure.source.startswith(AT_BOUND)
 
 

@@ -62,7 +62,11 @@ class FullIdentification:
         return tuple(step.subject for step in self.steps if step.taken)
 
     def step(self, subject: Subject) -> Step:
-        """Return the step about a subject."""
+        """Return the step about a subject.
+
+        Args:
+            subject: Which one.
+        """
         return next(step for step in self.steps if step.subject == subject)
 
 
@@ -125,14 +129,23 @@ def identify_everything(
 
 
 def order_of(bags: Sequence[Bag]) -> tuple[Subject, ...]:
-    """Return the order of the steps: what is measured on its own comes before what is left."""
+    """Return the order of the steps: what is measured on its own comes before what is left.
+
+    Args:
+        bags: Of the fit.
+    """
     if any(bag.drive_power is not None for bag in bags):
         return ("dynamics", "friction", "drives", "cabinet", "capacitor")
     return SUBJECTS
 
 
 def usable_effort(model: RobotModel, effort: EffortMeaning) -> str:
-    """Return why an effort of this meaning cannot be used with a model; empty if it can."""
+    """Return why an effort of this meaning cannot be used with a model; empty if it can.
+
+    Args:
+        model: Of the robot.
+        effort: What the effort in the joint states means.
+    """
     try:
         Effort.from_model(model, effort, Drivetrain.from_model(model))
     except ModelFileError as error:

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -140,7 +140,8 @@ class ImportReport:
     notes: list[str] = field(default_factory=list[str])
 
 
-class _Stream(NamedTuple):
+@dataclass(frozen=True)
+class _Stream:
     """One topic of the bag: which rows give a message, and what is in it."""
 
     topic: str
@@ -168,49 +169,58 @@ def _streams(contents: RecordingContents) -> list[_Stream]:
     def flat(block: LogBlock) -> NDArray[np.uint32]:
         return np.empty((len(block), 0), dtype=np.uint32)  # one row of values needs no layout
 
-    streams = (
-        (
-            contents.temperatures,
-            TEMPERATURES_TOPIC,
-            Encoder(MOTOR_TEMPERATURES, temperatures, {"temperature_degc": count}),
-            lambda b: np.isfinite(b.motor_temperature_degc).any(axis=1),
-            lambda b: {"temperature_degc": b.motor_temperature_degc},
-        ),
-        (
-            contents.meaning is not MeterMeaning.UNKNOWN,
-            METER_TOPIC,
-            Encoder(POWER_READING, meter),
-            lambda b: np.isfinite(b.reading),
-            lambda b: {
-                "power": np.where(counter, np.nan, b.reading),
-                "energy": np.where(counter, b.reading, np.nan),
-            },
-        ),
-        (
-            contents.drive_power,
-            DRIVE_POWER_TOPIC,
-            Encoder(FLOAT_ARRAY, lengths={"layout.dim": 0, "data": count}),
-            lambda b: np.isfinite(b.drive_power).any(axis=1),
-            lambda b: {
-                "layout.dim.size": flat(b),
-                "layout.dim.stride": flat(b),
-                "layout.data_offset": 0,
-                "data": b.drive_power,
-            },
-        ),
-        (
-            True,
-            JOINT_STATES_TOPIC,
-            Encoder(JOINT_STATE, {"name": names}, states),
-            lambda b: np.ones(len(b), dtype=np.bool_),
-            lambda b: {
-                "position": b.joint_position,
-                "velocity": b.joint_velocity[:, : states["velocity"]],
-                "effort": b.effort[:, : states["effort"]],
-            },
-        ),
+    temperature = _Stream(
+        TEMPERATURES_TOPIC,
+        Encoder(MOTOR_TEMPERATURES, temperatures, {"temperature_degc": count}),
+        lambda b: _any(b.motor_temperature_degc),
+        lambda b: {
+            **stamp_columns(b.stamp_ns),
+            "temperature_degc": b.motor_temperature_degc,
+        },
     )
-    return [_Stream(*stream) for present, *stream in streams if present]
+    reading = _Stream(
+        METER_TOPIC,
+        Encoder(POWER_READING, meter),
+        lambda b: _any(b.reading[:, None]),
+        lambda b: {
+            **stamp_columns(b.stamp_ns),
+            "power": np.where(counter, np.nan, b.reading),
+            "energy": np.where(counter, b.reading, np.nan),
+        },
+    )
+    drive_power = _Stream(
+        DRIVE_POWER_TOPIC,
+        Encoder(FLOAT_ARRAY, lengths={"layout.dim": 0, "data": count}),
+        lambda b: _any(b.drive_power),
+        lambda b: {
+            "layout.dim.size": flat(b),
+            "layout.dim.stride": flat(b),
+            "layout.data_offset": 0,
+            "data": b.drive_power,
+        },
+    )
+    joint_states = _Stream(
+        JOINT_STATES_TOPIC,
+        Encoder(JOINT_STATE, {"name": names}, states),
+        lambda b: np.ones(len(b), dtype=np.bool_),
+        lambda b: {
+            **stamp_columns(b.stamp_ns),
+            "position": b.joint_position,
+            "velocity": b.joint_velocity[:, : states["velocity"]],
+            "effort": b.effort[:, : states["effort"]],
+        },
+    )
+    return [
+        *([temperature] if contents.temperatures else []),
+        *([reading] if contents.meaning is not MeterMeaning.UNKNOWN else []),
+        *([drive_power] if contents.drive_power else []),
+        joint_states,
+    ]
+
+
+def _any(values: Float) -> NDArray[np.bool_]:
+    """Rows in which at least one value is known."""
+    return np.asarray(np.isfinite(values).any(axis=1))
 
 
 def write_bag(
@@ -243,9 +253,9 @@ def write_bag(
     counts: Counter[str] = Counter()
     inputs = [file.path for file in files]
     with BagWriter(path, overwrite=overwrite, origin=origin, inputs=inputs) as bag:
-        for topic, encoder, _, _ in reversed(streams):
-            qos = SENSOR_QOS if topic == JOINT_STATES_TOPIC else DEFAULT_QOS
-            bag.add_topic(topic, encoder.msgtype, qos)
+        for stream in reversed(streams):
+            qos = SENSOR_QOS if stream.topic == JOINT_STATES_TOPIC else DEFAULT_QOS
+            bag.add_topic(stream.topic, stream.encoder.msgtype, qos)
         for block in blocks:
             if not len(block):
                 continue
@@ -270,15 +280,8 @@ def write_bag(
 
 def _write(bag: BagWriter, streams: Sequence[_Stream], block: LogBlock) -> dict[str, int]:
     """Write all topics, interleaved as a recorder would; return the messages of each."""
-    stamped = stamp_columns(block.stamp_ns)
     given = [stream.given(block) for stream in streams]
-    messages = [
-        encoder.encode(
-            fields(block) if topic == DRIVE_POWER_TOPIC else {**stamped, **fields(block)},
-            len(block),
-        )
-        for topic, encoder, _, fields in streams
-    ]
+    messages = [stream.encoder.encode(stream.fields(block), len(block)) for stream in streams]
     for start in range(0, len(block), INTERLEAVED_ROWS):
         piece = slice(start, start + INTERLEAVED_ROWS)
         for stream, chosen, rows in zip(streams, given, messages, strict=True):

@@ -81,7 +81,12 @@ def meter_delay_of(
 
 
 def with_meters_earlier(data: DriveData, delay: float) -> DriveData:
-    """Return the samples with the delay of the meters undone. [s]"""
+    """Return the samples with the delay of the meters undone.
+
+    Args:
+        data: Samples of all drives, with meters.
+        delay: Of the readings behind the samples. [s]
+    """
     if delay == 0.0:
         return data
     moved = tuple(None if meter is None else _earlier(meter, delay) for meter in data.meters)

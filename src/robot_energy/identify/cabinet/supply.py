@@ -51,6 +51,9 @@ def fit_supply(
         source: Where the data come from.
         voltages: Of the DC link, rectified and of the chopper; None if they are not known. [V]
 
+    Returns:
+        Constants, link and the model with both.
+
     Raises:
         NotIdentifiableError: If not even the constants are told.
     """

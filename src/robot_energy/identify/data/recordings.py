@@ -76,7 +76,12 @@ class Recording:
         return int(self.torque.stamp_ns.min()), int(self.torque.stamp_ns.max())
 
     def between(self, start_ns: int, end_ns: int) -> Recording:
-        """Return what lies in ``start_ns <= stamp < end_ns``; what was compared stays out."""
+        """Return what lies in ``start_ns <= stamp < end_ns``; what was compared stays out.
+
+        Args:
+            start_ns: First stamp. [ns]
+            end_ns: Behind the last one. [ns]
+        """
         rows = _inside(self.torque.stamp_ns, start_ns, end_ns)
         meter = self.meter
         if meter is not None:
@@ -90,7 +95,11 @@ class Recording:
         )
 
     def with_meter_earlier(self, delay: float) -> Recording:
-        """Return the recording with a delay of its meter undone, compared again. [s]"""
+        """Return the recording with a delay of its meter undone, compared again.
+
+        Args:
+            delay: Of the readings behind the joint states. [s]
+        """
         if delay == 0.0 or self.meter is None:
             return self
         meter = replace(self.meter, stamp_ns=self.meter.stamp_ns - round(delay / NANOSECOND))
@@ -178,6 +187,7 @@ def read_recording(
         The recording; memory grows with its length, about 1 kB per sample of six joints.
 
     Raises:
+        BagError: If the bag gives not one torque.
         RobotEnergyError: If bag or model cannot be used.
     """
     outputs: list[Output] = []

@@ -35,7 +35,7 @@ class MeasuredDrivePower:
         """Return the power at given instants, straight between readings.
 
         Args:
-            stamp_ns: Shape (K,). [ns]
+            stamp_ns: Instants, of shape (K,). [ns]
             longest: Time between two readings that is bridged. [s]
 
         Returns:

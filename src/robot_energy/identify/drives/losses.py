@@ -51,23 +51,38 @@ class Losses:
     """Half widths of the 95 % intervals, by name."""
 
     def figure(self, name: str, source: str, scale: float = 1.0) -> PositiveFigure:
-        """Return one coefficient for a model file."""
+        """Return one coefficient for a model file.
+
+        Args:
+            name: Of the coefficient.
+            source: Where the data come from.
+            scale: By which it is multiplied. [-]
+        """
         if name in self.untold:
             return PositiveFigure(value=0.0, tag="assumed", source=NOT_TOLD)
         return identified(self.values[name] * scale, self.std[name] * scale, source)
 
     def entry(self, source: str = "") -> LossDrive:
-        """Return the losses of one drive for a model file."""
+        """Return the losses of one drive for a model file.
+
+        Args:
+            source: Where the data come from.
+        """
         return LossDrive(**{name: self.figure(name, source) for name in TERMS})  # pyright: ignore
 
 
 def winding(degc: Float, coefficient: float = COPPER_COEFFICIENT) -> Float:
-    """Resistance of a winding over that at 20 degC."""
+    """Return the resistance of a winding over that at 20 degC. [-]
+
+    Args:
+        degc: Of the winding, any shape. [degC]
+        coefficient: Per kelvin. [1/K]
+    """
     return 1.0 + coefficient * (degc - REFERENCE_DEGC)
 
 
 def loss_columns(velocity: Float, torque: Float, degc: Float) -> Float:
-    """Columns of the loss model in the order of `TERMS`, shape (N, 4) or (N, n, 4).
+    """Return the columns of the loss model in the order of `TERMS`, shape (N, 4) or (N, n, 4).
 
     Args:
         velocity: Motor side, shape (N,) or (N, n). [rad/s]
@@ -82,7 +97,7 @@ def loss_columns(velocity: Float, torque: Float, degc: Float) -> Float:
 def fit_losses(
     columns: Float, target: Float, block: Int, names: Sequence[str], what: str
 ) -> Losses:
-    """Fit coefficients that are not negative, with deviations from blocks.
+    """Return coefficients that are not negative, with deviations from blocks.
 
     Args:
         columns: Shape (N, P), those that matter most first. [W/coefficient]

@@ -65,7 +65,11 @@ class BaseParameters:
         return tuple(self.names[index] for index in places)
 
     def alone(self, name: str) -> bool:
-        """Tell whether a standard parameter is identified by itself."""
+        """Return whether a standard parameter is identified by itself.
+
+        Args:
+            name: Of the parameter.
+        """
         if name not in self.labels:
             return False
         return not (np.abs(self.relation[self.labels.index(name)]) > SHOWN).any()
@@ -91,7 +95,11 @@ class BaseParameters:
 
 
 def link_parameter_names(joint_names: Sequence[str]) -> list[str]:
-    """Return the names of the link parameters, in the order of `Robot.link_parameters`."""
+    """Return the names of the link parameters, in the order of `Robot.link_parameters`.
+
+    Args:
+        joint_names: Of the robot.
+    """
     return [f"{parameter} {joint}" for joint in joint_names for parameter in LINK_PARAMETERS]
 
 
@@ -99,7 +107,8 @@ def numerical_rank(pivots: Float) -> int:
     """Return how many pivots are not rounding: those before the widest gap.
 
     Args:
-        pivots: Magnitudes on the diagonal of a pivoted QR decomposition, falling.
+        pivots: Magnitudes on the diagonal of a pivoted QR decomposition, falling, shape (K,).
+            [any unit]
 
     Returns:
         The rank; all of them where none is small enough to be rounding.
@@ -139,7 +148,7 @@ def base_parameters(
     least = float(np.sqrt(pivots[rank - 1] * max(floor, np.finfo(float).tiny))) if rank else np.inf
     least = max(least, 10.0 * float(floor))
     chosen = np.array(
-        sorted(independent(triangle, np.full(columns.shape[1], least), order)[:rank]), np.int64
+        sorted(independent(triangle, least * np.ones(columns.shape[1]), order)[:rank]), np.int64
     )
     rest_of = [index for index in range(columns.shape[1]) if index not in chosen]
     others = np.array(rest_of, dtype=np.int64)

@@ -67,7 +67,11 @@ def link_prior(link_parameters: Float, uncertainty: float) -> Prior:
 
 
 def second_moments(link: Float) -> Float:
-    """Return S, the second moments of a link's mass about its joint, shape (3, 3). [kg m^2]"""
+    """Return S, the second moments of a link's mass about its joint, shape (3, 3). [kg m^2]
+
+    Args:
+        link: m, m c, Ixx, Ixy, Iyy, Ixz, Iyz, Izz, shape (10,). [kg] to [kg m^2]
+    """
     inertia = np.empty((3, 3))
     for value, (row, column) in zip(link[4:10], INERTIA_PLACES, strict=True):
         inertia[row, column] = inertia[column, row] = value

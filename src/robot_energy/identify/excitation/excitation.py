@@ -148,12 +148,16 @@ class Judge:
         return self._torque_model.regressor(motion)[:, :, self.base.independent]
 
     def rows(self, motion: Motion) -> Float:
-        """Scaled observation matrix over the root of its number of rows, shape (N, n, B)."""
+        """Return the scaled observation matrix over the root of its number of rows, (N, n, B).
+
+        Args:
+            motion: Samples of it, evenly in time.
+        """
         rows = self._raw(motion) * self._scale
         return rows / np.sqrt(rows.shape[0] * rows.shape[1])
 
     def quality(self, motion: Motion) -> ExcitationScore:
-        """Judge a motion.
+        """Return how well a motion tells the base parameters.
 
         Args:
             motion: Samples of it, evenly in time.
@@ -166,7 +170,12 @@ class Judge:
         return ExcitationScore(condition, determinant, not_excited(rows, self.base.labels))
 
     def cost(self, motion: Motion, criterion: Criterion) -> float:
-        """Logarithm of the condition number, or less the mean logarithmic determinant."""
+        """Return the logarithm of the condition number, or less that of the determinant.
+
+        Args:
+            motion: Samples of it, evenly in time.
+            criterion: Which of both.
+        """
         rows = self.rows(motion)
         size = np.linalg.svd(rows.reshape(-1, rows.shape[2]), compute_uv=False)
         size = np.maximum(size, np.finfo(np.float64).tiny)
@@ -175,7 +184,12 @@ class Judge:
         return float(-2.0 * np.log(size).mean())
 
     def slopes(self, motion: Motion, criterion: Criterion) -> Float:
-        """Cost per position, velocity and acceleration of every sample, shape (3, N, n)."""
+        """Return cost per position, velocity and acceleration of every sample, shape (3, N, n).
+
+        Args:
+            motion: Samples of it, evenly in time.
+            criterion: As of `cost`.
+        """
         rows = self.rows(motion)
         flat = rows.reshape(-1, rows.shape[2])
         left, size, right = np.linalg.svd(flat, full_matrices=False)
@@ -193,7 +207,12 @@ class Judge:
 
 
 def sampled(motion: JointMotion, time: Float) -> Motion:
-    """Return samples of a motion."""
+    """Return samples of a motion.
+
+    Args:
+        motion: The motion.
+        time: Instants, shape (N,). [s]
+    """
     path = motion.sample(time)
     return Motion(path.joint_position, path.joint_velocity, path.joint_acceleration)
 

@@ -53,7 +53,11 @@ class EnergyScore:
     worst: float
 
     def beats(self, given: EnergyScore) -> bool:
-        """Whether figures of this prediction may replace those of another one."""
+        """Whether figures of this prediction may replace those of another one.
+
+        Args:
+            given: The other prediction.
+        """
         return self.rms < GAIN * given.rms and self.energy_error <= given.energy_error
 
 
@@ -91,7 +95,12 @@ def averaged(values: Float, window: Int) -> Float:
 
 
 def contiguous_folds(count: int, folds: int = FOLDS) -> Int:
-    """Return the fold of each of some samples, contiguous and of equal size, shape (count,)."""
+    """Return the fold of each of some samples, contiguous and of equal size, shape (count,).
+
+    Args:
+        count: Number of samples.
+        folds: Number of folds.
+    """
     return np.minimum(np.arange(count) * folds // max(count, 1), folds - 1).astype(np.int64)
 
 
@@ -191,7 +200,12 @@ def simplest(errors: Mapping[Name, float]) -> Name:
 
 
 def relative_error(error: Float, reference: Float) -> float:
-    """Return the norm of an error over that of its reference; NaN where that is 0."""
+    """Return the norm of an error over that of its reference; NaN where that is 0.
+
+    Args:
+        error: Any shape. [any unit]
+        reference: Same shape. [any unit]
+    """
     size = float(np.linalg.norm(reference))
     return float(np.linalg.norm(error)) / size if size > 0 else float("nan")
 
@@ -199,7 +213,7 @@ def relative_error(error: Float, reference: Float) -> float:
 def energy_score(
     predicted: Float, measured: Float, duration: Float, fold: Int, weight: Float | None = None
 ) -> EnergyScore:
-    """Score a prediction of a meter.
+    """Return the score of a prediction of a meter.
 
     Args:
         predicted: Shape (N,). [W]
@@ -221,6 +235,6 @@ def jackknife_std(left_out: Float) -> Float:
     """Return deviations of figures from what they are with each block left out.
 
     Args:
-        left_out: Shape (blocks,) or (blocks, K). [any unit]
+        left_out: Figures, of shape (blocks,) or (blocks, K). [any unit]
     """
     return np.sqrt((len(left_out) - 1) * np.var(left_out, axis=0))

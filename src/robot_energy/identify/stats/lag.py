@@ -93,7 +93,7 @@ def minimum(place: Float, error: Float) -> tuple[float, float]:
 
     Args:
         place: Rising, shape (K,). [any unit]
-        error: Shape (K,). [any unit]
+        error: At each place, shape (K,). [any unit]
 
     Returns:
         The lowest point of the parabola through the least error and its neighbours; the

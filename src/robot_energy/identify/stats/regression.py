@@ -66,7 +66,11 @@ class Fit:
         return np.sqrt(squares / np.maximum(used.sum(axis=0), 1))
 
     def interval(self, confidence: float = 0.95) -> Float:
-        """Half widths of the confidence intervals, by Student's t, shape (P,)."""
+        """Return half widths of the confidence intervals, by Student's t, shape (P,).
+
+        Args:
+            confidence: Share of the intervals that hold the truth. [-]
+        """
         from scipy.stats import t
 
         return self.std * float(t.ppf(0.5 + 0.5 * confidence, max(self.degrees, 1.0)))
@@ -84,7 +88,7 @@ def fit(
     method: Method = "irls",
     used: NDArray[np.bool_] | None = None,
 ) -> Fit:
-    """Fit one set of parameters to one target or to several, such as the torques of joints.
+    """Return one set of parameters for one target or several, such as the torques of joints.
 
     Args:
         columns: Independent, finite, shape (N, P) or (N, n, P). [target/parameter]
@@ -104,7 +108,14 @@ def fit(
 def estimate(
     columns: Float, target: Float, method: Method = "irls", used: NDArray[np.bool_] | None = None
 ) -> tuple[Float, Float]:
-    """Return what `fit` does without its covariance: values and the weight of each row."""
+    """Return what `fit` does without its covariance: values and the weight of each row.
+
+    Args:
+        columns: As of `fit`, shape (N, P) or (N, n, P). [target/parameter]
+        target: As of `fit`, shape (N,) or (N, n). [any unit]
+        method: As of `fit`.
+        used: As of `fit`, shape of the target.
+    """
     size = len(target)
     wide = columns.reshape(size, -1, columns.shape[-1]), target.reshape(size, -1)
     rows = np.ones(wide[1].shape, dtype=np.bool_) if used is None else used
@@ -218,7 +229,7 @@ def factor(columns: Float, target: Float, weight: Float) -> tuple[Float, Float]:
 
 
 def jackknife(block: Int) -> Covariance:
-    """Covariance from leaving out one contiguous block after the other.
+    """Return the covariance from leaving out one contiguous block after the other.
 
     Leaving out block g moves the fit by ``-(A - A_g)^-1 s_g``, where s is the sum of
     columns times weighted residuals and A its slope: a row whose weight is already
@@ -260,7 +271,7 @@ def jackknife(block: Int) -> Covariance:
 
 
 def autocorrelated(segment: Int) -> Covariance:
-    """Covariance from the autocorrelation of each target's residuals.
+    """Return the covariance from the autocorrelation of each target's residuals.
 
     What comes before the autocorrelation first falls to zero is signal, the rest is chance
     (initial positive sequence).
@@ -343,7 +354,7 @@ def regress(
     method: Method = "irls",
     what: str = "the data",
 ) -> Fit:
-    """Fit one target, with deviations from blocks; refuse columns that are not told apart.
+    """Return the fit of one target with deviations from blocks; refuse columns not told apart.
 
     Args:
         columns: Shape (N, P), finite. [target/parameter]
