@@ -1,8 +1,10 @@
 """Frozen records of numpy arrays that travel between the stages.
 
 A block holds ``N >= 1`` samples in time order. Arrays are ``(N,)`` or ``(N, n_joints)``
-with joints in the order of the model file. Stamps are integer nanoseconds of the
-instant that the sample describes. SI units without suffix; temperatures in degC.
+with joints in the order of the model file, each joint contiguous in memory (order F), as
+almost every operation runs along the samples; the other order is slower and as right.
+Stamps are integer nanoseconds of the instant that the sample describes. SI units without
+suffix; temperatures in degC.
 
 ``segment`` counts the pieces of a recording that belong together: it grows by one at
 every gap and at every backward jump of the stamps. Nothing is integrated or
@@ -114,6 +116,12 @@ class Block:
     @classmethod
     def concatenate(cls, blocks: Sequence[Self]) -> Self:
         """Join blocks in the order given.
+
+        Args:
+            blocks: At least one.
+
+        Returns:
+            One block with all their samples.
 
         Raises:
             ShapeError: If there is nothing to join.
@@ -260,7 +268,11 @@ class SupplyBlock(Block):
     loss_grid: Float
 
     def power_at(self, location: MeterLocation) -> Float:
-        """Predicted power that a meter at ``location`` would see, shape (N,). [W]"""
+        """Return the predicted power at the place of a meter, shape (N,). [W]
+
+        Args:
+            location: Where the meter sits.
+        """
         if location is MeterLocation.DC_BUS:
             return self.grid_power - self.loss_grid
         return self.grid_power
@@ -325,7 +337,11 @@ class PowerBlock(Block):
         return self.rigid_power + self.friction_power
 
     def power_at(self, location: MeterLocation) -> Float:
-        """Predicted power that a meter at ``location`` would see, shape (N,). [W]"""
+        """Return the predicted power at the place of a meter, shape (N,). [W]
+
+        Args:
+            location: Where the meter sits.
+        """
         return self.supply.power_at(location)
 
     @property
@@ -338,7 +354,7 @@ def sum_over_joints(values: Float) -> Float:
     """Sum ``(N, n)`` over joints in a fixed order, so that it never depends on ``N``.
 
     Args:
-        values: Any per-joint quantity, shape (N, n).
+        values: Any per-joint quantity, shape (N, n). [-]
 
     Returns:
         The sum, shape (N,).
@@ -366,7 +382,12 @@ def differences(values: Int, before: int) -> Int:
 
 
 def check_shape(name: str, array: Float, shape: tuple[int, ...]) -> None:
-    """Refuse an array whose shape is not ``shape``.
+    """Refuse an array of another shape.
+
+    Args:
+        name: Name of the array, for the message.
+        array: The array, of any shape. [-]
+        shape: The expected shape.
 
     Raises:
         ShapeError: Names the array, found and expected shape.

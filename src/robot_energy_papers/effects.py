@@ -3,8 +3,7 @@
 Every row is the whole experiment on a rig with other effects: sets for identification,
 rest, held-out sets, all soaked at their temperatures. An effect is switched off alone, or
 is alone on a rig that has nothing but rigid bodies, Coulomb friction and oil. The first
-says what the effect costs in company, where errors cancel; the second what it costs by
-itself.
+gives its cost together with all others, where errors cancel; the second its cost alone.
 """
 
 from __future__ import annotations
@@ -14,7 +13,7 @@ from dataclasses import dataclass
 
 from robot_energy.files.temporary_folder import TemporaryFolder
 from robot_energy.model import load
-from robot_energy.rig import RigConfig, kr16_profile
+from robot_energy.rig import RigConfig, load_profile
 from robot_energy_papers.experiment import Programs, make_programs, soaked
 from robot_energy_papers.held_out import held_out
 from robot_energy_papers.models import FIXED_DEGC, FOLLOWS, fixed_name, identify
@@ -51,8 +50,8 @@ class Rigs:
     """Temperatures and length of the experiments on soaked rigs.
 
     Attributes:
-        train_degc: Of the sets for identification.
-        test_degc: Of the held-out sets.
+        train_degc: Temperatures of the sets for identification.
+        test_degc: Temperatures of the held-out sets.
         moves: In a set.
     """
 
@@ -66,7 +65,7 @@ class EffectRow:
     """One rig.
 
     Attributes:
-        name: Of the rig: ``without x``, ``only x``, or one of the three that frame them.
+        name: Name of the rig: ``without x``, ``only x``, or one of the three that frame them.
         follows: Error of the proposed model at each held-out temperature. [-]
         fixed: The same of friction fixed at the coldest set. [-]
     """
@@ -84,6 +83,11 @@ class EffectRow:
     def worst(self) -> float:
         """Its greatest error in size, with its sign. [-]"""
         return max(self.follows, key=abs)
+
+    @property
+    def worst_fixed(self) -> float:
+        """Greatest error in size of fixed friction, with its sign. [-]"""
+        return max(self.fixed, key=abs)
 
 
 def configurations(names: Sequence[str] | None = None) -> dict[str, RigConfig]:
@@ -110,15 +114,18 @@ def effect_row(name: str, config: RigConfig, rigs: Rigs, seed: int) -> EffectRow
     """Do the experiment on one rig.
 
     Args:
-        name: Of the rig.
+        name: Name of the rig.
         config: Its effects.
         rigs: Temperatures and length.
-        seed: Of the study; every rig has the same programs, meter and noise.
+        seed: Seed of the study; every rig has the same programs, meter and noise.
+
+    Returns:
+        What came out.
 
     Raises:
         RobotEnergyError: If rig, bags or fits fail.
     """
-    profile = kr16_profile()
+    profile = load_profile("kr16")
     programs: Programs = make_programs(profile, seed, rigs.moves)
     train_seed, test_seed = rig_seeds(seed)
     with TemporaryFolder() as place:
@@ -146,5 +153,11 @@ def effect_row(name: str, config: RigConfig, rigs: Rigs, seed: int) -> EffectRow
 
 
 def rig_seeds(seed: int) -> tuple[int, int]:
-    """Seeds of the rig that is identified and of the one that tests: two meters, two days."""
+    """Return the seeds of the rig that is identified and of the one that tests.
+
+    They differ in their meters and their noise.
+
+    Args:
+        seed: Seed of the study.
+    """
     return 2 * seed + 1, 2 * seed + 2

@@ -1,4 +1,4 @@
-"""Identified models on motions that no fit has seen: grid energy beside the meter."""
+"""Identified models on motions that no fit has used: grid energy compared with the meter."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class SetRow:
         robot_degc: Mean over the motors of their mean temperature in the set. [degC]
         coldest_degc: The coldest motor. [degC]
         warmest_degc: The warmest motor. [degC]
-        rise: Of the motor that warmed most in the set. [K]
+        rise: Rise of temperature of the motor that warmed most in the set. [K]
         lag: Mean motor minus gear temperature, truth. [K]
         measured_energy: By the meter, over the compared time. [J]
         compared: That time. [s]
@@ -55,7 +55,11 @@ class SetRow:
         return self.measured_energy / self.compared
 
     def error(self, model: str) -> float:
-        """Return predicted over measured energy, less 1. [-]"""
+        """Return predicted over measured energy, less 1. [-]
+
+        Args:
+            model: Name of the model.
+        """
         return self.predicted[model] / self.measured_energy - 1.0
 
 
@@ -110,7 +114,12 @@ def _row(entry: MotionSet, models: Mapping[str, RobotModel], reference: str) -> 
 
 
 def worst(rows: Sequence[SetRow], model: str) -> float:
-    """Return the greatest error of a model in size, with its sign. [-]"""
+    """Return the greatest error of a model in size, with its sign. [-]
+
+    Args:
+        rows: Held-out sets.
+        model: Name of the model.
+    """
     errors = [row.error(model) for row in rows]
     return max(errors, key=abs)
 

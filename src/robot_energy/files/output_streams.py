@@ -11,22 +11,34 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import BinaryIO
 
-MAX_READER_WAIT = 2.0  # s until somebody must read a pipe
+MAX_READER_ATTEMPTS = 200  # to open a pipe that nobody reads yet; a clock would count stalls too
 _LOOK_PERIOD = 0.02  # s
 _STREAMS = {"/dev/stdin": 0, "/dev/stdout": 1, "/dev/stderr": 2}
 _STREAM_FOLDERS = ("/dev/fd", "/proc/self/fd")
 
 
 def stream_number(target: Path) -> int | None:
-    """The descriptor that a path such as /dev/stdout names."""
+    """Return the descriptor that a path such as /dev/stdout names; None for other paths.
+
+    Args:
+        target: The path.
+    """
     if (text := str(target)) in _STREAMS:
         return _STREAMS[text]
     named = str(target.parent) in _STREAM_FOLDERS and target.name.isdecimal()
     return int(target.name) if named else None
 
 
-def open_stream(target: Path, told: Callable[[OSError], Exception]) -> BinaryIO | None:
-    """Open a device, a pipe or a descriptor for writing; None for a plain file."""
+def open_stream(target: Path, failure: Callable[[OSError], Exception]) -> BinaryIO | None:
+    """Open a device, a pipe or a descriptor for writing.
+
+    Args:
+        target: Its path.
+        failure: Makes the exception to raise of an error of the disk.
+
+    Returns:
+        The open stream; None for a regular file or a path without one.
+    """
     try:
         number = stream_number(target)
         if number is not None:
@@ -40,19 +52,20 @@ def open_stream(target: Path, told: Callable[[OSError], Exception]) -> BinaryIO 
     except FileNotFoundError:
         return None
     except OSError as trouble:
-        raise told(trouble) from trouble
+        raise failure(trouble) from trouble
 
 
 def _open_pipe(target: Path) -> BinaryIO:
     """Open a pipe for writing once it has a reader."""
-    limit = time.monotonic() + MAX_READER_WAIT
+    attempts = 0
     while True:
         try:
             number = os.open(target, os.O_WRONLY | os.O_CLOEXEC | os.O_NONBLOCK)
         except OSError as trouble:
             if trouble.errno != errno.ENXIO:
                 raise
-            if time.monotonic() > limit:
+            attempts += 1
+            if attempts >= MAX_READER_ATTEMPTS:
                 raise OSError(errno.ENXIO, "nobody reads the pipe", str(target)) from trouble
             time.sleep(_LOOK_PERIOD)
             continue

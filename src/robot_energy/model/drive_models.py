@@ -49,6 +49,8 @@ class EfficiencyMap(ModelEntry):
             quadrants. [-]
         reach: Standardised distance to the nearest point beyond which the result is
             flagged as extrapolated. [-]
+        tag: How the points are known.
+        source: Where they come from.
     """
 
     motor_velocity: Annotated[list[Number], Field(min_length=1)]

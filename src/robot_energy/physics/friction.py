@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -170,6 +169,8 @@ class FrictionModel:
 
     def __init__(self, entries: list[JointFriction]) -> None:
         self.laws = [viscous_law(entry.viscous) for entry in entries]
+        self._lower_degc = np.asarray([law.lower_degc for law in self.laws])
+        self._upper_degc = np.asarray([law.upper_degc for law in self.laws])
         self.coulomb = np.asarray([entry.coulomb.value for entry in entries])
         self._smooth = _values([entry.smooth_velocity for entry in entries])
         self._load = _values([entry.load_coulomb for entry in entries])
@@ -192,7 +193,9 @@ class FrictionModel:
         Returns:
             Motor side, same shape; NaN where the temperature is NaN. [N m s/rad]
         """
-        return self._by_joint("viscous", motor_temperature_degc)
+        inside = np.clip(motor_temperature_degc, self._lower_degc, self._upper_degc)
+        columns = [law.formula(inside[..., i]) for i, law in enumerate(self.laws)]
+        return np.stack(columns, axis=-1)
 
     def viscous_std(self, motor_temperature_degc: Float) -> Float:
         """Return standard deviations of the viscous coefficients, see `ViscousLaw.std`.
@@ -203,7 +206,8 @@ class FrictionModel:
         Returns:
             Motor side, same shape; NaN where none is known. [N m s/rad]
         """
-        return self._by_joint("std", motor_temperature_degc)
+        columns = [law.std(motor_temperature_degc[..., i]) for i, law in enumerate(self.laws)]
+        return np.stack(columns, axis=-1)
 
     def viscous_std_unknown(self, assumed_degc: float) -> Float:
         """Return the deviations where the temperature is assumed, see `ViscousLaw.std_unknown`.
@@ -218,12 +222,8 @@ class FrictionModel:
 
     def extrapolated(self, motor_temperature_degc: Float) -> NDArray[np.bool_]:
         """Tell where a law is held at the edge of its range, same shape."""
-        return self._by_joint("extrapolated", motor_temperature_degc)
-
-    def _by_joint(self, what: str, degc: Float) -> Any:
-        return np.stack(
-            [getattr(law, what)(degc[..., i]) for i, law in enumerate(self.laws)], axis=-1
-        )
+        below = motor_temperature_degc < self._lower_degc
+        return below | (motor_temperature_degc > self._upper_degc)
 
     def torque(
         self,

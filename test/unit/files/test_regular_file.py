@@ -17,7 +17,7 @@ from robot_energy.logs.table import LogTable
 from robot_energy.model import load, validate
 from robot_energy.motion.gcode import load_gcode
 from robot_energy.motion.ptp_file import read_program
-from robot_energy.motion.trajectory_reader import read_csv_trajectory
+from robot_energy.motion.trajectory_io import read_csv_trajectory
 
 READERS = {
     "model": (load, ".yaml"),
