@@ -74,7 +74,7 @@ class AxisFit:
     losses: Losses | None
     map: ReducedMap | None
     notes: tuple[str, ...]
-    samples: AxisSamples | None = field(default=None, repr=False)
+    samples: AxisSamples | None = field(default=None, repr=False, compare=False)
 
 
 @dataclass(frozen=True)
