@@ -8,13 +8,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-from robot_energy.api.inputs import ModelName, effort_meaning, model_of
+from robot_energy.api.inputs import ModelName, driver_inputs, effort_meaning, model_of
 from robot_energy.blocks import EffortMeaning
 from robot_energy.errors import ModelFileError, NotIdentifiableError, ParameterError
 from robot_energy.identify.data.bags import Bag, BagFacts, Span, facts
 from robot_energy.identify.data.recordings import Recording, channels_of, read_recording
 from robot_energy.identify.steps import FrictionFound, Subject
-from robot_energy.inputs.inputs_file import read_inputs
 from robot_energy.inputs.sources import Inputs
 from robot_energy.model import RobotModel, save
 
@@ -268,22 +267,21 @@ def identify_all(
 
 
 def read_sources(
-    effort: str | None, inputs: str | Path | None
+    effort: str | None, inputs: str | Path | None, robot: str | None = None
 ) -> tuple[EffortMeaning, Inputs | None]:
     """Return what the effort means, as given or else by the parameter file, and the inputs.
 
     Args:
         effort: What the effort in the joint states is.
         inputs: Parameter file of a monitor.
+        robot: Name of a robot whose driver is known.
 
     Raises:
         RobotEnergyError: If the parameter file cannot be used.
     """
-    read = None
-    if inputs is not None:
-        read, notes = read_inputs(inputs)
-        if notes:
-            raise ParameterError(notes[0], remedy=f"change {inputs}")
+    read, notes = driver_inputs(inputs, robot)
+    if notes:
+        raise ParameterError(notes[0], remedy=f"change {inputs}")
     named = effort or (
         read.joint_states.effort_meaning if read is not None else EffortMeaning.NONE.value
     )

@@ -6,6 +6,7 @@ from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
 from typing import TYPE_CHECKING, Any
 
 from robot_energy.cli.identify_inputs import add_bags, read_sources
+from robot_energy.cli.robots import model_named
 from robot_energy.cli.terminal import add_debug, check_outputs, console, write_json
 
 if TYPE_CHECKING:
@@ -41,7 +42,7 @@ def add_parser(commands: Any) -> None:
         epilog=EPILOG,
         formatter_class=RawDescriptionHelpFormatter,
     )
-    add_bags(parser)
+    add_bags(parser, robot=True)
     parser.add_argument("--json", metavar="FILE", help="write it as JSON; - for standard output")
     add_debug(parser)
     parser.set_defaults(run=run)
@@ -62,9 +63,10 @@ def run(args: Namespace) -> int:
     from robot_energy.check import check
     from robot_energy.model import load
 
-    check_outputs(args, [*args.bags, args.model, args.inputs])
+    named = model_named(args)
+    check_outputs(args, [*args.bags, named, args.inputs])
     effort, inputs = read_sources(args)
-    model = load(args.model)
+    model = load(named)
     results = [check(bag, model, effort, inputs) for bag in args.bags]
     if args.json != "-":
         for result in results:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from robot_energy.cli.memory import keep_freed_memory
 from robot_energy.cli.replay import DAMAGED, INPUT_OPTIONS, add_inputs, degc, positive
+from robot_energy.cli.robots import add_robot, model_named
 from robot_energy.cli.terminal import add_debug, console, progress
 from robot_energy.errors import ReportError
 from robot_energy.files.output_files import CSV, PARQUET, FileKind, check_file, write_file
@@ -40,12 +41,7 @@ def add_parser(commands: Any) -> None:
         formatter_class=RawDescriptionHelpFormatter,
     )
     parser.add_argument("bag", help="MCAP file, or rosbag2 folder (MCAP or sqlite3)")
-    parser.add_argument(
-        "--model",
-        required=True,
-        metavar="FILE|NAME",
-        help="model file, or name of a shipped model (see: robot-energy models)",
-    )
+    add_robot(parser)
     parser.add_argument(
         "--out", required=True, metavar="FILE", help="the table: .csv, or .parquet (needs polars)"
     )
@@ -85,7 +81,8 @@ def run(args: Namespace) -> int:
         raise ReportError(
             f"'{shown(args.out)}' is no table of a known kind", f"a name with {' or '.join(KINDS)}"
         )
-    inputs = [name for name in (args.bag, args.model, args.inputs) if name]
+    model = model_named(args)
+    inputs = [name for name in (args.bag, model, args.inputs) if name]
     check_file(args.out, KINDS[suffix], WHAT, inputs)
     if suffix == ".parquet":
         _require_polars()
@@ -93,7 +90,7 @@ def run(args: Namespace) -> int:
     with progress("replaying") as report:
         result = replay(
             args.bag,
-            args.model,
+            model,
             temperature=args.fixed_friction,
             power_period=args.power_period,
             progress=report,

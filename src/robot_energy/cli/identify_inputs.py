@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from robot_energy.cli.numbers import number
+from robot_energy.cli.robots import add_robot
 from robot_energy.cli.terminal import add_debug, check_outputs, console, progress, write_json
 from robot_energy.errors import ModelFileError
 from robot_energy.files.placement import all_or_none, place_all
@@ -29,6 +30,7 @@ def add_bags(
     parser: ArgumentParser,
     required: bool = True,
     effort: str = "what the effort in the joint states means",
+    robot: bool = False,
 ) -> None:
     """Add recordings, model and what their topics mean.
 
@@ -36,19 +38,24 @@ def add_bags(
         parser: Of the command.
         required: Whether there is no other input, such as a log.
         effort: Help of ``--effort``; empty for a command that needs none.
+        robot: Whether a known robot can bring model and inputs.
     """
     parser.add_argument(
         "bags", nargs="+" if required else "*", metavar="BAG", help="recordings of one robot"
     )
-    parser.add_argument(
-        "--model", required=required, metavar="FILE|NAME", help="model file to begin with"
-    )
+    if robot:
+        add_robot(parser)
+    else:
+        parser.add_argument(
+            "--model", required=required, metavar="FILE|NAME", help="model file to begin with"
+        )
     if effort:
         parser.add_argument("--effort", choices=EFFORTS, help=effort)
     parser.add_argument(
         "--inputs",
-        metavar="FILE",
-        help="parameter file of a monitor node: read the bags as that node reads its topics",
+        metavar="FILE|NAME",
+        help="parameter file of a monitor node: read the bags as that node reads its topics; or "
+        "name of a robot whose driver is known (see: robot-energy kinds)",
     )
 
 
@@ -140,7 +147,7 @@ def read_sources(args: Namespace) -> tuple[EffortMeaning, Inputs | None]:
     """
     from robot_energy.api.identify import read_sources
 
-    return read_sources(getattr(args, "effort", None), args.inputs)
+    return read_sources(getattr(args, "effort", None), args.inputs, getattr(args, "robot", None))
 
 
 def read_recordings(

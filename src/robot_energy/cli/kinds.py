@@ -12,9 +12,10 @@ def add_parser(commands: Any) -> None:
     """Add the sub-command."""
     parser: ArgumentParser = commands.add_parser(
         "kinds",
-        help="list drive models, friction laws, meters, temperature sources, log formats",
+        help="list drive models, friction laws, meters, temperatures, log formats, robots",
         description="List the kinds of drive models, friction laws, meters, temperature sources "
-        "and log formats, those of your own included, as Markdown.",
+        "and log formats, those of your own included, and the robots whose drivers are known, as "
+        "Markdown.",
     )
     add_debug(parser)
     parser.set_defaults(run=run)

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from robot_energy.cli.memory import keep_freed_memory
+from robot_energy.cli.robots import add_robot, model_named
 from robot_energy.cli.terminal import (
     add_debug,
     check_bag,
@@ -29,11 +30,13 @@ INPUT_OPTIONS = (
     "meter",
     "payload",
     "inputs",
+    "robot",
     "effort",
     "stamp_source",
     "reorder_window",
     "derivative_window",
     "temperature_wait",
+    "max_gap",
     "meter_max_gap",
 )
 EFFORTS = ("none", "motor_current", "motor_torque", "joint_torque")
@@ -52,11 +55,11 @@ EPILOG = """\
 examples:
   robot-energy replay bag --model kr16
   robot-energy replay bag --model my_robot.yaml --out bag_energy --json energy.json
-  robot-energy replay bag --model ur3e --compare --plot power.png
+  robot-energy replay bag --robot ur5e --compare --plot power.png
   robot-energy replay bag --model ur3e --compare 20 --temperatures /driver/temperatures
   robot-energy replay bag --model my_robot.yaml --inputs energy_monitor.yaml
   robot-energy replay bag --model kr16 --effort motor_torque
-  robot-energy replay bag --model ur3e --json - | jq .comparison
+  robot-energy replay bag --robot fr3 --model my_fr3.yaml --json - | jq .comparison
 """
 
 
@@ -70,12 +73,7 @@ def add_parser(commands: Any) -> None:
         formatter_class=RawDescriptionHelpFormatter,
     )
     parser.add_argument("bag", help="MCAP file, or rosbag2 folder (MCAP or sqlite3)")
-    parser.add_argument(
-        "--model",
-        required=True,
-        metavar="FILE|NAME",
-        help="model file, or name of a shipped model (see: robot-energy models)",
-    )
+    add_robot(parser)
     outputs = parser.add_argument_group("outputs")
     outputs.add_argument(
         "--out", metavar="BAG", help="write the energy topics (/energy/...) into a new bag"
@@ -184,6 +182,13 @@ def add_inputs(parser: ArgumentParser) -> Any:
         help="how long torque waits for late temperatures (default 0.1 s)",
     )
     settings.add_argument(
+        "--max-gap",
+        type=positive,
+        metavar="S",
+        help="longest time between two joint states that is bridged (default: what --inputs says, "
+        "else five times their usual period, 0.1 s to 1 s)",
+    )
+    settings.add_argument(
         "--meter-max-gap",
         type=positive,
         metavar="S",
@@ -255,7 +260,8 @@ def run(args: Namespace) -> int:
     from robot_energy.model import load
     from robot_energy.report import print_replay, summarise
 
-    inputs = [args.bag, args.model, args.inputs]
+    named = model_named(args)
+    inputs = [args.bag, named, args.inputs]
     check_outputs(args, inputs)
     if args.plot is not None:
         from robot_energy.report.canvas import check_format
@@ -263,7 +269,7 @@ def run(args: Namespace) -> int:
         check_format(Path(args.plot))
     if args.out is not None:
         check_bag(args.out, args.overwrite, inputs, (args.json, args.plot))
-    model, change = load(args.model), None
+    model, change = load(named), None
     if args.fixed_friction is not None:
         model, change = fixed_friction(model, args.fixed_friction)
     with all_or_none():

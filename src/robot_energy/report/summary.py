@@ -246,13 +246,12 @@ def joint_energies(
 
 def _inputs(result: Replay) -> dict[str, Any]:
     """Account of every input: received = accepted + sum of rejected by reason."""
-    friction, curve = result.pipeline.friction, result.ledger.comparison.curve
     accounts = {
         "joint_state_messages": result.joint_states.account,
         "temperature_messages": result.temperatures.account,
-        "temperature_values": friction,
+        "temperature_values": result.pipeline.friction.account,
         "meter_messages": result.meter.account,
-        "meter_readings": curve,
+        "meter_readings": result.ledger.comparison.curve.account,
     }
     if result.topics.payload:
         accounts["payload_messages"] = result.payload.account
