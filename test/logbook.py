@@ -16,7 +16,7 @@ from robot_energy.inputs.joint_states.joint_states import JointStateIngest
 from robot_energy.inputs.meter.meter import MeterIngest
 from robot_energy.logs import FileAccount, import_log
 from robot_energy.logs.mapping import LogMapping, Time
-from robot_energy.logs.rows import Clock, number_rows, usable_rows
+from robot_energy.logs.rows import Clock, usable_rows
 from robot_energy.logs.table import LogTable
 from robot_energy.model import save
 from robots import one_wheel
@@ -96,7 +96,7 @@ def table_rows(
     texts = [name for name in (spec.column, spec.run) if name is not None]
     account, clock = FileAccount(path=path), Clock(spec)
     values, instants = [], []
-    for rows in number_rows(LogTable(path, **of_table), numbers, texts):
+    for rows in LogTable(path, **of_table).rows(numbers, texts):
         instant, known = clock.instants(rows)
         used, last_ns = usable_rows(rows, instant, known, required, last_ns, account)
         values.append(rows.values[used])

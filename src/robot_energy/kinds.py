@@ -82,12 +82,22 @@ class Kinds(Mapping[str, K], Generic[K]):
         return "one of " + ", ".join(f"'{name}'" for name in self._kinds)
 
     def remedy(self, name: str) -> str:
-        """Return what to write instead of a wrong name; empty where none is near."""
+        """Return what to write instead of a wrong name; empty where none is near.
+
+        Args:
+            name: The wrong name.
+        """
         near = difflib.get_close_matches(name, self._kinds, n=1, cutoff=LIKELY)
         return f"write '{near[0]}'" if near else ""
 
     def register(self, kind: K) -> K:
-        """Add a kind and return it.
+        """Add a kind: it is known from now on.
+
+        Args:
+            kind: With all its parts.
+
+        Returns:
+            The kind.
 
         Raises:
             KindError: If another one has this name.
@@ -103,16 +113,29 @@ class Kinds(Mapping[str, K], Generic[K]):
         return kind
 
     def complete(self, name: str, **parts: Any) -> None:
-        """Add the parts that a layer above the table has of a kind."""
+        """Add the parts that a layer above the table has of a kind.
+
+        Args:
+            name: Of the kind.
+            parts: By the name of the field.
+        """
         self._kinds[name] = replace(self[name], **parts)
 
     def remove(self, name: str) -> None:
-        """Take a kind out again."""
+        """Take a kind out again.
+
+        Args:
+            name: Of the kind.
+        """
         del self._kinds[name]
         self._changed()
 
     def on_change(self, listener: Callable[[], None]) -> None:
-        """Call something after every change of the names."""
+        """Call something after every change of the names.
+
+        Args:
+            listener: What to call.
+        """
         self._listeners.append(listener)
 
     def _changed(self) -> None:

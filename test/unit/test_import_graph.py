@@ -63,7 +63,7 @@ MODULES = {
     """,
     "robot_energy.identify.dynamics": """
         base_parameters columns consistent dynamics dynamics_model inertials
-        leave_one_out sufficiency torque_delay validation work
+        leave_one_out sufficiency torque_delay torque_model validation work
     """,
     "robot_energy.identify.excitation": """
         excitation limits

@@ -18,14 +18,18 @@ def at_bound(source: str, value: float = 0.0) -> PositiveFigure:
 
     Args:
         source: Where the data come from.
-        value: 0, or what rounding of a solver left of it.
+        value: 0, or what rounding of a solver left of it. [of the figure]
     """
     text = f"{AT_BOUND}: {source}" if source else AT_BOUND
     return PositiveFigure(value=value, tag="assumed", source=text)
 
 
 def is_at_bound(figure: Figure) -> bool:
-    """Whether a figure was written by `at_bound`."""
+    """Whether a figure was written by `at_bound`.
+
+    Args:
+        figure: Of a model file.
+    """
     return figure.source.startswith(AT_BOUND)
 
 
@@ -33,8 +37,8 @@ def identified(value: float, std: float | None, source: str) -> PositiveFigure:
     """Return an identified figure, or the bound where it is not above 0.
 
     Args:
-        value: As fitted.
-        std: Its standard deviation; None or not finite where it is unknown.
+        value: As fitted. [of the figure]
+        std: Its standard deviation; None or not finite where it is unknown. [of the figure]
         source: Where the data come from.
     """
     if not value > 0.0:

@@ -19,7 +19,7 @@ from robot_energy.identify.data.recordings import Recording
 from robot_energy.identify.drives.drive_data import DriveData
 from robot_energy.identify.drives.drives import DrivesFit
 from robot_energy.identify.drives.total_sums import Sums
-from robot_energy.identify.dynamics.dynamics import Dynamics, mechanics
+from robot_energy.identify.dynamics.dynamics import Dynamics
 from robot_energy.identify.dynamics.validation import TorqueError
 from robot_energy.identify.friction.friction import FrictionFit
 from robot_energy.identify.stats.cross_validation import EnergyScore
@@ -66,9 +66,9 @@ def opposite_joints(
 
     Args:
         names: Of the joints.
-        measured: Torque, shape (N, n).
-        rigid: Torque of the bodies as given, same side, shape (N, n).
-        velocity: Of the same side, shape (N, n).
+        measured: Torque, shape (N, n). [N m]
+        rigid: Torque of the bodies as given, same side, shape (N, n). [N m]
+        velocity: Of the same side, shape (N, n). [rad/s]
         usable: Moving samples with a known torque, shape (N, n).
 
     Returns:
@@ -104,7 +104,7 @@ def refuse_opposite(found: Mapping[str, float], joints: int, remedy: str = TURN)
     """Refuse torque of the wrong sign.
 
     Args:
-        found: From `opposite_joints`.
+        found: From `opposite_joints`. [-]
         joints: How many the robot has.
         remedy: With ``{joints}`` in it.
 
@@ -157,8 +157,7 @@ def check_dynamics(result: Dynamics, held_out: TorqueError, remedy: str = TURN) 
     Raises:
         ImplausibleIdentificationError: Saying what is wrong with them.
     """
-    robot, transmission = mechanics(result.model)
-    rows = result.observations
+    robot, rows = result.torque_model.robot, result.observations
     bodies = rows.regressor[:, :, : 10 * robot.n_joints] @ robot.link_parameters.ravel()
     usable = rows.used & np.isfinite(rows.joint_torque)
     found = opposite_joints(
@@ -172,29 +171,24 @@ def check_dynamics(result: Dynamics, held_out: TorqueError, remedy: str = TURN) 
             "a fit that predicts torque",
             "check signs and sizes of the gear ratios, joint order and zero positions",
         )
-    _refuse_negative_columns(result, transmission)
+    _refuse_negative_columns(result)
     _refuse_mass(result, robot.link_parameters.ravel())
 
 
-def _refuse_negative_columns(result: Dynamics, transmission: Float) -> None:
+def _refuse_negative_columns(result: Dynamics) -> None:
     labels = result.exported_base.labels
     values, std = result.exported.values, result.exported.std
     rows = result.observations
     bad: list[str] = []
-    for column in result.columns:
-        if column.kind not in ("viscous", "coulomb"):
+    for column, owner, name in result.torque_model.extra:
+        if column.kind not in ("viscous", "coulomb") or name not in labels:
             continue
-        owners = column.joints(transmission)
-        names = column.names(result.model.joint_names, transmission)
-        for owner, name in zip(owners, names, strict=True):
-            if name not in labels or name not in rows.names:
-                continue
-            used = rows.used[:, owner]
-            part = rows.regressor[used, owner, rows.names.index(name)]
-            place = labels.index(name)
-            share = abs(values[place]) * _rms(part) / _rms(rows.joint_torque[used, owner])
-            if _negative(float(values[place]), float(std[place])) and share > MIN_NEGATIVE_SHARE:
-                bad.append(f"{name} {values[place]:.3g} +- {std[place]:.1g} {column.unit}")
+        used = rows.used[:, owner]
+        part = rows.regressor[used, owner, rows.names.index(name)]
+        place = labels.index(name)
+        share = abs(values[place]) * _rms(part) / _rms(rows.joint_torque[used, owner])
+        if _negative(float(values[place]), float(std[place])) and share > MIN_NEGATIVE_SHARE:
+            bad.append(f"{name} {values[place]:.3g} +- {std[place]:.1g} {column.unit}")
     _refuse_negative(bad)
 
 

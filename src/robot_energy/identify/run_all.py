@@ -23,9 +23,8 @@ from robot_energy.errors import (
     NotIdentifiableError,
 )
 from robot_energy.identify.cabinet.dc_link import Voltages
-from robot_energy.identify.cabinet.meter_delay import estimate_meter_delay
+from robot_energy.identify.cabinet.meter_delay import meter_delay_of
 from robot_energy.identify.data.bags import Bag, BagFacts, powers_of
-from robot_energy.identify.drives.drive_data import drive_data
 from robot_energy.identify.stats.lag import Delay
 from robot_energy.identify.steps import STEPS, SUBJECTS, Step, Subject, capacitor_step
 from robot_energy.model import RobotModel
@@ -63,7 +62,11 @@ class FullIdentification:
         return tuple(step.subject for step in self.steps if step.taken)
 
     def step(self, subject: Subject) -> Step:
-        """Return the step about a subject."""
+        """Return the step about a subject.
+
+        Args:
+            subject: Which one.
+        """
         return next(step for step in self.steps if step.subject == subject)
 
 
@@ -103,7 +106,7 @@ def identify_everything(
         if progress is not None:
             progress(subject, number / len(order))
         if subject in SUPPLY and subject not in skip and not in_time:
-            delay, in_time = _meter_delay(bags, now), True
+            delay, in_time = meter_delay_of(*powers_of(bags, now)), True
             if delay is not None:
                 bags = [replace(bag, meter_delay=delay.applied) for bag in bags]
         if subject in skip:
@@ -125,20 +128,24 @@ def identify_everything(
     return FullIdentification(model, tuple(steps), delay)
 
 
-def _meter_delay(bags: Sequence[Bag], model: RobotModel) -> Delay | None:
-    recordings, powers = powers_of(bags, model)
-    return estimate_meter_delay(drive_data(recordings, powers, measured_torque=False))
-
-
 def order_of(bags: Sequence[Bag]) -> tuple[Subject, ...]:
-    """Return the order of the steps: what is measured on its own comes before what is left."""
+    """Return the order of the steps: what is measured on its own comes before what is left.
+
+    Args:
+        bags: Of the fit.
+    """
     if any(bag.drive_power is not None for bag in bags):
         return ("dynamics", "friction", "drives", "cabinet", "capacitor")
     return SUBJECTS
 
 
 def usable_effort(model: RobotModel, effort: EffortMeaning) -> str:
-    """Return why an effort of this meaning cannot be used with a model; empty if it can."""
+    """Return why an effort of this meaning cannot be used with a model; empty if it can.
+
+    Args:
+        model: Of the robot.
+        effort: What the effort in the joint states means.
+    """
     try:
         Effort.from_model(model, effort, Drivetrain.from_model(model))
     except ModelFileError as error:

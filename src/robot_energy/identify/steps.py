@@ -283,7 +283,14 @@ def _not_better(total: TotalFound) -> str:
 def capacitor_step(
     bags: Sequence[Bag], model: RobotModel, source: str, voltages: Voltages | None = None
 ) -> Step:
-    """Find the energy of the DC link, after all that decides when it fills."""
+    """Return what was found of the DC link's energy, after all that decides when it fills.
+
+    Args:
+        bags: Of the fit.
+        model: As the steps before left it.
+        source: Where the data come from.
+        voltages: Of the link, rectified and of the chopper; None if they are not known. [V]
+    """
     fit = fit_link(read_all(bags, model))
     if fit.reason:
         return Step("capacitor", fit, fit.reason, model)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -28,13 +29,11 @@ from robot_energy.logs.recording import (
 )
 from robot_energy.logs.rows import (
     Clock,
-    TableRows,
     nanoseconds,
-    number_rows,
     side_by_side,
     usable_rows,
 )
-from robot_energy.logs.table import LogTable
+from robot_energy.logs.table import LogTable, TableRows
 from robot_energy.physics.drivetrain import Drivetrain
 
 
@@ -86,7 +85,7 @@ class MappedLog:
             if (column := getattr(mapping.time, key)) is not None
         ]
 
-    def _add(self, key: str, file: Path, names: Sequence[str] | None, group: Columns) -> None:
+    def _add(self, key: str, file: Path, names: Sequence[str] | None, group: Columns[Any]) -> None:
         joints = self._mapping.joints
         if file not in self.tables:
             self.tables[file] = LogTable(file, self._mapping.delimiter, names)
@@ -113,11 +112,14 @@ class MappedLog:
     @property
     def begins(self) -> float:
         """Time of the first row, infinite where it has none. [ns]"""
-        main = next(iter(self.tables.values()))
-        for cells in main.cells(self._texts[:1]):
-            first = nanoseconds(cells.columns[:1, 0], self._mapping.time.unit)[0]
-            return np.inf if first is None else first
-        return np.inf
+        first = self.main.first(self._texts[:1])
+        instants = nanoseconds(first[0], self._mapping.time.unit) if first else [None]
+        return np.inf if instants[0] is None else instants[0]
+
+    @property
+    def main(self) -> LogTable:
+        """The table with the time and the positions."""
+        return next(iter(self.tables.values()))
 
     def blocks(
         self,
@@ -166,12 +168,11 @@ class MappedLog:
         return LogBlock.concatenate(blocks)
 
     def _joined(self, kept: bool) -> Iterator[TableRows]:
+        kept |= len(self.tables) > 1
         streams: list[Iterator[TableRows]] = []
-        several = len(self.tables) > 1
         for file, table in self.tables.items():
             names = [name for _, name in self._columns[file]]
-            texts = () if streams else self._texts
-            streams.append(number_rows(table, names, texts, kept or several))
+            streams.append(table.rows(names, () if streams else self._texts, kept))
         return side_by_side(list(self.tables.values()), streams)
 
     def _block(self, stamp_ns: Int, values: Float) -> LogBlock:
@@ -255,6 +256,8 @@ def import_log(
     mapping: LogMapping,
     out: str | Path,
     overwrite: bool = False,
+    optional: bool = False,
+    start_ns: int | None = None,
 ) -> ImportReport:
     """Turn a log into a bag.
 
@@ -264,6 +267,8 @@ def import_log(
         mapping: What their columns mean.
         out: Folder of the bag.
         overwrite: Whether an existing bag may be replaced.
+        optional: Whether files may lack columns other than those of time and position.
+        start_ns: Added to every time; None: as the mapping says. [ns]
 
     Returns:
         What was written, and the account of every row.
@@ -272,10 +277,15 @@ def import_log(
         LogFormatError: If a file cannot be read, lacks a column, or has no usable row.
         BagError: If the bag cannot be written.
     """
-    logs = open_logs([paths] if isinstance(paths, str | Path) else paths, mapping)
-    report = write_logs(logs, mapping, out, overwrite, mapping.description)
-    effort = mapping.joints.effort
-    if effort is not None:
+    files = [paths] if isinstance(paths, str | Path) else paths
+    logs = open_logs(files, mapping, optional=optional)
+    contents, effort = contents_of(logs, mapping), mapping.joints.effort
+    names = ", ".join(log.name for log in logs)
+    origin = f"{mapping.description}: {names}" if mapping.description else names
+    accounts = [log.account for log in logs]
+    blocks = _in_turn(logs, mapping, start_ns)
+    report = write_bag(out, contents, blocks, accounts, overwrite, origin)
+    if contents.effort and effort is not None:
         report.notes.append(
             f"the effort of /joint_states is the log's, in {effort.si_unit.replace('_', ' ')}"
         )
@@ -308,37 +318,6 @@ def contents_of(logs: Sequence[MappedLog], mapping: LogMapping) -> RecordingCont
         power.interval if power and power.interval else float("nan"),
         have("drive_power"),
     )
-
-
-def write_logs(
-    logs: Sequence[MappedLog],
-    mapping: LogMapping,
-    out: str | Path,
-    overwrite: bool = False,
-    origin: str = "",
-    start_ns: int | None = None,
-) -> ImportReport:
-    """Write opened logs into one bag.
-
-    Args:
-        logs: From `open_logs`.
-        mapping: That they were opened with.
-        out: Folder of the bag.
-        overwrite: Whether an existing bag may be replaced.
-        origin: Where the log comes from, in words.
-        start_ns: Added to every time; None: as the mapping says. [ns]
-
-    Returns:
-        What was written, and the account of every row.
-
-    Raises:
-        LogFormatError: If a file cannot be read, or has no usable row.
-        BagError: If the bag cannot be written.
-    """
-    contents = contents_of(logs, mapping)
-    source = ": ".join(filter(None, (origin, ", ".join(log.name for log in logs))))
-    accounts = [log.account for log in logs]
-    return write_bag(out, contents, _in_turn(logs, mapping, start_ns), accounts, overwrite, source)
 
 
 def _in_turn(

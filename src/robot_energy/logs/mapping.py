@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated, Any, Literal, cast
+from typing import Annotated, Any, Generic, Literal, Self, TypeVar, cast
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
@@ -40,6 +40,7 @@ Number = Annotated[float, Field(allow_inf_nan=False)]
 Name = Annotated[str, Field(pattern=r"^[\w.-]+$")]
 Names = Annotated[list[Text], Field(min_length=1)]
 Side = Literal["motor", "joint"]
+Unit = TypeVar("Unit")
 
 
 class MappingEntry(BaseModel):
@@ -94,26 +95,26 @@ def since_1970(instant: datetime) -> int:
     return (elapsed.days * 86400 + elapsed.seconds) * 10**9 + elapsed.microseconds * 1000
 
 
-class Columns(MappingEntry):
+class Columns(MappingEntry, Generic[Unit]):
     """Columns of one quantity of every joint.
 
     Attributes:
+        unit: Of the columns.
         column: Pattern in which ``{joint}`` stands for the joint's key.
         columns: One column per joint, in their order.
         file: Another file with as many rows, beside the log; ``{recording}`` stands for the
             name of each recording. Without column and columns: its first columns.
         column_names: Of all columns of that file, if it has no header.
-        unit: Of the columns; each quantity narrows it to its own.
     """
 
-    unit: Any
+    unit: Unit
     column: Text | None = None
     columns: Names | None = None
     file: Text | None = None
     column_names: Names | None = None
 
     @model_validator(mode="after")
-    def _check(self) -> Columns:
+    def _check(self) -> Self:
         if self.column is not None and self.columns is not None:
             raise ValueError("either column or columns, not both")
         if self.column is None and self.columns is None and self.file is None:
@@ -135,37 +136,32 @@ class Columns(MappingEntry):
         return [self.column.replace(PLACEHOLDER, key) for key in keys]
 
 
-class PositionColumn(Columns):
+class PositionColumn(Columns[Literal["rad", "deg", "m", "mm"]]):
     """Positions of the joints, or of the motors.
 
     Attributes:
-        unit: Of the column.
         side: Whether joints or motors were measured; motors need ``robot`` or a model.
         zero: Position of each joint in the URDF where the log says 0. [rad] or [m]
     """
 
-    unit: Literal["rad", "deg", "m", "mm"]
     side: Side = "joint"
     zero: list[Number] | None = None
 
 
-class Velocity(Columns):
+class Velocity(Columns[Literal["rad_per_s", "deg_per_s", "m_per_s", "mm_per_s"]]):
     """Velocities of the joints, or of the motors."""
 
-    unit: Literal["rad_per_s", "deg_per_s", "m_per_s", "mm_per_s"]
     side: Side = "joint"
 
 
-class EffortColumns(Columns):
+class EffortColumns(Columns[Literal["newton_metre", "newton", "ampere", "milliampere"]]):
     """Torque or current; a bag keeps it, and ``effort`` tells the monitor what it means.
 
     Attributes:
-        unit: Of the column.
         side: Whether joints or motors were measured; ``identify dynamics --log`` needs it.
         torque_constant: Per motor; turns currents into torques. [N m/A]
     """
 
-    unit: Literal["newton_metre", "newton", "ampere", "milliampere"]
     side: Side | None = None
     torque_constant: list[Number] | None = None
 
@@ -188,18 +184,6 @@ class EffortColumns(Columns):
         return "ampere" if self.is_current else self.unit
 
 
-class TemperatureColumns(Columns):
-    """Motor temperatures."""
-
-    unit: Literal["celsius", "kelvin"]
-
-
-class DrivePowerColumns(Columns):
-    """Electrical power that each drive takes, positive into the drive."""
-
-    unit: Literal["W", "kW", "mW"]
-
-
 class Joints(MappingEntry):
     """The joints and their columns.
 
@@ -207,6 +191,8 @@ class Joints(MappingEntry):
         names: As in the model file, from the base on.
         keys: What stands for ``{joint}`` in patterns; default the names.
         signs: 1 or -1 per joint, where the log counts the other way than the URDF.
+        temperature: Of the motors.
+        drive_power: Electrical power that each drive takes, positive into the drive.
     """
 
     names: Names
@@ -215,8 +201,8 @@ class Joints(MappingEntry):
     position: PositionColumn
     velocity: Velocity | None = None
     effort: EffortColumns | None = None
-    temperature: TemperatureColumns | None = None
-    drive_power: DrivePowerColumns | None = None
+    temperature: Columns[Literal["celsius", "kelvin"]] | None = None
+    drive_power: Columns[Literal["W", "kW", "mW"]] | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Joints:
@@ -235,32 +221,18 @@ class Joints(MappingEntry):
                 )
         return self
 
-    def quantities(self) -> Iterator[tuple[str, Columns]]:
+    def quantities(self) -> Iterator[tuple[str, Columns[Any]]]:
         """Yield key and columns of every quantity that the log has."""
         for name in ("position", "velocity", "effort", "temperature", "drive_power"):
             if (group := getattr(self, name)) is not None:
                 yield name, group
 
 
-class PowerColumn(MappingEntry):
-    """Measured power or energy in one column."""
+class MeterColumn(MappingEntry, Generic[Unit]):
+    """One column of the power meter."""
 
     column: Text
-    unit: Literal["W", "kW", "mW", "J", "kJ", "Wh", "kWh"]
-
-
-class VoltageColumn(MappingEntry):
-    """Measured voltage."""
-
-    column: Text
-    unit: Literal["V", "mV"]
-
-
-class CurrentColumn(MappingEntry):
-    """Measured current."""
-
-    column: Text
-    unit: Literal["A", "mA"]
+    unit: Unit
 
 
 class Power(MappingEntry):
@@ -275,9 +247,9 @@ class Power(MappingEntry):
     location: Literal["grid", "dc_bus"]
     meaning: Literal["instantaneous", "mean_over_interval", "cumulative"]
     interval: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
-    reading: PowerColumn | None = None
-    voltage: VoltageColumn | None = None
-    current: CurrentColumn | None = None
+    reading: MeterColumn[Literal["W", "kW", "mW", "J", "kJ", "Wh", "kWh"]] | None = None
+    voltage: MeterColumn[Literal["V", "mV"]] | None = None
+    current: MeterColumn[Literal["A", "mA"]] | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Power:

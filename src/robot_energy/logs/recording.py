@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robot_energy.bag import SENSOR_QOS, BagWriter
+from robot_energy.bag.writer import DEFAULT_QOS
 from robot_energy.blocks import Block, Float, Int, MeterLocation, MeterMeaning
 from robot_energy.cdr import Encoder, stamp_columns
 from robot_energy.errors import LogFormatError
@@ -136,92 +140,87 @@ class ImportReport:
     notes: list[str] = field(default_factory=list[str])
 
 
-class _Encoders:
-    def __init__(self, contents: RecordingContents) -> None:
-        n_joints = len(contents.joint_names)
-        self.contents = contents
-        lengths = {
-            "position": n_joints,
-            "velocity": n_joints if contents.velocity else 0,
-            "effort": n_joints if contents.effort else 0,
-        }
-        self.joint_states = Encoder(JOINT_STATE, {"name": contents.joint_names}, lengths)
-        self.temperatures = Encoder(
-            MOTOR_TEMPERATURES,
-            {"joint_names": contents.joint_names},
-            {"temperature_degc": n_joints},
-        )
-        self.readings = Encoder(
-            POWER_READING,
-            {
-                "meaning": int(contents.meaning),
-                "location": int(contents.location),
-                "interval": contents.interval,
-            },
-        )
-        self.drive_power = Encoder(FLOAT_ARRAY, lengths={"layout.dim": 0, "data": n_joints})
+@dataclass(frozen=True)
+class _Stream:
+    """One topic of the bag: which rows give a message, and what is in it."""
 
-    def write(self, bag: BagWriter, block: LogBlock, report: ImportReport) -> None:
-        """Write all topics, interleaved as a recorder would."""
-        contents, none = self.contents, np.empty((len(block), 0))
-        rows = self.joint_states.encode(
-            {
-                **stamp_columns(block.stamp_ns),
-                "position": block.joint_position,
-                "velocity": block.joint_velocity if contents.velocity else none,
-                "effort": block.effort if contents.effort else none,
-            },
-            len(block),
-        )
-        given = np.isfinite(block.motor_temperature_degc).any(axis=1)
-        warm = np.asarray(given & contents.temperatures)
-        warm_rows = self.temperatures.encode(
-            {
-                **stamp_columns(block.stamp_ns),
-                "temperature_degc": block.motor_temperature_degc,
-            },
-            len(block),
-        )
-        has_meter = contents.meaning is not MeterMeaning.UNKNOWN
-        metered = np.asarray(np.isfinite(block.reading) & has_meter)
-        nothing = np.full(len(block), np.nan)
-        counter = contents.meaning is MeterMeaning.CUMULATIVE
-        metered_rows = self.readings.encode(
-            {
-                **stamp_columns(block.stamp_ns),
-                "power": nothing if counter else block.reading,
-                "energy": block.reading if counter else nothing,
-            },
-            len(block),
-        )
-        every = np.ones(len(block), dtype=np.bool_)
-        driven = np.asarray(np.isfinite(block.drive_power).any(axis=1) & contents.drive_power)
-        flat = np.empty((len(block), 0), dtype=np.uint32)  # one row of values needs no layout
-        driven_rows = self.drive_power.encode(
-            {
-                "layout.dim.size": flat,
-                "layout.dim.stride": flat,
-                "layout.data_offset": 0,
-                "data": block.drive_power,
-            },
-            len(block),
-        )
-        streams = (
-            (TEMPERATURES_TOPIC, warm, warm_rows),
-            (METER_TOPIC, metered, metered_rows),
-            (DRIVE_POWER_TOPIC, driven, driven_rows),
-            (JOINT_STATES_TOPIC, every, rows),
-        )
-        for start in range(0, len(block), INTERLEAVED_ROWS):
-            piece = slice(start, start + INTERLEAVED_ROWS)
-            for topic, chosen, messages in streams:
-                if chosen[piece].any():
-                    stamps = block.stamp_ns[piece][chosen[piece]]
-                    bag.write(topic, stamps, messages[piece][chosen[piece]])
-        report.joint_states += len(block)
-        report.temperatures += int(warm.sum())
-        report.readings += int(metered.sum())
-        report.drive_powers += int(driven.sum())
+    topic: str
+    encoder: Encoder
+    given: Callable[[LogBlock], NDArray[np.bool_]]
+    fields: Callable[[LogBlock], dict[str, Any]]
+
+
+def _streams(contents: RecordingContents) -> list[_Stream]:
+    """The topics of a log, in the order in which a recorder would write them."""
+    names, counter = contents.joint_names, contents.meaning is MeterMeaning.CUMULATIVE
+    count = len(names)
+    temperatures = {"joint_names": names}
+    meter = {
+        "meaning": int(contents.meaning),
+        "location": int(contents.location),
+        "interval": contents.interval,
+    }
+    states = {
+        "position": count,
+        "velocity": count * contents.velocity,
+        "effort": count * contents.effort,
+    }
+
+    def flat(block: LogBlock) -> NDArray[np.uint32]:
+        return np.empty((len(block), 0), dtype=np.uint32)  # one row of values needs no layout
+
+    temperature = _Stream(
+        TEMPERATURES_TOPIC,
+        Encoder(MOTOR_TEMPERATURES, temperatures, {"temperature_degc": count}),
+        lambda b: _any(b.motor_temperature_degc),
+        lambda b: {
+            **stamp_columns(b.stamp_ns),
+            "temperature_degc": b.motor_temperature_degc,
+        },
+    )
+    reading = _Stream(
+        METER_TOPIC,
+        Encoder(POWER_READING, meter),
+        lambda b: _any(b.reading[:, None]),
+        lambda b: {
+            **stamp_columns(b.stamp_ns),
+            "power": np.where(counter, np.nan, b.reading),
+            "energy": np.where(counter, b.reading, np.nan),
+        },
+    )
+    drive_power = _Stream(
+        DRIVE_POWER_TOPIC,
+        Encoder(FLOAT_ARRAY, lengths={"layout.dim": 0, "data": count}),
+        lambda b: _any(b.drive_power),
+        lambda b: {
+            "layout.dim.size": flat(b),
+            "layout.dim.stride": flat(b),
+            "layout.data_offset": 0,
+            "data": b.drive_power,
+        },
+    )
+    joint_states = _Stream(
+        JOINT_STATES_TOPIC,
+        Encoder(JOINT_STATE, {"name": names}, states),
+        lambda b: np.ones(len(b), dtype=np.bool_),
+        lambda b: {
+            **stamp_columns(b.stamp_ns),
+            "position": b.joint_position,
+            "velocity": b.joint_velocity[:, : states["velocity"]],
+            "effort": b.effort[:, : states["effort"]],
+        },
+    )
+    return [
+        *([temperature] if contents.temperatures else []),
+        *([reading] if contents.meaning is not MeterMeaning.UNKNOWN else []),
+        *([drive_power] if contents.drive_power else []),
+        joint_states,
+    ]
+
+
+def _any(values: Float) -> NDArray[np.bool_]:
+    """Rows in which at least one value is known."""
+    return np.asarray(np.isfinite(values).any(axis=1))
 
 
 def write_bag(
@@ -250,16 +249,13 @@ def write_bag(
         BagError: If the bag cannot be written.
     """
     report = ImportReport(Path(path), contents, files)
-    encoders = _Encoders(contents)
+    streams = _streams(contents)
+    counts: Counter[str] = Counter()
     inputs = [file.path for file in files]
     with BagWriter(path, overwrite=overwrite, origin=origin, inputs=inputs) as bag:
-        bag.add_topic(JOINT_STATES_TOPIC, JOINT_STATE, SENSOR_QOS)
-        if contents.temperatures:
-            bag.add_topic(TEMPERATURES_TOPIC, MOTOR_TEMPERATURES)
-        if contents.meaning is not MeterMeaning.UNKNOWN:
-            bag.add_topic(METER_TOPIC, POWER_READING)
-        if contents.drive_power:
-            bag.add_topic(DRIVE_POWER_TOPIC, FLOAT_ARRAY)
+        for stream in reversed(streams):
+            qos = SENSOR_QOS if stream.topic == JOINT_STATES_TOPIC else DEFAULT_QOS
+            bag.add_topic(stream.topic, stream.encoder.msgtype, qos)
         for block in blocks:
             if not len(block):
                 continue
@@ -267,14 +263,32 @@ def write_bag(
                 report.start_ns = int(block.stamp_ns[0])
             report.end_ns = int(block.stamp_ns[-1])
             _check_start(report.start_ns, files)
-            encoders.write(bag, block, report)
+            counts.update(_write(bag, streams, block))
         if report.start_ns is None:
             raise LogFormatError(*nothing_used(files))
+    report.joint_states, report.temperatures = (
+        counts[JOINT_STATES_TOPIC],
+        counts[TEMPERATURES_TOPIC],
+    )
+    report.readings, report.drive_powers = counts[METER_TOPIC], counts[DRIVE_POWER_TOPIC]
     if not report.readings and contents.meaning is not MeterMeaning.UNKNOWN:
         report.notes.append("no row has a meter reading")
     if not report.temperatures and contents.temperatures:
         report.notes.append("no row has a motor temperature")
     return report
+
+
+def _write(bag: BagWriter, streams: Sequence[_Stream], block: LogBlock) -> dict[str, int]:
+    """Write all topics, interleaved as a recorder would; return the messages of each."""
+    given = [stream.given(block) for stream in streams]
+    messages = [stream.encoder.encode(stream.fields(block), len(block)) for stream in streams]
+    for start in range(0, len(block), INTERLEAVED_ROWS):
+        piece = slice(start, start + INTERLEAVED_ROWS)
+        for stream, chosen, rows in zip(streams, given, messages, strict=True):
+            if chosen[piece].any():
+                stamps = block.stamp_ns[piece][chosen[piece]]
+                bag.write(stream.topic, stamps, rows[piece][chosen[piece]])
+    return {stream.topic: int(chosen.sum()) for stream, chosen in zip(streams, given, strict=True)}
 
 
 def _check_start(start_ns: int, files: Sequence[FileAccount]) -> None:

@@ -1,97 +1,22 @@
-"""Cells of tables -> numbers with their time, and what becomes of every row."""
+"""Rows of tables side by side, their time, and what becomes of every row."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Sequence
 from decimal import Decimal, InvalidOperation
 from itertools import repeat
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
-from robot_energy.blocks import Float, Int
+from robot_energy.blocks import Int
 from robot_energy.errors import LogFormatError
 from robot_energy.logs.mapping import LATEST_NS, Time
 from robot_energy.logs.recording import FileAccount
-from robot_energy.logs.table import Cells, LogTable
+from robot_energy.logs.table import LogTable, Mask, TableRows
 from robot_energy.timeline.stamps import BAD_STAMP, valid_stamps
 
 DIGITS = {"s": 9, "ms": 6, "us": 3, "ns": 0}
-MAX_NUMBERS = 24_000_000
-"""Numbers that are kept of one log: an hour of six joints at 1 kHz."""
-Mask = NDArray[np.bool_]
-
-
-@dataclass(frozen=True)
-class TableRows:
-    """Rows of a table as numbers.
-
-    Attributes:
-        line: Where each stands in the file, shape (N,).
-        values: Of the columns asked for, NaN where a cell is empty, shape (N, K).
-        whole: Whether a row has as many cells as there are columns, shape (N,).
-        numeric: Whether no cell asked for holds anything but a number, shape (N,).
-        texts: Further columns as they stand in the file, such as the time.
-    """
-
-    line: Int
-    values: Float
-    whole: Mask
-    numeric: Mask
-    texts: tuple[pl.Series, ...] = ()
-
-    def __len__(self) -> int:
-        return len(self.line)
-
-
-def number_rows(
-    table: LogTable, numbers: Sequence[str], texts: Sequence[str] = (), kept: bool = False
-) -> Iterator[TableRows]:
-    """Yield all rows of a table that are not blank.
-
-    Args:
-        table: The table.
-        numbers: Columns wanted as numbers.
-        texts: Columns wanted as they stand.
-        kept: Whether all rows will be kept in memory, so that their number is bounded.
-
-    Yields:
-        At most 8192 rows at a time, in the order of the file.
-
-    Raises:
-        LogFormatError: If the file cannot be read to its end, or is too long to be kept.
-    """
-    count, most = 0, MAX_NUMBERS // max(len(numbers), 1)
-    for cells in table.cells([*numbers, *texts]):
-        count += len(cells)
-        if kept and count > most:
-            raise LogFormatError(
-                f"{table.path} has over {most} rows of {len(numbers)} columns",
-                f"at most {MAX_NUMBERS} numbers",
-                "cut it, or import it as a bag",
-            )
-        yield _rows(cells, len(numbers))
-
-
-def _rows(cells: Cells, numbers: int) -> TableRows:
-    columns = cells.columns
-    # An empty cell is no number and no mistake either.
-    text = pl.col(pl.String).str.strip_chars()
-    given = columns[:, :numbers].with_columns(pl.when(text != "").then(text).name.keep())
-    values = given.select(pl.all().cast(pl.Float64, strict=False))
-    lost = (
-        values.select(pl.all().is_null()).to_numpy()
-        & given.select(pl.all().is_not_null()).to_numpy()
-    )
-    return TableRows(
-        cells.line,
-        values.select(pl.all().fill_null(np.nan)).to_numpy().reshape(len(cells), numbers),
-        cells.whole,
-        np.asarray(~lost.reshape(len(cells), numbers).any(axis=1)),
-        tuple(columns[:, place] for place in range(numbers, columns.width)),
-    )
 
 
 def side_by_side(
@@ -101,7 +26,7 @@ def side_by_side(
 
     Args:
         tables: The tables, for messages.
-        streams: Rows of each, from `number_rows`.
+        streams: Rows of each.
 
     Yields:
         Rows with the numbers of all tables; line and texts are those of the first.
@@ -121,27 +46,19 @@ def side_by_side(
                 "one torque for every position: as many rows in every file",
                 "cut the files at the same instants",
             )
-    if not counts[0]:
-        return
-    whole, *others = map(_concatenated, kept)
-    for other in others:
-        whole = replace(
-            whole,
-            values=np.hstack([whole.values, other.values]),
-            whole=whole.whole & other.whole,
-            numeric=whole.numeric & other.numeric,
+    if counts[0]:
+        first = kept[0]
+        yield TableRows(
+            np.concatenate([part.line for part in first]),
+            np.hstack([np.concatenate([part.values for part in parts]) for parts in kept]),
+            _all(np.concatenate([part.whole for part in parts]) for parts in kept),
+            _all(np.concatenate([part.numeric for part in parts]) for parts in kept),
+            tuple(pl.concat(texts) for texts in zip(*(part.texts for part in first), strict=True)),
         )
-    yield whole
 
 
-def _concatenated(parts: Sequence[TableRows]) -> TableRows:
-    return TableRows(
-        np.concatenate([part.line for part in parts]),
-        np.concatenate([part.values for part in parts]),
-        np.concatenate([part.whole for part in parts]),
-        np.concatenate([part.numeric for part in parts]),
-        tuple(pl.concat(texts) for texts in zip(*(part.texts for part in parts), strict=True)),
-    )
+def _all(masks: Iterable[Mask]) -> Mask:
+    return np.asarray(np.logical_and.reduce(list(masks)))
 
 
 class Clock:

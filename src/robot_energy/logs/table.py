@@ -1,4 +1,4 @@
-"""One table, CSV or Parquet -> cells of the columns asked for, row by row as they stand there.
+"""One table, CSV or Parquet -> numbers of the columns asked for, row by row as they stand there.
 
 A text is cut into lines and cells here, not by the CSV reader of polars: that one leaves out
 blank lines and fills up short rows, and then nobody can say which row was refused and why.
@@ -24,12 +24,14 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from robot_energy.blocks import Int
+from robot_energy.blocks import Float, Int
 from robot_energy.errors import LogFormatError
 from robot_energy.files.regular_file import open_regular
 from robot_energy.files.temporary_folder import TemporaryFolder
 
 BLOCK_ROWS = 8192
+MAX_NUMBERS = 24_000_000
+"""Numbers that are kept of one table: an hour of six joints at 1 kHz."""
 SHOWN_COLUMNS = 12
 LONGEST_LINE = 2**20
 """Characters; a packed file could hold one line that fills the memory."""
@@ -38,6 +40,8 @@ MAX_RATIO = 200
 MIN_UNPACKED = 16 * 2**20
 """Characters or bytes that any packed log may become."""
 EXPECTED = "a table: CSV, plain or gzip, or Parquet"
+Mask = NDArray[np.bool_]
+_Cells = tuple[Int, pl.DataFrame, Mask]  # line of each row, cells, whether it is whole
 _NO_TEXT = (csv.Error, OSError, EOFError, UnicodeDecodeError, zlib.error)
 # A damaged Parquet file can end the process that reads it, so another one does.
 UNPACK = """
@@ -51,19 +55,22 @@ polars.scan_parquet(path, glob=False).sink_ipc(out, compression="uncompressed")
 
 
 @dataclass(frozen=True)
-class Cells:
-    """Some rows of a table.
+class TableRows:
+    """Rows of a table as numbers.
 
     Attributes:
-        line: Where each stands: line of the text, or row of the Parquet file, shape (N,).
-        columns: Those asked for, named by their place among them: text, or what a Parquet
-            file holds; null where there is nothing.
-        whole: Whether a row has one cell for every column of the table, shape (N,).
+        line: Line of a text, or row of a Parquet file, where each stands, shape (N,).
+        values: Of the columns asked for, NaN where a cell is empty, shape (N, K).
+        whole: Whether a row has as many cells as there are columns, shape (N,).
+        numeric: Whether no cell asked for holds anything but a number, shape (N,).
+        texts: Further columns as they stand in the file, such as the time.
     """
 
     line: Int
-    columns: pl.DataFrame
-    whole: NDArray[np.bool_]
+    values: Float
+    whole: Mask
+    numeric: Mask
+    texts: tuple[pl.Series, ...] = ()
 
     def __len__(self) -> int:
         return len(self.line)
@@ -151,50 +158,59 @@ class LogTable:
             "" if self._headed else "correct column_names",
         )
 
-    def first(self, names: Sequence[str]) -> list[str]:
-        """Return cells of the first row; empty where it lacks them.
+    def first(self, names: Sequence[str]) -> list[pl.Series]:
+        """Return columns of the first row; nothing where there is none.
 
         Args:
             names: Columns wanted.
-
-        Returns:
-            One text per column.
 
         Raises:
             LogFormatError: If the file cannot be read.
         """
-        for cells in self.cells(names):
-            return ["" if cell is None else str(cell).strip() for cell in cells.columns.row(0)]
-        return [""] * len(names)
+        rows = next(self.rows((), names), None)
+        return [] if rows is None else [column[:1] for column in rows.texts]
 
-    def cells(self, names: Sequence[str]) -> Iterator[Cells]:
+    def rows(
+        self, numbers: Sequence[str], texts: Sequence[str] = (), kept: bool = False
+    ) -> Iterator[TableRows]:
         """Yield all rows that are not blank.
 
         Args:
-            names: Columns wanted.
+            numbers: Columns wanted as numbers.
+            texts: Columns wanted as they stand.
+            kept: Whether all rows will be kept in memory, so that their number is bounded.
 
         Yields:
             At most 8192 rows at a time, in the order of the file.
 
         Raises:
-            LogFormatError: If the file cannot be read to its end.
+            LogFormatError: If the file cannot be read to its end, or is too long to be kept.
         """
-        pick = [self.columns.index(name) for name in names]
-        return self._unpacked_rows(names) if self._parquet else self._text_rows(pick)
+        pick = [self.columns.index(name) for name in (*numbers, *texts)]
+        count, most = 0, MAX_NUMBERS // max(len(numbers), 1)
+        for line, cells, whole in self._parquet_rows(pick) if self._parquet else self._text(pick):
+            count += len(line)
+            if kept and count > most:
+                raise LogFormatError(
+                    f"{self.path} has over {most} rows of {len(numbers)} columns",
+                    f"at most {MAX_NUMBERS} numbers",
+                    "cut it, or import it as a bag",
+                )
+            yield _as_numbers(line, cells, whole, len(numbers))
 
-    def _unpacked_rows(self, names: Sequence[str]) -> Iterator[Cells]:
-        for name in names:
-            kind = self._frame.schema[name]
+    def _parquet_rows(self, pick: Sequence[int]) -> Iterator[_Cells]:
+        for column in pick:
+            kind = self._frame.dtypes[column]
             if kind.is_nested() or kind == pl.Binary:
                 raise LogFormatError(
-                    f"the column '{name}' of {self.path} holds {kind}", "numbers, dates or text"
+                    f"the column '{self.columns[column]}' of {self.path} holds {kind}",
+                    "numbers, dates or text",
                 )
-        wanted = [pl.col(name).alias(str(place)) for place, name in enumerate(names)]
-        for place, part in enumerate(self._frame.select(wanted).iter_slices(BLOCK_ROWS)):
+        for place, part in enumerate(self._frame.iter_slices(BLOCK_ROWS)):
             line = place * BLOCK_ROWS + np.arange(1, len(part) + 1)
-            yield Cells(line, part, np.ones(len(part), dtype=np.bool_))
+            yield line, _picked(part, pick), np.ones(len(part), dtype=np.bool_)
 
-    def _text_rows(self, pick: Sequence[int]) -> Iterator[Cells]:
+    def _text(self, pick: Sequence[int]) -> Iterator[_Cells]:
         done = 0
         try:
             with self._open() as file:
@@ -204,16 +220,12 @@ class LogTable:
                     done = 1
                 while part := list(islice(lines, BLOCK_ROWS)):
                     cells, line = self._split(part, lines)
-                    width = pl.sum_horizontal(pl.all().is_not_null())
-                    whole = cells.select(width == len(self.columns)).to_series()
-                    alone = pl.col("0").str.strip_chars() == ""
-                    blank = cells.select((width == 1) & alone).to_series()
-                    kept = cells.select(
-                        pl.col(str(column)).alias(str(place)) for place, column in enumerate(pick)
-                    )
+                    width = cells.select(pl.sum_horizontal(pl.all().is_not_null())).to_series()
+                    blank = (width == 1) & (cells[:, 0].str.strip_chars() == "")
                     rows = ~blank.to_numpy()
+                    whole = (width == len(self.columns)).to_numpy()[rows]
                     if rows.any():
-                        yield Cells(done + line[rows], kept.filter(~blank), whole.to_numpy()[rows])
+                        yield done + line[rows], _picked(cells.filter(~blank), pick), whole
                     done += int(line[-1])
         except _NO_TEXT as error:
             raise self._unreadable(error, done) from error
@@ -271,3 +283,25 @@ class LogTable:
         if isinstance(error, UnicodeDecodeError):
             what = "it is not UTF-8 text"
         return LogFormatError(f"{self.path} cannot be read{where} ({what})", EXPECTED)
+
+
+def _picked(cells: pl.DataFrame, pick: Sequence[int]) -> pl.DataFrame:
+    """Columns by their places, each named by its place among them; one may come twice."""
+    return pl.DataFrame([cells[:, column].alias(str(place)) for place, column in enumerate(pick)])
+
+
+def _as_numbers(line: Int, cells: pl.DataFrame, whole: Mask, numbers: int) -> TableRows:
+    # An empty cell is no number and no mistake either.
+    text = pl.col(pl.String).str.strip_chars()
+    given = cells[:, :numbers].with_columns(pl.when(text != "").then(text).name.keep())
+    values = given.select(pl.all().cast(pl.Float64, strict=False))
+    lost = (
+        values.select(pl.all().is_null()).to_numpy() > given.select(pl.all().is_null()).to_numpy()
+    )
+    return TableRows(
+        line,
+        values.select(pl.all().fill_null(np.nan)).to_numpy().reshape(len(line), numbers),
+        whole,
+        np.asarray(~lost.reshape(len(line), numbers).any(axis=1)),
+        tuple(cells[:, place] for place in range(numbers, cells.width)),
+    )

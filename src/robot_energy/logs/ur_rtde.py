@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from robot_energy.errors import LogFormatError
-from robot_energy.logs.mapped_log import open_logs, write_logs
+from robot_energy.logs.mapped_log import import_log, open_logs
 from robot_energy.logs.mapping import LogMapping, since_1970
 from robot_energy.logs.recording import ImportReport
 from robot_energy.logs.table import LogTable
@@ -33,12 +33,6 @@ SUPPLY: dict[str, Any] = {  # of the 48 V bus
     "meaning": "instantaneous",
     "voltage": {"column": "actual_robot_voltage", "unit": "V"},
     "current": {"column": "actual_robot_current", "unit": "A"},
-}
-PARTS = {  # what a recording may lack
-    "velocity": "velocities",
-    "effort": "motor currents",
-    "temperature": "joint temperatures",
-    "voltage": "supply voltage and current",
 }
 WALLS = ("time", "_id")  # recorders differ in where they note the wall clock
 WALL_FORMATS = ("%Y:%m:%d:%H:%M:%S.%f", "%Y-%m-%dT%H:%M:%S.%f", "%Y-%m-%d %H:%M:%S.%f")
@@ -78,6 +72,7 @@ def import_ur_rtde(
     mapping = LogMapping.model_validate(
         {
             "schema_version": 1,
+            "description": "UR RTDE recording",
             "time": {"column": CLOCK},
             "joints": {"names": names, "keys": keys, **COLUMNS},
             "power": SUPPLY,
@@ -86,18 +81,18 @@ def import_ur_rtde(
     for table in map(LogTable, logs):
         for column in (CLOCK, *(f"actual_q_{key}" for key in keys)):
             table.require(column, "a UR RTDE recording")
-    parts = open_logs(logs, mapping, optional=True)
-    start_ns, note = _start(next(iter(parts[0].tables.values())))
-    origin = "UR RTDE recording"
-    report = write_logs(parts, mapping, out, overwrite, origin, start_ns)
-    report.notes.append(note)
-    if report.contents.effort:
-        report.notes.append("the effort of /joint_states is the motor current [A]")
-    report.notes += [
-        f"the recording has no {what}"
-        for key, what in PARTS.items()
-        if not any(key in part for part in parts)
-    ]
+    start_ns, note = _start(open_logs(logs, mapping, optional=True)[0].main)
+    report = import_log(logs, mapping, out, overwrite, True, start_ns)
+    report.notes.insert(0, note)
+    contents = report.contents
+    for present, what in (
+        (contents.velocity, "velocities"),
+        (contents.effort, "motor currents"),
+        (contents.temperatures, "joint temperatures"),
+        (contents.meaning, "supply voltage and current"),
+    ):
+        if not present:
+            report.notes.append(f"the recording has no {what}")
     return report
 
 
@@ -106,11 +101,11 @@ def _start(table: LogTable) -> tuple[int, str]:
     for column in WALLS:
         if column not in table.columns:
             continue
-        wall, clock = table.first([column, CLOCK])
-        start = _instant(wall)
-        if start is not None:
+        wall, clock = table.first([column, CLOCK]) or [None, None]
+        start = None if wall is None else _instant(str(wall[0]))
+        if start is not None and clock is not None:
             text = start.isoformat(timespec="milliseconds").removesuffix("+00:00")
-            return since_1970(start) - round(float(clock) * 1e9), (
+            return since_1970(start) - round(float(clock[0]) * 1e9), (
                 f"stamps are the controller's clock, set to {text} at the first row; "
                 f"the column '{column}' is taken as UTC"
             )

@@ -146,14 +146,5 @@ DRIVE_MODELS = Kinds(
     ),
 )
 
-
-def register_drive_model(kind: DriveModel) -> DriveModel:
-    """Add a drive model: model files may name it from now on.
-
-    Args:
-        kind: With its physics and, where it needs figures, with key and entry.
-
-    Raises:
-        KindError: If its name is taken.
-    """
-    return DRIVE_MODELS.register(kind)
+register_drive_model = DRIVE_MODELS.register
+"""Add a drive model of yours, with its physics and, where it needs figures, key and entry."""

@@ -175,14 +175,5 @@ FRICTION_LAWS = Kinds(
     ),
 )
 
-
-def register_friction_law(kind: FrictionLaw) -> FrictionLaw:
-    """Add a friction law: model files may name it from now on.
-
-    Args:
-        kind: With its entry and its curve.
-
-    Raises:
-        KindError: If its name is taken.
-    """
-    return FRICTION_LAWS.register(kind)
+register_friction_law = FRICTION_LAWS.register
+"""Add a law of yours: model files may name it from now on."""

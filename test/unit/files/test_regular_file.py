@@ -11,9 +11,8 @@ from robot_energy.bag import BagReader
 from robot_energy.errors import BagError, LogFormatError, ModelFileError, RobotEnergyError
 from robot_energy.files.regular_file import open_regular, read_regular, read_regular_text
 from robot_energy.inputs.inputs_file import read_inputs
-from robot_energy.logs import rows, table
+from robot_energy.logs import table
 from robot_energy.logs.mapping import load_mapping
-from robot_energy.logs.rows import number_rows
 from robot_energy.logs.table import LogTable
 from robot_energy.model import load, validate
 from robot_energy.motion.gcode import load_gcode
@@ -105,20 +104,20 @@ def test_a_packed_log_is_unpacked_within_bounds(tmp_path, monkeypatch):
     path = tmp_path / "log.csv.gz"
     path.write_bytes(gzip.compress(b"a,b\n" + b"0,0\n" * 2**20))
     with pytest.raises(LogFormatError, match="times its size"):
-        list(number_rows(LogTable(path), ["a"]))
+        list(LogTable(path).rows(["a"]))
     path.write_bytes(gzip.compress(b"a,b\n" + b"1,2\n" * 1000))
-    (read,) = number_rows(LogTable(path), ["b", "a"])
+    (read,) = LogTable(path).rows(["b", "a"])
     assert read.values.tolist() == [[2.0, 1.0]] * 1000
 
 
 def test_numbers_of_a_log_are_bounded(tmp_path, monkeypatch):
-    monkeypatch.setattr(rows, "MAX_NUMBERS", 20)
+    monkeypatch.setattr(table, "MAX_NUMBERS", 20)
     path = tmp_path / "log.csv"
     path.write_text("a,b\n" + "1,2\n" * 10)
-    (read,) = number_rows(LogTable(path), ["a", "b"], kept=True)
+    (read,) = LogTable(path).rows(["a", "b"], kept=True)
     assert read.values.shape == (10, 2)
     path.write_text("a,b\n" + "1,2\n" * 11)
     with pytest.raises(LogFormatError, match="over 10 rows"):
-        list(number_rows(LogTable(path), ["a", "b"], kept=True))
-    (read,) = number_rows(LogTable(path), ["a", "b"])  # block by block there is no bound
+        list(LogTable(path).rows(["a", "b"], kept=True))
+    (read,) = LogTable(path).rows(["a", "b"])  # block by block there is no bound
     assert read.values.shape == (11, 2)

@@ -19,7 +19,7 @@ def test_a_damaged_gzip_is_refused(tmp_path):
         path.write_bytes(damaged)
         with contextlib.suppress(LogFormatError):
             table = LogTable(path)
-            for _ in table.cells(table.columns):
+            for _ in table.rows(table.columns):
                 pass
 
 
@@ -33,5 +33,5 @@ def test_a_line_that_fills_the_memory_is_refused(tmp_path, head):
             file.write(b"x" * 2**20)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     with pytest.raises(LogFormatError, match="over 1048576 characters"):
-        list(LogTable(path).cells(["t"]))
+        list(LogTable(path).rows(["t"]))
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 50 * 1024

@@ -150,7 +150,7 @@ def test_a_damaged_or_swollen_parquet_is_refused(tmp_path):
     for place in range(0, len(data), len(data) // 12):
         path.write_bytes(data[:place] + bytes([data[place] ^ 0x80]) + data[place + 1 :])
         try:
-            list(LogTable(path).cells(["a"]))
+            list(LogTable(path).rows(["a"]))
         except LogFormatError:
             refused += 1
     assert refused

@@ -86,9 +86,9 @@ def test_files_that_are_no_log_are_refused_in_one_sentence(tmp_path: Path) -> No
         with pytest.raises(LogFormatError, match=text):
             LogTable(path)
     with pytest.raises(LogFormatError, match="UTF-8"):
-        list(LogTable(binary).cells(["a"]))
+        list(LogTable(binary).rows(["a"]))
     with pytest.raises(LogFormatError, match="cannot be read after line"):
-        list(LogTable(cut).cells(["a"]))
+        list(LogTable(cut).rows(["a"]))
 
 
 def test_a_missing_column_is_named_beside_near_ones(tmp_path: Path) -> None:

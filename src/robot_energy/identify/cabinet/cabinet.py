@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from robot_energy.blocks import Float, Int, MeterLocation, Phase, PowerBlock
 from robot_energy.errors import NotIdentifiableError
 from robot_energy.identify.bounds import identified
-from robot_energy.identify.data.recordings import Recording
+from robot_energy.identify.data.recordings import Recording, with_meter
 from robot_energy.identify.drives.drive_data import DriveData
 from robot_energy.identify.drives.total_sums import sums
 from robot_energy.model import RobotModel
@@ -110,13 +110,7 @@ def fit_cabinet(recordings: Sequence[Recording], beside: Beside | None = None) -
         NotIdentifiableError: If there is no meter, or the robot neither stands still nor
             generates.
     """
-    metered = [recording for recording in recordings if recording.meter is not None]
-    if not metered:
-        raise NotIdentifiableError(
-            "no recording has a power meter",
-            "measured grid power beside the joint states",
-            "record the meter's topic too",
-        )
+    metered = with_meter(recordings)
     locations = {part.meter.location for part in metered if part.meter is not None}
     if len(locations) > 1:
         raise NotIdentifiableError(

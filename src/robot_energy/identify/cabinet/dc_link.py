@@ -29,7 +29,7 @@ from robot_energy.identify.cabinet.link_readings import (
     use_of,
     with_energy,
 )
-from robot_energy.identify.data.recordings import Recording
+from robot_energy.identify.data.recordings import Recording, with_meter
 from robot_energy.identify.stats.cross_validation import (
     EnergyScore,
     Kind,
@@ -117,7 +117,7 @@ def fit_link(recordings: Sequence[Recording], cabinet: Cabinet | None = None) ->
         NotIdentifiableError: If there is no meter at the grid, the supply feeds back to the
             grid, the robot hardly brakes, or the meter averages for too long.
     """
-    metered = [part for part in recordings if part.meter is not None]
+    metered = with_meter(recordings)
     cabinet = cabinet or recordings[0].model.cabinet
     _require_grid_meter(metered, cabinet)
     top = max(fed_at_once(part, cabinet.loss_dc.value) for part in metered)
@@ -217,12 +217,6 @@ def with_link(
 
 
 def _require_grid_meter(metered: Sequence[Recording], cabinet: Cabinet) -> None:
-    if not metered:
-        raise NotIdentifiableError(
-            "no recording has a power meter",
-            "measured grid power beside the joint states",
-            "record the meter's topic too",
-        )
     if any(part.meter and part.meter.location is not MeterLocation.GRID for part in metered):
         raise NotIdentifiableError(
             "a meter that is not at the grid does not see what the DC link gives back",

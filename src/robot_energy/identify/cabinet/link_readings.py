@@ -55,7 +55,12 @@ class LinkReadings:
 
 
 def rebalanced(recording: Recording, cabinet: Cabinet) -> Recording:
-    """Return a recording as if its model had another cabinet; what was compared stays out."""
+    """Return a recording as if its model had another cabinet; what was compared stays out.
+
+    Args:
+        recording: Run with a model.
+        cabinet: The other one.
+    """
     power = recording.power
     flows = CabinetStage(cabinet).step(power.stamp_ns, power.segment, power.bus_power)
     return replace(
@@ -67,13 +72,24 @@ def rebalanced(recording: Recording, cabinet: Cabinet) -> Recording:
 
 
 def fed_at_once(part: Recording, loss_dc: float) -> float:
-    """Most energy that was fed back and not yet drawn again. [J]"""
+    """Return the most energy that was fed back and not yet drawn again. [J]
+
+    Args:
+        part: A recording.
+        loss_dc: Constant of the DC side. [W]
+    """
     power = part.power
     return float(held_energy(power.bus_power + loss_dc, power.stamp_ns, power.segment).max())
 
 
 def with_energy(cabinet: Cabinet, loss_dc: float, energy: float) -> Cabinet:
-    """Return a cabinet with another constant [W] and a link of some energy, 0 for none. [J]"""
+    """Return a cabinet with another constant and another link.
+
+    Args:
+        cabinet: All else stays as in it.
+        loss_dc: Constant of the DC side. [W]
+        energy: Of the link; 0 for none. [J]
+    """
     update: dict[str, PositiveFigure | Capacitor | None] = {
         "loss_dc": cabinet.loss_dc.model_copy(update={"value": loss_dc}),
         "capacitor": None,
@@ -89,7 +105,17 @@ def with_energy(cabinet: Cabinet, loss_dc: float, energy: float) -> Cabinet:
 def tried(
     metered: Sequence[Recording], cabinet: Cabinet, base: float, top: float
 ) -> tuple[Float, LinkReadings]:
-    """Try energies, closer and closer to the best, with a constant and a little more of it."""
+    """Try energies, closer and closer to the best, with a constant and a little more of it.
+
+    Args:
+        metered: Recordings with a meter.
+        cabinet: All else stays as in it.
+        base: Constant of the DC side. [W]
+        top: Greatest energy to try. [J]
+
+    Returns:
+        Energies, rising, shape (K,) [J], and the readings with each of them.
+    """
     data: LinkReadings | None = None
     energies, least = np.empty(0), max(LEAST_SHARE * top, FULL)
     new = np.append(0.0, least * (top / least) ** (np.arange(COARSE) / (COARSE - 1)))
@@ -115,7 +141,15 @@ def tried(
 
 
 def readings_of(metered: Sequence[Recording], cabinets: Sequence[Cabinet]) -> LinkReadings:
-    """Run every cabinet, and take the means over the same time as each reading."""
+    """Run every cabinet, and take the means over the same time as each reading.
+
+    Args:
+        metered: Recordings with a meter.
+        cabinets: One after the other.
+
+    Returns:
+        The readings, with one prediction for every cabinet.
+    """
     parts: list[tuple[CoveredPieces, Float, Int]] = []
     for number, recording in enumerate(metered):
         power, meter = recording.power, recording.meter
@@ -146,19 +180,34 @@ def readings_of(metered: Sequence[Recording], cabinets: Sequence[Cabinet]) -> Li
 
 
 def squared_error(squares: Float) -> Float:
-    """Squared error with every energy, the constant free, shape (energies,). [W^2 s]"""
+    """Return the squared error with every energy, the constant free. [W^2 s]
+
+    Args:
+        squares: From `LinkReadings.squares`, summed over blocks, shape (3, energies).
+            [W^2 s], [W s] and [s]
+    """
     return squares[0] - squares[1] ** 2 / np.maximum(squares[2], np.finfo(float).tiny)
 
 
 def best_energy(energies: Float, squares: Float) -> tuple[float, float]:
-    """Energy of the least error, by the parabola through its neighbours [J], and shift [W]."""
+    """Return the energy of the least error [J] and the shift of the constant there. [W]
+
+    Args:
+        energies: Rising, shape (K,). [J]
+        squares: Of each, as of `squared_error`, shape (3, K). [W^2 s]
+    """
     error = squared_error(squares)
     shift = squares[1] / np.maximum(squares[2], np.finfo(float).tiny)
     return minimum(energies, error)[0], float(shift[np.argmin(error)])
 
 
 def braking_time(metered: Sequence[Recording], loss_dc: float) -> float:
-    """Median time for which the drives feed back more than the DC side uses. [s]"""
+    """Return the median time for which the drives feed back more than the DC side uses. [s]
+
+    Args:
+        metered: Recordings.
+        loss_dc: Constant of the DC side. [W]
+    """
     times = [
         (part.power.stamp_ns[last - 1] - part.power.stamp_ns[first]) * NANOSECOND
         for part in metered
@@ -168,7 +217,12 @@ def braking_time(metered: Sequence[Recording], loss_dc: float) -> float:
 
 
 def use_of(metered: Sequence[Recording], cabinet: Cabinet) -> tuple[int, float]:
-    """How often a link was full, and the median time for which it holds energy. [s]"""
+    """Return how often a link was full, and the median time for which it holds energy. [s]
+
+    Args:
+        metered: Recordings.
+        cabinet: With the link.
+    """
     events, times = 0, [0.0]
     for part in metered:
         power = part.power

@@ -9,13 +9,16 @@ fed back, are left out at every delay: the meter then sees less, which would loo
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from robot_energy.blocks import NANOSECOND, Float, Int, MeterBlock
-from robot_energy.identify.drives.drive_data import DriveData
+from robot_energy.identify.data.recordings import Recording
+from robot_energy.identify.drives.drive_data import DriveData, drive_data
 from robot_energy.identify.drives.drive_delay import LEAST_GAIN
+from robot_energy.identify.drives.drive_power import MeasuredDrivePower
 from robot_energy.identify.drives.total_sums import piece_means
 from robot_energy.identify.stats.cross_validation import contiguous_folds, splits
 from robot_energy.identify.stats.lag import Delay, best_delay, held_out_errors
@@ -59,8 +62,31 @@ def estimate_meter_delay(data: DriveData, span: float = SPAN) -> Delay | None:
     )
 
 
+def meter_delay_of(
+    recordings: Sequence[Recording], powers: Sequence[MeasuredDrivePower | None] | None = None
+) -> Delay | None:
+    """Estimate one delay for the meters of recordings, by the torque of their model.
+
+    Args:
+        recordings: Run with one model.
+        powers: Measured power of the drives of each, None without.
+
+    Returns:
+        The estimate; None without a meter, or where the readings are too few to tell.
+    """
+    if all(part.meter is None for part in recordings):
+        return None
+    powers = powers or [None] * len(recordings)
+    return estimate_meter_delay(drive_data(recordings, powers, measured_torque=False))
+
+
 def with_meters_earlier(data: DriveData, delay: float) -> DriveData:
-    """Return the samples with the delay of the meters undone. [s]"""
+    """Return the samples with the delay of the meters undone.
+
+    Args:
+        data: Samples of all drives, with meters.
+        delay: Of the readings behind the samples. [s]
+    """
     if delay == 0.0:
         return data
     moved = tuple(None if meter is None else _earlier(meter, delay) for meter in data.meters)

@@ -14,9 +14,8 @@ from robot_energy.errors import NotIdentifiableError
 from robot_energy.identify.cabinet.cabinet import CabinetFit, fit_cabinet, with_cabinet
 from robot_energy.identify.cabinet.dc_link import LinkFit, Voltages, fit_link, with_link
 from robot_energy.identify.cabinet.link_readings import rebalanced
-from robot_energy.identify.cabinet.meter_delay import estimate_meter_delay
+from robot_energy.identify.cabinet.meter_delay import meter_delay_of
 from robot_energy.identify.data.recordings import Recording
-from robot_energy.identify.drives.drive_data import drive_data
 from robot_energy.identify.stats.lag import Delay
 from robot_energy.model import RobotModel
 
@@ -52,13 +51,13 @@ def fit_supply(
         source: Where the data come from.
         voltages: Of the DC link, rectified and of the chopper; None if they are not known. [V]
 
+    Returns:
+        Constants, link and the model with both.
+
     Raises:
         NotIdentifiableError: If not even the constants are told.
     """
-    delay = None
-    if any(part.meter is not None for part in recordings):
-        data = drive_data(recordings, [None] * len(recordings), measured_torque=False)
-        delay = estimate_meter_delay(data)
+    delay = meter_delay_of(recordings)
     if delay is not None:
         recordings = [part.with_meter_earlier(delay.applied) for part in recordings]
     given = recordings[0].model

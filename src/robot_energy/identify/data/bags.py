@@ -56,7 +56,11 @@ class Bag:
         return self.path.resolve().name
 
     def whole(self, model: RobotModel, progress: Progress | None = None) -> Recording:
-        """Read all of the bag with a model.
+        """Return all of the bag, read with a model.
+
+        Args:
+            model: Of the robot.
+            progress: Called with the share done, 0 to 1.
 
         Raises:
             RobotEnergyError: If bag or model cannot be used.
@@ -65,7 +69,10 @@ class Bag:
         return recording.with_meter_earlier(self.meter_delay)
 
     def read(self, model: RobotModel) -> list[Recording]:
-        """Read the stretches that count with a model, each as a recording of its own.
+        """Return the stretches that count, read with a model, each as a recording of its own.
+
+        Args:
+            model: Of the robot.
 
         Raises:
             RobotEnergyError: If bag or model cannot be used.
@@ -77,11 +84,20 @@ class Bag:
         return [part for part in parts if len(part) > 1]
 
     def only(self, span: Span) -> Bag:
-        """Return one stretch of the bag."""
+        """Return one stretch of the bag.
+
+        Args:
+            span: From and to. [ns]
+        """
         return replace(self, spans=(span,))
 
     def without(self, span: Span, guard_ns: int) -> Bag:
-        """Return the bag less a stretch and a moment on both sides of it. [ns]"""
+        """Return the bag less a stretch and a moment on both sides of it.
+
+        Args:
+            span: From and to. [ns]
+            guard_ns: The moment. [ns]
+        """
         first, last = span
         return replace(self, spans=((EVER[0], first - guard_ns), (last + guard_ns, EVER[1])))
 
@@ -182,18 +198,23 @@ def temperature_ranges(recordings: Sequence[Recording]) -> Float:
 
 
 def read_all(bags: Sequence[Bag], model: RobotModel) -> list[Recording]:
-    """Read all stretches of all bags with one model."""
+    """Return all stretches of all bags, read with one model.
+
+    Args:
+        bags: The bags.
+        model: Of the robot.
+    """
     return [part for bag in bags for part in bag.read(model)]
 
 
 def powers_of(
     bags: Sequence[Bag], model: RobotModel
 ) -> tuple[list[Recording], list[MeasuredDrivePower | None]]:
-    """Read all bags, and say which measured power of drives belongs to which recording."""
-    recordings: list[Recording] = []
-    powers: list[MeasuredDrivePower | None] = []
-    for bag in bags:
-        parts = bag.read(model)
-        recordings += parts
-        powers += [bag.drive_power] * len(parts)
-    return recordings, powers
+    """Return all stretches of all bags, and the measured power of drives that belongs to each.
+
+    Args:
+        bags: The bags.
+        model: Of the robot.
+    """
+    read = [(part, bag.drive_power) for bag in bags for part in bag.read(model)]
+    return [part for part, _ in read], [power for _, power in read]

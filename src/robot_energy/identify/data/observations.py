@@ -23,9 +23,7 @@ from robot_energy.identify.data.signals import (
     motion_from_position,
     standing,
 )
-from robot_energy.identify.dynamics.base_parameters import link_parameter_names
-from robot_energy.identify.dynamics.columns import Column
-from robot_energy.physics.rigid_body import Robot
+from robot_energy.identify.dynamics.torque_model import TorqueModel
 
 MOTION_PER_RATE = 5.0  # samples per period of the filter of the positions
 ROWS_PER_RATE = 10.0  # rows per period of the filter of both sides
@@ -91,7 +89,11 @@ class Observations:
         return replace(self, joint_torque=torque)
 
     def with_columns(self, keep: Sequence[int] | Int) -> Observations:
-        """Return the observations with some of the parameters only."""
+        """Return the observations with some of the parameters only.
+
+        Args:
+            keep: Places of these parameters, shape (K,).
+        """
         index = np.asarray(keep, dtype=np.int64)
         return replace(
             self,
@@ -99,21 +101,25 @@ class Observations:
             regressor=np.ascontiguousarray(self.regressor[:, :, index]),
         )
 
+    def with_names(self, names: Sequence[str]) -> Observations:
+        """Return the observations with the parameters of these names only.
+
+        Args:
+            names: Some of those there are.
+        """
+        if tuple(names) == self.names:
+            return self
+        return self.with_columns([self.names.index(name) for name in names])
+
 
 def observe(
-    channels: Sequence[Channels],
-    robot: Robot,
-    transmission: Float,
-    columns: Sequence[Column],
-    filters: Filters,
+    channels: Sequence[Channels], torque_model: TorqueModel, filters: Filters
 ) -> Observations:
     """Turn recorded channels into rows.
 
     Args:
         channels: Stretches of the recording without gaps, one rate for all.
-        robot: Rigid bodies; its payload is known and taken off the torque.
-        transmission: Motor turns per joint turn, shape (n, n).
-        columns: What is fitted beside the links.
+        torque_model: Of the robot; its payload is known and taken off the torque.
         filters: How to filter.
 
     Returns:
@@ -122,10 +128,7 @@ def observe(
     Raises:
         NotIdentifiableError: If a stretch is too short to be filtered.
     """
-    parts = [
-        _observe(part, number, robot, transmission, columns, filters)
-        for number, part in enumerate(channels)
-    ]
+    parts = [_observe(part, number, torque_model, filters) for number, part in enumerate(channels)]
     if len(parts) == 1:
         return parts[0]
     motions = [part.motion for part in parts]
@@ -144,33 +147,24 @@ def observe(
 
 
 def _observe(
-    channels: Channels,
-    number: int,
-    robot: Robot,
-    transmission: Float,
-    columns: Sequence[Column],
-    filters: Filters,
+    channels: Channels, number: int, torque_model: TorqueModel, filters: Filters
 ) -> Observations:
-    rate = channels.rate
+    rate, transmission = channels.rate, torque_model.transmission
     cutoff = min(filters.motion_cutoff, SHARE_OF_RATE * rate)
     motion = motion_from_position(channels.joint_position, rate, cutoff)
     torque = low_pass(channels.motor_torque @ transmission, rate, cutoff)
     step = max(1, int(rate / (MOTION_PER_RATE * cutoff)))
     rate /= step
     motion = _every(motion, step)
-    regressor = regressor_of(motion, robot, transmission, columns)
-    links = regressor[:, :, : 10 * robot.n_joints] @ robot.link_parameters
-    payload = (
-        robot.joint_torque(motion.joint_position, motion.joint_velocity, motion.joint_acceleration)
-        - links
-    )
+    regressor = torque_model.regressor(motion)
+    payload = torque_model.payload_torque(motion, regressor)
     regressor = _low_pass_columns(regressor, rate, filters.cutoff)
     torque = low_pass(torque[::step] - payload, rate, filters.cutoff)
     used, compared = _usable(motion.joint_velocity, rate, transmission, filters)
     step = max(1, int(rate / (ROWS_PER_RATE * filters.cutoff)))
     rows = slice(None, None, step)
     return Observations(
-        names=parameter_names(robot, transmission, columns),
+        names=torque_model.names,
         regressor=np.ascontiguousarray(regressor[rows]),
         joint_torque=torque[rows],
         used=used[rows],
@@ -179,35 +173,6 @@ def _observe(
         rate=rate / step,
         motion=_every(motion, step),
     )
-
-
-def regressor_of(
-    motion: Motion, robot: Robot, transmission: Float, columns: Sequence[Column]
-) -> Float:
-    """Return joint torque per unit of each parameter, links first, shape (N, n, P).
-
-    Args:
-        motion: N samples of it.
-        robot: The rigid bodies.
-        transmission: Motor turns per joint turn, shape (n, n).
-        columns: What comes after the links.
-    """
-    links = robot.torque_regressor(
-        motion.joint_position, motion.joint_velocity, motion.joint_acceleration
-    )
-    return np.concatenate(
-        [links, *(column.torque(motion, transmission) for column in columns)], axis=2
-    )
-
-
-def parameter_names(
-    robot: Robot, transmission: Float, columns: Sequence[Column]
-) -> tuple[str, ...]:
-    """Return the name of every parameter, links first."""
-    names = link_parameter_names(robot.joint_names)
-    for column in columns:
-        names += column.names(robot.joint_names, transmission)
-    return tuple(names)
 
 
 def _every(motion: Motion, step: int) -> Motion:

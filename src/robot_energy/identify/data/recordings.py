@@ -24,7 +24,7 @@ from robot_energy.blocks import (
     Quality,
     TorqueBlock,
 )
-from robot_energy.errors import BagError
+from robot_energy.errors import BagError, NotIdentifiableError
 from robot_energy.identify.data.signals import Channels, stretches
 from robot_energy.inputs.meter.power_curve import MeterLimits
 from robot_energy.inputs.sources import Inputs
@@ -76,7 +76,12 @@ class Recording:
         return int(self.torque.stamp_ns.min()), int(self.torque.stamp_ns.max())
 
     def between(self, start_ns: int, end_ns: int) -> Recording:
-        """Return what lies in ``start_ns <= stamp < end_ns``; what was compared stays out."""
+        """Return what lies in ``start_ns <= stamp < end_ns``; what was compared stays out.
+
+        Args:
+            start_ns: First stamp. [ns]
+            end_ns: Behind the last one. [ns]
+        """
         rows = _inside(self.torque.stamp_ns, start_ns, end_ns)
         meter = self.meter
         if meter is not None:
@@ -90,7 +95,11 @@ class Recording:
         )
 
     def with_meter_earlier(self, delay: float) -> Recording:
-        """Return the recording with a delay of its meter undone, compared again. [s]"""
+        """Return the recording with a delay of its meter undone, compared again.
+
+        Args:
+            delay: Of the readings behind the joint states. [s]
+        """
         if delay == 0.0 or self.meter is None:
             return self
         meter = replace(self.meter, stamp_ns=self.meter.stamp_ns - round(delay / NANOSECOND))
@@ -101,6 +110,25 @@ class Recording:
             supply.stamp_ns, supply.segment, supply.power_at(meter.location)
         )
         return replace(self, meter=meter, compared=(compared,))
+
+
+def with_meter(recordings: Sequence[Recording]) -> list[Recording]:
+    """Return the recordings that have a power meter.
+
+    Args:
+        recordings: Of one robot.
+
+    Raises:
+        NotIdentifiableError: If there is none.
+    """
+    metered = [part for part in recordings if part.meter is not None]
+    if not metered:
+        raise NotIdentifiableError(
+            "no recording has a power meter",
+            "measured grid power beside the joint states",
+            "record the meter's topic too",
+        )
+    return metered
 
 
 def _inside(stamp_ns: Int, start_ns: int, end_ns: int) -> NDArray[np.bool_]:
@@ -159,6 +187,7 @@ def read_recording(
         The recording; memory grows with its length, about 1 kB per sample of six joints.
 
     Raises:
+        BagError: If the bag gives not one torque.
         RobotEnergyError: If bag or model cannot be used.
     """
     outputs: list[Output] = []

@@ -62,7 +62,7 @@ def low_pass(values: Float, rate: float, cutoff: float) -> Float:
     """Filter forward and backward with a Butterworth filter: no delay at any frequency.
 
     Args:
-        values: Shape (N, ...), uniform in time.
+        values: Shape (N, ...), uniform in time. [any unit]
         rate: [Hz]
         cutoff: Where the filter, passed twice, halves the amplitude. [Hz]
 
@@ -115,7 +115,7 @@ def later(values: Float, rate: float, delay: float) -> Float:
     cut it off with `inside`.
 
     Args:
-        values: Shape (N, n), uniform in time, smooth.
+        values: Shape (N, n), uniform in time, smooth. [any unit]
         rate: [Hz]
         delay: Result at t is the channel at t + delay; may be negative. [s]
 
@@ -152,8 +152,8 @@ def standing(speed: Float, threshold: float, window: int) -> NDArray[np.bool_]:
     """Mark where something stands still for longer than a moment.
 
     Args:
-        speed: Shape (N, n), any sign.
-        threshold: Below it nothing moves; same unit.
+        speed: Shape (N, n), any sign. [rad/s] or [m/s]
+        threshold: Below it nothing moves; same unit. [rad/s] or [m/s]
         window: Samples around each one that must stand too, so that the instant of a
             reversal is no standstill.
 
@@ -171,7 +171,7 @@ def uniform(stamp_ns: Int, values: Float, rate: float) -> Float:
 
     Args:
         stamp_ns: Strictly rising, without gaps, shape (N,). [ns]
-        values: Shape (N, n).
+        values: Shape (N, n). [any unit]
         rate: Of the grid, which starts at the first stamp. [Hz]
 
     Returns:

@@ -90,6 +90,9 @@ def find_drives(
         source: Where the data come from.
         cutoff: Of the low-pass of the maps. [Hz]
 
+    Returns:
+        What the power of each drive and the meter tell.
+
     Raises:
         NotIdentifiableError: If neither power of drives nor a meter tells anything.
     """

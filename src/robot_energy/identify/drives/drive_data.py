@@ -101,14 +101,24 @@ class DriveData:
         return self.motor_torque * self.motor_velocity
 
     def loss_columns(self, rows: Rows = ALL, joints: slice | int = ALL) -> Float:
-        """Columns of the loss model (`losses.loss_columns`) of some samples and drives."""
+        """Return the columns of the loss model (`losses.loss_columns`).
+
+        Args:
+            rows: Which samples.
+            joints: Which drives.
+        """
         part = (rows, joints)
         return loss_columns(
             self.motor_velocity[part], self.motor_torque[part], self.motor_temperature_degc[part]
         )
 
     def input_power(self, drive: Drive, joints: slice = ALL) -> Float:
-        """Electrical power that a model of some drives says, shape (N, joints). [W]"""
+        """Return the electrical power that a model of some drives says, shape (N, joints). [W]
+
+        Args:
+            drive: Physics of these drives.
+            joints: Which drives they are.
+        """
         power, _ = drive.input_power(
             self.shaft_power[:, joints],
             self.motor_velocity[:, joints],
@@ -303,7 +313,11 @@ def drive_data_of_logs(
 
 
 def block_length(recorded: float) -> float:
-    """Return how long blocks are that count as independent, for a recorded time. [s]"""
+    """Return how long blocks are that count as independent. [s]
+
+    Args:
+        recorded: Recorded time. [s]
+    """
     return min(BLOCK, max(SHORTEST_BLOCK, recorded / BLOCKS))
 
 
@@ -312,6 +326,10 @@ def _winding(degc: Float) -> Float:
 
 
 def location(data: DriveData) -> MeterLocation | None:
-    """Where the meters sit, None if there is none or they differ."""
+    """Return where the meters sit, None if there is none or they differ.
+
+    Args:
+        data: Samples of all drives, with meters.
+    """
     places = {meter.location for meter in data.meters if meter is not None}
     return places.pop() if len(places) == 1 else None

@@ -35,23 +35,21 @@ class MeasuredDrivePower:
         """Return the power at given instants, straight between readings.
 
         Args:
-            stamp_ns: Shape (K,). [ns]
+            stamp_ns: Instants, of shape (K,). [ns]
             longest: Time between two readings that is bridged. [s]
 
         Returns:
             Shape (K, n), NaN off the readings. [W]
         """
-        result = np.full((len(stamp_ns), self.power.shape[1]), np.nan)
         if len(self.stamp_ns) < 2:
-            return result
+            return np.full((len(stamp_ns), self.power.shape[1]), np.nan)
         right = np.clip(np.searchsorted(self.stamp_ns, stamp_ns), 1, len(self.stamp_ns) - 1)
         before, after = self.stamp_ns[right - 1], self.stamp_ns[right]
         inside = (stamp_ns >= before) & (stamp_ns <= after)
         inside &= after - before <= longest / NANOSECOND
         share = ((stamp_ns - before) / (after - before))[:, None]
         between = self.power[right - 1] * (1.0 - share) + self.power[right] * share
-        result[inside] = between[inside]
-        return result
+        return np.where(inside[:, None], between, np.nan)
 
 
 def read_drive_power(

@@ -74,7 +74,7 @@ class AxisFit:
     losses: Losses | None
     map: ReducedMap | None
     notes: tuple[str, ...]
-    samples: AxisSamples | None = field(default=None, repr=False)
+    samples: AxisSamples | None = field(default=None, repr=False, compare=False)
 
 
 @dataclass(frozen=True)
@@ -144,6 +144,9 @@ def fit_drives(
         cutoff: Of the low-pass of the maps. [Hz]
         points: Greatest number of points of a map.
         compare: Test all ways on parts held out; without it the loss model is chosen.
+
+    Returns:
+        Fits of every drive and, on held-out data, of every way.
 
     Raises:
         NotIdentifiableError: If no drive can be identified.
@@ -372,7 +375,12 @@ DRIVE_MODELS.complete("efficiency_map", fitted=_fitted_map, way="map")
 
 
 def unfitted(model: RobotModel, written: str) -> list[str]:
-    """Return what becomes of drives whose kind identification does not know, one sentence."""
+    """Return what becomes of drives whose kind identification does not know, one sentence.
+
+    Args:
+        model: That identification began with.
+        written: Name of the drive model in the result.
+    """
     kind = DRIVE_MODELS[model.drive]
     if kind.fitted is not None or kind.lossless:
         return []

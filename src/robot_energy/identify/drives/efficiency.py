@@ -55,10 +55,10 @@ class ReducedMap:
 
 
 def without_outliers(values: Float) -> Float:
-    """Put NaN where values are further from the median than three scaled MADs.
+    """Return values with NaN where they are over three scaled MADs off the median.
 
     Args:
-        values: NaN where missing, shape (N,).
+        values: NaN where missing, shape (N,). [any unit]
     """
     from scipy.stats import median_abs_deviation
 
@@ -75,7 +75,7 @@ def smooth(values: Float, stretch: Int, period: float, cutoff: float) -> Float:
     """Fill gaps by straight lines and filter without phase shift, stretch by stretch.
 
     Args:
-        values: NaN where missing, shape (N,); beyond the last known value it is held.
+        values: NaN where missing, shape (N,); beyond the last known value it is held. [any unit]
         stretch: Number of the uninterrupted stretch of each sample, shape (N,).
         period: Between samples. [s]
         cutoff: Of the low-pass; at most 90 % of the Nyquist frequency is used. [Hz]
@@ -100,10 +100,10 @@ def smooth(values: Float, stretch: Int, period: float, cutoff: float) -> Float:
 
 
 def processed(values: Float, stretch: Int, period: float, cutoff: float) -> Float:
-    """Both steps of the paper's data processing; used for efficiencies and, again, for power.
+    """Return values after both steps of the paper's processing, of efficiencies or of power.
 
     Args:
-        values: Shape (N,).
+        values: Shape (N,). [any unit]
         stretch: Number of the uninterrupted stretch of each sample, shape (N,).
         period: Between samples. [s]
         cutoff: Of the low-pass. [Hz]
@@ -123,7 +123,7 @@ def reduced_map(
     points: int = POINTS,
     source: str = "",
 ) -> ReducedMap:
-    """Make the reduced efficiency map of one drive.
+    """Return the reduced efficiency map of one drive.
 
     The processed samples are thinned out to what a model file carries: cells of equal
     size in standardised torque and speed, each inside one quadrant, give one point each,

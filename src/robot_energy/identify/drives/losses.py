@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from robot_energy.blocks import Float, Int
 from robot_energy.errors import NotIdentifiableError
 from robot_energy.identify.bounds import identified
-from robot_energy.identify.stats.regression import Fit, regress
+from robot_energy.identify.stats.regression import Fit, independent, regress
 from robot_energy.model.drive_models import LossDrive
 from robot_energy.model.figure import PositiveFigure
 
@@ -51,23 +51,38 @@ class Losses:
     """Half widths of the 95 % intervals, by name."""
 
     def figure(self, name: str, source: str, scale: float = 1.0) -> PositiveFigure:
-        """Return one coefficient for a model file."""
+        """Return one coefficient for a model file.
+
+        Args:
+            name: Of the coefficient.
+            source: Where the data come from.
+            scale: By which it is multiplied. [-]
+        """
         if name in self.untold:
             return PositiveFigure(value=0.0, tag="assumed", source=NOT_TOLD)
         return identified(self.values[name] * scale, self.std[name] * scale, source)
 
     def entry(self, source: str = "") -> LossDrive:
-        """Return the losses of one drive for a model file."""
+        """Return the losses of one drive for a model file.
+
+        Args:
+            source: Where the data come from.
+        """
         return LossDrive(**{name: self.figure(name, source) for name in TERMS})  # pyright: ignore
 
 
 def winding(degc: Float, coefficient: float = COPPER_COEFFICIENT) -> Float:
-    """Resistance of a winding over that at 20 degC."""
+    """Return the resistance of a winding over that at 20 degC. [-]
+
+    Args:
+        degc: Of the winding, any shape. [degC]
+        coefficient: Per kelvin. [1/K]
+    """
     return 1.0 + coefficient * (degc - REFERENCE_DEGC)
 
 
 def loss_columns(velocity: Float, torque: Float, degc: Float) -> Float:
-    """Columns of the loss model in the order of `TERMS`, shape (N, 4) or (N, n, 4).
+    """Return the columns of the loss model in the order of `TERMS`, shape (N, 4) or (N, n, 4).
 
     Args:
         velocity: Motor side, shape (N,) or (N, n). [rad/s]
@@ -82,10 +97,10 @@ def loss_columns(velocity: Float, torque: Float, degc: Float) -> Float:
 def fit_losses(
     columns: Float, target: Float, block: Int, names: Sequence[str], what: str
 ) -> Losses:
-    """Fit coefficients that are not negative, with deviations from blocks.
+    """Return coefficients that are not negative, with deviations from blocks.
 
     Args:
-        columns: Shape (N, P), those that matter most first.
+        columns: Shape (N, P), those that matter most first. [W/coefficient]
         target: Shape (N,). [W]
         block: Contiguous block of each sample, shape (N,).
         names: Of the columns.
@@ -100,7 +115,8 @@ def fit_losses(
             f"at least {max(LEAST_SAMPLES, 2 * columns.shape[1])}",
             "record longer, with power beside the joint states",
         )
-    told = independent(columns)
+    told = np.zeros(columns.shape[1], dtype=np.bool_)
+    told[independent(columns, LEAST_SHARE * _size(columns))] = True
     if not told.any():
         raise NotIdentifiableError(f"{what} are all zero", "motion under load")
     used: list[int] = np.flatnonzero(told).tolist()
@@ -112,23 +128,6 @@ def fit_losses(
             break
         negative.append(used.pop(worst))
     return _losses(fit, used, told, negative, names)
-
-
-def independent(columns: Float) -> NDArray[np.bool_]:
-    """Which columns those before them do not explain, shape (P,)."""
-    told = np.zeros(columns.shape[1], dtype=np.bool_)
-    base = np.empty((len(columns), 0))
-    for k, column in enumerate(columns.T):
-        size = float(np.linalg.norm(column))
-        if not size > 0.0:
-            continue
-        rest = column - base @ (base.T @ column)
-        rest = rest - base @ (base.T @ rest)
-        left = float(np.linalg.norm(rest))
-        if left > LEAST_SHARE * size:
-            told[k] = True
-            base = np.column_stack([base, rest / left])
-    return told
 
 
 def _size(columns: Float) -> Float:

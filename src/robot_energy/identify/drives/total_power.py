@@ -101,12 +101,12 @@ def _held_out(data: Sums, fold: Int, fit: Callable[[Sums], TotalFit]) -> Float:
 def fit_structure(
     data: Sums, structure: Structure, errors: dict[Structure, float] | None = None
 ) -> TotalFit:
-    """Fit one structure.
+    """Return the fit of one structure.
 
     Args:
         data: Pieces between readings.
         structure: What is told apart.
-        errors: On blocks not seen, for the record.
+        errors: On blocks not seen, for the record. [W]
 
     Raises:
         NotIdentifiableError: If the readings are too few.
@@ -145,7 +145,12 @@ def fit_structure(
 
 
 def predict(data: Sums, fit: TotalFit) -> Float:
-    """Return what the meter would read, shape (K,). [W]"""
+    """Return what the meter would read, shape (K,). [W]
+
+    Args:
+        data: Pieces between readings.
+        fit: Losses behind them.
+    """
     shaft = 0.0 if fit.structure == "constant" else data.shaft
     return shaft + fit.constant + np.einsum("krj,rj->k", data.terms, fit.coefficients)
 

@@ -55,13 +55,17 @@ class Sums:
         return len(self.duration)
 
     def rows(self, mask: NDArray[np.bool_]) -> Sums:
-        """Return some of the pieces."""
+        """Return some of the pieces.
+
+        Args:
+            mask: Which of them, shape (K,).
+        """
         kept = {name: getattr(self, name)[mask] for name in OF_PIECES}
         return replace(self, **kept)
 
 
 def sums(data: DriveData, model: RobotModel | None) -> Sums:
-    """Bring meter and drives to the same pieces of time.
+    """Return meter and drives on the same pieces of time.
 
     Args:
         data: Samples of all drives, with meters.
@@ -132,10 +136,11 @@ def _columns(data: DriveData, model: RobotModel | None) -> Float:
 def joined(
     parts: Sequence[tuple[CoveredPieces, Float, Int]], of: str
 ) -> tuple[CoveredPieces, Float, Int]:
-    """Put pieces, means over them and a number of each together.
+    """Return pieces, means over them and a number of each, all put together.
 
     Args:
-        parts: In the order of time.
+        parts: Pieces, means of shape (K, columns) and numbers of shape (K,), in the order of
+            time. [W]
         of: What has the samples, for messages.
 
     Raises:
@@ -164,6 +169,7 @@ def piece_means(
         stamp: Of the samples, shape (N,). [ns]
         stretch: Number of the uninterrupted stretch of each sample, shape (N,).
         columns: Shape (N, K); a piece with a NaN in the first column is left out.
+            [W] or [W/coefficient]
 
     Returns:
         The pieces that are left, and means by trapezoids, shape (pieces, K); NaN where

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from robot_energy.blocks import Float, Int
-from robot_energy.identify.stats.regression import qr_r
+from robot_energy.identify.stats.regression import independent, qr_r
 
 ROUNDING = 1e-9  # of the largest pivot: what is below it may be rounding
 SHOWN = 1e-6  # coefficients below are rounding
@@ -65,7 +65,11 @@ class BaseParameters:
         return tuple(self.names[index] for index in places)
 
     def alone(self, name: str) -> bool:
-        """Tell whether a standard parameter is identified by itself."""
+        """Return whether a standard parameter is identified by itself.
+
+        Args:
+            name: Of the parameter.
+        """
         if name not in self.labels:
             return False
         return not (np.abs(self.relation[self.labels.index(name)]) > SHOWN).any()
@@ -91,7 +95,11 @@ class BaseParameters:
 
 
 def link_parameter_names(joint_names: Sequence[str]) -> list[str]:
-    """Return the names of the link parameters, in the order of `Robot.link_parameters`."""
+    """Return the names of the link parameters, in the order of `Robot.link_parameters`.
+
+    Args:
+        joint_names: Of the robot.
+    """
     return [f"{parameter} {joint}" for joint in joint_names for parameter in LINK_PARAMETERS]
 
 
@@ -99,7 +107,8 @@ def numerical_rank(pivots: Float) -> int:
     """Return how many pivots are not rounding: those before the widest gap.
 
     Args:
-        pivots: Magnitudes on the diagonal of a pivoted QR decomposition, falling.
+        pivots: Magnitudes on the diagonal of a pivoted QR decomposition, falling, shape (K,).
+            [any unit]
 
     Returns:
         The rank; all of them where none is small enough to be rounding.
@@ -122,6 +131,7 @@ def base_parameters(
 
     Args:
         columns: In their own units, on motion that excites everything, shape (M, P).
+            [N m/parameter]
         names: Of the parameters.
         order: Which parameters stand for a group, the preferred first; default as they are.
 
@@ -137,18 +147,10 @@ def base_parameters(
     floor = pivots[rank] if rank < len(pivots) else 0.0
     least = float(np.sqrt(pivots[rank - 1] * max(floor, np.finfo(float).tiny))) if rank else np.inf
     least = max(least, 10.0 * float(floor))
-    directions = np.zeros((len(triangle), 0))
-    independent: list[int] = []
-    for index in range(columns.shape[1]) if order is None else order:
-        rest = triangle[:, index]
-        for _ in range(2):  # once more, against the rounding of the first time
-            rest = rest - directions @ (directions.T @ rest)
-        size = float(np.linalg.norm(rest))
-        if size > least and len(independent) < rank:
-            directions = np.column_stack([directions, rest / size])
-            independent.append(index)
-    chosen = np.array(sorted(independent), dtype=np.int64)
-    rest_of = [index for index in range(columns.shape[1]) if index not in independent]
+    chosen = np.array(
+        sorted(independent(triangle, least * np.ones(columns.shape[1]), order)[:rank]), np.int64
+    )
+    rest_of = [index for index in range(columns.shape[1]) if index not in chosen]
     others = np.array(rest_of, dtype=np.int64)
     relation = np.linalg.lstsq(triangle[:, chosen], triangle[:, others], rcond=None)[0]
     return BaseParameters(tuple(names), chosen, others, relation)
@@ -158,7 +160,7 @@ def not_excited(columns: Float, labels: Sequence[str]) -> tuple[str, ...]:
     """Return the groups that a recording cannot tell, by name.
 
     Args:
-        columns: Of independent parameters, on the recorded motion, shape (M, B).
+        columns: Of independent parameters, on the recorded motion, shape (M, B). [N m/parameter]
         labels: Names of the parameters.
 
     Returns:

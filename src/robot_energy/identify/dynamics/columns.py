@@ -100,7 +100,7 @@ class Column:
 
         Args:
             joint_names: Of the robot.
-            transmission: Motor turns per joint turn, shape (n, n).
+            transmission: Motor turns per joint turn, shape (n, n). [-]
         """
         return [f"{self.kind} {joint_names[joint]}" for joint in self.joints(transmission)]
 
@@ -108,7 +108,7 @@ class Column:
         """Return the motor or joint that each parameter belongs to.
 
         Args:
-            transmission: Motor turns per joint turn, shape (n, n).
+            transmission: Motor turns per joint turn, shape (n, n). [-]
         """
         if self.owner != "coupled_joint":
             return list(range(len(transmission)))
@@ -120,7 +120,7 @@ class Column:
 
         Args:
             motion: N samples of it.
-            transmission: Motor turns per joint turn, shape (n, n).
+            transmission: Motor turns per joint turn, shape (n, n). [-]
 
         Returns:
             Shape (N, n, K).

@@ -46,7 +46,7 @@ def link_prior(link_parameters: Float, uncertainty: float) -> Prior:
     """Return the links of a URDF as a prior, each uncertain in proportion to its size.
 
     Args:
-        link_parameters: Ten per link, shape (10 n,).
+        link_parameters: Ten per link, shape (10 n,). [kg], [kg m] and [kg m^2]
         uncertainty: One standard deviation as a share: of the mass, of mass times radius
             of gyration, of mass times its square. [-]
 
@@ -67,7 +67,11 @@ def link_prior(link_parameters: Float, uncertainty: float) -> Prior:
 
 
 def second_moments(link: Float) -> Float:
-    """Return S, the second moments of a link's mass about its joint, shape (3, 3). [kg m^2]"""
+    """Return S, the second moments of a link's mass about its joint, shape (3, 3). [kg m^2]
+
+    Args:
+        link: m, m c, Ixx, Ixy, Iyy, Ixz, Iyz, Izz, shape (10,). [kg] to [kg m^2]
+    """
     inertia = np.empty((3, 3))
     for value, (row, column) in zip(link[4:10], INERTIA_PLACES, strict=True):
         inertia[row, column] = inertia[column, row] = value
@@ -79,6 +83,7 @@ def pseudo_inertia(link: Float) -> Float:
 
     Args:
         link: m, m c, Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the joint, shape (10,).
+            [kg], [kg m] and [kg m^2]
 
     Returns:
         Shape (4, 4); positive definite for a body that can exist.
@@ -96,8 +101,8 @@ def consistent_fit(
     """Minimise ``|R x - b|^2 + |(x - prior) / std|^2`` over bodies that can exist.
 
     Args:
-        triangle: R, rows in standard deviations of their noise, shape (K, P).
-        target: b, shape (K,).
+        triangle: R, rows in standard deviations of their noise, shape (K, P). [1/parameter]
+        target: b, shape (K,). [-]
         prior: Of every parameter, links first.
         n_links: How many links the parameters start with.
         positive: Parameters that must not be negative (friction, rotor inertia).

@@ -9,24 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
 from robot_energy.blocks import Float
 from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.data.observations import (
-    Filters,
-    Observations,
-    observe,
-    parameter_names,
-    regressor_of,
-)
+from robot_energy.identify.data.observations import Filters, Observations, observe
 from robot_energy.identify.data.signals import Channels, Motion
-from robot_energy.identify.dynamics.base_parameters import (
-    BaseParameters,
-    base_parameters,
-    not_excited,
-)
+from robot_energy.identify.dynamics.base_parameters import BaseParameters, not_excited
 from robot_energy.identify.dynamics.columns import Column, standard_columns
 from robot_energy.identify.dynamics.consistent import Prior, consistent_fit, link_prior
 from robot_energy.identify.dynamics.sufficiency import (
@@ -37,6 +28,7 @@ from robot_energy.identify.dynamics.sufficiency import (
     remarks,
 )
 from robot_energy.identify.dynamics.torque_delay import estimate_delay
+from robot_energy.identify.dynamics.torque_model import TorqueModel
 from robot_energy.identify.dynamics.validation import TorqueError, predict_held_out, torque_error
 from robot_energy.identify.stats.lag import NO_DELAY, Delay
 from robot_energy.identify.stats.regression import (
@@ -50,9 +42,7 @@ from robot_energy.identify.stats.regression import (
 from robot_energy.identify.stats.threads import one_thread
 from robot_energy.model import RobotModel
 from robot_energy.physics.drivetrain import Drivetrain
-from robot_energy.physics.rigid_body import Robot
 
-SAMPLES = 200  # random motions that show the structure of the robot
 LEAST_NOISE = 1e-3  # of the torque: no model of a robot is truer than that
 
 
@@ -117,6 +107,11 @@ class Dynamics:
     notes: tuple[str, ...]
     observations: Observations
 
+    @cached_property
+    def torque_model(self) -> TorqueModel:
+        """The links and what of `columns` a model file can hold, and offsets."""
+        return TorqueModel.from_model(self.model, self.columns)
+
     @property
     def n_inertial(self) -> int:
         """How many of the groups are named by a parameter of a link."""
@@ -141,14 +136,13 @@ class Dynamics:
         Returns:
             Joint torque at the rows of `observations`, shape (N, n). [N m] or [N]
         """
-        robot, transmission = mechanics(self.model)
-        rows = _restricted(self.observations, robot, transmission, self.columns)
-        prior = _prior(self.model, robot, self.columns, self.settings, rows)
+        torque_model = self.torque_model
+        rows = self.observations.with_names(torque_model.names)
+        prior = _prior(self.model, torque_model, self.settings, rows)
         weight = _whitening(rows, self.exported)
 
         def estimator(train: Observations) -> Float:
-            values = _consistent(train, weight, prior, self.columns, robot, transmission)
-            return _without_offsets(values, rows.names)
+            return torque_model.without_offsets(_consistent(train, weight, prior, torque_model))
 
         return self._held_out(rows, estimator)
 
@@ -159,15 +153,15 @@ class Dynamics:
         prediction, so that the difference to `held_out_consistent` is what the identified
         bodies are worth.
         """
-        robot, transmission = mechanics(self.model)
-        rows = _restricted(self.observations, robot, transmission, self.columns)
-        links = robot.link_parameters.ravel()
+        torque_model = self.torque_model
+        rows = self.observations.with_names(torque_model.names)
+        links = torque_model.robot.link_parameters.ravel()
         rest = range(links.size, rows.regressor.shape[2])
 
         def estimator(train: Observations) -> Float:
             carried = train.regressor[:, :, : links.size] @ links
             part = replace(train.with_columns(rest), joint_torque=train.joint_torque - carried)
-            return _without_offsets(np.concatenate([links, self._values(part)]), rows.names)
+            return torque_model.without_offsets(np.concatenate([links, self._values(part)]))
 
         return torque_error(self.observations, self._held_out(rows, estimator))
 
@@ -186,9 +180,8 @@ class Dynamics:
         Args:
             channels: Stretches without gaps, at any one rate.
         """
-        robot, transmission = mechanics(self.model)
-        columns, filters = self.settings.columns, self.settings.filters
-        rows = observe(channels, robot, transmission, columns, filters)
+        whole = TorqueModel.from_model(self.model, self.settings.columns)
+        rows = observe(channels, whole, self.settings.filters)
         return rows.advanced(self.delay.applied)
 
     def predict(self, rows: Observations) -> Float:
@@ -200,9 +193,8 @@ class Dynamics:
         Returns:
             Joint torque, shape (N, n). [N m] or [N]
         """
-        robot, transmission = mechanics(self.model)
-        part = _restricted(rows, robot, transmission, self.columns)
-        return part.regressor @ _without_offsets(self.standard, part.names)
+        part = rows.with_names(self.torque_model.names)
+        return part.regressor @ self.torque_model.without_offsets(self.standard)
 
     def motor_torque(self, motion: Motion) -> Float:
         """Motor torque that the exported model must give, offsets of the sensor left out.
@@ -213,15 +205,10 @@ class Dynamics:
         Returns:
             Motor side, shape (N, n). [N m]
         """
-        robot, transmission = mechanics(self.model)
-        regressor = regressor_of(motion, robot, transmission, self.columns)
-        names = parameter_names(robot, transmission, self.columns)
-        values = _without_offsets(self.standard, names)
-        payload = robot.joint_torque(
-            motion.joint_position, motion.joint_velocity, motion.joint_acceleration
-        ) - (regressor[:, :, : 10 * robot.n_joints] @ robot.link_parameters)
-        drivetrain = Drivetrain.from_model(self.model)
-        return drivetrain.motor_torque_from_joint(regressor @ values + payload)
+        regressor = self.torque_model.regressor(motion)
+        values = self.torque_model.without_offsets(self.standard)
+        torque = regressor @ values + self.torque_model.payload_torque(motion, regressor)
+        return Drivetrain.from_model(self.model).motor_torque_from_joint(torque)
 
 
 @one_thread
@@ -244,10 +231,10 @@ def identify_dynamics(
     """
     settings = settings or DynamicsSettings()
     check_channels(channels, model)
-    robot, transmission = mechanics(model)
-    rows = observe(channels, robot, transmission, settings.columns, settings.filters)
-    check_motion(rows, robot, settings.filters)
-    base = structure(robot, transmission, settings.columns)
+    whole = TorqueModel.from_model(model, settings.columns)
+    rows = observe(channels, whole, settings.filters)
+    check_motion(rows, whole.robot, settings.filters)
+    base = whole.structure()
     independent = rows.with_columns(base.independent)
     check_length(independent)
     weak = not_excited(independent.regressor[independent.used], base.labels)
@@ -261,7 +248,7 @@ def identify_dynamics(
     delay = NO_DELAY
     if settings.delay_span > 0.0:
         guard = 1.0 / settings.filters.cutoff
-        prior = _prior(model, robot, settings.columns, settings, rows)
+        prior = _prior(model, whole, settings, rows)
         weight = _whitening(rows, result).max(axis=0)
         delay = estimate_delay(rows, weight, prior, settings.delay_span, settings.folds, guard)
         if delay.applied:
@@ -271,17 +258,16 @@ def identify_dynamics(
     columns = tuple(
         column for column in settings.columns if column.written or column.kind == "offset"
     )
-    if parameter_names(robot, transmission, columns) == rows.names:
-        exported, exported_base = result, base
-    else:
-        exported_base = structure(robot, transmission, columns)
-        part = _restricted(rows, robot, transmission, columns)
+    written = replace(whole, columns=columns)
+    part = rows.with_names(written.names)
+    exported, exported_base = result, base
+    if part is not rows:
+        exported_base = written.structure()
         exported = fit_rows(part.with_columns(exported_base.independent), settings.method)
-    part = _restricted(rows, robot, transmission, columns)
-    prior = _prior(model, robot, columns, settings, part)
-    standard = _consistent(part, _whitening(part, exported), prior, columns, robot, transmission)
+    prior = _prior(model, written, settings, part)
+    standard = _consistent(part, _whitening(part, exported), prior, written)
     in_sample = torque_error(independent, independent.regressor @ result.values)
-    poor = poorly_known(base, result, link_prior(robot.link_parameters, 1.0))
+    poor = poorly_known(base, result, link_prior(whole.robot.link_parameters, 1.0))
     return Dynamics(
         model,
         settings,
@@ -300,73 +286,35 @@ def identify_dynamics(
 
 
 def fit_rows(rows: Observations, method: Method = "wls") -> Fit:
-    """Fit the parameters of the rows' columns, which must be independent."""
+    """Fit the parameters of rows.
+
+    Args:
+        rows: With independent columns only.
+        method: As of `regression.fit`.
+
+    Returns:
+        The parameters and their covariance.
+    """
     covariance = autocorrelated(rows.segment)
     return fit(rows.regressor, rows.joint_torque, rows.names, covariance, method, rows.used)
 
 
-def structure(robot: Robot, transmission: Float, columns: Sequence[Column]) -> BaseParameters:
-    """Return the groups of parameters that any motion of a robot can tell.
-
-    Args:
-        robot: Its kinematics.
-        transmission: Motor turns per joint turn, shape (n, n).
-        columns: What is fitted beside the links.
-    """
-    random = np.random.default_rng(0)
-    lower = np.maximum(robot.limits.lower, -np.pi)
-    upper = np.minimum(robot.limits.upper, np.pi)
-    shape = (SAMPLES, robot.n_joints)
-    motion = Motion(random.uniform(lower, upper, shape), *random.normal(size=(2, *shape)))
-    regressor = regressor_of(motion, robot, transmission, columns)
-    names = parameter_names(robot, transmission, columns)
-    return base_parameters(regressor.reshape(-1, len(names)), names)
-
-
-def mechanics(model: RobotModel) -> tuple[Robot, Float]:
-    """Return the rigid bodies of a model, and motor turns per joint turn, shape (n, n)."""
-    return Robot.from_model(model), Drivetrain.from_model(model).transmission
-
-
-def _restricted(
-    rows: Observations, robot: Robot, transmission: Float, columns: Sequence[Column]
-) -> Observations:
-    """Rows with the columns that a model file can hold."""
-    names = parameter_names(robot, transmission, columns)
-    if names == rows.names:
-        return rows
-    return rows.with_columns([rows.names.index(name) for name in names])
-
-
 def _prior(
-    model: RobotModel,
-    robot: Robot,
-    columns: Sequence[Column],
-    settings: DynamicsSettings,
-    rows: Observations,
+    model: RobotModel, torque_model: TorqueModel, settings: DynamicsSettings, rows: Observations
 ) -> Prior:
     """The URDF's bodies, the model file's rotors, small offsets; nothing else is known."""
-    links = link_prior(robot.link_parameters, settings.uncertainty)
-    values, std = [links.values], [links.std]
-    ratio = np.array([joint.gear_ratio.value for joint in model.joints])
-    rotor = np.array([joint.rotor_inertia.value for joint in model.joints]) * ratio**2
+    links = link_prior(torque_model.robot.link_parameters, settings.uncertainty)
     greatest = np.abs(rows.joint_torque[rows.compared]).max(axis=0)
-    transmission = Drivetrain.from_model(model).transmission
-    for column in columns:
-        count = len(column.joints(transmission))
-        centre, width = np.zeros(count), np.full(count, np.inf)
+    values, std = np.zeros(len(torque_model.extra)), np.full(len(torque_model.extra), np.inf)
+    for place, (column, owner, _) in enumerate(torque_model.extra):
+        joint = model.joints[owner]
+        rotor = joint.rotor_inertia.value * joint.gear_ratio.value**2
         if column.kind == "rotor_inertia":
-            centre, width = rotor, np.where(rotor > 0.0, settings.uncertainty * rotor, np.inf)
-        elif column.kind == "offset":
-            width = np.maximum(settings.offset * greatest, np.finfo(float).tiny)
-        values.append(centre)
-        std.append(width)
-    return Prior(np.concatenate(values), np.concatenate(std))
-
-
-def _without_offsets(values: Float, names: Sequence[str]) -> Float:
-    """Parameters as a model file holds them."""
-    return np.where([name.startswith("offset ") for name in names], 0.0, values)
+            values[place] = rotor
+            std[place] = settings.uncertainty * rotor if rotor > 0.0 else np.inf
+        elif column.owner == "sensor":
+            std[place] = max(settings.offset * greatest[owner], np.finfo(float).tiny)
+    return Prior(np.concatenate([links.values, values]), np.concatenate([links.std, std]))
 
 
 def _whitening(rows: Observations, result: Fit) -> Float:
@@ -379,19 +327,9 @@ def _whitening(rows: Observations, result: Fit) -> Float:
 
 
 def _consistent(
-    rows: Observations,
-    weight: Float,
-    prior: Prior,
-    columns: Sequence[Column],
-    robot: Robot,
-    transmission: Float,
+    rows: Observations, weight: Float, prior: Prior, torque_model: TorqueModel
 ) -> Float:
     triangle, target = factor(rows.regressor, rows.joint_torque, weight * rows.used)
-    n_links = robot.n_joints
-    positive: list[int] = []
-    place = 10 * n_links
-    for column in columns:
-        count = len(column.joints(transmission))
-        positive += range(place, place + count) if column.positive else ()
-        place += count
-    return consistent_fit(triangle, target, prior, n_links, positive)
+    extra = enumerate(torque_model.extra, torque_model.n_links)
+    positive = [place for place, (column, _, _) in extra if column.positive]
+    return consistent_fit(triangle, target, prior, torque_model.robot.n_joints, positive)

@@ -39,18 +39,15 @@ def to_model(result: Dynamics, recordings: Sequence[str] = (), data_date: str = 
         NotIdentifiableError: If a body came out without mass.
     """
     model, base, values = result.model, result.exported_base, result.standard
-    transmission = Drivetrain.from_model(model).transmission
-    ratio = np.diagonal(transmission)
+    torque_model = result.torque_model
+    ratio = np.diagonal(torque_model.transmission)
     joints = list(model.joints)
-    place = 10 * len(joints)
-    for column in result.columns:
-        owners = column.joints(transmission)
-        names = column.names(model.joint_names, transmission)
-        for owner, name, value in zip(owners, names, values[place:], strict=False):
-            if column.written is not None:
-                estimate = _estimate(result, name, float(value))
-                joints[owner] = column.write(joints[owner], float(ratio[owner]), estimate)
-        place += len(owners)
+    for (column, owner, name), value in zip(
+        torque_model.extra, values[torque_model.n_links :], strict=True
+    ):
+        if column.written is not None:
+            estimate = _estimate(result, name, float(value))
+            joints[owner] = column.write(joints[owner], float(ratio[owner]), estimate)
     urdf_xml = with_link_parameters(model.urdf_xml, model.joint_names, values[: 10 * len(joints)])
     inertial = int((base.independent < 10 * len(joints)).sum())
     urdf = Urdf(

@@ -23,6 +23,7 @@ def with_link_parameters(urdf_xml: str, joint_names: Sequence[str], link_paramet
         urdf_xml: Text of the URDF.
         joint_names: Modelled joints.
         link_parameters: Ten per joint, as of `Robot.link_parameters`, shape (10 n,).
+            [kg], [kg m] and [kg m^2]
 
     Returns:
         Text of the URDF with new inertials.

@@ -29,7 +29,7 @@ def estimate_delay(
     folds: int,
     guard: float,
 ) -> Delay:
-    """Estimate the delay of the torque by cross-validation.
+    """Return the delay of the torque, by cross-validation.
 
     Args:
         observations: With the prior's columns, torque as measured.

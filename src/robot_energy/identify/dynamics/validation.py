@@ -80,6 +80,10 @@ def folds_of(observations: Observations, folds: int) -> Int:
     """Return the fold of each row, shape (N,).
 
     Rows that are compared are shared out evenly; the others go with their neighbours.
+
+    Args:
+        observations: The rows.
+        folds: How many.
     """
     place = np.cumsum(observations.compared) - 1
     count = int(observations.compared.sum())

@@ -34,7 +34,7 @@ def motor_work(observations: Observations, joint_torque: Float, transmission: Fl
     Args:
         observations: The rows with their motion.
         joint_torque: Measured or predicted, shape (N, n). [N m] or [N]
-        transmission: Motor turns per joint turn, shape (n, n).
+        transmission: Motor turns per joint turn, shape (n, n). [-]
 
     Returns:
         The work. Rows are low-passed: what vibrates faster is in no side of a comparison.
@@ -47,5 +47,10 @@ def motor_work(observations: Observations, joint_torque: Float, transmission: Fl
 
 
 def share_off(predicted: float, measured: float) -> float:
-    """Return by which share a prediction is off, signed; NaN where nothing was measured."""
+    """Return by which share a prediction is off, signed; NaN where nothing was measured.
+
+    Args:
+        predicted: An energy. [J]
+        measured: The same, as measured. [J]
+    """
     return (predicted - measured) / abs(measured) if measured != 0.0 else float("nan")

@@ -17,16 +17,14 @@ import numpy as np
 
 from robot_energy.blocks import Float
 from robot_energy.errors import MotionError
-from robot_energy.identify.data.observations import regressor_of
 from robot_energy.identify.data.signals import Motion
 from robot_energy.identify.dynamics.base_parameters import BaseParameters, not_excited
 from robot_energy.identify.dynamics.columns import Column, standard_columns
-from robot_energy.identify.dynamics.dynamics import structure
-from robot_energy.identify.excitation.limits import ExcitationLimits, stepped, steps
+from robot_energy.identify.dynamics.torque_model import TorqueModel
+from robot_energy.identify.excitation.limits import ExcitationLimits, slopes
 from robot_energy.identify.stats.threads import one_thread
 from robot_energy.model import RobotModel
 from robot_energy.motion import FourierBasis, FourierMotion, JointMotion
-from robot_energy.physics.drivetrain import Drivetrain
 
 Criterion = Literal["condition", "determinant"]
 
@@ -131,9 +129,8 @@ class Judge:
         seed: int = 0,
     ) -> None:
         self.limits = limits
-        self._columns = columns
-        self._transmission = Drivetrain.from_model(model).transmission
-        self.base = structure(limits.robot, self._transmission, columns)
+        self._torque_model = TorqueModel.from_model(model, columns)
+        self.base = self._torque_model.structure()
         random = np.random.default_rng(seed)
         shape = (STATES, limits.robot.n_joints)
         draw = [random.uniform(-1.0, 1.0, shape) for _ in range(3)]
@@ -148,16 +145,19 @@ class Judge:
         self._scale = 1.0 / (torque[:, None] * size)
 
     def _raw(self, motion: Motion) -> Float:
-        regressor = regressor_of(motion, self.limits.robot, self._transmission, self._columns)
-        return regressor[:, :, self.base.independent]
+        return self._torque_model.regressor(motion)[:, :, self.base.independent]
 
     def rows(self, motion: Motion) -> Float:
-        """Scaled observation matrix over the root of its number of rows, shape (N, n, B)."""
+        """Return the scaled observation matrix over the root of its number of rows, (N, n, B).
+
+        Args:
+            motion: Samples of it, evenly in time.
+        """
         rows = self._raw(motion) * self._scale
         return rows / np.sqrt(rows.shape[0] * rows.shape[1])
 
     def quality(self, motion: Motion) -> ExcitationScore:
-        """Judge a motion.
+        """Return how well a motion tells the base parameters.
 
         Args:
             motion: Samples of it, evenly in time.
@@ -170,7 +170,12 @@ class Judge:
         return ExcitationScore(condition, determinant, not_excited(rows, self.base.labels))
 
     def cost(self, motion: Motion, criterion: Criterion) -> float:
-        """Logarithm of the condition number, or less the mean logarithmic determinant."""
+        """Return the logarithm of the condition number, or less that of the determinant.
+
+        Args:
+            motion: Samples of it, evenly in time.
+            criterion: Which of both.
+        """
         rows = self.rows(motion)
         size = np.linalg.svd(rows.reshape(-1, rows.shape[2]), compute_uv=False)
         size = np.maximum(size, np.finfo(np.float64).tiny)
@@ -179,7 +184,12 @@ class Judge:
         return float(-2.0 * np.log(size).mean())
 
     def slopes(self, motion: Motion, criterion: Criterion) -> Float:
-        """Cost per position, velocity and acceleration of every sample, shape (3, N, n)."""
+        """Return cost per position, velocity and acceleration of every sample, shape (3, N, n).
+
+        Args:
+            motion: Samples of it, evenly in time.
+            criterion: As of `cost`.
+        """
         rows = self.rows(motion)
         flat = rows.reshape(-1, rows.shape[2])
         left, size, right = np.linalg.svd(flat, full_matrices=False)
@@ -190,18 +200,19 @@ class Judge:
         else:
             slope = (left / size) @ right * (-2.0 / len(size))
         slope = slope.reshape(rows.shape)
-        step = steps(self.limits)
-        result = np.empty((3, *motion.joint_position.shape))
-        for order in range(3):
-            for joint in range(rows.shape[1]):
-                moved = self.rows(stepped(motion, order, joint, step[order, joint]))
-                result[order, :, joint] = (slope * (moved - rows)).sum(axis=(1, 2))
-                result[order, :, joint] /= step[order, joint]
-        return result
+        found = slopes(
+            motion, self.limits, lambda moved: (slope * (self.rows(moved) - rows)).sum(axis=(1, 2))
+        )
+        return found.swapaxes(1, 2)
 
 
 def sampled(motion: JointMotion, time: Float) -> Motion:
-    """Return samples of a motion."""
+    """Return samples of a motion.
+
+    Args:
+        motion: The motion.
+        time: Instants, shape (N,). [s]
+    """
     path = motion.sample(time)
     return Motion(path.joint_position, path.joint_velocity, path.joint_acceleration)
 

@@ -45,7 +45,7 @@ class ExcitationLimits:
 
     Args:
         model: The robot; its payload counts.
-        acceleration: Greatest acceleration; None: full speed in 0.5 s. [rad/s^2] or [m/s^2]
+        acceleration: Greatest, one or shape (n,); None: full speed in 0.5 s. [rad/s^2] or [m/s^2]
         margin: Share of every limit that may be used, in (0, 1]. [-]
         floor: A link that must stay above a height.
 
@@ -54,7 +54,7 @@ class ExcitationLimits:
             each side. [rad] or [m]
         reach: Half the position ranges, less the margin. [rad] or [m]
         velocity: Less the margin. [rad/s] or [m/s]
-        acceleration: Less the margin. [rad/s^2] or [m/s^2]
+        acceleration: Less the margin, shape (n,). [rad/s^2] or [m/s^2]
         torque: Less the margin, inf where the URDF gives none. [N m] or [N]
         acceleration_assumed: Whether nobody gave it.
 
@@ -137,7 +137,11 @@ class ExcitationLimits:
         return chain.joint_torque_from_motor(rigid + friction)
 
     def height(self, joint_position: Float) -> Float:
-        """Height of the watched link, shape (N,); inf where none is watched. [m]"""
+        """Return the height of the watched link, shape (N,); inf where none is watched. [m]
+
+        Args:
+            joint_position: Shape (N, n). [rad] or [m]
+        """
         if self.floor is None:
             return np.full(len(joint_position), np.inf)
         link = self.floor.link
@@ -165,7 +169,11 @@ class ExcitationLimits:
         }
 
     def largest(self, motion: Motion) -> dict[str, Float]:
-        """Return the largest use of each limit, shape (n,) by kind; above 1 it is broken."""
+        """Return the largest use of each limit, shape (n,) by kind; above 1 it is broken.
+
+        Args:
+            motion: N samples of it.
+        """
         found = self.use(motion)
         return {
             kind: (values if kind == "floor" else np.abs(values)).max(axis=0)
@@ -196,11 +204,19 @@ class ExcitationLimits:
         return np.asarray(values), parts
 
     def torque_slopes(self, motion: Motion) -> Float:
-        """Use of torque per position, velocity, acceleration, shape (3, n, N, n)."""
-        return _slopes(motion, self, lambda m: self.joint_torque(m) / self.torque)
+        """Return use of torque per position, velocity, acceleration, shape (3, n, N, n).
+
+        Args:
+            motion: N samples of it.
+        """
+        return slopes(motion, self, lambda m: self.joint_torque(m) / self.torque)
 
     def floor_slopes(self, motion: Motion) -> Float:
-        """Use of the floor per position of each joint, shape (n, N)."""
+        """Return use of the floor per position of each joint, shape (n, N).
+
+        Args:
+            motion: N samples of it.
+        """
         here = self.height(motion.joint_position)
         result = np.zeros((self.robot.n_joints, len(here)))
         for joint in range(self.robot.n_joints):
@@ -211,34 +227,26 @@ class ExcitationLimits:
         return result
 
 
-def steps(limits: ExcitationLimits) -> Float:
-    """Steps of numerical derivatives, shape (3, n)."""
-    return STEP * np.stack([limits.reach, limits.velocity, limits.acceleration])
+def slopes(motion: Motion, limits: ExcitationLimits, function: Callable[[Motion], Float]) -> Float:
+    """Return forward differences of a function of a motion.
 
+    Args:
+        motion: N samples of it.
+        limits: A step is a millionth of them.
+        function: Of the motion, shape (N, ...).
 
-def stepped(motion: Motion, order: int, joint: int, step: float) -> Motion:
-    """Return a motion with one joint's position (0), velocity (1) or acceleration (2) moved."""
-    channels = [motion.joint_position, motion.joint_velocity, motion.joint_acceleration]
-    channels[order] = channels[order].copy()
-    channels[order][:, joint] += step
-    return Motion(*channels)
-
-
-def _slopes(motion: Motion, limits: ExcitationLimits, function: Callable[[Motion], Float]) -> Float:
+    Returns:
+        Per position, velocity and acceleration of each joint, shape (3, n, N, ...).
+    """
     here = function(motion)
-    size = steps(limits)
-    return np.stack(
-        [
-            np.stack(
-                [
-                    (function(stepped(motion, order, joint, size[order, joint])) - here)
-                    / size[order, joint]
-                    for joint in range(limits.robot.n_joints)
-                ]
-            )
-            for order in range(3)
-        ]
-    )
+    channels = (motion.joint_position, motion.joint_velocity, motion.joint_acceleration)
+    sizes = STEP * np.stack([limits.reach, limits.velocity, limits.acceleration])
+    result = np.empty((*sizes.shape, *here.shape))
+    for order, joint in np.ndindex(sizes.shape):
+        moved = [channel.copy() for channel in channels]
+        moved[order][:, joint] += sizes[order, joint]
+        result[order, joint] = (function(Motion(*moved)) - here) / sizes[order, joint]
+    return result
 
 
 def _smooth_maximum(use: Float, both: bool) -> tuple[float, Float]:

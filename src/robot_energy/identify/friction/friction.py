@@ -204,7 +204,10 @@ def _rms(values: Float) -> float:
 
 
 def moving_samples(data: FrictionData) -> FrictionData:
-    """Leave out rest, slow motion and samples with something missing.
+    """Return the samples without rest, slow motion and those with something missing.
+
+    Args:
+        data: Samples of one axis.
 
     Raises:
         NotIdentifiableError: If too little is left, or a channel is missing.

@@ -75,7 +75,12 @@ def _regress(data: FrictionData, shape: Float, names: Sequence[str]) -> Fit:
 
 
 def nuisance(fit: Fit, data: FrictionData) -> Float:
-    """Return the torque of offset and nuisances of a fit, at other samples, shape (N,)."""
+    """Return the torque of offset and nuisances of a fit, at other samples, shape (N,).
+
+    Args:
+        fit: Of a law.
+        data: The other samples.
+    """
     columns = np.hstack([np.ones((len(data), 1)), data.nuisance])
     return columns @ fit.values[-columns.shape[1] :]
 

@@ -54,7 +54,11 @@ class FrictionData:
         return len(self.motor_velocity)
 
     def rows(self, mask: NDArray[np.bool_]) -> FrictionData:
-        """Return the samples of a mask."""
+        """Return the samples of a mask.
+
+        Args:
+            mask: Which of them, shape (N,).
+        """
         return replace(
             self,
             motor_velocity=self.motor_velocity[mask],

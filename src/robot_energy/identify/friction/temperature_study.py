@@ -73,7 +73,12 @@ class Study:
     rows: tuple[FrictionStudyRow, ...]
 
     def row(self, law: str, beyond: str = "held") -> FrictionStudyRow:
-        """Return one row."""
+        """Return one row.
+
+        Args:
+            law: Its name.
+            beyond: ``held`` or ``carried on``.
+        """
         return next(row for row in self.rows if (row.law, row.beyond) == (law, beyond))
 
 

@@ -53,7 +53,11 @@ class EnergyScore:
     worst: float
 
     def beats(self, given: EnergyScore) -> bool:
-        """Whether figures of this prediction may replace those of another one."""
+        """Whether figures of this prediction may replace those of another one.
+
+        Args:
+            given: The other prediction.
+        """
         return self.rms < GAIN * given.rms and self.energy_error <= given.energy_error
 
 
@@ -81,7 +85,7 @@ def averaged(values: Float, window: Int) -> Float:
     """Return the mean of every window.
 
     Args:
-        values: Shape (N, K) or (N,).
+        values: Shape (N, K) or (N,). [any unit]
         window: Number of the window of each row, rising, shape (N,).
     """
     first = np.flatnonzero(np.diff(window, prepend=window[:1] - 1))
@@ -91,7 +95,12 @@ def averaged(values: Float, window: Int) -> Float:
 
 
 def contiguous_folds(count: int, folds: int = FOLDS) -> Int:
-    """Return the fold of each of some samples, contiguous and of equal size, shape (count,)."""
+    """Return the fold of each of some samples, contiguous and of equal size, shape (count,).
+
+    Args:
+        count: Number of samples.
+        folds: Number of folds.
+    """
     return np.minimum(np.arange(count) * folds // max(count, 1), folds - 1).astype(np.int64)
 
 
@@ -99,7 +108,7 @@ def folds_by_value(values: Float, folds: int = FOLDS) -> Int:
     """Cut samples into folds of equal size by a quantity, such as the temperature.
 
     Args:
-        values: Shape (N,), finite.
+        values: Shape (N,), finite. [any unit]
         folds: Number of folds; fewer where values repeat too often.
 
     Returns:
@@ -165,7 +174,7 @@ def held_out(target: Float, fold: Int, predict: Callable[[Mask, Mask], Float]) -
     """Return the error over all folds, each predicted from the others.
 
     Args:
-        target: Shape (N,) or (N, n).
+        target: Shape (N,) or (N, n). [any unit]
         fold: Fold of each sample, shape (N,).
         predict: As of `predict_held_out`.
     """
@@ -181,7 +190,7 @@ def simplest(errors: Mapping[Name, float]) -> Name:
     """Return the first of some models that no later one beats by a margin.
 
     Args:
-        errors: Held-out error of each, the simplest first.
+        errors: Held-out error of each, the simplest first. [any unit]
     """
     chosen, *others = errors
     for name in others:
@@ -191,7 +200,12 @@ def simplest(errors: Mapping[Name, float]) -> Name:
 
 
 def relative_error(error: Float, reference: Float) -> float:
-    """Return the norm of an error over that of its reference; NaN where that is 0."""
+    """Return the norm of an error over that of its reference; NaN where that is 0.
+
+    Args:
+        error: Any shape. [any unit]
+        reference: Same shape. [any unit]
+    """
     size = float(np.linalg.norm(reference))
     return float(np.linalg.norm(error)) / size if size > 0 else float("nan")
 
@@ -199,14 +213,14 @@ def relative_error(error: Float, reference: Float) -> float:
 def energy_score(
     predicted: Float, measured: Float, duration: Float, fold: Int, weight: Float | None = None
 ) -> EnergyScore:
-    """Score a prediction of a meter.
+    """Return the score of a prediction of a meter.
 
     Args:
         predicted: Shape (N,). [W]
         measured: Shape (N,). [W]
         duration: That each stands for, shape (N,). [s]
         fold: Shape (N,).
-        weight: Of each in the RMS error; None for all alike, shape (N,).
+        weight: Of each in the RMS error; None for all alike, shape (N,). [-]
     """
     error, place = predicted - measured, np.unique(fold, return_inverse=True)[1]
     share = np.bincount(place, error * duration) / np.bincount(place, measured * duration)
@@ -221,6 +235,6 @@ def jackknife_std(left_out: Float) -> Float:
     """Return deviations of figures from what they are with each block left out.
 
     Args:
-        left_out: Shape (blocks,) or (blocks, K).
+        left_out: Figures, of shape (blocks,) or (blocks, K). [any unit]
     """
     return np.sqrt((len(left_out) - 1) * np.var(left_out, axis=0))

@@ -94,11 +94,19 @@ class Tested:
     beyond: float
 
     def error(self, stage: str) -> float:
-        """Predicted over measured energy less 1; NaN without a meter."""
+        """Return predicted over measured energy less 1; NaN without a meter.
+
+        Args:
+            stage: ``given`` or a subject.
+        """
         return self.predictions[stage].energy / self.measured - 1.0
 
     def shaft_error(self, stage: str) -> float:
-        """Predicted over measured shaft energy less 1; NaN without measured torque."""
+        """Return predicted over measured shaft energy less 1; NaN without measured torque.
+
+        Args:
+            stage: ``given`` or a subject.
+        """
         return self.predictions[stage].shaft / self.shaft - 1.0
 
 
@@ -137,7 +145,12 @@ class HeldOutEnergy:
         return tuple(entry for entry in self.metered if entry.beyond > OUTSIDE)
 
     def mean_error(self, stage: str, entries: Sequence[Tested] | None = None) -> float:
-        """Mean size of the energy error at the meter, of all that can be compared or of some."""
+        """Return the mean size of the energy error at the meter.
+
+        Args:
+            stage: ``given`` or a subject.
+            entries: Of which recordings; None for all that can be compared.
+        """
         chosen = self.metered if entries is None else entries
         return float(np.mean([abs(entry.error(stage)) for entry in chosen]))
 
@@ -153,7 +166,12 @@ class HeldOutEnergy:
         )
 
     def mean_rms(self, stage: str, entries: Sequence[Tested]) -> float:
-        """Mean RMS error of power from reading to reading. [W]"""
+        """Return the mean RMS error of power from reading to reading. [W]
+
+        Args:
+            stage: ``given`` or a subject.
+            entries: Of which recordings.
+        """
         return float(np.mean([entry.predictions[stage].rms for entry in entries]))
 
     @property

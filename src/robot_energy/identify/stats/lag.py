@@ -50,7 +50,7 @@ def held_out_errors(triangles: Sequence[Float], width: int, known: Float | None 
         triangles: Of each block, with the sums of squares of ``[columns, targets]``, shape
             (., width + targets).
         width: Number of columns.
-        known: Rows like those of a triangle that belong to every fit, such as a prior.
+        known: Rows like those of a triangle that belong to every fit, such as a prior. [any unit]
 
     Returns:
         Squared error, shape (blocks, targets).
@@ -72,7 +72,9 @@ def best_delay(
     Args:
         delays: Rising, shape (K,). [s]
         error: Squared held-out error by block and delay, shape (blocks, K).
+            [squared unit of the target]
         undelayed: Squared held-out error without a delay, shape (blocks,).
+            [squared unit of the target]
         span: Delays up to this were tried. [s]
         least_gain: Share of the held-out error that a delay must take away. [-]
     """
@@ -90,8 +92,8 @@ def minimum(place: Float, error: Float) -> tuple[float, float]:
     """Return where an error is least and the error there.
 
     Args:
-        place: Rising, shape (K,).
-        error: Shape (K,).
+        place: Rising, shape (K,). [any unit]
+        error: At each place, shape (K,). [any unit]
 
     Returns:
         The lowest point of the parabola through the least error and its neighbours; the

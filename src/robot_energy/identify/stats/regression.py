@@ -9,7 +9,7 @@ residuals, ``(X'X)^-1 X' Omega X (X'X)^-1`` with Omega their autocovariance.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -66,7 +66,11 @@ class Fit:
         return np.sqrt(squares / np.maximum(used.sum(axis=0), 1))
 
     def interval(self, confidence: float = 0.95) -> Float:
-        """Half widths of the confidence intervals, by Student's t, shape (P,)."""
+        """Return half widths of the confidence intervals, by Student's t, shape (P,).
+
+        Args:
+            confidence: Share of the intervals that hold the truth. [-]
+        """
         from scipy.stats import t
 
         return self.std * float(t.ppf(0.5 + 0.5 * confidence, max(self.degrees, 1.0)))
@@ -84,11 +88,11 @@ def fit(
     method: Method = "irls",
     used: NDArray[np.bool_] | None = None,
 ) -> Fit:
-    """Fit one set of parameters to one target or to several, such as the torques of joints.
+    """Return one set of parameters for one target or several, such as the torques of joints.
 
     Args:
-        columns: Independent, finite, shape (N, P) or (N, n, P).
-        target: Finite, shape (N,) or (N, n).
+        columns: Independent, finite, shape (N, P) or (N, n, P). [target/parameter]
+        target: Finite, shape (N,) or (N, n). [any unit]
         names: Of the parameters.
         covariance: From `jackknife` or `autocorrelated`.
         method: ``ols``; ``wls``: each target weighted by the noise of its residual; ``irls``:
@@ -104,7 +108,14 @@ def fit(
 def estimate(
     columns: Float, target: Float, method: Method = "irls", used: NDArray[np.bool_] | None = None
 ) -> tuple[Float, Float]:
-    """Return what `fit` does without its covariance: values and the weight of each row."""
+    """Return what `fit` does without its covariance: values and the weight of each row.
+
+    Args:
+        columns: As of `fit`, shape (N, P) or (N, n, P). [target/parameter]
+        target: As of `fit`, shape (N,) or (N, n). [any unit]
+        method: As of `fit`.
+        used: As of `fit`, shape of the target.
+    """
     size = len(target)
     wide = columns.reshape(size, -1, columns.shape[-1]), target.reshape(size, -1)
     rows = np.ones(wide[1].shape, dtype=np.bool_) if used is None else used
@@ -167,7 +178,7 @@ def qr_r(rows: Float) -> Float:
     """Return R of a QR decomposition: ``R'R = rows' rows``, without squaring anything.
 
     Args:
-        rows: Shape (M, P).
+        rows: Shape (M, P). [any unit]
 
     Returns:
         Upper triangle, shape (min(M, P), P).
@@ -175,13 +186,37 @@ def qr_r(rows: Float) -> Float:
     return np.asarray(np.linalg.qr(rows, mode="r"), dtype=np.float64)  # pyright: ignore
 
 
+def independent(columns: Float, least: Float, order: Iterable[int] | None = None) -> list[int]:
+    """Return the columns that those before them do not explain.
+
+    Args:
+        columns: In their own units, shape (N, P). [-]
+        least: Length that must be left of each column, shape (P,). [-]
+        order: Places of the columns, the preferred first; None: as they are.
+
+    Returns:
+        Their places, in this order.
+    """
+    base = np.empty((len(columns), 0))
+    found: list[int] = []
+    for place in range(columns.shape[1]) if order is None else order:
+        rest = columns[:, place]
+        for _ in range(2):  # once more, against the rounding of the first time
+            rest = rest - base @ (base.T @ rest)
+        left = float(np.linalg.norm(rest))
+        if left > least[place]:
+            base = np.column_stack([base, rest / left])
+            found.append(place)
+    return found
+
+
 def factor(columns: Float, target: Float, weight: Float) -> tuple[Float, Float]:
     """Compress weighted rows to a triangle with the same sums of squares.
 
     Args:
-        columns: Shape (N, n, P).
-        target: Shape (N, n).
-        weight: Shape (N, n); rows of weight 0 are left out.
+        columns: Shape (N, n, P). [target/parameter]
+        target: Shape (N, n). [any unit]
+        weight: Shape (N, n); rows of weight 0 are left out. [1/target]
 
     Returns:
         R of shape (K, P) and b of shape (K,): ``|R x - b|^2`` is the weighted sum of
@@ -194,7 +229,7 @@ def factor(columns: Float, target: Float, weight: Float) -> tuple[Float, Float]:
 
 
 def jackknife(block: Int) -> Covariance:
-    """Covariance from leaving out one contiguous block after the other.
+    """Return the covariance from leaving out one contiguous block after the other.
 
     Leaving out block g moves the fit by ``-(A - A_g)^-1 s_g``, where s is the sum of
     columns times weighted residuals and A its slope: a row whose weight is already
@@ -236,7 +271,7 @@ def jackknife(block: Int) -> Covariance:
 
 
 def autocorrelated(segment: Int) -> Covariance:
-    """Covariance from the autocorrelation of each target's residuals.
+    """Return the covariance from the autocorrelation of each target's residuals.
 
     What comes before the autocorrelation first falls to zero is signal, the rest is chance
     (initial positive sequence).
@@ -319,11 +354,11 @@ def regress(
     method: Method = "irls",
     what: str = "the data",
 ) -> Fit:
-    """Fit one target, with deviations from blocks; refuse columns that are not told apart.
+    """Return the fit of one target with deviations from blocks; refuse columns not told apart.
 
     Args:
-        columns: Shape (N, P), finite.
-        target: Shape (N,), finite.
+        columns: Shape (N, P), finite. [target/parameter]
+        target: Shape (N,), finite. [any unit]
         block: Number of the contiguous block that each sample belongs to, shape (N,).
         names: Name of each parameter, for messages.
         method: As of `fit`.

@@ -298,17 +298,8 @@ TEMPERATURE_KINDS = Kinds(
     ),
 )
 
-
-def register_temperature_kind(kind: TemperatureKind) -> TemperatureKind:
-    """Add a kind of temperature source: parameters may name its message type from now on.
-
-    Args:
-        kind: Its name is the message type.
-
-    Raises:
-        KindError: If its name is taken.
-    """
-    return TEMPERATURE_KINDS.register(kind)
+register_temperature_kind = TEMPERATURE_KINDS.register
+"""Add a kind of yours, by the type of its messages: parameters may name it from now on."""
 
 
 def _for_each(values: tuple[str, ...], count: int) -> tuple[str, ...]:

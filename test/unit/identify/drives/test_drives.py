@@ -18,9 +18,10 @@ from robot_energy.errors import LogFormatError, MissingTopicError, NotIdentifiab
 from robot_energy.identify.drives.drive_data import drive_data_of_logs
 from robot_energy.identify.drives.drive_power import read_drive_power
 from robot_energy.identify.drives.drives import fit_drives, with_drives
-from robot_energy.identify.drives.losses import fit_losses, independent, loss_columns
+from robot_energy.identify.drives.losses import LEAST_SHARE, fit_losses, loss_columns
 from robot_energy.identify.drives.total_power import compare_total, fit_total, with_total
 from robot_energy.identify.drives.total_sums import sums
+from robot_energy.identify.stats.regression import independent
 from robot_energy.logs.recording import FileAccount, LogBlock, RecordingContents, write_bag
 from robot_energy.model import load
 from robot_energy.rig import RigConfig, load_profile
@@ -99,7 +100,9 @@ def test_a_negative_loss_is_set_to_zero_and_named():
 def test_independent_names_columns_that_others_explain():
     first = np.random.default_rng(2).normal(size=(50, 2))
     columns = np.column_stack([first, first @ [1.0, 2.0], np.zeros(50)])
-    assert independent(columns).tolist() == [True, True, False, False]
+    least = LEAST_SHARE * np.linalg.norm(columns, axis=0)
+    assert independent(columns, least) == [0, 1]
+    assert independent(columns, least, order=[2, 1, 0, 3]) == [2, 1]
 
 
 def test_without_a_comparison_the_fits_are_the_same():

@@ -10,15 +10,13 @@ from robot_energy.identify.dynamics.base_parameters import (
     numerical_rank,
 )
 from robot_energy.identify.dynamics.columns import standard_columns
-from robot_energy.identify.dynamics.dynamics import structure
+from robot_energy.identify.dynamics.torque_model import TorqueModel
 from robot_energy.model import load
-from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.rigid_body import Robot
 
 
 def groups(model, columns=()):
-    robot = Robot.from_model(model)
-    return structure(robot, Drivetrain.from_model(model).transmission, columns)
+    return TorqueModel.from_model(model, columns).structure()
 
 
 def expressions(base):

@@ -4,12 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_limits
 
 import robots
 from excited import recorded
 from robot_energy.identify.data.observations import Filters, observe
 from robot_energy.identify.dynamics.columns import standard_columns
-from robot_energy.identify.dynamics.dynamics import fit_rows, one_thread, structure
+from robot_energy.identify.dynamics.dynamics import fit_rows
+from robot_energy.identify.dynamics.torque_model import TorqueModel
 from robot_energy.identify.stats.regression import METHODS, factor
 from robot_energy.model import validate
 from robot_energy.physics.drivetrain import Drivetrain
@@ -30,11 +32,12 @@ MODEL = smooth_two_link()
 ROBOT = Robot.from_model(MODEL)
 TRANSMISSION = Drivetrain.from_model(MODEL).transmission
 COLUMNS = standard_columns(0.05)
-BASE = structure(ROBOT, TRANSMISSION, COLUMNS)
+TORQUE_MODEL = TorqueModel.from_model(MODEL, COLUMNS)
+BASE = TORQUE_MODEL.structure()
 
 
 def rows(**options):
-    observed = observe([recorded(MODEL, **options)], ROBOT, TRANSMISSION, COLUMNS, Filters())
+    observed = observe([recorded(MODEL, **options)], TORQUE_MODEL, Filters())
     return observed.with_columns(BASE.independent)
 
 
@@ -54,7 +57,7 @@ TRUTH = truth()
 
 @pytest.fixture(autouse=True, scope="module")
 def _one_thread():
-    with one_thread():
+    with threadpool_limits(1):
         yield
 
 

@@ -14,9 +14,9 @@ from robot_energy.identify.dynamics.consistent import Prior
 from robot_energy.identify.dynamics.dynamics import DynamicsSettings, identify_dynamics
 from robot_energy.identify.dynamics.leave_one_out import across_recordings
 from robot_energy.identify.dynamics.torque_delay import estimate_delay
+from robot_energy.identify.dynamics.torque_model import TorqueModel
 from robot_energy.identify.dynamics.work import motor_work, share_off
 from robot_energy.physics.drivetrain import Drivetrain
-from robot_energy.physics.rigid_body import Robot
 
 ARM = robots.two_link()
 QUICK = DynamicsSettings(columns=standard_columns(0.05), delay_span=0.0)
@@ -43,9 +43,7 @@ def other_motion(seed, noise=0.02, loaded=0.0, duration=12.0, size=1.0):
 def test_work_of_a_robot_at_constant_power_by_hand():
     """2 rad/s against 3 N m and back: 6 W; coupled motors share it by their speeds."""
     drivetrain = Drivetrain.from_model(ARM)
-    rows = observe(
-        [recorded(ARM)], Robot.from_model(ARM), drivetrain.transmission, (), Filters(cutoff=10.0)
-    )
+    rows = observe([recorded(ARM)], TorqueModel.from_model(ARM, ()), Filters(cutoff=10.0))
     count = len(rows.segment)
     velocity = np.tile([2.0, 0.0], (count, 1))
     velocity[count // 2 :] *= -1.0
@@ -196,9 +194,8 @@ def test_a_delay_beyond_the_range_is_noted_and_not_half_applied():
 
 def test_a_firm_prior_decides_what_the_rows_do_not_tell():
     """Prior of the wrong size: the delay's fits follow it, so it is really used."""
-    robot, transmission = Robot.from_model(ARM), Drivetrain.from_model(ARM).transmission
     late = recorded(ARM, delay=0.003)
-    rows = observe([late], robot, transmission, QUICK.columns, QUICK.filters)
+    rows = observe([late], TorqueModel.from_model(ARM, QUICK.columns), QUICK.filters)
     size = rows.regressor.shape[2]
     weight = np.full(2, 1.0)
     firm = Prior(np.zeros(size), np.full(size, 1e-9))  # nothing moves: no delay is better
