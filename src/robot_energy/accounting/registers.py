@@ -40,8 +40,12 @@ class Registers(ExactSum):
         """Account of observed and missing time."""
         return self._trapezoid.time
 
-    @time.setter
-    def time(self, time: Coverage) -> None:
+    def set_time(self, time: Coverage) -> None:
+        """Go back to an earlier account of time.
+
+        Args:
+            time: As it stood then.
+        """
         self._trapezoid.time = time
 
     @np.errstate(invalid="ignore")
@@ -68,11 +72,19 @@ class Registers(ExactSum):
         self._trapezoid.interrupt()
 
     def cabinet(self, name: str) -> float:
-        """Return a register of the cabinet by its name in ``CABINET_REGISTERS``. [J]"""
+        """Return a register of the cabinet. [J]
+
+        Args:
+            name: One of ``CABINET_REGISTERS``.
+        """
         return float(self.joule[CABINET_REGISTERS.index(name)])
 
     def joints(self, name: str) -> Float:
-        """Return a register of every joint by its name in ``JOINT_REGISTERS``, (n,). [J]"""
+        """Return a register of every joint, shape (n,). [J]
+
+        Args:
+            name: One of ``JOINT_REGISTERS``.
+        """
         start = len(CABINET_REGISTERS) + JOINT_REGISTERS.index(name) * self.n_joints
         return self.joule[start : start + self.n_joints]
 
