@@ -118,6 +118,13 @@ def test_configuration_file_is_accepted(bench, name):
     assert node.values == expected
 
 
+@pytest.mark.parametrize("name", ["torque_monitor", "power_monitor", "energy_monitor"])
+@pytest.mark.parametrize("value", [-1.0, 0.0005, 61.0])
+def test_a_longest_gap_that_makes_no_sense_stops_the_node(bench, name, value):
+    with pytest.raises(ParameterError, match="max_gap"):
+        bench.add(Any, NODES[name], model="kr16", max_gap=value)
+
+
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_presets_of_robots_are_accepted_and_mean_the_same_as_in_a_replay(bench, robot):
     node = bench.add(Any, EnergyParameters, **flat(ROBOTS[robot].parameters), model="kr16")

@@ -19,9 +19,9 @@ TICKS = os.sysconf("SC_CLK_TCK")
 NODES = "ros2_energy_monitor"
 CASES = {
     "plain callback subscriber": [[sys.executable, str(HERE / "plain_subscriber.py")]],
-    "energy_monitor": [[sys.executable, "-m", f"{NODES}.energy_monitor"]],
+    "energy_monitor": [[sys.executable, "-m", NODES, "energy_monitor"]],
     "three nodes": [
-        [sys.executable, "-m", f"{NODES}.{name}"]
+        [sys.executable, "-m", NODES, name]
         for name in ("torque_monitor", "friction_monitor", "power_monitor")
     ],
 }

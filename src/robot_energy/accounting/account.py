@@ -144,7 +144,7 @@ class EnergyAccount:
         """Go back to what `_counters` gave; the time until the next sample is a gap."""
         for each, earlier in zip(self._arrays(), arrays, strict=True):
             each[:] = earlier
-        self.registers.time = time
+        self.registers.set_time(time)
         self.comparison.compared_ns = values.pop("_compared_ns")
         self.__dict__.update(values)
         self.interrupt()

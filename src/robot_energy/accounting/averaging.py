@@ -177,12 +177,13 @@ class Averager:
         time_ns = np.where(unknown & (duration_ns == 0), np.maximum(step, 0), duration_ns)
         self._last = (int(stamp[-1]), int(segment[-1]))
         piece = np.repeat(np.arange(len(bounds)), np.diff(bounds, append=len(block)))
-        held_ns = np.zeros((len(bounds), len(Phase)), dtype=np.int64)
-        seen = np.full_like(held_ns, -1)
-        np.add.at(held_ns, (piece, block.phase), time_ns)
-        np.maximum.at(seen, (piece, block.phase), self._samples + np.arange(len(block)))
+        shape = (len(bounds), len(Phase))
+        cell = piece * len(Phase) + block.phase
+        held = np.bincount(cell, weights=time_ns, minlength=len(bounds) * len(Phase))
+        seen = np.full(shape, -1)
+        seen.reshape(-1)[cell] = self._samples + np.arange(len(block))  # the last one stays
         self._samples += len(block)
-        return held_ns, seen
+        return held.astype(np.int64).reshape(shape), seen
 
     def flush(self) -> MeanBlock | None:
         """Return the period that is still open."""

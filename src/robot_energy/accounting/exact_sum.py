@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from robot_energy.blocks import Float, Int
-from robot_energy.physics.equations import COLUMNS
+from robot_energy.physics.equations import CACHED
 from robot_energy.units import MAX_COUNTER
 
 PER_JOULE = 1e6  # microjoules
@@ -65,8 +65,9 @@ class ExactSum:
             part = energy[start : start + (1 if full else BLOCK)]  # cutting makes no difference
             start += len(part)
             more = np.empty_like(self.microjoule)
-            for first in range(0, len(more), COLUMNS):
-                columns = slice(first, first + COLUMNS)
+            size = max(1, CACHED // len(part))
+            for first in range(0, len(more), size):
+                columns = slice(first, first + size)
                 more[columns] = self._whole(part[:, columns].T, self.remainder[columns])
             if full:
                 add_saturating(self.microjoule, more)

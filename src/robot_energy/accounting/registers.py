@@ -40,12 +40,11 @@ class Registers(ExactSum):
         """Account of observed and missing time."""
         return self._trapezoid.time
 
-    @time.setter
-    def time(self, time: Coverage) -> None:
-        """Take over an account.
+    def set_time(self, time: Coverage) -> None:
+        """Go back to an earlier account of time.
 
         Args:
-            time: The account.
+            time: As it stood then.
         """
         self._trapezoid.time = time
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 REFERENCE_DEGC = 20.0  # at which copper losses are stated
 MAX_CONDITION = 1e9  # of a transmission matrix
-COLUMNS = 9  # worked on at a time, so few that thousands of samples fit the cache
+CACHED = 30_000  # numbers worked on at a time, so few that they stay in the cache
 
 
 @dataclass(frozen=True)
@@ -357,8 +357,9 @@ def interval_energy(power: Float, before: Float, duration: Float) -> tuple[Float
     energy, half = np.empty_like(power), (0.5 * duration)[:, None]
     np.add(power[0], before, out=energy[0])
     peaks: list[float] = []
-    for first in range(0, power.shape[1], COLUMNS):
-        columns = slice(first, first + COLUMNS)
+    size = max(1, CACHED // len(power))
+    for first in range(0, power.shape[1], size):
+        columns = slice(first, first + size)
         part, given = energy[:, columns], power[:, columns]
         np.add(given[1:], given[:-1], out=part[1:])
         part *= half

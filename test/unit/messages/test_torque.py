@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from robot_energy.blocks import Quality, TorqueBlock
 from robot_energy.cdr.batch import RawBatch
@@ -58,6 +59,14 @@ def test_restarted_writer_begins_a_new_segment_although_it_counts_from_zero():
     assert (after.segment == 1).all()
     assert list(np.flatnonzero(after.quality & Quality.AFTER_GAP)) == [0]
     assert reader.order.gaps == 1
+
+
+@pytest.mark.parametrize(("max_gap", "segments"), [(0.0, 2), (0.9, 2), (1.5, 1)])
+def test_as_much_is_bridged_as_the_torque_monitor_bridges(max_gap, segments):
+    reader = TorqueReader(NAMES, "id", max_gap)
+    blocks = [read(reader, torques(0, 50)), read(reader, torques(300, 50))]  # 1 s later
+    assert len({int(block.segment[-1]) for block in blocks}) == segments
+    assert reader.order.gaps == segments - 1
 
 
 def test_messages_lost_on_the_way_are_a_gap():

@@ -120,20 +120,21 @@ class JointStateReader:
 
     def _usable(self, part: JointBlock) -> Mask | None:
         """Refuse messages, each for the first reason that applies; None if none is."""
+        stamp, position, velocity = part.stamp_ns, part.joint_position, part.joint_velocity
+        dated = bool(((stamp > 0) & valid_stamps(stamp)).all())
+        with np.errstate(over="ignore", invalid="ignore"):
+            finite = bool(np.isfinite(position.sum() + velocity.sum()))
+        if dated and finite:
+            return None
         left = np.ones(len(part), dtype=np.bool_)
 
         def refuse(reason: str, wrong: Mask) -> None:
             self._log.reject(reason, int((wrong & left).sum()))
             left[wrong] = False
 
-        stamp, position, velocity = part.stamp_ns, part.joint_position, part.joint_velocity
-        if not bool(((stamp > 0) & valid_stamps(stamp)).all()):
-            refuse("zero_stamp", stamp == 0)
-            refuse(BAD_STAMP, ~valid_stamps(stamp))
-        with np.errstate(over="ignore", invalid="ignore"):
-            finite = bool(np.isfinite(position.sum() + velocity.sum()))
-        if not finite:
-            refuse("not_finite", in_any_joint(np.isinf(position) | np.isinf(velocity)))
+        refuse("zero_stamp", stamp == 0)
+        refuse(BAD_STAMP, ~valid_stamps(stamp))
+        refuse("not_finite", in_any_joint(np.isinf(position) | np.isinf(velocity)))
         return None if bool(left.all()) else left
 
     def _place(self, run: Run, batch: RawBatch) -> JointBlock | str:
