@@ -23,12 +23,6 @@ if TYPE_CHECKING:
     from robot_energy.api.online_monitor import OnlineMonitor
     from robot_energy.api.predict import PredictionResult, predict
     from robot_energy.api.replay import ReplayResult, replay
-    from robot_energy.api.results import (
-        EnergyBreakdown,
-        JointEnergy,
-        MeterComparison,
-        PhaseEnergy,
-    )
     from robot_energy.blocks import Phase, Quality
     from robot_energy.errors import (
         BagError,
@@ -51,18 +45,24 @@ if TYPE_CHECKING:
     from robot_energy.model import save as save_model
     from robot_energy.pipeline import EnergyPipeline
     from robot_energy.pipeline import Settings as PipelineSettings
+    from robot_energy.results.energy import (
+        EnergyBreakdown,
+        JointEnergy,
+        MeterComparison,
+        PhaseEnergy,
+    )
     from robot_energy.time_series import TimeSeries
 
 # Module of each public name; `:` where it has another name there.
 _EXPORTS = {
     "BagError": "errors",
-    "EnergyBreakdown": "api.results",
+    "EnergyBreakdown": "results.energy",
     "EnergyPipeline": "pipeline",
     "IdentificationResult": "api.identify",
     "ImplausibleIdentificationError": "errors",
-    "JointEnergy": "api.results",
+    "JointEnergy": "results.energy",
     "LogFormatError": "errors",
-    "MeterComparison": "api.results",
+    "MeterComparison": "results.energy",
     "MissingTopicError": "errors",
     "ModelFileError": "errors",
     "MotionError": "errors",
@@ -71,7 +71,7 @@ _EXPORTS = {
     "ParameterError": "errors",
     "PayloadError": "errors",
     "Phase": "blocks",
-    "PhaseEnergy": "api.results",
+    "PhaseEnergy": "results.energy",
     "PipelineSettings": "pipeline:Settings",
     "PredictionResult": "api.predict",
     "Quality": "blocks",

@@ -8,7 +8,8 @@ import numpy as np
 
 from robot_energy.blocks import Float
 from robot_energy.physics.friction import viscous_law
-from robot_energy.report.identification import cabinet_summary, friction_summary
+from robot_energy.results.base import plain
+from robot_energy.results.identification import FrictionReport
 from robot_energy_papers.calibration import Calibration
 from robot_energy_papers.held_out import SetRow, normalised, worst
 from robot_energy_papers.models import FOLLOWS
@@ -62,7 +63,7 @@ def figures(result: PaperA) -> Figures:
         ],
         "greatest_rise_in_a_set": max(entry.rise for entry in (*result.train, *result.test)),
         "peak_power": max(entry.recording.peak_power for entry in (*result.train, *result.test)),
-        "friction": friction_summary(found.fits, [], "motor_torque"),
+        "friction": plain(FrictionReport("motor_torque", tuple(found.fits), ())),
         "friction_against_truth": [
             {"motor_degc": degc.tolist(), "error": error.tolist()}
             for degc, error in friction_errors(result)
@@ -75,7 +76,7 @@ def figures(result: PaperA) -> Figures:
             }
             for entry in found.sets
         ],
-        "cabinet": cabinet_summary(found.cabinet),
+        "cabinet": plain(found.cabinet),
         "notes": list(found.notes),
         "shaft_power": [
             {

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from robot_energy.report.printing import percent
+from robot_energy.report.formats import percent
 from robot_energy_papers.models import FOLLOWS
 from robot_energy_papers.paper_a import PaperA
 from robot_energy_papers.paper_a_figures import (

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from robot_energy.report.document import Document
-from robot_energy.report.printing import Page, percent, table
+from robot_energy.report.formats import percent
 from robot_energy_papers.models import CAPACITOR, FOLLOWS, LOSSES
 from robot_energy_papers.paper_a import PaperA
 from robot_energy_papers.paper_a_figures import (
@@ -167,18 +167,18 @@ def _result(document: Document, result: PaperA) -> None:
     )
 
 
-def print_errors(result: PaperA, out: Page) -> None:
+def print_errors(result: PaperA, out: Document, short: bool = False) -> None:
     """Print the error of every model at every held-out temperature.
 
     Args:
         result: The study.
         out: Where to.
+        short: Whether the headings are short: a terminal is narrow.
     """
     names, degc, watt = model_names(result), "robot [degC]", "power [W]"
-    if not isinstance(out, Document):  # a terminal is narrow
+    if short:
         names, degc, watt = {name: SHORT[name] for name in names}, "degC", "W"
-    table(
-        out,
+    out.table(
         f"Predicted over measured grid energy less 1, held-out motions, {RIG}",
         (degc, "state", watt, *names.values()),
         [
@@ -235,7 +235,7 @@ def _experiment(document: Document, result: PaperA) -> None:
 def _beside(document: Document, result: PaperA) -> None:
     document.heading("Number by number")
     document.paragraph("All of it comes from the one command at the top of this page.")
-    table(document, "Text of the paper beside the virtual rig", COLUMNS, numbers(result))
+    document.table("Text of the paper beside the virtual rig", COLUMNS, numbers(result))
     if LOSSES in result.identified.models:
         data = figures(result)["error_range"]
         document.paragraph(
@@ -247,4 +247,4 @@ def _beside(document: Document, result: PaperA) -> None:
     for sentence in UNKNOWN:
         document.paragraph(sentence)
     document.heading("Slips of the text, and how they are read here")
-    table(document, "", ("where", "reading"), SLIPS)
+    document.table("", ("where", "reading"), SLIPS)

@@ -10,16 +10,12 @@ from robot_energy.bag_replay import replay
 from robot_energy.blocks import Float
 from robot_energy.physics.friction import with_fixed_friction
 from robot_energy.report.document import Document
+from robot_energy.report.formats import percent
 from robot_energy.report.friction_figure import friction_over_temperature
-from robot_energy.report.identification import (
-    cabinet_summary,
-    friction_summary,
-    print_cabinet,
-    print_friction,
-)
+from robot_energy.report.identification import friction_tables, losses_section
 from robot_energy.report.power_figure import power_and_energy
-from robot_energy.report.printing import percent, table
 from robot_energy.report.series import Series, compared_series
+from robot_energy.results.identification import FrictionReport
 from robot_energy_papers.effects import ALL, EFFECTS, NO_OIL, NOTHING
 from robot_energy_papers.models import FOLLOWS
 from robot_energy_papers.paper_a import PaperA, mean_shaft_power
@@ -77,8 +73,7 @@ def power_section(document: Document, result: PaperA) -> None:
         "Counterpart of fig. 5: measured shaft power of axis 1 in the same motions, traced torque "
         "times speed. Warm oil takes less power while driving and leaves more while braking.",
     )
-    table(
-        document,
+    document.table(
         "Mean shaft power of axis 1 over the whole set, traced",
         ("robot", "motor of axis 1", "mean shaft power"),
         [
@@ -139,12 +134,11 @@ def friction_section(document: Document, result: PaperA) -> None:
         "Counterpart of fig. 6: viscous friction of all axes over motor temperature, motor side. "
         "The points are free; the laws compete on temperatures that their fit has not seen.",
     )
-    print_friction(friction_summary(found.fits, [], "motor_torque"), document)
+    friction_tables(FrictionReport("motor_torque", tuple(found.fits), ()), document)
     errors = friction_errors(result)
     picks = sorted({0, len(errors) // 2, len(errors) - 1})
     names = [fit.name for fit in found.fits]
-    table(
-        document,
+    document.table(
         "Identified over true viscous friction less 1, at the motor temperatures of one set",
         ("set", *names),
         [
@@ -162,7 +156,7 @@ def friction_section(document: Document, result: PaperA) -> None:
         "Walther's law are inside the identified figures. Where they compensate, the energy is "
         "better than the parameters."
     )
-    print_cabinet(cabinet_summary(found.cabinet), document)
+    losses_section(found.cabinet, document)
 
 
 def effects_section(document: Document, result: PaperA) -> None:
@@ -185,8 +179,7 @@ def effects_section(document: Document, result: PaperA) -> None:
     shown = [name for name in (ALL, NOTHING, NO_OIL) if name in rows]
     shown += [f"without {name}" for name in EFFECTS if f"without {name}" in rows]
     shown += [f"only {name}" for name in EFFECTS if f"only {name}" in rows]
-    table(
-        document,
+    document.table(
         "Error of grid energy, friction follows temperature",
         ("rig", *(f"{value:.0f} degC" for value in degc), "mean", "cost"),
         [
@@ -236,8 +229,7 @@ def plant_section(document: Document, result: PaperA) -> None:
         "nothing else. Truth of the rig:"
     )
     low, high = data["energy_20_over_60"]
-    table(
-        document,
+    document.table(
         "Calibration",
         ("figure", "virtual rig", "paper A, or what its text allows"),
         [
@@ -263,8 +255,7 @@ def plant_section(document: Document, result: PaperA) -> None:
     )
     flows = ("friction_power", "iron_loss", "copper_loss", "inverter_loss", "rectifier_loss",
              "brake_power", "loss_dc", "loss_grid")  # fmt: skip
-    table(
-        document,
+    document.table(
         "Where the energy goes, mean power of one set in a soaked rig [W]",
         ("flow", *(f"{degc:.0f} degC" for degc in found.flows)),
         [

@@ -9,7 +9,7 @@ import numpy as np
 from robot_energy.blocks import Float
 from robot_energy.report.canvas import SERIES
 from robot_energy.report.document import Document
-from robot_energy.report.printing import Page, percent, table
+from robot_energy.report.formats import percent
 from robot_energy_papers.machine_figures import (
     FigureLine,
     bars,
@@ -21,7 +21,7 @@ from robot_energy_papers.machines import ARM, MACHINES, PARTS
 from robot_energy_papers.paper_b import PaperB, at_heights, relative
 
 
-def print_machines(result: PaperB, page: Page) -> None:
+def print_machines(result: PaperB, page: Document) -> None:
     """Energy of the machines for one layer, and beside the arm's."""
     layers = [found.layer for found in result.machines.values()]
     measures = tuple(layers[0].figures)
@@ -32,7 +32,7 @@ def print_machines(result: PaperB, page: Page) -> None:
     ]
     rows.append(("cabinet, constant, not compared", *(f"{e.cabinet:.0f}" for e in layers)))
     names = [MACHINES[key].name for key in result.machines]
-    table(page, "Energy of one layer, models [J]", ("", *names), rows)
+    page.table("Energy of one layer, models [J]", ("", *names), rows)
     others = [key for key in result.machines if key != ARM]
     beside = [("paper B, wall", *(percent(MACHINES[key].paper, True) for key in others))]
     stages = {"wall": _wall_name(result), "layer": "one layer", "rig": "one layer, rigs"}
@@ -42,7 +42,7 @@ def print_machines(result: PaperB, page: Page) -> None:
             (f"{measure}, {name}", *(percent(found[key][measure], True) for key in others))
             for measure in measures
         ]
-    table(page, "Energy beside the arm's", ("", *(MACHINES[key].name for key in others)), beside)
+    page.table("Energy beside the arm's", ("", *(MACHINES[key].name for key in others)), beside)
 
 
 def add_machines(document: Document, result: PaperB) -> None:

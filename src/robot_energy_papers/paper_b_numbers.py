@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from robot_energy.blocks import Float
 from robot_energy.identify.drives.drives import Way
-from robot_energy.report.printing import percent
+from robot_energy.report.formats import percent
 from robot_energy_papers.drive_study import WAY_NAMES
 from robot_energy_papers.machines import MACHINES
 from robot_energy_papers.paper_b import VALIDATION, WALL, WALL_HELD, PaperB, relative

@@ -8,7 +8,7 @@ from robot_energy.blocks import Float
 from robot_energy.report.canvas import COLOURS
 from robot_energy.report.document import Document
 from robot_energy.report.efficiency_figure import efficiency_maps
-from robot_energy.report.printing import NOTHING, Page, percent, table
+from robot_energy.report.formats import NOTHING, percent
 from robot_energy_papers.accuracy import DEFINITIONS
 from robot_energy_papers.drive_study import PAPER, WAY_NAMES, DriveTest
 from robot_energy_papers.machine_figures import GREY, FigureLine, bars, joint_panels, measured_and
@@ -41,7 +41,7 @@ SMOOTH = 0.2  # s, of powers and efficiencies over time
 LEAST_POWER = 0.5  # W, below which an efficiency is not drawn
 
 
-def print_mechanics(result: PaperB, page: Page) -> None:
+def print_mechanics(result: PaperB, page: Document) -> None:
     """Accuracy of mechanical energy by all definitions."""
     mean = _hundred(float(np.mean(PAPER_JOINTS)))
     rows: list[tuple[str, ...]] = [
@@ -55,10 +55,10 @@ def print_mechanics(result: PaperB, page: Page) -> None:
                  _hundred(found.summed), _hundred(found.mean))
             )  # fmt: skip
     columns = ("run", "counted", "joint 1", "joint 2", "joint 3", "total", "summed", "mean")
-    table(page, "Accuracy of mechanical energy [%]", columns, rows)
+    page.table("Accuracy of mechanical energy [%]", columns, rows)
 
 
-def print_drives(result: PaperB, page: Page) -> None:
+def print_drives(result: PaperB, page: Document) -> None:
     """Accuracy of electrical energy by way, run and excitation."""
     columns = ("identified at", "run", *(WAY_SHORT[way] for way in SHOWN))
     accuracy: list[tuple[str, ...]] = [
@@ -74,8 +74,8 @@ def print_drives(result: PaperB, page: Page) -> None:
             )
             rms.append((trained, run, *(f"{way.rms:.1f}" for way in ways)))
     title = "Accuracy of electrical energy, all drives [%]"
-    table(page, title, (*columns, "off map"), accuracy)
-    table(page, "RMS error of the power of a drive [W]", columns, rms)
+    page.table(title, (*columns, "off map"), accuracy)
+    page.table("RMS error of the power of a drive [W]", columns, rms)
 
 
 def page(result: PaperB, command: str) -> Document:
@@ -120,7 +120,7 @@ def _beside(document: Document, result: PaperB) -> None:
         "lie off the map, where the map's energy is worth nothing "
         f"({percent(beyond.ways['map'].accuracy)})."
     )
-    table(document, "", COLUMNS, numbers(result))
+    document.table("", COLUMNS, numbers(result))
 
 
 def _mechanics(document: Document, result: PaperB) -> None:

@@ -16,7 +16,7 @@ from plants import PROGRAM, two_link_profile
 from robot_energy.bag_replay import replay
 from robot_energy.cli.main import main
 from robot_energy.model import load
-from robot_energy.report.summary import summarise
+from robot_energy.results.replay import replay_report
 from robot_energy.rig import RigConfig, VirtualRig
 from robot_energy.rig.record import record
 from terminal_tables import WIDTHS, lost, recorded_tables
@@ -53,8 +53,8 @@ def outcome(folder: Path) -> Path:
 
 
 def error(bag: Path, model: Path) -> float:
-    comparison = summarise(replay(bag, load(model)))["comparison"]
-    return float(comparison["predicted_minus_measured_relative"])
+    comparison = replay_report(replay(bag, load(model))).comparison
+    return float(comparison.predicted_minus_measured_relative)
 
 
 def test_the_model_file_predicts_an_unseen_run_at_an_unseen_temperature(outcome: Path) -> None:

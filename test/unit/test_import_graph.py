@@ -26,7 +26,7 @@ MODULES = {
         registers settings shaft_comparison
     """,
     "robot_energy.api": """
-        identify inputs online_monitor power_table predict replay results
+        identify inputs online_monitor power_table predict replay
     """,
     "robot_energy.bag": """
         mcap_block mcap_file mcap_records mcap_summary metadata ownership packed
@@ -38,8 +38,8 @@ MODULES = {
     "robot_energy.cli": """
         completion export identify identify_all identify_cabinet identify_drives
         identify_dynamics identify_excitation identify_friction identify_inputs
-        import_logs info kinds main memory models numbers predict replay simulate stopping
-        terminal
+        import_logs info kinds main memory models numbers predict replay replay_options
+        report schema simulate stopping terminal
     """,
     "robot_energy.files": """
         output_files output_folder output_streams placement regular_file
@@ -110,11 +110,14 @@ MODULES = {
         friction_timeline payload_timeline power_stage settings torque_stage
     """,
     "robot_energy.report": """
-        canvas dc_link document drives dynamics efficiency_figure energy_figure
-        excitation friction_figure held_out identification identification_document
-        kinds layout listings model_summary parameters payload_summary power_figure
-        prediction prediction_figure printing series shaft_summary summary supply
-        tables torque_figure
+        canvas document drives dynamics efficiency_figure energy energy_figure
+        excitation formats friction_figure held_out html identification identify_all
+        kinds layout model parameters power_figure prediction prediction_figure printing
+        replay series temperature_figure torque_figure
+    """,
+    "robot_energy.results": """
+        base drives dynamics energy excitation held_out identification model
+        prediction replay schema
     """,
     "robot_energy.rig": """
         config lubricant output plant printers profile record sensors study supply
@@ -147,6 +150,7 @@ LAYERS = (
     ("motion",),
     ("bag_replay", "prediction"),
     ("identify", "rig"),
+    ("results",),
     ("report",),
     ("api",),
     ("cli", "__main__"),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Sequence
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
@@ -13,22 +13,27 @@ from robot_energy.blocks import EffortMeaning
 from robot_energy.errors import ModelFileError, NotIdentifiableError, ParameterError
 from robot_energy.identify.data.bags import Bag, BagFacts, Span, facts
 from robot_energy.identify.data.recordings import Recording, channels_of, read_recording
-from robot_energy.identify.steps import FrictionFound, Subject
+from robot_energy.identify.steps import Subject
 from robot_energy.inputs.inputs_file import read_inputs
 from robot_energy.inputs.sources import Inputs
 from robot_energy.model import RobotModel, save
+from robot_energy.results.base import Result
 
 if TYPE_CHECKING:
-    from robot_energy.identify.cabinet.supply import SupplyFound
     from robot_energy.identify.data.signals import Channels
-    from robot_energy.identify.dynamics.dynamics import Dynamics, DynamicsSettings
+    from robot_energy.identify.dynamics.dynamics import DynamicsSettings
     from robot_energy.identify.friction.samples import FrictionData
     from robot_energy.identify.run_all import FullIdentification
-    from robot_energy.report.identification_document import Identification
+    from robot_energy.results.dynamics import DynamicsReport
+    from robot_energy.results.identification import (
+        CabinetReport,
+        FrictionReport,
+        IdentificationReport,
+    )
 
 EFFORTS = ("motor_torque", "joint_torque", "motor_current")
 NEVER_GUESSED = "the effort of a driver is never guessed"
-Found = TypeVar("Found")
+Found = TypeVar("Found", bound=Result)
 Stages = Callable[[str], AbstractContextManager[Callable[[float], None]]]
 Names = str | Path | Sequence[str | Path]
 
@@ -57,7 +62,6 @@ class IdentificationResult(Generic[Found]):
 
     model: RobotModel
     found: Found
-    _summary: dict[str, Any] = field(repr=False)
 
     def save(self, path: str | Path) -> None:
         """Write the model file that the monitor runs.
@@ -72,7 +76,7 @@ class IdentificationResult(Generic[Found]):
 
     def to_dict(self) -> dict[str, Any]:
         """Return all figures as plain values: the JSON of ``robot-energy identify``."""
-        return self._summary
+        return self.found.to_dict()
 
 
 def identify_friction(
@@ -82,7 +86,7 @@ def identify_friction(
     *,
     inputs: str | Path | None = None,
     progress: Stages = silent,
-) -> IdentificationResult[FrictionFound]:
+) -> IdentificationResult[FrictionReport]:
     """Identify the friction of every axis over its motor temperature (paper A, eq. 8 to 10).
 
     Args:
@@ -103,16 +107,15 @@ def identify_friction(
     """
     from robot_energy.identify.friction.friction import fit_axes, with_friction
     from robot_energy.identify.plausibility import check_friction
-    from robot_energy.report.identification import friction_summary
+    from robot_energy.results.identification import FrictionReport
 
     used, paths = model_of(model), _paths(bags)
     data = friction_samples(paths, used, effort, inputs, progress)
     source = _names(paths)
     fits, refused = fit_axes(data, source)
     check_friction(fits)
-    found = FrictionFound(tuple(fits), tuple(refused))
-    summary = friction_summary(fits, refused, effort or "measured")
-    return IdentificationResult(with_friction(used, fits, source), found, summary)
+    found = FrictionReport(effort or "measured", tuple(fits), tuple(refused))
+    return IdentificationResult(with_friction(used, fits, source), found)
 
 
 def identify_cabinet(
@@ -122,7 +125,7 @@ def identify_cabinet(
     link_voltages: tuple[float, float] | None = None,
     inputs: str | Path | None = None,
     progress: Stages = silent,
-) -> IdentificationResult[SupplyFound]:
+) -> IdentificationResult[CabinetReport]:
     """Identify constant losses and the DC link from a power meter (paper A, section II-A).
 
     Args:
@@ -142,13 +145,13 @@ def identify_cabinet(
     """
     from robot_energy.identify.cabinet.supply import fit_supply
     from robot_energy.identify.plausibility import check_cabinet
-    from robot_energy.report.supply import supply_summary
+    from robot_energy.results.identification import cabinet_report
 
     used, paths = model_of(model), _paths(bags)
     recordings = read_recordings(paths, used, None, inputs, False, progress)
     found = fit_supply(recordings, _names(paths), link_voltages)
     check_cabinet(found.cabinet)
-    return IdentificationResult(found.model, found, supply_summary(found))
+    return IdentificationResult(found.model, cabinet_report(found))
 
 
 def identify_dynamics(
@@ -159,7 +162,7 @@ def identify_dynamics(
     settings: DynamicsSettings | None = None,
     inputs: str | Path | None = None,
     progress: Stages = silent,
-) -> IdentificationResult[Dynamics]:
+) -> IdentificationResult[DynamicsReport]:
     """Identify bodies, rotors and friction from motion and motor torque.
 
     Args:
@@ -182,7 +185,7 @@ def identify_dynamics(
     from robot_energy.identify.dynamics.dynamics import DynamicsSettings, identify_dynamics
     from robot_energy.identify.dynamics.dynamics_model import to_model
     from robot_energy.identify.plausibility import check_dynamics
-    from robot_energy.report.dynamics import dynamics_summary
+    from robot_energy.results.dynamics import dynamics_report
 
     used, paths = model_of(model), _paths(bags)
     recordings = dynamics_channels(paths, used, effort, inputs, progress)
@@ -192,7 +195,7 @@ def identify_dynamics(
     held_out, consistent = result.held_out(), result.held_out_consistent()
     check_dynamics(result, consistent)
     written = to_model(result, [path.name for path in paths])
-    return IdentificationResult(written, result, dynamics_summary(result, held_out, consistent))
+    return IdentificationResult(written, dynamics_report(result, held_out, consistent))
 
 
 def identify_all(
@@ -208,9 +211,7 @@ def identify_all(
     link_voltages: tuple[float, float] | None = None,
     inputs: str | Path | None = None,
     progress: Stages = silent,
-    command: str = "",
-    out: str = "",
-) -> IdentificationResult[Identification]:
+) -> IdentificationResult[IdentificationReport]:
     """Identify everything that the recordings allow, and test it on what was held out.
 
     Args:
@@ -227,8 +228,6 @@ def identify_all(
         link_voltages: Of the DC link: rectified mains, start of the brake chopper. [V]
         inputs: Parameter file of a monitor: read the bags as that node reads its topics.
         progress: Called with what is going on; gives a function of the share done.
-        command: The command line that asked for it, for reports.
-        out: The model file that will be written, for reports.
 
     Returns:
         Every step with its reason where nothing was found, and the model with all of them.
@@ -239,7 +238,7 @@ def identify_all(
     """
     from robot_energy.identify.run_all import identify_everything, with_provenance
     from robot_energy.identify.stats.held_out_energy import folds_of, held_out_energy
-    from robot_energy.report.identification_document import Identification, identification_summary
+    from robot_energy.results.identification import identification_report
 
     given = model_of(model)
     source = (effort, inputs, drive_power, drive_joints)
@@ -263,8 +262,8 @@ def identify_all(
             energy = held_out_energy(kind, folds, whole, skip, lambda _, share: report(share))
     written = with_provenance(whole, read)
     tested = [entry for entry, _ in known[len(fitted) :]]
-    found = Identification(whole, written, read, tested, energy, command, out)
-    return IdentificationResult(written, found, identification_summary(found))
+    found = identification_report(whole, written, read, tested, energy)
+    return IdentificationResult(written, found)
 
 
 def read_sources(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from argparse import ArgumentParser, ArgumentTypeError, Namespace, RawDescriptionHelpFormatter
+from argparse import Namespace
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,10 +12,11 @@ from robot_energy.cli.identify_inputs import (
     add_results,
     check_results,
     check_source,
-    present,
     read_recordings,
     read_sources,
 )
+from robot_energy.cli.numbers import frequency
+from robot_energy.cli.terminal import add_command, present
 from robot_energy.errors import ModelFileError
 from robot_energy.files.placement import all_or_none
 from robot_energy.files.temporary_folder import TemporaryFolder
@@ -24,7 +25,6 @@ from robot_energy.log_formats import LOG_FORMATS
 if TYPE_CHECKING:
     from robot_energy.identify.drives.drive_data import DriveData
     from robot_energy.model import RobotModel
-    from robot_energy.report.document import Document
 
 DESCRIPTION = """\
 Identify how much electrical power the drives take for torque and speed.
@@ -51,13 +51,8 @@ examples:
 
 def add_parser(commands: Any) -> None:
     """Add the sub-command."""
-    parser: ArgumentParser = commands.add_parser(
-        "drives",
-        help="electrical power of the drives from torque and speed",
-        description=DESCRIPTION,
-        epilog=EPILOG,
-        formatter_class=RawDescriptionHelpFormatter,
-    )
+    text = "electrical power of the drives from torque and speed"
+    parser = add_command(commands, "drives", run, text, DESCRIPTION, EPILOG)
     add_bags(
         parser,
         required=False,
@@ -84,7 +79,7 @@ def add_parser(commands: Any) -> None:
             )
     parser.add_argument(
         "--cutoff",
-        type=_frequency,
+        type=frequency,
         default=5.0,
         metavar="HZ",
         help="of the low-pass of the maps (default 5 Hz)",
@@ -93,17 +88,6 @@ def add_parser(commands: Any) -> None:
     log = parser.add_argument_group("from logs with torque, without a model")
     log.add_argument("--log", nargs="+", metavar="CSV", help="CSV logs, plain or .gz")
     log.add_argument("--mapping", metavar="FILE", help="what their columns mean")
-    parser.set_defaults(run=run)
-
-
-def _frequency(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = 0.0
-    if not 0.0 < value < float("inf"):
-        raise ArgumentTypeError(f"'{text}' is no frequency above 0 Hz")
-    return value
 
 
 def run(args: Namespace) -> int:
@@ -115,8 +99,10 @@ def run(args: Namespace) -> int:
     """
     from robot_energy.identify.drives.all_drives import find_drives
     from robot_energy.identify.plausibility import check_drives, check_total
-    from robot_energy.report.drives import drives_found_summary, print_drives
+    from robot_energy.report.document import Document
+    from robot_energy.report.drives import drives_document, mapped
     from robot_energy.report.efficiency_figure import efficiency_maps
+    from robot_energy.results.drives import drives_report
 
     check_results(args)
     _check(args)
@@ -127,35 +113,20 @@ def run(args: Namespace) -> int:
         check_drives(data, found.drives)
     elif found.total is not None:
         check_total(found.total.data, found.total.scores)
-    summary = drives_found_summary(found, torque)
+    written, notes = (None, []) if model is None else found.write(model, source)
+    report = drives_report(found, torque, notes)
+    page = Document("Electrical power of the drives", f"Identified from {source}.")
+    drives_document(report, page)
     with all_or_none():
-        if model is not None:
-            written, notes = found.write(model, source)
-            if notes:
-                summary["total"]["notes"] += notes
-            if args.out is not None:
-                from robot_energy.model import save
+        if args.out is not None and written is not None:
+            from robot_energy.model import save
 
-                save(written, args.out)
-        axes = [] if found.drives is None else list(found.drives.axes)
-        maps = [axis for axis in axes if axis.map is not None]
-        if args.plot is not None:
-            efficiency_maps(maps, args.plot, source)
-
-        def draw(document: Document) -> None:
-            if maps:
-                document.figure(
-                    lambda path: efficiency_maps(maps, path),
-                    "Reduced efficiency maps in four quadrants, with their points.",
-                )
-
+            save(written, args.out)
         present(
             args,
-            "Electrical power of the drives",
-            summary,
-            lambda page: print_drives(summary, page),
-            draw,
-            f"Identified from {source}.",
+            report,
+            page,
+            plot=lambda path: efficiency_maps(mapped(found.drives), path, source),
         )
     return 0
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from argparse import ArgumentParser, ArgumentTypeError, Namespace, RawDescriptionHelpFormatter
+from argparse import ArgumentTypeError, Namespace
 from pathlib import Path
 from typing import Any
 
-from robot_energy.cli.terminal import add_debug, console, progress, write_json
+from robot_energy.cli.terminal import add_command, console, progress, write_json
 from robot_energy.shown_text import shown
 from robot_energy_papers.cli.study_folder import BAGS, FIGURES, FRONT, MODEL, REPORT, study_folder
 
@@ -27,13 +27,8 @@ WORKERS = 2
 
 def add_parser(papers: Any) -> None:
     """Add the sub-command."""
-    parser: ArgumentParser = papers.add_parser(
-        "paper-a",
-        help="energy over robot temperature",
-        description=DESCRIPTION,
-        epilog=EPILOG,
-        formatter_class=RawDescriptionHelpFormatter,
-    )
+    text = "energy over robot temperature"
+    parser = add_command(papers, "paper-a", run, text, DESCRIPTION, EPILOG)
     parser.add_argument(
         "--quick",
         action="store_true",
@@ -52,8 +47,6 @@ def add_parser(papers: Any) -> None:
         help=f"processes at once (default {WORKERS}, with --quick 1); changes no figure",
     )
     parser.add_argument("--overwrite", action="store_true", help="replace an earlier study")
-    add_debug(parser)
-    parser.set_defaults(run=run)
 
 
 def _count(least: int) -> Any:
@@ -73,7 +66,9 @@ def run(args: Namespace) -> int:
         RobotEnergyError: If the folder cannot be used, or a run or fit fails.
     """
     from robot_energy.model import save
-    from robot_energy.report.printing import line
+    from robot_energy.report.document import Document
+    from robot_energy.report.html import write_page
+    from robot_energy.report.printing import print_document
     from robot_energy_papers.models import FOLLOWS
     from robot_energy_papers.paper_a import FULL, QUICK, study
     from robot_energy_papers.paper_a_figures import figures
@@ -84,15 +79,16 @@ def run(args: Namespace) -> int:
     with study_folder(args.out, args.overwrite) as folder:
         with progress("recording, identifying, testing") as report:
             result = study(folder / BAGS, args.seed, QUICK if args.quick else FULL, workers, report)
-        page(result, _command(args)).write(folder / REPORT)
+        write_page(page(result, _command(args)), folder / REPORT)
         write_json(str(folder / FIGURES), figures(result))
         save(result.identified.models[FOLLOWS], folder / MODEL)
         front_picture(result, folder / FRONT)
-    out = console()
-    print_errors(result, out)
-    line(out, hardest(result))
+    out = Document()
+    print_errors(result, out, short=True)
+    out.paragraph(hardest(result))
     for name in (REPORT, FIGURES, FRONT, MODEL, BAGS):
-        line(out, f"wrote {shown(str(Path(args.out) / name))}")
+        out.paragraph(f"wrote {shown(str(Path(args.out) / name))}")
+    print_document(out, console())
     return 0
 
 

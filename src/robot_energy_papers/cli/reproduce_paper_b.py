@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
+from argparse import Namespace
 from pathlib import Path
 from typing import Any
 
 from robot_energy.cli.numbers import whole
-from robot_energy.cli.terminal import add_debug, console, progress, write_json
+from robot_energy.cli.terminal import add_command, console, progress, write_json
 from robot_energy.errors import RigError
 from robot_energy.shown_text import shown
 from robot_energy_papers.cli.study_folder import BAGS, FIGURES, FRONT, MODEL, REPORT, study_folder
@@ -29,13 +29,8 @@ example:
 
 def add_parser(papers: Any) -> None:
     """Add the sub-command."""
-    parser: ArgumentParser = papers.add_parser(
-        "paper-b",
-        help="energy of printing robots",
-        description=DESCRIPTION,
-        epilog=EPILOG,
-        formatter_class=RawDescriptionHelpFormatter,
-    )
+    text = "energy of printing robots"
+    parser = add_command(papers, "paper-b", run, text, DESCRIPTION, EPILOG)
     parser.add_argument(
         "--quick", action="store_true", help="layers at three heights instead of all 100"
     )
@@ -46,8 +41,6 @@ def add_parser(papers: Any) -> None:
         "--seed", type=whole, default=0, metavar="N", help="of motions and rigs (default 0)"
     )
     parser.add_argument("--overwrite", action="store_true", help="replace an earlier study")
-    add_debug(parser)
-    parser.set_defaults(run=run)
 
 
 def run(args: Namespace) -> int:
@@ -57,7 +50,9 @@ def run(args: Namespace) -> int:
         RobotEnergyError: If the folder cannot be used, or a run or fit fails.
     """
     from robot_energy.model import save
-    from robot_energy.report.printing import line
+    from robot_energy.report.document import Document
+    from robot_energy.report.html import write_page
+    from robot_energy.report.printing import print_document
     from robot_energy_papers.paper_b import FULL, QUICK, study
     from robot_energy_papers.paper_b_figures import figures
     from robot_energy_papers.paper_b_machines_page import front_picture, print_machines
@@ -68,16 +63,17 @@ def run(args: Namespace) -> int:
     with study_folder(args.out, args.overwrite) as folder:
         with progress("recording, identifying, printing") as report:
             result = study(folder / BAGS, args.seed, QUICK if args.quick else FULL, report)
-        page(result, _command(args)).write(folder / REPORT)
+        write_page(page(result, _command(args)), folder / REPORT)
         write_json(str(folder / FIGURES), figures(result))
         save(result.main.model, folder / MODEL)
         front_picture(result, folder / FRONT)
-    out = console()
-    line(out, "virtual rig and models of machine classes: nothing was measured on a robot")
+    out = Document()
+    out.paragraph("virtual rig and models of machine classes: nothing was measured on a robot")
     for show in (print_mechanics, print_drives, print_machines):
         show(result, out)
     for name in (REPORT, FIGURES, FRONT, MODEL, BAGS):
-        line(out, f"wrote {shown(str(Path(args.out) / name))}")
+        out.paragraph(f"wrote {shown(str(Path(args.out) / name))}")
+    print_document(out, console())
     return 0
 
 

@@ -35,9 +35,9 @@ from robot_energy.model.friction_laws import (
 )
 from robot_energy.model.joint import Joint
 from robot_energy.physics.friction import ViscousLaw, viscous_law
-from robot_energy.report import summarise
 from robot_energy.report.kinds import kinds_listing
 from robot_energy.report.parameters import changes
+from robot_energy.results.replay import replay_report
 
 HERE = Path(__file__).parent
 TOYS = os.pathsep.join(str(HERE / name) for name in ("toy_drive.py", "toy_meter.py"))
@@ -150,8 +150,8 @@ def test_models_keep_their_identity_when_a_kind_comes_and_goes(monkeypatch):
 
 
 def measured(result: Replay):
-    energy = summarise(result)["energy"]
-    seconds = result.ledger.samples and energy["grid_import"] / 60.0
+    energy = replay_report(result).energy
+    seconds = result.ledger.samples and energy.grid_import / 60.0
     return energy, seconds
 
 
@@ -160,8 +160,8 @@ def test_a_replay_gives_the_energy_worked_out_by_hand(toys, bag):
     energy, seconds = measured(result)
     # Shaft 7 W, input 7 / 0.7 = 10 W, with 20 W on the DC and 30 W on the grid side: 60 W.
     assert seconds == pytest.approx(SPAN, abs=0.2)
-    assert energy["drive_loss"] == pytest.approx(3.0 * seconds, rel=1e-5)
-    assert energy["friction"] == pytest.approx(7.0 * seconds, rel=1e-5)
+    assert energy.drive_loss == pytest.approx(3.0 * seconds, rel=1e-5)
+    assert energy.friction == pytest.approx(7.0 * seconds, rel=1e-5)
     compared = result.ledger.comparison
     assert compared.measured_energy == pytest.approx(compared.compared_ns * 60e-9, rel=1e-5)
     assert compared.predicted_energy == pytest.approx(compared.measured_energy, rel=1e-5)

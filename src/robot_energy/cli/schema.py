@@ -1,0 +1,35 @@
+"""`robot-energy schema`: the JSON Schema of results."""
+
+from __future__ import annotations
+
+import json
+from argparse import Namespace
+from typing import Any
+
+from robot_energy.cli.terminal import add_command
+
+DESCRIPTION = """\
+Print the JSON Schema of what a command writes with --json, by the value of its key "result":
+replay, prediction, friction, friction_study, cabinet, drives, dynamics, excitation,
+identification, model. Without a name: one schema for all of them.
+"""
+
+
+def add_parser(commands: Any) -> None:
+    """Add the sub-command."""
+    text = "print the JSON Schema of results"
+    parser = add_command(commands, "schema", run, text, DESCRIPTION)
+    parser.add_argument("name", nargs="?", metavar="RESULT", help="one result (default: all)")
+
+
+def run(args: Namespace) -> int:
+    """Print the schema.
+
+    Raises:
+        ReportError: If there is no such result.
+    """
+    from robot_energy.results.schema import all_schemas, schema_of
+
+    schema = all_schemas() if args.name is None else schema_of(args.name)
+    print(json.dumps(schema, indent=1))
+    return 0

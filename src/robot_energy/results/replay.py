@@ -1,0 +1,373 @@
+"""A replay: every figure that terminal, JSON and pages show of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from robot_energy.bag_replay import Replay
+from robot_energy.blocks import NANOSECOND, EffortMeaning
+from robot_energy.model.payload import Payload
+from robot_energy.results.base import Number, Result
+from robot_energy.results.energy import (
+    EnergyBreakdown,
+    GridPower,
+    JointEnergy,
+    MeterComparison,
+    PhaseEnergy,
+    SampleQuality,
+    comparison_of,
+    energy_of,
+    joints_of,
+    phases_of,
+    power_of,
+    quality_of,
+)
+from robot_energy.results.model import ModelUsed, model_used
+
+
+@dataclass(frozen=True)
+class TopicsRead(Result):
+    """Topics of the bag that were read.
+
+    Attributes:
+        joint_states: Those of the joint states.
+        temperatures: Those of motor temperatures.
+        meter: That of the power meter.
+    """
+
+    joint_states: tuple[str, ...]
+    temperatures: tuple[str, ...]
+    meter: str | None
+
+
+@dataclass(frozen=True)
+class ObservedTime(Result):
+    """What part of the recording is predicted: ``span = observed + gap``, exact.
+
+    Attributes:
+        start_ns: Of the first sample; None if there is none. [ns since 1970]
+        end_ns: Of the last sample. [ns since 1970]
+        span_ns: From first to last. [ns]
+        observed_ns: Predicted. [ns]
+        gap_ns: Not predicted. [ns]
+        gap_count: Number of gaps.
+        backward_jumps: How often stamps jumped back.
+        coverage: Observed share of the span. [-]
+        observed_time: Predicted. [s]
+    """
+
+    start_ns: int | None
+    end_ns: int | None
+    span_ns: int
+    observed_ns: int
+    gap_ns: int
+    gap_count: int
+    backward_jumps: int
+    coverage: Number
+    observed_time: float
+
+
+@dataclass(frozen=True)
+class JointShaft(Result):
+    """Shaft energy of one joint, over the intervals in which its effort is known. [J]
+
+    Attributes:
+        name: Of the joint.
+        compared_time: Of these intervals. [s]
+        coverage: Their share of the observed time. [-]
+        shaft_energy_positive_measured: Given by the motor.
+        shaft_energy_negative_measured: Taken back by the motor.
+        shaft_energy_positive_compared: Predicted over the same time.
+        shaft_energy_negative_compared: Predicted over the same time.
+        predicted_minus_measured_energy: The error.
+        predicted_minus_measured_relative: The error over the measured energy that went
+            either way. [-]
+    """
+
+    name: str
+    compared_time: float
+    coverage: Number
+    shaft_energy_positive_measured: Number
+    shaft_energy_negative_measured: Number
+    shaft_energy_positive_compared: Number
+    shaft_energy_negative_compared: Number
+    predicted_minus_measured_energy: Number
+    predicted_minus_measured_relative: Number
+
+
+@dataclass(frozen=True)
+class ShaftComparison(Result):
+    """Measured and predicted shaft energy.
+
+    Attributes:
+        effort: What the effort in the joint states was taken for.
+        joints: In model order.
+    """
+
+    effort: str
+    joints: tuple[JointShaft, ...]
+
+
+@dataclass(frozen=True)
+class PayloadSet(Result):
+    """A payload that was set during the recording.
+
+    Attributes:
+        valid_from_ns: Instant from which it counted. [ns since 1970]
+        link: That carries it.
+        mass: [kg]
+        centre_of_mass: In the frame of the link, shape (3,). [m]
+        inertia: About its centre of mass, shape (6,). [kg m^2]
+    """
+
+    valid_from_ns: int
+    link: str
+    mass: float
+    centre_of_mass: tuple[float, ...]
+    inertia: tuple[float, ...]
+
+    @classmethod
+    def of(cls, valid_from_ns: int, body: Payload) -> PayloadSet:
+        """Return what was set."""
+        return cls(
+            valid_from_ns, body.link, body.mass, tuple(body.centre_of_mass), tuple(body.inertia)
+        )
+
+
+@dataclass(frozen=True)
+class PayloadHistory(Result):
+    """Payloads that the recording set at run time.
+
+    Attributes:
+        topic: On which they came.
+        changes: In the order of time.
+        not_reached: Changes after the last sample.
+        last_mass: Payload of the robot at the end. [kg]
+    """
+
+    topic: str
+    changes: tuple[PayloadSet, ...]
+    not_reached: int
+    last_mass: float
+
+
+@dataclass(frozen=True)
+class InputAccount(Result):
+    """Account of one input: received = accepted + sum of rejected.
+
+    Attributes:
+        received: All.
+        accepted: Of them.
+        rejected: Of them, by reason.
+        balanced: Whether the account balances.
+    """
+
+    received: int
+    accepted: int
+    rejected: dict[str, int]
+    balanced: bool
+
+
+@dataclass(frozen=True)
+class ReplayReport(Result):
+    """Where the energy of a recording went.
+
+    Attributes:
+        bag: The bag.
+        origin: Where the recording comes from, as its writer said.
+        model: The model used.
+        topics: The topics read.
+        time: What part of the recording is predicted.
+        comparison: Predicted and measured over the same intervals.
+        energy: Where the energy went, over the observed time.
+        power: Predicted power at the grid.
+        phases: Time and energy by phase: ``hold``, ``motion``, ``generating``, ``unknown``.
+        joints: Where the energy of each joint went, in model order.
+        shaft: Shaft energies; None where the effort was not used.
+        payload: Payloads set at run time; None where there is no such topic.
+        inputs: Account of every input by its name.
+        quality: How good the samples were.
+        problems: What was wrong with the bag or the accounts, one sentence each.
+        notes: What a reader should know before trusting the figures, one sentence each.
+        compared_with: A second replay of the same bag, with fixed friction.
+    """
+
+    NAME: ClassVar[str] = "replay"
+
+    bag: str
+    origin: str | None
+    model: ModelUsed
+    topics: TopicsRead
+    time: ObservedTime
+    comparison: MeterComparison
+    energy: EnergyBreakdown
+    power: GridPower
+    phases: dict[str, PhaseEnergy]
+    joints: tuple[JointEnergy, ...]
+    shaft: ShaftComparison | None
+    payload: PayloadHistory | None
+    inputs: dict[str, InputAccount]
+    quality: SampleQuality
+    problems: tuple[str, ...]
+    notes: tuple[str, ...]
+    compared_with: ReplayReport | None = None
+
+
+def replay_report(
+    result: Replay, change: str | None = None, compared_with: ReplayReport | None = None
+) -> ReplayReport:
+    """Return all figures of a replay.
+
+    Args:
+        result: A finished replay.
+        change: What was changed about the model, for example fixed friction.
+        compared_with: A second replay of the same bag.
+    """
+    account, topics = result.ledger, result.topics
+    temperature = result.pipeline.friction.latest().motor_temperature_degc[0].tolist()
+    energy, inputs = energy_of(account.registers), _inputs(result)
+    return ReplayReport(
+        bag=str(result.bag),
+        origin=result.origin or None,
+        model=model_used(result.model, change),
+        topics=TopicsRead(
+            tuple(topics.joint_states or ()), tuple(topics.temperatures or ()), topics.meter
+        ),
+        time=_time(result),
+        comparison=comparison_of(account, result.model),
+        energy=energy,
+        power=power_of(account),
+        phases=phases_of(account),
+        joints=joints_of(account.registers, result.model.joint_names, temperature),
+        shaft=None if result.effort is EffortMeaning.NONE else _shaft(result),
+        payload=_payload(result) if topics.payload else None,
+        inputs=inputs,
+        quality=quality_of(account),
+        problems=(*result.problems, *_problems(energy, inputs)),
+        notes=(*result.notes, *_notes(result)),
+        compared_with=compared_with,
+    )
+
+
+def _time(result: Replay) -> ObservedTime:
+    time = result.ledger.registers.time
+    return ObservedTime(
+        start_ns=time.start_ns,
+        end_ns=time.end_ns,
+        span_ns=time.span_ns,
+        observed_ns=time.observed_ns,
+        gap_ns=time.gap_ns,
+        gap_count=time.gap_count,
+        backward_jumps=time.jumps,
+        coverage=time.coverage,
+        observed_time=time.observed_ns * NANOSECOND,
+    )
+
+
+def _shaft(result: Replay) -> ShaftComparison:
+    shaft, observed_ns = result.ledger.shaft, result.ledger.registers.time.observed_ns
+    names = ("measured_positive", "measured_negative", "predicted_positive", "predicted_negative")
+    rows = zip(*(shaft.joints(name).tolist() for name in names), strict=True)
+    joints: list[JointShaft] = []
+    for index, (name, row) in enumerate(zip(result.model.joint_names, rows, strict=True)):
+        out, back, predicted_out, predicted_back = row
+        compared_ns = int(shaft.compared_ns[index])
+        error = (predicted_out - predicted_back) - (out - back)
+        turnover = out + back  # a motor that returns what it took has no net energy to refer to
+        joints.append(
+            JointShaft(
+                name,
+                compared_ns * NANOSECOND,
+                compared_ns / observed_ns if observed_ns else None,
+                out,
+                back,
+                predicted_out,
+                predicted_back,
+                error,
+                error / turnover if turnover > 0 else None,
+            )
+        )
+    return ShaftComparison(str(result.effort), tuple(joints))
+
+
+def _payload(result: Replay) -> PayloadHistory:
+    stage = result.pipeline.torque
+    return PayloadHistory(
+        topic=result.topics.payload or "",
+        changes=tuple(PayloadSet.of(c.from_ns, c.payload) for c in result.payload.changes),
+        not_reached=len(stage.coming_payloads),
+        last_mass=stage.robot.payload_mass,
+    )
+
+
+def _inputs(result: Replay) -> dict[str, InputAccount]:
+    accounts = {
+        "joint_state_messages": result.joint_states.account,
+        "temperature_messages": result.temperatures.account,
+        "temperature_values": result.pipeline.friction,
+        "meter_messages": result.meter.account,
+        "meter_readings": result.ledger.comparison.curve,
+    }
+    if result.topics.payload:
+        accounts["payload_messages"] = result.payload.account
+    found: dict[str, InputAccount] = {}
+    for name, account in accounts.items():
+        rejected = {reason: count for reason, count in sorted(account.rejected.items()) if count}
+        balanced = account.received == account.accepted + sum(rejected.values())
+        found[name] = InputAccount(account.received, account.accepted, rejected, balanced)
+    return found
+
+
+def _problems(energy: EnergyBreakdown, inputs: dict[str, InputAccount]) -> list[str]:
+    problems = unbalanced(energy)
+    for name, account in inputs.items():
+        if not account.balanced:
+            problems.append(f"the account of {name.replace('_', ' ')} does not balance")
+    return problems
+
+
+def unbalanced(energy: EnergyBreakdown) -> list[str]:
+    """Return a sentence if the parts of the energy do not sum to what the grid gave."""
+    if energy.balanced:
+        return []
+    return [
+        f"the parts of the energy do not sum to the grid: {energy.balance_residual:g} J are left"
+    ]
+
+
+def _notes(result: Replay) -> list[str]:
+    """What a reader should know before trusting the figures."""
+    notes: list[str] = []
+    ledger, topics = result.ledger, result.topics
+    if not topics.meter:
+        notes.append("the bag has no power meter: nothing was measured")
+    elif not ledger.comparison.compared_ns:
+        notes.append("no reading of the power meter covers any of the predicted time")
+    notes += ledger.judgement.findings(ledger.comparison)
+    counter = ledger.comparison.curve.counter
+    if counter.resets:
+        notes.append(
+            f"the counter of the meter was reset {counter.resets} times, last at stamp "
+            f"{(counter.reset_ns or 0) * NANOSECOND:.3f}; nothing counts across a reset"
+        )
+    if not topics.temperatures:
+        notes.append(
+            "no motor temperatures: friction at the model's fallback of "
+            f"{result.model.temperature.fallback_degc:g} degC"
+        )
+    elif fallback := result.pipeline.power.fallback_use.sentence:
+        notes.append(fallback)
+    if result.payload.refused:
+        notes.append(f"a payload of the bag was refused: {result.payload.refused}")
+    ignored = result.joint_states.ignored_joints
+    if ignored:
+        notes.append(f"joints that the model does not know: {', '.join(sorted(ignored))}")
+    foreign = result.temperatures.ignored_joints - ignored
+    if foreign:
+        notes.append(f"temperatures of what is no joint of the model: {', '.join(sorted(foreign))}")
+    notes += [finding.sentence for finding in result.joint_states.findings()]
+    jumps = ledger.registers.time.jumps
+    if jumps:
+        notes.append(f"stamps jumped back {jumps} times; no energy counts across a jump")
+    return notes
