@@ -145,8 +145,8 @@ def test_payload_of_a_bag_counts_from_its_stamp(tmp_path):
     assert result.payload.account.balanced
     start = result.ledger.registers.time.start_ns
     changes = replay_report(result).payload.changes
-    after = [round((change.valid_from_ns - start) * 1e-9) for change in changes]
-    assert [(change.mass, s) for change, s in zip(changes, after, strict=True)] == [
+    after = [round((change.from_ns - start) * 1e-9) for change in changes]
+    assert [(change.payload.mass, s) for change, s in zip(changes, after, strict=True)] == [
         (0.0, 10),
         (body.mass, 20),
     ]

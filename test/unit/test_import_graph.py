@@ -116,7 +116,7 @@ MODULES = {
         replay series temperature_figure torque_figure
     """,
     "robot_energy.results": """
-        base drives dynamics energy excitation held_out identification model
+        base drives dynamics energy excitation identification model
         prediction replay schema
     """,
     "robot_energy.rig": """

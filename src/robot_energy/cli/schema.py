@@ -28,8 +28,7 @@ def run(args: Namespace) -> int:
     Raises:
         ReportError: If there is no such result.
     """
-    from robot_energy.results.schema import all_schemas, schema_of
+    from robot_energy.results.schema import schema_of
 
-    schema = all_schemas() if args.name is None else schema_of(args.name)
-    print(json.dumps(schema, indent=1))
+    print(json.dumps(schema_of(args.name), indent=1))
     return 0

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 from robot_energy.identify.drives.drives import WAYS, AxisFit, DrivesFit
@@ -14,6 +13,7 @@ from robot_energy.report.document import Column, Document
 from robot_energy.report.efficiency_figure import efficiency_maps
 from robot_energy.report.formats import fixed, percent, signed_percent, significant
 from robot_energy.report.identification import AT_BOUND, HELD_OUT, delay_text
+from robot_energy.results.base import known
 from robot_energy.results.drives import DrivesReport, LossTerm, TotalPower
 
 WAY_NAMES = {
@@ -84,10 +84,10 @@ def _drives(fit: DrivesFit, delay: Delay | None, page: Document) -> None:
             Column("samples", lambda axis: axis.map.samples),
             Column("outliers", lambda axis: axis.map.removed, percent),
             Column("points", lambda axis: len(axis.map.entry.efficiency)),
-            Column("median, motor", lambda axis: _known(axis.map.motor_efficiency), significant(3)),
+            Column("median, motor", lambda axis: known(axis.map.motor_efficiency), significant(3)),
             Column(
                 "median, generator",
-                lambda axis: _known(axis.map.generator_efficiency),
+                lambda axis: known(axis.map.generator_efficiency),
                 significant(3),
             ),
         ],
@@ -144,11 +144,7 @@ def _drives(fit: DrivesFit, delay: Delay | None, page: Document) -> None:
 
 def _loss(axis: Any, term: str) -> str:
     losses = axis.losses
-    return _figure(losses.values[term], _known(losses.std[term]), term in losses.negative)
-
-
-def _known(value: float) -> float | None:
-    return value if math.isfinite(value) else None
+    return _figure(losses.values[term], known(losses.std[term]), term in losses.negative)
 
 
 def _figure(value: float, std: float | None, at_bound: bool = False) -> str:

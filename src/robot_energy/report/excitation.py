@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from robot_energy.report.document import Column, Document
 from robot_energy.report.formats import NOTHING, fixed, percent, significant
+from robot_energy.results.base import known
 from robot_energy.results.excitation import KINDS, ExcitationReport
 
 
@@ -18,13 +19,18 @@ def excitation_document(report: ExcitationReport, page: Document) -> None:
         ("condition number", "condition"),
         ("log determinant per parameter", "log_determinant"),
     )
+    settings = report.settings
     page.rows(
         f"Observation matrix of {len(report.base_parameters)} base parameters, "
-        f"{report.harmonics} harmonics of {report.base_frequency:.4g} Hz, {report.period:g} s",
+        f"{settings.harmonics} harmonics of {1.0 / settings.period:.4g} Hz, {settings.period:g} s",
         [
             Column("", lambda row: row[0]),
-            Column("best random start", lambda row: getattr(report.before, row[1]), significant(4)),
-            Column("optimised", lambda row: getattr(report.after, row[1]), significant(4)),
+            Column(
+                "best random start",
+                lambda row: known(getattr(report.before, row[1])),
+                significant(4),
+            ),
+            Column("optimised", lambda row: known(getattr(report.after, row[1])), significant(4)),
         ],
         named,
     )
@@ -40,13 +46,13 @@ def excitation_document(report: ExcitationReport, page: Document) -> None:
     )
     if report.floor is not None:
         page.paragraph(
-            f"{report.floor.link} stays above {report.floor.least:.3f} m "
+            f"{report.floor.link} stays above {report.least_height:.3f} m "
             f"({report.floor.height:g} m allowed)"
         )
     else:
         page.note("no link is kept above a floor; --floor and --tool do")
-    excited = [entry.name for entry in report.base_parameters if entry.excited]
-    silent = [entry.name for entry in report.base_parameters if not entry.excited]
+    silent = report.after.not_excited
+    excited = [name for name in report.base_parameters if name not in silent]
     page.paragraph(f"excited: {', '.join(excited) or NOTHING}")
     page.paragraph(f"not excited: {', '.join(silent) or NOTHING}")
     page.paragraph(f"no torque depends on: {', '.join(report.without_effect) or NOTHING}")

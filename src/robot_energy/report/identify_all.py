@@ -58,9 +58,9 @@ def identification_document(report: IdentificationReport, page: Document) -> Non
     for step in report.steps:
         page.heading(TITLES[step.subject])
         _step(step, report, page)
-    if report.test is not None:
+    if report.energy is not None:
         page.heading("Energy on what the model has not seen")
-        held_out_document(report.test, report.model.joint_names, page)
+        held_out_document(report.energy, report.model.joint_names, page)
     page.heading("Model file")
     _model(report, page)
 
@@ -75,7 +75,7 @@ def _overview(report: IdentificationReport, page: Document) -> None:
         ],
         report.steps,
     )
-    verdict_line(report.test, page)
+    verdict_line(report.energy, page)
     virtual = [entry.name for entry in report.recordings if VIRTUAL in entry.origin]
     if virtual:
         page.note(

@@ -218,8 +218,8 @@ def _recording(report: ReplayReport) -> list[tuple[str, str]]:
     if model.notes:
         rows.append(("its notes", " ".join(model.notes.split())))
     rows += [
-        ("joint states", ", ".join(topics.joint_states)),
-        ("temperatures", ", ".join(topics.temperatures) or "none"),
+        ("joint states", ", ".join(topics.joint_states or ())),
+        ("temperatures", ", ".join(topics.temperatures or ()) or "none"),
         ("meter", topics.meter or "none"),
     ]
     if time.start_ns is not None:
@@ -228,9 +228,9 @@ def _recording(report: ReplayReport) -> list[tuple[str, str]]:
             ("recorded", f"from {start:%Y-%m-%d %H:%M:%S} UTC, span {seconds(time.span_ns)}")
         )
     for change in report.payload.changes if report.payload is not None else ():
-        after = (change.valid_from_ns - (time.start_ns or 0)) * NANOSECOND
+        after = (change.from_ns - (time.start_ns or 0)) * NANOSECOND
         when = f"from {after:.3f} s on" if after > 0 else "from the start"
-        rows.append(("payload", f"{change.mass:g} kg on {change.link} {when}"))
+        rows.append(("payload", f"{change.payload.mass:g} kg on {change.payload.link} {when}"))
     gaps = "no gaps"
     if time.gap_count:
         gaps = f"{counted(time.gap_count, 'gap')} of {seconds(time.gap_ns)} in all"

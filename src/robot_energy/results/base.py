@@ -19,6 +19,11 @@ SCHEMA_VERSION = 2  # rises when a key goes, is renamed, or changes its meaning
 Number = float | None  # None where nothing is known
 
 
+def known(value: float) -> Number:
+    """Return a number, or None where it is not finite."""
+    return float(value) if math.isfinite(value) else None
+
+
 @dataclass(frozen=True)
 class Result:
     """Base of the results. A number that is not finite becomes None: it is not known."""
@@ -28,8 +33,8 @@ class Result:
     def __post_init__(self) -> None:
         for entry in fields(self):
             value = getattr(self, entry.name)
-            if isinstance(value, float) and not math.isfinite(value):
-                object.__setattr__(self, entry.name, None)
+            if isinstance(value, float):
+                object.__setattr__(self, entry.name, known(value))
 
     def to_dict(self) -> dict[str, Any]:
         """Return all figures as plain values: the JSON of the command."""
@@ -52,7 +57,7 @@ def plain(value: Any) -> Any:
         return {e.name: plain(getattr(value, e.name)) for e in fields(value) if e.repr}
     match value:
         case float():
-            return float(value) if math.isfinite(value) else None
+            return known(value)
         case RobotModel():
             return value.model_id
         case BaseModel():

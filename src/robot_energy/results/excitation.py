@@ -7,44 +7,15 @@ from typing import ClassVar
 
 import numpy as np
 
-from robot_energy.identify.excitation.excitation import Excitation, ExcitationScore
-from robot_energy.results.base import Number, Result
+from robot_energy.identify.excitation.excitation import (
+    Excitation,
+    ExcitationScore,
+    ExcitationSettings,
+)
+from robot_energy.identify.excitation.limits import Floor
+from robot_energy.results.base import Number, Result, known
 
 KINDS = ("position", "velocity", "acceleration", "torque")
-
-
-@dataclass(frozen=True)
-class Observability(Result):
-    """How well a motion tells the base parameters.
-
-    Attributes:
-        condition: Condition number of the scaled observation matrix. [-]
-        log_determinant: Of the scaled information matrix, per base parameter. [-]
-    """
-
-    condition: Number
-    log_determinant: Number
-
-    @classmethod
-    def of(cls, score: ExcitationScore) -> Observability:
-        """Return it; nothing where the matrix is singular."""
-        known = np.isfinite(score.condition)
-        return cls(*((score.condition, score.log_determinant) if known else (None, None)))
-
-
-@dataclass(frozen=True)
-class ExcitedParameter(Result):
-    """One base parameter.
-
-    Attributes:
-        name: Of the standard parameter that stands for its group.
-        sum: The group.
-        excited: Whether the motion tells it.
-    """
-
-    name: str
-    sum: str
-    excited: bool
 
 
 @dataclass(frozen=True)
@@ -63,57 +34,34 @@ class ExcitedJoint(Result):
 
 
 @dataclass(frozen=True)
-class FloorKept(Result):
-    """Height that a link keeps.
-
-    Attributes:
-        link: The link.
-        height: Allowed. [m]
-        least: Reached. [m]
-    """
-
-    link: str
-    height: float
-    least: float
-
-
-@dataclass(frozen=True)
 class ExcitationReport(Result):
     """A motion for the identification of the dynamics.
 
     Attributes:
-        criterion: ``determinant`` or ``condition``.
-        harmonics: Of each joint.
-        period: Of the motion. [s]
-        base_frequency: One over it. [Hz]
-        starts: Random starts of the search.
-        seed: Of the search.
-        before: The best random start.
-        after: The optimised motion.
-        base_parameters: All that a motion can tell.
+        settings: Of the search.
+        before: How well the best random start tells the base parameters.
+        after: How well the optimised motion does.
+        base_parameters: All that a motion can tell: sum of each group by its name.
         without_effect: Parameters that no torque depends on.
         margin: Share of every limit that was allowed. [-]
         acceleration_assumed: Whether the limits of the acceleration were not given.
         joints: In model order.
-        floor: Height that was kept; None without one.
+        floor: Height that a link keeps; None without one.
+        least_height: That it reaches; None without a floor. [m]
     """
 
     NAME: ClassVar[str] = "excitation"
 
-    criterion: str
-    harmonics: int
-    period: float
-    base_frequency: float
-    starts: int
-    seed: int
-    before: Observability
-    after: Observability
-    base_parameters: tuple[ExcitedParameter, ...]
+    settings: ExcitationSettings
+    before: ExcitationScore
+    after: ExcitationScore
+    base_parameters: dict[str, str]
     without_effect: tuple[str, ...]
     margin: float
     acceleration_assumed: bool
     joints: tuple[ExcitedJoint, ...]
-    floor: FloorKept | None
+    floor: Floor | None
+    least_height: Number
 
 
 def excitation_report(found: Excitation) -> ExcitationReport:
@@ -122,41 +70,24 @@ def excitation_report(found: Excitation) -> ExcitationReport:
     Args:
         found: The motion.
     """
-    limits, settings = found.limits, found.settings
+    limits = found.limits
     start = found.motion.sample(np.zeros(1)).joint_position[0].tolist()
-    unlimited = ~np.isfinite(limits.torque)
+    use = {kind: found.use[kind] * limits.margin for kind in KINDS}
+    use["torque"] = np.where(np.isfinite(limits.torque), use["torque"], np.nan)
     return ExcitationReport(
-        criterion=settings.criterion,
-        harmonics=settings.harmonics,
-        period=settings.period,
-        base_frequency=1.0 / settings.period,
-        starts=settings.starts,
-        seed=settings.seed,
-        before=Observability.of(found.start),
-        after=Observability.of(found.quality),
-        base_parameters=tuple(
-            ExcitedParameter(
-                name, found.base.expression(place), name not in found.quality.not_excited
-            )
-            for place, name in enumerate(found.base.labels)
-        ),
+        settings=found.settings,
+        before=found.start,
+        after=found.quality,
+        base_parameters={
+            name: found.base.expression(place) for place, name in enumerate(found.base.labels)
+        },
         without_effect=found.base.without_effect,
         margin=limits.margin,
         acceleration_assumed=limits.acceleration_assumed,
         joints=tuple(
-            ExcitedJoint(
-                name,
-                start[joint],
-                {
-                    kind: None
-                    if kind == "torque" and unlimited[joint]
-                    else float(found.use[kind][joint]) * limits.margin
-                    for kind in KINDS
-                },
-            )
+            ExcitedJoint(name, start[joint], {kind: known(use[kind][joint]) for kind in KINDS})
             for joint, name in enumerate(limits.robot.joint_names)
         ),
-        floor=None
-        if limits.floor is None
-        else FloorKept(limits.floor.link, limits.floor.height, found.height),
+        floor=limits.floor,
+        least_height=found.height,
     )

@@ -23,7 +23,6 @@ from robot_energy.model import RobotModel
 from robot_energy.results.base import Number, Result
 from robot_energy.results.drives import DrivesReport, drives_report
 from robot_energy.results.dynamics import DynamicsReport, dynamics_report
-from robot_energy.results.held_out import HeldOutReport, held_out_report
 
 
 @dataclass(frozen=True)
@@ -164,7 +163,7 @@ class IdentificationReport(Result):
         steps: In the order in which they were done.
         meter_delay: Of the meter behind the joint states; None where it cannot be told.
         energy: Energy on what was held out; None if there was no test.
-        test: The test behind it.
+        mean_error: Mean size of its error at the meter, by stage; empty without a meter. [-]
     """
 
     NAME: ClassVar[str] = "identification"
@@ -175,8 +174,8 @@ class IdentificationReport(Result):
     tests: tuple[BagFacts, ...]
     steps: tuple[StepReport, ...]
     meter_delay: Delay | None
-    energy: HeldOutReport | None
-    test: HeldOutEnergy | None = field(repr=False)
+    energy: HeldOutEnergy | None
+    mean_error: dict[str, float]
 
     def taken(self, subject: str) -> bool:
         """Whether the model has new figures of a subject."""
@@ -209,8 +208,10 @@ def identification_report(
             for step in whole.steps
         ),
         meter_delay=whole.meter_delay,
-        energy=None if test is None else held_out_report(test),
-        test=test,
+        energy=test,
+        mean_error={stage: test.mean_error(stage) for stage in test.stages}
+        if test is not None and test.metered
+        else {},
     )
 
 

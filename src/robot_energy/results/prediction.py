@@ -7,6 +7,7 @@ from typing import ClassVar
 
 from robot_energy.blocks import NANOSECOND, Quality
 from robot_energy.model.drive_models import DRIVE_MODELS
+from robot_energy.model.payload import Payload
 from robot_energy.motion.load_motion import LoadedMotion
 from robot_energy.prediction import Prediction
 from robot_energy.results.base import Number, Result
@@ -24,21 +25,6 @@ from robot_energy.results.energy import (
 )
 from robot_energy.results.model import ModelUsed, model_used
 from robot_energy.results.replay import unbalanced
-
-
-@dataclass(frozen=True)
-class CarriedBody(Result):
-    """What the robot carries beside the payload of its model.
-
-    Attributes:
-        link: That carries it.
-        mass: [kg]
-        centre_of_mass: In the frame of the link, shape (3,). [m]
-    """
-
-    link: str
-    mass: float
-    centre_of_mass: tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -130,7 +116,7 @@ class PredictionReport(Result):
     repeat: int
     model: ModelUsed
     motor_temperature_degc: dict[str, float]
-    payload: tuple[CarriedBody, ...]
+    payload: tuple[Payload, ...]
     time: PredictedTime
     tool: ToolPath | None
     energy: EnergyBreakdown
@@ -173,9 +159,7 @@ def prediction_report(result: Prediction, motion: LoadedMotion | None = None) ->
         repeat=result.repeat,
         model=model_used(model),
         motor_temperature_degc=dict(zip(model.joint_names, temperature, strict=True)),
-        payload=tuple(
-            CarriedBody(body.link, body.mass, tuple(body.centre_of_mass)) for body in result.payload
-        ),
+        payload=tuple(result.payload),
         time=PredictedTime(result.duration, time.observed_ns * NANOSECOND, time.gap_ns),
         tool=_tool(motion, result.repeat, energy.net),
         energy=energy,

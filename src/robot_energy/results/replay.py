@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
-from robot_energy.bag_replay import Replay
+from robot_energy.bag_replay import Replay, Topics
 from robot_energy.blocks import NANOSECOND, EffortMeaning
-from robot_energy.model.payload import Payload
+from robot_energy.pipeline.payload_timeline import PayloadChange
 from robot_energy.results.base import Number, Result
 from robot_energy.results.energy import (
     EnergyBreakdown,
@@ -24,21 +24,6 @@ from robot_energy.results.energy import (
     quality_of,
 )
 from robot_energy.results.model import ModelUsed, model_used
-
-
-@dataclass(frozen=True)
-class TopicsRead(Result):
-    """Topics of the bag that were read.
-
-    Attributes:
-        joint_states: Those of the joint states.
-        temperatures: Those of motor temperatures.
-        meter: That of the power meter.
-    """
-
-    joint_states: tuple[str, ...]
-    temperatures: tuple[str, ...]
-    meter: str | None
 
 
 @dataclass(frozen=True)
@@ -110,44 +95,16 @@ class ShaftComparison(Result):
 
 
 @dataclass(frozen=True)
-class PayloadSet(Result):
-    """A payload that was set during the recording.
-
-    Attributes:
-        valid_from_ns: Instant from which it counted. [ns since 1970]
-        link: That carries it.
-        mass: [kg]
-        centre_of_mass: In the frame of the link, shape (3,). [m]
-        inertia: About its centre of mass, shape (6,). [kg m^2]
-    """
-
-    valid_from_ns: int
-    link: str
-    mass: float
-    centre_of_mass: tuple[float, ...]
-    inertia: tuple[float, ...]
-
-    @classmethod
-    def of(cls, valid_from_ns: int, body: Payload) -> PayloadSet:
-        """Return what was set."""
-        return cls(
-            valid_from_ns, body.link, body.mass, tuple(body.centre_of_mass), tuple(body.inertia)
-        )
-
-
-@dataclass(frozen=True)
 class PayloadHistory(Result):
     """Payloads that the recording set at run time.
 
     Attributes:
-        topic: On which they came.
         changes: In the order of time.
         not_reached: Changes after the last sample.
         last_mass: Payload of the robot at the end. [kg]
     """
 
-    topic: str
-    changes: tuple[PayloadSet, ...]
+    changes: tuple[PayloadChange, ...]
     not_reached: int
     last_mass: float
 
@@ -198,7 +155,7 @@ class ReplayReport(Result):
     bag: str
     origin: str | None
     model: ModelUsed
-    topics: TopicsRead
+    topics: Topics
     time: ObservedTime
     comparison: MeterComparison
     energy: EnergyBreakdown
@@ -231,8 +188,8 @@ def replay_report(
         bag=str(result.bag),
         origin=result.origin or None,
         model=model_used(result.model, change),
-        topics=TopicsRead(
-            tuple(topics.joint_states or ()), tuple(topics.temperatures or ()), topics.meter
+        topics=replace(
+            topics, joint_states=topics.joint_states or (), temperatures=topics.temperatures or ()
         ),
         time=_time(result),
         comparison=comparison_of(account, result.model),
@@ -294,8 +251,7 @@ def _shaft(result: Replay) -> ShaftComparison:
 def _payload(result: Replay) -> PayloadHistory:
     stage = result.pipeline.torque
     return PayloadHistory(
-        topic=result.topics.payload or "",
-        changes=tuple(PayloadSet.of(c.from_ns, c.payload) for c in result.payload.changes),
+        changes=tuple(result.payload.changes),
         not_reached=len(stage.coming_payloads),
         last_mass=stage.robot.payload_mass,
     )

@@ -5,15 +5,15 @@ from __future__ import annotations
 import inspect
 import json
 import re
-import types
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import fields, is_dataclass
-from enum import Enum, StrEnum
+from collections.abc import Iterable
+from dataclasses import fields
+from enum import StrEnum
 from pathlib import Path
-from typing import Any, Literal, Union, cast, get_args, get_origin, get_type_hints
+from typing import Any, cast
 
-import numpy as np
-from pydantic import BaseModel, TypeAdapter, ValidationError
+from pydantic import ConfigDict, TypeAdapter, ValidationError
+from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
+from pydantic_core import core_schema
 
 from robot_energy.errors import ReportError
 from robot_energy.model import RobotModel
@@ -49,112 +49,93 @@ RESULTS: dict[str, type[Result]] = {
 }
 READABLE = (ReplayReport, PredictionsReport)  # that a page is made from
 MAX_JSON_BYTES = 100_000_000
-NAMES: dict[type, dict[str, Any]] = {
-    bool: {"type": "boolean"},
-    int: {"type": "integer"},
-    float: {"type": ["number", "null"]},  # null: not known
-    str: {"type": "string"},
-    Path: {"type": "string"},
-    type(None): {"type": "null"},
-}
+REFERENCE = re.compile(r'"#/\$defs/(\w+)"')
+LOOSE = ConfigDict(arbitrary_types_allowed=True)  # arrays
 
 
-def schema_of(name: str) -> dict[str, Any]:
-    """Return the JSON Schema of one result.
+def schema_of(name: str | None = None) -> dict[str, Any]:
+    """Return the JSON Schema of results.
 
     Args:
-        name: Of the result, a key of `RESULTS`.
+        name: Of one result, a key of `RESULTS`; None for a schema that every result fits.
 
     Raises:
         ReportError: If there is none of that name.
     """
+    if name is None:
+        return _document(f"results of robot-energy, version {SCHEMA_VERSION}", RESULTS.values())
     if name not in RESULTS:
         raise ReportError(f"there is no result '{shown(name)}'", f"one of {', '.join(RESULTS)}")
     return _document(f"robot-energy {name}, version {SCHEMA_VERSION}", [RESULTS[name]])
 
 
-def all_schemas() -> dict[str, Any]:
-    """Return one JSON Schema that every result fits."""
-    return _document(f"results of robot-energy, version {SCHEMA_VERSION}", RESULTS.values())
-
-
 def _document(title: str, kinds: Iterable[type[Result]]) -> dict[str, Any]:
-    definitions: dict[str, Any] = {}
+    wanted = [(kind, "serialization", TypeAdapter(list[kind], config=LOOSE)) for kind in kinds]
+    found, rest = TypeAdapter.json_schemas(cast("Any", wanted), schema_generator=_Generator)
     choices: list[dict[str, Any]] = []
-    for kind in kinds:
+    for (kind, _), schema in found.items():
+        result = cast("type[Result]", kind)
         header = {
-            "result": {"const": kind.NAME},
+            "result": {"const": result.NAME},
             "schema_version": {"const": SCHEMA_VERSION},
             "tool_version": {"type": "string"},
         }
-        fits = _schema(kind, definitions)
-        choices.append({**fits, "properties": header, "required": list(header)})
+        choices.append({**schema["items"], "properties": header, "required": list(header)})
+    needed: set[str] = set()  # what is hidden behind a result has definitions too
+    queue = REFERENCE.findall(json.dumps(choices))
+    while queue:
+        name = queue.pop()
+        if name not in needed:
+            needed.add(name)
+            queue += REFERENCE.findall(json.dumps(rest["$defs"][name]))
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": title,
         "oneOf": choices,
-        "$defs": dict(sorted(definitions.items())),
+        "$defs": {name: rest["$defs"][name] for name in sorted(needed)},
     }
 
 
-def _schema(kind: Any, definitions: dict[str, Any]) -> dict[str, Any]:
-    """Schema of an annotation; dataclasses are added to the definitions."""
-    if kind in NAMES:
-        return NAMES[kind]
-    origin, args = get_origin(kind), get_args(kind)
-    if origin in (Union, types.UnionType):
-        return {"anyOf": [_schema(one, definitions) for one in args]}
-    if origin is Literal:
-        return {"enum": list(args)}
-    if origin is tuple and args[-1] is not Ellipsis:
-        parts = [_schema(one, definitions) for one in args]
-        return {"type": "array", "prefixItems": parts, "minItems": len(parts), "items": False}
-    if origin in (tuple, list, Sequence):
-        return {"type": "array", "items": _schema(args[0], definitions)}
-    if origin in (dict, Mapping):
-        return {"type": "object", "additionalProperties": _schema(args[1], definitions)}
-    if origin is np.ndarray:
+class _Generator(GenerateJsonSchema):
+    """Schema of what `plain` makes of values, with the words of the docstrings."""
+
+    def float_schema(self, schema: core_schema.FloatSchema) -> JsonSchemaValue:
+        return {"type": ["number", "null"]}  # null: not known
+
+    def is_instance_schema(self, schema: core_schema.IsInstanceSchema) -> JsonSchemaValue:
         return {"type": "array"}
-    return _class(cast("type[Any]", kind), definitions) if isinstance(kind, type) else {}
 
+    def enum_schema(self, schema: core_schema.EnumSchema) -> JsonSchemaValue:
+        names = [str(e) if isinstance(e, StrEnum) else e.name.lower() for e in schema["members"]]
+        return {"enum": names}
 
-def _class(kind: type[Any], definitions: dict[str, Any]) -> dict[str, Any]:
-    if issubclass(kind, Enum):
-        return {"enum": [str(e) if issubclass(kind, StrEnum) else e.name.lower() for e in kind]}
-    if issubclass(kind, RobotModel):
-        return {"type": "string", "description": "model_id"}
-    if issubclass(kind, BaseModel):
-        return {"type": "object", "description": f"{kind.__name__} of a model file"}
-    if not is_dataclass(kind):
-        return {}
-    if kind.__name__ not in definitions:
-        definitions[kind.__name__] = {}  # it may hold itself
-        definitions[kind.__name__] = _dataclass(kind, definitions)
-    return {"$ref": f"#/$defs/{kind.__name__}"}
+    def model_schema(self, schema: core_schema.ModelSchema) -> JsonSchemaValue:
+        if schema["cls"] is RobotModel:
+            return {"type": "string", "description": "model_id"}
+        return {"type": "object", "description": "as in a model file"}
 
-
-def _dataclass(kind: type, definitions: dict[str, Any]) -> dict[str, Any]:
-    hints, words = get_type_hints(kind), _documented(kind)
-    properties: dict[str, Any] = {}
-    for entry in fields(cast("Any", kind)):
-        if entry.repr:
-            properties[entry.name] = dict(_schema(hints[entry.name], definitions))
-            if entry.name in words:
-                properties[entry.name]["description"] = words[entry.name]
-    text = (inspect.getdoc(kind) or "").partition("\n")[0]
-    return {
-        "type": "object",
-        "description": text,
-        "properties": properties,
-        "required": list(properties),
-    }
-
-
-def _documented(kind: type) -> dict[str, str]:
-    """Text of each attribute in the docstring of a class."""
-    _, _, block = (inspect.getdoc(kind) or "").partition("Attributes:\n")
-    found = re.findall(r"^    (\w+): (.*(?:\n     .*)*)", block, re.MULTILINE)
-    return {name: " ".join(text.split()) for name, text in found}
+    def dataclass_schema(self, schema: core_schema.DataclassSchema) -> JsonSchemaValue:
+        kind = cast("Any", schema["cls"])
+        text = inspect.getdoc(kind) or ""
+        block = text.partition("Attributes:\n")[2]
+        words = re.findall(r"^    (\w+): (.*(?:\n     .*)*)", block, re.MULTILINE)
+        described = {name: " ".join(lines.split()) for name, lines in words}
+        shown_fields = {entry.name for entry in fields(kind) if entry.repr}
+        arguments = cast("core_schema.DataclassArgsSchema", schema["schema"])
+        properties = {
+            entry["name"]: {
+                **self.generate_inner(entry["schema"]),
+                "description": described.get(entry["name"], ""),
+            }
+            for entry in arguments["fields"]
+            if entry["name"] in shown_fields
+        }
+        return {
+            "type": "object",
+            "description": text.partition("\n")[0],
+            "properties": properties,
+            "required": list(properties),
+        }
 
 
 def read_result(path: str | Path) -> ReplayReport | PredictionsReport:
