@@ -2,27 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-from robot_energy.api.inputs import ModelName, effort_meaning, model_of
+from robot_energy.api.inputs import BagSource, ModelName, Stages, model_of, silent
 from robot_energy.blocks import EffortMeaning
-from robot_energy.errors import ModelFileError, NotIdentifiableError, ParameterError
+from robot_energy.errors import NotIdentifiableError
 from robot_energy.identify.data.bags import Bag, BagFacts, Span, facts
-from robot_energy.identify.data.recordings import Recording, channels_of, read_recording
 from robot_energy.identify.steps import Subject
-from robot_energy.inputs.inputs_file import read_inputs
-from robot_energy.inputs.sources import Inputs
 from robot_energy.model import RobotModel, save
 from robot_energy.results.base import Result
 
 if TYPE_CHECKING:
-    from robot_energy.identify.data.signals import Channels
     from robot_energy.identify.dynamics.dynamics import DynamicsSettings
-    from robot_energy.identify.friction.samples import FrictionData
     from robot_energy.identify.run_all import FullIdentification
     from robot_energy.results.dynamics import DynamicsReport
     from robot_energy.results.identification import (
@@ -31,24 +25,8 @@ if TYPE_CHECKING:
         IdentificationReport,
     )
 
-EFFORTS = ("motor_torque", "joint_torque", "motor_current")
-NEVER_GUESSED = "the effort of a driver is never guessed"
 Found = TypeVar("Found", bound=Result)
-Stages = Callable[[str], AbstractContextManager[Callable[[float], None]]]
 Names = str | Path | Sequence[str | Path]
-
-
-@contextmanager
-def silent(label: str) -> Generator[Callable[[float], None], None, None]:
-    """Show no progress.
-
-    Args:
-        label: What is going on.
-
-    Yields:
-        To be called with the share done, 0 to 1.
-    """
-    yield lambda share: None
 
 
 @dataclass(frozen=True)
@@ -110,7 +88,7 @@ def identify_friction(
     from robot_energy.results.identification import FrictionReport
 
     used, paths = model_of(model), _paths(bags)
-    data = friction_samples(paths, used, effort, inputs, progress)
+    data = BagSource(paths, effort, inputs, progress).friction_data(used)
     source = _names(paths)
     fits, refused = fit_axes(data, source)
     check_friction(fits)
@@ -148,7 +126,7 @@ def identify_cabinet(
     from robot_energy.results.identification import cabinet_report
 
     used, paths = model_of(model), _paths(bags)
-    recordings = read_recordings(paths, used, None, inputs, False, progress)
+    recordings = BagSource(paths, None, inputs, progress).recordings(used)
     found = fit_supply(recordings, _names(paths), link_voltages)
     check_cabinet(found.cabinet)
     return IdentificationResult(found.model, cabinet_report(found))
@@ -188,7 +166,7 @@ def identify_dynamics(
     from robot_energy.results.dynamics import dynamics_report
 
     used, paths = model_of(model), _paths(bags)
-    recordings = dynamics_channels(paths, used, effort, inputs, progress)
+    recordings = BagSource(paths, effort, inputs, progress).channels(used)
     stretches = [part for parts in recordings.values() for part in parts]
     with progress("identifying"):
         result = identify_dynamics(stretches, used, settings or DynamicsSettings())
@@ -241,9 +219,10 @@ def identify_all(
     from robot_energy.results.identification import identification_report
 
     given = model_of(model)
-    source = (effort, inputs, drive_power, drive_joints)
-    fitted, refused = _bags(_paths(bags), given, *source)
-    tests, _ = _bags(_paths(test), given, *source)
+    fitted, refused = _bags(
+        BagSource(_paths(bags), effort, inputs), given, drive_power, drive_joints
+    )
+    tests, _ = _bags(BagSource(_paths(test), effort, inputs), given, drive_power, drive_joints)
     known: list[tuple[BagFacts, Span]] = []
     for bag in (*fitted, *tests):
         with progress(f"reading {bag.name}") as report:
@@ -266,129 +245,9 @@ def identify_all(
     return IdentificationResult(written, found)
 
 
-def read_sources(
-    effort: str | None, inputs: str | Path | None
-) -> tuple[EffortMeaning, Inputs | None]:
-    """Return what the effort means, as given or else by the parameter file, and the inputs.
-
-    Args:
-        effort: What the effort in the joint states is.
-        inputs: Parameter file of a monitor.
-
-    Raises:
-        RobotEnergyError: If the parameter file cannot be used.
-    """
-    read = None
-    if inputs is not None:
-        read, notes = read_inputs(inputs)
-        if notes:
-            raise ParameterError(notes[0], remedy=f"change {inputs}")
-    named = effort or (
-        read.joint_states.effort_meaning if read is not None else EffortMeaning.NONE.value
-    )
-    return effort_meaning(named), read
-
-
-def read_recordings(
-    bags: Sequence[str | Path],
-    model: RobotModel,
-    effort: str | None = None,
-    inputs: str | Path | None = None,
-    needs_effort: bool = False,
-    progress: Stages = silent,
-) -> list[Recording]:
-    """Run bags through the stages of the monitor.
-
-    Args:
-        bags: MCAP files or rosbag2 folders.
-        model: Of the robot.
-        effort: What the effort in the joint states is.
-        inputs: Parameter file of a monitor.
-        needs_effort: Whether to refuse an effort without a meaning.
-        progress: Called with what is going on; gives a function of the share done.
-
-    Raises:
-        RobotEnergyError: If a bag cannot be used, or its effort has no meaning but needs one.
-    """
-    meaning, read = read_sources(effort, inputs)
-    if needs_effort and meaning is EffortMeaning.NONE:
-        raise ModelFileError(
-            f"{inputs or 'nothing'} does not say what the effort means",
-            f"an effort, one of {', '.join(EFFORTS)}",
-            NEVER_GUESSED,
-        )
-    recordings: list[Recording] = []
-    for bag in bags:
-        with progress(f"reading {Path(bag).name}") as report:
-            recordings.append(read_recording(bag, model, meaning, None, report, read))
-    return recordings
-
-
-def friction_samples(
-    bags: Sequence[str | Path],
-    model: RobotModel,
-    effort: str | None,
-    inputs: str | Path | None,
-    progress: Stages = silent,
-) -> list[FrictionData]:
-    """Return what is needed to identify friction, one entry per joint.
-
-    Args:
-        bags: MCAP files or rosbag2 folders.
-        model: Of the robot.
-        effort: What the effort in the joint states is.
-        inputs: Parameter file of a monitor.
-        progress: Called with what is going on; gives a function of the share done.
-
-    Raises:
-        RobotEnergyError: If a bag cannot be used, or a joint turns the other way.
-    """
-    from robot_energy.identify.friction.samples import friction_data
-    from robot_energy.identify.plausibility import check_signs
-
-    recordings = read_recordings(bags, model, effort, inputs, True, progress)
-    check_signs(recordings, read_sources(effort, inputs)[0])
-    return [friction_data(recordings, joint) for joint in range(len(model.joints))]
-
-
-def dynamics_channels(
-    bags: Sequence[str | Path],
-    model: RobotModel,
-    effort: str | None,
-    inputs: str | Path | None,
-    progress: Stages = silent,
-) -> dict[str, list[Channels]]:
-    """Return evenly sampled motion and torque of each recording by its name.
-
-    Args:
-        bags: MCAP files or rosbag2 folders.
-        model: Of the robot.
-        effort: What the effort in the joint states is.
-        inputs: Parameter file of a monitor.
-        progress: Called with what is going on; gives a function of the share done.
-
-    Raises:
-        RobotEnergyError: If a bag cannot be used, or a joint turns the other way.
-    """
-    from robot_energy.identify.plausibility import check_signs
-
-    read = read_recordings(bags, model, effort, inputs, True, progress)
-    check_signs(read, read_sources(effort, inputs)[0])
-    recordings: dict[str, list[Channels]] = {}
-    rate: float | None = None
-    for bag, part in zip(bags, read, strict=True):
-        found = channels_of([part], rate=rate)
-        rate = found[0].rate
-        name = Path(bag).name
-        recordings[str(bag) if name in recordings else name] = found
-    return recordings
-
-
 def _bags(
-    paths: Sequence[Path],
+    source: BagSource,
     model: RobotModel,
-    effort: str | None,
-    inputs: str | Path | None,
     drive_power: str | None,
     drive_joints: Sequence[str] | None,
 ) -> tuple[list[Bag], str]:
@@ -396,7 +255,7 @@ def _bags(
     from robot_energy.identify.drives.drive_power import read_drive_power
     from robot_energy.identify.run_all import usable_effort
 
-    meaning, read = read_sources(effort, inputs)
+    meaning, read = source.meaning()
     refused = usable_effort(model, meaning)
     used = EffortMeaning.NONE if refused else meaning
     return [
@@ -408,7 +267,7 @@ def _bags(
             if drive_power
             else None,
         )
-        for path in paths
+        for path in map(Path, source.bags)
     ], refused
 
 

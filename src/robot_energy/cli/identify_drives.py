@@ -10,10 +10,9 @@ from typing import TYPE_CHECKING, Any
 from robot_energy.cli.identify_inputs import (
     add_bags,
     add_results,
+    bags_of,
     check_results,
     check_source,
-    read_recordings,
-    read_sources,
 )
 from robot_energy.cli.numbers import frequency
 from robot_energy.cli.terminal import add_command, present
@@ -168,7 +167,7 @@ def _data(args: Namespace) -> tuple[DriveData, RobotModel | None, str]:
     from robot_energy.model import load
 
     model = load(args.model)
-    effort, _ = read_sources(args)
+    effort, _ = bags_of(args).meaning()
     with ExitStack() as stack:
         recording = LOG_FORMATS[args.log_format].recording if args.log_format else None
         if recording is not None:
@@ -179,7 +178,7 @@ def _data(args: Namespace) -> tuple[DriveData, RobotModel | None, str]:
             ]
         else:
             bags = args.bags
-        recordings = read_recordings(args, model, bags=bags)
+        recordings = bags_of(args, bags).recordings(model)
         powers = [
             read_drive_power(bag, args.drive_power, model.joint_names, args.drive_joints)
             if args.drive_power

@@ -12,11 +12,12 @@ from typing import TYPE_CHECKING, Any
 from robot_energy.cli.identify_inputs import (
     add_bags,
     add_results,
+    bags_of,
     check_results,
     check_source,
 )
 from robot_energy.cli.numbers import number
-from robot_energy.cli.terminal import add_command, present, progress
+from robot_energy.cli.terminal import add_command, present
 
 if TYPE_CHECKING:
     from robot_energy.identify.data.signals import Channels
@@ -165,11 +166,10 @@ def _log(args: Namespace) -> Read:
 
 def _bags(args: Namespace) -> Read:
     """Run bags through the stages of the monitor."""
-    from robot_energy.api.identify import dynamics_channels
     from robot_energy.model import load
 
     model = load(args.model)
-    recordings = dynamics_channels(args.bags, model, args.effort, args.inputs, progress)
+    recordings = bags_of(args).channels(model)
     return model, recordings, [Path(bag).name for bag in args.bags], None
 
 

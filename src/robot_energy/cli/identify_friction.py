@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from robot_energy.cli.identify_inputs import (
     add_bags,
     add_results,
+    bags_of,
     check_results,
     check_source,
     source_of,
@@ -78,6 +79,7 @@ def run(args: Namespace) -> int:
     Raises:
         RobotEnergyError: If recordings, log or model cannot be used.
     """
+    from robot_energy.model import load
     from robot_energy.report.document import Document
     from robot_energy.report.friction_figure import friction_over_temperature
     from robot_energy.report.identification import friction_document, study_document
@@ -87,7 +89,7 @@ def run(args: Namespace) -> int:
     _check(args)
     source = source_of(args) or Path(args.log).name
     if args.train is not None:
-        axes = _log(args) if args.log else _samples(args)
+        axes = _log(args) if args.log else bags_of(args).friction_data(load(args.model))
         studies = FrictionStudyReport(tuple(_study(axis, args) for axis in axes))
         page = Document("Friction at temperatures that were not seen", source)
         study_document(studies, page)
@@ -144,13 +146,6 @@ def _log(args: Namespace) -> list[FrictionData]:
     _, contents, parts = read_csv(args.log, load_mapping(args.mapping))
     blocks, names = list(parts), contents.joint_names
     return [friction_data_of_log(blocks, names, j) for j in range(len(names))]
-
-
-def _samples(args: Namespace) -> list[FrictionData]:
-    from robot_energy.api.identify import friction_samples
-    from robot_energy.model import load
-
-    return friction_samples(args.bags, load(args.model), args.effort, args.inputs, progress)
 
 
 def _study(axis: FrictionData, args: Namespace) -> AxisStudy:

@@ -12,10 +12,7 @@ from robot_energy.cli.terminal import add_json, check_outputs, progress
 from robot_energy.errors import ModelFileError
 
 if TYPE_CHECKING:
-    from robot_energy.blocks import EffortMeaning
-    from robot_energy.identify.data.recordings import Recording
-    from robot_energy.inputs.sources import Inputs
-    from robot_energy.model import RobotModel
+    from robot_energy.api.inputs import BagSource
 
 EFFORTS = ("motor_torque", "joint_torque", "motor_current")
 
@@ -126,44 +123,17 @@ def check_source(args: Namespace, needs_effort: bool = False) -> None:
         raise ModelFileError("bags need --model", "a model file")
 
 
-def read_sources(args: Namespace) -> tuple[EffortMeaning, Inputs | None]:
-    """Return what the effort means, by --effort or else by --inputs, and the inputs.
-
-    Raises:
-        RobotEnergyError: If the parameter file cannot be used.
-    """
-    from robot_energy.api.identify import read_sources
-
-    return read_sources(getattr(args, "effort", None), args.inputs)
-
-
-def read_recordings(
-    args: Namespace,
-    model: RobotModel,
-    needs_effort: bool = False,
-    bags: Sequence[str | Path] | None = None,
-) -> list[Recording]:
-    """Run the bags through the stages of the monitor.
+def bags_of(args: Namespace, bags: Sequence[str | Path] | None = None) -> BagSource:
+    """Return the recordings, and how they are read.
 
     Args:
         args: Of the command.
-        model: Of the robot.
-        needs_effort: Whether to refuse an effort without a meaning.
         bags: Instead of those that the command names.
-
-    Raises:
-        RobotEnergyError: If a bag cannot be used, or its effort has no meaning but needs one.
     """
-    from robot_energy.api.identify import read_recordings
+    from robot_energy.api.inputs import BagSource
 
-    return read_recordings(
-        args.bags if bags is None else bags,
-        model,
-        getattr(args, "effort", None),
-        args.inputs,
-        needs_effort,
-        progress,
-    )
+    effort = getattr(args, "effort", None)
+    return BagSource(args.bags if bags is None else bags, effort, args.inputs, progress)
 
 
 def source_of(args: Namespace) -> str:

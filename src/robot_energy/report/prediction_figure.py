@@ -34,7 +34,7 @@ def energy_bars(energies: Sequence[EnergyBreakdown], labels: Sequence[str], path
         labels: One per run.
         path: File to write: PNG, SVG or PDF by its suffix.
     """
-    with canvas(path, (8.0, 1.4 + BAR * len(energies)), "predicted energy from the grid") as figure:
+    with canvas(path, (8.0, 1.1 + BAR * len(energies))) as figure:
         _bars(figure.subplots(), energies, labels)
 
 
@@ -47,7 +47,7 @@ def power_curves(results: Sequence[Prediction], labels: Sequence[str], path: Tar
         path: File to write: PNG, SVG or PDF by its suffix.
     """
     high = 3.2 + 0.12 * len(results)
-    with canvas(path, (8.0, high), "predicted power from the grid") as figure:
+    with canvas(path, (8.0, high)) as figure:
         _curves(figure.subplots(), results, labels)
 
 

@@ -31,6 +31,7 @@ from robot_energy.report.power_figure import power_and_energy
 from robot_energy.report.prediction_figure import energy_bars
 from robot_energy.report.series import Series
 from robot_energy.report.temperature_figure import temperature_and_friction
+from robot_energy.results.energy import JointEnergy
 from robot_energy.results.replay import JointShaft, ReplayReport, ShaftComparison
 from robot_energy.time_series import TimeSeries
 
@@ -335,6 +336,11 @@ def _temperatures(
     page: Document, report: ReplayReport, scale: EnergyFormat, curves: ReplayCurves | None
 ) -> None:
     """For pages: the terminal has these figures in the table of the joints."""
+    net = report.energy.net
+
+    def of_grid(joint: JointEnergy) -> float | None:
+        return joint.friction_energy / net if net > 0 else None
+
     with page.only("page"):
         page.paragraph(
             f"Where no motor temperature is known, that of the model is taken: "
@@ -345,15 +351,7 @@ def _temperatures(
             [
                 Column("", "name"),
                 Column("friction", "friction_energy", scale.joule, scale.unit, total=True),
-                Column(
-                    "of drive input",
-                    lambda joint: (
-                        joint.friction_energy / joint.drive_input_energy
-                        if joint.drive_input_energy > 0
-                        else None
-                    ),
-                    percent,
-                ),
+                Column("share of grid", of_grid, percent, total=True),
                 Column("last motor temperature", "last_motor_temperature_degc", fixed(1), "degC"),
             ],
             report.joints,

@@ -9,6 +9,8 @@ import numpy as np
 from robot_energy.report.canvas import COLOURS, SERIES, Target, canvas
 from robot_energy.time_series import TimeSeries
 
+MIN_SPAN = 10.0  # of the axis of temperatures [K]
+
 
 def temperature_and_friction(power: TimeSeries, path: Target) -> None:
     """Draw the temperature of every motor, and below it the friction power of all joints.
@@ -29,6 +31,9 @@ def temperature_and_friction(power: TimeSeries, path: Target) -> None:
                 colour = SERIES[joint % len(SERIES)]
                 label = power.joint_names[joint]
                 grid[0].plot(power.time, degc[:, joint], color=colour, label=label)
+            middle = 0.5 * (float(np.nanmin(degc)) + float(np.nanmax(degc)))
+            low, high = grid[0].get_ylim()  # whole degrees of a sensor are no course
+            grid[0].set_ylim(min(low, middle - MIN_SPAN / 2), max(high, middle + MIN_SPAN / 2))
             grid[0].set_ylabel("motor temperature [degC]")
             grid[0].legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
         grid[-1].plot(power.time, power["friction_power"], color=COLOURS["predicted"])

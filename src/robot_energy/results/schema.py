@@ -9,6 +9,7 @@ from collections.abc import Iterable
 from dataclasses import fields
 from enum import StrEnum
 from pathlib import Path
+from types import GenericAlias
 from typing import Any, cast
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
@@ -70,8 +71,11 @@ def schema_of(name: str | None = None) -> dict[str, Any]:
 
 
 def _document(title: str, kinds: Iterable[type[Result]]) -> dict[str, Any]:
-    wanted = [(kind, "serialization", TypeAdapter(list[kind], config=LOOSE)) for kind in kinds]
-    found, rest = TypeAdapter.json_schemas(cast("Any", wanted), schema_generator=_Generator)
+    wanted: list[Any] = [
+        (kind, "serialization", TypeAdapter(cast("Any", GenericAlias(list, kind)), config=LOOSE))
+        for kind in kinds
+    ]
+    found, rest = TypeAdapter.json_schemas(wanted, schema_generator=_Generator)
     choices: list[dict[str, Any]] = []
     for (kind, _), schema in found.items():
         result = cast("type[Result]", kind)

@@ -114,6 +114,7 @@ COMMANDS = [
     "replay bag --model out",
     "replay out --model model",
     "replay bag --model model --out out",
+    "report nasty_bag --model nasty_model --out out.html",
     "model check nasty_model",
     "model check unknown_key",
     "import csv nasty_log --mapping mapping --out out",
