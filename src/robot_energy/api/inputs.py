@@ -96,7 +96,7 @@ class BagSource:
         return effort_meaning(self.effort or told), read
 
     def recordings(self, model: RobotModel) -> list[Recording]:
-        """Run the bags through the stages of the monitor.
+        """Return the bags as the stages of the monitor read them.
 
         Args:
             model: Of the robot.
@@ -114,7 +114,7 @@ class BagSource:
         return found
 
     def with_effort(self, model: RobotModel) -> list[Recording]:
-        """Run bags with measured torque or current through the stages of the monitor.
+        """Return bags with measured torque or current as the stages of the monitor read them.
 
         Args:
             model: Of the robot.

@@ -16,8 +16,8 @@ def number_type(
 
     Args:
         what: An argument of this type, with its range.
-        low: Least value.
-        high: Greatest value.
+        low: Least value. [its unit]
+        high: Greatest value. [its unit]
         open_low: Whether the least value itself is refused.
         words: That stand for a number and are returned as they are.
     """

@@ -25,6 +25,12 @@ def add_parser(commands: Any) -> None:
 def run(args: Namespace) -> int:
     """Print the schema.
 
+    Args:
+        args: Of the sub-command.
+
+    Returns:
+        0.
+
     Raises:
         ReportError: If there is no such result.
     """

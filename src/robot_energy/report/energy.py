@@ -8,11 +8,7 @@ from dataclasses import fields
 from robot_energy.model.drive_models import DRIVE_MODELS
 from robot_energy.report.document import Column, Document
 from robot_energy.report.formats import EnergyFormat, fixed, percent, watt_hour
-from robot_energy.results.energy import EnergyBreakdown, JointEnergy
-from robot_energy.results.prediction import PredictionReport
-from robot_energy.results.replay import ReplayReport
-
-Report = ReplayReport | PredictionReport
+from robot_energy.results.energy import EnergyBreakdown, EnergyReport, JointEnergy
 
 QUALITY_NAMES = {
     "temperature_missing": "temperature missing, fallback used",
@@ -53,7 +49,7 @@ def part_names(drive: str) -> dict[str, str]:
 def energy_table(
     page: Document,
     title: str,
-    report: Report,
+    report: EnergyReport,
     scale: EnergyFormat,
     other: tuple[str, EnergyBreakdown] | None = None,
 ) -> None:
@@ -118,7 +114,7 @@ def joint_table(page: Document, joints: Sequence[JointEnergy], scale: EnergyForm
     )
 
 
-def phase_table(page: Document, report: Report, scale: EnergyFormat) -> None:
+def phase_table(page: Document, report: EnergyReport, scale: EnergyFormat) -> None:
     """Add time and energy of the phases.
 
     Args:
@@ -145,7 +141,7 @@ def phase_table(page: Document, report: Report, scale: EnergyFormat) -> None:
     )
 
 
-def quality_table(page: Document, report: Report) -> None:
+def quality_table(page: Document, report: EnergyReport) -> None:
     """Add which samples are marked, where any is.
 
     Args:

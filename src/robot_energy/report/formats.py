@@ -24,7 +24,7 @@ class EnergyFormat:
         self.digits = min(self.digits, 3)
 
     def joule(self, energy: float | None) -> str:
-        """Format in the report's unit."""
+        """Return an energy in the report's unit. [J]"""
         return NOTHING if energy is None else number(energy / self.factor, self.digits)
 
 
@@ -39,20 +39,20 @@ def significant(digits: int) -> Callable[[float | None], str]:
 
 
 def number(value: float, digits: int) -> str:
-    """Format with fixed digits; never ``-0``."""
+    """Return a number with fixed digits; never ``-0``."""
     text = f"{value:.{digits}f}"
     return text.removeprefix("-") if float(text) == 0 else text
 
 
 def watt_hour(energy: float | None) -> str:
-    """Format an energy in Wh, with one digit above 10 kWh. [J]"""
+    """Return an energy in Wh, with one digit above 10 kWh. [J]"""
     if energy is None:
         return NOTHING
     return f"{number(energy / WATT_HOUR, 3 if abs(energy) < 10 * WATT_HOUR else 1)} Wh"
 
 
 def energy_text(energy: float) -> str:
-    """One energy in words, three to four digits. [J]"""
+    """Return one energy in words, three to four digits. [J]"""
     for unit, factor in (("MJ", 1e6), ("kJ", 1e3)):
         if abs(energy) >= factor:
             return f"{energy / factor:.4g} {unit}"
@@ -60,17 +60,17 @@ def energy_text(energy: float) -> str:
 
 
 def percent(ratio: float | None, sign: bool = False) -> str:
-    """Format a ratio in percent."""
+    """Return a ratio in percent."""
     return NOTHING if ratio is None else f"{100 * ratio:{'+' if sign else ''}.1f} %"
 
 
 def signed_percent(ratio: float | None) -> str:
-    """Format a ratio in percent, with its sign."""
+    """Return a ratio in percent, with its sign."""
     return percent(ratio, sign=True)
 
 
 def seconds(time_ns: int) -> str:
-    """Format a time in s. [ns]"""
+    """Return a time in s. [ns]"""
     return f"{time_ns * 1e-9:.3f} s"
 
 

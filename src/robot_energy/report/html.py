@@ -90,7 +90,7 @@ def page_html(document: Document) -> str:
         for place, part in enumerate(parts)
     ]
     sections = [
-        f'<li><a href="#{anchor}">{escape(part.text)}</a></li>'
+        f'<li><a href="#{anchor}">{_escape(part.text)}</a></li>'
         for part, anchor in zip(parts, anchors, strict=True)
         if isinstance(part, Heading) and part.depth == 2
     ]
@@ -101,15 +101,15 @@ def page_html(document: Document) -> str:
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
         f"{HTML_MARK}"
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>{escape(document.title)}</title><style>{STYLE}</style></head><body>\n"
-        f"<h1>{escape(document.title)}</h1>\n{lead}\n{contents}\n{body}\n</body></html>\n"
+        f"<title>{_escape(document.title)}</title><style>{STYLE}</style></head><body>\n"
+        f"<h1>{_escape(document.title)}</h1>\n{lead}\n{contents}\n{body}\n</body></html>\n"
     )
 
 
 def _part(part: Part, anchor: str) -> str:
     match part:
         case Heading(text, depth):
-            return f'<h{depth} id="{anchor}">{escape(text)}</h{depth}>'
+            return f'<h{depth} id="{anchor}">{_escape(text)}</h{depth}>'
         case Sentence("", _):
             return ""
         case Sentence(text, kind):
@@ -123,7 +123,7 @@ def _part(part: Part, anchor: str) -> str:
         case Figure():
             return _figure(part)
         case Command(text):
-            return f"<pre><code>{escape(text)}</code></pre>"
+            return f"<pre><code>{_escape(text)}</code></pre>"
 
 
 def _table(table: Table) -> str:
@@ -137,13 +137,13 @@ def _table(table: Table) -> str:
         *(_row("td", row, left) for row in table.rows),
         *([] if table.total is None else [_row("td", table.total, left, ' class="total"')]),
     ]
-    caption = f"<caption>{escape(table.title)}</caption>" if table.title else ""
+    caption = f"<caption>{_escape(table.title)}</caption>" if table.title else ""
     return f'<div class="wide"><table>{caption}{"".join(lines)}</table></div>'
 
 
 def _row(tag: str, cells: Sequence[str], left: Sequence[bool], kind: str = "") -> str:
     inner = "".join(
-        f"<{tag}{LEFT if side else ''}>{escape(cell)}</{tag}>"
+        f"<{tag}{LEFT if side else ''}>{_escape(cell)}</{tag}>"
         for cell, side in zip(cells, left, strict=True)
     )
     return f"<tr{kind}>{inner}</tr>"
@@ -154,15 +154,15 @@ def _figure(figure: Figure) -> str:
     figure.draw(picture)
     data = base64.b64encode(picture.getvalue()).decode("ascii")
     return (
-        f'<figure><img src="data:image/svg+xml;base64,{data}" alt="{escape(figure.caption)}">'
+        f'<figure><img src="data:image/svg+xml;base64,{data}" alt="{_escape(figure.caption)}">'
         f"<figcaption>{_prose(figure.caption)}</figcaption></figure>"
     )
 
 
-def escape(text: str) -> str:
+def _escape(text: str) -> str:
     """Return text as HTML, without characters that reorder or hide what is shown."""
     return escaped(shown_lines(text))
 
 
 def _prose(text: str) -> str:
-    return re.sub(r"`([^`]+)`", r"<code>\1</code>", escape(text))
+    return re.sub(r"`([^`]+)`", r"<code>\1</code>", _escape(text))

@@ -22,7 +22,7 @@ MINUTE = 60.0  # s
 
 
 def labels(runs: Sequence[PredictionReport]) -> list[str]:
-    """Name each run by what tells it from the others."""
+    """Return a name for each run: what tells it from the others."""
     programs = {run.program for run in runs}
     temperatures = {_temperatures(run) for run in runs}
     return [

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.exact_sum import PER_JOULE
@@ -13,6 +14,7 @@ from robot_energy.blocks import NANOSECOND, MeterLocation, Phase, Quality
 from robot_energy.model import RobotModel
 from robot_energy.model.drive_models import DRIVE_MODELS
 from robot_energy.results.base import Number, Result
+from robot_energy.results.model import ModelUsed, model_used
 
 BALANCE_RELATIVE = 1e-9
 
@@ -162,6 +164,61 @@ class SampleQuality(Result):
     counts: dict[str, int]
 
 
+@dataclass(frozen=True)
+class EnergyReport(Result):
+    """What a replay and a prediction have in common.
+
+    Attributes:
+        model: The model used.
+        energy: Where the energy went, over the observed time.
+        power: Predicted power at the grid.
+        phases: Time and energy by phase: ``hold``, ``motion``, ``generating``, ``unknown``.
+        joints: Where the energy of each joint went, in model order.
+        quality: How good the samples were.
+        problems: What makes the figures doubtful, one sentence each.
+        notes: What a reader should know before trusting the figures, one sentence each.
+    """
+
+    model: ModelUsed
+    energy: EnergyBreakdown
+    power: GridPower
+    phases: dict[str, PhaseEnergy]
+    joints: tuple[JointEnergy, ...]
+    quality: SampleQuality
+    problems: tuple[str, ...]
+    notes: tuple[str, ...]
+
+
+def common_figures(
+    account: EnergyAccount, model: RobotModel, temperature_degc: Sequence[float], change: str | None
+) -> dict[str, Any]:
+    """Return the fields of an `EnergyReport` but for the sentences.
+
+    Args:
+        account: Of one robot.
+        model: The model used.
+        temperature_degc: Of the motors; NaN where unknown, shape (n,). [degC]
+        change: What was changed about the model.
+    """
+    registers = account.registers
+    seconds = registers.time.observed_ns * NANOSECOND
+    energy = energy_of(registers)
+    return {
+        "model": model_used(model, change),
+        "energy": energy,
+        "power": GridPower(account.peak_power, _ratio(energy.net, seconds)),
+        "phases": {
+            phase.name.lower(): PhaseEnergy(account.phase_time(phase), account.phase_energy(phase))
+            for phase in Phase
+        },
+        "joints": joints_of(registers, model.joint_names, temperature_degc),
+        "quality": SampleQuality(
+            account.samples,
+            {str(Quality(b).name).lower(): account.quality[b] for b in sorted(account.quality)},
+        ),
+    }
+
+
 def energy_of(registers: Registers) -> EnergyBreakdown:
     """Return where the energy went, and whether the parts sum to what the grid gave.
 
@@ -210,40 +267,13 @@ def joints_of(
     return tuple(found)
 
 
-def power_of(account: EnergyAccount) -> GridPower:
-    """Return the highest and the mean predicted power at the grid.
-
-    Args:
-        account: Of one robot.
-    """
-    registers = account.registers
-    seconds = registers.time.observed_ns * NANOSECOND
-    net = registers.cabinet("grid_import") - registers.cabinet("grid_return")
-    return GridPower(account.peak_power, net / seconds if seconds else None)
-
-
-def phases_of(account: EnergyAccount) -> dict[str, PhaseEnergy]:
-    """Return time and energy of each phase by its name.
-
-    Args:
-        account: Of one robot.
-    """
-    return {
-        phase.name.lower(): PhaseEnergy(account.phase_time(phase), account.phase_energy(phase))
-        for phase in Phase
-    }
-
-
-def quality_of(account: EnergyAccount) -> SampleQuality:
-    """Return how many samples have which quality bit.
-
-    Args:
-        account: Of one robot.
-    """
-    counts = {
-        str(Quality(bit).name).lower(): account.quality[bit] for bit in sorted(account.quality)
-    }
-    return SampleQuality(account.samples, counts)
+def unbalanced(energy: EnergyBreakdown) -> list[str]:
+    """Return a sentence if the parts of the energy do not sum to what the grid gave."""
+    if energy.balanced:
+        return []
+    return [
+        f"the parts of the energy do not sum to the grid: {energy.balance_residual:g} J are left"
+    ]
 
 
 def comparison_of(account: EnergyAccount, model: RobotModel) -> MeterComparison:

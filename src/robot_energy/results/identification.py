@@ -87,7 +87,7 @@ def axis_study(name: str, study: Study, chance: Sequence[float]) -> AxisStudy:
     Args:
         name: Of the axis.
         study: The test.
-        chance: Gain with temperatures shuffled between the runs, one per shuffle.
+        chance: Gain with temperatures shuffled between the runs, one per shuffle. [-]
     """
     gain = study.row("exponential", "carried on").rms / study.row("constant").rms
     known = (float(np.median(chance)), float(np.min(chance))) if chance else (None, None)

@@ -64,14 +64,10 @@ class JointOfModel(Result):
 
 
 @dataclass(frozen=True)
-class ModelReport(Result):
+class ModelReport(ModelUsed):
     """What a model file holds.
 
     Attributes:
-        model_id: Of its content.
-        source: File, or name of a shipped model.
-        robot: Type.
-        serial: Of the robot.
         description: Of the robot.
         joints: In model order.
         locked_joints: Joints of the URDF that are held.
@@ -79,23 +75,15 @@ class ModelReport(Result):
         coupling: Motors that turn with another joint.
         moving_mass: Payload included. [kg]
         payload_mass: [kg]
-        drive: Drive model.
         loss_dc: Constant loss on the DC side. [W]
         loss_grid: Constant loss on the grid side. [W]
         regenerates: Whether braking energy returns to the grid.
         capacitor: Whether the DC-link capacitor is modelled.
-        fallback_temperature_degc: Taken where no motor temperature is known. [degC]
         stale_after: Age from which a temperature counts as unknown. [s]
-        figures: Count of its figures by how they are known.
-        notes: Of its provenance.
     """
 
     NAME: ClassVar[str] = "model"
 
-    model_id: str
-    source: str
-    robot: str
-    serial: str | None
     description: str | None
     joints: tuple[JointOfModel, ...]
     locked_joints: tuple[str, ...]
@@ -103,15 +91,11 @@ class ModelReport(Result):
     coupling: tuple[str, ...]
     moving_mass: float
     payload_mass: float
-    drive: str
     loss_dc: float
     loss_grid: float
     regenerates: bool
     capacitor: bool
-    fallback_temperature_degc: float
     stale_after: float
-    figures: dict[str, int]
-    notes: str | None
 
 
 def count_tags(model: RobotModel) -> dict[str, int]:
@@ -173,10 +157,7 @@ def model_report(model: RobotModel, robot: Robot) -> ModelReport:
     """
     cabinet = model.cabinet
     return ModelReport(
-        model_id=model.model_id,
-        source=model.source,
-        robot=model.robot.type,
-        serial=model.robot.serial or None,
+        **vars(model_used(model)),
         description=model.robot.description or None,
         joints=tuple(
             JointOfModel(
@@ -194,15 +175,11 @@ def model_report(model: RobotModel, robot: Robot) -> ModelReport:
         coupling=tuple(f"{entry.motor} turns with {entry.joint}" for entry in model.coupling),
         moving_mass=robot.moving_mass,
         payload_mass=sum(body.mass for body in model.payload),
-        drive=model.drive,
         loss_dc=cabinet.loss_dc.value,
         loss_grid=cabinet.loss_grid.value,
         regenerates=cabinet.regeneration_efficiency is not None,
         capacitor=cabinet.capacitor is not None,
-        fallback_temperature_degc=model.temperature.fallback_degc,
         stale_after=model.temperature.stale_after,
-        figures=count_tags(model),
-        notes=model.provenance.notes or None,
     )
 
 

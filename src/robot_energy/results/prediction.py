@@ -13,18 +13,11 @@ from robot_energy.prediction import Prediction
 from robot_energy.results.base import Number, Result
 from robot_energy.results.energy import (
     EnergyBreakdown,
-    GridPower,
-    JointEnergy,
-    PhaseEnergy,
-    SampleQuality,
-    energy_of,
-    joints_of,
-    phases_of,
-    power_of,
-    quality_of,
+    EnergyReport,
+    common_figures,
+    unbalanced,
 )
-from robot_energy.results.model import ModelUsed, model_used
-from robot_energy.results.replay import unbalanced
+from robot_energy.results.model import count_tags
 
 
 @dataclass(frozen=True)
@@ -90,44 +83,28 @@ class FrictionReach(Result):
 
 
 @dataclass(frozen=True)
-class PredictionReport(Result):
+class PredictionReport(EnergyReport):
     """The energy of a motion that has not been made.
 
     Attributes:
         program: Name of the motion.
         repeat: How often it is made.
-        model: The model used.
         motor_temperature_degc: Assumed and held, by joint. [degC]
         payload: What the robot carries beside the payload of its model.
         time: Of the motion.
         tool: Path of the tool; None where it is not known.
-        energy: Where the energy will go.
-        power: Predicted power at the grid.
-        phases: Time and energy by phase: ``hold``, ``motion``, ``generating``, ``unknown``.
-        joints: Where the energy of each joint will go, in model order.
         limits: Use of the limits of the URDF, in model order.
         friction: Joints whose friction law does not tell the assumed temperature.
-        quality: How good the samples are.
-        problems: What makes the figures doubtful, one sentence each.
-        notes: What a reader should know, one sentence each.
     """
 
     program: str
     repeat: int
-    model: ModelUsed
     motor_temperature_degc: dict[str, float]
     payload: tuple[Payload, ...]
     time: PredictedTime
     tool: ToolPath | None
-    energy: EnergyBreakdown
-    power: GridPower
-    phases: dict[str, PhaseEnergy]
-    joints: tuple[JointEnergy, ...]
     limits: tuple[JointLimitUse, ...]
     friction: FrictionReach
-    quality: SampleQuality
-    problems: tuple[str, ...]
-    notes: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -151,21 +128,17 @@ def prediction_report(result: Prediction, motion: LoadedMotion | None = None) ->
         motion: The program behind it.
     """
     model, account = result.model, result.ledger
-    energy = energy_of(account.registers)
     temperature = result.motor_temperature_degc.tolist()
+    common = common_figures(account, model, temperature, None)
     time = account.registers.time
     return PredictionReport(
+        **common,
         program=result.program,
         repeat=result.repeat,
-        model=model_used(model),
         motor_temperature_degc=dict(zip(model.joint_names, temperature, strict=True)),
         payload=tuple(result.payload),
         time=PredictedTime(result.duration, time.observed_ns * NANOSECOND, time.gap_ns),
-        tool=_tool(motion, result.repeat, energy.net),
-        energy=energy,
-        power=power_of(account),
-        phases=phases_of(account),
-        joints=joints_of(account.registers, model.joint_names, temperature),
+        tool=_tool(motion, result.repeat, common["energy"].net),
         limits=tuple(
             JointLimitUse(*row)
             for row in zip(
@@ -176,8 +149,7 @@ def prediction_report(result: Prediction, motion: LoadedMotion | None = None) ->
             )
         ),
         friction=FrictionReach(tuple(result.extrapolated), tuple(result.one_temperature)),
-        quality=quality_of(account),
-        problems=tuple(_problems(result, energy)),
+        problems=tuple(_problems(result, common["energy"])),
         notes=(*result.notes, *_notes(result)),
     )
 
@@ -226,7 +198,7 @@ def _notes(result: Prediction) -> list[str]:
         )
     if DRIVE_MODELS[result.model.drive].lossless:
         notes.append("the model knows no drive losses: they are missing from the energy")
-    tags = model_used(result.model).figures
+    tags = count_tags(result.model)
     if assumed := tags.get("assumed", 0):
         notes.append(f"{assumed} of {sum(tags.values())} figures of the model are assumed")
     return notes

@@ -11,19 +11,12 @@ from robot_energy.pipeline.payload_timeline import PayloadChange
 from robot_energy.results.base import Number, Result
 from robot_energy.results.energy import (
     EnergyBreakdown,
-    GridPower,
-    JointEnergy,
+    EnergyReport,
     MeterComparison,
-    PhaseEnergy,
-    SampleQuality,
+    common_figures,
     comparison_of,
-    energy_of,
-    joints_of,
-    phases_of,
-    power_of,
-    quality_of,
+    unbalanced,
 )
-from robot_energy.results.model import ModelUsed, model_used
 
 
 @dataclass(frozen=True)
@@ -127,26 +120,18 @@ class InputAccount(Result):
 
 
 @dataclass(frozen=True)
-class ReplayReport(Result):
+class ReplayReport(EnergyReport):
     """Where the energy of a recording went.
 
     Attributes:
         bag: The bag.
         origin: Where the recording comes from, as its writer said.
-        model: The model used.
         topics: The topics read.
         time: What part of the recording is predicted.
         comparison: Predicted and measured over the same intervals.
-        energy: Where the energy went, over the observed time.
-        power: Predicted power at the grid.
-        phases: Time and energy by phase: ``hold``, ``motion``, ``generating``, ``unknown``.
-        joints: Where the energy of each joint went, in model order.
         shaft: Shaft energies; None where the effort was not used.
         payload: Payloads set at run time; None where there is no such topic.
         inputs: Account of every input by its name.
-        quality: How good the samples were.
-        problems: What was wrong with the bag or the accounts, one sentence each.
-        notes: What a reader should know before trusting the figures, one sentence each.
         compared_with: A second replay of the same bag, with fixed friction.
     """
 
@@ -154,20 +139,12 @@ class ReplayReport(Result):
 
     bag: str
     origin: str | None
-    model: ModelUsed
     topics: Topics
     time: ObservedTime
     comparison: MeterComparison
-    energy: EnergyBreakdown
-    power: GridPower
-    phases: dict[str, PhaseEnergy]
-    joints: tuple[JointEnergy, ...]
     shaft: ShaftComparison | None
     payload: PayloadHistory | None
     inputs: dict[str, InputAccount]
-    quality: SampleQuality
-    problems: tuple[str, ...]
-    notes: tuple[str, ...]
     compared_with: ReplayReport | None = None
 
 
@@ -183,25 +160,21 @@ def replay_report(
     """
     account, topics = result.ledger, result.topics
     temperature = result.pipeline.friction.latest().motor_temperature_degc[0].tolist()
-    energy, inputs = energy_of(account.registers), _inputs(result)
+    common = common_figures(account, result.model, temperature, change)
+    inputs = _inputs(result)
     return ReplayReport(
+        **common,
         bag=str(result.bag),
         origin=result.origin or None,
-        model=model_used(result.model, change),
         topics=replace(
             topics, joint_states=topics.joint_states or (), temperatures=topics.temperatures or ()
         ),
         time=_time(result),
         comparison=comparison_of(account, result.model),
-        energy=energy,
-        power=power_of(account),
-        phases=phases_of(account),
-        joints=joints_of(account.registers, result.model.joint_names, temperature),
         shaft=None if result.effort is EffortMeaning.NONE else _shaft(result),
         payload=_payload(result) if topics.payload else None,
         inputs=inputs,
-        quality=quality_of(account),
-        problems=(*result.problems, *_problems(energy, inputs)),
+        problems=(*result.problems, *_problems(common["energy"], inputs)),
         notes=(*result.notes, *_notes(result)),
         compared_with=compared_with,
     )
@@ -281,15 +254,6 @@ def _problems(energy: EnergyBreakdown, inputs: dict[str, InputAccount]) -> list[
         if not account.balanced:
             problems.append(f"the account of {name.replace('_', ' ')} does not balance")
     return problems
-
-
-def unbalanced(energy: EnergyBreakdown) -> list[str]:
-    """Return a sentence if the parts of the energy do not sum to what the grid gave."""
-    if energy.balanced:
-        return []
-    return [
-        f"the parts of the energy do not sum to the grid: {energy.balance_residual:g} J are left"
-    ]
 
 
 def _notes(result: Replay) -> list[str]:

@@ -120,10 +120,11 @@ class _Generator(GenerateJsonSchema):
 
     def dataclass_schema(self, schema: core_schema.DataclassSchema) -> JsonSchemaValue:
         kind = cast("Any", schema["cls"])
-        text = inspect.getdoc(kind) or ""
-        block = text.partition("Attributes:\n")[2]
-        words = re.findall(r"^    (\w+): (.*(?:\n     .*)*)", block, re.MULTILINE)
-        described = {name: " ".join(lines.split()) for name, lines in words}
+        described: dict[str, str] = {}
+        for base in reversed(kind.__mro__):
+            block = inspect.cleandoc(base.__doc__ or "").partition("Attributes:\n")[2]
+            words = re.findall(r"^    (\w+): (.*(?:\n     .*)*)", block, re.MULTILINE)
+            described |= {name: " ".join(lines.split()) for name, lines in words}
         shown_fields = {entry.name for entry in fields(kind) if entry.repr}
         arguments = cast("core_schema.DataclassArgsSchema", schema["schema"])
         properties = {
@@ -136,7 +137,7 @@ class _Generator(GenerateJsonSchema):
         }
         return {
             "type": "object",
-            "description": text.partition("\n")[0],
+            "description": (kind.__doc__ or "").partition("\n")[0],
             "properties": properties,
             "required": list(properties),
         }

@@ -97,27 +97,10 @@ def test_json_keys_are_stable(tmp_path: Path) -> None:
     report = replay_report(run(tmp_path, seconds=1.0), "friction fixed at 20 degC")
     summary = report.to_dict()
     assert list(summary) == [
-        "result",
-        "schema_version",
-        "tool_version",
-        "bag",
-        "origin",
-        "model",
-        "topics",
-        "time",
-        "comparison",
-        "energy",
-        "power",
-        "phases",
-        "joints",
-        "shaft",
-        "payload",
-        "inputs",
-        "quality",
-        "problems",
-        "notes",
-        "compared_with",
-    ]
+        "result", "schema_version", "tool_version", "model", "energy", "power", "phases",
+        "joints", "quality", "problems", "notes", "bag", "origin", "topics", "time",
+        "comparison", "shaft", "payload", "inputs", "compared_with",
+    ]  # fmt: skip
     assert (summary["result"], summary["schema_version"]) == ("replay", SCHEMA_VERSION)
     assert summary["model"]["change"] == "friction fixed at 20 degC"
     assert summary["model"]["figures"]["assumed"] == 6
@@ -130,7 +113,7 @@ def test_json_keys_are_stable(tmp_path: Path) -> None:
     ]
     assert all(account["balanced"] for account in summary["inputs"].values())
     assert summary["inputs"]["joint_state_messages"]["received"] == 101
-    assert set(summary["topics"]) == {"joint_states", "temperatures", "meter"}
+    assert set(summary["topics"]) == {"joint_states", "temperatures", "meter", "payload"}
 
 
 def test_a_gap_is_time_without_energy(tmp_path: Path) -> None:

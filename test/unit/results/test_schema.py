@@ -2,7 +2,7 @@
 
 import json
 import re
-from dataclasses import fields, is_dataclass
+from dataclasses import fields
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ from places import ROOT
 from robot_energy.blocks import EffortMeaning, MeterLocation
 from robot_energy.cli.main import main
 from robot_energy.errors import ReportError
-from robot_energy.results.base import SCHEMA_VERSION, Result, plain
+from robot_energy.results.base import SCHEMA_VERSION, plain
 from robot_energy.results.schema import READABLE, RESULTS, read_result, schema_of
 
 SHIPPED = ROOT / "src/doc/results.schema.json"
@@ -156,7 +156,7 @@ def test_every_field_of_a_result_is_documented():
         f"{name}.{key}"
         for name, schema in found.items()
         for key, part in schema.get("properties", {}).items()
-        if is_dataclass(RESULTS.get(name, Result)) and not part.get("description")
+        if not part.get("description")
     }
     assert not lacking
 
