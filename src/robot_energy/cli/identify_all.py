@@ -15,7 +15,6 @@ from robot_energy.cli.identify_inputs import (
 )
 from robot_energy.cli.terminal import add_command, present, progress
 from robot_energy.errors import ModelFileError
-from robot_energy.files.placement import all_or_none
 
 SUBJECTS = ("dynamics", "friction", "cabinet", "drives", "capacitor")
 
@@ -95,10 +94,7 @@ def run(args: Namespace) -> int:
     found = result.found
     page = Document(f"Identification of {result.model.robot.type}", identification_lead(found))
     identification_document(found, page)
-    with all_or_none():
-        if args.out is not None:
-            result.save(args.out)
-        present(args, found, page)
+    present(args, found, page, model=result.model)
     return 0
 
 

@@ -14,7 +14,6 @@ from robot_energy.cli.identify_inputs import (
     source_of,
 )
 from robot_energy.cli.terminal import add_command, present, progress
-from robot_energy.files.placement import all_or_none
 
 DESCRIPTION = """\
 Identify the constant losses of the cabinet from recordings with a power meter (paper A,
@@ -65,8 +64,5 @@ def run(args: Namespace) -> int:
         f"Constant losses and DC link identified from {source_of(args)}.",
     )
     cabinet_document(result.found, page)
-    with all_or_none():
-        if args.out is not None:
-            result.save(args.out)
-        present(args, result.found, page)
+    present(args, result.found, page, model=result.model)
     return 0

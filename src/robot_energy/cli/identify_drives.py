@@ -17,7 +17,6 @@ from robot_energy.cli.identify_inputs import (
 from robot_energy.cli.numbers import frequency
 from robot_energy.cli.terminal import add_command, present
 from robot_energy.errors import ModelFileError
-from robot_energy.files.placement import all_or_none
 from robot_energy.files.temporary_folder import TemporaryFolder
 from robot_energy.log_formats import LOG_FORMATS
 
@@ -116,17 +115,13 @@ def run(args: Namespace) -> int:
     report = drives_report(found, torque, notes)
     page = Document("Electrical power of the drives", f"Identified from {source}.")
     drives_document(report, page)
-    with all_or_none():
-        if args.out is not None and written is not None:
-            from robot_energy.model import save
-
-            save(written, args.out)
-        present(
-            args,
-            report,
-            page,
-            plot=lambda path: efficiency_maps(mapped(found.drives), path, source),
-        )
+    present(
+        args,
+        report,
+        page,
+        plot=lambda path: efficiency_maps(mapped(found.drives), path, source),
+        model=written,
+    )
     return 0
 
 

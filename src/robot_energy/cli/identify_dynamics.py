@@ -99,12 +99,10 @@ def run(args: Namespace) -> int:
         RobotEnergyError: If mapping, files or recording cannot be used, or what they give
             is implausible.
     """
-    from robot_energy.files.placement import all_or_none
     from robot_energy.identify.dynamics.dynamics import identify_dynamics
     from robot_energy.identify.dynamics.dynamics_model import to_model
     from robot_energy.identify.dynamics.leave_one_out import across_recordings
     from robot_energy.identify.plausibility import check_dynamics
-    from robot_energy.model import save
     from robot_energy.report.document import Document
     from robot_energy.report.dynamics import dynamics_document
     from robot_energy.results.dynamics import dynamics_report
@@ -139,10 +137,7 @@ def run(args: Namespace) -> int:
         f"Identified from {', '.join(sources)}. Model {written.model_id}.",
     )
     dynamics_document(report, page, reference, effort, args.details)
-    with all_or_none():
-        if args.out is not None:
-            save(written, args.out)
-        present(args, report, page)
+    present(args, report, page, model=written)
     return 0
 
 

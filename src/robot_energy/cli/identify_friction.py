@@ -16,7 +16,6 @@ from robot_energy.cli.identify_inputs import (
 )
 from robot_energy.cli.terminal import add_command, present, progress
 from robot_energy.errors import ModelFileError, NotIdentifiableError
-from robot_energy.files.placement import all_or_none
 
 if TYPE_CHECKING:
     from robot_energy.identify.friction.samples import FrictionData
@@ -95,7 +94,7 @@ def run(args: Namespace) -> int:
         study_document(studies, page)
         present(args, studies, page)
         return 0
-    result = None
+    model = None
     if args.log:
         from robot_energy.identify.friction.friction import fit_axes
         from robot_energy.identify.plausibility import check_friction
@@ -109,17 +108,14 @@ def run(args: Namespace) -> int:
         result = identify_friction(
             args.bags, args.model, args.effort, inputs=args.inputs, progress=progress
         )
-        report = result.found
+        report, model = result.found, result.model
     page = Document("Friction over motor temperature", f"Identified from {source}.")
     friction_document(report, page)
 
     def plot(path: str) -> None:
         friction_over_temperature(report.axes, path, report.torque_unit, source)
 
-    with all_or_none():
-        if args.out is not None and result is not None:
-            result.save(args.out)
-        present(args, report, page, plot=plot)
+    present(args, report, page, plot=plot, model=model)
     return 0
 
 

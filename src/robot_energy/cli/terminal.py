@@ -29,6 +29,7 @@ from robot_energy.shown_text import shown, shown_lines
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from robot_energy.model import RobotModel
     from robot_energy.report.document import Document
     from robot_energy.results.base import Result
 
@@ -200,6 +201,7 @@ def present(
     page: Document,
     made: str = "model file",
     plot: Callable[[str], object] | None = None,
+    model: RobotModel | None = None,
 ) -> None:
     """Write JSON, page and figure where they were asked for, put all in place, and print.
 
@@ -209,7 +211,9 @@ def present(
         page: The same for terminal and page.
         made: What ``--out`` names.
         plot: Draws the figure of ``--plot``.
+        model: Identified model for the file of ``--out``.
     """
+    from robot_energy.model import save
     from robot_energy.report.html import write_page
     from robot_energy.report.printing import print_document
 
@@ -217,6 +221,8 @@ def present(
     with all_or_none():
         if files["json"] is not None:
             write_json(files["json"], result.to_dict())
+        if files["out"] is not None and model is not None:
+            save(model, files["out"])
         if files["plot"] is not None and plot is not None:
             plot(files["plot"])
         if files["report"] is not None:

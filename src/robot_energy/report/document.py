@@ -15,9 +15,9 @@ from typing import Any, Literal
 from robot_energy.errors import ReportError
 from robot_energy.report.formats import NOTHING
 
-MAX_DEPTH = 4  # of headings
 Where = Literal["both", "page", "terminal"]
-Kind = Literal["plain", "strong", "note", "problem"]
+Kind = Literal["plain", "strong", "note", "problem", "command", "h2", "h3", "h4"]
+HEADINGS: dict[int, Kind] = {2: "h2", 3: "h3", 4: "h4"}
 Draw = Callable[[BytesIO], object]
 Rows = Sequence[Sequence[str]]
 
@@ -64,16 +64,13 @@ class Column:
 
 
 @dataclass(frozen=True)
-class Heading:
-    """Beginning of a section of depth 2 to 4."""
+class Text:
+    """A heading, a sentence, or a command line that makes what is shown.
 
-    text: str
-    depth: int
-
-
-@dataclass(frozen=True)
-class Sentence:
-    """A line or paragraph; a note or problem must not be overlooked."""
+    Attributes:
+        text: What it says.
+        kind: A note or problem must not be overlooked; commands are for pages.
+    """
 
     text: str
     kind: Kind = "plain"
@@ -81,19 +78,19 @@ class Sentence:
 
 @dataclass(frozen=True)
 class Table:
-    """Cells, as many in each row as there are columns; ``total`` is a last row of sums."""
+    """Cells, as many in each row as there are columns; no columns: names and values.
+
+    Attributes:
+        title: Above the table.
+        columns: Headings.
+        rows: Cells.
+        total: A last row of sums.
+    """
 
     title: str
     columns: Sequence[str]
     rows: Rows
     total: Sequence[str] | None = None
-
-
-@dataclass(frozen=True)
-class Pairs:
-    """Names and values."""
-
-    rows: Sequence[tuple[str, str]]
 
 
 @dataclass(frozen=True)
@@ -104,14 +101,7 @@ class Figure:
     caption: str
 
 
-@dataclass(frozen=True)
-class Command:
-    """A command line that makes what is shown; for pages."""
-
-    text: str
-
-
-Part = Heading | Sentence | Table | Pairs | Figure | Command
+Part = Text | Table | Figure
 
 
 class Document:
@@ -154,13 +144,13 @@ class Document:
         Raises:
             ReportError: If the depth is not 2, 3 or 4.
         """
-        if not 2 <= depth <= MAX_DEPTH:
-            raise ReportError(f"a heading of depth {depth}", f"2 to {MAX_DEPTH}")
-        self.add(Heading(text, depth))
+        if depth not in HEADINGS:
+            raise ReportError(f"a heading of depth {depth}", f"2 to {max(HEADINGS)}")
+        self.paragraph(text, HEADINGS[depth])
 
     def paragraph(self, text: str = "", kind: Kind = "plain") -> None:
         """Add text; pages set what stands between backticks as code, and leave out no text."""
-        self.add(Sentence(text, kind))
+        self.add(Text(text, kind))
 
     def note(self, text: str) -> None:
         """Add a sentence that must not be overlooked: a warning, or what is not known."""
@@ -173,11 +163,11 @@ class Document:
 
     def command(self, text: str) -> None:
         """Add a command line that makes what is shown."""
-        self.add(Command(text))
+        self.paragraph(text, "command")
 
     def pairs(self, rows: Sequence[tuple[str, str]]) -> None:
         """Add names and values."""
-        self.add(Pairs(rows))
+        self.add(Table("", (), rows))
 
     def figure(self, draw: Draw, caption: str) -> None:
         """Add a figure.

@@ -58,6 +58,7 @@ def drives_document(report: DrivesReport, page: Document) -> None:
         _drives(report.drives, report.delay, page)
     if report.total is not None:
         _total(report.total, page)
+    page.notes(report.notes)
 
 
 def mapped(fit: DrivesFit | None) -> list[AxisFit]:

@@ -14,16 +14,7 @@ from io import BytesIO
 from pathlib import Path
 
 from robot_energy.files.output_files import HTML, HTML_MARK, write_file
-from robot_energy.report.document import (
-    Command,
-    Document,
-    Figure,
-    Heading,
-    Pairs,
-    Part,
-    Sentence,
-    Table,
-)
+from robot_energy.report.document import HEADINGS, Document, Figure, Part, Table, Text
 from robot_energy.shown_text import shown_lines
 
 LEFT = ' class="text"'
@@ -83,20 +74,18 @@ def page_html(document: Document) -> str:
         document: What it says.
     """
     parts = document.shown("page")
-    anchors = [
-        f"{place}-{re.sub(r'[^a-z0-9]+', '-', part.text.lower()).strip('-')}"
-        if isinstance(part, Heading)
-        else ""
+    anchors = {
+        place: f"{place}-{re.sub(r'[^a-z0-9]+', '-', part.text.lower()).strip('-')}"
         for place, part in enumerate(parts)
-    ]
+        if isinstance(part, Text) and part.kind == "h2"
+    }
     sections = [
-        f'<li><a href="#{anchor}">{_escape(part.text)}</a></li>'
-        for part, anchor in zip(parts, anchors, strict=True)
-        if isinstance(part, Heading) and part.depth == 2
+        f'<li><a href="#{anchor}">{_escape(str(getattr(parts[place], "text", "")))}</a></li>'
+        for place, anchor in anchors.items()
     ]
     contents = f"<nav><ol>{''.join(sections)}</ol></nav>" if len(sections) > 2 else ""
     lead = f'<p class="lead">{_prose(document.lead)}</p>' if document.lead else ""
-    body = "\n".join(_part(part, anchor) for part, anchor in zip(parts, anchors, strict=True))
+    body = "\n".join(_part(part, anchors.get(place, "")) for place, part in enumerate(parts))
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
         f"{HTML_MARK}"
@@ -108,32 +97,31 @@ def page_html(document: Document) -> str:
 
 def _part(part: Part, anchor: str) -> str:
     match part:
-        case Heading(text, depth):
-            return f'<h{depth} id="{anchor}">{_escape(text)}</h{depth}>'
-        case Sentence("", _):
+        case Table():
+            return _table(part)
+        case Figure():
+            return _figure(part)
+        case Text("", _):
             return ""
-        case Sentence(text, kind):
+        case Text(text, "command"):
+            return f"<pre><code>{_escape(text)}</code></pre>"
+        case Text(text, kind) if kind in HEADINGS.values():
+            place = f' id="{anchor}"' if anchor else ""
+            return f"<{kind}{place}>{_escape(text)}</{kind}>"
+        case Text(text, kind):
             style = {"plain": "", "strong": ' class="strong"'}.get(kind, ' class="note"')
             before = "problem: " if kind == "problem" else ""
             return f"<p{style}>{_prose(before + text)}</p>"
-        case Table():
-            return _table(part)
-        case Pairs(rows):
-            return _table(Table("", ("", ""), rows))
-        case Figure():
-            return _figure(part)
-        case Command(text):
-            return f"<pre><code>{_escape(text)}</code></pre>"
 
 
 def _table(table: Table) -> str:
     body = [*table.rows, *([table.total] if table.total is not None else [])]
+    columns = table.columns or ("", "")
     left = [
-        index == 0 or any(len(row[index]) > PROSE for row in body)
-        for index in range(len(table.columns))
+        index == 0 or any(len(row[index]) > PROSE for row in body) for index in range(len(columns))
     ]
     lines = [
-        _row("th", table.columns, left),
+        _row("th", columns, left),
         *(_row("td", row, left) for row in table.rows),
         *([] if table.total is None else [_row("td", table.total, left, ' class="total"')]),
     ]

@@ -7,22 +7,13 @@ from collections.abc import Sequence
 
 from rich.cells import cell_len
 from rich.console import Console
-from rich.text import Text
+from rich.text import Text as Line
 
-from robot_energy.report.document import (
-    Command,
-    Document,
-    Figure,
-    Heading,
-    Pairs,
-    Part,
-    Sentence,
-    Table,
-)
+from robot_energy.report.document import HEADINGS, Document, Figure, Part, Table, Text
 from robot_energy.report.layout import MIN_PROSE_WIDTH, fitted_table
 from robot_energy.shown_text import shown_lines
 
-STYLES = {"plain": "", "strong": "bold", "note": "", "problem": "bold red"}
+STYLES = {"strong": "bold", "problem": "bold red"}
 
 
 def print_document(document: Document, console: Console) -> None:
@@ -38,18 +29,18 @@ def print_document(document: Document, console: Console) -> None:
 
 def _print(part: Part, console: Console) -> None:
     match part:
-        case Heading(text, depth):
+        case Figure() | Text(_, "command"):
+            pass
+        case Text(text, kind) if kind in HEADINGS.values():
             console.print()
-            _line(console, text.upper() if depth == 2 else text, "bold underline")
-        case Sentence(text, kind):
+            _line(console, text.upper() if kind == "h2" else text, "bold underline")
+        case Text(text, kind):
             before = f"{kind}: " if kind in ("note", "problem") else ""
-            _line(console, before + text, STYLES[kind])
+            _line(console, before + text, STYLES.get(kind, ""))
+        case Table(_, (), rows):
+            _pairs(console, rows)
         case Table():
             table(console, part.title, part.columns, part.rows, part.total)
-        case Pairs(rows):
-            _pairs(console, rows)
-        case Figure() | Command():
-            pass
 
 
 def table(
@@ -67,12 +58,12 @@ def table(
     console.print(fitted_table(columns, rows, console.width, total), crop=False)
 
 
-def _pairs(console: Console, rows: Sequence[tuple[str, str]]) -> None:
+def _pairs(console: Console, rows: Sequence[Sequence[str]]) -> None:
     """Names and values, then an empty line; long values wrap between words."""
-    rows = [(shown_lines(name), shown_lines(value)) for name, value in rows]
-    lead = max((cell_len(name) for name, _ in rows), default=0)
+    shown = [(shown_lines(name), shown_lines(value)) for name, value in rows]
+    lead = max((cell_len(name) for name, _ in shown), default=0)
     room = max(console.width - lead - 1, MIN_PROSE_WIDTH)
-    for name, value in rows:
+    for name, value in shown:
         words = textwrap.wrap(value, room, break_long_words=False, break_on_hyphens=False)
         for place, part in enumerate(words or [""]):
             before = "" if place else name
@@ -82,7 +73,7 @@ def _pairs(console: Console, rows: Sequence[tuple[str, str]]) -> None:
 
 def _line(console: Console, text: str, style: str = "") -> None:
     """One line as it is, without wrapping or markup."""
-    console.print(Text(shown_lines(text), style=style), soft_wrap=True)
+    console.print(Line(shown_lines(text), style=style), soft_wrap=True)
 
 
 def _cells(row: Sequence[str]) -> list[str]:

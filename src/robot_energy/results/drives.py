@@ -92,6 +92,7 @@ class DrivesReport(Result):
         drives: From the power of each drive; None without.
         delay: Of that power behind the joint states; None where it cannot be told.
         total: From one meter for all drives; None without.
+        notes: What was decided for the model file without data, one sentence each.
     """
 
     NAME: ClassVar[str] = "drives"
@@ -100,6 +101,7 @@ class DrivesReport(Result):
     drives: DrivesFit | None
     delay: Delay | None
     total: TotalPower | None
+    notes: tuple[str, ...]
 
 
 def drives_report(found: DrivesFound, torque: str = "", notes: Sequence[str] = ()) -> DrivesReport:
@@ -110,16 +112,15 @@ def drives_report(found: DrivesFound, torque: str = "", notes: Sequence[str] = (
         torque: Where the torque comes from.
         notes: What was decided for the model file without data, one sentence each.
     """
-    total = None if found.total is None else total_power(found.total, notes)
-    return DrivesReport(torque, found.drives, found.delay, total)
+    total = None if found.total is None else total_power(found.total)
+    return DrivesReport(torque, found.drives, found.delay, total, tuple(notes))
 
 
-def total_power(found: TotalFound, notes: Sequence[str] = ()) -> TotalPower:
+def total_power(found: TotalFound) -> TotalPower:
     """Return what was found from one meter for all drives.
 
     Args:
         found: Pieces between its readings and losses behind them.
-        notes: What was decided for the model file without data, one sentence each.
     """
     data, fit = found.data, found.fit
     return TotalPower(
@@ -138,7 +139,7 @@ def total_power(found: TotalFound, notes: Sequence[str] = ()) -> TotalPower:
         held_out=found.held_out,
         ways=found.scores,
         meter_delay=found.delay,
-        notes=(*_not_told(fit), *notes),
+        notes=tuple(_not_told(fit)),
     )
 
 
