@@ -170,10 +170,10 @@ def _groups(page: Document, report: DynamicsReport) -> None:
         Column("value", "value", significant(5)),
         Column("std", "std", significant(2)),
         Column("95 % +-", "interval_95", significant(2)),
-        Column("told", lambda one: "less than the URDF" if one.told_less_than_urdf else ""),
+        Column("better known by", lambda one: "the URDF" if one.told_less_than_urdf else ""),
     ]
     for title, weak in (
-        ("base parameters that the recording tells", False),
+        ("base parameters determined by the recording", False),
         ("base parameters weakly excited: 95 % interval wider than the parameter itself", True),
     ):
         rows = [entry for entry in report.base_parameters if entry.weakly_excited is weak]

@@ -61,7 +61,10 @@ def energy_text(energy: float) -> str:
 
 def percent(ratio: float | None, sign: bool = False) -> str:
     """Return a ratio in percent."""
-    return NOTHING if ratio is None else f"{100 * ratio:{'+' if sign else ''}.1f} %"
+    if ratio is None:
+        return NOTHING
+    text = number(100 * ratio, 1)
+    return f"{'+' if sign and not text.startswith('-') else ''}{text} %"
 
 
 def signed_percent(ratio: float | None) -> str:

@@ -9,7 +9,7 @@ from rich.console import Console
 from logbook import wheel_bag
 from robot_energy.bag_replay import replay
 from robot_energy.report.document import Document
-from robot_energy.report.formats import EnergyFormat, energy_text, watt_hour
+from robot_energy.report.formats import EnergyFormat, energy_text, percent, watt_hour
 from robot_energy.report.printing import print_document
 from robot_energy.report.replay import replay_document
 from robot_energy.results.replay import ReplayReport, replay_report
@@ -70,3 +70,8 @@ def test_one_unit_and_precision_for_a_whole_report() -> None:
     assert scale.joule(None) == watt_hour(None) == "-"
     assert watt_hour(3600.0) == "1.000 Wh"
     assert EnergyFormat(0.0).joule(0.0) == "0.000"
+
+
+def test_a_ratio_is_never_minus_zero() -> None:
+    assert (percent(-1e-5), percent(-1e-5, sign=True), percent(None)) == ("0.0 %", "+0.0 %", "-")
+    assert (percent(-0.021, sign=True), percent(0.5, sign=True)) == ("-2.1 %", "+50.0 %")
