@@ -16,6 +16,7 @@ CORE = [
     "mcap>=1.1,<2",
     "numpy>=1.26,<3",
     "pin>=3.2,<5",
+    "polars>=1.20,<3",
     "pydantic>=2.7,<3",
     "PyYAML>=6.0",
     "rich>=13.7",
@@ -26,6 +27,7 @@ CORE = [
 ]
 IDENTIFY = ["clarabel>=0.9,<1", "threadpoolctl>=3.1"]
 REPORT = ["matplotlib>=3.8"]
+PAPERS = ["Jinja2>=3.1", *IDENTIFY, *REPORT]
 
 # Files of a colcon workspace; a wheel has its console script and needs none of them.
 WORKSPACE = [
@@ -46,9 +48,11 @@ setup(
             "py.typed",
             "models/*.yaml",
             "models/*.urdf",
+            "rig/profiles/*.yaml",
             # A link to the interface package: one source of truth for the messages.
             "cdr/msg/*.msg",
-        ]
+        ],
+        "robot_energy_papers": ["templates/*.j2"],
     },
     data_files=[] if "bdist_wheel" in sys.argv else WORKSPACE,
     entry_points={
@@ -60,8 +64,8 @@ setup(
     extras_require={
         "identify": IDENTIFY,
         "report": REPORT,
-        "papers": [*IDENTIFY, *REPORT],
-        "all": [*IDENTIFY, *REPORT],
+        "papers": PAPERS,
+        "all": PAPERS,
         # Not `tests_require`: with it newer setuptools make colcon find no tests.
         "test": ["pytest", "hypothesis"],
     },

@@ -11,7 +11,7 @@ from robot_energy.blocks import Float, MeterLocation, MeterMeaning
 from robot_energy.identify.drives.drive_data import DriveData, drive_data_of_logs
 from robot_energy.logs.recording import FileAccount, LogBlock, RecordingContents, write_bag
 from robot_energy.motion import random_program
-from robot_energy.rig import RigConfig, VirtualRig, kr16_profile
+from robot_energy.rig import RigConfig, VirtualRig, load_profile
 from robot_energy.rig.output import RigOutput, Truth
 from robot_energy.rig.record import outputs
 
@@ -25,7 +25,7 @@ def run(
     seed: int, duration: float = 40.0, degc: float = 40.0, config: RigConfig | None = None
 ) -> tuple[VirtualRig, RigOutput]:
     """Play the KR 16 class rig."""
-    profile = kr16_profile()
+    profile = load_profile("kr16")
     limits = profile.motion_limits(profile.mechanics()[0])
     program = random_program(limits, seed, dwell=0.3)
     rig = VirtualRig(profile, program, config or RigConfig(), seed, degc)

@@ -9,13 +9,15 @@ from typing import Any
 import numpy as np
 
 from robot_energy.bag import BagReader
-from robot_energy.blocks import JointBlock, MeterBlock, TemperatureBlock
+from robot_energy.blocks import Float, Int, JointBlock, MeterBlock, TemperatureBlock
 from robot_energy.cdr.batch import RawBatch
 from robot_energy.cdr.decode import Decoder, stamp_ns
 from robot_energy.inputs.joint_states.joint_states import JointStateIngest
 from robot_energy.inputs.meter.meter import MeterIngest
-from robot_energy.logs import import_csv
-from robot_energy.logs.mapping import LogMapping
+from robot_energy.logs import FileAccount, import_log
+from robot_energy.logs.mapping import LogMapping, Time
+from robot_energy.logs.rows import Clock, number_rows, usable_rows
+from robot_energy.logs.table import LogTable
 from robot_energy.model import save
 from robots import one_wheel
 
@@ -70,7 +72,7 @@ def wheel_bag(
     """The same as a bag; without power there is no meter."""
     log = wheel_csv(folder / "wheel.csv", power, **shape)
     meter = None if power is None else {**WHEEL_MAPPING["power"], "location": location}
-    import_csv(log, mapping(power=meter), folder / "bag")
+    import_log(log, mapping(power=meter), folder / "bag")
     return folder / "bag"
 
 
@@ -79,6 +81,27 @@ def wheel_model(folder: Path, **changes: Any) -> Path:
     path = folder / "wheel.yaml"
     save(one_wheel(**changes), path)
     return path
+
+
+def table_rows(
+    path: Path,
+    numbers: Sequence[str],
+    time: dict[str, Any] | None = None,
+    required: int = 1,
+    last_ns: int | None = None,
+    **of_table: Any,
+) -> tuple[Float, Int, FileAccount]:
+    """Numbers and instants of the usable rows of one table, and the account of all."""
+    spec = Time.model_validate(time or {"column": "t"})
+    texts = [name for name in (spec.column, spec.run) if name is not None]
+    account, clock = FileAccount(path=path), Clock(spec)
+    values, instants = [], []
+    for rows in number_rows(LogTable(path, **of_table), numbers, texts):
+        instant, known = clock.instants(rows)
+        used, last_ns = usable_rows(rows, instant, known, required, last_ns, account)
+        values.append(rows.values[used])
+        instants.append(instant[used])
+    return np.concatenate(values), np.concatenate(instants), account
 
 
 def read_bag(

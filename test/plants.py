@@ -3,14 +3,29 @@
 import numpy as np
 
 import robots
+from robot_energy.blocks import JointBlock
 from robot_energy.model import save
 from robot_energy.motion import MotionLimits, Program
-from robot_energy.rig import Lubricant, PlantProfile, SupplyProfile
+from robot_energy.rig import Lubricant, PlantProfile, RigJoints, SupplyProfile
 
 TRANSMISSION = np.array([[100.0, 0.0], [10.0, -50.0]])
 ROTOR = np.array([1e-4, 2e-5])
 LIMITS = MotionLimits(np.full(2, -2.0), np.full(2, 2.0), np.array([2.0, 3.0]), np.array([6.0, 9.0]))
 PROGRAM = Program(np.array([[0.3, -1.0], [1.4, 0.8], [-0.6, 1.2]]), LIMITS, dwell=0.15)
+
+
+def joint_block(joints: RigJoints) -> JointBlock:
+    """Joint states of a rig as the pipeline takes them: one segment of good samples."""
+    rows, unknown = len(joints), np.full_like(joints.joint_velocity, np.nan)
+    return JointBlock(
+        stamp_ns=joints.stamp_ns,
+        segment=np.zeros(rows, dtype=np.int64),
+        quality=np.zeros(rows, dtype=np.uint32),
+        joint_position=joints.joint_position,
+        joint_velocity=joints.joint_velocity,
+        joint_acceleration=unknown,
+        joint_effort=unknown,
+    )
 
 
 def two_link_profile(folder, **changes) -> PlantProfile:

@@ -13,7 +13,7 @@ from robot_energy.cdr.batch import RawBatch
 from robot_energy.cdr.decode import Decoder
 from robot_energy.model import load, save
 from robot_energy.pipeline import Settings
-from robot_energy.rig import kr16_profile
+from robot_energy.rig import load_profile
 from robot_energy_papers.experiment import make_programs, soaked
 from robot_energy_papers.held_out import held_out
 from robot_energy_papers.models import FOLLOWS, fixed_name, identify
@@ -167,7 +167,7 @@ def test_three_nodes_give_the_figures_of_the_study_of_paper_a(bench, study, kind
 def study(tmp_path_factory):
     """A small study of paper A: models identified at three temperatures, tested at 60 degC."""
     folder = tmp_path_factory.mktemp("paper_a")
-    profile = kr16_profile()
+    profile = load_profile("kr16")
     programs = make_programs(profile, 0, moves=14)
     train = soaked(profile, programs.train, (20.0, 45.0, 75.0), folder, "train", 1)
     rest = soaked(profile, programs.hold, (50.0,), folder, "rest", 1)

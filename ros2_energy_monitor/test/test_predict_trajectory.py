@@ -18,7 +18,7 @@ from robot_energy.bag import BagWriter
 from robot_energy.cdr.types import typestore
 from robot_energy.cli.main import main
 from robot_energy.model import load
-from robot_energy.motion.trajectory_reader import MESSAGE
+from robot_energy.motion.trajectory_io import MESSAGE
 from ros2_energy_monitor.nodes.energy_monitor import EnergyMonitor
 
 MODEL = load("kr16")

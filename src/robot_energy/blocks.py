@@ -1,8 +1,10 @@
 """Frozen records of numpy arrays that travel between the stages.
 
 A block holds ``N >= 1`` samples in time order. Arrays are ``(N,)`` or ``(N, n_joints)``
-with joints in the order of the model file. Stamps are integer nanoseconds of the
-instant that the sample describes. SI units without suffix; temperatures in degC.
+with joints in the order of the model file, each joint contiguous in memory (order F), as
+almost every operation runs along the samples; the other order is slower and as right.
+Stamps are integer nanoseconds of the instant that the sample describes. SI units without
+suffix; temperatures in degC.
 
 ``segment`` counts the pieces of a recording that belong together: it grows by one at
 every gap and at every backward jump of the stamps. Nothing is integrated or

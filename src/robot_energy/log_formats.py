@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -58,17 +58,35 @@ def _ur_recording(log: str, out: Path, joint_names: Sequence[str]) -> ImportRepo
     return import_ur_rtde([log], out, joint_names)
 
 
-def _csv_arguments(parser: ArgumentParser) -> None:
-    parser.add_argument("log", metavar="LOG", help="CSV file, plain or .gz")
+def _table_arguments(parser: ArgumentParser) -> None:
+    parser.add_argument("log", nargs="+", metavar="LOG", help="tables of one recording")
     parser.add_argument("--mapping", required=True, metavar="FILE", help="YAML file")
 
 
-def _run_csv(args: Namespace) -> ImportReport:
-    from robot_energy.logs import import_csv, load_mapping
+def _run_table(args: Namespace) -> ImportReport:
+    from robot_energy.logs import import_log, load_mapping
 
-    return import_csv(args.log, load_mapping(args.mapping), args.out, args.overwrite)
+    return import_log(args.log, load_mapping(args.mapping), args.out, args.overwrite)
 
 
+_TABLE = LogFormat(
+    name="table",
+    label="tables",
+    line="any table (CSV, gzip, Parquet), by a mapping of its columns",
+    description="""\
+Turn any table (CSV, plain or .gz, or Parquet) into a bag, by a small YAML file that says
+which column means what, in which unit. Several files become one recording, in the order of
+their time. If the mapping names the files, LOG is their folder. Commented examples:
+src/examples/mappings.
+""",
+    epilog="""\
+examples:
+  robot-energy import table log.csv.gz --mapping kr300.yaml --out kr300_bag
+  robot-energy import table monday.parquet tuesday.parquet --mapping cell.yaml --out cell_bag
+""",
+    add_arguments=_table_arguments,
+    run=_run_table,
+)
 LOG_FORMATS = Kinds(
     "log format",
     LogFormat(
@@ -91,21 +109,8 @@ example:
         run=_run_ur,
         recording=_ur_recording,
     ),
-    LogFormat(
-        name="csv",
-        label="CSV",
-        line="any CSV log, by a mapping of its columns",
-        description="""\
-Turn any CSV log (plain or .gz, with a header) into a bag, by a small YAML file that says
-which column means what, in which unit. Commented examples: src/examples/mappings.
-""",
-        epilog="""\
-example:
-  robot-energy import csv log.csv.gz --mapping kr300.yaml --out kr300_bag
-""",
-        add_arguments=_csv_arguments,
-        run=_run_csv,
-    ),
+    _TABLE,
+    replace(_TABLE, name="csv", label="CSV", line="the same as `table`"),
 )
 
 

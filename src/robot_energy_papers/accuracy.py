@@ -64,6 +64,9 @@ def accuracies(predicted: Float, measured: Float, duration: Float) -> dict[Defin
         predicted: Shape (N, n). [W]
         measured: Shape (N, n). [W]
         duration: That each sample stands for, shape (N,). [s]
+
+    Returns:
+        By definition.
     """
     result: dict[Definition, Accuracy] = {}
     for definition in DEFINITIONS:

@@ -15,7 +15,6 @@ from robot_energy.motion import random_program, tool_above
 from robot_energy.rig import PlantProfile, RigConfig, VirtualRig
 from robot_energy.rig.plant import PlantDrives
 from robot_energy.rig.record import outputs
-from robot_energy.rig.study import temperature_study
 from robot_energy.rig.supply import Supply
 from robot_energy_papers.experiment import FIRST_SEED, LEAST_HEIGHT, SEED_STEP, TOOL
 
@@ -34,6 +33,7 @@ FLOWS = (
     "loss_grid",
     "grid_power",
 )
+ELECTRICAL = ("iron_loss", "copper_loss", "inverter_loss", "rectifier_loss")
 
 
 @dataclass(frozen=True)
@@ -77,9 +77,26 @@ class Calibration:
     flows: dict[float, dict[str, float]]
 
     def ratio(self, cold: float, hot: float) -> Float:
-        """Return the energy at one temperature over that at another, by program."""
+        """Return the energy at one temperature over that at another.
+
+        Args:
+            cold: Start temperature above the line. [degC]
+            hot: Start temperature below the line. [degC]
+
+        Returns:
+            Shape (programs,). [-]
+        """
         column = self.start_degc.tolist()
         return self.mean_power[:, column.index(cold)] / self.mean_power[:, column.index(hot)]
+
+    def electrical_over_mechanical(self, degc: float) -> float:
+        """Return the losses of motors, inverters and rectifier over those of friction. [-]
+
+        Args:
+            degc: Start temperature. [degC]
+        """
+        flow = self.flows[degc]
+        return sum(flow[name] for name in ELECTRICAL) / flow["friction_power"]
 
 
 def holding_power(profile: PlantProfile, joint_position: Float, motor_degc: float) -> Float:
@@ -114,6 +131,9 @@ def calibrate(profile: PlantProfile, seed: int, programs: int, moves: int) -> Ca
         programs: How many programs of the kind of the experiment; >= 1.
         moves: Motions in each.
 
+    Returns:
+        What the plant does.
+
     Raises:
         RigError: If no program is asked for.
     """
@@ -123,22 +143,22 @@ def calibrate(profile: PlantProfile, seed: int, programs: int, moves: int) -> Ca
     limits = profile.motion_limits(robot)
     above = tool_above(robot, TOOL, LEAST_HEIGHT)
     first = FIRST_SEED + SEED_STEP * seed
-    mean, peak = np.empty((programs, len(PROGRAM_DEGC))), np.empty((programs, len(PROGRAM_DEGC)))
+    mean, peak = np.empty((2, programs, len(PROGRAM_DEGC)))
     flows: dict[float, dict[str, float]] = {}
     for number in range(programs):
         program = random_program(limits, first + number, moves, accept=above)
-        rows = temperature_study(profile, program, {}, PROGRAM_DEGC, seed=seed)
-        mean[number] = [row.true_power for row in rows]
-        peak[number] = [row.peak_power for row in rows]
-        if number == 0:
-            for degc in PROGRAM_DEGC:
-                rig = VirtualRig(profile, program, None, seed, degc)
-                truth = [piece.truth for piece in outputs(rig, program.period)]
-                rows_of = sum(len(part) for part in truth)
-                flows[degc] = {
-                    name: float(sum(getattr(part, name).sum() for part in truth)) / rows_of
-                    for name in FLOWS
-                }
+        for column, degc in enumerate(PROGRAM_DEGC):
+            rig = VirtualRig(profile, program, None, seed, degc)
+            truth = [piece.truth for piece in outputs(rig, program.period)]
+            samples = sum(len(part) for part in truth)
+            flow = {
+                name: float(sum(getattr(part, name).sum() for part in truth)) / samples
+                for name in FLOWS
+            }
+            mean[number, column] = flow["grid_power"]
+            peak[number, column] = max(float(part.grid_power.max()) for part in truth)
+            if number == 0:
+                flows[degc] = flow
     generator = np.random.default_rng(seed)
     drawn: list[Float] = []
     while len(drawn) < POSES:

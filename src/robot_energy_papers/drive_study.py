@@ -85,8 +85,14 @@ class DriveTest:
 def identify_drives(runs: Sequence[PrintRun]) -> DrivesFit:
     """Identify maps and losses of every drive from excitation runs.
 
+    Args:
+        runs: Read with the model to identify from.
+
+    Returns:
+        The fit of all drives.
+
     Raises:
-        NotIdentifiableError: If the runs do not tell a drive.
+        NotIdentifiableError: If a drive cannot be identified from the runs.
     """
     recordings, powers = [run.recording for run in runs], [run.power for run in runs]
     data = drive_data(recordings, powers, measured_torque=True)
@@ -103,6 +109,9 @@ def tested(runs: Mapping[str, PrintRun], fit: DrivesFit) -> dict[str, DriveTest]
     Args:
         runs: By name, read with the identified model.
         fit: Of the drives.
+
+    Returns:
+        By the names of the runs.
     """
     drives: dict[Way, Drive] = {
         "map": EfficiencyMaps([a.map.entry for a in fit.axes if a.map is not None]),

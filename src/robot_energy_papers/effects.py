@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 from robot_energy.files.temporary_folder import TemporaryFolder
 from robot_energy.model import load
-from robot_energy.rig import RigConfig, kr16_profile
+from robot_energy.rig import RigConfig, load_profile
 from robot_energy_papers.experiment import Programs, make_programs, soaked
 from robot_energy_papers.held_out import held_out
 from robot_energy_papers.models import FIXED_DEGC, FOLLOWS, fixed_name, identify
@@ -85,6 +85,11 @@ class EffectRow:
         """Its greatest error in size, with its sign. [-]"""
         return max(self.follows, key=abs)
 
+    @property
+    def worst_fixed(self) -> float:
+        """Greatest error in size of fixed friction, with its sign. [-]"""
+        return max(self.fixed, key=abs)
+
 
 def configurations(names: Sequence[str] | None = None) -> dict[str, RigConfig]:
     """Return the rigs by name.
@@ -115,10 +120,13 @@ def effect_row(name: str, config: RigConfig, rigs: Rigs, seed: int) -> EffectRow
         rigs: Temperatures and length.
         seed: Of the study; every rig has the same programs, meter and noise.
 
+    Returns:
+        What came out.
+
     Raises:
         RobotEnergyError: If rig, bags or fits fail.
     """
-    profile = kr16_profile()
+    profile = load_profile("kr16")
     programs: Programs = make_programs(profile, seed, rigs.moves)
     train_seed, test_seed = rig_seeds(seed)
     with TemporaryFolder() as place:
@@ -146,5 +154,11 @@ def effect_row(name: str, config: RigConfig, rigs: Rigs, seed: int) -> EffectRow
 
 
 def rig_seeds(seed: int) -> tuple[int, int]:
-    """Seeds of the rig that is identified and of the one that tests: two meters, two days."""
+    """Return the seeds of the rig that is identified and of the one that tests.
+
+    They differ in their meters and their noise.
+
+    Args:
+        seed: Of the study.
+    """
     return 2 * seed + 1, 2 * seed + 2

@@ -121,6 +121,9 @@ def make_programs(profile: PlantProfile, seed: int, moves: int = MOVES) -> Progr
         profile: The plant.
         seed: Of the study.
         moves: Motions in a set.
+
+    Returns:
+        The programs.
     """
     robot, _ = profile.mechanics()
     limits = profile.motion_limits(robot)

@@ -55,7 +55,11 @@ class SetRow:
         return self.measured_energy / self.compared
 
     def error(self, model: str) -> float:
-        """Return predicted over measured energy, less 1. [-]"""
+        """Return predicted over measured energy, less 1. [-]
+
+        Args:
+            model: Name of the model.
+        """
         return self.predicted[model] / self.measured_energy - 1.0
 
 
@@ -110,7 +114,12 @@ def _row(entry: MotionSet, models: Mapping[str, RobotModel], reference: str) -> 
 
 
 def worst(rows: Sequence[SetRow], model: str) -> float:
-    """Return the greatest error of a model in size, with its sign. [-]"""
+    """Return the greatest error of a model in size, with its sign. [-]
+
+    Args:
+        rows: Held-out sets.
+        model: Name of the model.
+    """
     errors = [row.error(model) for row in rows]
     return max(errors, key=abs)
 

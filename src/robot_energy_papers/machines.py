@@ -20,7 +20,7 @@ from robot_energy.motion.tool_timing import TimedPath
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.pipeline import EnergyPipeline, Output, Settings
-from robot_energy.rig import PROFILES, RigOutput, VirtualRig
+from robot_energy.rig import RigOutput, VirtualRig, load_profile
 from robot_energy.rig.record import outputs
 from robot_energy_papers.mantis import Smooth
 from robot_energy_papers.wall import Wall
@@ -129,7 +129,11 @@ class Energies:
     cabinet: float
 
     def plus(self, other: Energies) -> Energies:
-        """Return the sum of two stretches of time."""
+        """Return the sum of two time spans.
+
+        Args:
+            other: The other span.
+        """
         return Energies(
             self.duration + other.duration,
             self.net + other.net,
@@ -176,6 +180,9 @@ def predicted(model: RobotModel, motion: ToolMotion) -> tuple[Energies, Curve]:
     Args:
         model: The model.
         motion: The motion.
+
+    Returns:
+        Its energies, and its power over time.
     """
     pipeline = EnergyPipeline(model, Settings(power_period=None, temperature_assumed=True))
     warm: TemperatureBlock | None = TemperatureBlock(
@@ -216,9 +223,12 @@ def played(machine: Machine, motion: ToolMotion, seed: int) -> tuple[Energies, C
         machine: The machine.
         motion: The motion.
         seed: Of the rig.
+
+    Returns:
+        Its energies, and its power over time.
     """
     smooth = Smooth(motion)
-    profile = PROFILES[machine.model]()
+    profile = load_profile(machine.model)
     rig = VirtualRig(profile, smooth, None, seed, MOTOR_DEGC, MOTOR_DEGC)
     truth = RigOutput.concatenate(list(outputs(rig, smooth.duration))).truth
     time = (truth.stamp_ns - truth.stamp_ns[0]) * 1e-9

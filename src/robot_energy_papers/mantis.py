@@ -104,7 +104,11 @@ class AfterRest:
         return self._motion.n_joints
 
     def sample(self, time: Float) -> Trajectory:
-        """Return the motion at times since the start of the rest, shape (N,). [s]"""
+        """Return the motion.
+
+        Args:
+            time: Since the start of the rest, shape (N,). [s]
+        """
         local = np.asarray(time, dtype=np.float64) - LEAD
         moving = ((local >= 0.0) & (local <= self._duration))[:, None]
         # A whole period is the start again: stay just before it.
@@ -133,7 +137,11 @@ class Smooth:
         self.n_joints = position.shape[1]
 
     def sample(self, time: Float) -> Trajectory:
-        """Return the motion at times since its start, held at both ends, shape (N,). [s]"""
+        """Return the motion, held at both ends.
+
+        Args:
+            time: Since its start, shape (N,). [s]
+        """
         inside = np.clip(time, 0.0, self.duration)
         return Trajectory(*(np.asarray(curve(inside)) for curve in self._curves))
 
@@ -141,7 +149,14 @@ class Smooth:
 def excitation(
     model: RobotModel, profile: PlantProfile, seed: int, iterations: int = 40
 ) -> FourierMotion:
-    """Return an optimised excitation motion (paper B, 4.3.2)."""
+    """Return an optimised excitation motion (paper B, 4.3.2).
+
+    Args:
+        model: Whose parameters are to be identified.
+        profile: The plant; its accelerations are not exceeded.
+        seed: Of the search.
+        iterations: Of the search.
+    """
     limits = ExcitationLimits(model, profile.acceleration)
     settings = ExcitationSettings(
         harmonics=HARMONICS, period=PERIOD, starts=1, iterations=iterations, seed=seed
@@ -150,7 +165,12 @@ def excitation(
 
 
 def slower(motion: FourierMotion, share: float) -> FourierMotion:
-    """Return the same path at a share of the speed: accelerations fall with its square."""
+    """Return the same path at a share of the speed: accelerations fall with its square.
+
+    Args:
+        motion: At full speed.
+        share: Of the speed. [-]
+    """
     basis = FourierBasis(motion.basis.harmonics, motion.period / share)
     weights = motion.weights.copy()
     weights[1:] *= share
@@ -160,7 +180,18 @@ def slower(motion: FourierMotion, share: float) -> FourierMotion:
 def recorded(
     profile: PlantProfile, motion: JointMotion, duration: float, path: Path, seed: int
 ) -> Path:
-    """Play a motion between two rests on the rig and record it to a bag."""
+    """Play a motion between two rests on the rig and record it to a bag.
+
+    Args:
+        profile: The plant.
+        motion: The motion.
+        duration: Of the motion. [s]
+        path: Folder of the bag.
+        seed: Of the rig.
+
+    Returns:
+        The bag.
+    """
     rig = VirtualRig(
         profile, AfterRest(motion, duration), None, seed, START_DEGC, START_DEGC, rate_hz=RATE
     )
@@ -169,7 +200,15 @@ def recorded(
 
 
 def read_run(path: Path, model: RobotModel) -> PrintRun:
-    """Read a recorded run back with a model."""
+    """Read a recorded run back with a model.
+
+    Args:
+        path: The bag.
+        model: With which its stages are computed.
+
+    Returns:
+        The run.
+    """
     recording = read_recording(path, model, EffortMeaning.MOTOR_TORQUE)
     power = read_drive_power(path, DRIVE_POWER, model.joint_names)
     stamp = recording.torque.stamp_ns

@@ -26,6 +26,7 @@ from robot_energy.model.figure import PositiveFigure
 from robot_energy.model.friction_laws import ConstantLaw
 from robot_energy.model.joint import JointFriction
 from robot_energy.model.schema import Capacitor
+from robot_energy.physics.friction import viscous_law
 from robot_energy.rig import SupplyProfile
 
 FOLLOWS = "follows"  # the paper's proposed model: fv follows the motor temperature
@@ -74,9 +75,25 @@ class Identified:
     sets: tuple[SetFriction, ...]
     notes: tuple[str, ...]
 
+    def viscous(self, motor_temperature_degc: Float) -> Float:
+        """Return viscous friction of every axis by its identified law.
+
+        Args:
+            motor_temperature_degc: Shape (n,). [degC]
+
+        Returns:
+            Motor side, shape (n,). [N m s/rad]
+        """
+        pairs = zip(self.fits, motor_temperature_degc, strict=True)
+        return np.array([float(viscous_law(fit.law).viscous(degc)) for fit, degc in pairs])
+
 
 def fixed_name(degc: float) -> str:
-    """Return the name of the model whose friction is that of one operating point."""
+    """Return the name of the model whose friction is that of one operating point.
+
+    Args:
+        degc: Robot temperature. [degC]
+    """
     return f"fixed_{degc:.0f}"
 
 
@@ -91,8 +108,7 @@ def without_knowledge(model: RobotModel) -> RobotModel:
     joints = [joint.model_copy(update={"friction": friction}) for joint in model.joints]
     guess = PositiveFigure(value=GUESS, tag="assumed", source=UNKNOWN)
     cabinet = model.cabinet.model_copy(update={"loss_grid": guess, "loss_dc": guess})
-    update = {"joints": joints, "cabinet": cabinet, "drive": "ideal"}
-    return model.model_copy(update=update).with_urdf(model.urdf_xml, model.source)
+    return model.changed(joints=joints, cabinet=cabinet, drive="ideal")
 
 
 def identify(
@@ -171,7 +187,7 @@ def _with_tables(model: RobotModel, fits: Sequence[FrictionFit]) -> RobotModel:
         else joint
         for joint, fit in zip(model.joints, fits, strict=True)
     ]
-    return model.model_copy(update={"joints": joints}).with_urdf(model.urdf_xml, model.source)
+    return model.changed(joints=joints)
 
 
 def _with_losses(
@@ -211,4 +227,4 @@ def with_capacitor(model: RobotModel, supply: SupplyProfile) -> RobotModel:
         chopper_voltage=plate(supply.chopper_on_voltage),
     )
     cabinet = model.cabinet.model_copy(update={"capacitor": capacitor})
-    return model.model_copy(update={"cabinet": cabinet}).with_urdf(model.urdf_xml, model.source)
+    return model.changed(cabinet=cabinet)

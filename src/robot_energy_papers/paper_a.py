@@ -2,32 +2,29 @@
 
 from __future__ import annotations
 
-import signal
-from collections.abc import Callable, Generator
-from concurrent.futures import Future, ProcessPoolExecutor
-from contextlib import contextmanager
 from dataclasses import dataclass
-from multiprocessing import active_children, get_context
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from robot_energy.blocks import Float
 from robot_energy.errors import RigError
-from robot_energy.model import load
-from robot_energy.rig import RigConfig, kr16_profile
+from robot_energy.model import RobotModel, load
+from robot_energy.rig import RigConfig, load_profile
 from robot_energy.rig.plant import PlantFriction
 from robot_energy.rig.record import RigRecording
 from robot_energy_papers.calibration import Calibration, calibrate
 from robot_energy_papers.effects import EffectRow, Rigs, configurations, effect_row, rig_seeds
 from robot_energy_papers.experiment import MOVES, MotionSet, Plan, by_motion, make_programs, soaked
-from robot_energy_papers.held_out import SetRow, held_out, shaft_power
+from robot_energy_papers.held_out import SetRow, held_out, normalised, shaft_power
+from robot_energy_papers.job_pool import Progress, Steps, job_pool
 from robot_energy_papers.models import FOLLOWS, Identified, identify
 
-Progress = Callable[[float], None]
 SHARE_BEFORE_FITS = 0.9  # of the work that the bar shows
 AXIS = 0  # of fig. 5
+REFERENCE_DEGC = 22.0  # of fig. 7a
+POWER_DEGC = 60.0  # of fig. 4
+ROUNDING = 0.5  # K, of the thermometers
 
 
 @dataclass(frozen=True)
@@ -98,6 +95,11 @@ class ShaftCurve:
     time: Float
     power: Float
 
+    @property
+    def mean_power(self) -> float:
+        """Mean over the set. [W]"""
+        return float(np.trapezoid(self.power, self.time) / (self.time[-1] - self.time[0]))
+
 
 @dataclass(frozen=True)
 class TrueFriction:
@@ -148,6 +150,67 @@ class PaperA:
         """Whether this is the short form."""
         return self.scale.train is None
 
+    @property
+    def model(self) -> RobotModel:
+        """The identified model of the paper."""
+        return self.identified.models[FOLLOWS]
+
+    @property
+    def warming(self) -> list[SetRow]:
+        """Held-out sets that were not recorded while cooling, coldest first."""
+        rows = [row for row in self.rows if row.way != "cooling"]
+        return sorted(rows, key=lambda row: row.robot_degc)
+
+    @property
+    def reference_power(self) -> float:
+        """Measured mean power at 22 degC. [W]"""
+        return normalised(self.warming, REFERENCE_DEGC)
+
+    @property
+    def friction_errors(self) -> list[tuple[Float, Float]]:
+        """Errors of the identified viscous friction in every set for identification.
+
+        Motor temperatures [degC], and identified over true friction less 1 [-], shape (n,) each.
+        """
+        return [
+            (
+                entry.motor_temperature_degc,
+                self.identified.viscous(entry.motor_temperature_degc) / entry.viscous - 1.0,
+            )
+            for entry in self.truth
+        ]
+
+    @property
+    def viscous_fall(self) -> Float:
+        """Identified viscous friction in the coldest set over that in the hottest, shape (n,)."""
+        cold, hot = (self.truth[index].motor_temperature_degc for index in (0, -1))
+        return self.identified.viscous(cold) / self.identified.viscous(hot)
+
+    @property
+    def coulomb_drift(self) -> Float:
+        """Coulomb friction of the hottest set over that of the coldest less 1, shape (n,)."""
+        sets = self.identified.sets
+        return sets[-1].coulomb / sets[0].coulomb - 1.0
+
+    @property
+    def beyond_range(self) -> tuple[int, float]:
+        """Number of held-out sets with a motor outside its fitted range, and by how much. [K]"""
+        low = np.array([fit.range_degc[0] for fit in self.identified.fits])
+        high = np.array([fit.range_degc[1] for fit in self.identified.fits])
+        degc = [entry.recording.motor_temperature_degc for entry in self.test]
+        away = [float(np.maximum(low - found, found - high).max()) for found in degc]
+        outside = [kelvin for kelvin in away if kelvin > ROUNDING]
+        return len(outside), max(outside, default=0.0)
+
+    def nearest(self, degc: float) -> int:
+        """Return the index of the held-out set of warming up nearest to a robot temperature.
+
+        Args:
+            degc: Robot temperature. [degC]
+        """
+        usable = [index for index, row in enumerate(self.rows) if row.way != "cooling"]
+        return min(usable, key=lambda index: abs(self.rows[index].robot_degc - degc))
+
 
 def study(
     folder: Path,
@@ -168,12 +231,15 @@ def study(
         workers: Processes beside this one; 1 means to do all of it here.
         progress: Called with the share done, 0 to 1.
 
+    Returns:
+        What was found.
+
     Raises:
         RobotEnergyError: If rig, recordings or fits fail.
     """
-    profile, rigs = kr16_profile(), configurations(scale.effects)
-    step = _Steps(len(rigs) + 3, progress)
-    with _pool(workers, step.done) as run:
+    profile, rigs = load_profile("kr16"), configurations(scale.effects)
+    steps = Steps(len(rigs) + 3, progress, SHARE_BEFORE_FITS)
+    with job_pool(workers, steps.done) as run:
         work = [
             run(record_training, folder, seed, scale),
             run(record_test, folder, seed, scale),
@@ -216,10 +282,13 @@ def record_training(
         seed: Of the study.
         scale: How much.
 
+    Returns:
+        The sets, and the recording at rest.
+
     Raises:
-        RobotEnergyError: If rig or bags cannot be made.
+        RigError: If rig or bags cannot be made.
     """
-    profile = kr16_profile()
+    profile = load_profile("kr16")
     programs, rig = make_programs(profile, seed, scale.moves), rig_seeds(seed)[0]
     if scale.train is None:
         sets = soaked(profile, programs.train, scale.train_degc, folder, "train", rig)
@@ -241,8 +310,11 @@ def record_test(folder: Path, seed: int, scale: PaperAStudySize) -> list[MotionS
         folder: For the bags.
         seed: Of the study.
         scale: How much.
+
+    Returns:
+        The sets.
     """
-    profile = kr16_profile()
+    profile = load_profile("kr16")
     programs, rig = make_programs(profile, seed, scale.moves), rig_seeds(seed)[1]
     if scale.test is None:
         return soaked(profile, programs.test, scale.test_degc, folder, "test", rig)
@@ -270,68 +342,7 @@ def _shaft_curves(
 
 
 def _true_friction(entry: MotionSet) -> TrueFriction:
-    profile = kr16_profile()
+    profile = load_profile("kr16")
     gear = entry.recording.gear_temperature_degc.mean(axis=0)
     viscous = PlantFriction(profile, RigConfig()).viscous(gear) + profile.eddy_viscous
     return TrueFriction(entry.recording.motor_temperature_degc.mean(axis=0), viscous)
-
-
-class _Steps:
-    """Turns finished jobs into a share."""
-
-    def __init__(self, count: int, progress: Progress | None) -> None:
-        self._progress = progress
-        self._count = count
-        self._done = 0
-
-    def done(self, _job: Future[Any]) -> None:
-        self._done += 1
-        if self._progress is not None:
-            self._progress(SHARE_BEFORE_FITS * self._done / self._count)
-
-
-@contextmanager
-def _pool(
-    workers: int, done: Callable[[Future[Any]], None]
-) -> Generator[Callable[..., Future[Any]]]:
-    """Yield a function that starts a job: in another process, or here and at once."""
-    if workers <= 1:
-
-        def now(job: Callable[..., Any], *args: Any) -> Future[Any]:
-            future: Future[Any] = Future()
-            future.set_result(job(*args))
-            done(future)
-            return future
-
-        yield now
-        return
-    # A fresh interpreter in each: a fork would copy the threads of numerical libraries.
-    others = set(active_children())
-    pool = ProcessPoolExecutor(
-        workers, mp_context=get_context("spawn"), initializer=_leave_interrupts
-    )
-
-    def later(job: Callable[..., Any], *args: Any) -> Future[Any]:
-        future = pool.submit(job, *args)
-        future.add_done_callback(done)
-        return future
-
-    try:
-        yield later
-    except BaseException:  # nobody waits half a minute for results that nobody wants
-        pool.shutdown(wait=False, cancel_futures=True)
-        for child in set(active_children()) - others:
-            child.terminate()
-            child.join()  # it writes no file any more
-        raise
-    pool.shutdown()
-
-
-def _leave_interrupts() -> None:
-    """Ctrl-C is for the parent, which ends its workers."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-
-def mean_shaft_power(curve: ShaftCurve) -> float:
-    """Return the mean shaft power over the set. [W]"""
-    return float(np.trapezoid(curve.power, curve.time) / (curve.time[-1] - curve.time[0]))

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-import numpy as np
-
-from robot_energy.blocks import Float
 from robot_energy.identify.data.signals import Channels, stretches
 from robot_energy.identify.drives.drives import DrivesFit
 from robot_energy.identify.dynamics.columns import standard_columns
@@ -17,9 +14,10 @@ from robot_energy.identify.dynamics.dynamics import Dynamics, DynamicsSettings, 
 from robot_energy.identify.dynamics.dynamics_model import to_model
 from robot_energy.model import RobotModel, load
 from robot_energy.motion import JointMotion
-from robot_energy.rig import mantis_profile
+from robot_energy.rig import load_profile
 from robot_energy_papers.accuracy import Accuracy, Definition, accuracies
 from robot_energy_papers.drive_study import DriveTest, identify_drives, tested
+from robot_energy_papers.job_pool import Progress, Steps
 from robot_energy_papers.machines import (
     ARM,
     MACHINES,
@@ -31,7 +29,6 @@ from robot_energy_papers.machines import (
 )
 from robot_energy_papers.mantis import PrintRun, Smooth, excitation, read_run, recorded, slower
 
-Progress = Callable[[float], None]
 SLOW = 0.4  # of the speed, for the second excitation
 STEPS = 9
 WALL, WALL_HELD, VALIDATION = "wall, all joints", "wall, joint 1 held", "validation"
@@ -111,6 +108,11 @@ class MachineResult:
     heights: tuple[Energies, ...]
     wall: Energies
 
+    @property
+    def at_heights(self) -> list[float]:
+        """Electrical energy of one layer at each height. [J]"""
+        return [float(energies.electrical.sum()) for energies in self.heights]
+
 
 @dataclass(frozen=True)
 class PaperB:
@@ -140,6 +142,30 @@ class PaperB:
         """Identified from both excitation runs."""
         return self.trained[BOTH]
 
+    @property
+    def model(self) -> RobotModel:
+        """The identified model of the Mantis."""
+        return self.main.model
+
+    def relative(self, stage: str) -> dict[str, dict[str, float]]:
+        """Return the energy of every machine over that of the arm, less one.
+
+        Args:
+            stage: ``layer``, ``wall`` or ``rig``.
+
+        Returns:
+            By machine and figure. [-]
+        """
+        energies: dict[str, Energies] = {
+            key: getattr(found, stage) for key, found in self.machines.items()
+        }
+        arm = energies[ARM].figures
+        return {
+            key: {name: value / arm[name] - 1.0 for name, value in found.figures.items()}
+            for key, found in energies.items()
+            if key != ARM
+        }
+
 
 def study(
     folder: Path, seed: int, scale: PaperBStudySize, progress: Progress | None = None
@@ -152,18 +178,14 @@ def study(
         scale: How much to do.
         progress: Called with the share done, 0 to 1.
 
+    Returns:
+        What was found.
+
     Raises:
         RobotEnergyError: If a rig, a recording or a fit fails.
     """
-    done = 0
-
-    def step() -> None:
-        nonlocal done
-        done += 1
-        if progress is not None:
-            progress(min(1.0, done / STEPS))
-
-    start, profile = load("mantis"), mantis_profile()
+    step = Steps(STEPS, progress).done
+    start, profile = load("mantis"), load_profile("mantis")
     first = seed * SEED_STEP
     train = excitation(start, profile, first + 1, scale.iterations)
     other = excitation(start, profile, first + 2, scale.iterations)
@@ -205,6 +227,9 @@ def identify_mechanics(
         runs: Read with ``model``.
         model: Kinematics and gears.
         method: Ordinary (paper B) or weighted least squares.
+
+    Returns:
+        The fit.
     """
     channels: list[Channels] = []
     for run in runs:
@@ -256,29 +281,3 @@ def _sum(parts: tuple[Energies, ...]) -> Energies:
     for part in parts[1:]:
         total = total.plus(part)
     return total
-
-
-def relative(result: PaperB, stage: str) -> dict[str, dict[str, float]]:
-    """Energy of every machine over that of the arm, less one.
-
-    Args:
-        result: The studies.
-        stage: ``layer``, ``wall`` or ``rig``.
-
-    Returns:
-        By machine and figure. [-]
-    """
-    energies: dict[str, Energies] = {
-        key: getattr(found, stage) for key, found in result.machines.items()
-    }
-    arm = energies[ARM].figures
-    return {
-        key: {name: value / arm[name] - 1.0 for name, value in found.figures.items()}
-        for key, found in energies.items()
-        if key != ARM
-    }
-
-
-def at_heights(result: PaperB, key: str) -> Float:
-    """Electrical energy of one layer at each height, shape (K,). [J]"""
-    return np.array([float(e.electrical.sum()) for e in result.machines[key].heights])

@@ -2,8 +2,7 @@
 
 Paper B, section 5.2.2: a simplified wall plan of 1200 mm by 300 mm, printed at a constant
 path speed of 125 mm/s; section 5.2.3: 100 layers make 1 m. Its text states no infill and its
-figure of the path is lost, so the outline alone is the default; a zigzag between the long
-sides can be asked for and is an assumption.
+figure of the path is lost, so the outline alone is printed.
 """
 
 from __future__ import annotations
@@ -13,8 +12,7 @@ from dataclasses import dataclass
 from robot_energy.errors import MotionError
 
 MILLIMETRE = 1e-3  # m
-MOST_LAYERS = 10_000
-MOST_STROKES = 1000
+MAX_LAYERS = 10_000
 FEED_FACTOR = 60.0 / MILLIMETRE  # m/s to mm/min
 
 
@@ -28,8 +26,6 @@ class Wall:
         layer_height: Rise from layer to layer. [m]
         layers: Number of layers.
         speed: Path speed, the rise included. [m/s]
-        strokes: Diagonals of the infill from one end to the other; 0: outline alone
-            (paper B states none).
 
     Raises:
         MotionError: If a figure makes no sense.
@@ -40,35 +36,26 @@ class Wall:
     layer_height: float = 0.01
     layers: int = 1
     speed: float = 0.125
-    strokes: int = 0
 
     def __post_init__(self) -> None:
         for name in ("length", "width", "layer_height", "speed"):
             value = getattr(self, name)
             if not 0 < value < 1000:
                 raise MotionError(f"the wall's {name} is {value}", "a value > 0")
-        if not 1 <= self.layers <= MOST_LAYERS:
-            raise MotionError(f"the wall has {self.layers} layers", f"1 to {MOST_LAYERS}")
-        if not 0 <= self.strokes <= MOST_STROKES:
-            raise MotionError(f"the infill has {self.strokes} strokes", f"0 to {MOST_STROKES}")
+        if not 1 <= self.layers <= MAX_LAYERS:
+            raise MotionError(f"the wall has {self.layers} layers", f"1 to {MAX_LAYERS}")
 
     @property
     def corners(self) -> list[tuple[float, float]]:
         """Places of the ends of all lines of a layer, after the first corner: x, y. [m]"""
-        outline = [(self.length, 0.0), (self.length, self.width), (0.0, self.width), (0.0, 0.0)]
-        step = self.length / max(self.strokes, 1)
-        zigzag = [(k * step, self.width * (k % 2)) for k in range(1, self.strokes + 1)]
-        home = [(self.length, 0.0)] if self.strokes % 2 else []
-        back = [(0.0, 0.0)] if self.strokes else []
-        return [*outline, *zigzag, *home, *back]
+        return [(self.length, 0.0), (self.length, self.width), (0.0, self.width), (0.0, 0.0)]
 
     def gcode(self) -> str:
         """Return the program."""
-        infill = f"zigzag of {self.strokes} strokes, assumed" if self.strokes else "none"
         lines = [
             "; wall plan of paper B (Robotics 2024, 13(5), 78), sections 5.2.2 and 5.2.3",
             f"; {_mm(self.length)} mm by {_mm(self.width)} mm, {self.layers} layer(s) of "
-            f"{_mm(self.layer_height)} mm, {_mm(self.speed)} mm/s; infill: {infill}",
+            f"{_mm(self.layer_height)} mm, {_mm(self.speed)} mm/s; infill: none",
             "; made by robot_energy_papers.wall",
             "G21 ; mm",
             "G90 ; absolute",

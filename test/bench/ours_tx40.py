@@ -16,9 +16,10 @@ import scipy.ndimage
 import scipy.signal
 import scipy.stats  # noqa: F401
 
-from robot_energy.identify.data.raw_log import load_drive_log, model_of, read_channels
+from robot_energy.identify.data.log_channels import model_of, read_channels
 from robot_energy.identify.dynamics.dynamics import identify_dynamics
 from robot_energy.identify.dynamics.dynamics_model import friction_at_joints, to_model
+from robot_energy.logs import load_mapping
 from robot_energy.model import save
 
 MAPPING = Path(__file__).resolve().parents[2] / "src/examples/identify/tx40.yaml"
@@ -28,9 +29,10 @@ def main(folder: Path) -> dict[str, float]:
     """Identify and return the figures."""
     with tempfile.TemporaryDirectory() as out:
         begin, spent = time.perf_counter(), time.process_time()
-        log = load_drive_log(MAPPING)
-        model = model_of(log, folder)
-        result = identify_dynamics([read_channels(log, model, folder)], model)
+        log = load_mapping(MAPPING)
+        model = model_of(log, [folder])
+        (channels,) = read_channels([folder], log, model).values()
+        result = identify_dynamics(channels, model)
         save(to_model(result), Path(out) / "tx40.yaml")
         wall, cpu = time.perf_counter() - begin, time.process_time() - spent
     peak = int(re.search(r"VmHWM:\s+(\d+)", Path("/proc/self/status").read_text())[1]) / 1024

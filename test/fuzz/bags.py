@@ -14,7 +14,7 @@ from target import JOINTS, done, in_file, scratch
 from robot_energy.bag import BagReader, BagWriter
 from robot_energy.bag.metadata import FILE_NAME
 from robot_energy.inputs.joint_states.joint_states import JOINT_STATE
-from robot_energy.logs import import_csv, import_ur_rtde
+from robot_energy.logs import import_log, import_ur_rtde
 from robot_energy.logs.mapping import load_mapping
 
 
@@ -127,7 +127,7 @@ def log_csv(data: bytes) -> bool:
     """A log is refused, or becomes a bag."""
     mapping = load_mapping(in_file("mapping.yaml", yaml.safe_dump(MAPPING).encode()))
     log, out = in_file("log.csv", data), scratch() / "out"
-    return done(lambda: import_csv(log, mapping, out, overwrite=True))
+    return done(lambda: import_log(log, mapping, out, overwrite=True))
 
 
 def log_ur(data: bytes) -> bool:
@@ -139,7 +139,7 @@ def log_ur(data: bytes) -> bool:
 def log_mapping(data: bytes) -> bool:
     """A mapping is refused, or used."""
     mapping, log, out = in_file("m.yaml", data), in_file("log.csv", LOG), scratch() / "out"
-    return done(lambda: import_csv(log, load_mapping(mapping), out, overwrite=True))
+    return done(lambda: import_log(log, load_mapping(mapping), out, overwrite=True))
 
 
 def ur_seeds() -> list[bytes]:

@@ -19,7 +19,7 @@ from robot_energy.files import output_files, output_streams
 from robot_energy.files.placement import PREFIX
 from robot_energy.model import save
 
-output_streams.MAX_READER_WAIT = 0.0  # nobody reads the pipes
+output_streams.MAX_READER_ATTEMPTS = 1  # nobody reads the pipes
 OWN = ("own_bag", "own.json", "own.svg", "own.yaml", "empty")  # may be replaced, as wholes
 NAMES = (
     "new", "new.json", "new.svg", "new.png", "no/new", "deep/new", *OWN, "own_bag/x.json",

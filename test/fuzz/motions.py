@@ -12,8 +12,8 @@ from robot_energy.motion.gcode import load_gcode
 from robot_energy.motion.joint_trajectory import read_points
 from robot_energy.motion.ptp_file import program_for, read_program
 from robot_energy.motion.tool_timing import TimedPath
-from robot_energy.motion.trajectory_reader import MESSAGE as JOINT_TRAJECTORY
-from robot_energy.motion.trajectory_reader import decode_trajectory, read_csv_trajectory
+from robot_energy.motion.trajectory_io import MESSAGE as JOINT_TRAJECTORY
+from robot_energy.motion.trajectory_io import decode_trajectory, read_csv_trajectory
 from robot_energy.physics.rigid_body import Robot
 from robot_energy_papers.wall import Wall
 
@@ -43,7 +43,7 @@ def gcode_seeds() -> list[bytes]:
         "G1 X20 E1 F3000\nG2 X30 Y10 I0 J10\nG3 X20 Y20 R10\nG3 X20 Y20 I5 J0 Z2\nG4 P200\n"
         "G91\nG1 X-5 Y1\nG20\nG1 Y.1 F50\nG90 G21\nG0 X5 F600 ; back\nM117 Hello (\nM2\n"
     )
-    return [Wall(strokes=3).gcode().encode(), rich.encode()]
+    return [Wall(layers=2).gcode().encode(), rich.encode()]
 
 
 def moves_file(data: bytes) -> bool:

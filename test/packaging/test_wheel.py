@@ -37,6 +37,7 @@ def test_the_wheel_holds_library_models_and_messages_and_no_workspace(wheel):
     names = zipfile.ZipFile(wheel).namelist()
     assert any(name.endswith("models/kr16.yaml") for name in names)
     assert any(name.endswith("msg/PowerState.msg") for name in names)
+    assert "robot_energy_papers/templates/paper_a.md.j2" in names
     assert not any(".data/" in name for name in names)
 
 
@@ -44,6 +45,7 @@ def test_source_distribution_has_what_the_wheel_is_built_from(wheel):
     listing = run("tar", "tzf", next(wheel.parent.glob("*.tar.gz")))
     assert "package.xml" in listing
     assert "msg/PowerState.msg" in listing
+    assert "templates/paper_b.md.j2" in listing
 
 
 def test_the_wheel_replays_a_bag_in_an_empty_environment(wheel, tmp_path):

@@ -7,10 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robot_energy.motion import MotionLimits, PointToPoint, random_program
-from robot_energy.rig import RigConfig, RigOutput, VirtualRig, kr16_profile
+from moves import PointToPoint
+from robot_energy.motion import MotionLimits, random_program
+from robot_energy.rig import RigConfig, RigOutput, VirtualRig, load_profile
 
-PROFILE = kr16_profile()
+PROFILE = load_profile("kr16")
 LIMITS = PROFILE.motion_limits(PROFILE.mechanics()[0])
 PROGRAM = random_program(LIMITS, 0)
 SIZE = 700

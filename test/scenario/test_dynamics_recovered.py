@@ -21,10 +21,10 @@ from robot_energy.model import load
 from robot_energy.motion import random_program
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.rigid_body import Robot
-from robot_energy.rig import RigConfig, VirtualRig, kr16_profile
+from robot_energy.rig import RigConfig, VirtualRig, load_profile
 
 MODEL = load("kr16")
-PROFILE = kr16_profile()
+PROFILE = load_profile("kr16")
 SETTINGS = DynamicsSettings(columns=standard_columns(0.01))
 NOISE = replace(RigConfig.plain(), encoder=True, torque_noise=True, stamp_jitter=True)
 ALL = RigConfig()

@@ -16,7 +16,7 @@ from robot_energy.identify.friction.samples import friction_data
 from robot_energy.model import load
 from robot_energy.motion import random_program
 from robot_energy.physics.friction import viscous_law, with_fixed_friction
-from robot_energy.rig import VirtualRig, kr16_profile
+from robot_energy.rig import VirtualRig, load_profile
 from robot_energy.rig.record import record
 
 MODEL = load("kr16")
@@ -24,7 +24,7 @@ TRAINED = (20.0, 40.0, 60.0, 80.0)
 
 
 def run(folder, degc, seed, duration=30.0):
-    profile = kr16_profile()
+    profile = load_profile("kr16")
     limits = profile.motion_limits(profile.mechanics()[0])
     rig = VirtualRig(profile, random_program(limits, seed), seed=seed, start_temperature_degc=degc)
     record(rig, duration, folder)

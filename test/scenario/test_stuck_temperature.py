@@ -3,13 +3,14 @@
 import numpy as np
 import pytest
 
+from plants import joint_block
 from robot_energy.blocks import Quality, TemperatureBlock
 from robot_energy.model import load
 from robot_energy.motion import random_program
 from robot_energy.pipeline import EnergyPipeline
-from robot_energy.rig import RigConfig, VirtualRig, kr16_profile
+from robot_energy.rig import RigConfig, VirtualRig, load_profile
 
-PROFILE = kr16_profile()
+PROFILE = load_profile("kr16")
 PROGRAM = random_program(PROFILE.motion_limits(PROFILE.mechanics()[0]), 1)
 MODEL = load("kr16")
 RATE = 25.0  # Hz
@@ -33,7 +34,7 @@ def run(minutes: int, held: int | None, **shape: float) -> tuple[EnergyPipeline,
         else:
             said = degc
         readings = TemperatureBlock(output.temperatures.stamp_ns, said)
-        pipeline.step(output.joints.joint_block(), readings)
+        pipeline.step(joint_block(output.joints), readings)
     return pipeline, degc[-1]
 
 

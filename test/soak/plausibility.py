@@ -26,7 +26,7 @@ from robot_energy.identify.plausibility import check_dynamics, check_friction, c
 from robot_energy.model import RobotModel, load
 from robot_energy.motion import random_program
 from robot_energy.report.printing import table
-from robot_energy.rig import RigConfig, VirtualRig, kr16_profile
+from robot_energy.rig import RigConfig, VirtualRig, load_profile
 from robot_energy.rig.record import record
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
@@ -95,7 +95,7 @@ def plants(folder: Path, seed: int) -> Iterator[tuple[str, RobotModel, list[Path
     """Record every plant with one seed."""
     small = folder / f"small_{seed}"
     small.mkdir()
-    profiles = {"two_link": two_link_profile(small), "kr16": kr16_profile()}
+    profiles = {"two_link": two_link_profile(small), "kr16": load_profile("kr16")}
     for name, profile in profiles.items():
         program = PROGRAM
         if name == "kr16":

@@ -35,8 +35,11 @@ MODULES = {
     "robot_energy.cdr": """
         batch decode encode plan schema types walk
     """,
+    "robot_energy.check": """
+        coverage evidence finding hypotheses meter motion payload run torque
+    """,
     "robot_energy.cli": """
-        completion export identify identify_all identify_cabinet identify_drives
+        check completion export identify identify_all identify_cabinet identify_drives
         identify_dynamics identify_excitation identify_friction identify_inputs
         import_logs info kinds main memory models numbers predict replay replay_options
         report schema simulate stopping terminal
@@ -52,7 +55,7 @@ MODULES = {
         cabinet dc_link link_readings meter_delay supply
     """,
     "robot_energy.identify.data": """
-        bags observations raw_log recordings signals
+        bags log_channels observations recordings signals
     """,
     "robot_energy.identify.drives": """
         all_drives drive_data drive_delay drive_power drives efficiency losses
@@ -69,7 +72,7 @@ MODULES = {
         friction laws samples temperature_study
     """,
     "robot_energy.identify.stats": """
-        cross_validation held_out_energy lag regression
+        cross_validation held_out_energy lag regression threads
     """,
     "robot_energy.inputs": """
         bag_topics inputs_file parameters rejection_log sources
@@ -85,18 +88,18 @@ MODULES = {
         filter kinds reader stuck temperatures
     """,
     "robot_energy.logs": """
-        mapped_csv mapping recording table ur_rtde
+        mapped_log mapping recording rows table ur_rtde
     """,
     "robot_energy.messages": """
         friction interval payload power registers torque
     """,
     "robot_energy.model": """
-        drive_models figure friction_laws joint load open_schema payload schema
+        drive_models figure friction_laws joint load open_schema payload reference schema
     """,
     "robot_energy.motion": """
         fourier gcode gcode_words inverse_kinematics joint_trajectory load_motion
         planar planned ptp ptp_file ptp_loop sequence tool_corners tool_motion
-        tool_path tool_timing trajectory_reader trajectory_writer
+        tool_path tool_timing trajectory_io
     """,
     "robot_energy.physics": """
         cabinet derivative drive drivetrain effort equations friction limit_utilisation
@@ -116,12 +119,15 @@ MODULES = {
         replay series temperature_figure torque_figure
     """,
     "robot_energy.results": """
-        base drives dynamics energy excitation identification model
+        base check drives dynamics energy excitation identification model
         prediction replay schema
     """,
     "robot_energy.rig": """
-        config lubricant output plant printers profile record sensors study supply
+        config lubricant output plant profile record sensors supply
         thermal virtual_rig
+    """,
+    "robot_energy.starter": """
+        arm description model_text priors
     """,
     "robot_energy.store": """
         account_store adoption envelope slots state_files
@@ -130,13 +136,12 @@ MODULES = {
         epochs gaps pieces stamps streams
     """,
     "robot_energy_papers": """
-        accuracy calibration drive_study effects experiment held_out machine_figures
-        machines mantis models paper_a paper_a_figures paper_a_numbers paper_a_page
-        paper_a_sections paper_b paper_b_figures paper_b_machines_page
-        paper_b_numbers paper_b_page temperature_figures wall
+        accuracy calibration drawings drive_study effects experiment held_out job_pool
+        machines mantis models pages paper_a paper_a_numbers paper_a_page paper_b
+        paper_b_numbers paper_b_page wall
     """,
     "robot_energy_papers.cli": """
-        reproduce reproduce_paper_a reproduce_paper_b study_folder
+        reproduce study_folder
     """,
 }
 # From the ground up; each line may import from itself and from the lines above it.
@@ -148,8 +153,8 @@ LAYERS = (
     ("bag", "inputs", "accounting", "logs", "log_formats", "time_series"),
     ("pipeline", "messages", "store"),
     ("motion",),
-    ("bag_replay", "prediction"),
-    ("identify", "rig"),
+    ("bag_replay", "prediction", "starter"),
+    ("identify", "rig", "check"),
     ("results",),
     ("report",),
     ("api",),
@@ -157,7 +162,7 @@ LAYERS = (
     ("robot_energy_papers",),
 )
 # Nothing online imports these.
-OFFLINE = ("identify", "report", "rig", "motion", "cli")
+OFFLINE = ("identify", "report", "rig", "motion", "cli", "starter", "check")
 ONLINE = ("pipeline", "inputs", "messages", "accounting", "store", "timeline", "cdr")
 FOREIGN = {
     "ament_index_python", "builtin_interfaces", "control_msgs", "diagnostic_msgs",

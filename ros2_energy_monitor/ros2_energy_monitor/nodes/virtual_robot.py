@@ -12,7 +12,7 @@ from ros2_energy_msgs.msg import MotorTemperatures, PowerReading
 from sensor_msgs.msg import JointState
 
 from robot_energy.motion import random_program, tool_above
-from robot_energy.rig import RigConfig, VirtualRig, kr16_profile
+from robot_energy.rig import RigConfig, VirtualRig, load_profile
 from robot_energy.rig.record import RigEncoder
 from ros2_energy_monitor.base.parameters import RobotParameters, declare
 from ros2_energy_monitor.base.publishers import RowPublisher, best_effort
@@ -31,7 +31,7 @@ def make_rig(parameters: RobotParameters, start_stamp_ns: int) -> VirtualRig:
     Raises:
         RigError: If the figures make no sense together.
     """
-    profile = kr16_profile()
+    profile = load_profile("kr16")
     robot, _ = profile.mechanics()
     program = random_program(
         profile.motion_limits(robot),

@@ -284,7 +284,7 @@ class EnergyAccount:
         for bit in BITS if met else ():
             if met & bit:
                 self.quality[bit] += int(((block.quality & np.uint32(bit)) > 0).sum())
-        split = np.zeros((len(block), len(Phase)))
+        split = np.zeros((len(block), len(Phase)), order="F")
         rows = np.arange(len(block))
         split[rows, block.phase] = energy
         self.phase_energy_sum.add(split)

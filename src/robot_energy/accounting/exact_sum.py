@@ -9,11 +9,13 @@ from __future__ import annotations
 import numpy as np
 
 from robot_energy.blocks import Float, Int
+from robot_energy.physics.equations import COLUMNS
 
 PER_JOULE = 1e6  # microjoules
 MAX_COUNTER = 2**63 - 1  # where every counter stays: the largest that int64 and a file hold
 REMAINDER_BITS = 40  # the remainder counts units of 2^-40 microjoule
-BLOCK = 1 << 10  # rows whose remainders add up exactly in a float
+REMAINDER_MASK = (1 << REMAINDER_BITS) - 1
+BLOCK = 1 << 12  # rows whose sums, of 2 MJ each, are exact in a float
 NEAR_FULL = MAX_COUNTER - (1 << 60)  # beyond, rows are added one by one [uJ]
 ROUND_WHOLE = 1.5 * 2.0**52  # adding and subtracting this rounds to an integer,
 ROUND_REMAINDER = 1.5 * 2.0 ** (52 - REMAINDER_BITS)  # and this to the remainder's unit
@@ -46,6 +48,7 @@ class ExactSum:
     def __init__(self, size: int) -> None:
         self.microjoule: Int = np.zeros(size, dtype=np.int64)
         self.remainder: Int = np.zeros(size, dtype=np.int64)
+        self._scratch: Float = np.empty((2, 0))
 
     def add(self, energy: Float) -> None:
         """Add the energies of intervals.
@@ -59,18 +62,33 @@ class ExactSum:
         start = 0
         while start < len(energy):
             full = bool((np.abs(self.microjoule) > NEAR_FULL).any())
-            size = 1 if full else BLOCK  # so that cutting makes no difference
-            rest = energy[start : start + size] * PER_JOULE
-            start += size
-            whole = rest + ROUND_WHOLE
-            whole -= ROUND_WHOLE
-            rest -= whole
-            rest += ROUND_REMAINDER
-            rest -= ROUND_REMAINDER
-            ones = np.ones(len(rest))
-            add_saturating(self.microjoule, (ones @ whole).astype(np.int64))
-            self.remainder += (ones @ rest * 2.0**REMAINDER_BITS).astype(np.int64)
-            self._carry()
+            part = energy[start : start + (1 if full else BLOCK)]  # cutting makes no difference
+            start += len(part)
+            more = np.empty_like(self.microjoule)
+            for first in range(0, len(more), COLUMNS):
+                columns = slice(first, first + COLUMNS)
+                more[columns] = self._whole(part[:, columns].T, self.remainder[columns])
+            if full:
+                add_saturating(self.microjoule, more)
+                self._carry()
+            else:  # far from where a counter is full
+                self.microjoule += more + (self.remainder >> REMAINDER_BITS)
+                self.remainder &= REMAINDER_MASK
+
+    def _whole(self, energy: Float, remainder: Int) -> Int:
+        """Add the remainders of energies, shape (R, N), in place; return the whole parts. [uJ]"""
+        if energy.size > self._scratch.shape[1]:
+            self._scratch = np.empty((2, energy.size))
+        whole, rest = (room[: energy.size].reshape(energy.shape) for room in self._scratch)
+        np.multiply(energy, PER_JOULE, out=rest)
+        np.add(rest, ROUND_WHOLE, out=whole)
+        whole -= ROUND_WHOLE
+        rest -= whole
+        rest += ROUND_REMAINDER
+        rest -= ROUND_REMAINDER
+        ones = np.ones(energy.shape[1])
+        remainder += (rest @ ones * 2.0**REMAINDER_BITS).astype(np.int64)
+        return (whole @ ones).astype(np.int64)
 
     def add_sums(self, microjoule: Int, remainder: Int) -> None:
         """Add sums that were made elsewhere, such as those of a state file.
@@ -89,7 +107,7 @@ class ExactSum:
 
     def _carry(self) -> None:
         add_saturating(self.microjoule, self.remainder >> REMAINDER_BITS)
-        self.remainder &= (1 << REMAINDER_BITS) - 1
+        self.remainder &= REMAINDER_MASK
 
     @property
     def joule(self) -> Float:

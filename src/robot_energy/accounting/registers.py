@@ -90,7 +90,7 @@ def _columns(block: PowerBlock) -> Float:
     """Power behind each register, shape (N, R). [W]"""
     grid, n_joints = block.grid_power, block.rigid_power.shape[1]
     first = len(CABINET_REGISTERS)
-    columns = np.empty((len(block), first + len(JOINT_REGISTERS) * n_joints))
+    columns = np.empty((len(block), first + len(JOINT_REGISTERS) * n_joints), order="F")
     columns[:, 0] = np.maximum(grid, 0.0)
     columns[:, 1] = np.maximum(-grid, 0.0)
     columns[:, 2] = block.brake_power

@@ -91,12 +91,12 @@ class ShaftComparison:
         if bool(np.isnan(measured).all()):
             self._last = np.full_like(self._last, np.nan)
             return None
-        power = np.empty((len(block) + 1, 2 * n_joints))
+        power = np.empty((len(block) + 1, 2 * n_joints), order="F")
         power[0], positive, negative = self._last, power[1:, :n_joints], power[1:, n_joints:]
         np.maximum(measured, 0.0, out=positive)
         np.subtract(positive, measured, out=negative)
         self._last = power[-1].copy()
-        energy = np.empty((len(block), len(SHAFT_REGISTERS) * n_joints))
+        energy = np.empty((len(block), len(SHAFT_REGISTERS) * n_joints), order="F")
         parts = energy[:, : 2 * n_joints]
         np.add(power[1:], power[:-1], out=parts)
         parts *= (intervals.duration_ns * (0.5 * NANOSECOND))[:, None]

@@ -78,9 +78,6 @@ def indexed_block(
     if int(pairs[:, 1].max()) > len(buffer) - _HEAD:
         return None
     start = pairs[:, 1].astype(np.int64)
-    if (start[1:] < start[:-1]).any():
-        order = np.argsort(start, kind="stable")
-        pairs, owner, start = pairs[order], owner[order], start[order]
     heads = np.ndarray((len(buffer) - _HEAD + 1,), _MESSAGE_FRAME, buffer, 0, (1,))[start]
     size = heads["length"]
     if (
@@ -92,16 +89,18 @@ def indexed_block(
     ):
         return None
     end = start + FRAME.size + size.astype(np.int64)
-    if not _filled(memoryview(data), start, end, on_record):
+    if not _filled(memoryview(data), np.sort(start), np.sort(end), on_record):
         return None
     block = McapChunk(buffer, end=len(buffer), count=len(start))
-    for channel in index:
-        mine = owner == channel
-        whole = bool(mine.all())
-        first = start if whole else start[mine]
-        last = end if whole else end[mine]
-        times = (pairs[:, 0] if whole else pairs[mine, 0]).astype(np.int64)
-        block.messages[channel] = Messages(times, first + _HEAD, last - first - _HEAD)
+    last = 0
+    for channel, entries_of in index.items():
+        mine: slice | NDArray[np.int64] = slice(last, last + len(entries_of))
+        last += len(entries_of)
+        if bool((start[mine][1:] < start[mine][:-1]).any()):
+            mine = mine.start + np.argsort(start[mine])
+        first = start[mine] + _HEAD
+        times = pairs[mine, 0].astype(np.int64)
+        block.messages[channel] = Messages(times, first, end[mine] - first)
     return block
 
 

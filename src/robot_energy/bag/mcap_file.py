@@ -195,6 +195,9 @@ class McapFile:
         """
         if not indexed.channels or not (self.summary and self.summary.channels):
             return None
+        held = (self.channels.get(channel) for channel in indexed.channels)
+        if any(channel is None or channel.topic in topics for channel in held):
+            return None
         counts: dict[int, int] = {}
         pos = indexed.start + indexed.length
         while pos < indexed.end:
@@ -210,9 +213,7 @@ class McapFile:
         if not indexed.channels >= {channel for channel, count in counts.items() if count}:
             self._report(_OTHER_CHANNELS.format(indexed.start))
             return None
-        held = (self.channels.get(channel) for channel in indexed.channels)
-        matters = any(channel is None or channel.topic in topics for channel in held)
-        return None if matters else counts
+        return counts
 
     def _step(
         self, file: BinaryIO, pos: int, opcode: int, length: int

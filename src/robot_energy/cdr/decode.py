@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Iterable
 from dataclasses import dataclass
+from math import gcd
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -117,11 +118,12 @@ class _Layout:
         self._row = np.dtype((np.void, found.end))
         self._spans = [self._part(data, start, stop) for start, stop in found.spans]
         self._places = found.constants
-        self._constants: list[tuple[int, NDArray[np.void]]] = []
+        self._constants: list[tuple[int, NDArray[np.unsignedinteger[Any]]]] = []
 
     @staticmethod
-    def _part(data: bytes, start: int, stop: int) -> tuple[int, NDArray[np.void]]:
-        return start, np.frombuffer(data[start:stop], dtype=np.dtype((np.void, stop - start)))
+    def _part(data: bytes, start: int, stop: int) -> tuple[int, NDArray[np.unsignedinteger[Any]]]:
+        """Return bytes as words, which numpy compares several times quicker than bytes."""
+        return start, np.frombuffer(data[start:stop], dtype=f"u{gcd(stop - start, 4)}")
 
     def gather(self, buffer: NDArray[np.uint8], offset: NDArray[np.int64]) -> NDArray[np.uint8]:
         """Return the messages at ``offset`` as rows (m, size); all must lie inside the buffer."""
@@ -130,17 +132,21 @@ class _Layout:
 
     def agree(self, rows: NDArray[np.uint8]) -> NDArray[np.bool_] | None:
         """Return which rows have this layout; None for all of them."""
-        if all(self._equal(rows, start, part).all() for start, part in self._spans):
+        if all(bool(self._equal(rows, start, part).all()) for start, part in self._spans):
             return None
         if not self._constants:  # seldom needed
             self._constants = [self._part(self.key, start, stop) for start, stop in self._places]
         equal = np.ones(len(rows), dtype=np.bool_)
         for start, part in self._constants:
-            equal &= self._equal(rows, start, part)
+            equal &= self._equal(rows, start, part).all(axis=1)
         return None if equal.all() else equal
 
-    def _equal(self, rows: NDArray[np.uint8], start: int, part: NDArray[np.void]) -> Any:
-        return np.ndarray((len(rows),), part.dtype, rows, start, (self.size,)) == part
+    def _equal(
+        self, rows: NDArray[np.uint8], start: int, part: NDArray[np.unsignedinteger[Any]]
+    ) -> NDArray[np.bool_]:
+        """Compare the words of each row, shape (m, words)."""
+        shape, strides = (len(rows), len(part)), (self.size, part.itemsize)
+        return np.asarray(np.ndarray(shape, part.dtype, rows, start, strides) == part)
 
     def run(self, index: NDArray[np.int64], rows: NDArray[np.uint8]) -> Run:
         """Return the columns of rows that agree."""

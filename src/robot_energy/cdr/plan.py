@@ -105,7 +105,7 @@ def plan_shape(plan: Plan) -> tuple[int, ...] | None:
 
 
 def read(plan: Plan, rows: NDArray[np.uint8]) -> Column:
-    """Return a column of its own memory in native byte order.
+    """Return a column of its own memory in native byte order, number by number contiguous.
 
     Args:
         plan: Where the values lie.
@@ -116,7 +116,7 @@ def read(plan: Plan, rows: NDArray[np.uint8]) -> Column:
     """
     if isinstance(plan, View):
         view = plan.of(rows)
-        return view != 0 if plan.is_bool else view.astype(plan.native)
+        return view != 0 if plan.is_bool else view.astype(plan.native, order="F")
     parts = [read(part, rows) for part in plan.parts]
     if plan_shape(plan) is None:
         return tuple(parts)

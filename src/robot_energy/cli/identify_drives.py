@@ -84,7 +84,7 @@ def add_parser(commands: Any) -> None:
     )
     add_results(parser, "these drives", "draw the maps (.png, .svg, .pdf)")
     log = parser.add_argument_group("from logs with torque, without a model")
-    log.add_argument("--log", nargs="+", metavar="CSV", help="CSV logs, plain or .gz")
+    log.add_argument("--log", nargs="+", metavar="LOG", help="tables: CSV, plain or .gz, Parquet")
     log.add_argument("--mapping", metavar="FILE", help="what their columns mean")
 
 
@@ -148,13 +148,13 @@ def _data(args: Namespace) -> tuple[DriveData, RobotModel | None, str]:
     from robot_energy.identify.drives.drive_data import drive_data, drive_data_of_logs
 
     if args.log:
-        from robot_energy.logs.mapped_csv import read_csv
-        from robot_energy.logs.mapping import load_mapping
+        from robot_energy.logs import contents_of, load_mapping, open_logs
 
         mapping = load_mapping(args.mapping)
-        logs = [read_csv(log, mapping) for log in args.log]
-        unit = mapping.joints.effort.unit if mapping.joints.effort is not None else ""
-        data = drive_data_of_logs([(held, list(parts)) for _, held, parts in logs], unit)
+        logs = open_logs(args.log, mapping)
+        contents, effort = contents_of(logs, mapping), mapping.joints.effort
+        parts = [(contents, [log.whole()]) for log in logs]
+        data = drive_data_of_logs(parts, "" if effort is None else effort.si_unit)
         return data, None, "log"
     from robot_energy.blocks import EffortMeaning
     from robot_energy.identify.drives.drive_power import read_drive_power

@@ -33,17 +33,16 @@ Identify inertial parameters, rotor inertias and friction of a robot from record
 and motor torques, with standard deviations and errors on held-out data, and write a model
 file that the monitor runs. Each recording is also predicted from the others.
 
-From bags, with a model file for kinematics and gears; or directly from raw drive logs, by a
-YAML file that says what they hold (src/examples/identify/tx40.yaml). Record all joints moving
-at the same time, for ten seconds or more, at several speeds and far apart.
+From bags, with a model file for kinematics and gears; or directly from logs of the drives, by
+a YAML file that says what their columns mean (src/examples/identify/tx40.yaml). Record all
+joints moving at the same time, for ten seconds or more, at several speeds and far apart.
 """
 EPILOG = """\
 examples:
   robot-energy identify dynamics excitation_bag --model my_robot.yaml \\
       --effort motor_torque --out identified.yaml
-  robot-energy identify dynamics --log tx40.yaml --data recordings --out tx40_model.yaml
-  robot-energy identify dynamics --log tx40.yaml --details --method irls
-  robot-energy identify dynamics --log kr300.yaml --data recordings
+  robot-energy identify dynamics --log recordings --mapping tx40.yaml --out tx40_model.yaml
+  robot-energy identify dynamics --log one.parquet two.parquet --mapping cell.yaml --details
 """
 
 
@@ -52,11 +51,18 @@ def add_parser(subjects: Any) -> None:
     text = "inertias, rotors and friction from positions and motor torque"
     parser = add_command(subjects, "dynamics", run, text, DESCRIPTION, EPILOG)
     add_bags(parser, required=False, effort="what the effort in the joint states of bags means")
-    parser.add_argument("--log", metavar="FILE", help="instead of bags: what raw files hold")
+    parser.add_argument(
+        "--log",
+        nargs="+",
+        metavar="LOG",
+        help="instead of bags: tables (CSV, plain or .gz, Parquet) or their folder",
+    )
+    parser.add_argument("--mapping", metavar="FILE", help="what the columns mean")
     parser.add_argument(
         "--data",
         metavar="FOLDER",
-        help="where the raw files lie (default: the folder of the mapping)",
+        help="without --mapping: --log is the mapping, and this the folder of the tables "
+        "(default: that of the mapping)",
     )
     parser.add_argument(
         "--method",
@@ -142,21 +148,24 @@ def run(args: Namespace) -> int:
 
 
 def _log(args: Namespace) -> Read:
-    """Read raw files by their mapping."""
-    from robot_energy.identify.data.raw_log import load_drive_log, model_of, read_channels
+    """Read tables by their mapping; with --data the mapping is what --log names."""
+    from robot_energy.identify.data.log_channels import model_of, read_channels
+    from robot_energy.logs import load_mapping
     from robot_energy.model import load
     from robot_energy.report.dynamics import ReferenceValues
 
-    log = load_drive_log(args.log)
-    folder = Path(args.data) if args.data else Path(args.log).parent
-    beside = Path(args.log).parent
-    model = load(args.model) if args.model else model_of(log, folder, beside)
-    known = log.reference
+    described = Path(args.mapping or args.log[0])
+    tables = args.log if args.mapping else [args.data or described.parent]
+    mapping = load_mapping(described)
+    folder = Path(tables[0])
+    folders = [folder if folder.is_dir() else folder.parent, described.parent]
+    model = load(args.model) if args.model else model_of(mapping, folders)
+    known = mapping.reference
     reference = (
         None if known is None else ReferenceValues(known.viscous, known.coulomb, known.source)
     )
-    recordings = {name: [read_channels(log, model, folder, name)] for name in log.names}
-    return model, recordings, list(log.files), reference
+    recordings = read_channels(tables, mapping, model)
+    return model, recordings, mapping.files or [Path(name).name for name in tables], reference
 
 
 def _bags(args: Namespace) -> Read:

@@ -120,7 +120,7 @@ def run(args: Namespace) -> int:
     from robot_energy.identify.excitation.excitation import ExcitationSettings, optimise_excitation
     from robot_energy.identify.excitation.limits import ExcitationLimits
     from robot_energy.model import load
-    from robot_energy.motion.trajectory_writer import (
+    from robot_energy.motion.trajectory_io import (
         check_sampling,
         points,
         write_csv,
@@ -162,7 +162,7 @@ def _folder(args: Namespace, model: RobotModel) -> Path:
     from robot_energy.errors import ReportError
     from robot_energy.files.output_files import check_file
     from robot_energy.files.output_folder import folder_path
-    from robot_energy.motion.trajectory_writer import csv_kind
+    from robot_energy.motion.trajectory_io import csv_kind
     from robot_energy.shown_text import shown
 
     folder = folder_path(args.out)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from argparse import ArgumentTypeError, Namespace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from robot_energy.cli.identify_inputs import (
@@ -51,7 +50,7 @@ def add_parser(commands: Any) -> None:
     log = parser.add_argument_group(
         "from a log of single-joint motions, without a model (relative figures)"
     )
-    log.add_argument("--log", metavar="CSV", help="a CSV log, plain or .gz")
+    log.add_argument("--log", nargs="+", metavar="LOG", help="tables: CSV, plain or .gz, Parquet")
     log.add_argument("--mapping", metavar="FILE", help="what its columns mean")
     split = parser.add_argument_group("test on temperatures that the fit has not seen")
     split.add_argument("--train", type=_span, metavar="LOW:HIGH", help="[degC], one may be empty")
@@ -86,7 +85,7 @@ def run(args: Namespace) -> int:
 
     check_results(args)
     _check(args)
-    source = source_of(args) or Path(args.log).name
+    source = source_of(args)
     if args.train is not None:
         axes = _log(args) if args.log else bags_of(args).friction_data(load(args.model))
         studies = FrictionStudyReport(tuple(_study(axis, args) for axis in axes))
@@ -136,12 +135,12 @@ def _check(args: Namespace) -> None:
 
 def _log(args: Namespace) -> list[FrictionData]:
     from robot_energy.identify.friction.samples import friction_data_of_log
-    from robot_energy.logs.mapped_csv import read_csv
-    from robot_energy.logs.mapping import load_mapping
+    from robot_energy.logs import load_mapping, open_logs
 
-    _, contents, parts = read_csv(args.log, load_mapping(args.mapping))
-    blocks, names = list(parts), contents.joint_names
-    return [friction_data_of_log(blocks, names, j) for j in range(len(names))]
+    mapping = load_mapping(args.mapping)
+    parts = [log.whole() for log in open_logs(args.log, mapping)]
+    names = mapping.joints.names
+    return [friction_data_of_log(parts, names, j) for j in range(len(names))]
 
 
 def _study(axis: FrictionData, args: Namespace) -> AxisStudy:

@@ -138,4 +138,4 @@ def bags_of(args: Namespace, bags: Sequence[str | Path] | None = None) -> BagSou
 
 def source_of(args: Namespace) -> str:
     """Return the names of the recordings, for the model file."""
-    return ", ".join(Path(bag).name for bag in args.bags)
+    return ", ".join(Path(name).name for name in args.bags or args.log)

@@ -13,6 +13,7 @@ from typing import Any, NoReturn, cast
 
 from robot_energy import __version__
 from robot_energy.cli import (
+    check,
     completion,
     export,
     identify,
@@ -69,8 +70,8 @@ def build_parser() -> ArgumentParser:
     parser.set_defaults(debug=False)
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for module in (
-        replay, report, export, import_logs, identify, predict, models, kinds, info, simulate,
-        schema,
+        replay, report, export, import_logs, check, identify, predict, models, kinds, info,
+        simulate, schema,
         *_further(),
         completion,
     ):  # fmt: skip

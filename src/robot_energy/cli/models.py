@@ -1,20 +1,28 @@
-"""`robot-energy models`: list shipped models, check a model file."""
+"""`robot-energy models`: list shipped models, check a model file, begin one."""
 
 from __future__ import annotations
 
+import os
+import sys
 from argparse import ArgumentParser, Namespace
+from pathlib import Path
 from typing import Any
 
 from robot_energy.cli.terminal import add_command, add_json, check_outputs, console, present
 
 
 def add_parser(commands: Any) -> None:
-    """Add the sub-command."""
+    """Add the sub-command.
+
+    Args:
+        commands: What `ArgumentParser.add_subparsers` returned.
+    """
     parser: ArgumentParser = commands.add_parser(
         "models",
         aliases=["model"],
-        help="list the shipped models; check a model file",
-        description="List the models that come with the tool, or check one (models check).",
+        help="list the shipped models; check a model file; begin one from a URDF",
+        description="List the models that come with the tool, check one (model check), or begin "
+        "one from a URDF (model init).",
     )
     parser.set_defaults(run=run_list)
     actions = parser.add_subparsers(title="actions", metavar="ACTION")
@@ -30,10 +38,52 @@ def add_parser(commands: Any) -> None:
     )
     check.add_argument("model", metavar="FILE|NAME", help="model file, or name of a shipped one")
     add_json(check)
+    schema = add_command(
+        actions,
+        "schema",
+        run_schema,
+        "print the JSON schema of model files",
+        "Print the JSON schema of model files, for editors that complete and check "
+        "YAML, or the same as a page of Markdown.",
+    )
+    schema.add_argument("--markdown", action="store_true", help="print the reference page instead")
+    init = add_command(
+        actions,
+        "init",
+        run_init,
+        "begin a model file from a URDF, a xacro file or a bag",
+        "Write a complete model file of a robot nobody has measured: gears, rotors, "
+        "friction, drives and cabinet are assumed, scaled from the limits in its URDF.",
+    )
+    init.add_argument("source", metavar="URDF|XACRO|BAG", help="file or bag with the URDF")
+    init.add_argument(
+        "arguments", metavar="NAME:=VALUE", nargs="*", help="arguments of the xacro file"
+    )
+    init.add_argument(
+        "--out", metavar="FILE", required=True, help="model file to write; it must not exist"
+    )
+    init.add_argument(
+        "--class",
+        dest="robot_class",
+        choices=("cobot", "industrial"),
+        help="priors to take (default: by peak power and mass)",
+    )
+    init.add_argument(
+        "--joints",
+        metavar="NAMES",
+        help="joints to model, separated by commas (default: all that move, without gripper; "
+        "of a bag, those in its joint states)",
+    )
 
 
 def run_list(args: Namespace) -> int:
     """List the shipped models.
+
+    Args:
+        args: Of the command line.
+
+    Returns:
+        Exit code.
 
     Raises:
         RobotEnergyError: If a shipped model is broken.
@@ -56,6 +106,12 @@ def run_list(args: Namespace) -> int:
 def run_check(args: Namespace) -> int:
     """Validate a model and print what it holds.
 
+    Args:
+        args: Of the command line.
+
+    Returns:
+        Exit code.
+
     Raises:
         RobotEnergyError: If the file or its URDF cannot be used.
     """
@@ -70,4 +126,79 @@ def run_check(args: Namespace) -> int:
     report, page = model_report(model, Robot.from_model(model)), Document()
     model_document(report, page)
     present(args, report, page)
+    return 0
+
+
+def run_schema(args: Namespace) -> int:
+    """Print the schema of model files.
+
+    Args:
+        args: Of the command line.
+
+    Returns:
+        Exit code.
+    """
+    import json
+
+    from robot_energy.model.reference import json_schema, reference_page
+
+    text = reference_page() if args.markdown else json.dumps(json_schema(), indent=2) + "\n"
+    sys.stdout.write(text)
+    return 0
+
+
+def run_init(args: Namespace) -> int:
+    """Write a first model file.
+
+    Args:
+        args: Of the command line.
+
+    Returns:
+        Exit code.
+
+    Raises:
+        ModelFileError: If the file exists.
+        RobotEnergyError: If the URDF cannot be used.
+    """
+    from robot_energy.config_file import parse_yaml
+    from robot_energy.errors import ModelFileError
+    from robot_energy.files.output_files import TEXT, write_file
+    from robot_energy.model import validate
+    from robot_energy.physics.rigid_body import Robot
+    from robot_energy.starter import read_arm, read_description, starter_text
+
+    out = Path(args.out)
+    if os.path.lexists(out):
+        raise ModelFileError(
+            f"'{out}' exists",
+            "a new file, since first models are edited by hand",
+            "choose another name, or remove the file",
+        )
+    check_outputs(args, [args.source], args.out)
+    description = read_description(args.source, args.arguments)
+    names = args.joints.split(",") if args.joints else description.joint_names
+    arm = read_arm(description.xml, args.robot_class, names)
+    text = starter_text(arm, description, out.parent)
+    model = validate(parse_yaml(text, str(out)), str(out))
+    Robot.from_model(model)
+    write_file(out, text.encode(), TEXT, "the model file", ModelFileError)
+    show = console().print
+    show(
+        f"{arm.robot_name}: {len(arm.joints)} joints, {arm.moving_mass:.1f} kg, class "
+        f"{arm.robot_class.name} ({arm.class_source})",
+        soft_wrap=True,
+        highlight=False,
+    )
+    for name, why in arm.left_out:
+        show(f"- not modelled: {name} ({why})", soft_wrap=True, highlight=False)
+    for remark in arm.remarks:
+        show(f"- {remark}", soft_wrap=True, highlight=False)
+    show(f"wrote {out}", soft_wrap=True, highlight=False)
+    show(
+        "All figures that the URDF does not give are assumed. Next:\n"
+        f"  robot-energy replay BAG --model {out}\n"
+        f"  robot-energy identify all BAGS... --model {out} --out identified.yaml",
+        soft_wrap=True,
+        highlight=False,
+    )
     return 0

@@ -11,7 +11,7 @@ from robot_energy.cli.terminal import add_command
 DESCRIPTION = """\
 Print the JSON Schema of what a command writes with --json, by the value of its key "result":
 replay, prediction, friction, friction_study, cabinet, drives, dynamics, excitation,
-identification, model. Without a name: one schema for all of them.
+identification, model, check. Without a name: one schema for all of them.
 """
 
 

@@ -88,13 +88,13 @@ def run(args: Namespace) -> int:
         RobotEnergyError: If the rig cannot be set up so, or the bag not be written.
     """
     from robot_energy.errors import RigError
-    from robot_energy.rig import PROFILES, RigConfig, VirtualRig
+    from robot_energy.rig import RigConfig, VirtualRig, load_profile
     from robot_energy.rig.record import record
 
     if args.seed < 0:
         raise RigError(f"the seed is {args.seed}", "a whole number from 0 on")
     check_bag(args.out, args.overwrite)
-    profile = PROFILES[args.robot]()
+    profile = load_profile(args.robot)
     rig = VirtualRig(
         profile,
         _program(profile, args),

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import BinaryIO
 
-MAX_READER_WAIT = 2.0  # s until somebody must read a pipe
+MAX_READER_ATTEMPTS = 200  # to open a pipe that nobody reads yet; a clock would count stalls too
 _LOOK_PERIOD = 0.02  # s
 _STREAMS = {"/dev/stdin": 0, "/dev/stdout": 1, "/dev/stderr": 2}
 _STREAM_FOLDERS = ("/dev/fd", "/proc/self/fd")
@@ -45,14 +45,15 @@ def open_stream(target: Path, told: Callable[[OSError], Exception]) -> BinaryIO 
 
 def _open_pipe(target: Path) -> BinaryIO:
     """Open a pipe for writing once it has a reader."""
-    limit = time.monotonic() + MAX_READER_WAIT
+    attempts = 0
     while True:
         try:
             number = os.open(target, os.O_WRONLY | os.O_CLOEXEC | os.O_NONBLOCK)
         except OSError as trouble:
             if trouble.errno != errno.ENXIO:
                 raise
-            if time.monotonic() > limit:
+            attempts += 1
+            if attempts >= MAX_READER_ATTEMPTS:
                 raise OSError(errno.ENXIO, "nobody reads the pipe", str(target)) from trouble
             time.sleep(_LOOK_PERIOD)
             continue

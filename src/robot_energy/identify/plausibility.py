@@ -8,7 +8,6 @@ held-out errors to show. Nothing is written once a gate has refused.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +17,7 @@ from robot_energy.errors import ImplausibleIdentificationError
 from robot_energy.identify.cabinet.cabinet import CabinetFit
 from robot_energy.identify.data.recordings import Recording
 from robot_energy.identify.drives.drive_data import DriveData
-from robot_energy.identify.drives.drives import DrivesFit, Way
+from robot_energy.identify.drives.drives import DrivesFit
 from robot_energy.identify.drives.total_sums import Sums
 from robot_energy.identify.dynamics.dynamics import Dynamics, mechanics
 from robot_energy.identify.dynamics.validation import TorqueError
@@ -297,7 +296,7 @@ def check_drives(data: DriveData, fit: DrivesFit) -> None:
             f"turn the sign of the power, or of the torque, of {', '.join(found)}",
         )
     for comparison in fit.comparisons:
-        way = cast("Way", DRIVE_MODELS[fit.chosen].way)
+        way = DRIVE_MODELS[fit.chosen].way or fit.chosen
         if comparison.split != "beyond" and not (
             comparison.scores[way].rms < MAX_HELD_OUT * comparison.size
         ):

@@ -165,6 +165,4 @@ def with_provenance(result: FullIdentification, read: Sequence[BagFacts]) -> Rob
         bags=(*before.bags, *(f"{entry.name} sha256:{entry.sha256}" for entry in read)),
         notes=" ".join(text for text in (before.notes, done) if text),
     )
-    model = result.model
-    changed = model.model_copy(update={"provenance": provenance})
-    return changed.with_urdf(model.urdf_xml, model.source)
+    return result.model.changed(provenance=provenance)

@@ -1,6 +1,6 @@
-"""Logs of robots (CSV) -> bags that replay like any other."""
+"""Logs of robots (CSV, Parquet) -> bags that replay like any other."""
 
-from robot_energy.logs.mapped_csv import import_csv
+from robot_energy.logs.mapped_log import MappedLog, contents_of, import_log, open_logs
 from robot_energy.logs.mapping import LogMapping, load_mapping
 from robot_energy.logs.recording import FileAccount, ImportReport
 from robot_energy.logs.ur_rtde import UR_JOINTS, import_ur_rtde
@@ -10,7 +10,10 @@ __all__ = [
     "FileAccount",
     "ImportReport",
     "LogMapping",
-    "import_csv",
+    "MappedLog",
+    "contents_of",
+    "import_log",
     "import_ur_rtde",
     "load_mapping",
+    "open_logs",
 ]

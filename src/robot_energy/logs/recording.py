@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from robot_energy.bag import SENSOR_QOS, BagWriter
-from robot_energy.blocks import Block, Float, MeterLocation, MeterMeaning
+from robot_energy.blocks import Block, Float, Int, MeterLocation, MeterMeaning
 from robot_energy.cdr import Encoder, stamp_columns
 from robot_energy.errors import LogFormatError
 from robot_energy.inputs.joint_states.joint_states import JOINT_STATE
@@ -86,10 +86,24 @@ class FileAccount(RejectionLog):
     path: Path = Path()
     first_line: dict[str, int] = field(default_factory=dict[str, int])
 
-    def reject_line(self, reason: str, line: int) -> None:
-        """Count one rejected row and remember where the first one stands."""
-        self.first_line.setdefault(reason, line)
-        self.reject(reason)
+    def reject_lines(self, reason: str, lines: Int) -> None:
+        """Count rejected rows and remember where the first one stands.
+
+        Args:
+            reason: Why they are rejected.
+            lines: Where they stand in the file, rising, shape (N,).
+        """
+        if len(lines):
+            self.first_line.setdefault(reason, int(lines[0]))
+        self.reject(reason, len(lines))
+
+    @property
+    def reasons(self) -> str:
+        """Count and first place of every reason for which rows were rejected."""
+        return "; ".join(
+            f"{count} {reason} from line {self.first_line[reason]} of {self.path.name}"
+            for reason, count in self.rejected.items()
+        )
 
 
 @dataclass
@@ -255,7 +269,7 @@ def write_bag(
             _check_start(report.start_ns, files)
             encoders.write(bag, block, report)
         if report.start_ns is None:
-            raise LogFormatError(*_nothing(files))
+            raise LogFormatError(*nothing_used(files))
     if not report.readings and contents.meaning is not MeterMeaning.UNKNOWN:
         report.notes.append("no row has a meter reading")
     if not report.temperatures and contents.temperatures:
@@ -270,16 +284,16 @@ def _check_start(start_ns: int, files: Sequence[FileAccount]) -> None:
         )
 
 
-def _nothing(files: Sequence[FileAccount]) -> tuple[str, str, str]:
+def nothing_used(files: Sequence[FileAccount]) -> tuple[str, str, str]:
+    """Return found, expected and remedy where no row can be used.
+
+    Args:
+        files: Accounts of the rows of all files.
+    """
     received = sum(account.received for account in files)
-    reasons = [
-        f"{count} {reason} from line {account.first_line.get(reason, 0)} of {account.path.name}"
-        for account in files
-        for reason, count in account.rejected.items()
-    ]
     names = ", ".join(str(account.path) for account in files)
-    why = f" ({'; '.join(reasons)})" if reasons else ""
-    found = f"none of the {received} rows of {names} can be used{why}"
+    reasons = "; ".join(account.reasons for account in files if account.rejected)
+    found = f"none of the {received} rows of {names} can be used ({reasons or 'there are none'})"
     if any(account.rejected[BAD_STAMP] for account in files):
         return found, "rows with times between 1970 and 2038", NO_TIMES
     return found, "rows of numbers", ""

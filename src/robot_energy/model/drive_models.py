@@ -49,6 +49,8 @@ class EfficiencyMap(ModelEntry):
             quadrants. [-]
         reach: Standardised distance to the nearest point beyond which the result is
             flagged as extrapolated. [-]
+        tag: How the points are known.
+        source: Where they come from.
     """
 
     motor_velocity: Annotated[list[Number], Field(min_length=1)]
@@ -85,9 +87,11 @@ class DriveModel(Kind):
         figures: Tagged figures of the entry for tables: attribute, words, unit.
         in_identity: Whether the identity of a model counts an absent entry too, as it does
             for the first kinds there were.
-        fitted: Makes an entry of what identification knows of one axis, and its source;
-            None for a kind that has no fit.
-        way: Name of that fit among the ways that held-out data compare.
+        fitted: Makes an entry of what identification knows of one axis, a
+            `robot_energy.identify.drives.drives.AxisFit` with the samples of the drive, and the
+            source; None where they do not tell it. None for a kind that has no fit. A kind with
+            one takes part in the comparison on held-out data, and is chosen if it is best.
+        way: Name of that fit in the comparison; empty: the name of the kind.
     """
 
     key: str = ""

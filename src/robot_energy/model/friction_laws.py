@@ -31,6 +31,7 @@ class ConstantLaw(LawEntry):
     """Viscous friction that does not know temperature.
 
     Attributes:
+        law: Name of the law.
         viscous: fv, motor side. [N m s/rad]
     """
 
@@ -42,6 +43,7 @@ class ExponentialLaw(LawEntry):
     """fv(T) = a + b exp(-T/c), T in degC, motor side (paper A, section III).
 
     Attributes:
+        law: Name of the law.
         a: Hot limit. [N m s/rad]
         b: Amplitude at 0 degC. [N m s/rad]
         c: Temperature scale. [K]
@@ -75,6 +77,7 @@ class TableLaw(LawEntry):
     """fv at identified temperatures, "saved directly" in paper A; monotone between them.
 
     Attributes:
+        law: Name of the law.
         motor_temperature_degc: Strictly rising, at least two. [degC]
         viscous: Same length, motor side. [N m s/rad]
         std: Standard deviations, same length. [N m s/rad]

@@ -7,7 +7,7 @@ published number from an assumed one. Motor side unless the name says ``joint_``
 from __future__ import annotations
 
 import hashlib
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, PrivateAttr, model_validator
 from pydantic_core import PydanticCustomError
@@ -97,7 +97,13 @@ class TemperatureSettings(ModelEntry):
 
 
 class RobotType(ModelEntry):
-    """Which machine the model is for."""
+    """Which machine the model is for.
+
+    Attributes:
+        type: Manufacturer and type, for tables and state files.
+        serial: Tells robots of one type apart; registers belong to type and serial.
+        description: A line for tables.
+    """
 
     type: Annotated[str, Field(min_length=1)]
     serial: str = ""
@@ -130,7 +136,14 @@ class Urdf(ModelEntry):
 
 
 class Provenance(ModelEntry):
-    """Where the file comes from."""
+    """Where the file comes from.
+
+    Attributes:
+        tool_version: Release that wrote it.
+        data_date: When the recordings behind identified figures were made.
+        bags: Names and hashes of these recordings.
+        notes: What a reader should know, shown by every command that uses the model.
+    """
 
     tool_version: str = ""
     data_date: str = ""
@@ -149,10 +162,19 @@ class RobotModel(ModelEntry):
     """One robot's model file, validated.
 
     Attributes:
+        schema_version: Version of this schema.
+        robot: Which machine it is.
+        urdf: Kinematics and inertias.
+        joints: The modelled joints, in the order of every table and array.
+        coupling: Wrist couplings, where one joint turns the motor of another.
+        payload: Bodies that the robot carries; the nodes can change them while they run.
         drive: Which drive model turns shaft power into electrical power.
+        cabinet: Supply and constant losses.
+        temperature: What to assume without a motor temperature.
+        provenance: Where the file comes from.
         massless_links: Links that may move without inertia, on purpose (for example a
             wrist whose mass is lumped into its neighbour).
-        gravity: In the base frame, so that ceiling mounting can be said. [m/s^2]
+        gravity: In the base frame; it states a mounting on wall or ceiling. [m/s^2]
     """
 
     schema_version: Literal[1]
@@ -209,6 +231,14 @@ class RobotModel(ModelEntry):
     def source(self) -> str:
         """File this model was read from."""
         return self._source
+
+    def changed(self, **entries: Any) -> RobotModel:
+        """Return a copy with other entries and the same URDF.
+
+        Args:
+            entries: Values by the name of the entry, already validated.
+        """
+        return self.model_copy(update=entries).with_urdf(self._urdf_xml, self._source)
 
     def with_urdf(self, xml: str, source: str) -> RobotModel:
         """Return this model with the URDF text attached."""

@@ -2,7 +2,7 @@
 
 from robot_energy.motion.fourier import FourierBasis, FourierMotion
 from robot_energy.motion.inverse_kinematics import InverseKinematics
-from robot_energy.motion.ptp import JointMotion, MotionLimits, PointToPoint, Profile, Trajectory
+from robot_energy.motion.ptp import JointMotion, MotionLimits, Profile, Trajectory
 from robot_energy.motion.ptp_loop import Program, random_program, tool_above
 from robot_energy.motion.sequence import Sequence
 
@@ -12,7 +12,6 @@ __all__ = [
     "InverseKinematics",
     "JointMotion",
     "MotionLimits",
-    "PointToPoint",
     "Profile",
     "Program",
     "Sequence",

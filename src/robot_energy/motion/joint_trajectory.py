@@ -18,8 +18,8 @@ from robot_energy.errors import MotionError
 from robot_energy.motion.planned import SampledMotion
 from robot_energy.motion.ptp import Trajectory
 
-MOST_POINTS = 1_000_000
-LARGEST = 1e6  # of any figure
+MAX_POINTS = 1_000_000
+MAX_VALUE = 1e6  # of any number
 SECOND = 1_000_000_000  # ns
 
 
@@ -29,7 +29,7 @@ class JointTrajectory:
     Args:
         joint_names: In the order of the columns.
         time: Of the points since the start, rising, shape (K,), K >= 2. [s]
-        joint_position: Shape (K, n). [rad] or [m]
+        joint_position: Of the points, shape (K, n). [rad] or [m]
         joint_velocity: Same shape, or None. [rad/s] or [m/s]
         joint_acceleration: Same shape, or None. [rad/s^2] or [m/s^2]
         name: For messages.
@@ -57,8 +57,8 @@ class JointTrajectory:
         size = (len(time), len(self.joint_names))
         if len(set(self.joint_names)) != len(self.joint_names) or not self.joint_names:
             raise MotionError(f"{name} names the joints {list(joint_names)}", "each joint once")
-        if not 2 <= len(time) <= MOST_POINTS:
-            raise MotionError(f"{name} has {len(time)} points", f"2 to {MOST_POINTS}")
+        if not 2 <= len(time) <= MAX_POINTS:
+            raise MotionError(f"{name} has {len(time)} points", f"2 to {MAX_POINTS}")
         for what, values in (
             ("time", time),
             ("position", joint_position),
@@ -70,10 +70,12 @@ class JointTrajectory:
             expected = size[:1] if what == "time" else size
             if values.shape != expected:
                 raise MotionError(f"{name}: {what} of shape {values.shape}", f"{expected}")
-            if not (np.abs(values) <= LARGEST).all():  # NaN is not, either
+            if not (np.abs(values) <= MAX_VALUE).all():  # NaN is not, either
                 raise MotionError(
-                    f"{name}: a {what} is not finite or beyond {LARGEST:g}", "finite figures"
+                    f"{name}: a {what} is not finite or beyond {MAX_VALUE:g}", "finite figures"
                 )
+        from scipy.interpolate import BPoly, CubicHermiteSpline, CubicSpline
+
         if not (np.diff(time) > 0).all():
             row = int(np.argmin(np.diff(time) > 0))
             raise MotionError(
@@ -81,27 +83,20 @@ class JointTrajectory:
                 f"{time[row]:.9g} s",
                 "times that rise from point to point",
             )
-        from scipy.interpolate import PPoly
-
         self.instants: Float = time - time[0]
         self.duration = float(self.instants[-1])
         self.notes: tuple[str, ...] = ()
         if joint_velocity is None:
-            joint_velocity = self._spline_velocity(joint_position)
-            joint_acceleration = None
+            self._motion = CubicSpline(self.instants, joint_position, bc_type="clamped")
             self.notes = (
                 f"{name} gives positions only: a smooth motion from rest to rest through its "
                 "points is assumed",
             )
-        coefficients = _polynomials(
-            np.diff(self.instants), joint_position, joint_velocity, joint_acceleration
-        )
-        self._motion = PPoly(coefficients[::-1], self.instants)
-
-    def _spline_velocity(self, position: Float) -> Float:
-        from scipy.interpolate import CubicSpline
-
-        return np.asarray(CubicSpline(self.instants, position, bc_type="clamped")(self.instants, 1))
+        elif joint_acceleration is None:
+            self._motion = CubicHermiteSpline(self.instants, joint_position, joint_velocity)
+        else:
+            derivatives = np.stack([joint_position, joint_velocity, joint_acceleration], axis=1)
+            self._motion = BPoly.from_derivatives(self.instants, derivatives)
 
     def planned(self) -> SampledMotion:
         """Return the motion for a prediction, sampled at equal steps and at every point."""
@@ -112,6 +107,9 @@ class JointTrajectory:
 
         Args:
             time: Since the first point, shape (N,). [s]
+
+        Returns:
+            Position, velocity and acceleration, joint side.
         """
         inside = np.clip(time, 0.0, self.duration)
         return Trajectory(*(np.asarray(self._motion(inside, order)) for order in range(3)))
@@ -124,12 +122,15 @@ def read_points(message: Any, name: str) -> JointTrajectory:
         message: The message.
         name: Where it comes from, for messages.
 
+    Returns:
+        The motion through its points.
+
     Raises:
         MotionError: If points are missing, incomplete or out of order.
     """
     points: Sequence[Any] = message.points
-    if not 2 <= len(points) <= MOST_POINTS:
-        raise MotionError(f"{name} has {len(points)} points", f"2 to {MOST_POINTS}")
+    if not 2 <= len(points) <= MAX_POINTS:
+        raise MotionError(f"{name} has {len(points)} points", f"2 to {MAX_POINTS}")
     time = np.array(
         [p.time_from_start.sec + p.time_from_start.nanosec / SECOND for p in points],
         dtype=np.float64,
@@ -157,29 +158,3 @@ def _column(points: Sequence[Any], what: str, n_joints: int, name: str) -> Float
     if any(len(row) not in (0, n_joints) for row in rows):
         raise MotionError(f"{name} has {what} of another length", f"{n_joints}, or none")
     return np.stack(rows) if all(len(row) for row in rows) and n_joints else None
-
-
-def _polynomials(
-    length: Float, position: Float, velocity: Float, acceleration: Float | None
-) -> Float:
-    """Coefficients in rising powers of the time since each point, shape (6, K - 1, n)."""
-    h = length[:, None]
-    p, v = position[:-1], velocity[:-1]
-    gap = (position[1:] - p - v * h) / h**2  # what velocity alone leaves, over h^2
-    turn = (velocity[1:] - v) / h
-    zero = np.zeros_like(p)
-    if acceleration is None:
-        return np.stack([p, v, 3 * gap - turn, (turn - 2 * gap) / h, zero, zero])
-    a = 0.5 * acceleration[:-1]
-    gap, turn = gap - a, turn - 2 * a
-    bend = acceleration[1:] - acceleration[:-1]
-    return np.stack(
-        [
-            p,
-            v,
-            a,
-            (10 * gap - 4 * turn + 0.5 * bend) / h,
-            (-15 * gap + 7 * turn - bend) / h**2,
-            (6 * gap - 3 * turn + 0.5 * bend) / h**3,
-        ]
-    )

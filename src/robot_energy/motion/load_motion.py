@@ -16,7 +16,7 @@ from robot_energy.motion.planned import PlannedMotion, SampledMotion
 from robot_energy.motion.ptp_file import program_for, read_program
 from robot_energy.motion.tool_motion import STEP, ToolMotion, ToolPlacement
 from robot_energy.motion.tool_timing import TimedPath, ToolLimits
-from robot_energy.motion.trajectory_reader import read_bag_trajectory, read_csv_trajectory
+from robot_energy.motion.trajectory_io import read_bag_trajectory, read_csv_trajectory
 from robot_energy.physics.rigid_body import Robot
 
 GCODE = (".gcode", ".gco", ".g", ".nc", ".ngc", ".cnc", ".tap")

@@ -140,11 +140,3 @@ class ToolPath:
         if any(move.extruding for move in moves):
             return math.fsum(move.length for move in moves if move.extruding)
         return math.fsum(m.length for m in moves if isinstance(m, Arc) or not m.rapid)
-
-    @property
-    def bounds(self) -> tuple[Point, Point]:
-        """Least and greatest coordinates of all ends; arcs may reach beyond. [m]"""
-        ends = [p for s in self.segments if not isinstance(s, Dwell) for p in (s.start, s.end)]
-        low = min(p[0] for p in ends), min(p[1] for p in ends), min(p[2] for p in ends)
-        high = max(p[0] for p in ends), max(p[1] for p in ends), max(p[2] for p in ends)
-        return low, high

@@ -174,29 +174,40 @@ class _QuadraticFit:
         offsets = np.arange(-int(behind.max()), int(ahead.max()) + 1)
         self._first, self._last = start + int(offsets[0]), stop + int(offsets[-1])
         # u and the weights are (offsets, rows), so that every operation runs along the rows
-        around = sliding_window_view(self._part(stamp), len(rows))
-        self._u = (around - instants) * (NANOSECOND / scale)
-        self._outside = (offsets[:, None] < -behind) | (offsets[:, None] > ahead)
-        self._u[self._outside] = 0.0
+        near = (self._part(stamp) - instants[0]).astype(np.float64)  # whole numbers, exact
+        around = sliding_window_view(near, len(rows))
+        self._u = around - (instants - instants[0]).astype(np.float64)
+        self._u *= NANOSECOND / scale
+        shortest_behind, shortest_ahead = int(behind.min()), int(ahead.min())
+        self._outside = {  # of the offsets that lie outside of some windows, which windows
+            index: (offset < -behind) | (offset > ahead)
+            for index, offset in enumerate(offsets.tolist())
+            if not -shortest_behind <= offset <= shortest_ahead
+        }
+        for index, outside in self._outside.items():
+            self._u[index][outside] = 0.0
         self._solve(behind + ahead + 1)
 
+    @np.errstate(divide="ignore", invalid="ignore")
     def _solve(self, count: Int) -> None:
         """Solve the normal equations of every row."""
-        u, squared = self._u, self._u * self._u
-        s0, s1, s2 = count.astype(np.float64), _sum_rows(u), _sum_rows(squared)
-        s3, s4 = _sum_rows(squared * u), _sum_rows(squared * squared)
+        powers = np.empty((len(self._u), 4, len(count)))
+        u, squared = powers[:, 0], powers[:, 1]
+        u[:] = self._u
+        np.multiply(u, u, out=squared)
+        np.multiply(squared, u, out=powers[:, 2])
+        np.multiply(squared, squared, out=powers[:, 3])
+        s0, (s1, s2, s3, s4) = count.astype(np.float64), _sum_rows(powers)
         a, b, c = s2 * s4 - s3 * s3, s1 * s4 - s2 * s3, s1 * s3 - s2 * s2
         determinant = s0 * a - s1 * b + s2 * c
         d, e, f = s0 * s4 - s2 * s2, s0 * s3 - s1 * s2, s0 * s2 - s1 * s1
-        with np.errstate(divide="ignore", invalid="ignore"):
-            line = np.where(count >= 2, 1 / f, np.nan)
-            quadratic = count >= 3
-            self._slope = (
-                np.where(quadratic, -b / determinant, -s1 * line),
-                np.where(quadratic, d / determinant, s0 * line),
-                np.where(quadratic, -e / determinant, 0.0),
-            )
-            bend = np.where(quadratic, 1 / determinant, np.nan)
+        bend = 1 / determinant
+        self._slope = (-b / determinant, d / determinant, -e / determinant)
+        if int(count.min()) < 3:
+            few, line = count < 3, np.where(count >= 2, 1 / f, np.nan)
+            bend[few] = np.nan
+            for weight, linear in zip(self._slope, (-s1 * line, s0 * line, 0 * s0), strict=True):
+                weight[few] = linear[few]
         self._curvature = (c * bend, -e * bend, f * bend)
 
     def slope(self, values: Float) -> Float:
@@ -213,18 +224,19 @@ class _QuadraticFit:
         weight += c1
         weight *= self._u
         weight += c0
-        weight[self._outside] = 0.0
-        part = np.ascontiguousarray(self._part(values.T))
+        for index, outside in self._outside.items():
+            weight[index][outside] = 0.0
+        part = self._part(values.T)
         clean = bool(np.isfinite(part.sum()))
         size = weight.shape[1]
         result = np.zeros((len(part), size))
         term = np.empty_like(result)
         for index, row in enumerate(weight):
             np.multiply(row, part[:, index : index + size], out=term)
-            if not clean:  # NaN times a weight of 0 would still be NaN
+            if not clean and index in self._outside:  # NaN times 0 would still be NaN
                 term[:, self._outside[index]] = 0.0
             result += term
-        return np.ascontiguousarray(result.T)
+        return result.T
 
     def _part(self, values: NDArray[Any]) -> NDArray[Any]:
         """Return all samples that some row meets, last axis; any number beyond the ends."""
@@ -239,8 +251,8 @@ class _QuadraticFit:
 
 
 def _sum_rows(values: Float) -> Float:
-    """Sum over the first axis in rising order, whatever the length of the second."""
-    total = np.zeros(values.shape[1])
-    for row in values:
+    """Sum over the first axis in rising order, whatever the length of the last."""
+    total = values[0].copy()
+    for row in values[1:]:
         total += row
     return total

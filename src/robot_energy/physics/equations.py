@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 REFERENCE_DEGC = 20.0  # at which copper losses are stated
 MAX_CONDITION = 1e9  # of a transmission matrix
-PIECE = 512  # samples worked on at a time, small enough for the cache
+COLUMNS = 9  # worked on at a time, so few that thousands of samples fit the cache
 
 
 @dataclass(frozen=True)
@@ -354,16 +354,15 @@ def interval_energy(power: Float, before: Float, duration: Float) -> tuple[Float
         Energy of each interval, shape (N, R), and the greatest amount among them, NaN if one
         is NaN. [J]
     """
-    half = (0.5 * duration)[:, None]
-    energy = np.empty_like(power)
+    energy, half = np.empty_like(power), (0.5 * duration)[:, None]
     np.add(power[0], before, out=energy[0])
     peaks: list[float] = []
-    for start in range(0, len(power), PIECE):
-        end, first = min(start + PIECE, len(power)), max(start, 1)
-        np.add(power[first:end], power[first - 1 : end - 1], out=energy[first:end])
-        piece = energy[start:end]
-        piece *= half[start:end]
-        peaks += (float(piece.max()), -float(piece.min()))
+    for first in range(0, power.shape[1], COLUMNS):
+        columns = slice(first, first + COLUMNS)
+        part, given = energy[:, columns], power[:, columns]
+        np.add(given[1:], given[:-1], out=part[1:])
+        part *= half
+        peaks += (float(part.max()), -float(part.min()))
     return energy, float(np.max(peaks))
 
 

@@ -169,6 +169,8 @@ class FrictionModel:
 
     def __init__(self, entries: list[JointFriction]) -> None:
         self.laws = [viscous_law(entry.viscous) for entry in entries]
+        self._lower_degc = np.asarray([law.lower_degc for law in self.laws])
+        self._upper_degc = np.asarray([law.upper_degc for law in self.laws])
         self.coulomb = np.asarray([entry.coulomb.value for entry in entries])
         self._smooth = _values([entry.smooth_velocity for entry in entries])
         self._load = _values([entry.load_coulomb for entry in entries])
@@ -191,7 +193,8 @@ class FrictionModel:
         Returns:
             Motor side, same shape; NaN where the temperature is NaN. [N m s/rad]
         """
-        columns = [law.viscous(motor_temperature_degc[..., i]) for i, law in enumerate(self.laws)]
+        inside = np.clip(motor_temperature_degc, self._lower_degc, self._upper_degc)
+        columns = [law.formula(inside[..., i]) for i, law in enumerate(self.laws)]
         return np.stack(columns, axis=-1)
 
     def viscous_std(self, motor_temperature_degc: Float) -> Float:
@@ -219,10 +222,8 @@ class FrictionModel:
 
     def extrapolated(self, motor_temperature_degc: Float) -> NDArray[np.bool_]:
         """Tell where a law is held at the edge of its range, same shape."""
-        columns = [
-            law.extrapolated(motor_temperature_degc[..., i]) for i, law in enumerate(self.laws)
-        ]
-        return np.stack(columns, axis=-1)
+        below = motor_temperature_degc < self._lower_degc
+        return below | (motor_temperature_degc > self._upper_degc)
 
     def torque(
         self,
@@ -280,7 +281,7 @@ def with_fixed_friction(model: RobotModel, motor_temperature_degc: float) -> Rob
         law = ConstantLaw(law="constant", viscous=figure)
         friction = joint.friction.model_copy(update={"viscous": law})
         joints[index] = joint.model_copy(update={"friction": friction})
-    return model.model_copy(update={"joints": joints}).with_urdf(model.urdf_xml, model.source)
+    return model.changed(joints=joints)
 
 
 def _level(std: float | None) -> Callable[[Float], Float]:

@@ -139,10 +139,10 @@ class Robot:
             for values in (joint_position, joint_velocity, joint_acceleration)
         ]
         torque = pin.rneaInParallel(1, self._pool, *map(np.asfortranarray, columns))
-        torque = torque.reshape(self.n_joints, shape[0]).T  # one sample comes back flat
+        torque = torque.reshape(self.n_joints, shape[0])  # one sample comes back flat
         if not self._same_order:
-            torque = torque[:, self._from_model]
-        return np.ascontiguousarray(torque)
+            torque = torque[self._from_model]
+        return np.ascontiguousarray(torque).T
 
     @property
     def link_parameters(self) -> Float:

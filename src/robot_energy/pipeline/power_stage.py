@@ -188,8 +188,10 @@ class PowerStage:
         """Friction valid at each stamp; the temperature is NaN where missing or stale."""
         line, row = self._timeline.at(stamp_ns)
         seen = line.temperature_stamp_ns
-        coulomb, viscous = line.coulomb[row], line.viscous[row]
-        temperature = line.motor_temperature_degc[row]
+        coulomb, viscous, temperature = (
+            values.T.take(row, axis=1).T
+            for values in (line.coulomb, line.viscous, line.motor_temperature_degc)
+        )
         quality |= line.quality[row]
         deadline = np.where(seen > 0, seen + self._stale_ns, np.iinfo(np.int64).max)
         if (stamp_ns > deadline.min(axis=1)[row]).any():

@@ -105,17 +105,17 @@ def _drives(fit: DrivesFit, delay: Delay | None, page: Document) -> None:
         page.rows(
             title,
             [
-                Column("prediction", lambda way: WAY_NAMES[way]),
+                Column("prediction", lambda way: WAY_NAMES.get(way) or DRIVE_MODELS[way].label),
                 *(
                     Column(
                         SPLIT_NAMES[one.split],
-                        lambda way, one=one, key=key: getattr(one.scores[way], key),
+                        lambda way, one=one, key=key: getattr(one.scores.get(way), key, None),
                         form,
                     )
                     for one in fit.comparisons
                 ),
             ],
-            WAYS,
+            list(dict.fromkeys((*WAYS, *(way for one in fit.comparisons for way in one.scores)))),
         )
     page.paragraph(
         "held out: contiguous blocks, whole recordings, samples beyond 60 % of the greatest "

@@ -19,6 +19,7 @@ from pydantic_core import core_schema
 from robot_energy.errors import ReportError
 from robot_energy.model import RobotModel
 from robot_energy.results.base import SCHEMA_VERSION, Result
+from robot_energy.results.check import CheckReport
 from robot_energy.results.drives import DrivesReport
 from robot_energy.results.dynamics import DynamicsReport
 from robot_energy.results.excitation import ExcitationReport
@@ -46,6 +47,7 @@ RESULTS: dict[str, type[Result]] = {
         ExcitationReport,
         IdentificationReport,
         ModelReport,
+        CheckReport,
     )
 }
 READABLE = (ReplayReport, PredictionsReport)  # that a page is made from

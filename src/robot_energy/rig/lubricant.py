@@ -17,7 +17,7 @@ from robot_energy.errors import RigError
 
 KELVIN = 273.15  # K at 0 degC
 SHIFT = 0.7  # mm^2/s
-LEAST_DEGC, GREATEST_DEGC = -40.0, 200.0
+MIN_DEGC, MAX_DEGC = -40.0, 200.0
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class Lubricant:
             Same shape. [mm^2/s]
         """
         a, b = self.constants
-        degc = np.clip(np.asarray(gear_temperature_degc), LEAST_DEGC, GREATEST_DEGC)
+        degc = np.clip(np.asarray(gear_temperature_degc), MIN_DEGC, MAX_DEGC)
         return 10.0 ** (10.0 ** (a - b * np.log10(degc + KELVIN))) - SHIFT
 
     def friction_factor(self, gear_temperature_degc: Float | float) -> Float:
@@ -77,6 +77,10 @@ class Lubricant:
         return np.sqrt(self.viscosity(gear_temperature_degc) / self.viscosity_40)
 
 
-# Catalogue level of viscosity index about 97 (mineral) and 150 (synthetic).
-VG150_MINERAL = Lubricant(150.0, 14.7)
-VG220_SYNTHETIC = Lubricant(220.0, 25.8)
+OILS = {
+    "vg150_mineral": Lubricant(150.0, 14.7),
+    "vg220_synthetic": Lubricant(220.0, 25.8),
+    "harmonic_gear_grease": Lubricant(180.0, 17.0),
+}
+"""Oils at catalogue level: viscosity index about 97 (mineral) and 150 (synthetic); base oil of a
+harmonic gear's grease."""

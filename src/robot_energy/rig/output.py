@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
-from robot_energy.blocks import Block, Float, JointBlock, MeterBlock, TemperatureBlock
+from robot_energy.blocks import Block, Float, MeterBlock, TemperatureBlock
 
 
 @dataclass(frozen=True)
@@ -26,19 +24,6 @@ class RigJoints(Block):
     joint_velocity: Float
     measured_motor_torque: Float
     measured_drive_power: Float
-
-    def joint_block(self) -> JointBlock:
-        """Return what the pipeline takes: one segment of good samples."""
-        rows = len(self)
-        return JointBlock(
-            stamp_ns=self.stamp_ns,
-            segment=np.zeros(rows, dtype=np.int64),
-            quality=np.zeros(rows, dtype=np.uint32),
-            joint_position=self.joint_position,
-            joint_velocity=self.joint_velocity,
-            joint_acceleration=np.full_like(self.joint_velocity, np.nan),
-            joint_effort=np.full_like(self.joint_velocity, np.nan),
-        )
 
 
 @dataclass(frozen=True)
@@ -123,6 +108,12 @@ class RigOutput:
     @classmethod
     def concatenate(cls, outputs: Sequence[RigOutput]) -> RigOutput:
         """Join outputs in the order given.
+
+        Args:
+            outputs: At least one.
+
+        Returns:
+            One output with all their samples and readings.
 
         Raises:
             ShapeError: If there is nothing to join.

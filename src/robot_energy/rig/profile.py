@@ -1,15 +1,20 @@
 """The plant's own parameters: what the monitored model does not know.
 
-Shared with the model under test are rigid bodies, gear ratios and rotor inertias of a
-shipped model file, nothing else. Motor side throughout. No figure was measured: they are
-assumed from neighbouring robots, so the plant is of the KR 16 class, not a KR 16.
+A plant shares rigid bodies, gear ratios and rotor inertias with the model under test, nothing
+else. Friction and losses have terms that the models do not have (Stribeck, load, lubricant,
+iron, inverter), and where they share a term another value. Motor side throughout. The plants of
+this package stand in ``profiles``. No figure of them was measured: they are assumed from
+neighbouring robots, so a plant is of the class of a robot, not that robot.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from importlib import resources
+from typing import Any
 
 import numpy as np
+import yaml
 
 from robot_energy.blocks import Float
 from robot_energy.errors import RigError
@@ -17,7 +22,7 @@ from robot_energy.model import load
 from robot_energy.motion import MotionLimits
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.rigid_body import Robot
-from robot_energy.rig.lubricant import VG150_MINERAL, VG220_SYNTHETIC, Lubricant
+from robot_energy.rig.lubricant import OILS, Lubricant
 
 
 @dataclass(frozen=True)
@@ -198,56 +203,29 @@ def calibrated_viscous(
     return float(np.sqrt(cold * hot / (factor[0] * factor[1])))
 
 
-def kr16_profile() -> PlantProfile:
-    """Return a plant of the KR 16 class: 16 kg payload, 1.61 m reach.
+def load_profile(name: str) -> PlantProfile:
+    """Return a plant of this package.
 
-    Its drag as a controller's torque trace shows it, friction and iron together, is near
-    the class profile (Coulomb 0.50 to 0.14 N m, viscous 7.5 to 1.6e-3 N m s/rad at 20
-    degC and 2.4 to 0.5e-3 at 60 degC). The two targets per axis meet one free scale; the
-    oils leave a residual of about 2 % on A1 to A3 and 8 % on A4 to A6.
+    In its file a figure is one value or one per axis, and viscous friction has targets at 20
+    and 60 degC, which `calibrated_viscous` meets.
+
+    Args:
+        name: Of the shipped model whose bodies it has, such as ``kr16``.
+
+    Returns:
+        The plant.
+
+    Raises:
+        RigError: If a figure is missing or makes no sense.
     """
-    class_coulomb = np.array([0.50, 0.53, 0.43, 0.14, 0.14, 0.15])
-    class_cold = np.array([7.5, 10.0, 8.7, 2.2, 2.2, 1.6]) * 1e-3
-    class_hot = np.array([2.4, 3.2, 2.8, 0.70, 0.70, 0.50]) * 1e-3
-    hysteresis = np.array([0.04, 0.04, 0.03, 0.010, 0.010, 0.010])
-    eddy = np.array([2.0, 2.0, 1.5, 0.5, 0.5, 0.4]) * 1e-4
-    oils = (VG150_MINERAL,) * 3 + (VG220_SYNTHETIC,) * 3
-    viscous = np.array(
-        [
-            calibrated_viscous(oil, cold - iron, hot - iron)
-            for oil, cold, hot, iron in zip(oils, class_cold, class_hot, eddy, strict=True)
-        ]
-    )
-    return PlantProfile(
-        body="kr16",
-        lubricant=oils,
-        coulomb=0.80 * class_coulomb - hysteresis,
-        load_coulomb=np.full(6, 0.03),
-        stribeck=0.20 * class_coulomb,
-        stribeck_velocity=np.full(6, 15.0),
-        viscous_40=viscous,
-        torque_constant=np.array([1.1, 1.1, 1.1, 0.7, 0.7, 0.7]),
-        torque_constant_fall=np.full(6, 0.0011),
-        resistance=np.array([0.8, 0.8, 1.2, 4.0, 4.0, 4.0]),
-        resistance_rise=np.full(6, 0.0039),
-        hysteresis_torque=hysteresis,
-        eddy_viscous=eddy,
-        inverter_linear=np.full(6, 2.5),
-        inverter_square=np.full(6, 0.05),
-        motor_capacity=np.array([5.5, 5.0, 4.0, 1.0, 1.0, 1.0]) * 1e3,
-        gear_capacity=np.array([21.6, 15.0, 14.6, 4.3, 2.2, 2.2]) * 1e3,
-        motor_conductance=np.array([10.0, 10.0, 8.0, 3.0, 3.0, 3.0]),
-        gear_conductance=np.array([4.0, 2.8, 2.7, 1.2, 0.6, 0.6]),
-        friction_to_motor=np.full(6, 0.1),
-        acceleration=np.array([10.9, 8.0, 20.0, 90.0, 88.0, 120.0]),
-        supply=SupplyProfile(
-            loss_dc=90.0,
-            loss_grid=250.0,
-            rectifier_efficiency=0.985,
-            capacitance=1.5e-3,
-            rectified_voltage=566.0,
-            chopper_on_voltage=700.0,
-            chopper_off_voltage=680.0,
-            brake_resistance=30.0,
-        ),
-    )
+    path = resources.files("robot_energy.rig") / "profiles" / f"{name}.yaml"
+    data: dict[str, Any] = yaml.safe_load(path.read_text("utf-8"))
+    body, supply = data.pop("body"), SupplyProfile(**data.pop("supply"))
+    oils = tuple(OILS[oil] for oil in data.pop("lubricant"))
+    figures = {
+        key: np.array(np.broadcast_to(value, len(oils)), dtype=np.float64)
+        for key, value in data.items()
+    }
+    targets = zip(oils, figures.pop("viscous_20"), figures.pop("viscous_60"), strict=True)
+    viscous = np.array([calibrated_viscous(oil, cold, hot) for oil, cold, hot in targets])
+    return PlantProfile(body=body, lubricant=oils, viscous_40=viscous, supply=supply, **figures)

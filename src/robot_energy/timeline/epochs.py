@@ -232,13 +232,13 @@ class EpochSplitter:
         rising = bool((steps > 0).all())
         newest = int(stamp[-1])
         if rising:
-            if int(steps.max()) > self._reach.ahead_ns:
+            if int(steps.max()) > self._least_ahead_ns(steps):
                 return None
         else:
             before = np.maximum.accumulate(np.concatenate([[first], stamp]))
             ahead = stamp - before[:-1]
             low = int(ahead.min())
-            if low <= -self._reach.behind_ns or int(ahead.max()) > self._reach.ahead_ns:
+            if low <= -self._reach.behind_ns or int(ahead.max()) > self._least_ahead_ns(ahead):
                 return None
             if low < -SECOND_NS:
                 late = ahead[ahead < -SECOND_NS]
@@ -266,9 +266,24 @@ class EpochSplitter:
         usual = REACH_PERIODS * self.period_ns
         return min(max(usual, reach.ahead_ns), reach.max_ahead_ns)
 
+    def _least_ahead_ns(self, ahead: Int) -> int:
+        """How far ahead each of some stamps may lie at least. [ns]
+
+        The median of periods is no shorter than the shortest of them.
+
+        Args:
+            ahead: How far each is ahead of the newest before it, shape (N,). [ns]
+        """
+        reach = self._reach
+        if not len(self._periods) or int(ahead.max()) <= reach.ahead_ns:
+            return reach.ahead_ns
+        shortest = min(int(ahead[ahead > 0].min()), int(self._periods.min()))
+        return min(max(REACH_PERIODS * shortest, reach.ahead_ns), reach.max_ahead_ns)
+
     def _continues(self, stamp: int, newest: int) -> bool:
         behind = self._reach.behind_ns if self._sure else self._reach.ahead_ns
-        return newest - behind < stamp <= newest + self._ahead_ns()
+        near = stamp - newest <= self._reach.ahead_ns
+        return newest - behind < stamp and (near or stamp <= newest + self._ahead_ns())
 
     def _note_stray(self, stamp: int) -> None:
         assert self.newest_ns is not None

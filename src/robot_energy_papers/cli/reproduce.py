@@ -2,19 +2,129 @@
 
 from __future__ import annotations
 
-from argparse import ArgumentParser
+from argparse import ArgumentParser, ArgumentTypeError, Namespace
+from collections.abc import Callable
+from importlib import import_module
+from pathlib import Path
 from typing import Any
 
-from robot_energy_papers.cli import reproduce_paper_a, reproduce_paper_b
+from robot_energy.cli.terminal import add_command, console, progress, write_json
+from robot_energy.shown_text import shown
+from robot_energy_papers.cli.study_folder import BAGS, FIGURES, FRONT, MODEL, REPORT, study_folder
+
+PAPER_A = """\
+Repeat the experiment of paper A on the virtual rig: sets of 20 motions while a robot of
+the KR 16 class warms up from 20 to about 80 degC, identification from the recorded bags,
+and grid energy of held-out motions with friction that is fixed and friction that follows
+temperature. Writes report.html, figures.json, front.svg, the identified model and the bags.
+
+Nothing is measured on a robot: the study shows that the method works.
+"""
+PAPER_B = """\
+Repeat the studies of paper B: a planar printing robot identified from an excitation motion
+and validated on another; the electrical energy of its drives by efficiency maps and by a loss
+model; and one wall printed by a planar arm, a gantry and an articulated arm. Writes report.html,
+figures.json, front.svg, the identified model and the bags.
+
+Measurements are those of a virtual rig, and machines are models of their class: the study shows
+that the method works.
+"""
+WORKERS = 2
 
 
 def add_parser(commands: Any) -> None:
-    """Add the sub-command and what can be reproduced."""
+    """Add the sub-command and what can be reproduced.
+
+    Args:
+        commands: Sub-parsers of the command.
+    """
     parser: ArgumentParser = commands.add_parser(
         "reproduce",
         help="repeat the experiments of the papers on the virtual rig",
         description="Repeat the experiments of a paper; every figure states its data.",
     )
     papers = parser.add_subparsers(title="papers", metavar="PAPER", required=True)
-    for module in (reproduce_paper_a, reproduce_paper_b):
-        module.add_parser(papers)
+    paper_a = _add_paper(
+        papers, "paper-a", "energy over robot temperature", PAPER_A,
+        "a few temperatures, short sets, rigs that start at their temperature",
+    )  # fmt: skip
+    paper_a.add_argument(
+        "--workers",
+        type=_count(1),
+        metavar="N",
+        help=f"processes at once (default {WORKERS}, with --quick 1); changes no figure",
+    )
+    _add_paper(
+        papers, "paper-b", "energy of printing robots", PAPER_B,
+        "layers at three heights instead of all 100",
+    )  # fmt: skip
+
+
+def _add_paper(papers: Any, name: str, title: str, text: str, quick: str) -> ArgumentParser:
+    folder = name.replace("-", "_")
+    epilog = f"example:\n  robot-energy reproduce {name} --quick --out build/{folder}\n"
+    parser = add_command(papers, name, run, title, text, epilog)
+    parser.add_argument("--quick", action="store_true", help=quick)
+    parser.add_argument(
+        "--out", default=folder, metavar="FOLDER", help=f"to write to (default {folder})"
+    )
+    parser.add_argument(
+        "--seed", type=_count(0), default=0, metavar="N", help="of motions and rigs (default 0)"
+    )
+    parser.add_argument("--overwrite", action="store_true", help="replace an earlier study")
+    parser.set_defaults(paper=name)
+    return parser
+
+
+def _count(least: int) -> Callable[[str], int]:
+    def parse(text: str) -> int:
+        value = int(text) if text.isdecimal() else -1
+        if value < least:
+            raise ArgumentTypeError(f"'{text}' is no whole number from {least} on")
+        return value
+
+    return parse
+
+
+def run(args: Namespace) -> int:
+    """Do a study and write everything.
+
+    Args:
+        args: Arguments of the command.
+
+    Returns:
+        The exit code.
+
+    Raises:
+        RobotEnergyError: If the folder cannot be used, or a run or fit fails.
+    """
+    from robot_energy.model import save
+    from robot_energy.report.document import Document
+    from robot_energy.report.html import write_page
+    from robot_energy.report.printing import print_document
+
+    module = f"robot_energy_papers.{args.paper.replace('-', '_')}"
+    paper, numbers, page = (import_module(module + part) for part in ("", "_numbers", "_page"))
+    options: dict[str, Any] = {}
+    if "workers" in args:
+        options["workers"] = args.workers or (1 if args.quick else WORKERS)
+    with study_folder(args.out, args.overwrite) as folder:
+        with progress("recording, identifying, testing") as report:
+            scale = paper.QUICK if args.quick else paper.FULL
+            result = paper.study(folder / BAGS, args.seed, scale, progress=report, **options)
+        write_page(page.page(result, _command(args)), folder / REPORT)
+        write_json(str(folder / FIGURES), numbers.figures(result))
+        save(result.model, folder / MODEL)
+        page.front_picture(result, folder / FRONT)
+    out = Document()
+    page.print_tables(result, out)
+    for name in (REPORT, FIGURES, FRONT, MODEL, BAGS):
+        out.paragraph(f"wrote {shown(str(Path(args.out) / name))}")
+    print_document(out, console())
+    return 0
+
+
+def _command(args: Namespace) -> str:
+    """The command line that makes this page, without where and how fast."""
+    seed = f" --seed {args.seed}" if args.seed else ""
+    return f"robot-energy reproduce {args.paper}{' --quick' if args.quick else ''}{seed}"

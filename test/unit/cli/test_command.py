@@ -13,7 +13,7 @@ from logbook import WHEEL_MAPPING, mapping, wheel_bag, wheel_csv, wheel_model, w
 from places import ROOT
 from robot_energy import __version__
 from robot_energy.cli import main
-from robot_energy.logs import import_csv
+from robot_energy.logs import import_log
 
 DATA = os.environ.get("ROBOT_ENERGY_DATA", "")
 
@@ -128,7 +128,7 @@ def test_a_model_that_cannot_be_used(tmp_path: Path, capsys: pytest.CaptureFixtu
 
 def test_joints_that_do_not_match(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     joints = {**WHEEL_MAPPING["joints"], "names": ["hub"], "keys": ["axle"]}
-    import_csv(wheel_csv(tmp_path / "l.csv"), mapping(joints=joints), tmp_path / "bag")
+    import_log(wheel_csv(tmp_path / "l.csv"), mapping(joints=joints), tmp_path / "bag")
     options = ("--model", wheel_model(tmp_path), "--out", tmp_path / "energy")
     text = refused(capsys, "replay", tmp_path / "bag", *options)
     assert "has the joint(s) axle" in text
@@ -332,7 +332,7 @@ def test_effort_shows_measured_beside_predicted_shaft_energy(
     rows = [(f"{n / 100:.6f}", f"{3 * n / 100:.9f}", 3.0, 1.0) for n in range(1001)]
     log = write_csv(tmp_path / "wheel.csv", header, rows)
     joints = {**WHEEL_MAPPING["joints"], "effort": {"columns": ["torque"], "unit": "newton_metre"}}
-    import_csv(log, mapping(joints=joints, power=None), tmp_path / "bag")
+    import_log(log, mapping(joints=joints, power=None), tmp_path / "bag")
     args = ["replay", str(tmp_path / "bag"), "--model", str(wheel_model(tmp_path))]
     assert main([*args, "--json", str(tmp_path / "r.json"), "--effort", "motor_torque"]) == 0
     text = capsys.readouterr().out

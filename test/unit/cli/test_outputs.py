@@ -22,7 +22,7 @@ from places import ROOT
 from robot_energy.bag import BagWriter
 from robot_energy.cli import main
 from robot_energy.files.placement import PREFIX
-from robot_energy.logs import import_csv
+from robot_energy.logs import import_log
 
 FULL = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
@@ -370,7 +370,7 @@ def test_one_file_for_two_outputs_is_refused(
 def test_a_signal_leaves_the_old_bag_and_a_kill_only_a_draft(
     place: Path, number: signal.Signals
 ) -> None:
-    import_csv(wheel_csv(place / "short.csv", seconds=0.1), mapping(), place / "recording")
+    import_log(wheel_csv(place / "short.csv", seconds=0.1), mapping(), place / "recording")
     before = inventory(place)
     words = "simulate --duration 100000 --out recording --overwrite".split()
     command = [sys.executable, "-m", "robot_energy", *words]

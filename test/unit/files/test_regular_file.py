@@ -10,21 +10,20 @@ import robots
 from robot_energy.bag import BagReader
 from robot_energy.errors import BagError, LogFormatError, ModelFileError, RobotEnergyError
 from robot_energy.files.regular_file import open_regular, read_regular, read_regular_text
-from robot_energy.identify.data import raw_log
 from robot_energy.inputs.inputs_file import read_inputs
-from robot_energy.logs import table
+from robot_energy.logs import rows, table
 from robot_energy.logs.mapping import load_mapping
+from robot_energy.logs.rows import number_rows
 from robot_energy.logs.table import LogTable
 from robot_energy.model import load, validate
 from robot_energy.motion.gcode import load_gcode
 from robot_energy.motion.ptp_file import read_program
-from robot_energy.motion.trajectory_reader import read_csv_trajectory
+from robot_energy.motion.trajectory_io import read_csv_trajectory
 
 READERS = {
     "model": (load, ".yaml"),
     "inputs": (read_inputs, ".yaml"),
     "mapping": (load_mapping, ".yaml"),
-    "drive log": (raw_log.load_drive_log, ".yaml"),
     "moves": (read_program, ".yaml"),
     "gcode": (load_gcode, ".gcode"),
     "trajectory": (read_csv_trajectory, ".csv"),
@@ -106,19 +105,20 @@ def test_a_packed_log_is_unpacked_within_bounds(tmp_path, monkeypatch):
     path = tmp_path / "log.csv.gz"
     path.write_bytes(gzip.compress(b"a,b\n" + b"0,0\n" * 2**20))
     with pytest.raises(LogFormatError, match="times its size"):
-        LogTable(path).numbers(["a"])
+        list(number_rows(LogTable(path), ["a"]))
     path.write_bytes(gzip.compress(b"a,b\n" + b"1,2\n" * 1000))
-    assert LogTable(path).numbers(["b", "a"]).tolist() == [[2.0, 1.0]] * 1000
+    (read,) = number_rows(LogTable(path), ["b", "a"])
+    assert read.values.tolist() == [[2.0, 1.0]] * 1000
 
 
 def test_numbers_of_a_log_are_bounded(tmp_path, monkeypatch):
-    monkeypatch.setattr(table, "MAX_NUMBERS", 20)
+    monkeypatch.setattr(rows, "MAX_NUMBERS", 20)
     path = tmp_path / "log.csv"
     path.write_text("a,b\n" + "1,2\n" * 10)
-    assert LogTable(path).numbers(["a", "b"]).shape == (10, 2)
+    (read,) = number_rows(LogTable(path), ["a", "b"], kept=True)
+    assert read.values.shape == (10, 2)
     path.write_text("a,b\n" + "1,2\n" * 11)
     with pytest.raises(LogFormatError, match="over 10 rows"):
-        LogTable(path).numbers(["a", "b"])
-    path.write_text("a,b\n1,x\n")
-    with pytest.raises(LogFormatError, match="a number in every cell"):
-        LogTable(path).numbers(["b"])
+        list(number_rows(LogTable(path), ["a", "b"], kept=True))
+    (read,) = number_rows(LogTable(path), ["a", "b"])  # block by block there is no bound
+    assert read.values.shape == (11, 2)

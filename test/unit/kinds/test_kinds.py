@@ -1,5 +1,6 @@
 """A drive model and a meter of a user, one file each: everything knows them."""
 
+import io
 import os
 import subprocess
 import sys
@@ -9,21 +10,32 @@ from typing import Literal
 import numpy as np
 import pytest
 import yaml
+from rich.console import Console
 
 from robot_energy import kinds
 from robot_energy.bag import BagReader, BagWriter
 from robot_energy.bag_replay import Replay, replay
 from robot_energy.cdr.types import typestore
 from robot_energy.cli.main import main
-from robot_energy.errors import KindError, ModelFileError, ParameterError
+from robot_energy.errors import (
+    KindError,
+    ModelFileError,
+    NotIdentifiableError,
+    ParameterError,
+)
 from robot_energy.identify.drives.all_drives import DrivesFound
-from robot_energy.identify.drives.drives import AxisFit, DrivesFit
+from robot_energy.identify.drives.drive_data import drive_data_of_logs
+from robot_energy.identify.drives.drives import AxisFit, DrivesFit, fit_drives, with_drives
 from robot_energy.identify.drives.losses import TERMS, Losses
 from robot_energy.identify.friction.laws import fitted_laws
 from robot_energy.inputs.bag_topics import find_meter
 from robot_energy.inputs.meter.kinds import METER_KINDS
 from robot_energy.inputs.meter.source import MeterSource
+from robot_energy.inputs.sources import Inputs, TemperatureSource
+from robot_energy.inputs.temperatures.kinds import TEMPERATURE_KINDS
 from robot_energy.kinds import Kind, Kinds
+from robot_energy.log_formats import LOG_FORMATS
+from robot_energy.logs.recording import LogBlock, RecordingContents
 from robot_energy.model import load, shipped_models, validate
 from robot_energy.model.drive_models import DRIVE_MODELS
 from robot_energy.model.figure import Figure, PositiveFigure
@@ -35,14 +47,19 @@ from robot_energy.model.friction_laws import (
 )
 from robot_energy.model.joint import Joint
 from robot_energy.physics.friction import ViscousLaw, viscous_law
+from robot_energy.report.document import Document
+from robot_energy.report.drives import drives_document
 from robot_energy.report.kinds import kinds_listing
 from robot_energy.report.parameters import changes
+from robot_energy.report.printing import print_document
+from robot_energy.results.drives import drives_report
 from robot_energy.results.replay import replay_report
 
 HERE = Path(__file__).parent
-TOYS = os.pathsep.join(str(HERE / name) for name in ("toy_drive.py", "toy_meter.py"))
+TOYS = os.pathsep.join(map(str, sorted(HERE.glob("toy_*.py"))))
 DOCUMENT = HERE.parents[2] / "src" / "doc" / "kinds.md"
 INT32, TOY = "std_msgs/msg/Int32", "constant_efficiency"
+TENTHS, ROOT = "std_msgs/msg/Int32MultiArray", "square_root"
 STORE = typestore()
 SECOND, RATE, SPAN = 10**9, 100, 10
 EFFICIENCY = 0.7
@@ -54,8 +71,19 @@ def toys(monkeypatch):
     monkeypatch.setenv(kinds.VARIABLE, TOYS)
     kinds.load_kinds()
     yield
-    DRIVE_MODELS.remove(TOY)
-    METER_KINDS.remove(INT32)
+    forget()
+
+
+def forget():
+    """Take out what the files registered."""
+    for table, names in (
+        (DRIVE_MODELS, (TOY, ROOT)),
+        (METER_KINDS, (INT32,)),
+        (TEMPERATURE_KINDS, (TENTHS,)),
+        (LOG_FORMATS, ("angles",)),
+    ):
+        for name in names:
+            table.remove(name)
     kinds._loaded.clear()
 
 
@@ -99,10 +127,12 @@ def bag(tmp_path):
     """The wheel turns at 1 rad/s; a meter reads 60 W in milliwatts."""
     folder = tmp_path / "bag"
     time, header = STORE.types["builtin_interfaces/msg/Time"], STORE.types["std_msgs/msg/Header"]
+    layout, tenths = STORE.types["std_msgs/msg/MultiArrayLayout"], STORE.types[TENTHS]
     state, number = STORE.types["sensor_msgs/msg/JointState"], STORE.types[INT32]
     with BagWriter(folder) as out:
         out.add_topic("/joint_states", "sensor_msgs/msg/JointState")
         out.add_topic("/milliwatts", INT32)
+        out.add_topic("/tenths", TENTHS)
         for row in range(SPAN * RATE + 1):
             stamp = 1_700_000_000 * SECOND + row * SECOND // RATE
             head = header(time(*divmod(stamp, SECOND)), "")
@@ -112,6 +142,10 @@ def bag(tmp_path):
             out.write("/joint_states", np.array([stamp]), [raw])
             raw = bytes(STORE.serialize_cdr(number(60_000), INT32))
             out.write("/milliwatts", np.array([stamp]), [raw])
+            if row % 10 == 0:
+                raw = layout([], 0)
+                raw = bytes(STORE.serialize_cdr(tenths(raw, np.array([400], np.int32)), TENTHS))
+                out.write("/tenths", np.array([stamp]), [raw])
     return folder
 
 
@@ -142,9 +176,7 @@ def test_models_keep_their_identity_when_a_kind_comes_and_goes(monkeypatch):
     try:
         assert {name: load(path).model_id for name, path in shipped_models().items()} == before
     finally:
-        DRIVE_MODELS.remove(TOY)
-        METER_KINDS.remove(INT32)
-        kinds._loaded.clear()
+        forget()
     assert TOY not in Joint.model_fields
     assert TOY in refused(wheel(drive="ideal")).found
 
@@ -208,6 +240,85 @@ def test_identification_says_that_the_kind_has_no_fit(toys):
     assert DRIVE_MODELS[TOY].of(model.joints[0]) is not None
     assert len(notes) == 1
     assert TOY in notes[0]
+
+
+def drive_samples(seed):
+    """One drive that loses 3 W at 1 rad/s, with the root of its speed, and nothing else."""
+    random = np.random.default_rng(seed)
+    time = np.arange(0.0, 30.0, 0.01)
+    phase = random.uniform(0, 6, 3)
+    velocity = 80 * np.sin(0.9 * time + phase[0]) + 60 * np.sin(2.3 * time + phase[1])
+    torque = 1.5 * np.sin(1.7 * time + phase[2])
+    power = torque * velocity + 3.0 * np.sqrt(np.abs(velocity)) + random.normal(size=len(time))
+    none = np.full((len(time), 1), np.nan)
+    stamp = (seed * 1000 + time * 1e9).astype(np.int64)
+    wide = (none, velocity[:, None], torque[:, None], none)
+    return LogBlock(stamp, *wide, none[:, 0], power[:, None])
+
+
+def test_a_fit_of_a_user_is_compared_on_held_out_data_and_chosen(toys):
+    held = RecordingContents(("axle",), True, True, False, drive_power=True)
+    data = drive_data_of_logs([(held, [drive_samples(seed)]) for seed in (1, 2)], "newton_metre")
+    fit = fit_drives(data)
+    for comparison in fit.comparisons:
+        assert comparison.scores[ROOT].rms == pytest.approx(1.0, rel=0.1)  # the noise
+        assert comparison.scores["losses"].rms > 1.3
+        assert comparison.scores["map"].rms > 1.3
+    assert fit.chosen == ROOT
+    model = with_drives(validate(wheel(), "toy.yaml"), fit, "test")
+    assert model.drive == ROOT
+    assert DRIVE_MODELS[ROOT].of(model.joints[0]).loss.value == pytest.approx(3.0, rel=0.02)
+    page, console = Document(), Console(width=200, file=io.StringIO())
+    drives_document(drives_report(DrivesFound(fit, None), "log"), page)
+    print_document(page, console)
+    shown = console.file.getvalue()
+    assert shown.count(DRIVE_MODELS[ROOT].label) >= 3  # energy, power, what was chosen
+
+
+def test_a_user_s_fit_that_fails_leaves_the_comparison_of_the_others(toys):
+    kind = DRIVE_MODELS[ROOT]
+
+    def nothing(axis, source):
+        raise NotIdentifiableError("not told")
+
+    DRIVE_MODELS.complete(ROOT, fitted=nothing)
+    try:
+        held = RecordingContents(("axle",), True, True, False, drive_power=True)
+        fit = fit_drives(drive_data_of_logs([(held, [drive_samples(1)])], "newton_metre"))
+    finally:
+        DRIVE_MODELS.complete(ROOT, fitted=kind.fitted)
+    assert fit.chosen in ("loss_model", "efficiency_map")
+    assert ROOT not in fit.comparisons[0].scores
+
+
+def test_a_temperature_of_the_user_s_kind_decides_the_friction(toys, bag):
+    """Tenths of a degree: 40 degC lies half-way between two points of the table."""
+    points = {"motor_temperature_degc": [20.0, 60.0], "viscous": [0.02, 0.01]}
+    viscous = {"law": "table", **points, "tag": "assumed"}
+    friction = {"coulomb": figure(0.5), "viscous": viscous}
+    model = validate(wheel(joint={"friction": friction}), "toy.yaml")
+    source = TemperatureSource(
+        topic="/tenths", type=TENTHS, joints=("axle",), stamp_source="receive"
+    )
+    result = replay(bag, model, inputs=Inputs(temperature_sources={"motors": source}))
+    energy = replay_report(result).energy
+    # 0.5 N m and 0.015 N m s/rad at 10 rad/s: 6.5 W of the shaft, input 6.5 / 0.7 W and 50 W.
+    share = 6.5 / (6.5 / EFFICIENCY + 50.0)
+    assert energy.friction / energy.grid_import == pytest.approx(share, rel=0.005)
+    with pytest.raises(ParameterError):
+        TemperatureSource(type=TENTHS, topic="/tenths")  # which joints?
+
+
+def test_a_log_of_the_user_s_format_is_imported(toys, tmp_path, capsys):
+    log = tmp_path / "angles.txt"
+    log.write_text("0\n90\nx\n180\n")
+    assert main(["import", "angles", str(log), "--out", str(tmp_path / "bag")]) == 0
+    said = capsys.readouterr().out
+    assert "4 rows, 3 used" in said
+    assert "1 not numeric (first at line 3)" in said
+    main(["identify", "drives", "--help"])
+    assert "--angles" in capsys.readouterr().out
+    assert "`angles`" in kinds_listing()
 
 
 def test_the_command_knows_kinds_of_files(tmp_path):

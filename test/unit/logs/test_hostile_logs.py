@@ -7,7 +7,7 @@ import resource
 import pytest
 
 from robot_energy.errors import LogFormatError
-from robot_energy.logs.table import Clock, LogTable
+from robot_energy.logs.table import LogTable
 
 
 def test_a_damaged_gzip_is_refused(tmp_path):
@@ -19,7 +19,7 @@ def test_a_damaged_gzip_is_refused(tmp_path):
         path.write_bytes(damaged)
         with contextlib.suppress(LogFormatError):
             table = LogTable(path)
-            for _ in table.blocks([table.columns[0]], 1, Clock(table.columns[0])):
+            for _ in table.cells(table.columns):
                 pass
 
 
@@ -33,5 +33,5 @@ def test_a_line_that_fills_the_memory_is_refused(tmp_path, head):
             file.write(b"x" * 2**20)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     with pytest.raises(LogFormatError, match="over 1048576 characters"):
-        list(LogTable(path).blocks(["t"], 1, Clock("t")))
+        list(LogTable(path).cells(["t"]))
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 50 * 1024

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from logbook import write_csv
+from logbook import table_rows, write_csv
 from robot_energy.errors import LogFormatError
-from robot_energy.logs.table import Clock, LogTable, newer_than
+from robot_energy.logs.table import LogTable
 
 
 def test_every_row_is_accounted_for_with_the_first_line_of_each_reason(tmp_path: Path) -> None:
@@ -28,38 +28,36 @@ def test_every_row_is_accounted_for_with_the_first_line_of_each_reason(tmp_path:
             "0.7,4,5",
         ],
     )
-    table = LogTable(log)
-    rows = next(table.blocks(["a", "b"], required=1, clock=Clock("t")))
-    assert table.account.received == 9  # the blank line is no row
-    assert dict(table.account.rejected) == {
+    values, _, account = table_rows(log, ["a", "b"], last_ns=0)
+    assert account.received == 9  # the blank line is no row
+    assert dict(account.rejected) == {
         "not_numeric": 1,
         "wrong_length": 1,
         "not_finite": 3,
         "bad_time": 1,
+        "not_newer": 1,  # than 0 ns
     }
-    assert table.account.first_line == {
+    assert account.first_line == {
+        "not_newer": 2,
         "not_numeric": 3,
         "wrong_length": 4,
         "not_finite": 5,
         "bad_time": 7,
     }
-    np.testing.assert_array_equal(rows.values, [[1.0, 2.0], [3.0, np.nan], [4.0, 5.0]])
-    kept, last = newer_than(rows, 0, table.account)  # the first row is not newer than 0 ns
-    assert (len(kept.line), last) == (2, 700_000_000)
-    assert table.account.rejected["not_newer"] == 1
-    assert table.account.balanced
+    np.testing.assert_array_equal(values, [[3.0, np.nan], [4.0, 5.0]])
+    assert account.balanced
 
 
 def test_times_are_exact_to_the_last_digit_written(tmp_path: Path) -> None:
     log = write_csv(tmp_path / "log.csv", "t,a", ["1633435693.122408123,1", "1.7e9,2"])
-    rows = next(LogTable(log).blocks(["a"], 1, Clock("t")))
-    assert rows.time_ns.tolist() == [1633435693122408123, 1_700_000_000_000_000_000]
+    _, instants, _ = table_rows(log, ["a"])
+    assert instants.tolist() == [1633435693122408123, 1_700_000_000_000_000_000]
 
 
 def test_rows_without_time_are_counted_at_a_rate(tmp_path: Path) -> None:
     log = write_csv(tmp_path / "log.csv", "a", ["1", "x", "3"])
-    rows = next(LogTable(log, ",").blocks(["a"], 1, Clock(None, rate=250.0)))
-    assert rows.time_ns.tolist() == [0, 8_000_000]  # a bad row still takes its time
+    _, instants, _ = table_rows(log, ["a"], {"rate": 250.0}, delimiter=",")
+    assert instants.tolist() == [0, 8_000_000]  # a bad row still takes its time
 
 
 @pytest.mark.parametrize("delimiter", [",", ";", "\t", " "])
@@ -72,7 +70,7 @@ def test_the_delimiter_is_told_from_the_header(tmp_path: Path, delimiter: str) -
 def test_gzip_is_told_by_its_content(tmp_path: Path) -> None:
     log = tmp_path / "log.csv"
     log.write_bytes(gzip.compress(b"t,a\n1,2\n"))
-    assert next(LogTable(log).blocks(["a"], 1, Clock("t"))).values.tolist() == [[2.0]]
+    assert table_rows(log, ["a"])[0].tolist() == [[2.0]]
 
 
 def test_files_that_are_no_log_are_refused_in_one_sentence(tmp_path: Path) -> None:
@@ -84,14 +82,13 @@ def test_files_that_are_no_log_are_refused_in_one_sentence(tmp_path: Path) -> No
     for path, text in (
         (empty, "is empty"),
         (tmp_path / "none.csv", "cannot be read"),
-        (tmp_path / "log.parquet", "Convert it"),
     ):
         with pytest.raises(LogFormatError, match=text):
             LogTable(path)
     with pytest.raises(LogFormatError, match="UTF-8"):
-        list(LogTable(binary).blocks(["a"], 1, Clock("t")))
+        list(LogTable(binary).cells(["a"]))
     with pytest.raises(LogFormatError, match="cannot be read after line"):
-        list(LogTable(cut).blocks(["a"], 1, Clock("t")))
+        list(LogTable(cut).cells(["a"]))
 
 
 def test_a_missing_column_is_named_beside_near_ones(tmp_path: Path) -> None:
@@ -106,8 +103,7 @@ def test_runs_that_count_from_zero_are_set_one_after_the_other(tmp_path: Path) -
     log = write_csv(
         tmp_path / "log.csv", "name,t,a", ["x,0,1", "x,0.5,2", "y,0,3", "y,0.5,4", "x,0.1,5"]
     )
-    table = LogTable(log)
-    rows = next(table.blocks(["a"], 1, Clock("t", run="name", apart=10.0)))
+    values, instants, _ = table_rows(log, ["a"], {"column": "t", "run": "name", "apart": 10.0})
     expected = np.array([0.0, 0.5, 10.5, 11.0, 21.0])
-    np.testing.assert_array_equal(rows.time_ns, np.rint(expected * 1e9))
-    assert rows.values[:, 0].tolist() == [1, 2, 3, 4, 5]
+    np.testing.assert_array_equal(instants, np.rint(expected * 1e9))
+    assert values[:, 0].tolist() == [1, 2, 3, 4, 5]

@@ -6,15 +6,25 @@ import numpy as np
 import pytest
 import yaml
 
+from moves import PointToPoint
+from robot_energy.bag import BagReader, BagWriter
 from robot_energy.errors import BagError, MissingTopicError, MotionError
-from robot_energy.motion import FourierBasis, FourierMotion, PointToPoint
+from robot_energy.motion import FourierBasis, FourierMotion
 from robot_energy.motion.joint_trajectory import JointTrajectory
 from robot_energy.motion.load_motion import joint_list, load_motion
 from robot_energy.motion.planned import BLOCK, SampledMotion, repeated
 from robot_energy.motion.ptp import MotionLimits
 from robot_energy.motion.ptp_file import program_for, read_program
-from robot_energy.motion.trajectory_reader import read_bag_trajectory, read_csv_trajectory
-from robot_energy.motion.trajectory_writer import points, write_csv, write_trajectory
+from robot_energy.motion.trajectory_io import (
+    MESSAGE,
+    TOPIC,
+    decode_trajectory,
+    points,
+    read_bag_trajectory,
+    read_csv_trajectory,
+    write_csv,
+    write_trajectory,
+)
 from robot_energy.physics.rigid_body import Robot
 from robots import two_link
 
@@ -206,6 +216,23 @@ def test_written_trajectories_are_read_back(tmp_path):
         at = found.sample(time)
         np.testing.assert_allclose(at.joint_position[:-1], truth.joint_position[:-1], atol=1e-7)
         np.testing.assert_allclose(at.joint_velocity[:-1], truth.joint_velocity[:-1], atol=1e-5)
+
+
+def test_unused_bytes_behind_a_message_are_ignored(tmp_path):
+    """`rclpy.serialization` returns whole buffers."""
+    motion = excitation(tmp_path)
+    reader = BagReader(tmp_path / "bag")
+    (part,) = reader.parts([TOPIC])
+    with BagWriter(tmp_path / "padded") as bag:
+        bag.add_topic(TOPIC, MESSAGE)
+        bag.write(TOPIC, [0], [part[TOPIC].row(0) + bytes(13)])
+    found = read_bag_trajectory(tmp_path / "padded")
+    np.testing.assert_allclose(
+        found.sample(TIME).joint_position, motion.sample(TIME).joint_position, atol=1e-7
+    )
+    for data in (b"", b"\x00\x07\x00\x00", b"\x00\x01\x00\x00\xff\xff"):
+        with pytest.raises(MotionError, match="cannot be decoded"):
+            decode_trajectory(reader.typestore, data, "it")
 
 
 def test_bags_and_tables_without_a_trajectory_are_refused(tmp_path):

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
+from moves import PointToPoint
 from robot_energy.errors import MotionError
 from robot_energy.model import load
-from robot_energy.motion import MotionLimits, PointToPoint, Program, random_program, tool_above
+from robot_energy.motion import MotionLimits, Program, random_program, tool_above
 from robot_energy.physics.rigid_body import Robot
 
 LIMITS = MotionLimits(

@@ -6,7 +6,7 @@ import pytest
 from plants import LIMITS, two_link_profile
 from robot_energy.bag import BagReader
 from robot_energy.motion import Program, Sequence
-from robot_energy.rig import RigConfig, VirtualRig, kr16_profile
+from robot_energy.rig import RigConfig, VirtualRig, load_profile
 from robot_energy.rig.record import outputs
 from robot_energy_papers import experiment
 from robot_energy_papers.experiment import Plan, by_motion, make_programs, soaked
@@ -70,7 +70,7 @@ def test_soaked_rigs_start_with_motors_gears_and_hall_at_one_temperature(tmp_pat
 
 
 def test_programs_of_training_and_test_differ_and_begin_in_one_pose():
-    programs = make_programs(kr16_profile(), 0, moves=4)
+    programs = make_programs(load_profile("kr16"), 0, moves=4)
     assert programs.train.moves == programs.test.moves == 4
     home = programs.train.via[0]
     for name in ("test", "hold", "train_warm_up", "test_warm_up"):
@@ -81,7 +81,7 @@ def test_programs_of_training_and_test_differ_and_begin_in_one_pose():
     assert not still.any()
     moving = programs.test.sample(np.array([experiment.LEAD + 0.1])).joint_velocity
     assert np.abs(moving).max() > 0.1
-    again = make_programs(kr16_profile(), 0, moves=4)
+    again = make_programs(load_profile("kr16"), 0, moves=4)
     np.testing.assert_array_equal(programs.test.via, again.test.via)
-    other = make_programs(kr16_profile(), 1, moves=4)
+    other = make_programs(load_profile("kr16"), 1, moves=4)
     assert not np.allclose(programs.train.via, other.train.via)

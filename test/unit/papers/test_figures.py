@@ -8,14 +8,14 @@ from robot_energy.model import load
 from robot_energy.motion import Program
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.rigid_body import Robot
-from robot_energy.rig import RigConfig, VirtualRig, kr16_profile
+from robot_energy.rig import RigConfig, VirtualRig, load_profile
 from robot_energy_papers.calibration import FLOWS, calibrate, holding_power
 from robot_energy_papers.effects import EFFECTS, EffectRow, configurations
 from robot_energy_papers.held_out import SetRow, normalised, worst
 from robot_energy_papers.models import UNKNOWN, with_capacitor, without_knowledge
-from robot_energy_papers.paper_a import ShaftCurve, mean_shaft_power
+from robot_energy_papers.paper_a import ShaftCurve
 
-PROFILE = kr16_profile()
+PROFILE = load_profile("kr16")
 
 
 def row(degc, measured, predicted, way="heating"):
@@ -38,7 +38,7 @@ def test_mean_shaft_power_is_work_over_time():
     time = np.array([0.0, 1.0, 2.0, 4.0])
     power = np.array([0.0, 100.0, -50.0, 150.0])
     curve = ShaftCurve(20.0, 20.0, time, power)
-    assert mean_shaft_power(curve) == pytest.approx((50.0 + 25.0 + 100.0) / 4.0)
+    assert curve.mean_power == pytest.approx((50.0 + 25.0 + 100.0) / 4.0)
 
 
 def test_power_at_rest_is_copper_and_inverter_of_gravity():

@@ -12,13 +12,12 @@ from robot_energy.bag_replay import replay
 from robot_energy.cli import main
 from robot_energy.model import load
 from robot_energy.physics.friction import viscous_law
-from robot_energy.rig import RigConfig, kr16_profile
+from robot_energy.rig import RigConfig, load_profile
 from robot_energy_papers.effects import ALL, Rigs, configurations, effect_row
 from robot_energy_papers.experiment import make_programs, soaked
 from robot_energy_papers.held_out import held_out
 from robot_energy_papers.models import FOLLOWS, identify
 from robot_energy_papers.paper_a import QUICK, record_test, study
-from robot_energy_papers.paper_a_figures import beyond_range
 
 TINY = replace(
     QUICK,
@@ -125,17 +124,17 @@ def test_other_processes_give_the_figures_of_this_one(tmp_path):
     (here,) = record_test(tmp_path / "here", 3, TINY)
     (row,) = held_out([here], result.identified.models, FOLLOWS)
     assert row == result.rows[0]
-    assert beyond_range(result) == (0, 0.0)  # 45 degC, between 20 and 70
+    assert result.beyond_range == (0, 0.0)  # 45 degC, between 20 and 70
     hot = replace(here, recording=replace(
         here.recording, motor_temperature_degc=np.full((2, 6), 90.0)
     ))  # fmt: skip
     top = min(fit.range_degc[1] for fit in result.identified.fits)
-    assert beyond_range(replace(result, test=[here, hot])) == (1, 90.0 - top)
+    assert replace(result, test=[here, hot]).beyond_range == (1, 90.0 - top)
 
 
 def test_a_rig_that_has_only_what_the_model_has_is_recovered(tmp_path):
     """No hidden effect: friction and constants are those of the plant, the energy is exact."""
-    profile, config = kr16_profile(), RigConfig.plain()
+    profile, config = load_profile("kr16"), RigConfig.plain()
     programs = make_programs(profile, 0, moves=12)
     train = soaked(profile, programs.train, (20.0, 50.0), tmp_path, "train", 1, config)
     rest = soaked(profile, programs.hold, (50.0,), tmp_path, "rest", 1, config)

@@ -9,7 +9,7 @@ import pytest
 from logbook import FRICTION, GRID, LOSS_DC, LOSS_GRID, mapping, wheel_bag, write_csv
 from robot_energy.bag_replay import Replay, Topics, replay
 from robot_energy.errors import MissingTopicError
-from robot_energy.logs import import_csv
+from robot_energy.logs import import_log
 from robot_energy.physics.friction import with_fixed_friction
 from robot_energy.report.replay import beyond_constant, headline
 from robot_energy.report.series import compared_series, predicted_series
@@ -122,7 +122,7 @@ def test_a_gap_is_time_without_energy(tmp_path: Path) -> None:
     lines = log.read_text().splitlines()
     log.write_text("\n".join([*lines[:402], *lines[602:]]) + "\n")  # 4.00 s to 6.01 s
 
-    import_csv(log, mapping(), bag, overwrite=True)
+    import_log(log, mapping(), bag, overwrite=True)
     time = replay_report(replay(bag, one_wheel())).time
     assert time.span_ns == time.observed_ns + time.gap_ns == 10_000_000_000
     assert (time.gap_count, time.gap_ns) == (1, 2_010_000_000)
@@ -169,7 +169,7 @@ def test_a_meter_that_was_reset_leaves_the_account_balanced(tmp_path: Path) -> N
         "meaning": "cumulative",
         "reading": {"column": "p", "unit": "J"},
     }
-    import_csv(log, mapping(power=meter), tmp_path / "bag")
+    import_log(log, mapping(power=meter), tmp_path / "bag")
     report = replay_report(replay(tmp_path / "bag", one_wheel()))
     readings = report.inputs["meter_readings"]
     assert readings.rejected == {"meter_counter_low": 500}

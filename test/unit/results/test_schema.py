@@ -31,6 +31,7 @@ COMMANDS = {
     "excitation": ["identify", "excitation", "--model", "kr16", *FAST, "--out", "motion"],
     "identification": ["identify", "all", BAG, "--model", "kr16", "--no-test", "--skip", "dynamics",
                        "drives", "capacitor"],
+    "check": ["check", BAG, "--model", "kr16", "--effort", "motor_torque"],
     "model": ["models", "check", "kr16"],
 }  # fmt: skip
 TYPES = {

@@ -9,7 +9,7 @@ from robot_energy.model import load
 from robot_energy.motion import InverseKinematics, Trajectory
 from robot_energy.physics.drive import drive_from_model
 from robot_energy.physics.friction import FrictionModel
-from robot_energy.rig import PROFILES, RigConfig, RigOutput, VirtualRig
+from robot_energy.rig import RigConfig, RigOutput, VirtualRig, load_profile
 from robot_energy.rig.record import DRIVE_POWER, outputs, record
 
 PRINTERS = ("mantis", "testbed", "irb4600")
@@ -26,7 +26,7 @@ class Circle:
 
     def __init__(self, name: str, **options) -> None:
         link, start, centre = START[name]
-        robot, _ = PROFILES[name]().mechanics()
+        robot, _ = load_profile(name).mechanics()
         angle = np.linspace(0.0, 2 * np.pi, 200)
         places = np.array(centre) + RADIUS * np.column_stack(
             [np.cos(angle), np.sin(angle), np.zeros_like(angle)]
@@ -43,7 +43,7 @@ class Circle:
 
 def play(name, config=None, **options):
     motion = Circle(name, **options)
-    rig = VirtualRig(PROFILES[name](), motion, config, 0, 22.0, 22.0)
+    rig = VirtualRig(load_profile(name), motion, config, 0, 22.0, 22.0)
     return RigOutput.concatenate(list(outputs(rig, motion.period)))
 
 
@@ -93,7 +93,7 @@ def test_plant_is_not_its_model(name):
 
 def test_recorded_drive_power_is_what_the_drives_say(tmp_path):
     motion = Circle("mantis")
-    rigs = [VirtualRig(PROFILES["mantis"](), motion, None, 5) for _ in range(2)]
+    rigs = [VirtualRig(load_profile("mantis"), motion, None, 5) for _ in range(2)]
     written = record(rigs[0], 2.0, tmp_path / "bag", drive_power=True)
     assert written.messages[DRIVE_POWER] == 500
     expected = RigOutput.concatenate(list(outputs(rigs[1], 2.0)))

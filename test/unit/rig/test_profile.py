@@ -3,13 +3,14 @@
 import numpy as np
 import pytest
 
+from plants import joint_block
 from robot_energy.model import load
 from robot_energy.motion import Program, random_program, tool_above
 from robot_energy.physics.friction import FrictionModel, with_fixed_friction
-from robot_energy.rig import RigConfig, VirtualRig, kr16_profile
-from robot_energy.rig.study import temperature_study
+from robot_energy.pipeline import EnergyPipeline
+from robot_energy.rig import RigConfig, VirtualRig, load_profile
 
-PROFILE = kr16_profile()
+PROFILE = load_profile("kr16")
 ROBOT, _ = PROFILE.mechanics()
 LIMITS = PROFILE.motion_limits(ROBOT)
 PROGRAM = random_program(LIMITS, 0, accept=tool_above(ROBOT, "flange", 0.3))
@@ -57,11 +58,22 @@ def test_experiment_of_paper_a():
         "fixed_60": with_fixed_friction(shipped, 60.0),
         "fixed_22": with_fixed_friction(shipped, 22.0),
     }
-    rows = temperature_study(PROFILE, PROGRAM, models, (20.0, 40.0, 60.0, 80.0))
-    power = {row.start_temperature_degc: row.true_power for row in rows}
-    error = {name: np.array([row.error[name] for row in rows]) for name in models}
-    assert 1.4 < power[20.0] / power[60.0] < 1.6
-    assert 6e3 < max(row.peak_power for row in rows) < 10e3
+    mean: dict[float, float] = {}
+    error: dict[str, list[float]] = {name: [] for name in models}
+    peak = 0.0
+    for seed, degc in enumerate((20.0, 40.0, 60.0, 80.0)):
+        rig = VirtualRig(PROFILE, PROGRAM, None, seed, degc)
+        output = rig.step(round(PROGRAM.period / rig.period))
+        mean[degc] = output.truth.grid_power.mean()
+        peak = max(peak, output.truth.grid_power.max())
+        for name, model in models.items():
+            pipeline = EnergyPipeline(model)
+            pipeline.step(joint_block(output.joints), output.temperatures, output.meter)
+            pipeline.flush()
+            found = pipeline.ledger.comparison
+            error[name].append(found.predicted_energy / found.measured_energy - 1.0)
+    assert 1.4 < mean[20.0] / mean[60.0] < 1.6
+    assert 6e3 < peak < 10e3
     assert np.abs(error["aware"]).max() < 0.055
     assert error["fixed_60"][0] == pytest.approx(-0.35, abs=0.04)
     assert error["fixed_22"][-1] > 0.4

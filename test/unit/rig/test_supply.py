@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from robot_energy.rig import RigConfig, kr16_profile
+from robot_energy.rig import RigConfig, load_profile
 from robot_energy.rig.supply import Supply
 
-PROFILE = kr16_profile()
+PROFILE = load_profile("kr16")
 DC = PROFILE.supply.loss_dc
 GRID = PROFILE.supply.loss_grid
 STEP = 0.004

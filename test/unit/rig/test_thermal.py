@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from robot_energy.errors import RigError
-from robot_energy.rig import kr16_profile
+from robot_energy.rig import load_profile
 from robot_energy.rig.thermal import ThermalNetwork, longest_step
 
-PROFILE = kr16_profile()
+PROFILE = load_profile("kr16")
 
 
 def network(profile=PROFILE, step=1.0, start=50.0, ambient=20.0):

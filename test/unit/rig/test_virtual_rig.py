@@ -10,7 +10,7 @@ from plants import LIMITS, PROGRAM, ROTOR, TRANSMISSION, two_link_profile
 from robot_energy.blocks import MeterMeaning, sum_over_joints
 from robot_energy.errors import RigError
 from robot_energy.motion import Program
-from robot_energy.rig import RigConfig, Sensors, VirtualRig, kr16_profile
+from robot_energy.rig import RigConfig, Sensors, VirtualRig, load_profile
 
 PERFECT = (
     "encoder",
@@ -351,7 +351,7 @@ def test_figures_that_make_no_sense_are_refused(profile, arguments, text):
 
 def test_a_program_for_another_robot_is_refused(profile):
     with pytest.raises(RigError, match="the program moves 2 joints; expected 6"):
-        VirtualRig(kr16_profile(), PROGRAM)
+        VirtualRig(load_profile("kr16"), PROGRAM)
     with pytest.raises(RigError, match="a step of 0 samples"):
         VirtualRig(profile, PROGRAM).step(0)
 

@@ -232,7 +232,7 @@ def with_cabinet(model: RobotModel, fit: CabinetFit, source: str) -> RobotModel:
         if value is not None:
             update[name] = identified(value, std, source)
     cabinet = model.cabinet.model_copy(update=update)
-    return model.model_copy(update={"cabinet": cabinet}).with_urdf(model.urdf_xml, model.source)
+    return model.changed(cabinet=cabinet)
 
 
 def _holding(power: PowerBlock) -> NDArray[np.bool_]:

@@ -210,8 +210,7 @@ def with_link(
         chopper_voltage=high,
     )
     cabinet = model.cabinet.model_copy(update={"capacitor": capacitor})
-    changed = model.model_copy(update={"cabinet": cabinet})
-    return changed.with_urdf(model.urdf_xml, model.source), (
+    return model.changed(cabinet=cabinet), (
         f"the grid tells the energy of the DC link; its {1e3 * fit.energy / half:.3g} mF follow "
         f"from {low.value:g} and {high.value:g} V, {told}"
     )

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +18,10 @@ from robot_energy.identify.drives.drive_power import MeasuredDrivePower
 from robot_energy.identify.drives.losses import loss_columns
 from robot_energy.identify.stats.cross_validation import contiguous_blocks
 from robot_energy.inputs.meter.power_curve import MeterLimits
-from robot_energy.logs.recording import LogBlock, RecordingContents
 from robot_energy.physics.drive import Drive
+
+if TYPE_CHECKING:
+    from robot_energy.logs.recording import LogBlock, RecordingContents
 
 BLOCK = 5.0  # s: residuals further apart than this are taken as independent
 AVERAGED = 0.1  # s: longest time over which both sides of an equation are averaged
@@ -261,11 +264,11 @@ def drive_data_of_logs(
         raise LogFormatError("the logs have different joints", "logs of one robot")
     parts: list[LogBlock] = []
     for _, blocks in logs:
-        rows = LogBlock.concatenate(list(blocks))
+        rows = blocks[0].concatenate(blocks)
         cuts = np.flatnonzero(np.diff(rows.stamp_ns) > APART / NANOSECOND) + 1
         edges = [0, *cuts.tolist(), len(rows)]
         parts += [rows[slice(a, b)] for a, b in pairwise(edges)]
-    whole = LogBlock.concatenate(parts)
+    whole = parts[0].concatenate(parts)
     number = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
     meters: list[MeterBlock | None] = []
     for part in parts:

@@ -7,9 +7,9 @@ the drives of the power integrated over the held-out time, braking negative (pap
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Literal
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,17 +26,36 @@ from robot_energy.identify.drives.efficiency import (
 )
 from robot_energy.identify.drives.losses import TERMS, Losses, fit_losses
 from robot_energy.identify.stats.cross_validation import averaged, contiguous_folds
+from robot_energy.identify.stats.threads import one_thread
 from robot_energy.model import RobotModel
-from robot_energy.model.drive_models import DRIVE_MODELS
-from robot_energy.physics.drive import EfficiencyMaps, LossModel
+from robot_energy.model.drive_models import DRIVE_MODELS, DriveModel
 
-Way = Literal["none", "constant", "map", "map_processed", "losses"]
+Way = str  # one of WAYS, or the name of a drive model of a user
+Fitted = Callable[[Any, str], Any]
 Split = Literal["blocks", "recordings", "beyond"]
 WAYS: tuple[Way, ...] = ("none", "constant", "map", "map_processed", "losses")
+DEFAULT = "loss_model"  # where held-out data say nothing better
 CONSTANT_EFFICIENCY = 0.875  # paper B, 7.3
 INSIDE = 0.6  # of the greatest speed and torque: what lies beyond is held out
 GREATEST = 0.999  # quantile that stands for the greatest speed or torque
 LEAST_HELD_OUT = 50
+
+
+@dataclass(frozen=True)
+class AxisSamples:
+    """What was measured of one drive, motor side.
+
+    Attributes:
+        motor_velocity: Shape (N,). [rad/s]
+        motor_torque: Shape (N,). [N m]
+        motor_temperature_degc: Of the winding, shape (N,). [degC]
+        drive_power: Electrical input, shape (N,). [W]
+    """
+
+    motor_velocity: Float
+    motor_torque: Float
+    motor_temperature_degc: Float
+    drive_power: Float
 
 
 @dataclass(frozen=True)
@@ -48,12 +67,14 @@ class AxisFit:
         losses: The loss model; None where the data do not tell it.
         map: The reduced efficiency map; None where the data do not tell it.
         notes: What the data do not tell, one sentence each.
+        samples: Behind the fit, for drive models of users; None if they are not known.
     """
 
     name: str
     losses: Losses | None
     map: ReducedMap | None
     notes: tuple[str, ...]
+    samples: AxisSamples | None = field(default=None, repr=False)
 
 
 @dataclass(frozen=True)
@@ -107,6 +128,7 @@ class DrivesFit:
     cutoff: float
 
 
+@one_thread
 def fit_drives(
     data: DriveData,
     source: str = "",
@@ -126,36 +148,49 @@ def fit_drives(
     Raises:
         NotIdentifiableError: If no drive can be identified.
     """
-    from threadpoolctl import threadpool_limits
-
-    with threadpool_limits(1):  # the matrices are small: more threads only wait for each other
-        fitter = _Fitter(data, cutoff, points)
-        axes = tuple(fitter.axis(joint, data.usable[:, joint], source) for joint in fitter.joints)
-        if all(axis.losses is None for axis in axes):
-            raise NotIdentifiableError(
-                axes[0].notes[0],
-                "measured electrical power of the drives beside torque and speed",
-                "name its topic with --drive-power, or its columns in the mapping",
-            )
-        comparisons = [
-            comparison
-            for split, fold in (_folds(data) if compare else {}).items()
-            if (comparison := fitter.compare(split, fold)) is not None
-        ]
+    fitter = _Fitter(data, cutoff, points)
+    axes = tuple(fitter.axis(joint, data.usable[:, joint], source) for joint in fitter.joints)
+    if all(axis.losses is None for axis in axes):
+        raise NotIdentifiableError(
+            axes[0].notes[0],
+            "measured electrical power of the drives beside torque and speed",
+            "name its topic with --drive-power, or its columns in the mapping",
+        )
+    comparisons = [
+        comparison
+        for split, fold in (_folds(data) if compare else {}).items()
+        if (comparison := fitter.compare(split, fold)) is not None
+    ]
     return DrivesFit(axes, tuple(comparisons), _choose(axes, comparisons), cutoff)
+
+
+def _fitted_kinds() -> Iterator[tuple[DriveModel, Way, Fitted]]:
+    """Drive models that have a fit, each with its way and its fit."""
+    for kind in DRIVE_MODELS.values():
+        if kind.fitted is not None:
+            yield kind, kind.way or kind.name, kind.fitted
+
+
+def _entry(fitted: Fitted, axis: AxisFit, source: str = "") -> Any:
+    """Entry of one drive by one kind; None where the data do not tell it."""
+    try:
+        return fitted(axis, source)
+    except NotIdentifiableError:
+        return None
 
 
 def _choose(axes: Sequence[AxisFit], comparisons: Sequence[DriveComparison]) -> str:
     """By the RMS error on whole recordings held out, on blocks where there is one only."""
-    if any(axis.map is None for axis in axes):
-        return "loss_model"
-    for split in ("recordings", "blocks"):
-        for comparison in comparisons:
-            if comparison.split == split:
-                scores = comparison.scores
-                better = scores["map"].rms < scores["losses"].rms
-                return "efficiency_map" if better else "loss_model"
-    return "loss_model"
+    by_split = {comparison.split: comparison for comparison in comparisons}
+    comparison = by_split.get("recordings") or by_split.get("blocks")
+    chosen, least = DEFAULT, np.inf if comparison is None else comparison.scores["losses"].rms
+    for kind, way, fitted in _fitted_kinds():
+        score = None if comparison is None else comparison.scores.get(way)
+        if score is None or not score.rms < least:
+            continue
+        if all(_entry(fitted, axis) is not None for axis in axes):
+            chosen, least = kind.name, score.rms
+    return chosen
 
 
 def _folds(data: DriveData) -> dict[Split, Int]:
@@ -209,9 +244,9 @@ class _Fitter:
             source,
         )
 
-    def axis(self, joint: int, rows: NDArray[np.bool_], source: str) -> AxisFit:
+    def axis(self, joint: int, rows: NDArray[np.bool_], source: str = "") -> AxisFit:
         """Identify one drive; what the data do not tell becomes a note."""
-        name = self.data.names[joint]
+        data, name = self.data, self.data.names[joint]
         notes: list[str] = []
         losses = reduced = None
         try:
@@ -228,7 +263,13 @@ class _Fitter:
             reduced = self.map(joint, rows, source)
         except NotIdentifiableError as error:
             notes.append(error.found)
-        return AxisFit(name, losses, reduced, tuple(notes))
+        samples = AxisSamples(
+            data.motor_velocity[rows, joint],
+            data.motor_torque[rows, joint],
+            data.motor_temperature_degc[rows, joint],
+            data.drive_power[rows, joint],
+        )
+        return AxisFit(name, losses, reduced, tuple(notes), samples)
 
     def compare(self, split: Split, fold: Int) -> DriveComparison | None:
         """Predict every fold from the others.
@@ -242,19 +283,21 @@ class _Fitter:
         for joint, own in enumerate(fold.T):
             for number in np.unique(own[own >= 0]):
                 held = own == number
-                try:
-                    ways = self._predict(joint, usable[:, joint] & ~held)
-                except NotIdentifiableError:
+                axis = self.axis(joint, usable[:, joint] & ~held)
+                if axis.losses is None or axis.map is None:
                     continue
-                for way, power in ways.items():
-                    predicted[way][held, joint] = power[held]
+                for way, power in self._predict(joint, axis).items():
+                    place = predicted.setdefault(way, np.full(usable.shape, np.nan))
+                    place[held, joint] = power[held]
         tested = usable & np.isfinite(predicted["map"]) & np.isfinite(predicted["losses"])
         if int(tested.sum()) < LEAST_HELD_OUT:
             return None
         weight = np.where(tested, data.duration[:, None], 0.0)
         energy = float(np.sum(weight * np.where(tested, data.drive_power, 0.0)))
-        scores: dict[Way, Score] = {
-            way: self._score(predicted[way], tested, weight, energy) for way in WAYS
+        scores = {
+            way: self._score(power, tested, weight, energy)
+            for way, power in predicted.items()
+            if np.isfinite(power[tested]).all()  # else the kind of a user has no fit here
         }
         size = float(np.sqrt(np.mean(data.drive_power[tested] ** 2)))
         return DriveComparison(split, int(tested.sum()), energy, size, scores)
@@ -271,23 +314,20 @@ class _Fitter:
         ]
         return Score(1.0 - abs(total / energy), float(np.sqrt(np.nanmean(square))), tuple(axis))
 
-    def _predict(self, joint: int, rows: NDArray[np.bool_]) -> dict[Way, Float]:
-        """Power of one drive at all samples, from some of them. [W]"""
+    def _predict(self, joint: int, axis: AxisFit) -> dict[Way, Float]:
+        """Power of one drive at all samples, by every way. [W]"""
         data = self.data
         shaft = data.shaft_power[:, joint]
-        only = slice(joint, joint + 1)
-        mapped = data.input_power(EfficiencyMaps([self.map(joint, rows).entry]), only)[:, 0]
-        losses = data.input_power(LossModel([self.losses(joint, rows).entry()]), only)[:, 0]
-        second = processed(mapped, data.stretch, data.period, self._cutoff)
-        return {
-            "none": shaft,
-            "constant": np.where(
-                shaft > 0, shaft / CONSTANT_EFFICIENCY, shaft * CONSTANT_EFFICIENCY
-            ),
-            "map": mapped,
-            "map_processed": np.where(np.isfinite(second), second, mapped),
-            "losses": losses,
-        }
+        driving = np.where(shaft > 0, shaft / CONSTANT_EFFICIENCY, shaft * CONSTANT_EFFICIENCY)
+        ways = {"none": shaft, "constant": driving}
+        for kind, way, fitted in _fitted_kinds():
+            entry = _entry(fitted, axis)
+            if entry is not None and kind.physics is not None:
+                drive = kind.physics([entry])
+                ways[way] = data.input_power(drive, slice(joint, joint + 1))[:, 0]
+        second = processed(ways["map"], data.stretch, data.period, self._cutoff)
+        ways["map_processed"] = np.where(np.isfinite(second), second, ways["map"])
+        return ways
 
 
 def with_drives(model: RobotModel, fit: DrivesFit, source: str) -> RobotModel:
@@ -306,7 +346,8 @@ def with_drives(model: RobotModel, fit: DrivesFit, source: str) -> RobotModel:
     for index, (joint, axis) in enumerate(zip(model.joints, fit.axes, strict=True)):
         if axis.losses is not None:
             update: dict[str, object] = {"losses": axis.losses.entry(source)}
-            if kind.fitted is not None and (entry := kind.fitted(axis, source)) is not None:
+            entry = None if kind.fitted is None else _entry(kind.fitted, axis, source)
+            if entry is not None:
                 update[kind.key] = entry
             joints[index] = joint.model_copy(update=update)
         elif joint.losses is None:
@@ -315,8 +356,7 @@ def with_drives(model: RobotModel, fit: DrivesFit, source: str) -> RobotModel:
                 "figures of every drive",
                 axis.notes[0],
             )
-    changed = model.model_copy(update={"joints": joints, "drive": fit.chosen})
-    return changed.with_urdf(model.urdf_xml, model.source)
+    return model.changed(joints=joints, drive=fit.chosen)
 
 
 def _fitted_losses(axis: AxisFit, source: str) -> object:

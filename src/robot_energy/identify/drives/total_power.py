@@ -28,6 +28,7 @@ from robot_energy.identify.stats.cross_validation import (
     recordings_or_blocks,
     simplest,
 )
+from robot_energy.identify.stats.threads import one_thread
 from robot_energy.model import RobotModel
 from robot_energy.model.drive_models import LossDrive
 from robot_energy.model.figure import PositiveFigure
@@ -63,19 +64,19 @@ class TotalFit:
     errors: dict[Structure, float]
 
 
+@one_thread
 def fit_total(data: Sums) -> TotalFit:
     """Find out how much the readings tell apart, and fit that.
+
+    Args:
+        data: Pieces between readings.
+
+    Returns:
+        The fit of the simplest structure that no other beats.
 
     Raises:
         NotIdentifiableError: If not even a constant can be fitted.
     """
-    from threadpoolctl import threadpool_limits
-
-    with threadpool_limits(1):  # the matrices are small: more threads only wait for each other
-        return _fit_total(data)
-
-
-def _fit_total(data: Sums) -> TotalFit:
     errors: dict[Structure, float] = {}
     fold = contiguous_folds(len(data))
     for structure in STRUCTURES:
@@ -149,6 +150,7 @@ def predict(data: Sums, fit: TotalFit) -> Float:
     return shaft + fit.constant + np.einsum("krj,rj->k", data.terms, fit.coefficients)
 
 
+@one_thread
 def compare_total(data: Sums, model: RobotModel | None) -> tuple[Kind, dict[str, EnergyScore]]:
     """Predict whole recordings, or blocks of the only one, from the others.
 
@@ -160,8 +162,6 @@ def compare_total(data: Sums, model: RobotModel | None) -> tuple[Kind, dict[str,
         ``recordings`` or ``blocks``, and the scores by way. ``identified`` chooses its
         structure without the held-out data.
     """
-    from threadpoolctl import threadpool_limits
-
     kind, fold = recordings_or_blocks(data.recording)
 
     def fitted(structure: Structure) -> Callable[[], Float]:
@@ -175,7 +175,7 @@ def compare_total(data: Sums, model: RobotModel | None) -> tuple[Kind, dict[str,
         ways["given"] = lambda: data.given + cabinet
     for structure in STRUCTURES[1:]:
         ways[structure] = fitted(structure)
-    ways["identified"] = lambda: _held_out(data, fold, _fit_total)
+    ways["identified"] = lambda: _held_out(data, fold, fit_total)
     if np.isfinite(data.drives).all():  # with a constant: the best that a model of them can do
         rest = data.measured - data.drives
         ways["drives_measured"] = lambda: (
@@ -185,12 +185,11 @@ def compare_total(data: Sums, model: RobotModel | None) -> tuple[Kind, dict[str,
             )
         )
     scores: dict[str, EnergyScore] = {}
-    with threadpool_limits(1):
-        for name, way in ways.items():
-            try:
-                scores[name] = energy_score(way(), data.measured, data.duration, fold)
-            except NotIdentifiableError:
-                continue
+    for name, way in ways.items():
+        try:
+            scores[name] = energy_score(way(), data.measured, data.duration, fold)
+        except NotIdentifiableError:
+            continue
     return kind, scores
 
 
@@ -225,8 +224,7 @@ def with_total(
         update["loss_grid"] = model.cabinet.loss_grid.model_copy(update={"value": grid})
     update["loss_dc"] = identified(constant, fit.constant_std, source)
     cabinet = model.cabinet.model_copy(update=update)
-    changed = model.model_copy(update={"joints": joints, "cabinet": cabinet, "drive": "loss_model"})
-    return changed.with_urdf(model.urdf_xml, model.source), notes
+    return model.changed(joints=joints, cabinet=cabinet, drive="loss_model"), notes
 
 
 def _entry(fit: TotalFit, joint: int, source: str) -> LossDrive:

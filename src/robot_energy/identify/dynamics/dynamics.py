@@ -8,7 +8,6 @@ on alone are grouped; what the recording does not excite is refused by name.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -48,6 +47,7 @@ from robot_energy.identify.stats.regression import (
     factor,
     fit,
 )
+from robot_energy.identify.stats.threads import one_thread
 from robot_energy.model import RobotModel
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.rigid_body import Robot
@@ -174,11 +174,12 @@ class Dynamics:
     def _values(self, rows: Observations) -> Float:
         return estimate(rows.regressor, rows.joint_torque, self.settings.method, rows.used)[0]
 
+    @one_thread
     def _held_out(self, rows: Observations, estimator: Callable[[Observations], Float]) -> Float:
         guard = 1.0 / self.settings.filters.cutoff
-        with one_thread():
-            return predict_held_out(rows, estimator, self.settings.folds, guard)
+        return predict_held_out(rows, estimator, self.settings.folds, guard)
 
+    @one_thread
     def rows_of(self, channels: Sequence[Channels]) -> Observations:
         """Return the rows of other recordings, filtered alike and with the delay undone.
 
@@ -186,10 +187,8 @@ class Dynamics:
             channels: Stretches without gaps, at any one rate.
         """
         robot, transmission = mechanics(self.model)
-        with one_thread():
-            rows = observe(
-                channels, robot, transmission, self.settings.columns, self.settings.filters
-            )
+        columns, filters = self.settings.columns, self.settings.filters
+        rows = observe(channels, robot, transmission, columns, filters)
         return rows.advanced(self.delay.applied)
 
     def predict(self, rows: Observations) -> Float:
@@ -225,6 +224,7 @@ class Dynamics:
         return drivetrain.motor_torque_from_joint(regressor @ values + payload)
 
 
+@one_thread
 def identify_dynamics(
     channels: Sequence[Channels], model: RobotModel, settings: DynamicsSettings | None = None
 ) -> Dynamics:
@@ -242,20 +242,7 @@ def identify_dynamics(
         NotIdentifiableError: If the recording does not tell the parameters; names them and
             what to record instead.
     """
-    with one_thread():
-        return _identify(channels, model, settings or DynamicsSettings())
-
-
-def one_thread() -> AbstractContextManager[object]:
-    """Keep to one thread: the matrices are small, more threads only wait for each other."""
-    from threadpoolctl import threadpool_limits
-
-    return threadpool_limits(1)
-
-
-def _identify(
-    channels: Sequence[Channels], model: RobotModel, settings: DynamicsSettings
-) -> Dynamics:
+    settings = settings or DynamicsSettings()
     check_channels(channels, model)
     robot, transmission = mechanics(model)
     rows = observe(channels, robot, transmission, settings.columns, settings.filters)
@@ -282,7 +269,7 @@ def _identify(
             independent = rows.with_columns(base.independent)
             result = fit_rows(independent, settings.method)
     columns = tuple(
-        column for column in settings.columns if column.in_model or column.kind == "offset"
+        column for column in settings.columns if column.written or column.kind == "offset"
     )
     if parameter_names(robot, transmission, columns) == rows.names:
         exported, exported_base = result, base

@@ -47,7 +47,7 @@ def to_model(result: Dynamics, recordings: Sequence[str] = (), data_date: str = 
         owners = column.joints(transmission)
         names = column.names(model.joint_names, transmission)
         for owner, name, value in zip(owners, names, values[place:], strict=False):
-            if column.in_model:
+            if column.written is not None:
                 estimate = _estimate(result, name, float(value))
                 joints[owner] = column.write(joints[owner], float(ratio[owner]), estimate)
         place += len(owners)

@@ -23,6 +23,7 @@ from robot_energy.identify.dynamics.base_parameters import BaseParameters, not_e
 from robot_energy.identify.dynamics.columns import Column, standard_columns
 from robot_energy.identify.dynamics.dynamics import structure
 from robot_energy.identify.excitation.limits import ExcitationLimits, stepped, steps
+from robot_energy.identify.stats.threads import one_thread
 from robot_energy.model import RobotModel
 from robot_energy.motion import FourierBasis, FourierMotion, JointMotion
 from robot_energy.physics.drivetrain import Drivetrain
@@ -205,6 +206,7 @@ def sampled(motion: JointMotion, time: Float) -> Motion:
     return Motion(path.joint_position, path.joint_velocity, path.joint_acceleration)
 
 
+@one_thread
 def optimise_excitation(
     model: RobotModel,
     limits: ExcitationLimits,
@@ -225,19 +227,7 @@ def optimise_excitation(
     Raises:
         MotionError: If settings make no sense or no allowed motion is found.
     """
-    from threadpoolctl import threadpool_limits
-
     settings = settings or ExcitationSettings()
-    with threadpool_limits(1):  # the matrices are small: more threads only wait for each other
-        return _optimise(model, limits, settings, progress)
-
-
-def _optimise(
-    model: RobotModel,
-    limits: ExcitationLimits,
-    settings: ExcitationSettings,
-    progress: Callable[[float], None],
-) -> Excitation:
     basis = FourierBasis(settings.harmonics, settings.period)
     judge = Judge(model, limits, settings.columns)
     random = np.random.default_rng(settings.seed)

@@ -28,6 +28,7 @@ from robot_energy.identify.stats.cross_validation import (
     simplest,
 )
 from robot_energy.identify.stats.regression import Fit
+from robot_energy.identify.stats.threads import one_thread
 from robot_energy.model import RobotModel
 from robot_energy.model.friction_laws import FRICTION_LAWS, ConstantLaw, LawEntry, TableLaw
 from robot_energy.model.joint import JointFriction
@@ -106,6 +107,7 @@ class FrictionFit:
         return before.model_copy(update={"coulomb": coulomb, "viscous": self.law})
 
 
+@one_thread
 def fit_friction(data: FrictionData, source: str = "") -> FrictionFit:
     """Identify the friction of one axis.
 
@@ -120,39 +122,7 @@ def fit_friction(data: FrictionData, source: str = "") -> FrictionFit:
         NotIdentifiableError: If the axis hardly moves, only in one direction or at one
             speed, or no temperature is known.
     """
-    from threadpoolctl import threadpool_limits
-
-    with threadpool_limits(1):  # the matrices are small: more threads only wait for each other
-        return _fit(moving_samples(data), source)
-
-
-def fit_axes(axes: Sequence[FrictionData], source: str = "") -> tuple[list[FrictionFit], list[str]]:
-    """Identify the friction of every axis that the data tell.
-
-    Args:
-        axes: Samples, one entry per axis.
-        source: Where they come from, for the model file.
-
-    Returns:
-        The fits, and why the other axes could not be identified, one sentence each.
-
-    Raises:
-        NotIdentifiableError: If not one axis can be identified.
-    """
-    fits: list[FrictionFit] = []
-    refused: list[NotIdentifiableError] = []
-    for axis in axes:
-        try:
-            fits.append(fit_friction(axis, source))
-        except NotIdentifiableError as error:
-            refused.append(error)
-    if not fits:
-        first = refused[0]
-        raise NotIdentifiableError(first.found, first.expected, first.remedy)
-    return fits, [str(error) for error in refused]
-
-
-def _fit(moving: FrictionData, source: str) -> FrictionFit:
+    moving = moving_samples(data)
     degc = moving.motor_temperature_degc
     span = (float(degc.min()), float(degc.max()))
     warnings: list[str] = []
@@ -201,6 +171,32 @@ def _fit(moving: FrictionData, source: str) -> FrictionFit:
         speed=_rms(moving.motor_velocity),
         torque=_rms(moving.friction_torque),
     )
+
+
+def fit_axes(axes: Sequence[FrictionData], source: str = "") -> tuple[list[FrictionFit], list[str]]:
+    """Identify the friction of every axis that the data tell.
+
+    Args:
+        axes: Samples, one entry per axis.
+        source: Where they come from, for the model file.
+
+    Returns:
+        The fits, and why the other axes could not be identified, one sentence each.
+
+    Raises:
+        NotIdentifiableError: If not one axis can be identified.
+    """
+    fits: list[FrictionFit] = []
+    refused: list[NotIdentifiableError] = []
+    for axis in axes:
+        try:
+            fits.append(fit_friction(axis, source))
+        except NotIdentifiableError as error:
+            refused.append(error)
+    if not fits:
+        first = refused[0]
+        raise NotIdentifiableError(first.found, first.expected, first.remedy)
+    return fits, [str(error) for error in refused]
 
 
 def _rms(values: Float) -> float:
@@ -292,4 +288,4 @@ def with_friction(model: RobotModel, fits: Sequence[FrictionFit], source: str) -
         else joint
         for joint in model.joints
     ]
-    return model.model_copy(update={"joints": joints}).with_urdf(model.urdf_xml, model.source)
+    return model.changed(joints=joints)

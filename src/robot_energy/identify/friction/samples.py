@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,9 @@ from robot_energy.blocks import NANOSECOND, Float, Int
 from robot_energy.errors import LogFormatError
 from robot_energy.identify.data.recordings import Recording
 from robot_energy.identify.stats.cross_validation import averaged, contiguous_blocks
-from robot_energy.logs.recording import LogBlock
+
+if TYPE_CHECKING:
+    from robot_energy.logs.recording import LogBlock
 
 AVERAGED = 0.04  # s: samples this close say the same of friction
 BLOCK = 5.0  # s: residuals further apart than this are taken as independent
@@ -131,7 +134,7 @@ def friction_data_of_log(
     that holds while the joints before it stand still.
 
     Args:
-        blocks: Rows of the log.
+        blocks: Rows of one or several logs.
         joint_names: Its joints.
         joint: Index of the joint.
 
@@ -142,14 +145,15 @@ def friction_data_of_log(
     Raises:
         LogFormatError: If the log has no effort.
     """
-    rows = LogBlock.concatenate(list(blocks))
+    rows = blocks[0].concatenate(blocks)
     if not np.isfinite(rows.effort[:, joint]).any():
         raise LogFormatError(
             f"the log has no effort of {joint_names[joint]}",
             "a column of its torque or current",
             "name it under joints.effort in the mapping",
         )
-    run = np.cumsum(np.diff(rows.stamp_ns, prepend=rows.stamp_ns[0]) > APART / NANOSECOND)
+    step = np.diff(rows.stamp_ns, prepend=rows.stamp_ns[0])
+    run = np.cumsum(np.abs(step) > APART / NANOSECOND)
     speed, position = rows.joint_velocity[:, joint], rows.joint_position[:, joint]
     change = np.abs(np.diff(speed))
     limit = STEADY * float(np.nanquantile(np.abs(speed), 0.999))

@@ -205,7 +205,7 @@ class _Columns:
         """Return columns in model order, NaN where there are none."""
         if self._same and values.shape[1]:
             return values  # nothing to copy
-        placed = np.full((len(values), len(self._found)), np.nan)
+        placed = np.full((len(values), len(self._found)), np.nan, order="F")
         if values.shape[1]:
             if self.present is None:
                 return values[:, self._found]

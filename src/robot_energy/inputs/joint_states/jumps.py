@@ -19,27 +19,6 @@ MEMORY_NS = SECOND_NS  # a step back this long after a step forth belongs to it
 FULL_TURN = 2 * np.pi
 
 
-class TiledRow:
-    """One value per joint, as many rows of them as asked for.
-
-    Comparing with such rows is several times quicker than with one that is broadcast, as
-    the inner loop then runs along all samples instead of the few joints.
-
-    Args:
-        row: Shape (n,).
-    """
-
-    def __init__(self, row: Float) -> None:
-        self._row = row
-        self._rows = row[None, :]
-
-    def rows(self, count: int) -> Float:
-        """Return the values for so many samples, shape (count, n)."""
-        if count > len(self._rows):
-            self._rows = np.tile(self._row, (count, 1))
-        return self._rows[:count]
-
-
 class PositionJumpDetector:
     """Watches the positions of some joints for leaps: steps too far for the joint's velocity.
 
@@ -58,7 +37,7 @@ class PositionJumpDetector:
 
     def __init__(self, fastest: Float, wraps: Mask) -> None:
         self._allowed = TOO_FAR * np.where(np.isfinite(fastest), fastest, FASTEST)
-        self._always = TiledRow(self._allowed * LEAST_TIME)
+        self._always = self._allowed * LEAST_TIME
         self._wraps = wraps
         self._any_wraps = bool(wraps.any())
         self._last: tuple[int, Float] | None = None
@@ -108,7 +87,7 @@ class PositionJumpDetector:
         if self._any_wraps:
             step[:, self._wraps] = shortest(step[:, self._wraps])
         size = np.abs(step)
-        if bool((size <= self._always.rows(len(size))).all()):
+        if bool((size <= self._always).all()):
             return None
         time = np.maximum(differences(stamp_ns, start) * NANOSECOND, LEAST_TIME)
         far = size > self._allowed * time[:, None]

@@ -293,7 +293,7 @@ class PartialStateMerger:
             self._interpolate(joint, at[rows], right[rows, joint])
             for joint in range(self._n_joints)
         ]
-        values = np.stack(columns, axis=2)  # quantity, sample, joint
+        values = np.stack(columns, axis=1)  # quantity, joint, sample
         disputed = np.zeros(len(rows), dtype=np.bool_)
         if self._disputes:
             after = np.searchsorted(at[rows], self._disputes, side="right")
@@ -301,9 +301,9 @@ class PartialStateMerger:
             self._disputes = [stamp for stamp in self._disputes if stamp >= at[rows[-1]]]
         return MergedStates(
             stamp_ns=at[rows],
-            joint_position=np.ascontiguousarray(values[0]),
-            joint_velocity=np.ascontiguousarray(values[1]),
-            joint_effort=np.ascontiguousarray(values[2]) if self._effort else None,
+            joint_position=values[0].T,
+            joint_velocity=values[1].T,
+            joint_effort=values[2].T if self._effort else None,
             broken=gaps[rows + 1] > gaps[since + 1],
             disputed=disputed,
         )

@@ -19,7 +19,7 @@ from robot_energy.blocks import (
     mark,
 )
 from robot_energy.inputs.joint_states.decode import JointReadings
-from robot_energy.inputs.joint_states.jumps import TiledRow, shortest
+from robot_energy.inputs.joint_states.jumps import shortest
 from robot_energy.physics.urdf.checks import JointLimits
 
 SLACK = 0.05  # share of its range that a joint may be beyond a limit
@@ -95,7 +95,6 @@ class Plausibility:
             self._low, self._high = limits.lower - slack, limits.upper + slack
             self._fastest = TOO_FAST * limits.velocity
             self._wraps = limits.wraps
-        self._bounds = [TiledRow(row) for row in (self._high, self._low, self._fastest)]
         self._any_wraps = bool(self._wraps.any())
         self._beyond, self._zeros, self._astray = _Seen(), _Seen(), _Seen()
         self._least, self._most, self._speed = wide, -wide, np.zeros(n_joints)
@@ -137,15 +136,10 @@ class Plausibility:
         if self._limits is None:
             return
         position, velocity = block.joint_position, block.joint_velocity
-        high, low, fastest = (bound.rows(len(block)) for bound in self._bounds)
-        if not (
-            bool((position > high).any())
-            or bool((position < low).any())
-            or bool((np.abs(velocity) > fastest).any())
-        ):
-            return
         beyond = (position > self._high) | (position < self._low)
         beyond |= np.abs(velocity) > self._fastest
+        if not bool(beyond.any()):
+            return
         rows = in_any_joint(beyond)
         mark(block.quality, rows, Quality.JOINT_STATE_IMPLAUSIBLE)
         self._note_beyond(block.stamp_ns, position, velocity, rows)
@@ -280,5 +274,6 @@ def _crossings(block: JointBlock, before: int) -> Int:
     rises = block.segment[0] == block.segment[-1] and int(stamp[0]) // EVERY_NS >= before
     if rises and last - before < len(stamp):  # much quicker than dividing every stamp
         borders = np.arange(before + 1, last + 1) * EVERY_NS
-        return np.unique(np.searchsorted(stamp, borders, side="left"))
+        rows = np.searchsorted(stamp, borders, side="left")
+        return rows[differences(rows, -1) > 0] if len(rows) else rows
     return np.flatnonzero(differences(stamp // EVERY_NS, before))

@@ -6,7 +6,7 @@ import numpy as np
 
 from robot_energy.blocks import NANOSECOND, Float, Int, in_any_joint
 from robot_energy.inputs.joint_states.decode import JointReadings, Mask
-from robot_energy.inputs.joint_states.jumps import TiledRow, shortest
+from robot_energy.inputs.joint_states.jumps import shortest
 from robot_energy.physics.urdf.checks import JointLimits
 
 IMPOSSIBLE_VELOCITY = "impossible_velocity"  # the reason under which such messages are counted
@@ -34,7 +34,7 @@ class VelocityCheck:
     def __init__(self, n_joints: int, limits: JointLimits | None, ratio: float) -> None:
         velocity = np.full(n_joints, np.inf) if limits is None else ratio * limits.velocity
         self.refused: JointReadings | None = None
-        self._fastest = TiledRow(velocity) if bool(np.isfinite(velocity).any()) else None
+        self._fastest = velocity if bool(np.isfinite(velocity).any()) else None
         self._wraps = np.zeros(n_joints, dtype=np.bool_) if limits is None else limits.wraps
         self._stamp: Int = np.full(n_joints, -1, dtype=np.int64)  # of the last position, or -1
         self._position: Float = np.full(n_joints, np.nan)
@@ -50,13 +50,13 @@ class VelocityCheck:
         self.refused = None
         if self._fastest is None:
             return readings
-        fast = np.abs(readings.joint_velocity) > self._fastest.rows(len(readings))
+        fast = np.abs(readings.joint_velocity) > self._fastest
         if self._held is None and not bool(fast.any()):
             self._remember(readings)
             return readings
         if self._held is not None:
             readings, self._held = JointReadings.joined([self._held, readings]), None
-            fast = np.abs(readings.joint_velocity) > self._fastest.rows(len(readings))
+            fast = np.abs(readings.joint_velocity) > self._fastest
         first = bool((self._stamp < 0).all()) and bool(fast[0].any())
         if first and len(readings) == 1:
             self._held = readings

@@ -9,14 +9,14 @@ from robot_energy.identify.cabinet.cabinet import fit_cabinet, with_cabinet
 from robot_energy.identify.data.recordings import Recording, read_recording
 from robot_energy.model import load
 from robot_energy.motion import random_program
-from robot_energy.rig import RigConfig, Sensors, VirtualRig, kr16_profile
+from robot_energy.rig import RigConfig, Sensors, VirtualRig, load_profile
 from robot_energy.rig.record import outputs, record
 
 MODEL = load("kr16")
 
 
 def rig(dwell, meaning=MeterMeaning.MEAN_OVER_INTERVAL):
-    profile = kr16_profile()
+    profile = load_profile("kr16")
     limits = profile.motion_limits(profile.mechanics()[0])
     program = random_program(limits, 3, dwell=dwell)
     return VirtualRig(profile, program, RigConfig(sensors=Sensors(meter_meaning=meaning)), 3, 40.0)

@@ -21,7 +21,7 @@ from robot_energy.identify.run_all import identify_everything
 from robot_energy.identify.stats.held_out_energy import folds_of, held_out_energy
 from robot_energy.model import load, save, validate
 from robot_energy.motion import random_program, tool_above
-from robot_energy.rig import RigConfig, VirtualRig, kr16_profile
+from robot_energy.rig import RigConfig, VirtualRig, load_profile
 from robot_energy.rig.record import record
 
 PERIOD = 0.002  # s
@@ -194,7 +194,7 @@ def test_capacitance_follows_from_the_voltages_that_are_known(tmp_path):
 def bags(tmp_path_factory):
     """Runs of the KR 16 class rig, every effect on, warming up; the last for the test alone."""
     folder = tmp_path_factory.mktemp("link")
-    profile = kr16_profile()
+    profile = load_profile("kr16")
     robot = profile.mechanics()[0]
     limits, high = profile.motion_limits(robot), tool_above(robot, "tool0", 0.2)
     for seed, degc in enumerate((30.0, 45.0, 30.0, 45.0, 36.0), 1):
@@ -206,7 +206,7 @@ def bags(tmp_path_factory):
 
 def test_on_the_virtual_rig_the_energy_is_found_and_held_out_energies_get_better(bags):
     """The chopper leaves the link between 680 and 700 V: 106 to 127 J, 117 J on the average."""
-    supply = kr16_profile().supply
+    supply = load_profile("kr16").supply
     off, on = (
         0.5 * supply.capacitance * (voltage**2 - supply.rectified_voltage**2)
         for voltage in (supply.chopper_off_voltage, supply.chopper_on_voltage)

@@ -20,7 +20,7 @@ from robot_energy.inputs.inputs_file import read_inputs
 from robot_energy.inputs.meter.meter import MeterIngest
 from robot_energy.model import load
 from robot_energy.motion import random_program
-from robot_energy.rig import RigConfig, VirtualRig, kr16_profile
+from robot_energy.rig import RigConfig, VirtualRig, load_profile
 from robot_energy.rig.record import POWER_METER, record
 
 FLOAT64 = "std_msgs/msg/Float64"
@@ -35,7 +35,7 @@ MEAN = f"meaning: mean_over_interval, interval: {INTERVAL}, unit: W"
 def run(tmp_path_factory):
     """A run with long rests: its folder, its messages but those of the meter, its readings."""
     folder = tmp_path_factory.mktemp("meter_settings")
-    profile = kr16_profile()
+    profile = load_profile("kr16")
     program = random_program(profile.motion_limits(profile.mechanics()[0]), 3, dwell=DWELL)
     record(VirtualRig(profile, program, RigConfig(), 3, 40.0), SECONDS, folder / "rig")
     reader = BagReader(folder / "rig")

@@ -23,7 +23,7 @@ from robot_energy.identify.drives.total_power import compare_total, fit_total, w
 from robot_energy.identify.drives.total_sums import sums
 from robot_energy.logs.recording import FileAccount, LogBlock, RecordingContents, write_bag
 from robot_energy.model import load
-from robot_energy.rig import RigConfig, kr16_profile
+from robot_energy.rig import RigConfig, load_profile
 
 TRUE = {"constant": 4.0, "copper": 5.0, "linear": 0.05, "quadratic": 4e-4}
 SECONDS, RATE = 60.0, 200.0
@@ -145,7 +145,7 @@ def test_the_rig_gives_the_order_of_the_paper_beyond_the_excited_range(rig):
 def test_the_rig_s_copper_loss_is_recovered_within_its_stated_confidence():
     """With what the loss model has no term for switched off; torque and speed stay noisy."""
     config = RigConfig().without("inverter", "demagnetisation")
-    profile = kr16_profile()
+    profile = load_profile("kr16")
     true = 3.0 * profile.resistance / profile.torque_constant**2
     inside = 0
     for seeds in ((5, 6), (7, 8)):
@@ -302,10 +302,7 @@ def test_a_real_ur3e_is_predicted_better_than_by_shaft_power_and_a_constant(tmp_
 @pytest.mark.skipif(not DATA, reason="skipped: no data folder (ROBOT_ENERGY_DATA)")
 def test_the_drives_of_a_real_cobot_are_predicted(tmp_path):
     """Every second of four predicted from the three others, each drive and their sum."""
-    pandas = pytest.importorskip("pandas", reason="skipped: no pandas to read Parquet")
-    pytest.importorskip("pyarrow", reason="skipped: no pyarrow to read Parquet")
-    log, report = tmp_path / "voraus.csv", tmp_path / "report.json"
-    pandas.read_parquet(Path(DATA) / "voraus" / "test.parquet").to_csv(log, index=False)
+    log, report = Path(DATA) / "voraus" / "test.parquet", tmp_path / "report.json"
     mapping = ROOT / "src" / "examples" / "mappings" / "voraus.yaml"
     words = ["identify", "drives", "--log", str(log), "--mapping", str(mapping)]
     assert main([*words, "--json", str(report)]) == 0

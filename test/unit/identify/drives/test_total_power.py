@@ -14,10 +14,10 @@ from robot_energy.identify.drives.total_power import compare_total, fit_total, w
 from robot_energy.identify.drives.total_sums import sums
 from robot_energy.model import load
 from robot_energy.motion import random_program
-from robot_energy.rig import RigConfig, VirtualRig, kr16_profile
+from robot_energy.rig import RigConfig, VirtualRig, load_profile
 from robot_energy.rig.record import record
 
-PROFILE = kr16_profile()
+PROFILE = load_profile("kr16")
 MODEL = load("kr16")
 
 

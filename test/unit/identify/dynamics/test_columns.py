@@ -7,18 +7,7 @@ import robots
 from excited import fourier_motion
 from robot_energy.errors import ModelFileError
 from robot_energy.identify.data.signals import Motion
-from robot_energy.identify.dynamics.columns import (
-    Coulomb,
-    Estimate,
-    JointCoulomb,
-    JointInertia,
-    JointViscous,
-    Offset,
-    RotorInertia,
-    StribeckFriction,
-    Viscous,
-    standard_columns,
-)
+from robot_energy.identify.dynamics.columns import Estimate, standard_columns
 from robot_energy.model import RobotModel
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.friction import FrictionModel
@@ -30,6 +19,11 @@ MOTION = fourier_motion(2, np.arange(400) / 100.0)
 VALUES = (0.7, 1.3)
 
 
+def column_of(kind, *settings):
+    """One of the standard columns."""
+    return next(column for column in standard_columns(*settings) if column.kind == kind)
+
+
 def written(column, values=VALUES) -> RobotModel:
     """The model with a column's parameters and no other friction or rotor."""
     nothing = Estimate(0.0, None, "assumed", "")
@@ -37,7 +31,7 @@ def written(column, values=VALUES) -> RobotModel:
     for index, value in enumerate(values):
         ratio = float(TRANSMISSION[index, index])
         joint = joints[index]
-        for other in (RotorInertia(), Viscous(), Coulomb()):
+        for other in map(column_of, ("rotor_inertia", "viscous", "coulomb")):
             joint = other.write(joint, ratio, nothing)
         joints[index] = column.write(joint, ratio, Estimate(value, 0.1, "identified", "test"))
     return MODEL.model_copy(update={"joints": joints})
@@ -52,13 +46,16 @@ def monitor_friction(model):
     return friction.torque(speed, speed, coulomb, friction.viscous(temperature), still)
 
 
-@pytest.mark.parametrize("column", [Viscous(), Coulomb(0.03), StribeckFriction(0.4, 0.03)])
-def test_friction_column_is_the_monitors_friction(column):
+@pytest.mark.parametrize("kind", ["viscous", "coulomb", "stribeck"])
+def test_friction_column_is_the_monitors_friction(kind):
+    column = column_of(kind, 0.03, 0.4)
     model = written(column)
-    if isinstance(column, StribeckFriction):  # it has the smooth sign of the Coulomb term
+    if kind == "stribeck":  # it has the smooth sign of the Coulomb term
         model = written(column)
         joints = [
-            Coulomb(0.03).write(joint, float(TRANSMISSION[i, i]), Estimate(0, None, "assumed", ""))
+            column_of("coulomb", 0.03).write(
+                joint, float(TRANSMISSION[i, i]), Estimate(0, None, "assumed", "")
+            )
             for i, joint in enumerate(model.joints)
         ]
         model = model.model_copy(update={"joints": joints})
@@ -69,8 +66,8 @@ def test_friction_column_is_the_monitors_friction(column):
 
 
 def test_rotor_column_is_the_monitors_rotor_torque():
-    model = written(RotorInertia())
-    joint_torque = RotorInertia().torque(MOTION, TRANSMISSION) @ np.array(VALUES)
+    model = written(column_of("rotor_inertia"))
+    joint_torque = column_of("rotor_inertia").torque(MOTION, TRANSMISSION) @ np.array(VALUES)
     expected = Drivetrain.from_model(model).rotor_torque(MOTION.joint_acceleration)
     np.testing.assert_allclose(
         DRIVETRAIN.motor_torque_from_joint(joint_torque), expected, atol=1e-12
@@ -78,30 +75,31 @@ def test_rotor_column_is_the_monitors_rotor_torque():
 
 
 def test_standard_deviation_changes_sides_with_its_value():
-    joint = written(Coulomb()).joints[1]
+    joint = written(column_of("coulomb")).joints[1]
     ratio = abs(TRANSMISSION[1, 1])
     assert joint.friction.coulomb.value == pytest.approx(1.3 / ratio)
     assert joint.friction.coulomb.std == pytest.approx(0.1 / ratio)
     assert joint.friction.coulomb.tag == "identified"
     assert joint.friction.smooth_velocity.value == pytest.approx(0.01 * ratio)
-    viscous = written(Viscous()).joints[1].friction.viscous.viscous
+    viscous = written(column_of("viscous")).joints[1].friction.viscous.viscous
     assert (viscous.value, viscous.std) == pytest.approx((1.3 / ratio**2, 0.1 / ratio**2))
 
 
 def test_offset_is_a_constant_of_each_joint_and_has_no_place_in_a_model():
-    torque = Offset().torque(MOTION, TRANSMISSION) @ np.array(VALUES)
+    torque = column_of("offset").torque(MOTION, TRANSMISSION) @ np.array(VALUES)
     np.testing.assert_array_equal(torque, np.tile(VALUES, (len(torque), 1)))
     with pytest.raises(ModelFileError):
-        Offset().write(MODEL.joints[0], 1.0, Estimate(1.0, None, "identified", ""))
+        column_of("offset").write(MODEL.joints[0], 1.0, Estimate(1.0, None, "identified", ""))
 
 
 def test_coupled_joints_alone_have_friction_and_inertia_of_their_own():
     motion = Motion(np.zeros((1, 2)), np.array([[0.5, -2.0]]), np.array([[3.0, 4.0]]))
-    for column, expected in (
-        (JointViscous(), -2.0),
-        (JointCoulomb(), -1.0),
-        (JointInertia(), 4.0),
+    for kind, expected in (
+        ("joint_viscous", -2.0),
+        ("joint_coulomb", -1.0),
+        ("joint_inertia", 4.0),
     ):
+        column = column_of(kind)
         assert column.names(("shoulder", "elbow"), TRANSMISSION) == [f"{column.kind} elbow"]
         np.testing.assert_allclose(
             column.torque(motion, TRANSMISSION)[0], [[0.0], [expected]], atol=1e-12
@@ -112,7 +110,7 @@ def test_coupled_joints_alone_have_friction_and_inertia_of_their_own():
 def test_coupled_motor_drags_both_joints():
     """By hand: motor 2 turns with C = [[100, 0], [10, -50]]; its share at joint 1 is -1/5."""
     motion = Motion(np.zeros((1, 2)), np.array([[5.0, 3.0]]), np.zeros((1, 2)))
-    torque = Viscous().torque(motion, TRANSMISSION)[0]
+    torque = column_of("viscous").torque(motion, TRANSMISSION)[0]
     seen = 3.0 - 5.0 / 5.0
     np.testing.assert_allclose(torque, [[5.0, -0.2 * seen], [0.0, seen]])
 

@@ -10,12 +10,13 @@ import pytest
 from excited import monitor_torque
 from places import ROOT
 from robot_energy.cli.main import main
-from robot_energy.identify.data.raw_log import load_drive_log, model_of, read_channels
+from robot_energy.identify.data.log_channels import model_of, read_channels
 from robot_energy.identify.data.signals import low_pass
 from robot_energy.identify.dynamics.dynamics import DynamicsSettings, identify_dynamics
 from robot_energy.identify.dynamics.dynamics_model import to_model
 from robot_energy.identify.dynamics.leave_one_out import across_recordings
 from robot_energy.identify.dynamics.validation import torque_error
+from robot_energy.logs import load_mapping
 from robot_energy.model import load, save
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.rigid_body import Robot
@@ -26,7 +27,7 @@ HOME = np.array([0.0, -np.pi / 2, np.pi / 2, 0.0, 0.0, 0.0])
 
 
 def model():
-    return model_of(load_drive_log(MAPPING), MAPPING.parent)
+    return model_of(load_mapping(MAPPING), [MAPPING.parent])
 
 
 def published_flange(angles):
@@ -63,8 +64,8 @@ def test_the_flange_is_where_the_published_kinematics_put_it():
 def recordings():
     if not DATA.is_dir():
         pytest.skip("no data folder (ROBOT_ENERGY_DATA)")
-    log = load_drive_log(MAPPING)
-    return {name: [read_channels(log, model(), DATA, name)] for name in log.names}
+    log = load_mapping(MAPPING)
+    return read_channels([DATA], log, model())
 
 
 @pytest.fixture(scope="module")

@@ -8,17 +8,18 @@ import numpy as np
 import pytest
 
 from places import ROOT
-from robot_energy.identify.data.raw_log import load_drive_log, model_of, read_channels
+from robot_energy.identify.data.log_channels import model_of, read_channels
 from robot_energy.identify.dynamics.dynamics import identify_dynamics
 from robot_energy.identify.dynamics.dynamics_model import friction_at_joints, to_model
+from robot_energy.logs import load_mapping
 
 MAPPING = ROOT / "src/examples/identify/tx40.yaml"
 DATA = Path(os.environ.get("ROBOT_ENERGY_DATA", "/nonexistent")) / "tx40"
 
 
 def test_the_users_part_is_at_most_thirty_lines():
-    log = load_drive_log(MAPPING)
-    assert log.joints[5] == "joint_6"
+    log = load_mapping(MAPPING)
+    assert log.joints.names[5] == "joint_6"
     assert len(MAPPING.read_text().splitlines()) <= 30
 
 
@@ -26,11 +27,11 @@ def test_the_users_part_is_at_most_thirty_lines():
 def identified():
     if not DATA.is_dir():
         pytest.skip("no data folder (ROBOT_ENERGY_DATA)")
-    log = load_drive_log(MAPPING)
-    model = model_of(log, DATA)
+    log = load_mapping(MAPPING)
+    model = model_of(log, [DATA])
     begin = time.process_time()
-    channels = read_channels(log, model, DATA)
-    result = identify_dynamics([channels], model)
+    (channels,) = read_channels([DATA], log, model).values()
+    result = identify_dynamics(channels, model)
     return log, result, time.process_time() - begin
 
 

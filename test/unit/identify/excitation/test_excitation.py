@@ -28,7 +28,7 @@ from robot_energy.motion import (
     tool_above,
 )
 from robot_energy.physics.rigid_body import Robot
-from robot_energy.rig import RigConfig, VirtualRig, kr16_profile
+from robot_energy.rig import RigConfig, VirtualRig, load_profile
 
 QUICK = ExcitationSettings(harmonics=4, period=6.0, starts=1, iterations=50)
 LIMITED = '<limit lower="-2.5" upper="2.5" effort="40" velocity="2"/>\n  </joint>\n</robot>'
@@ -208,7 +208,7 @@ def test_senseless_searches_are_refused(change):
 def six_axes():
     """A few steps of the search for the rig's robot."""
     model = load("kr16")
-    limits = ExcitationLimits(model, kr16_profile().acceleration, floor=Floor("tool0", 0.2))
+    limits = ExcitationLimits(model, load_profile("kr16").acceleration, floor=Floor("tool0", 0.2))
     return {
         name: optimise_excitation(
             model, limits, ExcitationSettings(criterion=name, starts=1, iterations=12)
@@ -228,7 +228,7 @@ def test_six_axes_within_seconds(six_axes):
 def deviations(motion):
     """Standard deviations that identification gives from ten seconds on the rig."""
     config = replace(RigConfig.plain(), encoder=True, torque_noise=True)
-    rig = VirtualRig(kr16_profile(), motion, config, seed=3, start_temperature_degc=40.0)
+    rig = VirtualRig(load_profile("kr16"), motion, config, seed=3, start_temperature_degc=40.0)
     joints = rig.step(250 * 10).joints
     parts = stretches(
         joints.stamp_ns,

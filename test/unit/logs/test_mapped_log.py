@@ -13,7 +13,7 @@ from places import ROOT
 from robot_energy.blocks import MeterLocation, MeterMeaning
 from robot_energy.errors import BagError, LogFormatError
 from robot_energy.identify.drives.drive_power import read_drive_power
-from robot_energy.logs import import_csv, load_mapping
+from robot_energy.logs import import_log, load_mapping
 
 EXAMPLES = ROOT / "src" / "examples" / "mappings"
 DATA = os.environ.get("ROBOT_ENERGY_DATA", "")
@@ -44,7 +44,7 @@ def test_units_signs_and_meter_reach_the_bag_in_si(tmp_path: Path) -> None:
         "reading": {"column": "e", "unit": "Wh"},
     }
     time = {"column": "ms", "unit": "ms", "start": "2024-05-06T07:08:09"}
-    report = import_csv(log, mapping(time=time, joints=joints, power=meter), tmp_path / "bag")
+    report = import_log(log, mapping(time=time, joints=joints, power=meter), tmp_path / "bag")
     block, temperatures, readings = read_bag(tmp_path / "bag", ("one", "two"))
     assert block.stamp_ns[0] == 1714979289_000_000_000  # without zone: UTC
     np.testing.assert_array_equal(np.diff(block.stamp_ns), 10_000_000)
@@ -68,7 +68,7 @@ def test_voltage_times_current_is_power(tmp_path: Path) -> None:
         "voltage": {"column": "u", "unit": "V"},
         "current": {"column": "i", "unit": "mA"},
     }
-    import_csv(log, mapping(power=meter), tmp_path / "bag")
+    import_log(log, mapping(power=meter), tmp_path / "bag")
     _, _, readings = read_bag(tmp_path / "bag", ("axle",))
     assert readings is not None
     assert readings.power.tolist() == [24.0]
@@ -82,7 +82,7 @@ def test_power_of_the_drives_reaches_the_bag_in_watt(tmp_path: Path) -> None:
         "position": {"column": "q_{joint}", "unit": "rad"},
         "drive_power": {"columns": ["p"], "unit": "kW"},
     }
-    report = import_csv(log, mapping(joints=joints), tmp_path / "bag")
+    report = import_log(log, mapping(joints=joints), tmp_path / "bag")
     assert report.drive_powers == 2
     power = read_drive_power(tmp_path / "bag", "/drive_power", ["axle"])
     assert power.power.tolist() == [[1500.0], [-2000.0]]
@@ -94,23 +94,23 @@ def test_power_of_the_drives_reaches_the_bag_in_watt(tmp_path: Path) -> None:
 
 def test_times_from_zero_need_a_start(tmp_path: Path) -> None:
     with pytest.raises(LogFormatError, match="give the start of the recording"):
-        import_csv(wheel_csv(tmp_path / "l.csv"), mapping(time={"column": "t"}), tmp_path / "bag")
+        import_log(wheel_csv(tmp_path / "l.csv"), mapping(time={"column": "t"}), tmp_path / "bag")
     assert not (tmp_path / "bag").exists()  # nothing half-written stays
 
 
 def test_a_log_without_usable_rows_leaves_no_bag(tmp_path: Path) -> None:
     log = write_csv(tmp_path / "log.csv", "t,q_axle,w_axle,p", ["a,b,c,d", "1,2"])
     with pytest.raises(LogFormatError, match=r"none of the 2 rows.*1 not_numeric from line 2"):
-        import_csv(log, mapping(), tmp_path / "bag")
+        import_log(log, mapping(), tmp_path / "bag")
     assert not (tmp_path / "bag").exists()
 
 
 def test_an_existing_bag_is_replaced_only_when_asked(tmp_path: Path) -> None:
     log = wheel_csv(tmp_path / "log.csv", seconds=1.0)
-    import_csv(log, mapping(), tmp_path / "bag")
+    import_log(log, mapping(), tmp_path / "bag")
     with pytest.raises(BagError, match="exists"):
-        import_csv(log, mapping(), tmp_path / "bag")
-    assert import_csv(log, mapping(), tmp_path / "bag", overwrite=True).joint_states == 101
+        import_log(log, mapping(), tmp_path / "bag")
+    assert import_log(log, mapping(), tmp_path / "bag", overwrite=True).joint_states == 101
 
 
 @pytest.mark.parametrize(
@@ -167,7 +167,7 @@ def test_the_shipped_examples_are_valid(example: Path) -> None:
 @pytest.mark.skipif(not DATA, reason="no data folder")
 def test_a_recorded_kr300_is_imported_whole(tmp_path: Path) -> None:
     log = Path(DATA) / "kr300" / "recorded_A.csv.gz"
-    report = import_csv(log, load_mapping(EXAMPLES / "kr300.yaml"), tmp_path / "bag")
+    report = import_log(log, load_mapping(EXAMPLES / "kr300.yaml"), tmp_path / "bag")
     assert report.joint_states == report.files[0].received == 2501
     block, _, _ = read_bag(tmp_path / "bag", report.contents.joint_names)
     # The velocity is that of the position: their difference over 10 s says so.

@@ -1,0 +1,58 @@
+"""What a check of a recording found: cause, evidence in a number, and what mends it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+ERROR = "error"
+WARNING = "warning"
+NOTE = "note"
+SEVERITIES = (ERROR, WARNING, NOTE)
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that does not fit, or that cannot be known from the recording.
+
+    Attributes:
+        cause: Name of the cause, such as ``torque_sign``; stable, for programs.
+        severity: ``error``: figures are wrong; ``warning``: they may be; ``note``: for reading.
+        subject: Joint names, ``meter``, ``temperature`` or ``payload``.
+        sentence: What was found, with the evidence in numbers.
+        evidence: The number behind it, in the unit that the sentence states.
+        certainty: How sure, 0 to 1: the share of the unexplained variance that this cause
+            alone explains. NaN where the evidence is a plain count.
+        remedy: The line of YAML, or the action, that mends it; may be empty.
+    """
+
+    cause: str
+    severity: str
+    subject: tuple[str, ...]
+    sentence: str
+    evidence: float
+    certainty: float
+    remedy: str = ""
+
+
+@dataclass(frozen=True)
+class CheckResult:
+    """All findings of one recording with one model.
+
+    Attributes:
+        recording: Path of the bag.
+        model: Type of the robot and id of the model.
+        findings: Errors first.
+        checked: Names of the checks that had what they need.
+        skipped: The other checks, with what they lack.
+    """
+
+    recording: str
+    model: str
+    findings: tuple[Finding, ...]
+    checked: tuple[str, ...] = ()
+    skipped: dict[str, str] = field(default_factory=dict[str, str])
+
+    @property
+    def errors(self) -> tuple[Finding, ...]:
+        """The findings that make figures wrong."""
+        return tuple(entry for entry in self.findings if entry.severity == ERROR)

@@ -1,0 +1,340 @@
+"""Causes that make recorded torque differ from the model's, tried one after the other.
+
+For every cause the recording is corrected as if it were there, the rigid-body torque is computed
+again, and friction of any size but never of the wrong sign is fitted for each joint:
+
+``measured = rigid + rotor + coulomb sign(w) + viscous w + offset``, coulomb, viscous >= 0.
+
+The cause that lowers the unexplained torque most is named, if it lowers it far enough. Then the
+search goes on with the corrected recording, so that several causes are found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robot_energy.blocks import EffortMeaning, Float
+from robot_energy.check.evidence import Evidence
+from robot_energy.physics.drivetrain import Drivetrain
+
+MIN_SAMPLES = 80  # moving samples of a joint, below which nothing is said of its torque
+FLOOR = 1e-3  # share of a joint's torque variance that no model explains
+WORTH = 0.05  # share of unexplained torque of a joint, below which it needs no cause
+OF_THE_JOINT = ("gear_ratio",)  # causes that touch no other joint's torque
+MAX_CAUSES = 4  # found one after the other
+OFFSETS = np.array([-np.pi / 2, -0.8, -0.4, -0.2, -0.1, 0.1, 0.2, 0.4, 0.8, np.pi / 2])  # [rad]
+SCALES = {
+    "RMS instead of peak current, or the reverse": (2.0**0.5, 2.0**-0.5),
+    "half or twice the value": (2.0, 0.5),
+    "line instead of phase current, or the reverse": (3.0**0.5, 3.0**-0.5),
+    "percent or thousandths of another unit": (10.0, 0.1, 100.0, 0.01, 1000.0, 0.001),
+}
+RATIOS = (2.0, 0.5, 3.0, 1 / 3, 4.0, 0.25)
+MIN_MOVE = 0.05  # rad of range, below which a joint does not show its zero
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A corrected recording, and how much torque it leaves unexplained.
+
+    Attributes:
+        evidence: The corrected recording.
+        unexplained: Share of each joint's torque variance, shape (n,); NaN where unknown.
+        rigid: Motor side with rotors, shape (N, n). [N m]
+    """
+
+    evidence: Evidence
+    unexplained: Float
+    rigid: Float
+
+    def cost(self) -> float:
+        """Sum over the joints of the logarithm of the unexplained share."""
+        return float(np.nansum(np.log(self.unexplained + FLOOR)))
+
+
+@dataclass(frozen=True)
+class Cause:
+    """One cause and the recording without it.
+
+    Attributes:
+        name: As in `Finding.cause`.
+        joints: Whose.
+        value: Its size, in the unit of the cause; 1 where it has none.
+        correct: Gives the recording without it.
+        least_gain: By which it must lower the cost to be named.
+    """
+
+    name: str
+    joints: tuple[int, ...]
+    value: float
+    correct: Callable[[Evidence], Evidence]
+    least_gain: float
+
+
+def attempt(evidence: Evidence) -> Trial:
+    """Return how much torque the model leaves unexplained.
+
+    Args:
+        evidence: The recording, thinned.
+    """
+    rigid = rigid_motor_torque(evidence)
+    moving = evidence.moving
+    speed = evidence.drivetrain.motor_velocity_from_joint(evidence.velocity)
+    shares = [
+        _unexplained(evidence.motor_torque[:, j], rigid[:, j], speed[:, j], moving[:, j])
+        for j in range(rigid.shape[1])
+    ]
+    return Trial(evidence, np.array(shares), rigid)
+
+
+def rigid_motor_torque(evidence: Evidence) -> Float:
+    """Return rigid-body and rotor torque, motor side, shape (N, n). [N m]
+
+    A sensor behind the gear (effort ``joint_torque``) sees no rotor.
+
+    Args:
+        evidence: The recording.
+    """
+    joint = evidence.robot.joint_torque(
+        *(np.ascontiguousarray(values) for values in
+          (evidence.position, evidence.velocity, evidence.acceleration))
+    )  # fmt: skip
+    motor = evidence.drivetrain.motor_torque_from_joint(joint)
+    if evidence.effort is EffortMeaning.JOINT_TORQUE:
+        return motor
+    acceleration = evidence.drivetrain.motor_velocity_from_joint(evidence.acceleration)
+    return motor + evidence.drivetrain.rotor_inertia * acceleration
+
+
+def _unexplained(measured: Float, rigid: Float, speed: Float, moving: NDArray[np.bool_]) -> float:
+    """Share of one joint's variance that neither bodies nor friction explain; NaN if unknown."""
+    from scipy.optimize import nnls
+
+    rows = moving & np.isfinite(measured) & np.isfinite(rigid)
+    if int(rows.sum()) < MIN_SAMPLES:
+        return float("nan")
+    target = measured[rows]
+    total = float(np.var(target))
+    if not total > 0.0:
+        return float("nan")
+    columns = np.column_stack([np.sign(speed[rows]), speed[rows]])
+    rest = target - rigid[rows]
+    columns, rest = columns - columns.mean(axis=0), rest - rest.mean()
+    size = np.linalg.norm(columns, axis=0)
+    left = float(nnls(columns / np.where(size > 0.0, size, 1.0), rest)[1])
+    return left**2 / (len(rest) * total)
+
+
+def search(evidence: Evidence) -> tuple[list[tuple[Cause, float]], Trial, Trial]:
+    """Find the causes, the strongest first.
+
+    Args:
+        evidence: The recording, thinned.
+
+    Returns:
+        Each cause with the share of unexplained variance that it takes away; the trial of the
+        recording as it is; the trial without the causes.
+    """
+    first = trial = attempt(evidence)
+    found: list[tuple[Cause, float]] = []
+    for _ in range(MAX_CAUSES):
+        best: tuple[float, Cause, Trial] | None = None
+        for cause in candidates(trial):
+            if cause.name in OF_THE_JOINT and not (trial.unexplained[cause.joints[0]] > WORTH):
+                continue
+            corrected = attempt(cause.correct(trial.evidence))
+            gain = trial.cost() - corrected.cost() - cause.least_gain
+            if gain > 0.0 and (best is None or gain > best[0]):
+                best = (gain, cause, corrected)
+        if best is None:
+            break
+        _, cause, corrected = best
+        before, after = np.nansum(trial.unexplained), np.nansum(corrected.unexplained)
+        found.append((cause, float(1.0 - after / before) if before > 0 else 0.0))
+        trial = corrected
+    return found, first, trial
+
+
+def candidates(trial: Trial) -> list[Cause]:
+    """Return the causes worth a trial with a recording.
+
+    Args:
+        trial: The recording as it is now.
+    """
+    evidence = trial.evidence
+    count = len(evidence.names)
+    known = [j for j in range(count) if np.isfinite(trial.unexplained[j])]
+    everything = tuple(range(count))
+    found = [_torque("torque_sign", everything, -1.0, 0.3)]
+    found += [_torque("torque_sign", (j,), -1.0, 0.3) for j in known]
+    found += [_motion("joint_sign", j) for j in known]
+    for factors in SCALES.values():
+        least = 0.15 * len(known)
+        found += [_torque("torque_scale", everything, factor, least) for factor in factors]
+    found += [_gear(j, factor) for j in known for factor in RATIOS]
+    if evidence.effort is not EffortMeaning.MOTOR_CURRENT:
+        found.append(_other_side(evidence))
+    found += [_swap(i, j) for i in known for j in known if i < j]
+    prismatic = evidence.robot.limits.prismatic
+    found += [
+        _home(j, j + 1, value)
+        for j in everything[:-1]
+        for value in (-np.pi / 2, np.pi / 2)
+        if not prismatic[j] and not prismatic[j + 1]
+    ]
+    for j in everything:
+        if not prismatic[j] and np.ptp(evidence.position[:, j]) > MIN_MOVE:
+            best = _best_offset(evidence, j, trial)
+            if best is not None:
+                found.append(best)
+    return found
+
+
+def _torque(name: str, joints: tuple[int, ...], factor: float, least_gain: float) -> Cause:
+    """The recorded torque is ``factor`` times what it should be."""
+
+    def correct(evidence: Evidence) -> Evidence:
+        torque = evidence.motor_torque.copy()
+        torque[:, list(joints)] /= factor
+        return replace(evidence, motor_torque=torque)
+
+    return Cause(name, joints, factor, correct, least_gain)
+
+
+def _gear(joint: int, factor: float) -> Cause:
+    """The gear ratio of a joint in the model is ``factor`` times the true one."""
+
+    def correct(evidence: Evidence) -> Evidence:
+        transmission = evidence.drivetrain.transmission.copy()
+        transmission[joint] /= factor
+        torque = evidence.motor_torque
+        if evidence.effort is EffortMeaning.JOINT_TORQUE:  # it was divided by the wrong ratio
+            torque = torque.copy()
+            torque[:, joint] *= factor
+        drivetrain = Drivetrain(transmission, evidence.drivetrain.rotor_inertia)
+        return replace(evidence, drivetrain=drivetrain, motor_torque=torque)
+
+    return Cause("gear_ratio", (joint,), factor, correct, 0.9)
+
+
+def _other_side(evidence: Evidence) -> Cause:
+    """The effort is motor torque where joint torque was stated, or the reverse."""
+    joint = evidence.effort is EffortMeaning.JOINT_TORQUE
+
+    def correct(evidence: Evidence) -> Evidence:
+        drivetrain, torque = evidence.drivetrain, evidence.motor_torque
+        if evidence.effort is EffortMeaning.JOINT_TORQUE:
+            return replace(
+                evidence,
+                motor_torque=torque @ drivetrain.transmission,
+                effort=EffortMeaning.MOTOR_TORQUE,
+            )
+        return replace(
+            evidence,
+            motor_torque=drivetrain.motor_torque_from_joint(torque),
+            effort=EffortMeaning.JOINT_TORQUE,
+        )
+
+    everything = tuple(range(len(evidence.names)))
+    return Cause("effort_meaning", everything, 1.0 if joint else -1.0, correct, 0.3)
+
+
+def _motion(name: str, joint: int) -> Cause:
+    """Position, velocity and acceleration of a joint have the wrong sign."""
+
+    def correct(evidence: Evidence) -> Evidence:
+        changed: dict[str, Float] = {}
+        for key in ("position", "velocity", "acceleration"):
+            values = getattr(evidence, key).copy()
+            values[:, joint] *= -1.0
+            changed[key] = values
+        return replace(evidence, **changed)
+
+    return Cause(name, (joint,), -1.0, correct, 0.4)
+
+
+def _swap(first: int, second: int) -> Cause:
+    """Two joints have each other's position, velocity and torque."""
+
+    def correct(evidence: Evidence) -> Evidence:
+        order = list(range(evidence.position.shape[1]))
+        order[first], order[second] = second, first
+        ratio = np.abs(np.diag(evidence.drivetrain.transmission))
+        torque = evidence.motor_torque[:, order]
+        if evidence.effort is EffortMeaning.JOINT_TORQUE:  # it was divided by the other's ratio
+            torque = torque * (ratio[order] / ratio)
+        return replace(
+            evidence,
+            position=evidence.position[:, order],
+            velocity=evidence.velocity[:, order],
+            acceleration=evidence.acceleration[:, order],
+            motor_torque=torque,
+        )
+
+    return Cause("joint_order", (first, second), 1.0, correct, 1.0)
+
+
+def _offset(joint: int, value: float) -> Cause:
+    """The zero of a joint is off by ``value``."""
+
+    def correct(evidence: Evidence) -> Evidence:
+        position = evidence.position.copy()
+        position[:, joint] -= value
+        return replace(evidence, position=position)
+
+    return Cause("zero_offset", (joint,), value, correct, 0.5)
+
+
+def _home(first: int, second: int, value: float) -> Cause:
+    """Two neighbours count from a home pose: their zeros are off by a right angle each."""
+
+    def correct(evidence: Evidence) -> Evidence:
+        position = evidence.position.copy()
+        position[:, first] -= value
+        position[:, second] += value
+        return replace(evidence, position=position)
+
+    return Cause("zero_offset", (first, second), value, correct, 1.0)
+
+
+def _best_offset(evidence: Evidence, joint: int, trial: Trial) -> Cause | None:
+    """The zero offset of a joint that lowers the cost most; None if none does."""
+    from scipy.optimize import minimize_scalar
+
+    step = max(1, len(evidence.stamp_ns) // 500)
+    few = _rows(evidence, slice(None, None, step))
+    base = attempt(few).cost()
+
+    def cost(value: float) -> float:
+        return attempt(_offset(joint, float(value)).correct(few)).cost()
+
+    costs = np.array([cost(value) for value in OFFSETS])
+    place = int(np.argmin(costs))
+    if costs[place] > base - 0.1:
+        return None
+    low = OFFSETS[place] - 0.5 * abs(OFFSETS[place])
+    high = OFFSETS[place] + 0.5 * abs(OFFSETS[place])
+    found = minimize_scalar(cost, bounds=(low, high), method="bounded", options={"xatol": 2e-3})
+    return _offset(joint, float(found.x))
+
+
+def _rows(evidence: Evidence, rows: slice) -> Evidence:
+    names = ("stamp_ns", "segment", "position", "velocity", "acceleration", "motor_torque",
+             "temperature_degc")  # fmt: skip
+    return replace(evidence, **{name: getattr(evidence, name)[rows] for name in names})
+
+
+def scale_words(factor: float) -> str:
+    """Return what a factor of the torque usually means.
+
+    Args:
+        factor: Recorded over expected torque. [-]
+    """
+    for words, factors in SCALES.items():
+        if any(abs(np.log(abs(factor) / value)) < 0.02 for value in factors):
+            return words
+    return "another unit or torque constant"

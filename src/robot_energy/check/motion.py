@@ -1,0 +1,135 @@
+"""Do positions and velocities fit each other, the limits of the URDF and the noise at rest?"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from robot_energy.blocks import NANOSECOND, Float
+from robot_energy.check.evidence import Evidence, rest_noise
+from robot_energy.check.finding import ERROR, WARNING, Finding
+
+MIN_SAMPLES = 50
+MIN_FIT = 0.5  # correlation of velocity with the change of position, below which they differ
+MAX_SCALE_ERROR = 0.15
+DEGREES = 180.0 / np.pi
+NEAR = 0.3  # of the logarithm of a factor
+
+
+def check_motion(evidence: Evidence) -> tuple[list[Finding], str]:
+    """Compare velocity with the change of position, and both with the limits.
+
+    Args:
+        evidence: The recording.
+
+    Returns:
+        The findings, and why there are none where the check cannot be made.
+    """
+    if len(evidence.stamp_ns) < MIN_SAMPLES:
+        return [], f"{len(evidence.stamp_ns)} samples with a full derivative window"
+    findings = [
+        finding
+        for joint in range(len(evidence.names))
+        for finding in (*_slope(evidence, joint), *_limits(evidence, joint))
+    ]
+    return findings + _rest(evidence), ""
+
+
+def _change(evidence: Evidence, joint: int) -> tuple[Float, Float]:
+    """Mean velocity of each step from its positions, and from the recorded velocities."""
+    time = np.diff(evidence.stamp_ns) * NANOSECOND
+    same = (np.diff(evidence.segment) == 0) & (time > 0)
+    position, velocity = evidence.position[:, joint], evidence.velocity[:, joint]
+    change = np.diff(position)[same] / time[same]
+    return change, 0.5 * (velocity[1:] + velocity[:-1])[same]
+
+
+def _slope(evidence: Evidence, joint: int) -> list[Finding]:
+    change, velocity = _change(evidence, joint)
+    if len(change) < MIN_SAMPLES or not change.std() > 1e-3 or not velocity.std() > 1e-4:
+        return []
+    name = evidence.names[joint]
+    correlation = float(np.corrcoef(change, velocity)[0, 1])
+    slope = float(velocity @ change / (change @ change))
+    if correlation < -MIN_FIT:
+        return [
+            Finding(
+                "velocity_sign", ERROR, (name,),
+                f"the velocity of {name} has the opposite sign of the change of its position "
+                f"(correlation {correlation:.2f})",
+                correlation, correlation**2,
+                "turn its sign where the recording is imported, or leave the velocity out",
+            )
+        ]  # fmt: skip
+    if correlation < MIN_FIT:
+        return [
+            Finding(
+                "velocity_unrelated", WARNING, (name,),
+                f"the velocity of {name} does not follow its position "
+                f"(correlation {correlation:.2f})",
+                correlation, 1.0 - correlation**2,
+                "leave the velocity out; it is then taken from the positions",
+            )
+        ]  # fmt: skip
+    if abs(slope - 1.0) > MAX_SCALE_ERROR and correlation > 0.9:
+        degrees = min((DEGREES, 1.0 / DEGREES), key=lambda value: abs(np.log(slope / value)))
+        unit = abs(np.log(slope / degrees)) < NEAR
+        return [
+            Finding(
+                "velocity_scale", ERROR, (name,),
+                f"the velocity of {name} is {slope:.3g} times the change of its position"
+                + (": one of them is in degrees" if unit else ""),
+                slope, correlation**2,
+                "give both in rad and rad/s" if unit
+                else "check the unit and the gear ratio of the velocity",
+            )
+        ]  # fmt: skip
+    return []
+
+
+def _limits(evidence: Evidence, joint: int) -> list[Finding]:
+    limits, name = evidence.robot.limits, evidence.names[joint]
+    position = evidence.position[:, joint]
+    low, high = float(limits.lower[joint]), float(limits.upper[joint])
+    if limits.prismatic[joint] or not np.isfinite(low + high):
+        return []
+    beyond = float(np.mean((position < low - 0.2) | (position > high + 0.2)))
+    if beyond < 0.02:
+        return []
+    within = np.all((position / DEGREES > low - 0.2) & (position / DEGREES < high + 0.2))
+    degrees = bool(within) and float(np.max(np.abs(position))) > 2 * np.pi
+    cause = "degrees" if degrees else "position_limit"
+    return [
+        Finding(
+            cause, ERROR if degrees else WARNING, (name,),
+            f"{100 * beyond:.0f} % of the positions of {name} lie outside the limits of the URDF "
+            f"({low:.3g} to {high:.3g} rad; recorded {position.min():.3g} to {position.max():.3g})"
+            + (", and inside them as degrees" if degrees else ""),
+            beyond, beyond,
+            "convert position and velocity to rad" if degrees
+            else "check the zero and the sign of the joint, or the limits of the URDF",
+        )
+    ]  # fmt: skip
+
+
+def _rest(evidence: Evidence) -> list[Finding]:
+    """Joints whose noise at rest exceeds the model's standstill velocity."""
+    noise = rest_noise(evidence)
+    noisy = [
+        (name, float(value), joint.standstill_velocity)
+        for name, value, joint in zip(evidence.names, noise, evidence.model.joints, strict=True)
+        if np.isfinite(value) and 0.5 * joint.standstill_velocity < value < 0.02
+    ]
+    if not noisy:
+        return []
+    worst = max(value for _, value, _ in noisy)
+    suggested = float(f"{4.0 * worst:.1g}")
+    names = ", ".join(name for name, _, _ in noisy)
+    return [
+        Finding(
+            "standstill_velocity", WARNING, tuple(name for name, _, _ in noisy),
+            f"at rest the velocity of {names} still varies by up to {1e3 * worst:.2g} mrad/s, "
+            f"near or above standstill_velocity: rest is hardly found",
+            worst, float("nan"),
+            f"standstill_velocity: {suggested:g} for these joints in the model file",
+        )
+    ]  # fmt: skip

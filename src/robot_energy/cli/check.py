@@ -1,0 +1,95 @@
+"""`robot-energy check`: does a recording fit a model, and what is wrong if it does not."""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from typing import TYPE_CHECKING, Any
+
+from robot_energy.cli.identify_inputs import add_bags, bags_of
+from robot_energy.cli.terminal import add_command, add_json, check_outputs, console, write_json
+
+if TYPE_CHECKING:
+    from robot_energy.check import CheckResult, Finding
+
+MISTAKES = 2  # exit code: a recording does not fit
+STYLES = {"error": "bold red", "warning": "yellow", "note": "dim"}
+
+DESCRIPTION = """\
+Check recordings against a model: units, order, sign and zero of every joint, scale and meaning of
+the torque, gear ratios, payload, meter, temperatures, noise at rest, and what could be
+identified. Each finding has its evidence, and the setting that mends it.
+"""
+EPILOG = """\
+examples:
+  robot-energy check bag --model kr16 --effort motor_torque
+  robot-energy check monday tuesday --model my_robot.yaml --inputs energy_monitor.yaml --json c.json
+
+exit codes: 0 no mistake found; 2 a mistake found, or input refused
+"""
+
+
+def add_parser(commands: Any) -> None:
+    """Add the sub-command.
+
+    Args:
+        commands: What `ArgumentParser.add_subparsers` returned.
+    """
+    text = "does a recording fit a model, and what is wrong if not"
+    parser = add_command(commands, "check", run, text, DESCRIPTION, EPILOG)
+    add_bags(parser)
+    add_json(parser)
+
+
+def run(args: Namespace) -> int:
+    """Check every recording and print what was found.
+
+    Args:
+        args: Of the command line.
+
+    Returns:
+        Exit code: 2 if a recording has a mistake.
+
+    Raises:
+        RobotEnergyError: If a bag, the model or an output cannot be used.
+    """
+    from robot_energy.check import check
+    from robot_energy.model import load
+    from robot_energy.results.check import CheckReport
+
+    check_outputs(args, [*args.bags, args.model, args.inputs])
+    effort, inputs = bags_of(args).meaning()
+    model = load(args.model)
+    results = [check(bag, model, effort, inputs) for bag in args.bags]
+    if args.json != "-":
+        for result in results:
+            _show(result)
+    if args.json is not None:
+        write_json(args.json, CheckReport(tuple(results)).to_dict())
+    return MISTAKES if any(result.errors for result in results) else 0
+
+
+def _show(result: CheckResult) -> None:
+    out = console()
+
+    def show(text: str, style: str = "") -> None:
+        out.print(text, style=style, soft_wrap=True, highlight=False, markup=False)
+
+    errors = len(result.errors)
+    show(f"{result.recording} with {result.model}", "bold")
+    if errors:
+        show(f"{errors} mistake{'s' if errors > 1 else ''} found", STYLES["error"])
+    else:
+        show(f"no mistake found; checked: {', '.join(result.checked) or 'nothing'}")
+    for finding in result.findings:
+        show(f"{finding.severity}: {finding.sentence}{_certainty(finding)}",
+             STYLES[finding.severity])  # fmt: skip
+        if finding.remedy:
+            show(f"    remedy: {finding.remedy}")
+    for name, why in result.skipped.items():
+        show(f"not checked: {name} ({why})", STYLES["note"])
+    show("")
+
+
+def _certainty(finding: Finding) -> str:
+    known = finding.certainty == finding.certainty and finding.severity == "error"
+    return f" [explains {100 * finding.certainty:.0f} %]" if known else ""

@@ -1,0 +1,352 @@
+"""A log read by the mapping of its columns, for a bag or for identification."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from robot_energy.blocks import Float, Int, MeterLocation, MeterMeaning
+from robot_energy.errors import LogFormatError
+from robot_energy.logs.mapping import (
+    FACTORS,
+    PLACE,
+    ZEROS,
+    Columns,
+    LogMapping,
+    PositionColumn,
+    Velocity,
+)
+from robot_energy.logs.recording import (
+    FileAccount,
+    ImportReport,
+    LogBlock,
+    RecordingContents,
+    nothing_used,
+    write_bag,
+)
+from robot_energy.logs.rows import (
+    Clock,
+    TableRows,
+    nanoseconds,
+    number_rows,
+    side_by_side,
+    usable_rows,
+)
+from robot_energy.logs.table import LogTable
+from robot_energy.physics.drivetrain import Drivetrain
+
+
+class MappedLog:
+    """One recording of a log: a table, or several side by side.
+
+    Args:
+        path: The table; a folder if the mapping names the files.
+        mapping: What the columns mean.
+        recording: Name of the recording, where the mapping names several.
+        drivetrain: Gears of the robot; None: as the mapping says.
+        optional: Whether the file may lack columns other than those of time and position.
+
+    Attributes:
+        name: Of the recording, for people.
+        account: What became of the rows read so far.
+
+    Raises:
+        LogFormatError: If a file cannot be read or lacks a column.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        mapping: LogMapping,
+        recording: str = "",
+        drivetrain: Drivetrain | None = None,
+        optional: bool = False,
+    ) -> None:
+        self._mapping, self._drivetrain = mapping, drivetrain
+        self._optional = optional
+        folder = path if mapping.in_folder else path.parent
+        first = mapping.joints.position.file
+        main = folder / first.replace(PLACE, recording) if first else path
+        self.name = recording or main.name
+        self.account = FileAccount(path=main)
+        self.tables: dict[Path, LogTable] = {}
+        self._columns: dict[Path, list[tuple[str, str]]] = {}  # quantity and name of each
+        for key, group in mapping.joints.quantities():
+            file = folder / group.file.replace(PLACE, recording) if group.file else main
+            owner = mapping if file == main and group.column_names is None else group
+            self._add(key, file, owner.column_names, group)
+        for key, (column, _) in (mapping.power.factors() if mapping.power else {}).items():
+            if not optional or column in self.tables[main].columns:
+                self._take(f"power.{key}", main, [column])
+        self._texts = [
+            self.tables[main].require(column, f"time.{key}")
+            for key in ("column", "run")
+            if (column := getattr(mapping.time, key)) is not None
+        ]
+
+    def _add(self, key: str, file: Path, names: Sequence[str] | None, group: Columns) -> None:
+        joints = self._mapping.joints
+        if file not in self.tables:
+            self.tables[file] = LogTable(file, self._mapping.delimiter, names)
+        table = self.tables[file]
+        columns = group.names(joints.keys or joints.names)
+        if columns is None:
+            columns = list(table.columns[: len(joints.names)])
+            if len(columns) < len(joints.names):
+                raise LogFormatError(
+                    f"{file} has {len(columns)} columns", f"one per joint: {len(joints.names)}"
+                )
+        if not self._optional or key == "position" or set(columns) <= set(table.columns):
+            self._take(f"joints.{key}", file, columns)
+
+    def _take(self, owner: str, file: Path, columns: Sequence[str]) -> None:
+        taken = self._columns.setdefault(file, [])
+        for column in columns:
+            taken.append((owner.partition(".")[2], self.tables[file].require(column, owner)))
+
+    def __contains__(self, quantity: str) -> bool:
+        """Whether the files have a quantity, such as ``velocity`` or ``reading``."""
+        return any(quantity == key for taken in self._columns.values() for key, _ in taken)
+
+    @property
+    def begins(self) -> float:
+        """Time of the first row, infinite where it has none. [ns]"""
+        main = next(iter(self.tables.values()))
+        for cells in main.cells(self._texts[:1]):
+            first = nanoseconds(cells.columns[:1, 0], self._mapping.time.unit)[0]
+            return np.inf if first is None else first
+        return np.inf
+
+    def blocks(
+        self,
+        clock: Clock | None = None,
+        last_ns: int | None = None,
+        start_ns: int | None = None,
+        kept: bool = False,
+    ) -> Iterator[LogBlock]:
+        """Yield the usable rows, and account for the others.
+
+        Args:
+            clock: Of all files of the log; None: of this one alone.
+            last_ns: Stamp of the last row before these; None if there is none. [ns]
+            start_ns: Added to every time; None: as the mapping says. [ns]
+            kept: Whether all rows will be kept in memory, so that their number is bounded.
+
+        Yields:
+            Rows in SI units, joint side, in the order of the files.
+
+        Raises:
+            LogFormatError: If a file cannot be read to its end.
+        """
+        time = self._mapping.time
+        clock = Clock(time) if clock is None else clock
+        start = time.start_ns if start_ns is None else start_ns
+        last = None if last_ns is None else last_ns - start
+        clock.begin_table()
+        for rows in self._joined(kept):
+            instants, known = clock.instants(rows)
+            required = len(self._mapping.joints.names)
+            used, last = usable_rows(rows, instants, known, required, last, self.account, start)
+            yield self._block(instants[used] + start, rows.values[used])
+
+    def whole(self) -> LogBlock:
+        """Return all usable rows at once.
+
+        Returns:
+            The rows, in SI units.
+
+        Raises:
+            LogFormatError: If a file cannot be read, is too long, or has no usable row.
+        """
+        blocks = [block for block in self.blocks(kept=True) if len(block)]
+        if not blocks:
+            raise LogFormatError(*nothing_used([self.account]))
+        return LogBlock.concatenate(blocks)
+
+    def _joined(self, kept: bool) -> Iterator[TableRows]:
+        streams: list[Iterator[TableRows]] = []
+        several = len(self.tables) > 1
+        for file, table in self.tables.items():
+            names = [name for _, name in self._columns[file]]
+            texts = () if streams else self._texts
+            streams.append(number_rows(table, names, texts, kept or several))
+        return side_by_side(list(self.tables.values()), streams)
+
+    def _block(self, stamp_ns: Int, values: Float) -> LogBlock:
+        keys = np.array([key for taken in self._columns.values() for key, _ in taken])
+        joints, power = self._mapping.joints, self._mapping.power
+        groups = dict(joints.quantities())
+        signs = np.asarray(joints.signs or 1.0, dtype=np.float64)
+
+        def quantity(key: str) -> Float:
+            """Values of one quantity of all joints, as logged but in SI; NaN without any."""
+            if key not in self:
+                return np.full((len(values), len(joints.names)), np.nan)
+            unit: str = groups[key].unit
+            return values[:, keys == key] * FACTORS[unit] + ZEROS.get(unit, 0.0)
+
+        def joint_side(key: str, group: PositionColumn | Velocity | None) -> Float:
+            """Positions or velocities; both follow the same map from the motors."""
+            found = quantity(key)
+            if group is not None and group.side == "motor":
+                gears = self._drivetrain or self._mapping.drivetrain()
+                found = gears.joint_velocity_from_motor(found)
+            return found * signs
+
+        effort = quantity("effort") * signs
+        if joints.effort is not None and joints.effort.torque_constant is not None:
+            effort = effort * np.asarray(joints.effort.torque_constant)
+        reading = np.full(len(values), np.nan)
+        if power is not None and all(key in self for key in power.factors()):
+            reading = np.ones(len(values))
+            for key, (_, factor) in power.factors().items():
+                reading = reading * (values[:, keys == key][:, 0] * factor)
+        return LogBlock(
+            stamp_ns,
+            joint_side("position", joints.position) + np.asarray(joints.position.zero or 0.0),
+            joint_side("velocity", joints.velocity),
+            effort,
+            quantity("temperature"),
+            reading,
+            quantity("drive_power"),
+        )
+
+
+def open_logs(
+    paths: Sequence[str | Path],
+    mapping: LogMapping,
+    drivetrain: Drivetrain | None = None,
+    optional: bool = False,
+) -> list[MappedLog]:
+    """Open all files of a log, each recording as one.
+
+    Args:
+        paths: Tables: CSV, plain or gzip, or Parquet. One folder, if the mapping names files.
+        mapping: What the columns mean.
+        drivetrain: Gears of the robot; None: as the mapping says.
+        optional: Whether files may lack columns other than those of time and position.
+
+    Returns:
+        The recordings: in the order of their time if that has a date or one clock, else as
+        they are given.
+
+    Raises:
+        LogFormatError: If a file cannot be read or lacks a column.
+    """
+    found = [Path(path) for path in paths]
+    if not found:
+        raise LogFormatError("no log is named", "at least one file")
+    if mapping.in_folder and (len(found) > 1 or not found[0].is_dir()):
+        raise LogFormatError(
+            f"{', '.join(map(str, found))} as the log",
+            "the folder with the files that the mapping names",
+        )
+    names = mapping.recordings or [""]
+    logs = [MappedLog(p, mapping, name, drivetrain, optional) for p in found for name in names]
+    if mapping.time.column is not None and mapping.time.run is None:
+        logs.sort(key=lambda log: log.begins)
+    return logs
+
+
+def import_log(
+    paths: str | Path | Sequence[str | Path],
+    mapping: LogMapping,
+    out: str | Path,
+    overwrite: bool = False,
+) -> ImportReport:
+    """Turn a log into a bag.
+
+    Args:
+        paths: Tables of one log: CSV, plain or gzip, or Parquet. One folder, if the mapping
+            names the files.
+        mapping: What their columns mean.
+        out: Folder of the bag.
+        overwrite: Whether an existing bag may be replaced.
+
+    Returns:
+        What was written, and the account of every row.
+
+    Raises:
+        LogFormatError: If a file cannot be read, lacks a column, or has no usable row.
+        BagError: If the bag cannot be written.
+    """
+    logs = open_logs([paths] if isinstance(paths, str | Path) else paths, mapping)
+    report = write_logs(logs, mapping, out, overwrite, mapping.description)
+    effort = mapping.joints.effort
+    if effort is not None:
+        report.notes.append(
+            f"the effort of /joint_states is the log's, in {effort.si_unit.replace('_', ' ')}"
+        )
+    return report
+
+
+def contents_of(logs: Sequence[MappedLog], mapping: LogMapping) -> RecordingContents:
+    """Return what the logs of one recording hold.
+
+    Args:
+        logs: From `open_logs`.
+        mapping: That they were opened with.
+
+    Returns:
+        The quantities that at least one of them has.
+    """
+
+    def have(quantity: str) -> bool:
+        return any(quantity in log for log in logs)
+
+    power = mapping.power
+    metered = power is not None and all(map(have, power.factors()))
+    return RecordingContents(
+        tuple(mapping.joints.names),
+        have("velocity"),
+        have("effort"),
+        have("temperature"),
+        MeterMeaning[power.meaning.upper()] if power and metered else MeterMeaning.UNKNOWN,
+        MeterLocation[power.location.upper()] if power and metered else MeterLocation.UNKNOWN,
+        power.interval if power and power.interval else float("nan"),
+        have("drive_power"),
+    )
+
+
+def write_logs(
+    logs: Sequence[MappedLog],
+    mapping: LogMapping,
+    out: str | Path,
+    overwrite: bool = False,
+    origin: str = "",
+    start_ns: int | None = None,
+) -> ImportReport:
+    """Write opened logs into one bag.
+
+    Args:
+        logs: From `open_logs`.
+        mapping: That they were opened with.
+        out: Folder of the bag.
+        overwrite: Whether an existing bag may be replaced.
+        origin: Where the log comes from, in words.
+        start_ns: Added to every time; None: as the mapping says. [ns]
+
+    Returns:
+        What was written, and the account of every row.
+
+    Raises:
+        LogFormatError: If a file cannot be read, or has no usable row.
+        BagError: If the bag cannot be written.
+    """
+    contents = contents_of(logs, mapping)
+    source = ": ".join(filter(None, (origin, ", ".join(log.name for log in logs))))
+    accounts = [log.account for log in logs]
+    return write_bag(out, contents, _in_turn(logs, mapping, start_ns), accounts, overwrite, source)
+
+
+def _in_turn(
+    logs: Sequence[MappedLog], mapping: LogMapping, start_ns: int | None
+) -> Iterator[LogBlock]:
+    """Rows of all logs on one time, each newer than those before it."""
+    clock, last = Clock(mapping.time), None
+    for log in logs:
+        for block in log.blocks(clock, last, start_ns):
+            last = int(block.stamp_ns[-1]) if len(block) else last
+            yield block

@@ -1,0 +1,274 @@
+"""Cells of tables -> numbers with their time, and what becomes of every row."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from decimal import Decimal, InvalidOperation
+from itertools import repeat
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from robot_energy.blocks import Float, Int
+from robot_energy.errors import LogFormatError
+from robot_energy.logs.mapping import LATEST_NS, Time
+from robot_energy.logs.recording import FileAccount
+from robot_energy.logs.table import Cells, LogTable
+from robot_energy.timeline.stamps import BAD_STAMP, valid_stamps
+
+DIGITS = {"s": 9, "ms": 6, "us": 3, "ns": 0}
+MAX_NUMBERS = 24_000_000
+"""Numbers that are kept of one log: an hour of six joints at 1 kHz."""
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class TableRows:
+    """Rows of a table as numbers.
+
+    Attributes:
+        line: Where each stands in the file, shape (N,).
+        values: Of the columns asked for, NaN where a cell is empty, shape (N, K).
+        whole: Whether a row has as many cells as there are columns, shape (N,).
+        numeric: Whether no cell asked for holds anything but a number, shape (N,).
+        texts: Further columns as they stand in the file, such as the time.
+    """
+
+    line: Int
+    values: Float
+    whole: Mask
+    numeric: Mask
+    texts: tuple[pl.Series, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.line)
+
+
+def number_rows(
+    table: LogTable, numbers: Sequence[str], texts: Sequence[str] = (), kept: bool = False
+) -> Iterator[TableRows]:
+    """Yield all rows of a table that are not blank.
+
+    Args:
+        table: The table.
+        numbers: Columns wanted as numbers.
+        texts: Columns wanted as they stand.
+        kept: Whether all rows will be kept in memory, so that their number is bounded.
+
+    Yields:
+        At most 8192 rows at a time, in the order of the file.
+
+    Raises:
+        LogFormatError: If the file cannot be read to its end, or is too long to be kept.
+    """
+    count, most = 0, MAX_NUMBERS // max(len(numbers), 1)
+    for cells in table.cells([*numbers, *texts]):
+        count += len(cells)
+        if kept and count > most:
+            raise LogFormatError(
+                f"{table.path} has over {most} rows of {len(numbers)} columns",
+                f"at most {MAX_NUMBERS} numbers",
+                "cut it, or import it as a bag",
+            )
+        yield _rows(cells, len(numbers))
+
+
+def _rows(cells: Cells, numbers: int) -> TableRows:
+    columns = cells.columns
+    # An empty cell is no number and no mistake either.
+    text = pl.col(pl.String).str.strip_chars()
+    given = columns[:, :numbers].with_columns(pl.when(text != "").then(text).name.keep())
+    values = given.select(pl.all().cast(pl.Float64, strict=False))
+    lost = (
+        values.select(pl.all().is_null()).to_numpy()
+        & given.select(pl.all().is_not_null()).to_numpy()
+    )
+    return TableRows(
+        cells.line,
+        values.select(pl.all().fill_null(np.nan)).to_numpy().reshape(len(cells), numbers),
+        cells.whole,
+        np.asarray(~lost.reshape(len(cells), numbers).any(axis=1)),
+        tuple(columns[:, place] for place in range(numbers, columns.width)),
+    )
+
+
+def side_by_side(
+    tables: Sequence[LogTable], streams: Sequence[Iterator[TableRows]]
+) -> Iterator[TableRows]:
+    """Join rows of tables that were recorded together, the first with the first and so on.
+
+    Args:
+        tables: The tables, for messages.
+        streams: Rows of each, from `number_rows`.
+
+    Yields:
+        Rows with the numbers of all tables; line and texts are those of the first.
+
+    Raises:
+        LogFormatError: If the tables differ in length.
+    """
+    if len(streams) == 1:
+        yield from streams[0]
+        return
+    kept = [list(stream) for stream in streams]
+    counts = [sum(map(len, parts)) for parts in kept]
+    for table, count in zip(tables, counts, strict=True):
+        if count != counts[0]:
+            raise LogFormatError(
+                f"'{tables[0].path.name}' has {counts[0]} rows and '{table.path.name}' has {count}",
+                "one torque for every position: as many rows in every file",
+                "cut the files at the same instants",
+            )
+    if not counts[0]:
+        return
+    whole, *others = map(_concatenated, kept)
+    for other in others:
+        whole = replace(
+            whole,
+            values=np.hstack([whole.values, other.values]),
+            whole=whole.whole & other.whole,
+            numeric=whole.numeric & other.numeric,
+        )
+    yield whole
+
+
+def _concatenated(parts: Sequence[TableRows]) -> TableRows:
+    return TableRows(
+        np.concatenate([part.line for part in parts]),
+        np.concatenate([part.values for part in parts]),
+        np.concatenate([part.whole for part in parts]),
+        np.concatenate([part.numeric for part in parts]),
+        tuple(pl.concat(texts) for texts in zip(*(part.texts for part in parts), strict=True)),
+    )
+
+
+class Clock:
+    """Gives the rows of the tables of one log their time, run after run.
+
+    Args:
+        time: What the mapping says of it.
+    """
+
+    def __init__(self, time: Time) -> None:
+        self._time = time
+        self._apart_ns = round(time.apart * 1e9)
+        self._begins = False
+        self._label: str | None = None
+        self._shift_ns = 0
+        self._last_ns: int | None = None
+        self._rows = 0
+
+    def begin_table(self) -> None:
+        """Begin another table: where times begin at zero, it is a run of its own."""
+        self._begins, self._rows = True, 0
+
+    def instants(self, rows: TableRows) -> tuple[Int, Mask]:
+        """Return the instant of every row on the common time.
+
+        Args:
+            rows: With the columns of time and run, as far as there are such, as texts.
+
+        Returns:
+            Instants, without the start [ns], and which of them are known, shape (N,) each.
+        """
+        texts = list(rows.texts)
+        if self._time.rate is not None:
+            count = np.arange(self._rows, self._rows + len(rows))
+            found = np.rint(count * 1e9 / self._time.rate).astype(np.int64).tolist()
+            self._rows += len(rows)
+        else:
+            found = nanoseconds(texts.pop(0), self._time.unit)
+        placed = found
+        if texts or self._time.rate is not None:
+            labels = texts[0].cast(pl.String).str.strip_chars().to_list() if texts else repeat("")
+            placed = [
+                None if instant is None else self._place(instant, label)
+                for instant, label in zip(found, labels, strict=False)
+            ]
+        known = [instant is not None and abs(instant) < LATEST_NS for instant in placed]
+        pairs = zip(placed, known, strict=True)
+        values = [instant if ok and instant is not None else 0 for instant, ok in pairs]
+        return np.asarray(values, dtype=np.int64), np.asarray(known, dtype=np.bool_)
+
+    def _place(self, instant: int, label: str | None) -> int:
+        """Set the runs, which count their own time, one after the other. [ns]"""
+        if self._begins or label != self._label:
+            self._begins, self._label = False, label
+            if self._last_ns is not None:
+                self._shift_ns = self._last_ns + self._apart_ns - instant
+        placed = instant + self._shift_ns
+        self._last_ns = placed if self._last_ns is None else max(self._last_ns, placed)
+        return placed
+
+
+def nanoseconds(column: pl.Series, unit: str) -> list[int | None]:
+    """Return instants, exact to the last digit written; None where there is none. [ns]
+
+    Args:
+        column: Numbers or text, or dates, which have a unit of their own.
+        unit: Of numbers: ``s``, ``ms``, ``us`` or ``ns``.
+    """
+    if isinstance(column.dtype, pl.Datetime):
+        return column.dt.epoch("ns").to_list()
+    if isinstance(column.dtype, pl.Duration):
+        return column.dt.total_nanoseconds().to_list()
+    return [_exact(text, DIGITS[unit]) for text in column.cast(pl.String).to_list()]
+
+
+def _exact(text: str | None, digits: int) -> int | None:
+    try:
+        instant = Decimal((text or "").strip()).scaleb(digits)
+        return int(instant.to_integral_value()) if abs(instant) < LATEST_NS else None
+    except (InvalidOperation, ValueError, OverflowError):
+        return None
+
+
+def usable_rows(
+    rows: TableRows,
+    instants: Int,
+    known: Mask,
+    required: int,
+    last_ns: int | None,
+    account: FileAccount,
+    start_ns: int = 0,
+) -> tuple[Mask, int | None]:
+    """Account for every row: used, or rejected for the first reason that applies.
+
+    The reasons are ``wrong_length``, ``not_numeric`` (a cell asked for holds text),
+    ``bad_time``, ``not_finite`` (a required cell is empty, NaN or infinite), ``bad_stamp``
+    (the time is no stamp) and ``not_newer`` (the time does not advance).
+
+    Args:
+        rows: The rows.
+        instants: From `Clock.instants`, shape (N,). [ns]
+        known: From `Clock.instants`, shape (N,).
+        required: How many of the numbers, from the first, must be there.
+        last_ns: Time of the last row used, None before the first. [ns]
+        account: Where to count.
+        start_ns: What instants are added to to become stamps. [ns]
+
+    Returns:
+        Which rows are used, shape (N,), and the time of the last of them. [ns]
+    """
+    finite = np.isfinite(rows.values[:, :required]).all(axis=1)
+    finite &= ~np.isinf(rows.values).any(axis=1)
+    used = np.ones(len(rows), dtype=np.bool_)
+    account.received += len(rows)
+    for reason, good in (
+        ("wrong_length", rows.whole),
+        ("not_numeric", rows.numeric),
+        ("bad_time", known),
+        ("not_finite", finite),
+        (BAD_STAMP, valid_stamps(instants + start_ns)),
+    ):
+        account.reject_lines(reason, rows.line[used & ~good])
+        used &= good
+    least = np.iinfo(np.int64).min if last_ns is None else last_ns
+    before = np.maximum.accumulate(np.concatenate([[least], instants[used]]))
+    newer = used.copy()
+    newer[used] = before[1:] > before[:-1]
+    account.reject_lines("not_newer", rows.line[used & ~newer])
+    account.accepted += int(newer.sum())
+    return newer, int(before[-1]) if len(before) > 1 else last_ns

@@ -1,0 +1,286 @@
+"""Trajectories as files: CSV tables, and bags with one JointTrajectory message.
+
+A table has the columns ``time`` and, for every joint J, ``position_J``, ``velocity_J`` and
+``acceleration_J``; velocities and accelerations may be missing for all joints.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rosbags.serde import SerdeError
+from rosbags.typesys.store import Typestore
+
+from robot_energy.bag import BagReader, BagWriter
+from robot_energy.blocks import Float
+from robot_energy.cdr.types import typestore
+from robot_energy.errors import MissingTopicError, MotionError
+from robot_energy.files.output_files import FileKind, write_file
+from robot_energy.files.regular_file import read_regular_text, why_unreadable
+from robot_energy.motion.fourier import FourierMotion
+from robot_energy.motion.joint_trajectory import MAX_POINTS, JointTrajectory, read_points
+from robot_energy.motion.ptp import Trajectory
+
+MESSAGE = "trajectory_msgs/msg/JointTrajectory"
+TOPIC = "/joint_trajectory"
+ORIGIN = "computed motion; nothing in it was measured on a robot"
+COLUMNS = ("position", "velocity", "acceleration")
+MAX_BYTES = 256 * 1024 * 1024
+MAX_RATE = 10_000.0  # Hz
+MAX_LOOPS = 100
+SECOND = 1_000_000_000  # ns
+CDR = {b"\x00\x00", b"\x00\x01"}  # first bytes of a message: big and little endian
+
+
+def check_sampling(rate: float, loops: int) -> None:
+    """Refuse a rate or a number of loops that makes no sense.
+
+    Args:
+        rate: Points per second. [Hz]
+        loops: Periods one after the other.
+
+    Raises:
+        MotionError: If one does not.
+    """
+    if not 1.0 <= rate <= MAX_RATE:
+        raise MotionError(f"the rate is {rate} Hz", f"1 to {MAX_RATE:g} Hz")
+    if not 1 <= loops <= MAX_LOOPS:
+        raise MotionError(f"{loops} loops were asked for", f"1 to {MAX_LOOPS}")
+
+
+def points(motion: FourierMotion, rate: float, loops: int = 1) -> tuple[Float, Trajectory]:
+    """Sample a motion from rest to rest, the end included.
+
+    Args:
+        motion: What to sample.
+        rate: Points per second. [Hz]
+        loops: Periods one after the other.
+
+    Returns:
+        Times from 0, shape (N,) [s], and the motion at them.
+
+    Raises:
+        MotionError: If rate or loops make no sense.
+    """
+    check_sampling(rate, loops)
+    count = max(2, round(loops * motion.period * rate))
+    time = np.linspace(0.0, loops * motion.period, count + 1)
+    return time, motion.sample(time)
+
+
+def csv_header(joint_names: Sequence[str]) -> str:
+    """Return the first line of a table.
+
+    Args:
+        joint_names: In the order of the columns.
+    """
+    return ",".join(["time", *(f"{kind}_{name}" for kind in COLUMNS for name in joint_names)])
+
+
+def csv_kind(joint_names: Sequence[str]) -> tuple[FileKind, ...]:
+    """Return the kind of file of a table: for controllers' sake it has no mark but its header.
+
+    Args:
+        joint_names: In the order of the columns.
+    """
+    header = f"{csv_header(joint_names)}\n".encode()
+    return (FileKind("the trajectory of these joints", header, b""),)
+
+
+def write_csv(path: Path, joint_names: Sequence[str], time: Float, motion: Trajectory) -> None:
+    """Write a table with one row per point.
+
+    Args:
+        path: The file.
+        joint_names: In the order of the arrays.
+        time: Shape (N,). [s]
+        motion: At these times, joint side.
+
+    Raises:
+        ReportError: If it cannot be written.
+    """
+    rows = np.column_stack(
+        [time, motion.joint_position, motion.joint_velocity, motion.joint_acceleration]
+    )
+    text, header = StringIO(), csv_header(joint_names)
+    np.savetxt(text, rows, fmt="%.9g", delimiter=",", header=header, comments="")
+    write_file(path, text.getvalue().encode(), csv_kind(joint_names), "the trajectory")
+
+
+def read_csv_trajectory(path: str | Path) -> JointTrajectory:
+    """Read a table.
+
+    Args:
+        path: The file.
+
+    Returns:
+        The motion.
+
+    Raises:
+        MotionError: If it cannot be read or columns are missing.
+    """
+    try:
+        lines = read_regular_text(path, MAX_BYTES).splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise MotionError(
+            f"{path} cannot be read ({why_unreadable(error)})", "a CSV file"
+        ) from error
+    names = [name.strip() for name in lines[0].split(",")] if lines else []
+    joints = [name.removeprefix("position_") for name in names if name.startswith("position_")]
+    known = set(names) <= set(csv_header(joints).split(",")) and len(set(names)) == len(names)
+    if not joints or "time" not in names or not known:
+        raise MotionError(
+            f"{path} has the columns {', '.join(names)[:200]}",
+            "time and, for every joint J, position_J; velocity_J and acceleration_J if known",
+        )
+    if len(lines) > MAX_POINTS + 1:
+        raise MotionError(f"{path} has {len(lines) - 1} points", f"at most {MAX_POINTS}")
+    rows = [
+        _numbers(line, len(names), f"{path}, line {number}")
+        for number, line in enumerate(lines[1:], 2)
+        if line.strip()
+    ]
+    column = dict(zip(names, np.array(rows).reshape(-1, len(names)).T, strict=True))
+    position, velocity, acceleration = (
+        [column[name] for joint in joints if (name := f"{kind}_{joint}") in column]
+        for kind in COLUMNS
+    )
+    return JointTrajectory(
+        joints,
+        column["time"],
+        np.column_stack(position),
+        np.column_stack(velocity) if len(velocity) == len(joints) else None,
+        np.column_stack(acceleration) if len(acceleration) == len(joints) else None,
+        str(path),
+    )
+
+
+def _numbers(line: str, count: int, where: str) -> list[float]:
+    """Numbers of one row."""
+    try:
+        values = [float(cell) for cell in line.split(",")]
+    except ValueError as error:
+        raise MotionError(f"{where} holds what is no number", f"{count} numbers") from error
+    if len(values) != count:
+        raise MotionError(f"{where} has {len(values)} values", f"{count}")
+    return values
+
+
+def write_trajectory(
+    path: Path,
+    joint_names: Sequence[str],
+    time: Float,
+    motion: Trajectory,
+    overwrite: bool = False,
+) -> None:
+    """Write one JointTrajectory message into a new bag.
+
+    Args:
+        path: Folder of the bag.
+        joint_names: In the order of the arrays.
+        time: Since the start, shape (N,). [s]
+        motion: At these times, joint side.
+        overwrite: Replace a bag that is there.
+
+    Raises:
+        BagError: If the bag cannot be written.
+    """
+    store = typestore()
+    kinds = store.types
+    instant = kinds["builtin_interfaces/msg/Time"](sec=0, nanosec=0)
+    duration = kinds["builtin_interfaces/msg/Duration"]
+    stamps: list[int] = np.rint(time * SECOND).astype(np.int64).tolist()
+    rows = zip(
+        stamps, motion.joint_position, motion.joint_velocity, motion.joint_acceleration, strict=True
+    )
+    message = kinds[MESSAGE](
+        header=kinds["std_msgs/msg/Header"](stamp=instant, frame_id=""),
+        joint_names=list(joint_names),
+        points=[
+            kinds["trajectory_msgs/msg/JointTrajectoryPoint"](
+                positions=position,
+                velocities=velocity,
+                accelerations=acceleration,
+                effort=np.empty(0),
+                time_from_start=duration(sec=stamp // SECOND, nanosec=stamp % SECOND),
+            )
+            for stamp, position, velocity, acceleration in rows
+        ],
+    )
+    with BagWriter(path, overwrite=overwrite, origin=ORIGIN) as bag:
+        bag.add_topic(TOPIC, MESSAGE)
+        bag.write(TOPIC, [0], [bytes(store.serialize_cdr(message, MESSAGE))])
+
+
+def read_bag_trajectory(path: str | Path, topic: str | None = None) -> JointTrajectory:
+    """Read the JointTrajectory of a bag.
+
+    Args:
+        path: MCAP file or rosbag2 folder.
+        topic: Its topic; None where there is one only.
+
+    Returns:
+        The motion.
+
+    Raises:
+        BagError: If the bag cannot be read.
+        MissingTopicError: If there is no such topic, or several.
+        MotionError: If it does not hold one message, or that cannot be used.
+    """
+    bag = BagReader(path)
+    if topic is None:
+        found = sorted(name for name, info in bag.topics.items() if info.msgtype == MESSAGE)
+        if len(found) != 1:
+            raise MissingTopicError(
+                f"{path} has {len(found)} topics of type {MESSAGE}",
+                "one",
+                f"name it with --topic: {', '.join(found)}" if found else "",
+            )
+        topic = found[0]
+    bag.require(topic, MESSAGE)
+    messages: list[bytes] = []
+    for part in bag.parts([topic]):
+        messages += [part[topic].row(index) for index in range(min(len(part[topic]), 2))]
+        if len(messages) > 1:
+            raise MotionError(
+                f"{path} has several messages on {topic}",
+                "one trajectory",
+                "cut the bag so that one is left",
+            )
+    if not messages:
+        raise MotionError(f"{path} has no message on {topic}", "one trajectory")
+    name = f"{path}, {topic}"
+    return read_points(decode_trajectory(bag.typestore, messages[0], name), name)
+
+
+def decode_trajectory(store: Typestore, data: bytes, name: str) -> Any:
+    """Decode a serialized ``trajectory_msgs/msg/JointTrajectory``.
+
+    Bytes behind the message are ignored: `rclpy.serialization` returns whole buffers.
+
+    Args:
+        store: Message definitions.
+        data: The message.
+        name: Where it comes from, for messages.
+
+    Returns:
+        The message, for `read_points`.
+
+    Raises:
+        MotionError: If it is too long or no such message.
+    """
+    if len(data) > MAX_BYTES:
+        raise MotionError(f"{name} has over {MAX_BYTES} bytes", "a shorter motion")
+    try:
+        if len(data) < 4 or data[:2] not in CDR:
+            raise ValueError(data[:4])
+        kind = store.get_msgdef(MESSAGE)
+        decode = kind.deserialize_cdr_le if data[1] else kind.deserialize_cdr_be
+        return decode(memoryview(data)[4:], 0, kind.cls, store)[0]
+    except (SerdeError, ValueError, LookupError, AssertionError, struct.error) as error:
+        raise MotionError(f"{name} cannot be decoded", f"a {MESSAGE}") from error

@@ -1,0 +1,155 @@
+"""The URDF of a robot from a file, from xacro, or from a bag that recorded it."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from importlib.util import find_spec
+from pathlib import Path
+from shutil import which
+from typing import Any
+
+from robot_energy.bag import BagReader
+from robot_energy.config_file import read_text
+from robot_energy.errors import BagError, RobotDescriptionError
+from robot_energy.physics.urdf.parse import MAX_URDF_BYTES
+
+TOPIC = "robot_description"
+MAX_XACRO_TIME = 60.0  # [s]
+_STRING = "std_msgs/msg/String"
+_JOINT_STATE = "sensor_msgs/msg/JointState"
+
+
+@dataclass(frozen=True)
+class RobotText:
+    """A URDF and where it comes from.
+
+    Attributes:
+        xml: Text of the URDF.
+        origin: In words, for comments and messages.
+        path: The file, if it can be named in a model file; None if the text must be embedded.
+        joint_names: Joints that a bag has joint states of; empty if unknown.
+    """
+
+    xml: str
+    origin: str
+    path: Path | None = None
+    joint_names: tuple[str, ...] = field(default=())
+
+
+def read_description(source: str | Path, arguments: Sequence[str] = ()) -> RobotText:
+    """Read a URDF, expand a xacro file, or take the robot description out of a bag.
+
+    Args:
+        source: A URDF, a xacro file, an MCAP file or a rosbag2 folder.
+        arguments: Arguments of the xacro file, each ``name:=value``.
+
+    Returns:
+        The text; it has not been checked yet.
+
+    Raises:
+        RobotDescriptionError: If the file cannot be read or expanded.
+        BagError: If the bag holds no robot description, or several.
+    """
+    path = Path(source)
+    if path.is_dir() or path.suffix in (".mcap", ".db3", ".zstd"):
+        return _from_bag(path)
+    text = read_text(
+        path,
+        RobotDescriptionError,
+        "robot description",
+        max_bytes=MAX_URDF_BYTES,
+        expected="a URDF, a xacro file or a bag",
+    )
+    if path.suffix == ".xacro" or "<xacro:" in text:
+        return RobotText(_expanded(path, arguments), f"xacro file {path.name}")
+    if arguments:
+        raise RobotDescriptionError(
+            f"{path} is no xacro file, but xacro arguments are given: {' '.join(arguments)}",
+            "a xacro file, or no arguments",
+        )
+    return RobotText(text, f"URDF {path.name}", path)
+
+
+def _expanded(path: Path, arguments: Sequence[str]) -> str:
+    """Run xacro, which resolves packages and evaluates expressions as the robot's driver does."""
+    wrong = [word for word in arguments if ":=" not in word]
+    if wrong:
+        raise RobotDescriptionError(
+            f"'{wrong[0]}' is no argument of xacro", "name:=value, such as ur_type:=ur5e"
+        )
+    program = which("xacro")
+    if program is None and find_spec("xacro") is None:
+        raise RobotDescriptionError(
+            f"{path} is a xacro file, and xacro is not installed",
+            "a URDF, or xacro on this machine",
+            "install it (pip install xacro, or apt install ros-jazzy-xacro), or expand the file "
+            "where it is installed: xacro FILE > robot.urdf",
+        )
+    command = [program] if program else [sys.executable, "-m", "xacro"]
+    try:
+        # The user's own file, named on the command line; xacro evaluates its expressions.
+        done = subprocess.run(
+            [*command, str(path), *arguments],
+            capture_output=True,
+            text=True,
+            timeout=MAX_XACRO_TIME,
+            check=False,
+        )
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise RobotDescriptionError(
+            f"xacro did not finish with {path} ({error})", "a xacro file that expands"
+        ) from error
+    if done.returncode or not done.stdout.strip():
+        why = done.stderr.strip().splitlines() or ["no output"]
+        raise RobotDescriptionError(
+            f"xacro cannot expand {path}: {why[-1]}",
+            "a xacro file whose packages and arguments are known",
+            "source the workspace of the robot's description, and pass its arguments as "
+            "name:=value after the file",
+        )
+    return done.stdout
+
+
+def _from_bag(path: Path) -> RobotText:
+    bag = BagReader(path)
+    topics = [
+        name
+        for name, info in bag.topics.items()
+        if info.msgtype == _STRING and name.split("/")[-1] == TOPIC
+    ]
+    if len(topics) != 1:
+        found = f"topics {', '.join(topics)}" if topics else f"no topic {TOPIC}"
+        raise BagError(
+            f"{path} has {found} of type {_STRING}",
+            "one recorded robot description",
+            "give the URDF or xacro file of the robot instead",
+        )
+    xml = str(_first(bag, topics[0]).data)
+    return RobotText(xml, f"{topics[0]} of {path.name}", None, _recorded_joints(bag))
+
+
+def _recorded_joints(bag: BagReader) -> tuple[str, ...]:
+    """Joints that the first joint states of each topic name; empty if the bag has none."""
+    names: dict[str, None] = {}
+    for topic, info in bag.topics.items():
+        if info.msgtype == _JOINT_STATE and info.encoding == "cdr" and info.message_count != 0:
+            names.update(dict.fromkeys(str(name) for name in _first(bag, topic).name))
+    return tuple(names)
+
+
+def _first(bag: BagReader, topic: str) -> Any:
+    """Return the first message of a topic, deserialized."""
+    for part in bag.parts([topic]):
+        batch = part[topic]
+        try:
+            return bag.typestore.deserialize_cdr(batch.row(0), batch.msgtype)
+        except Exception as error:
+            raise BagError(
+                f"the first message of {topic} in {bag.path} cannot be decoded "
+                f"({type(error).__name__})",
+                f"a {batch.msgtype}",
+            ) from error
+    raise BagError(f"{topic} of {bag.path} holds no message", "one message at least")

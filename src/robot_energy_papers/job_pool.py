@@ -1,0 +1,88 @@
+"""Independent jobs of a study, in other processes or one after the other, with their progress."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable, Generator
+from concurrent.futures import Future, ProcessPoolExecutor
+from contextlib import contextmanager
+from multiprocessing import active_children, get_context
+from typing import Any
+
+Progress = Callable[[float], None]
+
+
+class Steps:
+    """Turns finished jobs into a share of the work.
+
+    Args:
+        count: Number of jobs.
+        progress: Called with the share done, 0 to 1; None: nobody is.
+        share: What all jobs together are of the work. [-]
+    """
+
+    def __init__(self, count: int, progress: Progress | None, share: float = 1.0) -> None:
+        self._progress = progress
+        self._count = count
+        self._share = share
+        self._done = 0
+
+    def done(self, _job: Any = None) -> None:
+        """Count one more job as finished.
+
+        Args:
+            _job: The job.
+        """
+        self._done += 1
+        if self._progress is not None:
+            self._progress(min(1.0, self._share * self._done / self._count))
+
+
+@contextmanager
+def job_pool(
+    workers: int, done: Callable[[Future[Any]], None]
+) -> Generator[Callable[..., Future[Any]]]:
+    """Yield a function that starts a job: in another process, or here and at once.
+
+    Args:
+        workers: Processes; 1 means to do every job here.
+        done: Called with every finished job.
+
+    Yields:
+        The function; it takes a function and its arguments.
+    """
+    if workers <= 1:
+
+        def now(job: Callable[..., Any], *args: Any) -> Future[Any]:
+            future: Future[Any] = Future()
+            future.set_result(job(*args))
+            done(future)
+            return future
+
+        yield now
+        return
+    # A fresh interpreter in each: a fork would copy the threads of numerical libraries.
+    others = set(active_children())
+    pool = ProcessPoolExecutor(
+        workers, mp_context=get_context("spawn"), initializer=_leave_interrupts
+    )
+
+    def later(job: Callable[..., Any], *args: Any) -> Future[Any]:
+        future = pool.submit(job, *args)
+        future.add_done_callback(done)
+        return future
+
+    try:
+        yield later
+    except BaseException:  # nobody waits half a minute for results that nobody wants
+        pool.shutdown(wait=False, cancel_futures=True)
+        for child in set(active_children()) - others:
+            child.terminate()
+            child.join()  # it writes no file any more
+        raise
+    pool.shutdown()
+
+
+def _leave_interrupts() -> None:
+    """Ctrl-C is for the parent, which ends its workers."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)

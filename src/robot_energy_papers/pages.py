@@ -1,0 +1,169 @@
+"""Pages of the studies: Markdown templates with Jinja2 expressions -> a report, or a terminal.
+
+A template is Markdown in blocks with empty lines between them:
+
+- ``# title``, and as the next block the lead of the document,
+- ``## heading``, ``> note``, or a fenced command line,
+- ``| cell | cell |``: a table; ``Table: title`` may stand above it, and a last row in bold
+  holds the sums,
+- ``![caption](name)``: the drawing of that name,
+- ``@name``: the part of that name, which Python writes,
+- anything else: a paragraph.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Mapping
+from io import BytesIO
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from robot_energy.report.document import Document
+from robot_energy.report.formats import percent
+
+Drawing = Callable[[BytesIO], object]
+Part = Callable[[Document], object]
+
+BLOCKS = re.compile(r"\n\s*\n")
+CELLS = re.compile(r"(?<!\\)\|")
+FIGURE = re.compile(r"!\[(.*)\]\((\w+)\)")
+ESCAPED = r"\|"
+TITLE = "Table: "
+BOLD = "**"
+
+
+def document(
+    template: str,
+    context: Mapping[str, Any],
+    drawings: Mapping[str, Drawing],
+    parts: Mapping[str, Part] | None = None,
+) -> Document:
+    """Return a page.
+
+    Args:
+        template: Name of the template without its suffix.
+        context: What its expressions use.
+        drawings: Figures by name.
+        parts: What Python writes, by name.
+
+    Raises:
+        RobotEnergyError: If a figure cannot be drawn.
+    """
+    title, lead, *blocks = _blocks(template, context)
+    page = Document(_joined(title).removeprefix("# "), _joined(lead))
+    for block in blocks:
+        if (found := FIGURE.fullmatch(_joined(block))) is not None:
+            page.figure(drawings[found[2]], found[1])
+        elif block.startswith("```"):
+            page.command(block.strip("`\n"))
+        elif block.startswith("@"):
+            (parts or {})[block[1:]](page)
+        else:
+            _write(block, page)
+    return page
+
+
+def print_template(template: str, context: Mapping[str, Any], page: Document) -> None:
+    """Write text and tables of a template without figures.
+
+    Args:
+        template: Name of the template without its suffix.
+        context: What its expressions use.
+        page: Where to.
+    """
+    for block in _blocks(template, context):
+        _write(block, page)
+
+
+def _row(cells: Iterable[str]) -> str:
+    """One row of a Markdown table."""
+    return "| " + " | ".join(cell.replace("|", ESCAPED) for cell in cells) + " |"
+
+
+def _signed(share: float | None) -> str:
+    """A share in percent with its sign; a dash for None."""
+    return percent(share, True)
+
+
+def _whole(value: float, unit: str = "") -> str:
+    """A number without decimals, and its unit."""
+    return f"{value:.0f}{unit}"
+
+
+def _kilo(value: float) -> str:
+    """Thousands of a unit."""
+    return f"{value / 1e3:.1f}"
+
+
+def hundred(share: float) -> str:
+    """Return a share in percent without the sign of percent.
+
+    Args:
+        share: [-]
+    """
+    return f"{100 * share:.1f}"
+
+
+def _hundreds(shares: Iterable[float]) -> list[str]:
+    return [hundred(share) for share in shares]
+
+
+def _of(key: str, table: Mapping[str, Any]) -> Any:
+    return table[key]
+
+
+FILTERS: dict[str, Callable[..., Any]] = {
+    "general": "{:g}".format,
+    "hundred": hundred,
+    "hundreds": _hundreds,
+    "kilo": _kilo,
+    "of": _of,
+    "percent": percent,
+    "row": _row,
+    "signed": _signed,
+    "tenth": "{:.1f}".format,
+    "whole": _whole,
+}
+
+
+def _blocks(template: str, context: Mapping[str, Any]) -> list[str]:
+    environment = Environment(
+        loader=PackageLoader("robot_energy_papers"),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters.update(FILTERS)
+    text = environment.get_template(f"{template}.md.j2").render(context)
+    return BLOCKS.split(text.strip())
+
+
+def _write(block: str, page: Document) -> None:
+    """Write a heading, a note, a table or a paragraph."""
+    if block.startswith("#"):
+        marks, _, text = block.partition(" ")
+        page.heading(text, len(marks))
+    elif block.startswith("> "):
+        page.note(_joined(block[2:]))
+    elif block.startswith((TITLE, "|")):
+        _table(block, page)
+    else:
+        page.paragraph(_joined(block))
+
+
+def _table(block: str, page: Document) -> None:
+    title, *lines = block.splitlines() if block.startswith(TITLE) else ["", *block.splitlines()]
+    columns, *rows = (
+        [cell.strip().replace(ESCAPED, "|") for cell in CELLS.split(text)[1:-1]] for text in lines
+    )
+    total = None
+    if rows[-1][0].startswith(BOLD):
+        total = [cell.strip("*") for cell in rows.pop()]
+    page.table(title.removeprefix(TITLE), columns, rows, total)
+
+
+def _joined(block: str) -> str:
+    """One line of the lines of a paragraph."""
+    return " ".join(block.split())
