@@ -117,6 +117,12 @@ class Block:
     def concatenate(cls, blocks: Sequence[Self]) -> Self:
         """Join blocks in the order given.
 
+        Args:
+            blocks: At least one.
+
+        Returns:
+            One block with all their samples.
+
         Raises:
             ShapeError: If there is nothing to join.
         """
@@ -262,7 +268,11 @@ class SupplyBlock(Block):
     loss_grid: Float
 
     def power_at(self, location: MeterLocation) -> Float:
-        """Predicted power that a meter at ``location`` would see, shape (N,). [W]"""
+        """Return the predicted power at the place of a meter, shape (N,). [W]
+
+        Args:
+            location: Where the meter sits.
+        """
         if location is MeterLocation.DC_BUS:
             return self.grid_power - self.loss_grid
         return self.grid_power
@@ -327,7 +337,11 @@ class PowerBlock(Block):
         return self.rigid_power + self.friction_power
 
     def power_at(self, location: MeterLocation) -> Float:
-        """Predicted power that a meter at ``location`` would see, shape (N,). [W]"""
+        """Return the predicted power at the place of a meter, shape (N,). [W]
+
+        Args:
+            location: Where the meter sits.
+        """
         return self.supply.power_at(location)
 
     @property
@@ -340,7 +354,7 @@ def sum_over_joints(values: Float) -> Float:
     """Sum ``(N, n)`` over joints in a fixed order, so that it never depends on ``N``.
 
     Args:
-        values: Any per-joint quantity, shape (N, n).
+        values: Any per-joint quantity, shape (N, n). [-]
 
     Returns:
         The sum, shape (N,).
@@ -368,7 +382,12 @@ def differences(values: Int, before: int) -> Int:
 
 
 def check_shape(name: str, array: Float, shape: tuple[int, ...]) -> None:
-    """Refuse an array whose shape is not ``shape``.
+    """Refuse an array of another shape.
+
+    Args:
+        name: Name of the array, for the message.
+        array: The array, of any shape. [-]
+        shape: The expected shape.
 
     Raises:
         ShapeError: Names the array, found and expected shape.

@@ -19,7 +19,7 @@ from robot_energy.errors import MotionError, UnknownJointError
 from robot_energy.model import RobotModel
 from robot_energy.model.friction_laws import FRICTION_LAWS
 from robot_energy.model.payload import Payload
-from robot_energy.motion.planned import LONGEST, PlannedMotion, repeated
+from robot_energy.motion.planned import MAX_DURATION, PlannedMotion, repeated
 from robot_energy.motion.ptp import Trajectory
 from robot_energy.physics.friction import FrictionModel
 from robot_energy.physics.limit_utilisation import LimitUse
@@ -87,7 +87,7 @@ def predict(
     Args:
         model: The robot's model.
         motion: From start to end; its joints are matched by name.
-        motor_temperature_degc: Of all motors, or one for each joint of the model. [degC]
+        motor_temperature_degc: One for all motors, or shape (n,). [degC]
         program: Name of the motion, for reports.
         repeat: How often the motion is made without a pause.
         payload: Bodies that the robot carries from start to end.
@@ -164,8 +164,8 @@ def planned_samples(motion: PlannedMotion, repeat: int) -> int:
     if not 1 <= repeat <= MOST_REPEATS:
         raise MotionError(f"{repeat} repetitions were asked for", f"1 to {MOST_REPEATS}")
     duration = motion.duration * repeat
-    if not 0 < duration <= LONGEST:
-        raise MotionError(f"all repetitions last {duration:.4g} s", f"at most {LONGEST:g} s")
+    if not 0 < duration <= MAX_DURATION:
+        raise MotionError(f"all repetitions last {duration:.4g} s", f"at most {MAX_DURATION:g} s")
     return motion.sample_count * repeat
 
 

@@ -93,7 +93,11 @@ def refusal(
 
 
 def described(value: object) -> str:
-    """Say what a value of a file is, in a few words."""
+    """Return what a value of a file is, in a few words.
+
+    Args:
+        value: Any value of YAML.
+    """
     if value is None:
         return "empty"
     if isinstance(value, str):
@@ -110,7 +114,11 @@ def described(value: object) -> str:
 
 
 def listed(words: Iterable[str]) -> str:
-    """Return words as one phrase: ``a, b and c``."""
+    """Return words as one phrase: ``a, b and c``.
+
+    Args:
+        words: At least one.
+    """
     *others, last = words
     return f"{', '.join(others)} and {last}" if others else last
 

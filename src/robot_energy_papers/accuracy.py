@@ -27,9 +27,9 @@ class Accuracy:
     """Accuracy by one definition.
 
     Attributes:
-        joint: Of each joint, shape (n,). [-]
-        total: Of the sum of the joints' energies. [-]
-        summed: Of the energy of the summed power, taken before magnitudes. [-]
+        joint: Accuracy of each joint, shape (n,). [-]
+        total: Accuracy of the sum of the joints' energies. [-]
+        summed: Accuracy of the energy of the summed power, taken before magnitudes. [-]
         mean: Mean over the joints. [-]
     """
 
@@ -70,32 +70,21 @@ def accuracies(predicted: Float, measured: Float, duration: Float) -> dict[Defin
     """
     result: dict[Definition, Accuracy] = {}
     for definition in DEFINITIONS:
-        joint = _accuracy(predicted, measured, duration, definition)
-        if definition == "pointwise":
-            error = energy(predicted - measured, duration, definition).sum()
-            total = 1.0 - error / energy(measured, duration, definition).sum()
-        else:
-            ours, theirs = (
-                energy(power, duration, definition).sum() for power in (predicted, measured)
-            )
-            total = 1.0 - abs(ours - theirs) / abs(theirs)
-        summed = _accuracy(
-            predicted.sum(axis=1, keepdims=True),
-            measured.sum(axis=1, keepdims=True),
-            duration,
-            definition,
-        )
-        result[definition] = Accuracy(joint, float(total), float(summed[0]), float(joint.mean()))
+        joint, total = _accuracy(predicted, measured, duration, definition)
+        sums = predicted.sum(axis=1, keepdims=True), measured.sum(axis=1, keepdims=True)
+        _, summed = _accuracy(*sums, duration, definition)
+        result[definition] = Accuracy(joint, total, summed, float(joint.mean()))
     return result
 
 
-def _accuracy(predicted: Float, measured: Float, duration: Float, definition: Definition) -> Float:
-    """One less the relative error of each column."""
-    theirs = np.abs(energy(measured, duration, definition))
+def _accuracy(
+    predicted: Float, measured: Float, duration: Float, definition: Definition
+) -> tuple[Float, float]:
+    """One less the relative error of each column, and of their sum."""
+    theirs = energy(measured, duration, definition)
     if definition == "pointwise":
         error = energy(predicted - measured, duration, definition)
     else:
-        error = np.abs(
-            energy(predicted, duration, definition) - energy(measured, duration, definition)
-        )
-    return 1.0 - error / theirs
+        error = energy(predicted, duration, definition) - theirs
+    joint = 1.0 - np.abs(error) / np.abs(theirs)
+    return joint, float(1.0 - abs(error.sum()) / abs(theirs.sum()))

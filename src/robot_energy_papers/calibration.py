@@ -16,7 +16,7 @@ from robot_energy.rig import PlantProfile, RigConfig, VirtualRig
 from robot_energy.rig.plant import PlantDrives
 from robot_energy.rig.record import outputs
 from robot_energy.rig.supply import Supply
-from robot_energy_papers.experiment import FIRST_SEED, LEAST_HEIGHT, SEED_STEP, TOOL
+from robot_energy_papers.experiment import FIRST_SEED, MIN_HEIGHT, SEED_STEP, TOOL
 
 POSES = 300
 PROGRAM_DEGC = (20.0, 22.0, 60.0, 80.0)
@@ -63,7 +63,7 @@ class Calibration:
     """The plant in figures.
 
     Attributes:
-        mean_power: Of random programs at each start temperature, shape (programs, K). [W]
+        mean_power: Mean power by random program and start temperature, shape (programs, K). [W]
         peak_power: The same, greatest power. [W]
         start_degc: The start temperatures, shape (K,). [degC]
         holding: Power at rest.
@@ -107,7 +107,7 @@ def holding_power(profile: PlantProfile, joint_position: Float, motor_degc: floa
     Args:
         profile: The plant.
         joint_position: Poses, shape (N, n). [rad]
-        motor_degc: Of every winding. [degC]
+        motor_degc: Temperature of every winding. [degC]
 
     Returns:
         Shape (N,). [W]
@@ -127,7 +127,7 @@ def calibrate(profile: PlantProfile, seed: int, programs: int, moves: int) -> Ca
 
     Args:
         profile: The plant.
-        seed: Of the study.
+        seed: Seed of the study.
         programs: How many programs of the kind of the experiment; >= 1.
         moves: Motions in each.
 
@@ -141,7 +141,7 @@ def calibrate(profile: PlantProfile, seed: int, programs: int, moves: int) -> Ca
         raise RigError(f"{programs} programs were asked for", "at least 1")
     robot, _ = profile.mechanics()
     limits = profile.motion_limits(robot)
-    above = tool_above(robot, TOOL, LEAST_HEIGHT)
+    above = tool_above(robot, TOOL, MIN_HEIGHT)
     first = FIRST_SEED + SEED_STEP * seed
     mean, peak = np.empty((2, programs, len(PROGRAM_DEGC)))
     flows: dict[float, dict[str, float]] = {}

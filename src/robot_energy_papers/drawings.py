@@ -51,7 +51,7 @@ class EnergyStudy:
     """Measured and predicted energy of the same motions over robot temperature.
 
     Attributes:
-        robot_degc: Of each set, shape (K,). [degC]
+        robot_degc: Temperature of each set, shape (K,). [degC]
         measured: Relative to the reference, shape (K,). [-]
         cooling: Which sets were recorded while the robot cooled, shape (K,).
         curves: The models.
@@ -106,7 +106,7 @@ def shaft_power_over_temperature(
         curves: Time [s] and power [W] of the same motions, shape (N,) each, by label, coldest
             first.
         path: File to write: PNG, SVG or PDF by its suffix.
-        name: Of the axis.
+        name: Name of the axis.
         title: Above the figure.
 
     Raises:
@@ -174,8 +174,8 @@ class FigureLine:
         label: In the legend.
         time: Shape (N,). [s]
         values: Shape (N,), in the unit of the figure.
-        colour: Of the line.
-        width: Of the line; a wide one below a thin one shows where they part. [pt]
+        colour: Colour of the line.
+        width: Width of the line; a wide one below a thin one shows where they part. [pt]
     """
 
     label: str
@@ -189,7 +189,7 @@ def by_column(names: Sequence[str], lines: Sequence[FigureLine]) -> dict[str, li
     """Return the panels of curves whose values have one column per panel.
 
     Args:
-        names: Of the panels, K.
+        names: Names of the panels, K.
         lines: Curves with values of shape (N, K).
     """
     return {
@@ -211,11 +211,11 @@ def over_time(
 
     Args:
         curves: By the name of their panel.
-        unit: Of the values, for the axes.
+        unit: Unit of the values, for the axes.
         path: File to write.
         title: Above the figure.
         columns: Panels side by side.
-        limits: Of the vertical axes, in the unit of the values [-]; None fits the curves.
+        limits: Limits of the vertical axes, in the unit of the values [-]; None fits the curves.
         cut: Whether the highest peaks may lie outside.
 
     Raises:

@@ -42,8 +42,8 @@ class WayResult:
 
     Attributes:
         power: Predicted input of each drive, shape (N, n). [W]
-        energy: Of each drive, shape (n,). [J]
-        accuracy: Of the energy of all drives, 1 - |E - E_measured| / E_measured. [-]
+        energy: Energy of each drive, shape (n,). [J]
+        accuracy: Accuracy of the energy of all drives, 1 - |E - E_measured| / E_measured. [-]
         joint: The same of each drive, shape (n,). [-]
         rms: Error of the power of a drive, over all drives. [W]
     """
@@ -60,7 +60,7 @@ class DriveTest:
     """All ways on one run.
 
     Attributes:
-        name: Of the run.
+        name: Name of the run.
         time: Shape (N,). [s]
         measured: Input of each drive, shape (N, n). [W]
         shaft: Measured torque times speed, shape (N, n). [W]
@@ -108,7 +108,7 @@ def tested(runs: Mapping[str, PrintRun], fit: DrivesFit) -> dict[str, DriveTest]
 
     Args:
         runs: By name, read with the identified model.
-        fit: Of the drives.
+        fit: Fit of the drives.
 
     Returns:
         By the names of the runs.

@@ -3,8 +3,7 @@
 Every row is the whole experiment on a rig with other effects: sets for identification,
 rest, held-out sets, all soaked at their temperatures. An effect is switched off alone, or
 is alone on a rig that has nothing but rigid bodies, Coulomb friction and oil. The first
-says what the effect costs in company, where errors cancel; the second what it costs by
-itself.
+gives its cost together with all others, where errors cancel; the second its cost alone.
 """
 
 from __future__ import annotations
@@ -51,8 +50,8 @@ class Rigs:
     """Temperatures and length of the experiments on soaked rigs.
 
     Attributes:
-        train_degc: Of the sets for identification.
-        test_degc: Of the held-out sets.
+        train_degc: Temperatures of the sets for identification.
+        test_degc: Temperatures of the held-out sets.
         moves: In a set.
     """
 
@@ -66,7 +65,7 @@ class EffectRow:
     """One rig.
 
     Attributes:
-        name: Of the rig: ``without x``, ``only x``, or one of the three that frame them.
+        name: Name of the rig: ``without x``, ``only x``, or one of the three that frame them.
         follows: Error of the proposed model at each held-out temperature. [-]
         fixed: The same of friction fixed at the coldest set. [-]
     """
@@ -115,10 +114,10 @@ def effect_row(name: str, config: RigConfig, rigs: Rigs, seed: int) -> EffectRow
     """Do the experiment on one rig.
 
     Args:
-        name: Of the rig.
+        name: Name of the rig.
         config: Its effects.
         rigs: Temperatures and length.
-        seed: Of the study; every rig has the same programs, meter and noise.
+        seed: Seed of the study; every rig has the same programs, meter and noise.
 
     Returns:
         What came out.
@@ -159,6 +158,6 @@ def rig_seeds(seed: int) -> tuple[int, int]:
     They differ in their meters and their noise.
 
     Args:
-        seed: Of the study.
+        seed: Seed of the study.
     """
     return 2 * seed + 1, 2 * seed + 2

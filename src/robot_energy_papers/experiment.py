@@ -28,7 +28,7 @@ from robot_energy.rig.record import RigRecording, outputs, record
 
 MOVES = 20  # paper A, section IV
 WARM_UP = 60.0  # s, paper A, section IV
-TOOL, LEAST_HEIGHT = "tool0", 0.2  # m: programs stay above the floor
+TOOL, MIN_HEIGHT = "tool0", 0.2  # m: programs stay above the floor
 # Shares of the joint ranges that let all axes run fast and none overheat.
 TRAIN_WARM_UP_ZONE = (0.9, 0.65, 0.75, 0.6, 1.0, 1.0)
 TEST_WARM_UP_ZONE = (0.45, 0.25, 0.6, 0.5, 0.65, 0.5)
@@ -37,7 +37,7 @@ POSES, POSE_DWELL = 8, 3.0  # of the recording at rest; s
 # the friction of a temperature that is not known yet.
 LEAD, DWELL = 1.2, 0.2  # s
 REST = 600.0  # s between two sets while the robot cools
-TEST, HOLD, TRAIN_HEAT, TEST_HEAT = 1, 2, 3, 4  # seeds of the programs beside the first
+TEST, HOLD, TRAIN_HEAT, TEST_HEAT = 1, 2, 3, 4  # seeds of the other programs
 SEED_STEP = 1000  # between the seeds of two studies
 FIRST_SEED = 11
 
@@ -67,7 +67,7 @@ class MotionSet:
 
     Attributes:
         recording: The bag, and what was true in it.
-        time: Of its start, since the start of the experiment. [s]
+        time: Times of its start, since the start of the experiment. [s]
         way: How its temperature was reached: ``heating``, ``cooling`` or ``soaked``.
     """
 
@@ -102,7 +102,7 @@ class Plan:
         record_at: Mean motor temperatures, rising, from which on a set is recorded. [degC]
         cool_cycles: Sets after that, each behind a rest.
         cool_at: Mean motor temperatures, falling, at which such a set is recorded. [degC]
-        start_degc: Of motors and gears. [degC]
+        start_degc: Temperature of motors and gears. [degC]
         ambient_degc: [degC]
     """
 
@@ -119,7 +119,7 @@ def make_programs(profile: PlantProfile, seed: int, moves: int = MOVES) -> Progr
 
     Args:
         profile: The plant.
-        seed: Of the study.
+        seed: Seed of the study.
         moves: Motions in a set.
 
     Returns:
@@ -127,7 +127,7 @@ def make_programs(profile: PlantProfile, seed: int, moves: int = MOVES) -> Progr
     """
     robot, _ = profile.mechanics()
     limits = profile.motion_limits(robot)
-    above = tool_above(robot, TOOL, LEAST_HEIGHT)
+    above = tool_above(robot, TOOL, MIN_HEIGHT)
     first = FIRST_SEED + SEED_STEP * seed
 
     def measured(program: Program) -> Program:
@@ -173,7 +173,7 @@ def by_motion(
         plan: Times and temperatures.
         folder: For the bags.
         name: Beginning of their names.
-        seed: Of the rig.
+        seed: Seed of the rig.
         hold: Recorded at the very beginning, if any.
         config: Effects of the rig; all by default.
 
@@ -238,7 +238,7 @@ def soaked(
         start_degc: [degC]
         folder: For the bags.
         name: Beginning of their names.
-        seed: Of every rig: they have the same meter and the same noise.
+        seed: Seed of every rig: they have the same meter and the same noise.
         config: Effects of the rig; all by default.
 
     Returns:

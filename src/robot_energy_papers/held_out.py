@@ -1,4 +1,4 @@
-"""Identified models on motions that no fit has seen: grid energy beside the meter."""
+"""Identified models on motions that no fit has used: grid energy compared with the meter."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class SetRow:
         robot_degc: Mean over the motors of their mean temperature in the set. [degC]
         coldest_degc: The coldest motor. [degC]
         warmest_degc: The warmest motor. [degC]
-        rise: Of the motor that warmed most in the set. [K]
+        rise: Rise of temperature of the motor that warmed most in the set. [K]
         lag: Mean motor minus gear temperature, truth. [K]
         measured_energy: By the meter, over the compared time. [J]
         compared: That time. [s]

@@ -48,9 +48,9 @@ class Machine:
         model: Name of the shipped model.
         link: The tool.
         start: Joint positions near the first ones.
-        placement: Of the base in the frame of the program.
-        options: Of the inverse kinematics.
-        paper: Energy beside the arm's as paper B has it, relative; None for the arm. [-]
+        placement: Place of the base in the frame of the program.
+        options: Options of the inverse kinematics.
+        paper: Energy over that of the arm less 1, from paper B; None for the arm. [-]
     """
 
     name: str
@@ -90,7 +90,7 @@ def wall_motion(machine: Machine, layers: int = 1, height: float = 0.0) -> ToolM
     Args:
         machine: The machine.
         layers: Printed one after the other.
-        height: Of the first one above the bottom of the wall. [m]
+        height: Height of the first one above the bottom of the wall. [m]
     """
     place = machine.placement
     robot = Robot.from_model(load(machine.model))
@@ -108,12 +108,12 @@ def wall_motion(machine: Machine, layers: int = 1, height: float = 0.0) -> ToolM
 
 @dataclass(frozen=True)
 class Energies:
-    """Energy of one machine for one motion, motor side unless said. [J]
+    """Energy of one machine for one motion, motor side unless stated. [J]
 
     Attributes:
         duration: [s]
-        net: Of each joint's shaft, braking negative, shape (n,).
-        positive: Of each joint's shaft while it drives, shape (n,).
+        net: Energy of each joint's shaft, braking negative, shape (n,).
+        positive: Energy of each joint's shaft while it drives, shape (n,).
         absolute: Magnitude of each joint's shaft power, shape (n,).
         electrical: Into each drive, braking negative, shape (n,).
         parts: By the keys of `PARTS`, all joints together; empty for a rig.
@@ -161,9 +161,9 @@ class Curve:
 
     Attributes:
         time: Shape (N,). [s]
-        net: Of the shafts, shape (N,). [W]
-        positive: Of the shafts that drive, shape (N,). [W]
-        electrical: Of the drives, shape (N,). [W]
+        net: Energy of the shafts, shape (N,). [W]
+        positive: Energy of the shafts that drive, shape (N,). [W]
+        electrical: Energy of the drives, shape (N,). [W]
         joint_position: Shape (N, n). [rad] or [m]
     """
 
@@ -222,7 +222,7 @@ def played(machine: Machine, motion: ToolMotion, seed: int) -> tuple[Energies, C
     Args:
         machine: The machine.
         motion: The motion.
-        seed: Of the rig.
+        seed: Seed of the rig.
 
     Returns:
         Its energies, and its power over time.

@@ -41,7 +41,7 @@ class PrintRun:
 
     Attributes:
         recording: Its stages.
-        power: Of the drives, as measured.
+        power: Power of the drives, as measured.
         begin: First instant of the motion itself. [ns]
         end: Its last instant. [ns]
     """
@@ -66,12 +66,12 @@ class PrintRun:
 
     @property
     def time(self) -> Float:
-        """Of the `rows`, since the motion began. [s]"""
+        """Time of the `rows` since the motion began. [s]"""
         return (self.recording.torque.stamp_ns[self.rows] - self.begin) * NANOSECOND
 
     @property
     def shaft_predicted(self) -> Float:
-        """Of the model, motor side, shape (N, n). [W]"""
+        """Shaft power of the model, motor side, shape (N, n). [W]"""
         power = self.recording.power
         return (power.rigid_power + power.friction_power)[self.rows]
 
@@ -154,8 +154,8 @@ def excitation(
     Args:
         model: Whose parameters are to be identified.
         profile: The plant; its accelerations are not exceeded.
-        seed: Of the search.
-        iterations: Of the search.
+        seed: Seed of the search.
+        iterations: Iterations of the search.
     """
     limits = ExcitationLimits(model, profile.acceleration)
     settings = ExcitationSettings(
@@ -169,7 +169,7 @@ def slower(motion: FourierMotion, share: float) -> FourierMotion:
 
     Args:
         motion: At full speed.
-        share: Of the speed. [-]
+        share: Share of the speed. [-]
     """
     basis = FourierBasis(motion.basis.harmonics, motion.period / share)
     weights = motion.weights.copy()
@@ -185,9 +185,9 @@ def recorded(
     Args:
         profile: The plant.
         motion: The motion.
-        duration: Of the motion. [s]
+        duration: Duration of the motion. [s]
         path: Folder of the bag.
-        seed: Of the rig.
+        seed: Seed of the rig.
 
     Returns:
         The bag.

@@ -35,7 +35,7 @@ LOSSES = "losses"  # the proposed model and drive losses from the grid meter
 CAPACITOR = "capacitor"  # and the DC link's capacitor by its name plate
 FIXED_DEGC = (20.0, 60.0)  # the cold end of the paper's range, and the state of its fig. 4
 UNKNOWN = "unknown before identification"
-GUESS = 100.0  # W, constant losses before identification; from 0 no rest could be told
+GUESS = 100.0  # W, constant losses before identification; from 0 no rest would be found
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class Identified:
     Attributes:
         fits: Friction of every axis over temperature.
         cabinet: Constant losses.
-        total: Drive losses behind the grid meter; None where the data do not tell them.
+        total: Drive losses behind the grid meter; None where the data do not determine them.
         models: By name: ``follows``, ``table``, ``fixed_20`` ..., ``losses``, ``capacitor``.
         fixed_degc: Mean motor temperature of the set behind each fixed model. [degC]
         sets: Friction from each set alone.
@@ -125,7 +125,7 @@ def identify(
         bags: Sets of motions for identification, with motor torque in the effort.
         rest: Recording with rest in several poses.
         start: Model with the bodies and gears; its friction and losses are not used.
-        supply: Of whose name plate the capacitor is read; None: no such model is made.
+        supply: Plant of whose name plate the capacitor is read; None: no such model is made.
         fixed_degc: Operating points of the models with fixed friction. [degC]
         beyond: Whether to go beyond the paper: friction of each set, tables, losses.
 
@@ -133,7 +133,7 @@ def identify(
         The models.
 
     Raises:
-        NotIdentifiableError: If the recordings do not tell friction or constant losses.
+        NotIdentifiableError: If the recordings do not determine friction or constant losses.
         RobotEnergyError: If a recording cannot be used.
     """
     blank = without_knowledge(start)

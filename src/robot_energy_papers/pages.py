@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Mapping
-from io import BytesIO
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -23,8 +22,8 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from robot_energy.report.document import Document
 from robot_energy.report.formats import percent
 
-Drawing = Callable[[BytesIO], object]
-Part = Callable[[Document], object]
+Piece = Callable[[Any], object]
+"""Draws a figure into a buffer, or writes a part onto a page."""
 
 BLOCKS = re.compile(r"\n\s*\n")
 CELLS = re.compile(r"(?<!\\)\|")
@@ -37,16 +36,17 @@ BOLD = "**"
 def document(
     template: str,
     context: Mapping[str, Any],
-    drawings: Mapping[str, Drawing],
-    parts: Mapping[str, Part] | None = None,
+    pieces: Mapping[str, Piece],
 ) -> Document:
     """Return a page.
 
     Args:
         template: Name of the template without its suffix.
         context: What its expressions use.
-        drawings: Figures by name.
-        parts: What Python writes, by name.
+        pieces: Figures and parts by name.
+
+    Returns:
+        The page.
 
     Raises:
         RobotEnergyError: If a figure cannot be drawn.
@@ -55,11 +55,11 @@ def document(
     page = Document(_joined(title).removeprefix("# "), _joined(lead))
     for block in blocks:
         if (found := FIGURE.fullmatch(_joined(block))) is not None:
-            page.figure(drawings[found[2]], found[1])
+            page.figure(pieces[found[2]], found[1])
         elif block.startswith("```"):
             page.command(block.strip("`\n"))
         elif block.startswith("@"):
-            (parts or {})[block[1:]](page)
+            pieces[block[1:]](page)
         else:
             _write(block, page)
     return page

@@ -36,7 +36,7 @@ class PaperAStudySize:
         train: Experiment by motion for identification; None: soaked rigs.
         test: Experiment by motion that tests; None: soaked rigs.
         train_degc: Temperatures of soaked rigs for identification. [degC]
-        test_degc: Of soaked rigs that test. [degC]
+        test_degc: Temperatures of soaked rigs that test. [degC]
         effects: Effects of the table; None for all.
         rigs: Temperatures and length of the experiments behind that table.
         programs: Random programs behind the calibration.
@@ -85,7 +85,7 @@ class ShaftCurve:
 
     Attributes:
         robot_degc: Mean over the motors. [degC]
-        motor_degc: Of this axis. [degC]
+        motor_degc: Temperature of this axis. [degC]
         time: Since the start of the set, shape (N,). [s]
         power: Measured torque times speed, shape (N,). [W]
     """
@@ -120,7 +120,7 @@ class PaperA:
     """Everything the study found; all of it from the virtual rig.
 
     Attributes:
-        seed: Of programs and rigs.
+        seed: Seed of programs and rigs.
         scale: How much was done.
         train: Sets for identification.
         test: Held-out sets.
@@ -226,9 +226,9 @@ def study(
 
     Args:
         folder: For the bags; it exists.
-        seed: Of programs and rigs.
+        seed: Seed of programs and rigs.
         scale: How much to do.
-        workers: Processes beside this one; 1 means to do all of it here.
+        workers: Processes in addition to this one; 1 means to do all of it here.
         progress: Called with the share done, 0 to 1.
 
     Returns:
@@ -279,7 +279,7 @@ def record_training(
 
     Args:
         folder: For the bags.
-        seed: Of the study.
+        seed: Seed of the study.
         scale: How much.
 
     Returns:
@@ -308,7 +308,7 @@ def record_test(folder: Path, seed: int, scale: PaperAStudySize) -> list[MotionS
 
     Args:
         folder: For the bags.
-        seed: Of the study.
+        seed: Seed of the study.
         scale: How much.
 
     Returns:

@@ -13,7 +13,6 @@ import numpy as np
 from robot_energy.bag_replay import replay
 from robot_energy.blocks import Float
 from robot_energy.physics.friction import with_fixed_friction
-from robot_energy.report.document import Document
 from robot_energy.report.friction_figure import friction_over_temperature
 from robot_energy.report.identification import friction_tables, losses_section
 from robot_energy.report.power_figure import power_and_energy
@@ -28,7 +27,7 @@ from robot_energy_papers.drawings import (
 )
 from robot_energy_papers.effects import ALL, EFFECTS, NO_OIL, NOTHING, EffectRow
 from robot_energy_papers.models import CAPACITOR, FIXED_DEGC, FOLLOWS, fixed_name
-from robot_energy_papers.pages import Drawing, Part, document, print_template
+from robot_energy_papers.pages import Piece
 from robot_energy_papers.paper_a import POWER_DEGC, REFERENCE_DEGC, PaperA
 from robot_energy_papers.paper_a_numbers import figures
 
@@ -57,40 +56,6 @@ ROLES: dict[str, Role] = {
 }
 
 
-def page(result: PaperA, command: str) -> Document:
-    """Return the page.
-
-    Args:
-        result: The study.
-        command: Command line that makes it.
-
-    Returns:
-        The page.
-
-    Raises:
-        RobotEnergyError: If a figure cannot be drawn.
-    """
-    found = result.identified
-    parts: dict[str, Part] = {
-        "friction": lambda out: friction_tables(
-            FrictionReport("motor_torque", tuple(found.fits), ()), out
-        ),
-        "cabinet": lambda out: losses_section(found.cabinet, out),
-    }
-    context = {**_context(result), "command": command}
-    return document("paper_a", context, _drawings(result), parts)
-
-
-def print_tables(result: PaperA, out: Document) -> None:
-    """Print the error of every model at every held-out temperature.
-
-    Args:
-        result: The study.
-        out: Where to.
-    """
-    print_template("paper_a_terminal", _context(result), out)
-
-
 def front_picture(result: PaperA, path: Path) -> None:
     """Draw measured and predicted energy over temperature, small and alone.
 
@@ -104,8 +69,12 @@ def front_picture(result: PaperA, path: Path) -> None:
     energy_over_temperature(_energy_study(result), path, f"Held-out motions, {RIG}")
 
 
-def _context(result: PaperA) -> dict[str, Any]:
-    """What the templates name."""
+def context(result: PaperA) -> dict[str, Any]:
+    """Return what the expressions of the templates use.
+
+    Args:
+        result: The study.
+    """
     names = _model_names(result)
     outside, outside_by = result.beyond_range
     effects = {row.name: row for row in result.effects}
@@ -166,8 +135,12 @@ def _model_names(result: PaperA) -> dict[str, str]:
     return {name: text for name, text in names.items() if name in result.identified.models}
 
 
-def _drawings(result: PaperA) -> dict[str, Drawing]:
-    """The figures of the page."""
+def pieces(result: PaperA) -> dict[str, Piece]:
+    """Return the figures of the page, and the parts that the report writes.
+
+    Args:
+        result: The study.
+    """
     index = result.nearest(POWER_DEGC)
     at = f"robot at {result.rows[index].robot_degc:.0f} degC"
     axis, fits = result.model.joint_names[0], result.identified.fits
@@ -177,7 +150,11 @@ def _drawings(result: PaperA) -> dict[str, Drawing]:
         )
         for curve in result.shaft
     }
+    friction = FrictionReport("motor_torque", tuple(fits), ())
+    losses = result.identified.cabinet
     return {
+        "friction_tables": lambda page: friction_tables(friction, page),
+        "cabinet_tables": lambda page: losses_section(losses, page),
         "energy": lambda path: energy_over_temperature(
             _energy_study(result), path, f"Fig. 7, {RIG}", deviation=True
         ),

@@ -44,9 +44,9 @@ class PaperBStudySize:
     """How much is done.
 
     Attributes:
-        iterations: Of the search for an excitation.
-        layers: Of the wall, all of them simulated; 0: single layers at `heights` instead.
-        heights: Of single layers. [m]
+        iterations: Iterations of the search for an excitation.
+        layers: Simulated layers of the wall, all of it; 0: single layers at `heights` instead.
+        heights: Heights of single layers. [m]
     """
 
     iterations: int
@@ -60,7 +60,7 @@ QUICK = PaperBStudySize(25, 0, (0.0, 0.5, 0.99))
 
 @dataclass(frozen=True)
 class MechanicalTest:
-    """Mechanical energy of one run, predicted beside measured.
+    """Mechanical energy of one run, predicted and measured.
 
     Attributes:
         run: The run, read with the identified model.
@@ -80,7 +80,7 @@ class Trained:
         model: The Mantis's model with it.
         drives: Maps and losses.
         mechanical: By run.
-        tests: Of the drives, one per run.
+        tests: Tests of the drives, one per run.
     """
 
     dynamics: Dynamics
@@ -119,7 +119,7 @@ class PaperB:
     """Everything the studies found.
 
     Attributes:
-        seed: Of motions and rigs.
+        seed: Seed of motions and rigs.
         scale: How much was done.
         trained: By the excitation that was identified from, keys of `TRAININGS`.
         weighted: Accuracy on the validation run of the weighted fit, our default.
@@ -174,7 +174,7 @@ def study(
 
     Args:
         folder: For the bags; it exists.
-        seed: Of motions and rigs.
+        seed: Seed of motions and rigs.
         scale: How much to do.
         progress: Called with the share done, 0 to 1.
 

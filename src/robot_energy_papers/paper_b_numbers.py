@@ -13,7 +13,7 @@ from robot_energy_papers.machines import MACHINES, Energies
 from robot_energy_papers.paper_b import PaperB, Trained
 
 Figures = dict[str, Any]
-LEAST = 0.01  # of the shafts' energy: a drive that gives less has no accuracy worth naming
+MIN_SHAFT_SHARE = 0.01  # of the shafts' energy; below it a drive has no accuracy of its own
 
 
 def figures(result: PaperB) -> Figures:
@@ -53,7 +53,7 @@ def moving(test: DriveTest) -> NDArray[np.bool_]:
         test: The run.
     """
     shaft = np.abs(test.joint_efficiency * test.energy)
-    return np.asarray(shaft > LEAST * shaft.sum())
+    return np.asarray(shaft > MIN_SHAFT_SHARE * shaft.sum())
 
 
 def _trained(found: Trained) -> Figures:

@@ -13,7 +13,6 @@ import numpy as np
 from robot_energy.blocks import Float
 from robot_energy.identify.drives.drives import Way
 from robot_energy.report.canvas import COLOURS, SERIES
-from robot_energy.report.document import Document
 from robot_energy.report.efficiency_figure import efficiency_maps
 from robot_energy.report.formats import NOTHING
 from robot_energy_papers.accuracy import DEFINITIONS
@@ -28,7 +27,7 @@ from robot_energy_papers.drawings import (
 from robot_energy_papers.drive_study import PAPER, WAY_NAMES, DriveTest
 from robot_energy_papers.machines import MACHINES, PARTS
 from robot_energy_papers.mantis import RATE
-from robot_energy_papers.pages import Drawing, document, hundred, print_template
+from robot_energy_papers.pages import Piece, hundred
 from robot_energy_papers.paper_b import (
     BOTH,
     SLOWED,
@@ -64,33 +63,6 @@ MARKS = {  # of the stacked bars: of the models' layer, or of the rigs'
 }
 
 
-def page(result: PaperB, command: str) -> Document:
-    """Return the whole page.
-
-    Args:
-        result: The studies.
-        command: Command line that makes it.
-
-    Returns:
-        The page.
-
-    Raises:
-        RobotEnergyError: If a figure cannot be drawn.
-    """
-    drawings = {**_drive_drawings(result), **_machine_drawings(result)}
-    return document("paper_b", {**_context(result), "command": command}, drawings)
-
-
-def print_tables(result: PaperB, out: Document) -> None:
-    """Print the accuracies and the energies of the machines.
-
-    Args:
-        result: The studies.
-        out: Where to.
-    """
-    print_template("paper_b_terminal", _context(result), out)
-
-
 def front_picture(result: PaperB, path: Path) -> None:
     """Draw where the electrical energy of one layer goes.
 
@@ -121,8 +93,12 @@ def below_every_joint(result: PaperB) -> list[str]:
     return found
 
 
-def _context(result: PaperB) -> dict[str, Any]:
-    """What the templates name."""
+def context(result: PaperB) -> dict[str, Any]:
+    """Return what the expressions of the templates use.
+
+    Args:
+        result: The studies.
+    """
     return {
         "result": result,
         "paper": {
@@ -162,7 +138,16 @@ def _parts(result: PaperB) -> dict[str, list[float]]:
     }
 
 
-def _drive_drawings(result: PaperB) -> dict[str, Drawing]:
+def pieces(result: PaperB) -> dict[str, Piece]:
+    """Return the figures of the page.
+
+    Args:
+        result: The studies.
+    """
+    return {**_drive_figures(result), **_machine_figures(result)}
+
+
+def _drive_figures(result: PaperB) -> dict[str, Piece]:
     """Figures of the Mantis: powers, accuracies, efficiencies and maps."""
     names = result.main.model.joint_names
     check = result.main.mechanical[VALIDATION].run
@@ -206,7 +191,7 @@ def _drive_drawings(result: PaperB) -> dict[str, Drawing]:
     }  # fmt: skip
 
 
-def _machine_drawings(result: PaperB) -> dict[str, Drawing]:
+def _machine_figures(result: PaperB) -> dict[str, Piece]:
     """Figures of the three machines."""
     machines = result.machines
     marks = {
@@ -240,9 +225,9 @@ def _machine_drawings(result: PaperB) -> dict[str, Drawing]:
         "parts": lambda path: stacked(
             _machine_names(), _parts(result), marks, "energy of one layer [J]", path, "models"
         ),
-        "beside": lambda path: bars(
-            [MACHINES[key].name for key in others], savings, "energy beside the arm's [%]", path,
-            f"models, {_wall_name(result)}", paper,
+        "relative": lambda path: bars(
+            [MACHINES[key].name for key in others], savings, "energy compared with the arm [%]",
+            path, f"models, {_wall_name(result)}", paper,
         ),
         "powers": lambda path: over_time(
             powers, "power [W]", path, "models", columns=1, cut=True

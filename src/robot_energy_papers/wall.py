@@ -21,8 +21,8 @@ class Wall:
     """A wall printed layer by layer; the tool begins each layer in the corner at the origin.
 
     Attributes:
-        length: Of the plan along x. [m]
-        width: Of the plan along y. [m]
+        length: Length of the plan along x. [m]
+        width: Width of the plan along y. [m]
         layer_height: Rise from layer to layer. [m]
         layers: Number of layers.
         speed: Path speed, the rise included. [m/s]

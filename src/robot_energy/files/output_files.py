@@ -61,7 +61,11 @@ PICTURE = (
 
 
 def json_bytes(summary: Mapping[str, Any]) -> bytes:
-    """Return a JSON document that bears the mark of this tool."""
+    """Return a JSON document that bears the mark of this tool.
+
+    Args:
+        summary: Its content.
+    """
     document = {"generator": GENERATOR, **summary}
     return f"{json.dumps(document, indent=2, allow_nan=False)}\n".encode()
 
@@ -79,7 +83,7 @@ def check_file(
         path: The file; ``-`` is the standard output.
         kinds: What is to be written.
         what: Its content, for the message.
-        inputs: Files and folders that the command reads; names that do not exist are none.
+        inputs: Files and folders that the command reads; missing ones are ignored.
         error: Class of the error.
 
     Raises:
@@ -153,7 +157,7 @@ def write_file(
         sys.stdout.write(data.decode("utf-8"))
         return
 
-    def told(trouble: OSError) -> Exception:
+    def failure(trouble: OSError) -> Exception:
         return error(
             f"{what} cannot be written to '{shown(str(path))}' ({trouble.strerror or trouble})",
             "a folder that can be written to, with room",
@@ -162,17 +166,17 @@ def write_file(
     target = checked_path(path, what, error)
     remove_remains(target)
     check_file(path, kinds, what, (), error)
-    if (stream := open_stream(target, told)) is not None:
+    if (stream := open_stream(target, failure)) is not None:
         try:
             with stream:
                 stream.write(data)
         except BrokenPipeError:
             raise
         except OSError as trouble:
-            raise told(trouble) from trouble
+            raise failure(trouble) from trouble
         return
     placement = OutputPlacement(
-        target, lambda place: check_file(place, kinds, what, (), error), told
+        target, lambda place: check_file(place, kinds, what, (), error), failure
     )
     try:
         number = placement.open_file()
@@ -180,7 +184,7 @@ def write_file(
             write_all(number, data)
             os.fsync(number)
         except OSError as trouble:
-            raise told(trouble) from trouble
+            raise failure(trouble) from trouble
         with all_or_none() as waiting:
             waiting.append(placement)
     except BaseException:
@@ -189,20 +193,35 @@ def write_file(
 
 
 def write_all(number: int, data: bytes | memoryview) -> None:
-    """Write all bytes to a file descriptor."""
+    """Write all bytes to a file descriptor.
+
+    Args:
+        number: The descriptor.
+        data: The bytes.
+    """
     left = memoryview(data)
     while left:
         left = left[os.write(number, left) :]
 
 
 def is_own_file(path: Path, kinds: tuple[FileKind, ...]) -> bool:
-    """Whether a path is a plain file, no link, that this tool wrote."""
+    """Whether a path is a regular file that this tool wrote.
+
+    Args:
+        path: The path.
+        kinds: What it may be.
+    """
     found = os.lstat(path)
     return stat.S_ISREG(found.st_mode) and any(_is_marked(path, kind) for kind in kinds)
 
 
 def checked_path(path: str | os.PathLike[str], what: str, error: ErrorType) -> Path:
     """Return a path that a file can have.
+
+    Args:
+        path: As given.
+        what: Content of the file, for the message.
+        error: Class of the error.
 
     Raises:
         RobotEnergyError: If it is empty, or holds what no name can.
@@ -218,7 +237,17 @@ def checked_path(path: str | os.PathLike[str], what: str, error: ErrorType) -> P
 
 
 def refuse_inputs(target: Path, inputs: Names, place: str, error: ErrorType) -> None:
-    """Refuse a target that is an input, holds one, or lies in one: by files, not by names."""
+    """Refuse a target that is an input, holds one, or lies in one: by files, not by names.
+
+    Args:
+        target: Where to write.
+        inputs: Files and folders that the command reads.
+        place: Beginning of the message.
+        error: Class of the error.
+
+    Raises:
+        RobotEnergyError: If it is.
+    """
     real_target = os.path.realpath(target)
     around = {_key(one) for one in (target, *target.absolute().parents)}
     inside = _keys_of(target)

@@ -45,7 +45,7 @@ class OutputFolder:
         self._placement = OutputPlacement(
             self.path,
             lambda place: check_folder(place, foreign, overwrite, inputs, error),
-            self.told,
+            self.failure,
         )
         try:
             self._placement.make_folder()
@@ -61,16 +61,26 @@ class OutputFolder:
     def open(self, name: str, buffering: int = 2**20) -> BinaryIO:
         """Open a new file in it.
 
+        Args:
+            name: Name of the file.
+            buffering: Size of the buffer. [bytes]
+
+        Returns:
+            The file; when it is closed, its content is on the disk.
+
         Raises:
             RobotEnergyError: If the disk refuses.
         """
         try:
             return io.BufferedWriter(_SyncedFile(self.draft / name), buffering)  # pyright: ignore
         except OSError as trouble:
-            raise self.told(trouble) from trouble
+            raise self.failure(trouble) from trouble
 
     def make(self, name: str) -> None:
         """Make a folder in it.
+
+        Args:
+            name: Name of the folder.
 
         Raises:
             RobotEnergyError: If the disk refuses.
@@ -78,7 +88,7 @@ class OutputFolder:
         try:
             os.mkdir(self.draft / name)
         except OSError as trouble:
-            raise self.told(trouble) from trouble
+            raise self.failure(trouble) from trouble
 
     def place(self) -> None:
         """Put it into place, now or at the end of the block `all_or_none` around this.
@@ -97,8 +107,12 @@ class OutputFolder:
         """Leave everything as it was."""
         self._placement.undo()
 
-    def told(self, trouble: OSError) -> RobotEnergyError:
-        """Return the error that names this folder and what the disk said."""
+    def failure(self, trouble: OSError) -> RobotEnergyError:
+        """Return the error that names this folder and the reason of the disk.
+
+        Args:
+            trouble: Error of the disk.
+        """
         return self._error(
             f"{shown(str(self.path))} cannot be written ({trouble.strerror or trouble})",
             "a folder that can be written to, with room",
@@ -138,6 +152,10 @@ class _SyncedFile(io.RawIOBase):
 def folder_path(path: str | os.PathLike[str], error: ErrorType = ReportError) -> Path:
     """Return the path of an output folder with a name of its own.
 
+    Args:
+        path: As given.
+        error: Class of the error.
+
     Raises:
         RobotEnergyError: If it can name no folder.
     """
@@ -162,7 +180,7 @@ def check_folder(
         path: The folder.
         foreign: Names what in a folder is not ours.
         overwrite: Whether it may be replaced if all in it is ours.
-        inputs: Files and folders that the command reads; names that do not exist are none.
+        inputs: Files and folders that the command reads; missing ones are ignored.
         error: Class of the error.
 
     Raises:
@@ -179,7 +197,7 @@ def check_folder(
         if stat.S_ISLNK(found.st_mode):
             raise error(f"{name} is a link", "a new folder", "name the folder that it leads to")
         if not stat.S_ISDIR(found.st_mode):
-            raise error(f"{name} exists and is no folder", "a new folder", "choose another name")
+            raise error(f"{name} exists and is not a folder", "a new folder", "choose another name")
         if not any(target.iterdir()):
             return
         strange = foreign(target)

@@ -18,15 +18,27 @@ _STREAM_FOLDERS = ("/dev/fd", "/proc/self/fd")
 
 
 def stream_number(target: Path) -> int | None:
-    """The descriptor that a path such as /dev/stdout names."""
+    """Return the descriptor that a path such as /dev/stdout names; None for other paths.
+
+    Args:
+        target: The path.
+    """
     if (text := str(target)) in _STREAMS:
         return _STREAMS[text]
     named = str(target.parent) in _STREAM_FOLDERS and target.name.isdecimal()
     return int(target.name) if named else None
 
 
-def open_stream(target: Path, told: Callable[[OSError], Exception]) -> BinaryIO | None:
-    """Open a device, a pipe or a descriptor for writing; None for a plain file."""
+def open_stream(target: Path, failure: Callable[[OSError], Exception]) -> BinaryIO | None:
+    """Open a device, a pipe or a descriptor for writing.
+
+    Args:
+        target: Its path.
+        failure: Makes the exception to raise of an error of the disk.
+
+    Returns:
+        The open stream; None for a regular file or a path without one.
+    """
     try:
         number = stream_number(target)
         if number is not None:
@@ -40,7 +52,7 @@ def open_stream(target: Path, told: Callable[[OSError], Exception]) -> BinaryIO 
     except FileNotFoundError:
         return None
     except OSError as trouble:
-        raise told(trouble) from trouble
+        raise failure(trouble) from trouble
 
 
 def _open_pipe(target: Path) -> BinaryIO:

@@ -1,6 +1,6 @@
-"""Drafts beside their targets, moved into place together or not at all.
+"""Drafts next to their targets, moved into place together or not at all.
 
-A draft bears a name of its own (`.robot-energy-...new`); what it replaces is kept beside it
+A draft bears a name of its own (`.robot-energy-...new`); what it replaces is kept next to it
 (`...old`) until all drafts of a command stand. An exception before that puts everything back.
 Only the kill that cannot be caught leaves such files; the next run for the same target
 removes them once their process is gone.
@@ -39,16 +39,16 @@ class OutputPlacement:
     Args:
         target: Where it shall stand.
         check: Raises if what stands at a path (it may be nothing) must not be replaced.
-        told: Makes the exception to raise of an error of the disk.
+        failure: Makes the exception to raise of an error of the disk.
     """
 
-    def __init__(self, target: Path, check: Check, told: Callable[[OSError], Exception]) -> None:
+    def __init__(self, target: Path, check: Check, failure: Callable[[OSError], Exception]) -> None:
         self.target = target
         stem = f"{_beginning(target)}{os.getpid()}-{secrets.token_hex(4)}"
         self.draft = target.parent / f"{stem}.new"
         self._aside = target.parent / f"{stem}.old"
         self._check = check
-        self._told = told
+        self._failure = failure
         self._lock: int | None = None
         self._made: list[Path] = []  # parents that were not there
         self._identity: tuple[int, int] | None = None  # device and inode of the draft
@@ -59,7 +59,7 @@ class OutputPlacement:
         """Make the draft of a file and return its descriptor, open for writing.
 
         Raises:
-            Exception: As `told` makes it.
+            Exception: As `failure` makes it.
         """
         try:
             self._lock = os.open(
@@ -71,14 +71,14 @@ class OutputPlacement:
                 if stat.S_ISREG(old.st_mode):
                     os.fchmod(self._lock, stat.S_IMODE(old.st_mode))
         except OSError as error:
-            raise self._told(error) from error
+            raise self._failure(error) from error
         return self._lock
 
     def make_folder(self) -> None:
         """Make the draft of a folder, and the folders above it.
 
         Raises:
-            Exception: As `told` makes it.
+            Exception: As `failure` makes it.
         """
         try:
             parent = self.target.parent
@@ -90,13 +90,13 @@ class OutputPlacement:
             self._lock = os.open(self.draft, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
             self._hold()
         except OSError as error:
-            raise self._told(error) from error
+            raise self._failure(error) from error
 
     def move(self) -> None:
-        """Put the draft in place, and what stood there beside it.
+        """Put the draft in place, and what was there next to it.
 
         Raises:
-            Exception: As `told` makes it, or from the check.
+            Exception: As `failure` makes it, or from the check.
         """
         try:
             self._check(self.target)
@@ -110,18 +110,18 @@ class OutputPlacement:
             else:
                 os.replace(self.draft, self.target)
         except OSError as error:
-            raise self._told(error) from error
+            raise self._failure(error) from error
 
     def sync(self) -> None:
         """Have the disk know its new place.
 
         Raises:
-            Exception: As `told` makes it.
+            Exception: As `failure` makes it.
         """
         try:
             _sync(self.target.parent)
         except OSError as error:
-            raise self._told(error) from error
+            raise self._failure(error) from error
 
     def undo(self) -> None:
         """Put everything back as it was; of no effect once it stands or was undone."""
@@ -257,7 +257,11 @@ def deferred_signals() -> Generator[None]:
 
 
 def remove_remains(target: Path) -> None:
-    """Remove what a killed run left for a target, and put back what it had set aside."""
+    """Remove what a killed run left for a target, and put back what it had set aside.
+
+    Args:
+        target: The file or folder.
+    """
     folder, beginning = target.parent, _beginning(target)
     with suppress(OSError), os.scandir(folder) as entries:
         names = [entry.name for entry in entries if entry.name.startswith(beginning)]
@@ -272,13 +276,17 @@ def remove_remains(target: Path) -> None:
 
 
 def _beginning(target: Path) -> str:
-    """Of the names of drafts: short, whatever the length of the target's name."""
+    """First part of the names of drafts; short, whatever the length of the target's name."""
     digest = hashlib.blake2b(os.fsencode(target.name), digest_size=6).hexdigest()
     return f"{PREFIX}{digest}-"
 
 
 def is_locked(path: Path) -> bool:
-    """Whether a process holds the lock of a file or folder."""
+    """Whether a process holds the lock of a file or folder.
+
+    Args:
+        path: The file or folder.
+    """
     try:
         number = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK)
     except OSError:

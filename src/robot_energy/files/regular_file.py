@@ -33,7 +33,7 @@ def open_regular(path: str | Path, buffering: int = -1) -> BinaryIO:
         The open file.
 
     Raises:
-        OSError: If it cannot be opened or is no regular file.
+        OSError: If it cannot be opened or is not a regular file.
     """
     flags = os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC
     try:
@@ -56,8 +56,11 @@ def read_regular(path: str | Path, max_bytes: int) -> bytes:
         path: The file.
         max_bytes: Its largest size. [bytes]
 
+    Returns:
+        Its content.
+
     Raises:
-        OSError: If it cannot be read, is no regular file or is larger.
+        OSError: If it cannot be read, is not a regular file or is larger.
     """
     with open_regular(path) as file:
         data = b""
@@ -75,8 +78,11 @@ def read_regular_text(path: str | Path, max_bytes: int) -> str:
         path: The file.
         max_bytes: Its largest size. [bytes]
 
+    Returns:
+        Its text.
+
     Raises:
-        OSError: If it cannot be read, is no regular file or is larger.
+        OSError: If it cannot be read, is not a regular file or is larger.
         UnicodeDecodeError: If it is not UTF-8.
     """
     text = read_regular(path, max_bytes).decode("utf-8")
@@ -84,12 +90,16 @@ def read_regular_text(path: str | Path, max_bytes: int) -> str:
 
 
 def why_unreadable(error: OSError | UnicodeDecodeError) -> str:
-    """Return what is wrong with a file, to stand in brackets."""
+    """Return what is wrong with a file, to stand in brackets.
+
+    Args:
+        error: Error of the attempt to read it.
+    """
     return str(error.strerror) if isinstance(error, OSError) else "it is not UTF-8"
 
 
 def _require_regular(mode: int, path: str | Path) -> None:
     if not stat.S_ISREG(mode):
-        kind = _KINDS.get(stat.S_IFMT(mode), "it is no regular file")
+        kind = _KINDS.get(stat.S_IFMT(mode), "it is not a regular file")
         number = errno.EISDIR if stat.S_ISDIR(mode) else errno.EINVAL
         raise OSError(number, kind, str(path))

@@ -46,7 +46,11 @@ class TemporaryFolder:
 
 
 def remove_abandoned(parent: Path) -> None:
-    """Remove what killed processes of this user left."""
+    """Remove what killed processes of this user left.
+
+    Args:
+        parent: Where temporary folders are made.
+    """
     with suppress(OSError), os.scandir(parent) as entries:
         for entry in entries:
             if not entry.name.startswith(PREFIX):

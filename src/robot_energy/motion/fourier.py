@@ -14,8 +14,8 @@ from robot_energy.blocks import Float
 from robot_energy.errors import MotionError
 from robot_energy.motion.ptp import Trajectory
 
-LEAST_HARMONICS = 2  # one alone cannot begin at rest
-MOST_HARMONICS = 50
+MIN_HARMONICS = 2  # one alone cannot begin at rest
+MAX_HARMONICS = 50
 
 
 class FourierBasis:
@@ -33,9 +33,9 @@ class FourierBasis:
     """
 
     def __init__(self, harmonics: int, period: float) -> None:
-        if not LEAST_HARMONICS <= harmonics <= MOST_HARMONICS:
+        if not MIN_HARMONICS <= harmonics <= MAX_HARMONICS:
             raise MotionError(
-                f"{harmonics} harmonics were asked for", f"{LEAST_HARMONICS} to {MOST_HARMONICS}"
+                f"{harmonics} harmonics were asked for", f"{MIN_HARMONICS} to {MAX_HARMONICS}"
             )
         if not 0 < period < np.inf:
             raise MotionError(f"the period is {period} s", "a finite time > 0 s")
@@ -74,7 +74,7 @@ class FourierMotion:
 
     Args:
         basis: Harmonics and period.
-        weights: Of the basis, shape (2 L - 1, n): the middle of each joint [rad] or [m],
+        weights: Weights of the basis, shape (2 L - 1, n): the middle of each joint [rad] or [m],
             then speeds [rad/s] or [m/s].
 
     Raises:

@@ -19,11 +19,11 @@ from robot_energy.motion.gcode_words import Word, words_of
 from robot_energy.motion.tool_path import CLOSED, Arc, Dwell, LineSegment, Point, Segment, ToolPath
 
 MAX_BYTES = 64 * 1024 * 1024
-MOST_SEGMENTS = 500_000
-MOST_NOTES = 50  # different codes that are named
-FARTHEST = 1000.0  # m, of any coordinate
-SLOWEST, FASTEST = 1e-6, 100.0  # m/s
-LONGEST_DWELL = 86_400.0  # s
+MAX_SEGMENTS = 500_000
+MAX_NOTES = 50  # different codes that are named
+MAX_COORDINATE = 1000.0  # m, of any coordinate
+MIN_SPEED, MAX_SPEED = 1e-6, 100.0  # m/s
+MAX_DWELL = 86_400.0  # s
 RAPID_SPEED = 0.25  # m/s, assumed: programs do not state it
 MILLIMETRE, INCH = 1e-3, 0.0254  # m
 MINUTE = 60.0  # s
@@ -51,7 +51,7 @@ KNOWN_G = MOTIONS | {4, 17, 20, 21, 90, 91, 92} | set(WITHOUT_EFFECT)
 
 @dataclass(frozen=True)
 class GcodeProgram:
-    """What a program says.
+    """Content of a program.
 
     Attributes:
         path: The tool path.
@@ -93,7 +93,7 @@ def read_gcode(
 
     Args:
         text: The program.
-        name: Of the program, for messages.
+        name: Name of the program, for messages.
         rapid_speed: Speed of G0 without F. [m/s]
 
     Returns:
@@ -103,9 +103,9 @@ def read_gcode(
     Raises:
         MotionError: Naming line, what was found and what was expected.
     """
-    if not SLOWEST <= rapid_speed <= FASTEST:
+    if not MIN_SPEED <= rapid_speed <= MAX_SPEED:
         raise MotionError(
-            f"the rapid speed is {rapid_speed} m/s", f"{SLOWEST:g} to {FASTEST:g} m/s"
+            f"the rapid speed is {rapid_speed} m/s", f"{MIN_SPEED:g} to {MAX_SPEED:g} m/s"
         )
     if len(text) > MAX_BYTES:
         raise MotionError(f"{name} has over {MAX_BYTES} characters", "a smaller program")
@@ -221,8 +221,8 @@ class _Machine:
 
     def _dwell(self, values: dict[str, float]) -> None:
         time = values.get("S", values.get("P", 0.0) * 1e-3)
-        if not 0 <= time <= LONGEST_DWELL:
-            raise self._error(f"the dwell lasts {time:g} s", f"0 to {LONGEST_DWELL:g} s")
+        if not 0 <= time <= MAX_DWELL:
+            raise self._error(f"the dwell lasts {time:g} s", f"0 to {MAX_DWELL:g} s")
         self._add(Dwell(time, self.line))
 
     def _set_position(self, values: dict[str, float]) -> None:
@@ -238,9 +238,9 @@ class _Machine:
 
     def _set_feed(self, value: float) -> None:
         feed = value * self.unit / MINUTE
-        if not SLOWEST <= feed <= FASTEST:
+        if not MIN_SPEED <= feed <= MAX_SPEED:
             raise self._error(
-                f"the feed F{value:g} is {feed:g} m/s", f"{SLOWEST:g} to {FASTEST:g} m/s"
+                f"the feed F{value:g} is {feed:g} m/s", f"{MIN_SPEED:g} to {MAX_SPEED:g} m/s"
             )
         self.feed = feed
 
@@ -268,10 +268,10 @@ class _Machine:
                 target[index] = way + (self.offset if self.absolute else self.position)[index]
                 if self._unknown(axis):  # the tool is put there before the program runs
                     self.position[index] = target[index]
-        if max(map(abs, target)) > FARTHEST:
+        if max(map(abs, target)) > MAX_COORDINATE:
             raise self._error(
                 f"the target {target} m lies far outside any robot's reach",
-                f"coordinates within {FARTHEST:g} m",
+                f"coordinates within {MAX_COORDINATE:g} m",
                 "check the unit, G20 or G21",
             )
         if self.motion in (2, 3) and (self._unknown("X") or self._unknown("Y")):
@@ -290,7 +290,7 @@ class _Machine:
             self._add(LineSegment(start, end, speed, self.line, rapid, extruding))
 
     def _unknown(self, axis: str) -> bool:
-        """Whether the program has said nothing yet of where the tool is."""
+        """Whether the program has not stated yet where the tool is."""
         return self.absolute and not self.moved and axis not in self.known
 
     def _feed(self) -> float:
@@ -307,7 +307,7 @@ class _Machine:
         by_radius, by_centre = "R" in values, "I" in values or "J" in values
         if by_radius == by_centre:
             raise self._error(
-                f"G{self.motion} has {'R beside I or J' if by_radius else 'no I, J or R'}",
+                f"G{self.motion} has {'R together with I or J' if by_radius else 'no I, J or R'}",
                 "the centre by I and J from the start, or the radius by R",
             )
         if by_radius:
@@ -332,7 +332,7 @@ class _Machine:
         """Accept the centre, moved by the rounding of its words so that both radii agree."""
         first, last = math.dist(start[:2], centre), math.dist(end[:2], centre)
         slack = ARC_SLACK + ARC_SHARE * first
-        if first <= CLOSED or abs(first - last) > slack or first > FARTHEST:
+        if first <= CLOSED or abs(first - last) > slack or first > MAX_COORDINATE:
             raise self._error(
                 f"the arc begins {first * 1e3:.4g} mm from its centre and ends "
                 f"{last * 1e3:.4g} mm from it",
@@ -354,7 +354,7 @@ class _Machine:
         chord = math.dist(start[:2], end[:2])
         if chord <= CLOSED:
             raise self._error("an arc by R ends where it begins", "a full circle by I and J")
-        if 2 * abs(radius) < chord - 2 * ARC_SLACK or abs(radius) > FARTHEST:
+        if 2 * abs(radius) < chord - 2 * ARC_SLACK or abs(radius) > MAX_COORDINATE:
             raise self._error(
                 f"an arc of radius {abs(radius) * 1e3:.4g} mm",
                 f"at least half of the {chord * 1e3:.4g} mm between its ends",
@@ -368,8 +368,8 @@ class _Machine:
         )
 
     def _add(self, segment: Segment) -> None:
-        if len(self.segments) == MOST_SEGMENTS:
-            raise self._error(f"more than {MOST_SEGMENTS} moves", "fewer", "split the program")
+        if len(self.segments) == MAX_SEGMENTS:
+            raise self._error(f"more than {MAX_SEGMENTS} moves", "fewer", "split the program")
         self.moved = self.moved or not isinstance(segment, Dwell)
         self.segments.append(segment)
 
@@ -379,7 +379,7 @@ class _Machine:
                 self._note(word.letter)
 
     def _note(self, code: str) -> None:
-        if code in self.noted or len(self.noted) < MOST_NOTES:
+        if code in self.noted or len(self.noted) < MAX_NOTES:
             self.noted[code] += 1
 
     def _point(self, values: list[float]) -> Point:

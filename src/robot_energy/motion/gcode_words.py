@@ -13,14 +13,14 @@ from dataclasses import dataclass
 
 from robot_energy.errors import MotionError
 
-MOST_CHARACTERS = 1000  # of a line
-MOST_WORDS = 40  # of a line
+MAX_CHARACTERS = 1000  # of a line
+MAX_WORDS = 40  # of a line
 WORD = re.compile(r"([A-Za-z])[ \t]*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))")
 COMMENT = re.compile(r"\([^()]*\)")
 NUMBER = re.compile(r"[ \t]*[Nn][ \t]*[0-9]+")
 MESSAGE = re.compile(r"[ \t]*(?:[Nn][ \t]*[0-9]+)?[ \t]*[Mm][ \t]*([0-9]{1,4})(?![0-9.])")
 TEXT_CODES = {20, 21, 23, 28, 29, 30, 32, 33, 36, 117, 118, 486, 928}  # M codes before free text
-MOST_DIGITS = 30  # of a number; more are no measure
+MAX_DIGITS = 30  # of a number; more are no measure
 QUOTED = 24  # characters of bad text that a message repeats
 
 
@@ -52,12 +52,12 @@ def words_of(text: str, where: str) -> list[Word]:
         codes (M117 ...) is left out.
 
     Raises:
-        MotionError: If something is no word, a comment does not end, or a checksum is wrong.
+        MotionError: If a part is not a word, a comment does not end, or a checksum is wrong.
     """
-    if len(text) > MOST_CHARACTERS:
+    if len(text) > MAX_CHARACTERS:
         raise MotionError(
             f"{where} has {len(text)} characters",
-            f"at most {MOST_CHARACTERS}",
+            f"at most {MAX_CHARACTERS}",
             "check that this is a G-code file",
         )
     code = text.partition(";")[0]
@@ -81,16 +81,16 @@ def words_of(text: str, where: str) -> list[Word]:
             continue
         word = WORD.match(bare, place)
         after = "" if word is None else bare[word.end() : word.end() + 1]
-        if word is None or after == "." or len(word[2]) > MOST_DIGITS:
+        if word is None or after == "." or len(word[2]) > MAX_DIGITS:
             raise MotionError(
-                f"{where}: '{_printable(bare[place:])}' is no word of G-code",
+                f"{where}: '{_printable(bare[place:])}' is not a word of G-code",
                 "a letter and a number, such as X12.5",
                 "give comments in ( ) or after ;",
             )
         letter, value = word[1].upper(), float(word[2])
         found.append(Word(letter, value))
-        if len(found) > MOST_WORDS:
-            raise MotionError(f"{where} has more than {MOST_WORDS} words", "fewer")
+        if len(found) > MAX_WORDS:
+            raise MotionError(f"{where} has more than {MAX_WORDS} words", "fewer")
         place = word.end()
     return found
 
@@ -106,7 +106,7 @@ def _checked(code: str, where: str) -> str:
         raise MotionError(
             f"{where} has the checksum '{_printable(given)}'",
             f"{actual}, which is that of its text",
-            "the file was damaged or edited; write it anew or remove the checksums",
+            "the file was damaged or edited; write it again or remove the checksums",
         )
     return body
 

@@ -26,8 +26,8 @@ IN_PLACE = 1e-10  # m, and rad of the orientation
 LEVEL = 1e-9  # m: how far a place may lie off the plane of a planar arm
 SINGULAR = 1e-3  # least singular value of a Jacobian [m/rad], a turn counting as one metre
 DAMPING = 1e-2  # below this singular value steps are damped
-LONGEST_STEP = 0.3  # rad
-MOST_STEPS = 100
+MAX_STEP = 0.3  # rad
+MAX_STEPS = 100
 JUMP, JUMP_WAY = 0.5, 0.1  # rad in less than so many m is no motion but another branch
 LIMIT_TOLERANCE = 1e-9  # rad or m
 SPATIAL_JOINTS = 6
@@ -38,14 +38,14 @@ class InverseKinematics:
 
     Args:
         robot: The robot.
-        link: Whose frame is the tool, in the URDF.
+        link: Link of the URDF whose frame is the tool.
         held: Names of joints that stay where they start; planar arms only.
-        weight: Of each joint in the distance from the start, where a planar arm has more
+        weight: Weight of each joint in the distance from the start, where a planar arm has more
             joints than it needs: a joint with a small weight moves more. Shape (n,), > 0. [-]
         lifted: The height of a planar arm's tool is left to an axis outside of the model, as
             paper B leaves out the print axis: heights are not looked at.
-        orientation: Of the tool in the base frame, for six or more joints; None: as at the
-            start. Shape (3, 3).
+        orientation: Rotation of the tool in the base frame, for six or more joints; None: as
+            at the start. Shape (3, 3). [-]
 
     Attributes:
         structure: ``gantry``, ``planar`` or ``spatial``.
@@ -104,7 +104,7 @@ class InverseKinematics:
 
         Args:
             tool_position: Places of the link's origin in the base frame, shape (N, 3). [m]
-            start: Joint positions from which the first place is looked for; tells elbow and
+            start: Joint positions from which the first place is searched; decides elbow and
                 wrist sides, the positions of held joints, and the reference of redundant ones.
                 Shape (n,). [rad] or [m]
 
@@ -202,11 +202,14 @@ class InverseKinematics:
         self, place: Float, orientation: Float, posture: Float
     ) -> tuple[Float, float, float]:
         """Newton steps: posture, distance still missed, least singular value there."""
+        from scipy.spatial.transform import Rotation
+
         posture = posture.copy()
         missed, least = np.inf, 0.0
-        for _ in range(MOST_STEPS):
+        for _ in range(MAX_STEPS):
             here, turned, jacobian = self.robot.link_jacobian(posture, self.link)
-            error = np.concatenate([place - here, _turn(orientation @ turned.T)])
+            turn = Rotation.from_matrix(orientation @ turned.T).as_rotvec()
+            error = np.concatenate([place - here, turn])
             missed = float(np.abs(error).max())
             left, size, right = np.linalg.svd(jacobian, full_matrices=False)
             least = float(size[-1])
@@ -215,7 +218,7 @@ class InverseKinematics:
             damping = max(0.0, DAMPING - least)
             step = right.T @ (size / (size**2 + damping**2) * (left.T @ error))
             longest = float(np.abs(step).max())
-            posture += step * min(1.0, LONGEST_STEP / longest) if longest > 0 else step
+            posture += step * min(1.0, MAX_STEP / longest) if longest > 0 else step
         return posture, missed, least
 
     def _check_limits(self, wanted: Float, found: Float) -> None:
@@ -287,24 +290,3 @@ def _rotation(orientation: Float) -> Float:
     ):
         raise MotionError(f"the orientation is {matrix.tolist()}", "a rotation matrix (3, 3)")
     return matrix
-
-
-def _turn(rotation: Float) -> Float:
-    """Rotation vector of a rotation, shape (3,). [rad]"""
-    axis = 0.5 * np.array(
-        [
-            rotation[2, 1] - rotation[1, 2],
-            rotation[0, 2] - rotation[2, 0],
-            rotation[1, 0] - rotation[0, 1],
-        ]
-    )
-    sine = float(np.linalg.norm(axis))
-    angle = np.arctan2(sine, 0.5 * (np.trace(rotation) - 1.0))
-    if sine > 1e-6:
-        return axis * (angle / sine)
-    if angle < 1.0:
-        return axis
-    # Half a turn: its axis is the largest column of R + 1.
-    column = rotation + np.eye(3)
-    best = column[:, int(np.argmax(np.diagonal(column)))]
-    return best * (np.pi / float(np.linalg.norm(best)))

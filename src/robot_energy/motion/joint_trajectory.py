@@ -28,16 +28,16 @@ class JointTrajectory:
 
     Args:
         joint_names: In the order of the columns.
-        time: Of the points since the start, rising, shape (K,), K >= 2. [s]
-        joint_position: Of the points, shape (K, n). [rad] or [m]
+        time: Times of the points since the start, rising, shape (K,), K >= 2. [s]
+        joint_position: Positions of the points, shape (K, n). [rad] or [m]
         joint_velocity: Same shape, or None. [rad/s] or [m/s]
         joint_acceleration: Same shape, or None. [rad/s^2] or [m/s^2]
         name: For messages.
 
     Attributes:
         joint_names: As given.
-        duration: From the first to the last point. [s]
-        instants: Of the points since the first, shape (K,). [s]
+        duration: Time from the first to the last point. [s]
+        instants: Times of the points since the first, shape (K,). [s]
         notes: What was assumed, one sentence each.
 
     Raises:

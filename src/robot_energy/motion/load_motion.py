@@ -22,22 +22,22 @@ from robot_energy.physics.rigid_body import Robot
 GCODE = (".gcode", ".gco", ".g", ".nc", ".ngc", ".cnc", ".tap")
 YAML = (".yaml", ".yml")
 BAG = (".mcap", ".db3", ".zstd")
-LARGEST_FIGURE = 1e6  # of numbers in lists, whatever their unit
+MAX_VALUE = 1e6  # of numbers in lists, whatever their unit
 BENT = 0.6  # rad: a joint that would start in the middle of its range, stretched, starts bent
 TOOL_DOWN = np.diag([1.0, -1.0, -1.0])  # z of the tool points down, its x forward
 
 
 @dataclass(frozen=True)
 class ToolOptions:
-    """What a G-code program does not say.
+    """What a G-code program does not state.
 
     Attributes:
         link: The tool's frame in the URDF.
-        placement: Of the base in the frame of the program.
+        placement: Pose of the base in the frame of the program.
         start: Joint positions near the first one; None: the middle of the ranges, bent.
             Shape (n,). [rad] or [m]
-        limits: Of the tool's motion.
-        rapid_speed: Of G0 without feed. [m/s]
+        limits: Limits of the tool's motion.
+        rapid_speed: Speed of G0 without feed. [m/s]
         step: Between solutions of the inverse kinematics. [s]
     """
 
@@ -55,8 +55,8 @@ class LoadedMotion:
 
     Attributes:
         motion: To be predicted.
-        name: Of the file.
-        repeat: How often the program itself says that it runs.
+        name: Name of the file.
+        repeat: Number of runs that the program itself asks for.
         notes: What was assumed or read over, one sentence each.
         length: Way of the tool, where the program is one of a tool. [m]
         printed_length: Way during which material flows. [m]
@@ -81,15 +81,16 @@ def load_motion(
 
     Args:
         path: G-code, a YAML file of point-to-point moves, a bag with a JointTrajectory, or
-            such a trajectory as CSV; told by the end of its name.
-        robot: Whose motion.
-        tool: What G-code does not say.
-        topic: Of the trajectory in a bag; None where there is one only.
+            such a trajectory as CSV; the end of the name decides.
+        robot: The robot.
+        tool: What G-code does not state.
+        topic: Topic of the trajectory in a bag; None where there is one only.
 
     Returns:
         The motion.
 
     Raises:
+        MotionError: If there is no such program, or its kind is unknown.
         RobotEnergyError: If the program cannot be read or made by this robot.
     """
     file = Path(path)
@@ -109,7 +110,7 @@ def load_motion(
         found = read_csv_trajectory(file) if suffix == ".csv" else read_bag_trajectory(file, topic)
         return LoadedMotion(found.planned(), str(path), notes=found.notes)
     raise MotionError(
-        f"'{path}' is no program of a known kind",
+        f"the kind of the program '{path}' is unknown",
         f"G-code ({', '.join(GCODE)}), moves ({', '.join(YAML)}), a bag or .csv with a "
         "JointTrajectory",
     )
@@ -186,13 +187,13 @@ def joint_list(text: str, what: str, counts: Sequence[int]) -> Float:
         Shape (k,).
 
     Raises:
-        MotionError: If they are no finite numbers or not as many.
+        MotionError: If a number is not finite, or their count is wrong.
     """
     try:
         values = np.array([float(part) for part in text.split(",")])
     except ValueError as error:
         raise MotionError(f"{what} is '{text}'", "numbers divided by commas") from error
-    if not (np.abs(values) <= LARGEST_FIGURE).all() or (counts and len(values) not in counts):
+    if not (np.abs(values) <= MAX_VALUE).all() or (counts and len(values) not in counts):
         number = " or ".join(map(str, counts)) or "any number of"
         raise MotionError(f"{what} is '{text}'", f"{number} finite numbers divided by commas")
     return values

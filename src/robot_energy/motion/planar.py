@@ -24,12 +24,12 @@ from robot_energy.physics.rigid_body import Robot
 Complex = NDArray[np.complexfloating]
 
 PARALLEL = 1e-9  # sine of the angle between axes that count as parallel
-CLOSE = 1e-12  # m: the tool is in place
-FLAT = 1e-10  # slope of the objective along the redundant motion, per its weight [rad]
+POSITION_TOLERANCE = 1e-12  # m: the tool is in place
+SLOPE_TOLERANCE = 1e-10  # slope of the objective along the redundant motion, per its weight [rad]
 STRETCHED = 1e-4  # sine of the angle between two links that count as one line
 STRIDE = 0.05  # m of tool way from one solution to the next one looked for
-MOST_STEPS = 50
-LONGEST_STEP = 0.3  # rad
+MAX_STEPS = 50
+MAX_STEP = 0.3  # rad
 
 
 @dataclass(frozen=True)
@@ -37,12 +37,12 @@ class PlanarArm:
     """Geometry of a planar arm.
 
     Attributes:
-        origin: Of the first joint, in the base frame, shape (3,). [m]
+        origin: Place of the first joint, in the base frame, shape (3,). [m]
         across: Two unit vectors that span the plane, shape (2, 3).
-        height: Of the tool along the axes, from the first joint's origin. [m]
+        height: Height of the tool along the axes, from the first joint's origin. [m]
         normal: Unit vector along the axes, shape (3,).
         sense: +1 or -1 per joint, shape (n,).
-        link: From joint to joint, the last to the tool, at zero positions, shape (n,). [m]
+        link: Links from joint to joint, the last to the tool, at zero positions, shape (n,). [m]
     """
 
     origin: Float
@@ -54,7 +54,15 @@ class PlanarArm:
 
     @classmethod
     def of_robot(cls, robot: Robot, link: str) -> PlanarArm | None:
-        """Read the geometry from a robot; None if it is no planar arm."""
+        """Read the geometry from a robot.
+
+        Args:
+            robot: Any robot.
+            link: Link of the URDF that is the tool.
+
+        Returns:
+            The arm; None if the robot is not a planar arm.
+        """
         zero = np.zeros(robot.n_joints)
         tool, _, jacobian = robot.link_jacobian(zero, link)
         axes: Float = jacobian[3:].T
@@ -67,9 +75,7 @@ class PlanarArm:
         first = np.eye(3)[int(np.argmin(np.abs(normal)))]
         first = first - (first @ normal) * normal
         first /= np.linalg.norm(first)
-        x, y, z = normal
-        crossed = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]) @ first
-        across = np.stack([first, crossed])
+        across = np.stack([first, np.cross(normal, first)])
         origins = robot.joint_origins(zero)
         places = (np.vstack([origins, tool]) - origins[0]) @ across.T
         steps = np.diff(places[:, 0] + 1j * places[:, 1])
@@ -79,7 +85,11 @@ class PlanarArm:
         )
 
     def split(self, tool_position: Float) -> tuple[Complex, Float]:
-        """Return places in the plane and heights above the tool's own, shape (N,) each. [m]"""
+        """Return places in the plane and heights above the tool's own, shape (N,) each. [m]
+
+        Args:
+            tool_position: In the base frame, shape (N, 3). [m]
+        """
         away = tool_position - self.origin
         plane = away @ self.across.T
         return plane[:, 0] + 1j * plane[:, 1], away @ self.normal - self.height
@@ -100,7 +110,7 @@ class PlanarArm:
         """Where the tool gets to with some joints only.
 
         Args:
-            joint_position: Of the others, shape (n,). [rad]
+            joint_position: Positions of the others, shape (n,). [rad]
             free: Indices of the joints that move, rising.
 
         Returns:
@@ -112,7 +122,11 @@ class PlanarArm:
         return start, max(0.0, 2.0 * float(size.max()) - total), total
 
     def chain(self, joint_position: Float, free: Sequence[int]) -> tuple[complex, Complex]:
-        """Return the arm with every joint that is held made one with its neighbours.
+        """Return the arm with every held joint merged with its neighbours.
+
+        Args:
+            joint_position: Positions of the held joints, shape (n,). [rad]
+            free: Indices of the joints that move, rising.
 
         Returns:
             Place of the first free joint, and the links from free joint to free joint, the last
@@ -130,8 +144,8 @@ class PlanarArm:
         """Closed form for two free joints, on the side of the start.
 
         Args:
-            place: Of the tool, within reach, shape (N,). [m]
-            start: Joint positions before the first place; tells the side, shape (n,). [rad]
+            place: Places of the tool, within reach, shape (N,). [m]
+            start: Joint positions before the first place; decides the side, shape (n,). [rad]
             free: Indices of the two joints.
 
         Returns:
@@ -158,10 +172,10 @@ class PlanarArm:
         """Configurations nearest to the start, tool in place, found along the path.
 
         Args:
-            place: Of the tool, shape (N,). [m]
+            place: Places of the tool, shape (N,). [m]
             start: The reference, shape (n,). [rad]
             free: Indices of the joints that move, three or more.
-            weight: Of each joint's way from the reference, > 0, shape (n,). [-]
+            weight: Weight of each joint's way from the reference, > 0, shape (n,). [-]
 
         Returns:
             Shape (N, n); nan from the first place that was not found. [rad]
@@ -196,14 +210,15 @@ class PlanarArm:
         signs = np.outer(self.sense[index], self.sense[index])
         matrix = np.zeros((count + 2, count + 2))
         posture = posture.copy()
-        for _ in range(MOST_STEPS):
+        for _ in range(MAX_STEPS):
             vectors = self.link * np.exp(1j * np.cumsum(posture * self.sense))
             arms = np.cumsum(vectors[::-1])[::-1]  # from each joint to the tool
             slope = 1j * self.sense[index] * arms[index]
             jacobian = np.stack([slope.real, slope.imag])
             away = complex(arms[0]) - place
             pull = weight[index] * (posture - start)[index] - force @ jacobian
-            if abs(away) < CLOSE and np.abs(pull / weight[index]).max() < FLAT:
+            level = np.abs(pull / weight[index]).max() < SLOPE_TOLERANCE
+            if level and abs(away) < POSITION_TOLERANCE:
                 return posture, force
             bent = -signs * arms[index][later]  # second derivatives of the place
             matrix[:count, :count] = -(force[0] * bent.real + force[1] * bent.imag)
@@ -215,7 +230,7 @@ class PlanarArm:
             except np.linalg.LinAlgError:
                 return None
             size = float(np.abs(step[:count]).max())
-            share = min(1.0, LONGEST_STEP / size) if size > 0 else 1.0
+            share = min(1.0, MAX_STEP / size) if size > 0 else 1.0
             posture[index] += share * step[:count]
             force = force + share * step[count:]
         return None
@@ -223,6 +238,10 @@ class PlanarArm:
 
 def check_weight(weight: Float | None, n_joints: int) -> Float:
     """Return weights of the joints, 1 each by default, shape (n,).
+
+    Args:
+        weight: As given, shape (n,); None for the default. [-]
+        n_joints: Number of joints.
 
     Raises:
         MotionError: If they are not n figures > 0.

@@ -10,12 +10,12 @@ import numpy as np
 
 from robot_energy.blocks import Float
 from robot_energy.errors import MotionError
-from robot_energy.motion.ptp import Trajectory
+from robot_energy.motion.ptp import SampledPath, Trajectory
 
 BLOCK = 4096  # samples
-LONGEST = 1e7  # s, some four months
-MOST_SAMPLES = 1_000_000_000
-CLOSED = 1e-6  # rad or m, by which start and end of a repeated motion may differ
+MAX_DURATION = 1e7  # s, some four months
+MAX_SAMPLES = 1_000_000_000
+CLOSED_TOLERANCE = 1e-6  # rad or m, by which start and end of a repeated motion may differ
 
 
 class PlannedMotion(Protocol):
@@ -45,21 +45,13 @@ class PlannedMotion(Protocol):
         ...
 
 
-class PlannedSamples(Protocol):
-    """A motion that can be evaluated at any time."""
-
-    def sample(self, time: Float) -> Trajectory:
-        """Return the motion at times since its start, shape (N,). [s]"""
-        ...
-
-
 class SampledMotion:
     """A motion in closed form, sampled at equal steps.
 
     Args:
         motion: To be sampled.
         joint_names: In the order of its arrays.
-        duration: From start to end, > 0. [s]
+        duration: Time from start to end, > 0. [s]
         step: Between samples, at most; the end is always one. [s]
         instants: Times that are samples as well, where the motion has kinks. [s]
 
@@ -73,16 +65,16 @@ class SampledMotion:
 
     def __init__(
         self,
-        motion: PlannedSamples,
+        motion: SampledPath,
         joint_names: Sequence[str],
         duration: float,
         step: float = 5e-3,
         instants: Sequence[float] = (),
     ) -> None:
-        if not 0 < duration <= LONGEST:
-            raise MotionError(f"the motion lasts {duration:.4g} s", f"above 0 to {LONGEST:g} s")
-        if not 0 < step < math.inf or duration / step > MOST_SAMPLES:
-            raise MotionError(f"the step is {step} s", f"a time > 0 s, {MOST_SAMPLES} at most")
+        if not 0 < duration <= MAX_DURATION:
+            raise MotionError(f"the motion lasts {duration:.4g} s", f"> 0 to {MAX_DURATION:g} s")
+        if not 0 < step < math.inf or duration / step > MAX_SAMPLES:
+            raise MotionError(f"the step is {step} s", f"a time > 0 s, {MAX_SAMPLES} at most")
         self._motion = motion
         self.joint_names = tuple(joint_names)
         self.duration = duration
@@ -132,12 +124,7 @@ def repeated(motion: PlannedMotion, times: int) -> Iterator[tuple[Float, Traject
             rows = slice(1 if again else 0, None)
             last = path.joint_position[-1]
             if len(time[rows]):
-                part = Trajectory(
-                    path.joint_position[rows],
-                    path.joint_velocity[rows],
-                    path.joint_acceleration[rows],
-                )
-                held.append((time[rows] + turn * motion.duration, part))
+                held.append((time[rows] + turn * motion.duration, path.rows(rows)))
                 count += len(time[rows])
             if count >= BLOCK:
                 yield _joined(held)
@@ -147,19 +134,13 @@ def repeated(motion: PlannedMotion, times: int) -> Iterator[tuple[Float, Traject
 
 
 def _joined(parts: Sequence[tuple[Float, Trajectory]]) -> tuple[Float, Trajectory]:
-    if len(parts) == 1:
-        return parts[0]
-    paths = [path for _, path in parts]
-    return np.concatenate([time for time, _ in parts]), Trajectory(
-        np.concatenate([path.joint_position for path in paths]),
-        np.concatenate([path.joint_velocity for path in paths]),
-        np.concatenate([path.joint_acceleration for path in paths]),
-    )
+    times, paths = zip(*parts, strict=True)
+    return np.concatenate(times), Trajectory.concatenate(paths)
 
 
 def _check_closed(first: Float, last: Float, names: Sequence[str]) -> None:
     apart = np.abs(first - last)
-    if apart.max() > CLOSED:
+    if apart.max() > CLOSED_TOLERANCE:
         joint = int(np.argmax(apart))
         raise MotionError(
             f"the motion is to be repeated, but joint '{names[joint]}' ends {apart[joint]:.4g} "

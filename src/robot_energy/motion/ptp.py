@@ -10,6 +10,7 @@ the motion lasts ``jerk_time`` longer. With ``jerk_time = 0`` it is the plain tr
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -21,7 +22,7 @@ from robot_energy.physics.rigid_body import Robot
 
 DEFAULT_JERK_TIME = 0.05  # s
 LIMIT_TOLERANCE = 1e-9  # rad
-LEAST_WAY = 1e-12  # rad; less is rounding and takes no time
+MIN_DISTANCE = 1e-12  # rad; less is rounding and takes no time
 
 
 @dataclass(frozen=True)
@@ -77,6 +78,9 @@ class MotionLimits:
             robot: Any robot with velocity limits.
             acceleration: Joint side, shape (n,). [rad/s^2] or [m/s^2]
             jerk_time: Time over which acceleration builds up. [s]
+
+        Returns:
+            The limits.
 
         Raises:
             MotionError: If the URDF gives no finite velocity limit.
@@ -152,17 +156,50 @@ class Trajectory:
     joint_velocity: Float
     joint_acceleration: Float
 
+    def rows(self, chosen: slice) -> Trajectory:
+        """Return some of the instants.
 
-class JointMotion(Protocol):
+        Args:
+            chosen: Which.
+        """
+        return Trajectory(
+            self.joint_position[chosen],
+            self.joint_velocity[chosen],
+            self.joint_acceleration[chosen],
+        )
+
+    @classmethod
+    def concatenate(cls, parts: Sequence[Trajectory]) -> Trajectory:
+        """Return parts one after the other.
+
+        Args:
+            parts: At least one.
+        """
+        return cls(
+            np.concatenate([part.joint_position for part in parts]),
+            np.concatenate([part.joint_velocity for part in parts]),
+            np.concatenate([part.joint_acceleration for part in parts]),
+        )
+
+
+class SampledPath(Protocol):
+    """A motion that can be evaluated at any time."""
+
+    def sample(self, time: Float) -> Trajectory:
+        """Return the motion.
+
+        Args:
+            time: Since its start, shape (N,). [s]
+        """
+        ...
+
+
+class JointMotion(SampledPath, Protocol):
     """What a robot can be made to do: a loop that can be sampled at any time."""
 
     @property
     def n_joints(self) -> int:
         """Number of joints."""
-        ...
-
-    def sample(self, time: Float) -> Trajectory:
-        """Return the motion at times since its start, shape (N,). [s]"""
         ...
 
 
@@ -174,12 +211,12 @@ class Profile:
         limits: Velocity, acceleration and jerk time.
 
     Attributes:
-        duration: Of each move; 0 where nothing moves, shape (K,). [s]
+        duration: Duration of each move; 0 where nothing moves, shape (K,). [s]
     """
 
     def __init__(self, distance: Float, limits: MotionLimits) -> None:
         way = np.abs(distance)
-        moves = way.max(axis=1) > LEAST_WAY
+        moves = way.max(axis=1) > MIN_DISTANCE
         with np.errstate(divide="ignore", over="ignore"):
             speed = (limits.velocity / way).min(axis=1)
             rise = (limits.acceleration / way).min(axis=1)
@@ -197,7 +234,7 @@ class Profile:
         """Evaluate the profile.
 
         Args:
-            move: Which of the K moves, shape (N,).
+            move: Index of the move, shape (N,).
             time: Since the start of that move; before it rests at 0 and after it at 1,
                 shape (N,). [s]
 

@@ -18,7 +18,7 @@ from robot_energy.motion.ptp import DEFAULT_JERK_TIME, MotionLimits
 from robot_energy.motion.ptp_loop import Program
 from robot_energy.physics.urdf.checks import JointLimits
 
-MOST_VIAS = 10_000
+MAX_VIAS = 10_000
 RAMP = 0.5  # s to full speed, where nobody gave an acceleration
 DEGREE = np.pi / 180.0  # rad
 Positive = Annotated[Number, Field(gt=0)]
@@ -35,7 +35,7 @@ class ProgramFile(ModelEntry):
     Attributes:
         schema_version: 1.
         motion: Always ``point_to_point``.
-        angle_unit: Of revolute joints; prismatic ones are in m.
+        angle_unit: Unit of revolute joints; prismatic ones are in m.
         via: Configurations, each a mapping of all joints by name.
         dwell: Rest at every configuration, one value or one for each. [s]
         override: Share of full speed, in (0, 1]. [-]
@@ -48,7 +48,7 @@ class ProgramFile(ModelEntry):
     schema_version: Literal[1]
     motion: Literal["point_to_point"]
     angle_unit: Literal["rad", "deg"]
-    via: Annotated[list[dict[Name, Number]], Field(min_length=1, max_length=MOST_VIAS)]
+    via: Annotated[list[dict[Name, Number]], Field(min_length=1, max_length=MAX_VIAS)]
     dwell: Time | list[Time] = 0.2
     override: Annotated[Number, Field(gt=0, le=1)] = 1.0
     acceleration: Positive | dict[Name, Positive] | None = None
@@ -108,8 +108,8 @@ def program_for(file: ProgramFile, limits: JointLimits, name: str = "the program
 
     Args:
         file: The program.
-        limits: Of the robot, from its URDF.
-        name: Of the program, for messages.
+        limits: Limits of the robot, from its URDF.
+        name: Name of the program, for messages.
 
     Returns:
         The loop and what was assumed.
@@ -154,5 +154,7 @@ def _same_joints(found: set[str], expected: Sequence[str], name: str) -> None:
             f"{name} moves {', '.join(sorted(found))}",
             f"the joints of the model, {', '.join(expected)}",
             "write the program for this robot: "
-            + (f"it lacks {missing[0]}" if missing else f"{foreign[0]} is no joint of the model"),
+            + (
+                f"it lacks {missing[0]}" if missing else f"{foreign[0]} is not a joint of the model"
+            ),
         )

@@ -19,7 +19,7 @@ class Program:
     """A loop of synchronised point-to-point motions.
 
     It rests at the first via for its dwell time, moves to the second, and so on; after
-    the last via it moves back to the first and begins anew.
+    the last via it moves back to the first and starts again.
 
     Args:
         via: Configurations, joint side, shape (K, n), K >= 1. [rad] or [m]
@@ -28,7 +28,7 @@ class Program:
         override: Share of full speed, in (0, 1]. [-]
 
     Attributes:
-        via: Shape (K, n). [rad] or [m]
+        via: As given, shape (K, n). [rad] or [m]
         period: Length of one loop. [s]
 
     Raises:

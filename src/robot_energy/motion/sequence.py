@@ -10,7 +10,7 @@ from robot_energy.blocks import Float
 from robot_energy.errors import MotionError
 from robot_energy.motion.ptp import JointMotion, Trajectory
 
-CLOSE = 1e-6  # rad or m between the end of a part and the start of the next
+JOIN_TOLERANCE = 1e-6  # rad or m between the end of a part and the start of the next
 
 
 class Sequence:
@@ -42,7 +42,7 @@ class Sequence:
             there = self._motions[index].sample(np.zeros(1))
             apart = np.abs(there.joint_position - here.joint_position).max()
             speed = max(np.abs(here.joint_velocity).max(), np.abs(there.joint_velocity).max())
-            if apart > CLOSE or speed > CLOSE:
+            if apart > JOIN_TOLERANCE or speed > JOIN_TOLERANCE:
                 raise MotionError(
                     f"part {index + 1} begins {apart:.3g} rad from the end of part {index}, at "
                     f"{speed:.3g} rad/s",

@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +27,7 @@ TANGENT = 1e-6  # rad: a smaller corner is rounding
 NEARLY_TANGENT = 0.02  # rad: up to here an unrounded corner is passed, slowly enough
 VELOCITY_STEP = 1e-3  # m/s: change of velocity at such a corner
 REVERSAL = 3.0  # rad: sharper corners are stops
-LARGEST_PIECE = 0.5  # rad of a circle, so that integrals over a piece are exact
+MAX_PIECE = 0.5  # rad of a circle, so that integrals over a piece are exact
 NORMAL_SHARE = 0.8  # of the acceleration on arcs; 0.6 is left along them, together 1
 ALONG_SHARE = 0.6
 
@@ -36,7 +37,7 @@ class PathPieces:
     """Pieces of a path in order, shape (K,) or (K, 3).
 
     Attributes:
-        length: Of each, 0 for a dwell. [m]
+        length: Length of each, 0 for a dwell. [m]
         origin: c. [m]
         radius: r. [m]
         rate: k. [rad/m]
@@ -77,23 +78,24 @@ Vector = tuple[float, float, float]
 ZERO: Vector = (0.0, 0.0, 0.0)
 
 
-@dataclass(slots=True)
-class _Piece:
-    length: float
-    origin: Vector
-    radius: float
-    rate: float
-    first: Vector
-    second: Vector
-    drift: Vector
-    commanded: float
-    speed: float
-    acceleration: float
-    dwell: float
-    source_line: int
-    corner: bool
-    feeding: bool
-    entry: float  # greatest speed at its beginning
+class _Piece(NamedTuple):
+    """One of the pieces; the same names as in `PathPieces`."""
+
+    length: float = 0.0
+    origin: Vector = ZERO
+    radius: float = 0.0
+    rate: float = 0.0
+    first: Vector = ZERO
+    second: Vector = ZERO
+    drift: Vector = ZERO
+    commanded: float = 0.0
+    speed: float = 0.0
+    acceleration: float = 0.0
+    entry: float = 0.0
+    dwell: float = 0.0
+    source_line: int = 0
+    corner: bool = False
+    feeding: bool = False
 
 
 def pieces_of(path: ToolPath, acceleration: float, tolerance: float) -> PathPieces:
@@ -167,18 +169,23 @@ class _Maker:
         length = line.length - self._cut - taken
         direction = _direction(line, False)
         if length > TANGENT * line.length:
-            start = _along(line.start, direction, self._cut)
             self._add(
-                length, start, 0.0, 0.0, ZERO, ZERO, direction, line.speed, line.speed,
-                self._acceleration, line.source_line, feeding=line.extruding,
-            )  # fmt: skip
+                length=length,
+                origin=_along(line.start, direction, self._cut),
+                drift=direction,
+                commanded=line.speed,
+                speed=line.speed,
+                acceleration=self._acceleration,
+                source_line=line.source_line,
+                feeding=line.extruding,
+            )
 
     def _arc(self, arc: Arc) -> None:
-        parts = max(1, math.ceil(abs(arc.angle) / LARGEST_PIECE))
+        parts = max(1, math.ceil(abs(arc.angle) / MAX_PIECE))
         length, radius = arc.length, arc.radius
         sign = math.copysign(1.0, arc.angle)
         rate = abs(arc.angle) / length
-        drift = (0.0, 0.0, (arc.end[2] - arc.start[2]) / length)
+        rise = (arc.end[2] - arc.start[2]) / length
         limit = math.sqrt(NORMAL_SHARE * self._acceleration / (radius * rate * rate))
         begin = math.atan2(arc.start[1] - arc.centre[1], arc.start[0] - arc.centre[0])
         for part in range(parts):
@@ -186,11 +193,19 @@ class _Maker:
             cosine, sine = math.cos(angle), math.sin(angle)
             height = arc.start[2] + (arc.end[2] - arc.start[2]) * part / parts
             self._add(
-                length / parts, (*arc.centre, height), radius, rate, (cosine, sine, 0.0),
-                (-sign * sine, sign * cosine, 0.0), drift, arc.speed,
-                min(arc.speed, limit), ALONG_SHARE * self._acceleration, arc.source_line,
+                length=length / parts,
+                origin=(*arc.centre, height),
+                radius=radius,
+                rate=rate,
+                first=(cosine, sine, 0.0),
+                second=(-sign * sine, sign * cosine, 0.0),
+                drift=(0.0, 0.0, rise),
+                commanded=arc.speed,
+                speed=min(arc.speed, limit),
+                acceleration=ALONG_SHARE * self._acceleration,
+                source_line=arc.source_line,
                 feeding=arc.extruding,
-            )  # fmt: skip
+            )
             self._entry = arc.speed
 
     def _round(self, before: LineSegment, after: LineSegment, taken: float, radius: float) -> None:
@@ -198,80 +213,50 @@ class _Maker:
         turn = _angle(one, two)
         begin = _along(before.end, one, -taken)
         cosine, sine = math.cos(turn), math.sin(turn)
-        inward = tuple((b - a * cosine) / sine for a, b in zip(one, two, strict=True))
-        inward = (inward[0], inward[1], inward[2])
+        inward = _mixed(_mixed(two, 1.0, one, -cosine), 1.0 / sine, ZERO, 0.0)
         centre = _along(begin, inward, radius)
         commanded = min(before.speed, after.speed)
         speed = min(commanded, math.sqrt(self._acceleration * radius))
-        parts = max(1, math.ceil(turn / LARGEST_PIECE))
+        parts = max(1, math.ceil(turn / MAX_PIECE))
         for part in range(parts):
             angle = turn * part / parts
-            c, s = math.cos(angle), math.sin(angle)
-            outward = [-i * c + o * s for i, o in zip(inward, one, strict=True)]
-            forward = [i * s + o * c for i, o in zip(inward, one, strict=True)]
+            cosine, sine = math.cos(angle), math.sin(angle)
+            outward = _mixed(inward, -cosine, one, sine)
+            forward = _mixed(inward, sine, one, cosine)
             self._add(
-                radius * turn / parts, centre, radius, 1.0 / radius,
-                (outward[0], outward[1], outward[2]), (forward[0], forward[1], forward[2]),
-                ZERO, commanded, speed, 0.0, before.source_line, corner=True,
+                length=radius * turn / parts,
+                origin=centre,
+                radius=radius,
+                rate=1.0 / radius,
+                first=outward,
+                second=forward,
+                commanded=commanded,
+                speed=speed,
+                source_line=before.source_line,
+                corner=True,
                 feeding=before.extruding and after.extruding,
-            )  # fmt: skip
+            )
             self._entry = speed
 
     def _rest(self, dwell: Dwell) -> None:
         self._entry = 0.0
-        self._add(
-            0.0, ZERO, 0.0, 0.0, ZERO, ZERO, ZERO, 0.0, 0.0, 0.0, dwell.source_line,
-            rest=dwell.time,
-        )  # fmt: skip
-        self._entry = 0.0
+        self._add(dwell=dwell.time, source_line=dwell.source_line)
 
-    def _add(
-        self, length: float, origin: Vector, radius: float, rate: float, first: Vector,
-        second: Vector, drift: Vector, commanded: float, speed: float, acceleration: float,
-        line: int,
-        corner: bool = False, feeding: bool = False, rest: float = 0.0,
-    ) -> None:  # fmt: skip
-        self.pieces.append(
-            _Piece(
-                length, origin, radius, rate, first, second, drift, commanded, speed,
-                acceleration, rest, line, corner, feeding, self._entry,
-            )
-        )  # fmt: skip
+    def _add(self, **figures: Any) -> None:
+        self.pieces.append(_Piece(entry=self._entry, **figures))
 
 
 def _stack(pieces: Sequence[_Piece]) -> PathPieces:
-    def column(name: str) -> Float:
-        return np.array([getattr(piece, name) for piece in pieces], dtype=np.float64)
-
-    return PathPieces(
-        length=column("length"),
-        origin=column("origin"),
-        radius=column("radius"),
-        rate=column("rate"),
-        first=column("first"),
-        second=column("second"),
-        drift=column("drift"),
-        commanded=column("commanded"),
-        speed=column("speed"),
-        acceleration=column("acceleration"),
-        entry=np.append(column("entry"), 0.0),
-        dwell=column("dwell"),
-        source_line=np.array([piece.source_line for piece in pieces], dtype=np.int64),
-        corner=np.array([piece.corner for piece in pieces], dtype=np.bool_),
-        feeding=np.array([piece.feeding for piece in pieces], dtype=np.bool_),
-    )
+    columns = dict(zip(_Piece._fields, map(np.array, zip(*pieces, strict=True)), strict=True))
+    columns["entry"] = np.append(columns["entry"], 0.0)
+    return PathPieces(**columns)
 
 
 def _direction(segment: LineSegment | Arc, at_end: bool) -> Vector:
     """Unit tangent at the beginning or the end."""
     if isinstance(segment, LineSegment):
-        length = segment.length
-        one, two = segment.start, segment.end
-        return (
-            (two[0] - one[0]) / length,
-            (two[1] - one[1]) / length,
-            (two[2] - one[2]) / length,
-        )
+        way = _mixed(segment.end, 1.0, segment.start, -1.0)
+        return _mixed(way, 1.0 / segment.length, ZERO, 0.0)
     point = segment.end if at_end else segment.start
     angle = math.atan2(point[1] - segment.centre[1], point[0] - segment.centre[0])
     rise = (segment.end[2] - segment.start[2]) / segment.length
@@ -287,8 +272,13 @@ def _angle(one: Vector, two: Vector) -> float:
 
 
 def _along(point: Vector, direction: Vector, way: float) -> Vector:
+    return _mixed(point, 1.0, direction, way)
+
+
+def _mixed(one: Vector, share: float, two: Vector, other: float) -> Vector:
+    """Weighted sum of two vectors."""
     return (
-        point[0] + way * direction[0],
-        point[1] + way * direction[1],
-        point[2] + way * direction[2],
+        share * one[0] + other * two[0],
+        share * one[1] + other * two[1],
+        share * one[2] + other * two[2],
     )

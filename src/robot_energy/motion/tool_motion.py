@@ -28,10 +28,10 @@ DEGREE = 5
 STEP = 0.01  # s; see decision 0038 for what a shorter one changes
 MARGIN = 40  # knots: 0.43^40 = 2e-15
 BLOCK = 4096  # knots
-MOST_KNOTS = 20_000_000
+MAX_KNOTS = 20_000_000
 TOLERANCE = 1e-6  # rad or m, by which a limit of position may be exceeded: rounding
-FARTHEST = 1000.0  # m, of the base from the origin of the program
-LARGEST_JUMP = 0.5  # rad or m between two knots
+MAX_OFFSET = 1000.0  # m, of the base from the origin of the program
+MAX_JUMP = 0.5  # rad or m between two knots
 
 
 class ToolKinematics(Protocol):
@@ -67,9 +67,9 @@ class ToolPlacement:
     yaw: float = 0.0
 
     def __post_init__(self) -> None:
-        if not all(abs(value) <= FARTHEST for value in (self.x, self.y, self.z, self.yaw)):
+        if not all(abs(value) <= MAX_OFFSET for value in (self.x, self.y, self.z, self.yaw)):
             raise MotionError(
-                f"the base stands at {self}", f"finite numbers within {FARTHEST:g} m and rad"
+                f"the base stands at {self}", f"finite numbers within {MAX_OFFSET:g} m and rad"
             )
 
     def in_base(self, position: Float) -> Float:
@@ -92,8 +92,8 @@ class ToolMotion:
         kinematics: Inverse kinematics.
         start: Joint positions near the first one; decides which solution is taken,
             shape (n,). [rad] or [m]
-        limits: Of the joints; a motion beyond them is refused.
-        placement: Of the robot's base in the frame of the program.
+        limits: Limits of the joints; a motion beyond them is refused.
+        placement: Place of the robot's base in the frame of the program.
         step: Time between knots, > 0. [s]
         anchored: Whether every solution depends on ``start``, as where a redundant arm stays
             as near to it as it can; otherwise each is solved from the one before.
@@ -117,10 +117,10 @@ class ToolMotion:
     ) -> None:
         if not 0 < step < math.inf:
             raise MotionError(f"the step is {step} s", "a time > 0 s")
-        if not path.duration / step <= MOST_KNOTS:
+        if not path.duration / step <= MAX_KNOTS:
             raise MotionError(
                 f"{path.path.name} lasts {path.duration:.4g} s, which makes more than "
-                f"{MOST_KNOTS} steps of {step:g} s",
+                f"{MAX_KNOTS} steps of {step:g} s",
                 "fewer",
                 "check the feeds, or take longer steps",
             )
@@ -190,7 +190,7 @@ class ToolMotion:
             )
         jump = np.abs(np.diff(joints, axis=0, prepend=start[None, :] if begin else joints[:1]))
         self._refuse(
-            jump > LARGEST_JUMP, time, jump, "jumps by", f"at most {LARGEST_JUMP}",
+            jump > MAX_JUMP, time, jump, "jumps by", f"at most {MAX_JUMP}",
             "the path passes a singular configuration; move the base or start elsewhere",
         )  # fmt: skip
         low, high = self._limits.lower - TOLERANCE, self._limits.upper + TOLERANCE

@@ -1,4 +1,4 @@
-"""What a tool is told to do: lines, arcs and dwells with their feeds, in metres.
+"""The programmed motion of a tool: lines, arcs and dwells with their feeds, in metres.
 
 A tool path is geometry and commanded speed, as a program states them. `motion.tool_timing`
 makes a motion in time of it.
@@ -98,7 +98,7 @@ class ToolPath:
 
     Attributes:
         segments: In order of execution.
-        name: Of the program, for messages.
+        name: Name of the program, for messages.
 
     Raises:
         MotionError: If there is no move, or a move does not begin where the last one ended.
@@ -133,8 +133,8 @@ class ToolPath:
     def printed_length(self) -> float:
         """Length of the moves during which material flows. [m]
 
-        Where no move says so, as programs for pumped material do, that of all moves but
-        the rapid ones.
+        Where no move extrudes, as in programs for pumped material, the length of all moves
+        but the rapid ones.
         """
         moves = [s for s in self.segments if not isinstance(s, Dwell)]
         if any(move.extruding for move in moves):

@@ -21,7 +21,7 @@ from robot_energy.motion.tool_path import Dwell, ToolPath
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(6)
 ROWS = 65_536  # phases integrated at once
-LONGEST_SMOOTHING = 1.0  # s
+MAX_SMOOTHING = 1.0  # s
 MIN_ACCELERATION, MAX_ACCELERATION = 1e-6, 1e4  # m/s^2, of a tool
 MAX_TOLERANCE = 10.0  # m, of a corner
 REST = 1e-12  # s
@@ -56,8 +56,8 @@ class ToolLimits:
             raise MotionError(
                 f"the corner tolerance is {self.corner_tolerance} m", f"0 to {MAX_TOLERANCE:g} m"
             )
-        if not 0 <= self.smoothing <= LONGEST_SMOOTHING:
-            raise MotionError(f"smoothing is {self.smoothing} s", f"0 to {LONGEST_SMOOTHING:g} s")
+        if not 0 <= self.smoothing <= MAX_SMOOTHING:
+            raise MotionError(f"smoothing is {self.smoothing} s", f"0 to {MAX_SMOOTHING:g} s")
         if 0 < self.corner_tolerance <= self.averaging_deviation:
             raise MotionError(
                 f"smoothing over {self.smoothing} s at {self.acceleration} m/s^2 leaves the path "
@@ -91,12 +91,12 @@ class TimedPath:
     """A tool path in time.
 
     Args:
-        path: What the program says.
+        path: The programmed path.
         limits: What the tool may do.
 
     Attributes:
-        duration: From rest to rest, smoothing included. [s]
-        length: Of the way with rounded corners. [m]
+        duration: Time from rest to rest, smoothing included. [s]
+        length: Length of the path with rounded corners. [m]
         stops: Number of rests on the way that no dwell asks for: corners that could not
             be rounded.
         full_speed_share: Share of the way passed at the commanded speed. [-]
@@ -110,8 +110,8 @@ class TimedPath:
         self.length = float(self._pieces.length.sum())
         speed = _junction_speeds(self._pieces)
         dwelling = self._pieces.length == 0
-        beside = dwelling | np.append(dwelling[1:], False)
-        self.stops = int(((speed[1:-1] == 0) & ~beside[:-1] & ~dwelling[1:]).sum())
+        at_dwell = dwelling | np.append(dwelling[1:], False)
+        self.stops = int(((speed[1:-1] == 0) & ~at_dwell[:-1] & ~dwelling[1:]).sum())
         self._phases(speed)
         self._integrate()
 
@@ -250,7 +250,11 @@ class TimedPath:
         )
 
     def source_line(self, time: Float) -> Int:
-        """Return the line of the program that is executed at times, shape (N,). [s]"""
+        """Return the line of the program that is executed, shape (N,).
+
+        Args:
+            time: Since the start, shape (N,). [s]
+        """
         phase, _ = self._find(np.asarray(time) - 0.5 * self.limits.smoothing)
         return self._pieces.source_line[self._piece[phase]]
 

@@ -165,7 +165,9 @@ def _numbers(line: str, count: int, where: str) -> list[float]:
     try:
         values = [float(cell) for cell in line.split(",")]
     except ValueError as error:
-        raise MotionError(f"{where} holds what is no number", f"{count} numbers") from error
+        raise MotionError(
+            f"{where} holds a cell that is not a number", f"{count} numbers"
+        ) from error
     if len(values) != count:
         raise MotionError(f"{where} has {len(values)} values", f"{count}")
     return values

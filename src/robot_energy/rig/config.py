@@ -61,7 +61,7 @@ class Sensors:
             if not 0 <= getattr(self, name) < float("inf"):
                 raise RigError(f"the sensors' {name} is {getattr(self, name)}", "a value >= 0")
         if self.meter_meaning is MeterMeaning.UNKNOWN:
-            raise RigError("the meter's meaning is UNKNOWN", "a meter that says what it reports")
+            raise RigError("the meter's meaning is UNKNOWN", "a known meaning")
 
 
 @dataclass(frozen=True)

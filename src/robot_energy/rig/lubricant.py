@@ -56,7 +56,7 @@ class Lubricant:
         """Return the kinematic viscosity.
 
         Args:
-            gear_temperature_degc: Of the oil, any shape; held at -40 and 200 degC. [degC]
+            gear_temperature_degc: Oil, any shape; limited to -40 to 200 degC. [degC]
 
         Returns:
             Same shape. [mm^2/s]
@@ -72,7 +72,7 @@ class Lubricant:
         thins 12 to 15 times from 20 to 80 degC while measured friction falls 3 to 4 times.
 
         Args:
-            gear_temperature_degc: Of the oil, any shape. [degC]
+            gear_temperature_degc: Temperature of the oil, any shape. [degC]
         """
         return np.sqrt(self.viscosity(gear_temperature_degc) / self.viscosity_40)
 

@@ -36,7 +36,7 @@ class PlantFriction:
 
     Args:
         profile: The plant.
-        config: Which terms act.
+        config: Switches of the terms.
     """
 
     def __init__(self, profile: PlantProfile, config: RigConfig) -> None:
@@ -49,7 +49,7 @@ class PlantFriction:
         """Return the viscous coefficient.
 
         Args:
-            gear_temperature_degc: Of the oil, shape (n,). [degC]
+            gear_temperature_degc: Temperature of the oil, shape (n,). [degC]
 
         Returns:
             Motor side, shape (n,). [N m s/rad]
@@ -91,7 +91,7 @@ class PlantDrives:
 
     Args:
         profile: The plant.
-        config: Which losses act.
+        config: Switches of the losses.
     """
 
     def __init__(self, profile: PlantProfile, config: RigConfig) -> None:

@@ -33,8 +33,8 @@ class SupplyProfile:
         loss_dc: Constant on the DC bus, without the drives' own losses. [W]
         loss_grid: Constant on the grid side. [W]
         rectifier_efficiency: In (0, 1]. [-]
-        capacitance: Of the DC link. [F]
-        rectified_voltage: Of the DC link while the grid feeds it. [V]
+        capacitance: Capacitance of the DC link. [F]
+        rectified_voltage: Voltage of the DC link while the grid feeds it. [V]
         chopper_on_voltage: The brake chopper switches on here. [V]
         chopper_off_voltage: And off here. [V]
         brake_resistance: [ohm]
@@ -80,16 +80,16 @@ class PlantProfile:
         viscous_40: Viscous coefficient with the oil at 40 degC. [N m s/rad]
         torque_constant: At 20 degC. [N m/A rms]
         torque_constant_fall: Relative, per kelvin of magnet temperature. [1/K]
-        resistance: Of a phase at 20 degC; copper loss is 3 R I^2. [ohm]
+        resistance: Resistance of a phase at 20 degC; copper loss is 3 R I^2. [ohm]
         resistance_rise: Relative, per kelvin. [1/K]
         hysteresis_torque: Iron loss that grows with speed. [N m]
         eddy_viscous: Iron loss that grows with its square. [N m s/rad]
         inverter_linear: Inverter loss per phase current. [W/A]
         inverter_square: Per its square. [W/A^2]
         motor_capacity: Heat capacity of the motor node. [J/K]
-        gear_capacity: Of the gear and structure node. [J/K]
-        motor_conductance: From motor to gear. [W/K]
-        gear_conductance: From gear to ambient. [W/K]
+        gear_capacity: Heat capacity of the gear and structure node. [J/K]
+        motor_conductance: Heat conductance from motor to gear. [W/K]
+        gear_conductance: Heat conductance from gear to ambient. [W/K]
         friction_to_motor: Share of friction that heats the motor node. [-]
         acceleration: For motion generation, joint side. [rad/s^2]
         supply: The cabinet.
@@ -210,16 +210,19 @@ def load_profile(name: str) -> PlantProfile:
     and 60 degC, which `calibrated_viscous` meets.
 
     Args:
-        name: Of the shipped model whose bodies it has, such as ``kr16``.
+        name: Name of the shipped model whose bodies it has, such as ``kr16``.
 
     Returns:
         The plant.
 
     Raises:
-        RigError: If a figure is missing or makes no sense.
+        RigError: If there is no such plant, or a figure makes no sense.
     """
-    path = resources.files("robot_energy.rig") / "profiles" / f"{name}.yaml"
-    data: dict[str, Any] = yaml.safe_load(path.read_text("utf-8"))
+    folder = resources.files("robot_energy.rig") / "profiles"
+    files = {path.name.removesuffix(".yaml"): path for path in folder.iterdir()}
+    if name not in files:
+        raise RigError(f"there is no plant '{name}'", ", ".join(sorted(files)))
+    data: dict[str, Any] = yaml.safe_load(files[name].read_text("utf-8"))
     body, supply = data.pop("body"), SupplyProfile(**data.pop("supply"))
     oils = tuple(OILS[oil] for oil in data.pop("lubricant"))
     figures = {

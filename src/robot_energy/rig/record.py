@@ -5,6 +5,8 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import chain
+from operator import itemgetter
 from pathlib import Path
 from typing import Literal
 
@@ -22,6 +24,13 @@ JOINT_STATES = "/joint_states"
 MOTOR_TEMPERATURES = "/motor_temperatures"
 POWER_METER = "/power_meter"
 DRIVE_POWER = "/drive_power"
+TYPES = {
+    JOINT_STATES: "sensor_msgs/msg/JointState",
+    MOTOR_TEMPERATURES: "ros2_energy_msgs/msg/MotorTemperatures",
+    POWER_METER: "ros2_energy_msgs/msg/PowerReading",
+    DRIVE_POWER: "std_msgs/msg/Float64MultiArray",
+}
+Message = tuple[int, str, bytes]  # log time [ns], topic, content
 
 ORIGIN = "virtual rig: simulated, nothing in it was measured on a robot"
 STEP = 1.0  # s of samples written at once
@@ -64,25 +73,29 @@ class RigEncoder:
         n_joints = len(joint_names)
         self._names = tuple(joint_names)
         self._joints = Encoder(
-            "sensor_msgs/msg/JointState",
+            TYPES[JOINT_STATES],
             {"name": self._names},
             {"position": n_joints, "velocity": n_joints, "effort": n_joints},
         )
         self._temperatures = Encoder(
-            "ros2_energy_msgs/msg/MotorTemperatures",
+            TYPES[MOTOR_TEMPERATURES],
             {"joint_names": self._names},
             {"temperature_degc": n_joints},
         )
-        self._meter = Encoder("ros2_energy_msgs/msg/PowerReading")
+        self._meter = Encoder(TYPES[POWER_METER])
         # Without a layout, as drivers write it: one value per joint in the order of the joints.
         self._drives = Encoder(
-            "std_msgs/msg/Float64MultiArray",
+            TYPES[DRIVE_POWER],
             {"layout.data_offset": 0},
             {"layout.dim": 0, "data": n_joints},
         )
 
     def joint_states(self, block: RigJoints) -> NDArray[np.uint8]:
-        """Return sensor_msgs/JointState messages, shape (N, size)."""
+        """Return sensor_msgs/JointState messages, shape (N, size).
+
+        Args:
+            block: N samples.
+        """
         return self._joints.encode(
             {
                 **stamp_columns(block.stamp_ns),
@@ -94,13 +107,21 @@ class RigEncoder:
         )
 
     def drive_power(self, block: RigJoints) -> NDArray[np.uint8]:
-        """Return std_msgs/Float64MultiArray messages, one value per drive, shape (N, size)."""
+        """Return std_msgs/Float64MultiArray messages, one value per drive, shape (N, size).
+
+        Args:
+            block: N samples.
+        """
         nothing = np.empty((len(block), 0), dtype=np.uint32)
         columns = {"layout.dim.size": nothing, "layout.dim.stride": nothing}
         return self._drives.encode({**columns, "data": block.measured_drive_power}, len(block))
 
     def temperatures(self, block: TemperatureBlock) -> NDArray[np.uint8]:
-        """Return ros2_energy_msgs/MotorTemperatures messages, shape (N, size)."""
+        """Return ros2_energy_msgs/MotorTemperatures messages, shape (N, size).
+
+        Args:
+            block: N readings.
+        """
         return self._temperatures.encode(
             {
                 **stamp_columns(block.stamp_ns),
@@ -110,7 +131,11 @@ class RigEncoder:
         )
 
     def meter(self, block: MeterBlock) -> NDArray[np.uint8]:
-        """Return ros2_energy_msgs/PowerReading messages, shape (N, size)."""
+        """Return ros2_energy_msgs/PowerReading messages, shape (N, size).
+
+        Args:
+            block: N readings.
+        """
         return self._meter.encode(
             {
                 **stamp_columns(block.stamp_ns),
@@ -124,26 +149,15 @@ class RigEncoder:
         )
 
 
-class _Queue:
-    """Messages waiting to be written in the order of their log times."""
-
-    def __init__(self) -> None:
-        self._waiting: list[tuple[int, str, bytes]] = []
-
-    def add(self, topic: str, time_ns: Int, rows: NDArray[np.uint8]) -> None:
-        self._waiting += [
-            (time, topic, row.tobytes()) for time, row in zip(time_ns.tolist(), rows, strict=True)
-        ]
-
-    def write(self, bag: BagWriter, before_ns: int | None) -> None:
-        """Write what is logged before an instant, or everything."""
-        self._waiting.sort(key=lambda message: message[0])
-        ready = len(self._waiting)
-        if before_ns is not None:
-            ready = bisect_left(self._waiting, before_ns, key=lambda message: message[0])
-        for time, topic, data in self._waiting[:ready]:
-            bag.write(topic, [time], [data])
-        del self._waiting[:ready]
+def _write(bag: BagWriter, waiting: list[Message], before_ns: int | None) -> list[Message]:
+    """Write what is logged before an instant, or everything, and return the rest."""
+    waiting.sort(key=itemgetter(0))
+    ready = len(waiting)
+    if before_ns is not None:
+        ready = bisect_left(waiting, before_ns, key=itemgetter(0))
+    for time, topic, data in waiting[:ready]:
+        bag.write(topic, [time], [data])
+    return waiting[ready:]
 
 
 def outputs(rig: VirtualRig, duration: float, step: float = STEP) -> Iterator[RigOutput]:
@@ -190,7 +204,7 @@ def record(
         rig: The rig, at any point of its program.
         duration: [s]
         path: Folder of the bag, made here.
-        compression: Of the chunks.
+        compression: Compression of the chunks.
         overwrite: Replace a bag that is there.
         drive_power: Record the electrical input of each drive as well, on ``/drive_power``
             (std_msgs/Float64MultiArray), at every sample of the joint states.
@@ -207,29 +221,24 @@ def record(
     if first is None:
         raise RigError(f"a run of {duration} s holds no sample", "a longer duration")
     encoder = RigEncoder(rig.joint_names)
-    counts: dict[str, int] = {JOINT_STATES: 0, MOTOR_TEMPERATURES: 0, POWER_METER: 0}
-    if drive_power:
-        counts[DRIVE_POWER] = 0
-    energy, peak = 0.0, 0.0
-    begin = end = first.truth
-    queue = _Queue()
+    types = {topic: kind for topic, kind in TYPES.items() if drive_power or topic != DRIVE_POWER}
+    counts = dict.fromkeys(types, 0)
+    energy, peak, end = 0.0, 0.0, first.truth
+    waiting: list[Message] = []
     with BagWriter(path, compression, overwrite, origin=ORIGIN) as bag:
-        bag.add_topic(JOINT_STATES, "sensor_msgs/msg/JointState", SENSOR_QOS)
-        bag.add_topic(MOTOR_TEMPERATURES, "ros2_energy_msgs/msg/MotorTemperatures")
-        bag.add_topic(POWER_METER, "ros2_energy_msgs/msg/PowerReading")
-        if drive_power:
-            bag.add_topic(DRIVE_POWER, "std_msgs/msg/Float64MultiArray")
-        output: RigOutput | None = first
-        while output is not None:
+        for topic, kind in types.items():
+            bag.add_topic(topic, kind, *([SENSOR_QOS] if topic == JOINT_STATES else []))
+        for output in chain([first], pieces):
             for topic, time_ns, rows in _messages(encoder, output, drive_power):
-                queue.add(topic, time_ns, rows)
+                times = time_ns.tolist()
+                waiting += [(t, topic, row.tobytes()) for t, row in zip(times, rows, strict=True)]
                 counts[topic] += len(rows)
             end = output.truth
             energy += float(end.grid_power.sum()) * rig.period
             peak = max(peak, float(end.grid_power.max()))
-            queue.write(bag, int(output.truth.stamp_ns[-1]))
-            output = next(pieces, None)
-        queue.write(bag, None)
+            waiting = _write(bag, waiting, int(end.stamp_ns[-1]))
+        _write(bag, waiting, None)
+    begin = first.truth
     return RigRecording(
         Path(path),
         counts,

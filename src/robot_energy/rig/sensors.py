@@ -38,7 +38,12 @@ class Stream(IntEnum):
 
 
 def stream(seed: int, purpose: Stream) -> np.random.Generator:
-    """Return the random stream of one purpose."""
+    """Return the random stream of one purpose.
+
+    Args:
+        seed: Seed of the rig.
+        purpose: What the numbers are for.
+    """
     return np.random.Generator(
         np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(int(purpose),)))
     )
@@ -50,7 +55,7 @@ class JointSensors:
     Args:
         config: Switches and figures.
         drivetrain: Encoders sit on the motors.
-        seed: Of the rig.
+        seed: Seed of the rig.
         period_ns: Between samples. [ns]
     """
 
@@ -68,7 +73,11 @@ class JointSensors:
         self._period_ns = period_ns
 
     def stamp(self, stamp_ns: Int) -> Int:
-        """Return the stamps that the driver writes, strictly increasing, shape (N,). [ns]"""
+        """Return the stamps that the driver writes, strictly increasing, shape (N,). [ns]
+
+        Args:
+            stamp_ns: True instants, shape (N,). [ns]
+        """
         sigma = self._config.sensors.stamp_jitter / NANOSECOND
         if not self._config.stamp_jitter or sigma == 0:
             return stamp_ns
@@ -77,7 +86,11 @@ class JointSensors:
         return stamp_ns + np.rint(error).astype(np.int64)
 
     def position(self, joint_position: Float) -> Float:
-        """Return positions in steps of the encoders, joint side, shape (N, n). [rad]"""
+        """Return positions in steps of the encoders, joint side, shape (N, n). [rad]
+
+        Args:
+            joint_position: True positions, shape (N, n). [rad]
+        """
         if not self._config.encoder:
             return joint_position
         step = TURN / self._config.sensors.encoder_counts
@@ -85,7 +98,11 @@ class JointSensors:
         return self._drivetrain.joint_velocity_from_motor(np.rint(motor / step) * step)
 
     def velocity(self, joint_velocity: Float) -> Float:
-        """Return noisy velocities, joint side, shape (N, n). [rad/s]"""
+        """Return noisy velocities, joint side, shape (N, n). [rad/s]
+
+        Args:
+            joint_velocity: True velocities, shape (N, n). [rad/s]
+        """
         if not self._config.velocity_noise:
             return joint_velocity
         noise = self._velocity.standard_normal(joint_velocity.shape)
@@ -93,14 +110,22 @@ class JointSensors:
         return joint_velocity + self._drivetrain.joint_velocity_from_motor(noise)
 
     def torque(self, measured_motor_torque: Float) -> Float:
-        """Return noisy torques, motor side, shape (N, n). [N m]"""
+        """Return noisy torques, motor side, shape (N, n). [N m]
+
+        Args:
+            measured_motor_torque: Before noise, shape (N, n). [N m]
+        """
         if not self._config.torque_noise:
             return measured_motor_torque
         noise = self._torque.standard_normal(measured_motor_torque.shape)
         return measured_motor_torque + noise * self._config.sensors.torque_noise
 
     def drive_power(self, drive_power: Float) -> Float:
-        """Return what the drives say of their electrical input, shape (N, n). [W]"""
+        """Return the electrical input that the drives report, shape (N, n). [W]
+
+        Args:
+            drive_power: True input, shape (N, n). [W]
+        """
         if not self._config.drive_power_error:
             return drive_power
         noise = self._drive.standard_normal(drive_power.shape)
@@ -112,8 +137,8 @@ class TemperatureSensor:
 
     Args:
         config: Switches and figures.
-        seed: Of the rig.
-        start_stamp_ns: Of the first reading. [ns]
+        seed: Seed of the rig.
+        start_stamp_ns: Stamp of the first reading. [ns]
     """
 
     def __init__(self, config: RigConfig, seed: int, start_stamp_ns: int) -> None:
@@ -157,7 +182,7 @@ class GridMeter:
 
     Args:
         config: Switches and figures.
-        seed: Of the rig.
+        seed: Seed of the rig.
         start_stamp_ns: The first interval begins here. [ns]
         period_ns: Between samples of the true power. [ns]
     """

@@ -26,7 +26,7 @@ class SupplyFlows:
         brake_power: >= 0. [W]
         capacitor_power: Into the link, signed. [W]
         rectifier_loss: >= 0. [W]
-        grid_power: From the grid. [W]
+        grid_power: Power from the grid. [W]
         bus_voltage: At the end of the interval. [V]
     """
 
@@ -42,7 +42,7 @@ class Supply:
 
     Args:
         profile: The plant.
-        config: Which effects act.
+        config: Switches of the effects.
         interval: Time that each sample stands for. [s]
     """
 

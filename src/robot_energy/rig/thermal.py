@@ -17,7 +17,11 @@ MAX_SHARE = 0.1  # of the fastest time constant in one step
 
 
 def longest_step(profile: PlantProfile) -> float:
-    """Return the longest step over which heat and friction may be held. [s]"""
+    """Return the longest step over which heat and friction may be held. [s]
+
+    Args:
+        profile: The plant.
+    """
     rate = np.linalg.eigvals(_matrix(profile))
     return MAX_SHARE / float(np.abs(rate).max())
 

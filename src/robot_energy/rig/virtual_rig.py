@@ -10,10 +10,13 @@ bit of the output. Temperatures are held over a block and then advanced by its m
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 import numpy as np
 
 from robot_energy.blocks import (
     NANOSECOND,
+    Block,
     Float,
     Int,
     MeterBlock,
@@ -33,6 +36,7 @@ from robot_energy.rig.thermal import ThermalNetwork, longest_step
 BLOCK = 1.0  # s of samples computed at once, at most
 EPOCH_NS = 1_000_000_000 * 1_000_000_000  # an arbitrary instant in 2001
 PLAUSIBLE_DEGC = (-20.0, 150.0)
+Waiting = TypeVar("Waiting", bound=Block)
 
 
 class VirtualRig:
@@ -43,10 +47,10 @@ class VirtualRig:
         program: What the robot does, from its start onward.
         config: Effects and sensors; everything on by default.
         seed: The same seed gives the same bytes.
-        start_temperature_degc: Of motors and gears at the start, one value or (n,). [degC]
+        start_temperature_degc: Motors and gears, one value or (n,). [degC]
         ambient_degc: [degC]
         start_stamp_ns: Stamp of the first sample. [ns]
-        rate_hz: Of the joint states. [Hz]
+        rate_hz: Rate of the joint states. [Hz]
 
     Attributes:
         joint_names: Names, in the order of every array.
@@ -90,9 +94,7 @@ class VirtualRig:
         self._meter = GridMeter(config, seed, self._start_ns, self._period_ns)
         self._computed = 0
         self._ready: tuple[RigJoints, Truth] | None = None
-        self._temperatures = TemperatureBlock(
-            np.empty(0, dtype=np.int64), np.empty((0, profile.n_joints))
-        )
+        self._temperatures: TemperatureBlock | None = None
         self._readings: MeterBlock | None = None
 
     @property
@@ -148,26 +150,18 @@ class VirtualRig:
             self._ready = (ready[0][rest], ready[1][rest]) if used < len(ready[0]) else None
             left -= used
         self.samples += n_samples
+        temperatures, self._temperatures = self._due(self._temperatures)
+        readings, self._readings = self._due(self._readings)
         return RigOutput(
-            RigJoints.concatenate(joints),
-            self._due_temperatures(),
-            self._due_readings(),
-            Truth.concatenate(truth),
+            RigJoints.concatenate(joints), temperatures, readings, Truth.concatenate(truth)
         )
 
-    def _due_temperatures(self) -> TemperatureBlock | None:
-        waiting = self._temperatures
-        due = int(np.searchsorted(waiting.stamp_ns, self.stamp_ns - self._period_ns, "right"))
-        self._temperatures = waiting[slice(due, None)]
-        return waiting[slice(0, due)] if due else None
-
-    def _due_readings(self) -> MeterBlock | None:
-        waiting = self._readings
+    def _due(self, waiting: Waiting | None) -> tuple[Waiting | None, Waiting | None]:
+        """Split readings into those up to the last sample and those that come later."""
         if waiting is None:
-            return None
+            return None, None
         due = int(np.searchsorted(waiting.stamp_ns, self.stamp_ns - self._period_ns, "right"))
-        self._readings = waiting[slice(due, None)]
-        return waiting[slice(0, due)] if due else None
+        return waiting[slice(0, due)] if due else None, waiting[slice(due, None)]
 
     def _compute(self) -> tuple[RigJoints, Truth]:
         """Advance by one block."""
@@ -178,19 +172,14 @@ class VirtualRig:
         motor_before = self._thermal.motor_temperature_degc
         if self._warming:
             self._heat(truth)
-        readings = self._meter.read(first, truth.grid_power)
-        self._readings = (
-            readings
-            if self._readings is None
-            else MeterBlock.concatenate([self._readings, readings])
-        )
+        self._readings = _joined(self._readings, self._meter.read(first, truth.grid_power))
         temperatures = self._thermometer.read(
             first * self._period_ns,
             (first + rows) * self._period_ns,
             motor_before,
             self._thermal.motor_temperature_degc,
         )
-        self._temperatures = TemperatureBlock.concatenate([self._temperatures, temperatures])
+        self._temperatures = _joined(self._temperatures, temperatures)
         sensors = self._joint_sensors
         joints = RigJoints(
             stamp_ns=sensors.stamp(truth.stamp_ns),
@@ -249,6 +238,10 @@ class VirtualRig:
         motor = (truth.iron_loss + truth.copper_loss).mean(axis=0)
         share = self.profile.friction_to_motor
         self._thermal.step(motor + share * friction, (1.0 - share) * friction)
+
+
+def _joined(waiting: Waiting | None, more: Waiting) -> Waiting:
+    return more if waiting is None else type(more).concatenate([waiting, more])
 
 
 def _start(

@@ -80,7 +80,7 @@ def _count(least: int) -> Callable[[str], int]:
     def parse(text: str) -> int:
         value = int(text) if text.isdecimal() else -1
         if value < least:
-            raise ArgumentTypeError(f"'{text}' is no whole number from {least} on")
+            raise ArgumentTypeError(f"'{text}' is not a whole number from {least} on")
         return value
 
     return parse
@@ -102,8 +102,10 @@ def run(args: Namespace) -> int:
     from robot_energy.report.document import Document
     from robot_energy.report.html import write_page
     from robot_energy.report.printing import print_document
+    from robot_energy_papers.pages import document, print_template
 
-    module = f"robot_energy_papers.{args.paper.replace('-', '_')}"
+    name = args.paper.replace("-", "_")
+    module = f"robot_energy_papers.{name}"
     paper, numbers, page = (import_module(module + part) for part in ("", "_numbers", "_page"))
     options: dict[str, Any] = {}
     if "workers" in args:
@@ -112,14 +114,15 @@ def run(args: Namespace) -> int:
         with progress("recording, identifying, testing") as report:
             scale = paper.QUICK if args.quick else paper.FULL
             result = paper.study(folder / BAGS, args.seed, scale, progress=report, **options)
-        write_page(page.page(result, _command(args)), folder / REPORT)
+        context = {**page.context(result), "command": _command(args)}
+        write_page(document(name, context, page.pieces(result)), folder / REPORT)
         write_json(str(folder / FIGURES), numbers.figures(result))
         save(result.model, folder / MODEL)
         page.front_picture(result, folder / FRONT)
     out = Document()
-    page.print_tables(result, out)
-    for name in (REPORT, FIGURES, FRONT, MODEL, BAGS):
-        out.paragraph(f"wrote {shown(str(Path(args.out) / name))}")
+    print_template(f"{name}_terminal", context, out)
+    for file in (REPORT, FIGURES, FRONT, MODEL, BAGS):
+        out.paragraph(f"wrote {shown(str(Path(args.out) / file))}")
     print_document(out, console())
     return 0
 

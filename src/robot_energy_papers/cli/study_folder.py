@@ -20,7 +20,7 @@ def study_folder(name: str, overwrite: bool) -> Generator[Path]:
     """Yield a draft of the folder, which is put into place when the block is done.
 
     Args:
-        name: Of the folder.
+        name: Name of the folder.
         overwrite: Whether an earlier study may be replaced.
 
     Yields:

@@ -45,7 +45,7 @@ def write_three(folder):
             made.place()
         except OSError as error:
             made.discard()
-            raise made.told(error) from error
+            raise made.failure(error) from error
         except BaseException:
             made.discard()
             raise

@@ -125,10 +125,10 @@ def test_line_numbers_and_checksums():
 @pytest.mark.parametrize(
     ("line", "text"),
     [
-        ("G1 X1.2.3 F60", r"line 3: 'X1\.2\.3 F60' is no word"),
-        ("G1 X10 hello F60", "line 3: 'hello F60' is no word"),
-        ("G1 X Y5 F60", "'X Y5 F60' is no word"),
-        ("G1 Xnan F60", "'Xnan F60' is no word"),
+        ("G1 X1.2.3 F60", r"line 3: 'X1\.2\.3 F60' is not a word"),
+        ("G1 X10 hello F60", "line 3: 'hello F60' is not a word"),
+        ("G1 X Y5 F60", "'X Y5 F60' is not a word"),
+        ("G1 Xnan F60", "'Xnan F60' is not a word"),
         ("G1 X1 (open F60", r"a '\(' without its partner"),
         ("G1 X10", "no feed has been given"),
         ("X10 Y5 F60", "line 3"),
@@ -142,7 +142,7 @@ def test_line_numbers_and_checksums():
         ("G1 X1 F-5", "the feed F-5"),
         ("G1 X2000000 F60", "far outside"),
         ("G2 X10 Y0 F60", "no I, J or R"),
-        ("G2 X10 Y0 R5 I5 F60", "R beside I or J"),
+        ("G2 X10 Y0 R5 I5 F60", "R together with I or J"),
         ("G2 X10 Y0 R4 F60", "radius 4 mm"),
         ("G2 X10 Y0 I2 F60", "begins 2 mm from its centre and ends 8 mm"),
         ("G2 X0 Y0 R5 F60", "ends where it begins"),

@@ -115,7 +115,7 @@ def test_files_that_are_no_program(tmp_path):
     with pytest.raises(MotionError, match="not valid YAML"):
         read_program(path)
     (tmp_path / "a.txt").write_text("")
-    for name, text in (("a.txt", "of a known kind"), ("b.yaml", "there is no program")):
+    for name, text in (("a.txt", "the kind of the program"), ("b.yaml", "there is no program")):
         with pytest.raises(MotionError, match=text):
             load_motion(tmp_path / name, robot())
 
@@ -126,7 +126,7 @@ def test_files_that_are_no_program(tmp_path):
         ({"via": [{"shoulder": 0}], "dwell": 1, "acceleration": 9}, "it lacks elbow"),
         (
             {"via": [{"shoulder": 0, "elbow": 0, "wrist": 0}], "dwell": 1, "acceleration": 9},
-            "wrist is no joint",
+            "wrist is not a joint",
         ),
         ({"via": [{"shoulder": 200, "elbow": 0}], "dwell": 1}, "puts joint 1 at 3.49"),
         ({"via": [{"shoulder": 0, "elbow": 0}], "dwell": 0}, "neither moves nor rests"),
@@ -244,7 +244,7 @@ def test_bags_and_tables_without_a_trajectory_are_refused(tmp_path):
     table = tmp_path / "t.csv"
     for text, why in (
         ("time,angle\n0,1\n1,2\n", "has the columns"),
-        ("time,position_a\n0,x\n", "line 2 holds what is no number"),
+        ("time,position_a\n0,x\n", "line 2 holds a cell that is not a number"),
         ("time,position_a\n0,1,2\n1,2,3\n", "line 2 has 3 values"),
         ("time,position_a\n0,1\n", "1 points"),
     ):

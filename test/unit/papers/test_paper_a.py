@@ -107,9 +107,9 @@ def test_the_command_refuses_in_one_sentence(quick, capsys, tmp_path):
     assert "give --overwrite" in capsys.readouterr().err  # all of it is ours
     (tmp_path / "file").write_text("")
     assert main(["reproduce", "paper-a", "--out", str(tmp_path / "file")]) == 2
-    assert "is no folder" in capsys.readouterr().err
+    assert "is not a folder" in capsys.readouterr().err
     assert main(["reproduce", "paper-a", "--seed", "-1"]) == 2
-    assert "no whole number" in capsys.readouterr().err
+    assert "not a whole number" in capsys.readouterr().err
 
 
 def test_other_processes_give_the_figures_of_this_one(tmp_path):

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from plants import joint_block
+from robot_energy.errors import RigError
 from robot_energy.model import load
 from robot_energy.motion import Program, random_program, tool_above
 from robot_energy.physics.friction import FrictionModel, with_fixed_friction
@@ -20,6 +21,11 @@ def drag(degc):
     """Viscous drag that a torque trace shows: oil and eddy currents. [N m s/rad]"""
     oil = [float(o.friction_factor(degc)) for o in PROFILE.lubricant]
     return PROFILE.viscous_40 * oil + PROFILE.eddy_viscous
+
+
+def test_an_unknown_plant_is_refused_with_those_that_exist():
+    with pytest.raises(RigError, match="no plant 'kr99'; expected irb4600, kr16, mantis, testbed"):
+        load_profile("kr99")
 
 
 def test_viscous_drag_is_near_the_class_profile_at_two_temperatures():
