@@ -28,10 +28,7 @@ TOPICS: dict[str, dict[str, Any]] = {
         "nargs": "+",
         "help": "topics of motor temperatures; 'none' to use none of the bag's",
     },
-    "meter": {
-        "metavar": "TOPIC",
-        "help": "topic of the power meter; default: the one in the bag",
-    },
+    "meter": {"metavar": "TOPIC", "help": "topic of the power meter; default: the one in the bag"},
     "payload": {
         "metavar": "TOPIC",
         "help": "topic of payloads set at run time; 'none' to use none of the bag's",

@@ -163,10 +163,7 @@ def check_outputs(
 
 
 def check_bag(
-    path: str,
-    overwrite: bool,
-    inputs: Iterable[str | None] = (),
-    files: Iterable[str | None] = (),
+    path: str, overwrite: bool, inputs: Iterable[str | None] = (), files: Iterable[str | None] = ()
 ) -> None:
     """Refuse the folder of a new bag before the work that it is for.
 

@@ -179,11 +179,7 @@ class Document:
         self.add(Figure(draw, caption))
 
     def table(
-        self,
-        title: str,
-        columns: Sequence[str],
-        rows: Rows,
-        total: Sequence[str] | None = None,
+        self, title: str, columns: Sequence[str], rows: Rows, total: Sequence[str] | None = None
     ) -> None:
         """Add a table: first column and sentences left, numbers right.
 

@@ -23,11 +23,7 @@ WAY_NAMES = {
     "map_processed": "map, power processed",
     "losses": "loss model",
 }
-SPLIT_NAMES = {
-    "blocks": "5 blocks",
-    "recordings": "recordings",
-    "beyond": "beyond 60 %",
-}
+SPLIT_NAMES = {"blocks": "5 blocks", "recordings": "recordings", "beyond": "beyond 60 %"}
 TOTAL_NAMES = {
     "constant": "a constant",
     "shaft": "shaft power and a constant",
@@ -39,12 +35,7 @@ TOTAL_NAMES = {
     "drives_measured": "measured drives and a constant",
 }
 STRUCTURE_NAMES = {**TOTAL_NAMES, "shaft": "shaft power alone"}
-UNITS = {
-    "constant": "W",
-    "copper": "W/(N m)^2",
-    "linear": "W s/rad",
-    "quadratic": "W s2/rad2",
-}
+UNITS = {"constant": "W", "copper": "W/(N m)^2", "linear": "W s/rad", "quadratic": "W s2/rad2"}
 
 
 def drives_document(report: DrivesReport, page: Document) -> None:

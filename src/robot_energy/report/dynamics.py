@@ -159,7 +159,7 @@ def _weak(page: Document, report: DynamicsReport) -> None:
     if weak:
         page.paragraph(
             f"weakly excited, 95 % interval wider than the parameter itself, {len(weak)} of "
-            f"{len(report.base_parameters)}: {', '.join(weak)}",
+            f"{len(report.base_parameters)}: {', '.join(weak)}"
         )
 
 

@@ -12,11 +12,7 @@ from robot_energy.report.canvas import COLOURS, Target, canvas
 from robot_energy.report.document import Column, Document
 from robot_energy.report.formats import fixed, percent, signed_percent, significant
 from robot_energy.report.friction_figure import friction_over_temperature
-from robot_energy.results.identification import (
-    CabinetReport,
-    FrictionReport,
-    FrictionStudyReport,
-)
+from robot_energy.results.identification import CabinetReport, FrictionReport, FrictionStudyReport
 
 AT_BOUND = "0, at bound"
 HELD_OUT = {"recordings": "whole recordings", "blocks": "contiguous blocks"}

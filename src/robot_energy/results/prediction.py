@@ -11,12 +11,7 @@ from robot_energy.model.payload import Payload
 from robot_energy.motion.load_motion import LoadedMotion
 from robot_energy.prediction import Prediction
 from robot_energy.results.base import Number, Result
-from robot_energy.results.energy import (
-    EnergyBreakdown,
-    EnergyReport,
-    common_figures,
-    unbalanced,
-)
+from robot_energy.results.energy import EnergyBreakdown, EnergyReport, common_figures, unbalanced
 from robot_energy.results.model import count_tags
 
 
