@@ -35,10 +35,11 @@ def part_names(drive: str) -> dict[str, str]:
     Args:
         drive: Drive model of the robot.
     """
+    unmodelled = drive in DRIVE_MODELS and DRIVE_MODELS[drive].lossless
     return {
         "rigid": "lifting and accelerating, net",
         "friction": "friction",
-        "drive_loss": "drive losses" + (" (not modelled)" if DRIVE_MODELS[drive].lossless else ""),
+        "drive_loss": "drive losses" + (" (not modelled)" if unmodelled else ""),
         "loss_dc": "constant losses, DC side",
         "loss_grid": "constant and supply losses, grid",
         "brake": "brake resistor",

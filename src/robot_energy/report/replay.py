@@ -328,7 +328,7 @@ def _shaft(page: Document, shaft: ShaftComparison, scale: EnergyFormat) -> None:
         shaft.joints,
         "all joints",
     )  # fmt: skip
-    page.paragraph(f"  {CAVEATS[shaft.effort]}")
+    page.paragraph(f"  {CAVEATS.get(shaft.effort, '')}")
     page.paragraph()
 
 
@@ -368,7 +368,7 @@ def _inputs(page: Document, report: ReplayReport) -> None:
     page.rows(
         "Inputs",
         [
-            Column("", lambda entry: INPUT_NAMES[entry[0]]),
+            Column("", lambda entry: INPUT_NAMES.get(entry[0], entry[0])),
             Column("received", lambda entry: entry[1].received),
             Column("accepted", lambda entry: entry[1].accepted),
             Column(

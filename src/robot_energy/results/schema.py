@@ -17,6 +17,7 @@ from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import core_schema
 
 from robot_energy.errors import ReportError
+from robot_energy.files.regular_file import read_regular
 from robot_energy.model import RobotModel
 from robot_energy.results.base import SCHEMA_VERSION, Result
 from robot_energy.results.check import CheckReport
@@ -159,11 +160,13 @@ def read_result(path: str | Path) -> ReplayReport | PredictionsReport:
     """
     place = f"'{shown(str(path))}'"
     try:
-        with Path(path).open("rb") as file:
-            content = file.read(MAX_JSON_BYTES + 1)
-        data = json.loads(content) if len(content) <= MAX_JSON_BYTES else None
-    except (OSError, ValueError, RecursionError) as error:
-        raise ReportError(f"{place} cannot be read as JSON", "JSON of replay or predict") from error
+        data = json.loads(read_regular(path, MAX_JSON_BYTES))
+    except OSError as error:
+        raise ReportError(
+            f"{place} cannot be read ({error.strerror})", "JSON of replay or predict"
+        ) from error
+    except (ValueError, RecursionError) as error:
+        raise ReportError(f"{place} is no JSON", "JSON of replay or predict") from error
     known = {kind.NAME: kind for kind in READABLE}
     given = cast("dict[str, Any]", data) if isinstance(data, dict) else {}
     kind = known.get(str(given.get("result")))

@@ -7,6 +7,9 @@ import pytest
 from jinja2 import DictLoader
 from rich.console import Console
 
+from robot_energy.report.document import Document
+from robot_energy.report.html import page_html
+from robot_energy.report.printing import print_document
 from robot_energy_papers import pages
 
 TEMPLATE = """{% set share = 0.123 %}
@@ -49,7 +52,7 @@ def test_every_kind_of_block_becomes_its_part_of_the_page(templates):
         "drawn": lambda target: target.write(b"<svg/>"),
         "part": lambda page: page.paragraph("from Python"),
     }
-    html = pages.document("page", {"name": "x", "none": None}, pieces).html()
+    html = page_html(pages.document("page", {"name": "x", "none": None}, pieces))
     assert "<h1>Title of x</h1>" in html
     assert '<p class="lead">A lead of two lines.</p>' in html
     assert ">Section</h2>" in html
@@ -65,11 +68,12 @@ def test_every_kind_of_block_becomes_its_part_of_the_page(templates):
 
 
 def test_the_same_blocks_on_a_terminal(templates):
-    out = StringIO()
-    pages.print_template("text", {"name": "it"}, Console(file=out, width=60))
+    out, page = StringIO(), Document()
+    pages.print_template("text", {"name": "it"}, page)
+    print_document(page, Console(file=out, width=60))
     assert out.getvalue() == "\nOF IT\nOne line.\n"
 
 
 def test_a_name_that_nobody_gives_is_an_error(templates):
     with pytest.raises(jinja2.UndefinedError, match="'name' is undefined"):
-        pages.print_template("text", {}, Console(file=StringIO()))
+        pages.print_template("text", {}, Document())
