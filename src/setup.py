@@ -48,6 +48,7 @@ setup(
             "py.typed",
             "models/*.yaml",
             "models/*.urdf",
+            "presets/*.yaml",
             "rig/profiles/*.yaml",
             # A link to the interface package: one source of truth for the messages.
             "cdr/msg/*.msg",

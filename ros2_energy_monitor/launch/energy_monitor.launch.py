@@ -7,7 +7,11 @@ ends is started again, also one that refuses its parameters.
 With `virtual:=true` a virtual robot is started as well; its model is kr16, and its energy is
 kept in a folder of its own, apart from that of a real robot.
 
+With `robot:=ur5e` the nodes read what the driver of that robot publishes, and use the shipped
+model if there is one (`robot-energy kinds` lists the robots); `model` and `params_file` go before.
+
 ros2 launch ros2_energy_monitor energy_monitor.launch.py model:=/path/to/robot.yaml
+ros2 launch ros2_energy_monitor energy_monitor.launch.py robot:=ur5e
 """
 
 import sys
@@ -21,16 +25,23 @@ from launch_ros.actions import Node
 from launch_ros.substitutions import FindPackageShare
 
 from launch import LaunchDescription
+from robot_energy.presets import ROBOTS
 
 PACKAGE = "ros2_energy_monitor"
 RESPAWN_DELAY = 2.0  # [s]
 TOGETHER = ("energy_monitor",)
 SEPARATE = ("torque_monitor", "friction_monitor", "power_monitor")
+READERS = ("energy_monitor", "torque_monitor")  # the nodes with joint states
 KEEPERS = ("energy_monitor", "power_monitor")  # the nodes with a state_folder
 AS_CONFIGURED = "as_configured"
 VIRTUAL_FOLDER = "$ROS_HOME/robot_energy/virtual_robot"
-ARGUMENTS = {  # name: default, what it is; None = required
-    "model": (None, "Model file of the robot, or name of a shipped model"),
+ARGUMENTS = {  # name: default, what it is
+    "model": ("", "Model file of the robot, or name of a shipped model; needed without robot"),
+    "robot": ("", "Robot whose driver is known; empty for the topics of the parameter files"),
+    "effort": (
+        AS_CONFIGURED,
+        "What the effort of the joint states is: joint_states.effort_meaning",
+    ),
     "namespace": ("", "Namespace of the nodes"),
     "separate": ("false", "Whether to start three processes"),
     "respawn": ("false", "Whether to restart what ends"),
@@ -62,6 +73,26 @@ def check_arguments(command_line: list[str]) -> None:
         )
 
 
+def model_of(robot: str, model: str) -> str:
+    """Return the model to use: the given one, or the shipped one of a robot."""
+    if robot:
+        return ROBOTS[robot].model_or(model)
+    if not model:
+        raise RuntimeError("neither model nor robot is given; expected model:=... or robot:=...")
+    return model
+
+
+def robot_inputs(robot: str, node: str) -> dict:
+    """Return the parameters of a node that fit the driver of a robot."""
+    values = ROBOTS[robot].parameters if robot else {}
+    read = {
+        "torque_monitor": ["joint_states"],
+        "friction_monitor": ["temperature_sources", *values.get("temperature_sources", [])],
+        "power_monitor": ["meter"],
+    }
+    return {name: value for name, value in values.items() if name in read.get(node, values)}
+
+
 def monitors(context) -> list[Node]:
     """Return the nodes for the arguments that were given."""
 
@@ -75,9 +106,14 @@ def monitors(context) -> list[Node]:
     if folder == AS_CONFIGURED and true("virtual"):
         folder = VIRTUAL_FOLDER
     further = [value("params_file")] if value("params_file") else []
+    robot = value("robot")
+    model = model_of(robot, value("model"))
     nodes = []
     for name in SEPARATE if true("separate") else TOGETHER:
-        given = {"model": value("model"), "use_sim_time": true("use_sim_time")}
+        given = {"model": model, "use_sim_time": true("use_sim_time")}
+        preset = [robot_inputs(robot, name)] if robot_inputs(robot, name) else []
+        if name in READERS and value("effort") != AS_CONFIGURED:
+            given["joint_states"] = {"effort_meaning": value("effort")}
         if name in KEEPERS and folder != AS_CONFIGURED:
             given["state_folder"] = folder
         nodes.append(
@@ -86,7 +122,7 @@ def monitors(context) -> list[Node]:
                 executable=name,
                 name=name,
                 namespace=value("namespace"),
-                parameters=[share("config", f"{name}.yaml"), *further, given],
+                parameters=[share("config", f"{name}.yaml"), *preset, *further, given],
                 arguments=["--ros-args", "--log-level", value("log_level")],
                 output="screen",
                 respawn=true("respawn"),
@@ -107,11 +143,7 @@ def generate_launch_description() -> LaunchDescription:
     return LaunchDescription(
         [
             *(
-                DeclareLaunchArgument(
-                    name,
-                    description=text,
-                    **({} if default is None else {"default_value": default}),
-                )
+                DeclareLaunchArgument(name, description=text, default_value=default)
                 for name, (default, text) in ARGUMENTS.items()
             ),
             OpaqueFunction(function=monitors),

@@ -10,6 +10,8 @@ from typing import Any
 
 import pytest
 
+from robot_energy.errors import KindError, ModelFileError
+from robot_energy.presets import ROBOTS
 from ros2_energy_monitor.executables import EXECUTABLES
 
 PACKAGE = Path(__file__).resolve().parent.parent
@@ -58,12 +60,13 @@ def describe(monkeypatch: pytest.MonkeyPatch):
         made.clear()
         runpy.run_path(str(path))["generate_launch_description"]()
         defaults = {
-            one.args[0]: one.options.get("default_value", "kr16")
+            one.args[0]: one.options["default_value"]
             for one in made
             if one.kind == "DeclareLaunchArgument"
         }
         for one in [one for one in made if one.kind == "OpaqueFunction"]:
-            one.options["function"]({**defaults, **given})
+            model = "" if "robot" in given else "kr16"
+            one.options["function"]({**defaults, "model": model, **given})
         return list(made)
 
     return run
@@ -98,6 +101,45 @@ def test_arguments_reach_the_nodes(describe):
             assert node.options["arguments"][-1] == "debug"
             keeper = name in ("energy_monitor", "power_monitor")
             assert values.get("state_folder") == ("/kept" if keeper else None)
+
+
+def test_a_robot_brings_its_model_and_the_topics_of_its_driver(describe):
+    """Before the parameter file of the user, to each node what it has parameters for."""
+    nodes = nodes_of(describe(FILES[0], robot="ur5e", params_file="my.yaml"))
+    _, preset, file, values = nodes["energy_monitor"].options["parameters"]
+    assert preset == ROBOTS["ur5e"].parameters
+    assert set(preset) == {"joint_states", "temperature_sources", "rtde", "meter"}
+    assert file == "my.yaml"
+    assert values["model"] == "ur5e"
+    assert "joint_states" not in values
+    nodes = nodes_of(describe(FILES[0], robot="fr3", model="my_fr3.yaml", separate="true"))
+    assert [len(node.options["parameters"]) for node in nodes.values()] == [3, 2, 2]
+    assert {node.options["parameters"][-1]["model"] for node in nodes.values()} == {"my_fr3.yaml"}
+    nodes = nodes_of(describe(FILES[0], robot="ur5e", separate="true"))
+    found = {name: set(node.options["parameters"][1]) for name, node in nodes.items()}
+    assert found == {
+        "torque_monitor": {"joint_states"},
+        "friction_monitor": {"temperature_sources", "rtde"},
+        "power_monitor": {"meter"},
+    }
+
+
+def test_the_meaning_of_the_effort_reaches_the_nodes_with_joint_states(describe):
+    for separate in ("true", "false"):
+        nodes = nodes_of(describe(FILES[0], robot="ur5e", effort="joint_torque", separate=separate))
+        for name, node in nodes.items():
+            given = node.options["parameters"][-1].get("joint_states")
+            reads = name in ("energy_monitor", "torque_monitor")
+            assert given == ({"effort_meaning": "joint_torque"} if reads else None)
+
+
+def test_a_monitor_without_model_or_known_robot_is_refused(describe):
+    with pytest.raises(RuntimeError, match="neither model nor robot"):
+        describe(FILES[0], model="")
+    with pytest.raises(ModelFileError, match="robot-energy model init"):
+        describe(FILES[0], robot="fr3")
+    with pytest.raises(KindError, match="ur5x"):
+        describe(FILES[0], robot="ur5x")
 
 
 def test_the_virtual_robot_counts_apart_from_a_real_one(describe):

@@ -55,9 +55,9 @@ def test_a_pair_of_topics_gives_power(bench):
         volt.publish(Float64(data=48.0))
         ampere.publish(Float64(data=float(index)))
     bench.spin_until(lambda: account.received == 40, "voltages and currents")
-    bench.spin_until(lambda: node.ledger.comparison.curve.received >= 19, "readings")
+    bench.spin_until(lambda: node.ledger.comparison.curve.account.received >= 19, "readings")
     curve = node.ledger.comparison.curve
-    assert curve.accepted == curve.received  # each has its own time of receipt
+    assert curve.account.accepted == curve.account.received  # each has its own time of receipt
     assert start <= curve.newest_ns <= time.time_ns()
     diagnosed = bench.diagnosed()
     status = diagnosed.wait("energy_monitor: energy", "all is well")
@@ -73,7 +73,7 @@ def test_a_battery_is_read_live(bench):
         message.header.stamp.sec = stamp
         publisher.publish(message)
     curve = node.ledger.comparison.curve
-    bench.spin_until(lambda: curve.received == 5, "batteries")
+    bench.spin_until(lambda: curve.account.received == 5, "batteries")
     assert curve.newest_ns == 5 * 10**9
     assert np.isclose(curve._last[1], 100.0)
 
@@ -92,7 +92,7 @@ def test_any_installed_message_can_be_a_meter(bench):
         message.header.stamp.sec = stamp
         publisher.publish(message)
     counter = node.ledger.comparison.curve
-    bench.spin_until(lambda: counter.accepted == 5, "counts")
+    bench.spin_until(lambda: counter.account.accepted == 5, "counts")
 
 
 def test_a_type_that_is_not_installed_costs_the_meter_alone(bench):

@@ -84,6 +84,19 @@ def test_no_defect_is_found_in_a_healthy_node(bench, monitor, messages):
     assert status.level == DiagnosticStatus.OK
 
 
+@pytest.mark.parametrize("monitor", [TorqueMonitor, EnergyMonitor])
+def test_an_effort_that_is_not_what_it_is_taken_for_is_named(bench, monitor, messages):
+    taken_for = {"joint_states.effort_meaning": "joint_torque"}  # the virtual robot's is of motors
+    node = bench.add(monitor, model="kr16", **taken_for)
+    diagnosed = bench.diagnosed()
+    publisher = bench.publisher(JointState, "joint_states", 0)
+    for row in messages["/joint_states"][:500]:
+        publisher.publish(row)
+    status = diagnosed.wait(f"{node.get_name()}: joint states", "is probably motor_torque")
+    assert "taken for joint_torque" in status.message
+    assert status.level == DiagnosticStatus.WARN
+
+
 def test_time_that_is_neither_observed_nor_gap_is_an_error(bench, messages):
     node = bench.add(EnergyMonitor, model="kr16")
     diagnosed = bench.diagnosed()

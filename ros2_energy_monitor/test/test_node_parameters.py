@@ -10,9 +10,11 @@ import yaml
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from robot_energy.inputs.inputs_file import read_inputs
 from robot_energy.inputs.parameters import RENAMED, assemble
 from robot_energy.inputs.sources import JointStateSource, TemperatureSource
 from robot_energy.inputs.temperatures.kinds import FLOAT_ARRAY, TEMPERATURE
+from robot_energy.presets import ROBOTS
 from ros2_energy_monitor.base.parameter_files import files_without_section, sections
 from ros2_energy_monitor.base.parameters import (
     ConsoleParameters,
@@ -114,6 +116,15 @@ def test_configuration_file_is_accepted(bench, name):
         NODES[name], lambda entry: entry.check(values[entry.name], "the file"), "the file"
     )
     assert node.values == expected
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_presets_of_robots_are_accepted_and_mean_the_same_as_in_a_replay(bench, robot):
+    node = bench.add(Any, EnergyParameters, **flat(ROBOTS[robot].parameters), model="kr16")
+    inputs, _ = read_inputs(robot)
+    assert node.values.joint_states == inputs.joint_states
+    assert node.values.temperature_sources == inputs.temperature_sources
+    assert node.values.meter == inputs.meter
 
 
 def test_descriptors_are_complete_and_read_only(bench):

@@ -260,6 +260,7 @@ def replay(
             limits=pipeline.torque.robot.limits,
             effort=settings.effort is not EffortMeaning.NONE,
             source=states or (JointStateSource() if inputs is None else inputs.joint_states),
+            max_gap=settings.max_gap,
         ),
         temperatures=temperatures,
         meter=meter,
@@ -295,7 +296,7 @@ def replay(
         result.problems += bag.problems
         newest_ns = result.joint_states.newest_ns
         result.notes += [*temperatures.doubts, *temperatures.clock_doubts(newest_ns)]
-        result.notes += meter.clock_doubts()
+        result.notes += [*meter.clock_doubts(), *pipeline.torque.effort_check.doubts()]
         _require_samples(result)
         if writer is not None:
             writer.close()

@@ -140,6 +140,24 @@ class Block:
             }
         )
 
+    @classmethod
+    def arranged(cls, blocks: Sequence[Self], rows: Sequence[Int]) -> tuple[Self, Int]:
+        """Join blocks in the order of their samples' numbers.
+
+        Args:
+            blocks: At least one.
+            rows: Number of each sample, one array per block.
+
+        Returns:
+            The samples and their numbers.
+        """
+        number = np.concatenate(rows) if len(rows) > 1 else rows[0]
+        whole = cls.concatenate(blocks)
+        if len(blocks) == 1:
+            return whole, number
+        order = np.argsort(number)
+        return whole[order], number[order]
+
     def _with(self, entries: dict[str, Any]) -> Self:
         """Return a block of the same class; much quicker than ``dataclasses.replace``."""
         block = object.__new__(type(self))

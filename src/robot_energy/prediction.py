@@ -142,7 +142,7 @@ def predict(
         stamp_ns=np.array([START_NS]), motor_temperature_degc=temperature[None, :]
     )
     for time, path in repeated(motion, repeat):
-        _take(result, means, pipeline.plan(_joint_block(time, path, order), held))
+        _take(result, means, pipeline.step(_joint_block(time, path, order), held, planned=True))
         held = None
         if progress is not None:
             progress(min(1.0, float(time[-1]) / duration))

@@ -192,7 +192,7 @@ def predicted(model: RobotModel, motion: ToolMotion) -> tuple[Energies, Curve]:
     paths: list[Trajectory] = []
     powers: list[PowerBlock] = []
     for time, path in motion.blocks():
-        _keep(powers, pipeline.plan(_block(time, path), warm))
+        _keep(powers, pipeline.step(_block(time, path), warm, planned=True))
         warm = None
         times.append(time)
         paths.append(path)

@@ -129,8 +129,8 @@ def _model_names(result: PaperA) -> dict[str, str]:
     names |= {
         FOLLOWS: "follows temperature (paper A)",
         "table": "viscous table",
-        "losses": "and drive losses",
-        CAPACITOR: "and DC link",
+        "losses": "with drive losses",
+        CAPACITOR: "with losses and DC link",
     }
     return {name: text for name, text in names.items() if name in result.identified.models}
 
@@ -174,7 +174,7 @@ def _energy_study(result: PaperA) -> EnergyStudy:
     reference, at = result.reference_power, result.identified.fixed_degc
     labels = {name: f"predicted, friction of {at[name]:.0f} degC" for name in FIXED}
     labels[FOLLOWS] = "predicted, friction follows temperature"
-    labels[CAPACITOR] = "and drive losses, DC link"
+    labels[CAPACITOR] = "with drive losses and DC link"
     curves = [
         ModelEnergyCurve(
             labels[name],

@@ -36,6 +36,7 @@ def wheel(tmp_path_factory):
 def test_the_wheel_holds_library_models_and_messages_and_no_workspace(wheel):
     names = zipfile.ZipFile(wheel).namelist()
     assert any(name.endswith("models/kr16.yaml") for name in names)
+    assert any(name.endswith("presets/ur.yaml") for name in names)
     assert any(name.endswith("msg/PowerState.msg") for name in names)
     assert "robot_energy_papers/templates/paper_a.md.j2" in names
     assert not any(".data/" in name for name in names)

@@ -22,7 +22,6 @@ from robot_energy.blocks import (
 from robot_energy.model.payload import Payload, payload
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.pipeline import EnergyPipeline, Settings
-from robot_energy.timeline.gaps import StampOrder
 
 MODEL = robots.two_link()
 
@@ -184,24 +183,3 @@ def test_power_is_the_same_on_both_sides_of_the_gears(seed):
         drivetrain.motor_velocity_from_joint(velocity) * drivetrain.motor_torque_from_joint(torque)
     )
     np.testing.assert_allclose(motor, joint, rtol=1e-10, atol=1e-9)
-
-
-@given(
-    stamps=st.lists(st.integers(0, 30 * 10**9), min_size=1, max_size=80),
-    cuts=st.lists(st.integers(0, 80), max_size=8),
-)
-def test_order_of_stamps_does_not_depend_on_the_cutting(stamps, cuts):
-    array = np.asarray(stamps, dtype=np.int64)
-
-    def judge(bounds):
-        order = StampOrder()
-        verdicts, segments = [], []
-        for start, stop in zip([0, *bounds], [*bounds, len(array)], strict=True):
-            verdict = order.verdict(array[start:stop])
-            verdicts.append(verdict)
-            segments.append(order.segments(array[start:stop][verdict == 0]))
-        return np.concatenate(verdicts), np.concatenate(segments), order.gaps, order.jumps
-
-    whole, cut = judge([]), judge(sorted(min(c, len(array)) for c in cuts))
-    for a, b in zip(whole, cut, strict=True):
-        np.testing.assert_array_equal(a, b)

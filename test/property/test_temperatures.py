@@ -111,10 +111,10 @@ def run(messages: list[Arrival], cuts: list[slice]) -> tuple[TemperatureBlock | 
     assert all(reader.account.balanced for reader in ingest.readers)
     assert all(reader.keys_account.balanced for reader in ingest.readers)
     assert sum(each[0] + each[-1] for each in accounts) == len(messages)
-    assert stage.received == stage.accepted + sum(stage.rejected.values())
+    assert stage.account.received == stage.account.accepted + sum(stage.account.rejected.values())
     whole = TemperatureBlock.concatenate(blocks) if blocks else None
     last = type(frictions[0]).concatenate(frictions) if frictions else None
-    return whole, accounts, (last, dict(stage.rejected), stage.accepted)
+    return whole, accounts, (last, dict(stage.account.rejected), stage.account.accepted)
 
 
 def same(a: Any, b: Any) -> None:
@@ -150,7 +150,9 @@ def test_readings_are_judged_the_same_in_any_cut(seed: int, cuts: int, clean: bo
     for parts in ([slice(0, 60)], pieces(cuts, 60), [slice(n, n + 1) for n in range(60)]):
         stage = FrictionStage(robots.two_link())
         rows = [found for part in parts if (found := stage.step(block[part])) is not None]
-        results.append((type(rows[0]).concatenate(rows), stage.accepted, dict(stage.rejected)))
+        results.append(
+            (type(rows[0]).concatenate(rows), stage.account.accepted, dict(stage.account.rejected))
+        )
     for other in results[1:]:
         same(results[0][0], other[0])
         assert results[0][1:] == other[1:]

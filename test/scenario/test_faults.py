@@ -151,7 +151,7 @@ def test_error_codes_for_temperatures_change_nothing_and_are_flagged(faulty, ref
 
     result = faulty(fail)
     assert result.ledger.quality[Quality.TEMPERATURE_IMPLAUSIBLE] > 6000
-    assert result.pipeline.friction.rejected["temperature_implausible"] == 26 * 6
+    assert result.pipeline.friction.account.rejected["temperature_implausible"] == 26 * 6
     assert energy(result) == pytest.approx(energy(reference), rel=0.02)
 
 

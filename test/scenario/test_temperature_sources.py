@@ -222,7 +222,7 @@ def test_kelvin_that_is_not_said_is_refused_and_named(dressed):
     inputs = source(topic="dynamic_joint_states", type=DYNAMIC_JOINT_STATE)
     result = replay(path, MODEL, inputs=inputs)
     assert result.ledger.quality[Quality.TEMPERATURE_MISSING] == result.ledger.samples
-    assert result.pipeline.friction.accepted == 0
+    assert result.pipeline.friction.account.accepted == 0
     (note,) = result.notes
     assert note.startswith("/dynamic_joint_states reads 29")
     assert note.endswith("for joint_a1: set unit: kelvin")

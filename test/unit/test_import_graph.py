@@ -36,13 +36,13 @@ MODULES = {
         batch decode encode plan schema types walk
     """,
     "robot_energy.check": """
-        coverage evidence finding hypotheses meter motion payload run torque
+        coverage evidence finding hypotheses meter motion payload run search torque
     """,
     "robot_energy.cli": """
         check completion export identify identify_all identify_cabinet identify_drives
         identify_dynamics identify_excitation identify_friction identify_inputs
         import_logs info kinds main memory models numbers predict replay replay_options
-        report schema simulate stopping terminal
+        report robots schema simulate stopping terminal
     """,
     "robot_energy.files": """
         output_files output_folder output_streams placement regular_file
@@ -78,8 +78,7 @@ MODULES = {
         bag_topics inputs_file parameters rejection_log sources
     """,
     "robot_energy.inputs.joint_states": """
-        decode joint_states jumps partial_states plausibility publisher_conflicts
-        reorder_buffer velocities
+        decode joint_states jumps partial_states plausibility publisher_conflicts velocities
     """,
     "robot_energy.inputs.meter": """
         energy_counter kinds meter power_curve source voltage_current_pairs
@@ -91,7 +90,7 @@ MODULES = {
         mapped_log mapping recording rows table ur_rtde
     """,
     "robot_energy.messages": """
-        friction interval payload power registers torque
+        friction interval model_messages payload power registers torque
     """,
     "robot_energy.model": """
         drive_models figure friction_laws joint load open_schema payload reference schema
@@ -102,8 +101,8 @@ MODULES = {
         tool_path tool_timing trajectory_io
     """,
     "robot_energy.physics": """
-        cabinet derivative drive drivetrain effort equations friction limit_utilisation
-        rigid_body torque
+        cabinet derivative drive drivetrain effort effort_check equations friction
+        limit_utilisation rigid_body torque
     """,
     "robot_energy.physics.urdf": """
         checks compare parse
@@ -111,6 +110,9 @@ MODULES = {
     "robot_energy.pipeline": """
         energy_pipeline fallback_use friction_certainty friction_stage
         friction_timeline payload_timeline power_stage settings torque_stage
+    """,
+    "robot_energy.presets": """
+        robots
     """,
     "robot_energy.report": """
         canvas document drives dynamics efficiency_figure energy energy_figure
@@ -133,7 +135,7 @@ MODULES = {
         account_store adoption envelope slots state_files
     """,
     "robot_energy.timeline": """
-        epochs gaps pieces stamps streams
+        coverage epochs gaps hold pieces reorder stamps streams
     """,
     "robot_energy_papers": """
         accuracy calibration drawings drive_study effects experiment held_out job_pool
@@ -150,7 +152,7 @@ LAYERS = (
     ("files",),
     ("config_file", "schema_errors", "model"),
     ("physics", "timeline", "cdr"),
-    ("bag", "inputs", "accounting", "logs", "log_formats", "time_series"),
+    ("bag", "inputs", "presets", "accounting", "logs", "log_formats", "time_series"),
     ("pipeline", "messages", "store"),
     ("motion",),
     ("bag_replay", "prediction", "starter"),

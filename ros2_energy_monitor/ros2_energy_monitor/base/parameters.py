@@ -22,7 +22,7 @@ from rclpy.parameter import Parameter as RosParameter
 from robot_energy.errors import ParameterError
 from robot_energy.inputs.meter.source import MeterInputs
 from robot_energy.inputs.parameters import Parameter, assemble, parameter, refuse_renamed
-from robot_energy.inputs.sources import JointStateInputs, TemperatureInputs
+from robot_energy.inputs.sources import GapInputs, JointStateInputs, TemperatureInputs
 from robot_energy.shown_text import shown_lines
 from ros2_energy_monitor.base.parameter_files import files_without_section
 
@@ -117,7 +117,7 @@ class AccountParameters(MeterInputs, Common):
 
 
 @dataclass(frozen=True, kw_only=True)
-class PowerParameters(AccountParameters):
+class PowerParameters(GapInputs, AccountParameters):
     """Parameters of the power monitor."""
 
     joint_torque_depth: int = parameter(

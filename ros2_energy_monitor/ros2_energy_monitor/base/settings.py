@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from robot_energy.blocks import EffortMeaning
+from robot_energy.inputs.sources import GapInputs
 from robot_energy.pipeline import Settings
 from ros2_energy_monitor.base.parameters import (
     Common,
@@ -21,6 +22,8 @@ def settings_of(parameters: Common) -> Settings:
         parameters: Parameters of a monitor.
     """
     settings = Settings()
+    if isinstance(parameters, GapInputs):
+        settings = replace(settings, max_gap=parameters.max_gap)
     if isinstance(parameters, TorqueParameters):
         lag = parameters.derivative_lag
         settings = replace(

@@ -14,7 +14,7 @@ from robot_energy.inputs.temperatures.kinds import INTERFACE_NAMES
 from robot_energy.inputs.temperatures.stuck import StuckTemperatureDetector
 from robot_energy.inputs.temperatures.temperatures import TemperatureIngest
 from robot_energy.model import RobotModel
-from robot_energy.pipeline import FrictionStage
+from robot_energy.pipeline import FrictionStage, TorqueStage
 from robot_energy.pipeline.fallback_use import FallbackUse
 from robot_energy.timeline.epochs import EpochSplitter
 from robot_energy.timeline.streams import sentence_of
@@ -33,8 +33,20 @@ from ros2_energy_monitor.diagnostics.time import TimeWatch
 RECENT = 10.0  # a finding of joint states that was true this long ago still shows [s]
 
 
-def joint_state_source(inboxes: list[Inbox], ingest: JointStateIngest, timeout: float) -> Source:
-    """Check joint states; the topics share one account, which is shown with the first."""
+def joint_state_source(
+    inboxes: list[Inbox], ingest: JointStateIngest, timeout: float, stage: TorqueStage
+) -> Source:
+    """Check joint states; the topics share one account, which is shown with the first.
+
+    Args:
+        inboxes: One for each topic.
+        ingest: What reads them.
+        timeout: Silence beyond which they count as missing. [s]
+        stage: What compares their effort with the torque of the bodies.
+
+    Returns:
+        What makes the status.
+    """
     accounts = [ingest.account, *(RejectionLog() for _ in inboxes[1:])]
     watches = [
         InputWatch("joint state", inbox, account, timeout)
@@ -49,6 +61,8 @@ def joint_state_source(inboxes: list[Inbox], ingest: JointStateIngest, timeout: 
             found.add(ERROR, f"the joint names of {topics} lack {missing}")
         for finding in ingest.findings(RECENT):
             found.add(ERROR if finding.severe else WARN, finding.sentence)
+        for doubt in stage.effort_check.doubts():
+            found.add(WARN, doubt)
         for number, (inbox, watch) in enumerate(zip(inboxes, watches, strict=True)):
             watch.check(found, f"{inbox.topic}." if number else "")
         found.values |= {
@@ -109,7 +123,7 @@ def temperature_source(
             **accounting(ingest.account),
             **_by_source(ingest),
             "joints_ignored": len(ingest.ignored_joints),
-            **{f"readings_{key}": value for key, value in _readings(stage).items()},
+            **accounting(stage.account, "readings_"),
             **{f"motor_temperature_degc.{name}": value for name, value in degc.items()},
         }
         found.remarks += unknown_joints(topics, ingest.ignored_joints)
@@ -223,7 +237,7 @@ def energy_source(
             "residual_share_last_minute": ledger.judgement.residual_share,
             "meter_counter_resets": comparison.curve.counter.resets,
             "meter_counter_wraps": comparison.curve.counter.wraps,
-            **accounting(comparison.curve, "meter_readings_"),
+            **accounting(comparison.curve.account, "meter_readings_"),
             "extrapolated_share": _share(ledger, Quality.EXTRAPOLATED),
             "drive_extrapolated_share": _share(ledger, Quality.DRIVE_EXTRAPOLATED),
             "temperature_missing_share": _share(ledger, Quality.TEMPERATURE_MISSING),
@@ -252,11 +266,3 @@ def _by_source(ingest: TemperatureIngest) -> dict[str, Number]:
     for reader in ingest.readers if len(ingest.readers) > 1 else ():
         values |= accounting(reader.account, f"{reader.name}.")
     return values
-
-
-def _readings(stage: FrictionStage) -> dict[str, int]:
-    return {
-        "received": stage.received,
-        "accepted": stage.accepted,
-        **{f"rejected.{reason}": count for reason, count in stage.rejected.items() if count},
-    }

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from robot_energy.inputs.meter.power_curve import MeterCurve
 from robot_energy.inputs.rejection_log import RejectionLog
 from ros2_energy_monitor.base.inbox import INACTIVE, Inbox
 from ros2_energy_monitor.diagnostics.reporter import ERROR, STALE, WARN, Number, StatusBuilder
@@ -127,11 +126,11 @@ class InputWatch:
             )
 
 
-def accounting(account: RejectionLog | MeterCurve, prefix: str = "") -> dict[str, Number]:
+def accounting(account: RejectionLog, prefix: str = "") -> dict[str, Number]:
     """Return received messages, and what sums to them: accepted, waiting, rejected by reason."""
     return {
         f"{prefix}received": account.received,
         f"{prefix}accepted": account.accepted,
-        f"{prefix}waiting": account.waiting if isinstance(account, RejectionLog) else 0,
+        f"{prefix}waiting": account.waiting,
         **{f"{prefix}rejected.{reason}": count for reason, count in account.rejected.items()},
     }

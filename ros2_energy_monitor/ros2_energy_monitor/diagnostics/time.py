@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from robot_energy.accounting.integration import Coverage
+from robot_energy.timeline.coverage import Coverage
 
 
 @dataclass(frozen=True)

@@ -62,6 +62,7 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
             limits=self._pipeline.torque.robot.limits,
             effort=settings.effort is not EffortMeaning.NONE,
             source=source,
+            max_gap=settings.max_gap,
         )
         self._torque_writer = TorqueWriter(names, self.model.model_id)
         self._friction_writer = FrictionWriter(self.model)
@@ -93,7 +94,9 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
         ]
         self.orders = [self.ingest.order]
         self.sources = [
-            joint_state_source(states, self.ingest, self.parameters.input_timeout),
+            joint_state_source(
+                states, self.ingest, self.parameters.input_timeout, self._pipeline.torque
+            ),
             temperature_source(
                 self.temperatures,
                 self._temperature,

@@ -51,7 +51,7 @@ class PowerMonitor(MonitorNode[PowerParameters]):
     def set_up(self) -> None:
         """Make the stage, the publishers and the inboxes."""
         settings = settings_of(self.parameters)
-        self._torque = TorqueReader(self.model.joint_names, self.model.model_id)
+        self._torque = TorqueReader(self.model.joint_names, self.model.model_id, settings.max_gap)
         self._friction = FrictionReader(self.model)
         self._stage = PowerStage(self.model, settings)
         self.ledger = EnergyAccount(len(self.model.joints), settings)

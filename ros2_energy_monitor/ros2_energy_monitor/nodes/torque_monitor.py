@@ -44,6 +44,7 @@ class TorqueMonitor(MonitorNode[TorqueParameters]):
             limits=self.stage.robot.limits,
             effort=settings.effort is not EffortMeaning.NONE,
             source=source,
+            max_gap=settings.max_gap,
         )
         self._writer = TorqueWriter(self.model.joint_names, self.model.model_id)
         self._publisher = torque_publisher(self, depth)
@@ -54,7 +55,7 @@ class TorqueMonitor(MonitorNode[TorqueParameters]):
         self.inputs = [(inbox, self.ingest.account) for inbox in inboxes]
         self.orders = [self.ingest.order]
         timeout = self.parameters.input_timeout
-        self.sources = [joint_state_source(inboxes, self.ingest, timeout)]
+        self.sources = [joint_state_source(inboxes, self.ingest, timeout, self.stage)]
 
     def tick(self) -> None:
         """Drain the joint states and publish the torques that became complete."""

@@ -16,7 +16,7 @@ from robot_energy.accounting.account_record import carry_into, record_of, tally_
 from robot_energy.accounting.averaging import Averager, MeanBlock
 from robot_energy.accounting.comparison import Comparison
 from robot_energy.accounting.event_log import EventLog
-from robot_energy.accounting.exact_sum import MAX_COUNTER, ExactSum, add_saturating
+from robot_energy.accounting.exact_sum import ExactSum, add_saturating
 from robot_energy.accounting.job_intervals import JobIntervals
 from robot_energy.accounting.meter_checks import MeterDiagnostics
 from robot_energy.accounting.plain_text import MAX_REASON, plain
@@ -37,6 +37,7 @@ from robot_energy.blocks import (
 from robot_energy.errors import RegisterError
 from robot_energy.timeline.pieces import Compared
 from robot_energy.timeline.stamps import MAX_STAMP_NS, MIN_STAMP_NS
+from robot_energy.units import MAX_COUNTER
 
 BITS = tuple(int(bit) for bit in Quality)
 REPEATED_NS = 1_000_000_000  # after a restart, stamps up to this old were counted before it
@@ -138,8 +139,7 @@ class EnergyAccount:
             oldest = now - self.comparison.patience_ns
             while not oldest <= int(self._unplaced[0].stamp_ns[-1]) <= now:
                 self._unplaced.popleft()
-            none = np.empty(0, dtype=np.int64)
-            return Compared(none, none, np.empty(0), np.empty(0))
+            return Compared.empty()
         supply = SupplyBlock.concatenate([*self._unplaced, block.supply])
         self._unplaced.clear()
         return self.comparison.predict(supply.stamp_ns, supply.segment, supply.power_at(location))

@@ -9,7 +9,6 @@ import numpy as np
 
 from robot_energy.accounting.event_log import EventLog
 from robot_energy.accounting.exact_sum import add_saturating
-from robot_energy.accounting.integration import Coverage
 from robot_energy.accounting.record import (
     JOINT_KEYS,
     SHAFT_KEYS,
@@ -21,6 +20,7 @@ from robot_energy.accounting.record import (
 )
 from robot_energy.accounting.registers import CABINET_REGISTERS, JOINT_REGISTERS
 from robot_energy.blocks import Int, Phase, Quality
+from robot_energy.timeline.coverage import Coverage
 
 if TYPE_CHECKING:
     from robot_energy.accounting.account import EnergyAccount
@@ -113,13 +113,13 @@ def carry_into(ledger: EnergyAccount, record: LedgerRecord) -> None:
     ledger.shaft.add_sums(
         _integers(*_rows(energy, SHAFT_KEYS)),
         _integers(*_rows(rest.joints, SHAFT_KEYS)),
-        _integers(*totals.shaft_compared_ns),
     )
+    add_saturating(ledger.shaft.compared_ns, _integers(*totals.shaft_compared_ns))
     ledger.comparison.add_sums(
         _integers(totals.measured_energy_microjoule, totals.predicted_energy_at_meter_microjoule),
         _integers(rest.measured, rest.predicted_at_meter),
-        totals.compared_ns,
     )
+    ledger.comparison.compared_ns += totals.compared_ns
     names = [phase.name for phase in Phase]
     ledger.phase_energy_sum.add_sums(
         _integers(*(record.phase_energy_microjoule.get(name, 0) for name in names)),

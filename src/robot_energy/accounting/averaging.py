@@ -241,14 +241,9 @@ class Averager:
 
     def _show(self, stamp: Int) -> Float:
         """Measured and predicted power known at each stamp, shape (W, 4)."""
-        available = np.concatenate([part.available_ns for part in self._compared])
-        table = np.stack(
-            [
-                np.concatenate([getattr(part, name) for part in self._compared]).astype(np.float64)
-                for name in ("measured", "predicted", "duration_ns")
-            ],
-            axis=1,
-        )
+        waiting = Compared.concatenate(self._compared)
+        available = waiting.stamp_ns
+        table = np.stack([waiting.measured, waiting.predicted, waiting.duration_ns], axis=1)
         total = np.concatenate([np.zeros((1, 3)), np.cumsum(table, axis=0)])
         upto = np.searchsorted(available, stamp, side="right")
         rows = np.full((len(stamp), 4), np.nan)
@@ -265,14 +260,7 @@ class Averager:
                 self._shown_ns, done = newest, count
             if self._shown_ns is not None and now - self._shown_ns <= self._hold_ns:
                 rows[index] = (*self._shown, (now - self._shown_ns) * NANOSECOND)
-        kept = Compared(
-            available[done:],
-            *(
-                np.concatenate([getattr(part, name) for part in self._compared])[done:]
-                for name in ("duration_ns", "measured", "predicted")
-            ),
-        )
-        self._compared = [kept]
+        self._compared = [waiting[slice(done, None)]]
         return rows
 
 

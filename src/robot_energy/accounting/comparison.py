@@ -74,8 +74,8 @@ class _Epoch:
     newest_ns: int | None = None
 
 
-class Comparison:
-    """Accumulates predicted and measured energy over what both cover.
+class Comparison(ExactSum):
+    """Accumulates measured and predicted energy over what both cover.
 
     Args:
         max_gap: Longest time between meter readings that is bridged. [s]
@@ -100,6 +100,7 @@ class Comparison:
         max_power: float = MAX_POWER,
         wraps_at: float | None = None,
     ) -> None:
+        super().__init__(2)  # measured, predicted
         self.curve = MeterCurve(max_gap, max_power, wraps_at)
         self.location = MeterLocation.UNKNOWN
         self.meaning = MeterMeaning.UNKNOWN
@@ -107,7 +108,6 @@ class Comparison:
         self.idle: Idle | None = None
         self.early_since_ns: int | None = None
         self._patience_ns = round(max(patience, 3 * max_gap) / NANOSECOND)
-        self._sum = ExactSum(2)
         self._epochs: dict[int, _Epoch] = {0: _Epoch()}
         self._measured_epoch = 0
         self._predicted_epoch = 0
@@ -123,31 +123,16 @@ class Comparison:
     @property
     def measured_energy(self) -> float:
         """Measured energy over the compared intervals. [J]"""
-        return float(self._sum.joule[0])
+        return float(self.joule[0])
 
     @property
     def predicted_energy(self) -> float:
         """Predicted energy at the meter's place over the same intervals. [J]"""
-        return float(self._sum.joule[1])
-
-    @property
-    def microjoule(self) -> Int:
-        """Measured and predicted energy as integers, shape (2,). [uJ]"""
-        return self._sum.microjoule
-
-    @property
-    def remainder(self) -> Int:
-        """What is left of both beyond whole microjoules, shape (2,). [2^-40 uJ]"""
-        return self._sum.remainder
-
-    def add_sums(self, microjoule: Int, remainder: Int, compared_ns: int) -> None:
-        """Add what was compared before; measured, then predicted. [uJ] [2^-40 uJ] [ns]"""
-        self._sum.add_sums(microjoule, remainder)
-        self.compared_ns += compared_ns
+        return float(self.joule[1])
 
     def reset(self) -> None:
         """Begin at zero; what still waits for the meter is compared later."""
-        self._sum.reset()
+        super().reset()
         self.compared_ns = 0
 
     def interrupt(self) -> None:
@@ -197,7 +182,7 @@ class Comparison:
                 self._match(int(second[start]) * SECOND_NS)
             rows = slice(start, stop)
             done.append(self._predict(stamp_ns[rows], segment[rows], power[rows]))
-        return _joined(done)
+        return Compared.concatenate(done)
 
     def _predict(self, stamp_ns: Int, segment: Int, power: Float) -> Compared:
         done: list[Compared] = []
@@ -212,10 +197,10 @@ class Comparison:
                 self._last = None
                 self._epochs.pop(self._predicted_epoch, None)
                 self._predicted_epoch += 1
-                self._led = int(stamp_ns[stop]), self.curve.accepted
+                self._led = int(stamp_ns[stop]), self.curve.account.accepted
         done.append(self._advance())
-        self._note_idle(int(stamp_ns[-1]), any(len(part.duration_ns) for part in done))
-        return _joined(done)
+        self._note_idle(int(stamp_ns[-1]), any(map(len, done)))
+        return Compared.concatenate(done)
 
     def _match(self, now_ns: int) -> None:
         """Go on with the meter's readings where only one side's clock has jumped back."""
@@ -225,7 +210,10 @@ class Comparison:
             return
         since_ns, readings = self._led
         newest = self.curve.newest_ns
-        waited = now_ns - since_ns > ALONE_NS and self.curve.accepted - readings >= ALONE_READINGS
+        waited = (
+            now_ns - since_ns > ALONE_NS
+            and self.curve.account.accepted - readings >= ALONE_READINGS
+        )
         if waited and newest is not None and abs(newest - now_ns) < NEAR_NS:
             epoch = self._epochs.setdefault(self._predicted_epoch, _Epoch())
             epoch.measured = self._epochs.pop(self._measured_epoch, _Epoch()).measured
@@ -256,7 +244,7 @@ class Comparison:
         curve, idle = self.curve, self.idle
         ahead_ns = None if curve.newest_ns is None else curve.newest_ns - newest_ns
         if compared or idle is None or newest_ns < idle.since_ns:
-            self.idle = Idle(newest_ns, newest_ns, curve.accepted, curve.gaps, ahead_ns)
+            self.idle = Idle(newest_ns, newest_ns, curve.account.accepted, curve.gaps, ahead_ns)
         else:
             self.idle = replace(idle, until_ns=newest_ns, ahead_ns=ahead_ns)
         if ahead_ns is None or ahead_ns <= EARLY_NS:
@@ -279,8 +267,7 @@ class Comparison:
     def _advance(self) -> Compared:
         epoch = self._epochs.setdefault(self._predicted_epoch, _Epoch())
         predicted, measured = epoch.predicted, epoch.measured
-        none, nothing = np.empty(0, dtype=np.int64), np.empty(0)
-        result = Compared(none, none, nothing, nothing)
+        result = Compared.empty()
         if len(predicted) and len(measured):
             until = int(min(predicted.end_ns[-1], measured.end_ns[-1]))
             start = int(max(predicted.start_ns[0], measured.start_ns[0]))
@@ -315,16 +302,6 @@ class Comparison:
             ],
             axis=1,
         )
-        self._sum.add(energy)
+        self.add(energy)
         self.compared_ns += int((high - low).sum())
         return Compared(measured.end_ns[row_m], high - low, energy[:, 0], energy[:, 1])
-
-
-def _joined(parts: list[Compared]) -> Compared:
-    """Join what became comparable, in the order given."""
-    return Compared(
-        *(
-            np.concatenate([getattr(part, name) for part in parts])
-            for name in ("available_ns", "duration_ns", "measured", "predicted")
-        )
-    )

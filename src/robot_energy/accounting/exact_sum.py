@@ -10,9 +10,9 @@ import numpy as np
 
 from robot_energy.blocks import Float, Int
 from robot_energy.physics.equations import COLUMNS
+from robot_energy.units import MAX_COUNTER
 
 PER_JOULE = 1e6  # microjoules
-MAX_COUNTER = 2**63 - 1  # where every counter stays: the largest that int64 and a file hold
 REMAINDER_BITS = 40  # the remainder counts units of 2^-40 microjoule
 REMAINDER_MASK = (1 << REMAINDER_BITS) - 1
 BLOCK = 1 << 12  # rows whose sums, of 2 MJ each, are exact in a float

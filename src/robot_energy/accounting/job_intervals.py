@@ -7,11 +7,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from robot_energy.accounting.exact_sum import MAX_COUNTER
 from robot_energy.accounting.plain_text import MAX_NAME, plain
 from robot_energy.accounting.record import EnergyInterval, OpenInterval, Tally
 from robot_energy.errors import RegisterError
 from robot_energy.shown_text import shown
+from robot_energy.units import MAX_COUNTER
 
 MAX_OPEN = 16
 MAX_CLOSED = 16

@@ -20,13 +20,14 @@ from pydantic import (
     model_validator,
 )
 
-from robot_energy.accounting.exact_sum import MAX_COUNTER, REMAINDER_BITS
+from robot_energy.accounting.exact_sum import REMAINDER_BITS
 from robot_energy.accounting.plain_text import MAX_NAME, MAX_TEXT
 from robot_energy.accounting.record_repair import one_line, repaired
 from robot_energy.accounting.registers import CABINET_REGISTERS, JOINT_REGISTERS, SHAFT_REGISTERS
 from robot_energy.errors import StateFileError
 from robot_energy.shown_text import shown
 from robot_energy.timeline.stamps import MAX_STAMP_NS, MIN_STAMP_NS
+from robot_energy.units import MAX_COUNTER
 
 FORMAT_VERSION = 2  # 1 had no node
 SHAFT_KEYS = tuple(f"shaft_{name}" for name in SHAFT_REGISTERS)

@@ -9,8 +9,9 @@ from __future__ import annotations
 import numpy as np
 
 from robot_energy.accounting.exact_sum import ExactSum
-from robot_energy.accounting.integration import Coverage, SampleIntervals, TrapezoidIntegrator
-from robot_energy.blocks import Float, Int, PowerBlock
+from robot_energy.accounting.integration import SampleIntervals, TrapezoidIntegrator
+from robot_energy.blocks import Float, PowerBlock
+from robot_energy.timeline.coverage import Coverage
 
 CABINET_REGISTERS = ("grid_import", "grid_return", "brake", "loss_dc", "loss_grid", "capacitor")
 JOINT_REGISTERS = ("shaft_positive", "shaft_negative", "rigid", "friction", "drive_loss")
@@ -22,27 +23,22 @@ SHAFT_REGISTERS = (
 )
 
 
-class Registers:
-    """The energy registers of one robot.
+class Registers(ExactSum):
+    """The energy registers of one robot: those of the cabinet, then each joint register.
 
     Args:
         n_joints: Number of joints.
     """
 
     def __init__(self, n_joints: int) -> None:
+        super().__init__(len(CABINET_REGISTERS) + len(JOINT_REGISTERS) * n_joints)
         self.n_joints = n_joints
-        self._sum = ExactSum(len(CABINET_REGISTERS) + len(JOINT_REGISTERS) * n_joints)
         self._trapezoid = TrapezoidIntegrator()
 
     @property
     def time(self) -> Coverage:
         """Account of observed and missing time."""
         return self._trapezoid.time
-
-    @property
-    def microjoule(self) -> Int:
-        """All registers as integers: cabinet ones, then each joint register. [uJ]"""
-        return self._sum.microjoule
 
     @np.errstate(invalid="ignore")
     def step(self, block: PowerBlock) -> SampleIntervals:
@@ -55,21 +51,12 @@ class Registers:
             The intervals, whose energies are in the order of `microjoule`.
         """
         intervals = self._trapezoid.step(block.stamp_ns, block.segment, _columns(block))
-        self._sum.add(intervals.energy)
+        self.add(intervals.energy)
         return intervals
-
-    @property
-    def remainder(self) -> Int:
-        """What is left of each register beyond whole microjoules. [2^-40 uJ]"""
-        return self._sum.remainder
-
-    def add_sums(self, microjoule: Int, remainder: Int) -> None:
-        """Add sums counted before; both in the order of `microjoule`. [uJ] [2^-40 uJ]"""
-        self._sum.add_sums(microjoule, remainder)
 
     def reset(self) -> None:
         """Begin all registers and times at zero, at the newest sample."""
-        self._sum.reset()
+        super().reset()
         self._trapezoid.reset()
 
     def interrupt(self) -> None:
@@ -78,12 +65,12 @@ class Registers:
 
     def cabinet(self, name: str) -> float:
         """Return a register of the cabinet by its name in ``CABINET_REGISTERS``. [J]"""
-        return float(self._sum.joule[CABINET_REGISTERS.index(name)])
+        return float(self.joule[CABINET_REGISTERS.index(name)])
 
     def joints(self, name: str) -> Float:
         """Return a register of every joint by its name in ``JOINT_REGISTERS``, (n,). [J]"""
         start = len(CABINET_REGISTERS) + JOINT_REGISTERS.index(name) * self.n_joints
-        return self._sum.joule[start : start + self.n_joints]
+        return self.joule[start : start + self.n_joints]
 
 
 def _columns(block: PowerBlock) -> Float:

@@ -20,8 +20,10 @@ PREDICTED = len(CABINET_REGISTERS)  # column of the first predicted shaft energy
 LARGEST = 1e6  # J in one interval; more is no measurement, and would not fit the sums
 
 
-class ShaftComparison:
+class ShaftComparison(ExactSum):
     """Accumulates measured shaft energies and what they are compared with.
+
+    The sums are in the order of ``SHAFT_REGISTERS``.
 
     Args:
         n_joints: Number of joints.
@@ -31,35 +33,14 @@ class ShaftComparison:
     """
 
     def __init__(self, n_joints: int) -> None:
+        super().__init__(len(SHAFT_REGISTERS) * n_joints)
         self.n_joints = n_joints
         self.compared_ns: Int = np.zeros(n_joints, dtype=np.int64)
-        self._sum = ExactSum(len(SHAFT_REGISTERS) * n_joints)
         self._last: Float = np.full(2 * n_joints, np.nan)
-
-    @property
-    def microjoule(self) -> Int:
-        """All registers as integers, in the order of ``SHAFT_REGISTERS``. [uJ]"""
-        return self._sum.microjoule
-
-    @property
-    def remainder(self) -> Int:
-        """What is left of each register beyond whole microjoules. [2^-40 uJ]"""
-        return self._sum.remainder
-
-    def add_sums(self, microjoule: Int, remainder: Int, compared_ns: Int) -> None:
-        """Add what was compared before, in the order of `microjoule`.
-
-        Args:
-            microjoule: Shape (4 n,). [uJ]
-            remainder: Shape (4 n,). [2^-40 uJ]
-            compared_ns: Shape (n,). [ns]
-        """
-        self._sum.add_sums(microjoule, remainder)
-        add_saturating(self.compared_ns, compared_ns)
 
     def reset(self) -> None:
         """Begin at zero."""
-        self._sum.reset()
+        super().reset()
         self.compared_ns[:] = 0
 
     def joints(self, name: str) -> Float:
@@ -72,7 +53,7 @@ class ShaftComparison:
             Shape (n,); NaN where nothing was compared yet. [J]
         """
         start = SHAFT_REGISTERS.index(name) * self.n_joints
-        joule = self._sum.joule[start : start + self.n_joints]
+        joule = self.joule[start : start + self.n_joints]
         return np.where(self.compared_ns > 0, joule, np.nan)
 
     @np.errstate(invalid="ignore", over="ignore")  # bad samples are not covered
@@ -106,7 +87,7 @@ class ShaftComparison:
             add_saturating(self.compared_ns, intervals.duration_ns.sum())
         else:
             self._leave_out(energy, total, intervals.duration_ns)
-        self._sum.add(energy)
+        self.add(energy)
         return total
 
     def _leave_out(self, energy: Float, total: Float, duration_ns: Int) -> None:

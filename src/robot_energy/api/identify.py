@@ -88,7 +88,7 @@ def identify_friction(
     from robot_energy.results.identification import FrictionReport
 
     used, paths = model_of(model), _paths(bags)
-    data = BagSource(paths, effort, inputs, progress).friction_data(used)
+    data = BagSource(paths, effort, inputs, progress=progress).friction_data(used)
     source = _names(paths)
     fits, refused = fit_axes(data, source)
     check_friction(fits)
@@ -126,7 +126,7 @@ def identify_cabinet(
     from robot_energy.results.identification import cabinet_report
 
     used, paths = model_of(model), _paths(bags)
-    recordings = BagSource(paths, None, inputs, progress).recordings(used)
+    recordings = BagSource(paths, None, inputs, progress=progress).recordings(used)
     found = fit_supply(recordings, _names(paths), link_voltages)
     check_cabinet(found.cabinet)
     return IdentificationResult(found.model, cabinet_report(found))
@@ -166,7 +166,7 @@ def identify_dynamics(
     from robot_energy.results.dynamics import dynamics_report
 
     used, paths = model_of(model), _paths(bags)
-    recordings = BagSource(paths, effort, inputs, progress).channels(used)
+    recordings = BagSource(paths, effort, inputs, progress=progress).channels(used)
     stretches = [part for parts in recordings.values() for part in parts]
     with progress("identifying"):
         result = identify_dynamics(stretches, used, settings or DynamicsSettings())

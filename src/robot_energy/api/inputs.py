@@ -12,6 +12,7 @@ from robot_energy.blocks import EffortMeaning
 from robot_energy.errors import ModelFileError, ParameterError
 from robot_energy.inputs.inputs_file import read_inputs
 from robot_energy.model import RobotModel, load
+from robot_energy.presets import ROBOTS
 
 if TYPE_CHECKING:
     from robot_energy.identify.data.recordings import Recording
@@ -51,6 +52,27 @@ def effort_meaning(effort: str) -> EffortMeaning:
     return EffortMeaning(effort)
 
 
+def driver_inputs(path: str | Path | None, robot: str | None) -> tuple[Inputs | None, list[str]]:
+    """Read the inputs of a parameter file, of a known robot, or of both.
+
+    Args:
+        path: Parameter file of a monitor, whose values go before; None for none.
+        robot: Name of a robot in `ROBOTS`; None for none.
+
+    Returns:
+        The inputs, None where neither is given, and one sentence for each name that is probably
+        misspelt.
+
+    Raises:
+        KindError: If the robot is unknown.
+        ParameterError: If the file cannot be used.
+    """
+    if robot is None:
+        return (None, []) if path is None else read_inputs(path)
+    preset = ROBOTS[robot]
+    return read_inputs(preset.inputs) if path is None else read_inputs(path, preset)
+
+
 @contextmanager
 def silent(label: str) -> Generator[Callable[[float], None]]:
     """Show no progress.
@@ -73,12 +95,14 @@ class BagSource:
         bags: MCAP files or rosbag2 folders.
         effort: What the effort in the joint states is; None: as ``inputs`` says.
         inputs: Parameter file of a monitor: read the bags as that node reads its topics.
+        robot: Name of a robot whose driver is known.
         progress: Called with what is going on; gives a function of the share done.
     """
 
     bags: Sequence[str | Path]
     effort: str | None = None
     inputs: str | Path | None = None
+    robot: str | None = None
     progress: Stages = silent
 
     def meaning(self) -> tuple[EffortMeaning, Inputs | None]:
@@ -87,11 +111,9 @@ class BagSource:
         Raises:
             ParameterError: If the parameter file cannot be used.
         """
-        read = None
-        if self.inputs is not None:
-            read, notes = read_inputs(self.inputs)
-            if notes:
-                raise ParameterError(notes[0], remedy=f"change {self.inputs}")
+        read, notes = driver_inputs(self.inputs, self.robot)
+        if notes:
+            raise ParameterError(notes[0], remedy=f"change {self.inputs}")
         told = EffortMeaning.NONE if read is None else read.joint_states.effort_meaning
         return effort_meaning(self.effort or told), read
 

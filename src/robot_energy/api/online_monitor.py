@@ -79,6 +79,7 @@ class OnlineMonitor:
             names,
             limits=self.pipeline.torque.robot.limits,
             effort=meaning is not EffortMeaning.NONE,
+            max_gap=settings.max_gap,
         )
         self._temperatures = TemperatureIngest(
             names, stale_after=self.model.temperature.stale_after

@@ -9,11 +9,10 @@ from typing import Any, Literal, TypedDict, Unpack
 
 from robot_energy import bag_replay
 from robot_energy.accounting.averaging import MeanBlock
-from robot_energy.api.inputs import ModelName, effort_meaning, model_of
+from robot_energy.api.inputs import ModelName, driver_inputs, effort_meaning, model_of
 from robot_energy.api.power_table import empty_table, period_table, sample_table
 from robot_energy.bag_replay import Replay, Topics
 from robot_energy.blocks import PowerBlock
-from robot_energy.inputs.inputs_file import read_inputs
 from robot_energy.inputs.sources import JointStateSource
 from robot_energy.model import RobotModel
 from robot_energy.physics.friction import with_fixed_friction
@@ -35,12 +34,16 @@ class ReplayOptions(TypedDict, total=False):
         meter: Topic of the power meter.
         payload: Topic of payloads set at run time; ``none`` to use none of the bag's.
         inputs: Parameter file of a monitor: read the bag as that node reads its topics.
+        robot: Name of a robot whose driver is known (`robot-energy kinds` lists them): its
+            inputs count where ``inputs`` says nothing.
         effort: What the effort in the joint states is: ``none``, ``motor_current``,
             ``motor_torque`` or ``joint_torque``.
         stamp_source: What dates joint states: ``header`` or ``receive``.
         reorder_window: Window in which joint states that overtook each other are sorted. [s]
         derivative_window: Window behind an acceleration. [s]
         temperature_wait: How long torque waits for late temperatures. [s]
+        max_gap: Longest time between two joint states that is bridged; 0: five times their
+            usual period, 0.1 s to 1 s. [s]
         meter_max_gap: Longest time between meter readings that is bridged. [s]
         out: Folder of a new bag for the energy topics.
         overwrite: Whether an existing ``out`` may be replaced.
@@ -52,11 +55,13 @@ class ReplayOptions(TypedDict, total=False):
     meter: str | None
     payload: str | None
     inputs: str | Path | None
+    robot: str | None
     effort: str | None
     stamp_source: str | None
     reorder_window: float | None
     derivative_window: float | None
     temperature_wait: float | None
+    max_gap: float | None
     meter_max_gap: float | None
     out: str | Path | None
     overwrite: bool
@@ -236,16 +241,15 @@ def run_replay(
     Raises:
         RobotEnergyError: If bag, model or an option cannot be used.
     """
-    inputs = options.get("inputs")
-    read, notes = (None, []) if inputs is None else read_inputs(inputs)
+    read, notes = driver_inputs(options.get("inputs"), options.get("robot"))
     settings = {
         name: options.get(name)
-        for name in ("derivative_window", "temperature_wait", "meter_max_gap")
+        for name in ("derivative_window", "temperature_wait", "max_gap", "meter_max_gap")
     }
     settings["power_period"] = power_period
     given: dict[str, Any] = {name: value for name, value in settings.items() if value is not None}
     if read is not None:
-        given.setdefault("meter_max_gap", read.meter_max_gap)
+        given = {"max_gap": read.max_gap, "meter_max_gap": read.meter_max_gap, **given}
     effort = options.get("effort") or (NONE if read is None else read.joint_states.effort_meaning)
     dating: dict[str, Any] = {
         name: options.get(name) for name in ("stamp_source", "reorder_window")

@@ -1,4 +1,4 @@
-"""Message definitions: ROS 2 Jazzy's own, those of ros2_energy_msgs and a few of control_msgs."""
+"""Message definitions: ROS 2 Jazzy's own, those of ros2_energy_msgs, a few of other packages."""
 
 from __future__ import annotations
 
@@ -32,12 +32,20 @@ _OPTIONAL = {
     "control_msgs/msg/InterfaceValue": "string[] interface_names\nfloat64[] values\n",
     "control_msgs/msg/Float64Values": "std_msgs/Header header\nfloat64[] values\n",
     "control_msgs/msg/Keys": "std_msgs/Header header\nstring[] keys\n",
+    "example_interfaces/msg/Float64": "float64 data\n",
+    "example_interfaces/msg/Float64MultiArray": (
+        "example_interfaces/MultiArrayLayout layout\nfloat64[] data\n"
+    ),
+    "example_interfaces/msg/MultiArrayLayout": (
+        "example_interfaces/MultiArrayDimension[] dim\nuint32 data_offset\n"
+    ),
+    "example_interfaces/msg/MultiArrayDimension": "string label\nuint32 size\nuint32 stride\n",
 }
 
 
 @cache
 def typestore() -> Typestore:
-    """Return the message definitions of ROS 2 Jazzy, ros2_energy_msgs and control_msgs (a few).
+    """Return the message definitions of ROS 2 Jazzy, ros2_energy_msgs, and a few more.
 
     The store is made at the first call and shared: take a copy to add types to it.
 

@@ -5,8 +5,7 @@ again, and friction of any size but never of the wrong sign is fitted for each j
 
 ``measured = rigid + rotor + coulomb sign(w) + viscous w + offset``, coulomb, viscous >= 0.
 
-The cause that lowers the unexplained torque most is named, if it lowers it far enough. Then the
-search goes on with the corrected recording, so that several causes are found.
+`robot_energy.check.search` names the cause that lowers the unexplained torque most.
 """
 
 from __future__ import annotations
@@ -23,9 +22,6 @@ from robot_energy.physics.drivetrain import Drivetrain
 
 MIN_SAMPLES = 80  # moving samples of a joint, below which nothing is said of its torque
 FLOOR = 1e-3  # share of a joint's torque variance that no model explains
-WORTH = 0.05  # share of unexplained torque of a joint, below which it needs no cause
-OF_THE_JOINT = ("gear_ratio",)  # causes that touch no other joint's torque
-MAX_CAUSES = 4  # found one after the other
 OFFSETS = np.array([-np.pi / 2, -0.8, -0.4, -0.2, -0.1, 0.1, 0.2, 0.4, 0.8, np.pi / 2])  # [rad]
 SCALES = {
     "RMS instead of peak current, or the reverse": (2.0**0.5, 2.0**-0.5),
@@ -33,8 +29,6 @@ SCALES = {
     "line instead of phase current, or the reverse": (3.0**0.5, 3.0**-0.5),
     "percent or thousandths of another unit": (10.0, 0.1, 100.0, 0.01, 1000.0, 0.001),
 }
-RATIOS = (2.0, 0.5, 3.0, 1 / 3, 4.0, 0.25)
-MIN_MOVE = 0.05  # rad of range, below which a joint does not show its zero
 
 
 @dataclass(frozen=True)
@@ -66,6 +60,7 @@ class Cause:
         value: Its size, in the unit of the cause; 1 where it has none.
         correct: Gives the recording without it.
         least_gain: By which it must lower the cost to be named.
+        std: Standard deviation of ``value``; NaN where it is a choice.
     """
 
     name: str
@@ -73,6 +68,7 @@ class Cause:
     value: float
     correct: Callable[[Evidence], Evidence]
     least_gain: float
+    std: float = float("nan")
 
 
 def attempt(evidence: Evidence) -> Trial:
@@ -129,73 +125,15 @@ def _unexplained(measured: Float, rigid: Float, speed: Float, moving: NDArray[np
     return left**2 / (len(rest) * total)
 
 
-def search(evidence: Evidence) -> tuple[list[tuple[Cause, float]], Trial, Trial]:
-    """Find the causes, the strongest first.
+def torque_factor(name: str, joints: tuple[int, ...], factor: float, least_gain: float) -> Cause:
+    """The recorded torque is ``factor`` times what it should be.
 
     Args:
-        evidence: The recording, thinned.
-
-    Returns:
-        Each cause with the share of unexplained variance that it takes away; the trial of the
-        recording as it is; the trial without the causes.
+        name: Of the cause.
+        joints: Indices in model order.
+        factor: Recorded over true torque. [-]
+        least_gain: In cost, for it to be named. [-]
     """
-    first = trial = attempt(evidence)
-    found: list[tuple[Cause, float]] = []
-    for _ in range(MAX_CAUSES):
-        best: tuple[float, Cause, Trial] | None = None
-        for cause in candidates(trial):
-            if cause.name in OF_THE_JOINT and not (trial.unexplained[cause.joints[0]] > WORTH):
-                continue
-            corrected = attempt(cause.correct(trial.evidence))
-            gain = trial.cost() - corrected.cost() - cause.least_gain
-            if gain > 0.0 and (best is None or gain > best[0]):
-                best = (gain, cause, corrected)
-        if best is None:
-            break
-        _, cause, corrected = best
-        before, after = np.nansum(trial.unexplained), np.nansum(corrected.unexplained)
-        found.append((cause, float(1.0 - after / before) if before > 0 else 0.0))
-        trial = corrected
-    return found, first, trial
-
-
-def candidates(trial: Trial) -> list[Cause]:
-    """Return the causes worth a trial with a recording.
-
-    Args:
-        trial: The recording as it is now.
-    """
-    evidence = trial.evidence
-    count = len(evidence.names)
-    known = [j for j in range(count) if np.isfinite(trial.unexplained[j])]
-    everything = tuple(range(count))
-    found = [_torque("torque_sign", everything, -1.0, 0.3)]
-    found += [_torque("torque_sign", (j,), -1.0, 0.3) for j in known]
-    found += [_motion("joint_sign", j) for j in known]
-    for factors in SCALES.values():
-        least = 0.15 * len(known)
-        found += [_torque("torque_scale", everything, factor, least) for factor in factors]
-    found += [_gear(j, factor) for j in known for factor in RATIOS]
-    if evidence.effort is not EffortMeaning.MOTOR_CURRENT:
-        found.append(_other_side(evidence))
-    found += [_swap(i, j) for i in known for j in known if i < j]
-    prismatic = evidence.robot.limits.prismatic
-    found += [
-        _home(j, j + 1, value)
-        for j in everything[:-1]
-        for value in (-np.pi / 2, np.pi / 2)
-        if not prismatic[j] and not prismatic[j + 1]
-    ]
-    for j in everything:
-        if not prismatic[j] and np.ptp(evidence.position[:, j]) > MIN_MOVE:
-            best = _best_offset(evidence, j, trial)
-            if best is not None:
-                found.append(best)
-    return found
-
-
-def _torque(name: str, joints: tuple[int, ...], factor: float, least_gain: float) -> Cause:
-    """The recorded torque is ``factor`` times what it should be."""
 
     def correct(evidence: Evidence) -> Evidence:
         torque = evidence.motor_torque.copy()
@@ -205,8 +143,13 @@ def _torque(name: str, joints: tuple[int, ...], factor: float, least_gain: float
     return Cause(name, joints, factor, correct, least_gain)
 
 
-def _gear(joint: int, factor: float) -> Cause:
-    """The gear ratio of a joint in the model is ``factor`` times the true one."""
+def gear_ratio(joint: int, factor: float) -> Cause:
+    """The gear ratio of a joint in the model is ``factor`` times the true one.
+
+    Args:
+        joint: Index in model order.
+        factor: Ratio of the model over the true one. [-]
+    """
 
     def correct(evidence: Evidence) -> Evidence:
         transmission = evidence.drivetrain.transmission.copy()
@@ -218,11 +161,15 @@ def _gear(joint: int, factor: float) -> Cause:
         drivetrain = Drivetrain(transmission, evidence.drivetrain.rotor_inertia)
         return replace(evidence, drivetrain=drivetrain, motor_torque=torque)
 
-    return Cause("gear_ratio", (joint,), factor, correct, 0.9)
+    return Cause("gear_ratio", (joint,), factor, correct, 0.85 + 0.1 * abs(np.log(factor)))
 
 
-def _other_side(evidence: Evidence) -> Cause:
-    """The effort is motor torque where joint torque was stated, or the reverse."""
+def effort_meaning(evidence: Evidence) -> Cause:
+    """The effort is motor torque where joint torque was stated, or the reverse.
+
+    Args:
+        evidence: The recording, whose stated meaning is doubted.
+    """
     joint = evidence.effort is EffortMeaning.JOINT_TORQUE
 
     def correct(evidence: Evidence) -> Evidence:
@@ -243,8 +190,15 @@ def _other_side(evidence: Evidence) -> Cause:
     return Cause("effort_meaning", everything, 1.0 if joint else -1.0, correct, 0.3)
 
 
-def _motion(name: str, joint: int) -> Cause:
-    """Position, velocity and acceleration of a joint have the wrong sign."""
+def joint_sign(joint: int) -> Cause:
+    """Position, velocity and acceleration of a joint have the wrong sign.
+
+    Args:
+        joint: Index in model order.
+
+    Returns:
+        The cause.
+    """
 
     def correct(evidence: Evidence) -> Evidence:
         changed: dict[str, Float] = {}
@@ -254,11 +208,19 @@ def _motion(name: str, joint: int) -> Cause:
             changed[key] = values
         return replace(evidence, **changed)
 
-    return Cause(name, (joint,), -1.0, correct, 0.4)
+    return Cause("joint_sign", (joint,), -1.0, correct, 0.4)
 
 
-def _swap(first: int, second: int) -> Cause:
-    """Two joints have each other's position, velocity and torque."""
+def joint_order(first: int, second: int) -> Cause:
+    """Two joints have each other's position, velocity and torque.
+
+    Args:
+        first: Index in model order.
+        second: Index in model order.
+
+    Returns:
+        The cause.
+    """
 
     def correct(evidence: Evidence) -> Evidence:
         order = list(range(evidence.position.shape[1]))
@@ -286,11 +248,20 @@ def _offset(joint: int, value: float) -> Cause:
         position[:, joint] -= value
         return replace(evidence, position=position)
 
-    return Cause("zero_offset", (joint,), value, correct, 0.5)
+    return Cause("zero_offset", (joint,), value, correct, 0.25)
 
 
-def _home(first: int, second: int, value: float) -> Cause:
-    """Two neighbours count from a home pose: their zeros are off by a right angle each."""
+def home_pose(first: int, second: int, value: float) -> Cause:
+    """Two neighbours count from a home pose: their zeros are off, in opposite directions.
+
+    Args:
+        first: Index in model order.
+        second: Index in model order.
+        value: Offset of the first; that of the second is its negative. [rad]
+
+    Returns:
+        The cause.
+    """
 
     def correct(evidence: Evidence) -> Evidence:
         position = evidence.position.copy()
@@ -301,8 +272,13 @@ def _home(first: int, second: int, value: float) -> Cause:
     return Cause("zero_offset", (first, second), value, correct, 1.0)
 
 
-def _best_offset(evidence: Evidence, joint: int, trial: Trial) -> Cause | None:
-    """The zero offset of a joint that lowers the cost most; None if none does."""
+def best_offset(evidence: Evidence, joint: int) -> Cause | None:
+    """The zero offset of a joint that lowers the cost most; None if none does.
+
+    Args:
+        evidence: The recording.
+        joint: Index in model order.
+    """
     from scipy.optimize import minimize_scalar
 
     step = max(1, len(evidence.stamp_ns) // 500)

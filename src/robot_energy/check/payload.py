@@ -7,32 +7,42 @@ from dataclasses import replace
 import numpy as np
 
 from robot_energy.blocks import Float
-from robot_energy.check.hypotheses import FLOOR, MIN_SAMPLES, Trial, attempt
+from robot_energy.check.evidence import Evidence
+from robot_energy.check.hypotheses import FLOOR, MIN_SAMPLES, Cause, Trial
 
 SURE = 4.0  # standard deviations by which a mass differs from 0
+MIN_MASS = 0.3  # [kg]
+MAX_SHARE = 0.15  # of the robot's own moving mass; it carries less, beyond its known payload
 
 
-def payload_difference(trial: Trial) -> tuple[float, float, float]:
-    """Estimate a mass at the last link that the model lacks or has too much.
+def payload_cause(trial: Trial) -> list[Cause]:
+    """Return a mass at the last link as a cause, if the torque shows one for certain.
 
-    It is fitted twice, with and without a common scale of the torque; the two differ where the
-    scale and the mass explain the same torque, and the deviation contains that.
+    It is fitted twice, with and without a common scale of the torque. The two differ where scale
+    and mass explain the same torque: the size named is their mean.
 
     Args:
         trial: A recording.
 
     Returns:
-        The mass [kg], its standard deviation [kg], and the gain in cost of taking it and its
-        centre of mass into the model, of the fit with the scale; 0 if its mass is not certain.
+        One cause, or none. [kg]
     """
-    free, free_std, gain = _fitted_payload(trial, True)
-    fixed, fixed_std, _ = _fitted_payload(trial, False)
-    std = float(np.sqrt(max(free_std, fixed_std) ** 2 + (0.5 * (free - fixed)) ** 2))
-    return 0.5 * (free + fixed), std, gain if abs(free) > SURE * free_std else 0.0
+    free, std, torque = _fitted_payload(trial, True)
+    robot = trial.evidence.robot
+    largest = MAX_SHARE * (robot.moving_mass - robot.payload_mass) + robot.payload_mass
+    least = -robot.payload_mass - 0.2 * largest  # a part of the last link may be missing
+    if not (abs(free) > SURE * std and abs(free) > MIN_MASS and least < free < largest):
+        return []
+    fixed, _, _ = _fitted_payload(trial, False)
+
+    def correct(evidence: Evidence) -> Evidence:
+        return replace(evidence, motor_torque=evidence.motor_torque - torque)
+
+    return [Cause("payload", (), 0.5 * (free + fixed), correct, 0.9, abs(free - fixed) / 2)]
 
 
-def _fitted_payload(trial: Trial, with_scale: bool) -> tuple[float, float, float]:
-    """Mass, its standard deviation of the fit, and the gain in cost."""
+def _fitted_payload(trial: Trial, with_scale: bool) -> tuple[float, float, Float]:
+    """Mass [kg], its standard deviation of the fit [kg], and its motor torque [N m]."""
     from scipy.optimize import lsq_linear
 
     evidence = trial.evidence
@@ -74,7 +84,7 @@ def _fitted_payload(trial: Trial, with_scale: bool) -> tuple[float, float, float
         blocks.append(weight * block)
         targets.append(weight * rest)
     if not blocks:
-        return 0.0, float("nan"), 0.0
+        return 0.0, float("nan"), np.zeros_like(trial.rigid)
     matrix, target = np.concatenate(blocks), np.concatenate(targets)
     scale = np.linalg.norm(matrix, axis=0)
     used = scale > 1e-9 * scale.max()
@@ -90,7 +100,4 @@ def _fitted_payload(trial: Trial, with_scale: bool) -> tuple[float, float, float
     if used[0]:
         variance = 2.0 * solved.cost / max(len(target) - width, 1)
         mass_std = float(np.sqrt(covariance[0, 0] * variance)) / float(scale[0])
-    corrected = replace(
-        evidence, motor_torque=evidence.motor_torque - np.einsum("njk,k->nj", motor, values[:4])
-    )
-    return float(values[0]), mass_std, trial.cost() - attempt(corrected).cost()
+    return float(values[0]), mass_std, np.asarray(np.einsum("njk,k->nj", motor, values[:4]))

@@ -7,17 +7,9 @@ import numpy as np
 from robot_energy.blocks import EffortMeaning
 from robot_energy.check.evidence import Evidence
 from robot_energy.check.finding import ERROR, NOTE, WARNING, Finding
-from robot_energy.check.hypotheses import (
-    Cause,
-    Trial,
-    attempt,
-    scale_words,
-    search,
-)
-from robot_energy.check.payload import payload_difference
+from robot_energy.check.hypotheses import Cause, Trial, attempt, scale_words
+from robot_energy.check.search import search
 
-MIN_PAYLOAD_GAIN = 0.8  # in cost, for a payload to be named
-MIN_PAYLOAD = 0.3  # kg
 WIDE = 0.1  # of a gear ratio: a deviation from which it is a prior
 POOR = 0.5  # share of unexplained torque from which a model does not fit
 
@@ -40,8 +32,6 @@ def check_torque(evidence: Evidence) -> tuple[list[Finding], str]:
         return [], "no joint moves long enough"
     causes, first, last = search(thin)
     findings = [_finding(evidence, cause, share, first) for cause, share in causes]
-    if not causes:
-        findings += _payload(last)
     findings += _poor(evidence, last)
     unknown = [name for name, share in zip(evidence.names, last.unexplained, strict=True)
                if not np.isfinite(share)]  # fmt: skip
@@ -57,9 +47,11 @@ def check_torque(evidence: Evidence) -> tuple[list[Finding], str]:
 
 
 def _finding(evidence: Evidence, cause: Cause, share: float, first: Trial) -> Finding:
-    names = tuple(evidence.names[j] for j in cause.joints)
+    names = tuple(evidence.names[j] for j in cause.joints) or (cause.name,)
     which = "all joints" if len(names) == len(evidence.names) > 1 else ", ".join(names)
     proof = f"as it is, the model explains {_explained(first, cause.joints)} of its torque"
+    ratios = [evidence.model.joints[j].gear_ratio.value / cause.value for j in cause.joints]
+    ratio = ratios[0] if ratios else float("nan")
     words = {
         "torque_sign": (
             f"the torque of {which} has the opposite sign ({proof})",
@@ -77,14 +69,19 @@ def _finding(evidence: Evidence, cause: Cause, share: float, first: Trial) -> Fi
         "gear_ratio": (
             f"the motor torque of {which} is that of a gear ratio {1 / cause.value:.3g} times the "
             f"model's ({proof})",
-            f"joints: {names[0]}: gear_ratio: "
-            f"{_ratio(evidence, cause.joints[0]) / cause.value:.5g} if that is the true ratio, "
-            "else check its torque_constant",
+            f"joints: {names[0]}: gear_ratio: {ratio:.5g} if that is the true ratio, else check "
+            "its torque_constant",
         ),
         "effort_meaning": (
             f"the effort has the size of {'motor' if cause.value > 0 else 'joint'} torque, but "
             f"{'joint' if cause.value > 0 else 'motor'}_torque is stated ({proof})",
             f"effort: {'motor' if cause.value > 0 else 'joint'}_torque",
+        ),
+        "payload": (
+            f"the robot carries {abs(cause.value):.2f} +- {cause.std:.2f} kg "
+            f"{'more' if cause.value > 0 else 'less'} than the model's payload of "
+            f"{evidence.robot.payload_mass:.2f} kg",
+            f"payload: mass: {max(evidence.robot.payload_mass + cause.value, 0.0):.2f}",
         ),
         "joint_order": (
             f"{' and '.join(names)} have each other's values ({proof})",
@@ -120,30 +117,10 @@ def _explained(trial: Trial, joints: tuple[int, ...]) -> str:
     return f"{100 * max(min(shares), 0.0):.0f} %" if shares else "nothing"
 
 
-def _ratio(evidence: Evidence, joint: int) -> float:
-    return evidence.model.joints[joint].gear_ratio.value
-
-
 def _torque_remedy(evidence: Evidence, names: tuple[str, ...], entry: str) -> str:
     if evidence.effort is EffortMeaning.MOTOR_CURRENT:
         return f"torque_constant of {', '.join(names)} in the model file ({entry})"
     return f"{entry} of the effort of {', '.join(names)}, where the recording is imported"
-
-
-def _payload(trial: Trial) -> list[Finding]:
-    mass, std, gain = payload_difference(trial)
-    if not (gain > MIN_PAYLOAD_GAIN and abs(mass) > MIN_PAYLOAD):
-        return []
-    known = trial.evidence.robot.payload_mass
-    return [
-        Finding(
-            "payload", ERROR, ("payload",),
-            f"the robot carries {abs(mass):.2f} +- {std:.2f} kg {'more' if mass > 0 else 'less'} "
-            f"than the model's payload of {known:.2f} kg",
-            mass, float(1.0 - np.exp(-gain)),
-            f"payload: mass: {max(known + mass, 0.0):.2f}",
-        )
-    ]  # fmt: skip
 
 
 def _poor(evidence: Evidence, trial: Trial) -> list[Finding]:

@@ -6,6 +6,7 @@ from argparse import Namespace
 from typing import TYPE_CHECKING, Any
 
 from robot_energy.cli.identify_inputs import add_bags, bags_of
+from robot_energy.cli.robots import model_named
 from robot_energy.cli.terminal import add_command, add_json, check_outputs, console, write_json
 
 if TYPE_CHECKING:
@@ -36,7 +37,7 @@ def add_parser(commands: Any) -> None:
     """
     text = "does a recording fit a model, and what is wrong if not"
     parser = add_command(commands, "check", run, text, DESCRIPTION, EPILOG)
-    add_bags(parser)
+    add_bags(parser, robot=True)
     add_json(parser)
 
 
@@ -56,9 +57,10 @@ def run(args: Namespace) -> int:
     from robot_energy.model import load
     from robot_energy.results.check import CheckReport
 
-    check_outputs(args, [*args.bags, args.model, args.inputs])
+    named = model_named(args)
+    check_outputs(args, [*args.bags, named, args.inputs])
     effort, inputs = bags_of(args).meaning()
-    model = load(args.model)
+    model = load(named)
     results = [check(bag, model, effort, inputs) for bag in args.bags]
     if args.json != "-":
         for result in results:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from robot_energy.cli.memory import keep_freed_memory
 from robot_energy.cli.replay_options import BAG, DAMAGED, add_replay, options_of
+from robot_energy.cli.robots import model_named
 from robot_energy.cli.terminal import add_command, console, progress
 from robot_energy.errors import ReportError
 from robot_energy.files.output_files import CSV, PARQUET, FileKind, check_file, write_file
@@ -60,7 +61,8 @@ def run(args: Namespace) -> int:
         raise ReportError(
             f"'{shown(args.out)}' is no table of a known kind", f"a name with {' or '.join(KINDS)}"
         )
-    inputs = [name for name in (args.bag, args.model, args.inputs) if name]
+    model = model_named(args)
+    inputs = [name for name in (args.bag, model, args.inputs) if name]
     check_file(args.out, KINDS[suffix], WHAT, inputs)
     if suffix == ".parquet":
         _require_polars()
@@ -68,7 +70,7 @@ def run(args: Namespace) -> int:
     with progress("replaying") as report:
         result = replay(
             args.bag,
-            args.model,
+            model,
             temperature=args.fixed_friction,
             power_period=args.power_period,
             progress=report,

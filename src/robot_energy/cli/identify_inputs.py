@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from robot_energy.cli.numbers import number
+from robot_energy.cli.robots import add_robot
 from robot_energy.cli.terminal import add_json, check_outputs, progress
 from robot_energy.errors import ModelFileError
 
@@ -21,6 +22,7 @@ def add_bags(
     parser: ArgumentParser,
     required: bool = True,
     effort: str = "what the effort in the joint states means",
+    robot: bool = False,
 ) -> None:
     """Add recordings, model and what their topics mean.
 
@@ -28,19 +30,24 @@ def add_bags(
         parser: Of the command.
         required: Whether there is no other input, such as a log.
         effort: Help of ``--effort``; empty for a command that needs none.
+        robot: Whether a known robot can bring model and inputs.
     """
     parser.add_argument(
         "bags", nargs="+" if required else "*", metavar="BAG", help="recordings of one robot"
     )
-    parser.add_argument(
-        "--model", required=required, metavar="FILE|NAME", help="model file to begin with"
-    )
+    if robot:
+        add_robot(parser)
+    else:
+        parser.add_argument(
+            "--model", required=required, metavar="FILE|NAME", help="model file to begin with"
+        )
     if effort:
         parser.add_argument("--effort", choices=EFFORTS, help=effort)
     parser.add_argument(
         "--inputs",
-        metavar="FILE",
-        help="parameter file of a monitor node: read the bags as that node reads its topics",
+        metavar="FILE|NAME",
+        help="parameter file of a monitor node: read the bags as that node reads its topics; or "
+        "name of a robot whose driver is known (see: robot-energy kinds)",
     )
 
 
@@ -132,8 +139,8 @@ def bags_of(args: Namespace, bags: Sequence[str | Path] | None = None) -> BagSou
     """
     from robot_energy.api.inputs import BagSource
 
-    effort = getattr(args, "effort", None)
-    return BagSource(args.bags if bags is None else bags, effort, args.inputs, progress)
+    effort, robot = getattr(args, "effort", None), getattr(args, "robot", None)
+    return BagSource(args.bags if bags is None else bags, effort, args.inputs, robot, progress)
 
 
 def source_of(args: Namespace) -> str:

@@ -14,9 +14,10 @@ def add_parser(commands: Any) -> None:
         commands,
         "kinds",
         run,
-        "list drive models, friction laws, meters, temperature sources, log formats",
+        "list drive models, friction laws, meters, temperatures, log formats, robots",
         "List the kinds of drive models, friction laws, meters, temperature sources "
-        "and log formats, those of your own included, as Markdown.",
+        "and log formats, those of your own included, and the robots whose drivers are known, as "
+        "Markdown.",
     )
 
 

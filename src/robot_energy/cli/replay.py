@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from robot_energy.cli.memory import keep_freed_memory
 from robot_energy.cli.replay_options import BAG, DAMAGED, add_replay, options_of
+from robot_energy.cli.robots import model_named
 from robot_energy.cli.terminal import (
     add_command,
     add_json,
@@ -35,11 +36,11 @@ EPILOG = """\
 examples:
   robot-energy replay bag --model kr16
   robot-energy replay bag --model my_robot.yaml --out bag_energy --json energy.json
-  robot-energy replay bag --model ur3e --compare --plot power.png
+  robot-energy replay bag --robot ur5e --compare --plot power.png
   robot-energy replay bag --model ur3e --compare 20 --temperatures /driver/temperatures
   robot-energy replay bag --model my_robot.yaml --inputs energy_monitor.yaml
   robot-energy replay bag --model kr16 --effort motor_torque
-  robot-energy replay bag --model ur3e --json - | jq .comparison
+  robot-energy replay bag --robot fr3 --model my_fr3.yaml --json - | jq .comparison
 """
 
 
@@ -84,11 +85,12 @@ def run(args: Namespace) -> int:
     from robot_energy.report.replay import replay_document
     from robot_energy.results.replay import replay_report
 
-    inputs = [args.bag, args.model, args.inputs]
+    named = model_named(args)
+    inputs = [args.bag, named, args.inputs]
     check_outputs(args, inputs)
     if args.out is not None:
         check_bag(args.out, args.overwrite, inputs, (args.json, args.plot))
-    model, change = load(args.model), None
+    model, change = load(named), None
     if args.fixed_friction is not None:
         model, change = fixed_friction(model, args.fixed_friction)
     runs = [(model, change)]

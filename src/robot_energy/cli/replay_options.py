@@ -6,6 +6,7 @@ from argparse import ArgumentParser, Namespace
 from typing import Any
 
 from robot_energy.cli.numbers import number_type, positive
+from robot_energy.cli.robots import add_robot
 
 AT_FALLBACK = "fallback"
 DAMAGED = 3
@@ -65,6 +66,12 @@ SETTINGS: dict[str, dict[str, Any]] = {
         "metavar": "S",
         "help": "how long torque waits for late temperatures (default 0.1 s)",
     },
+    "max_gap": {
+        "type": positive,
+        "metavar": "S",
+        "help": "longest time between two joint states that is bridged (default: what --inputs "
+        "says, else five times their usual period, 0.1 s to 1 s)",
+    },
     "meter_max_gap": {
         "type": positive,
         "metavar": "S",
@@ -74,23 +81,15 @@ SETTINGS: dict[str, dict[str, Any]] = {
 }
 
 
-def add_replay(
-    parser: ArgumentParser, period: str = "", compare: str = "", needs_model: bool = True
-) -> None:
+def add_replay(parser: ArgumentParser, period: str = "", compare: str = "") -> None:
     """Add the options; the bags are added by the command itself.
 
     Args:
         parser: Of a command that replays bags.
         period: Help of ``--power-period``; empty for a command without it.
         compare: Help of ``--compare``; empty for a command without it.
-        needs_model: Whether there is no other input than bags.
     """
-    parser.add_argument(
-        "--model",
-        required=needs_model,
-        metavar="FILE|NAME",
-        help="model file, or name of a shipped model (see: robot-energy models)",
-    )
+    add_robot(parser)
     group = parser.add_argument_group("friction").add_mutually_exclusive_group()
     group.add_argument(
         "--fixed-friction",
@@ -113,4 +112,4 @@ def add_replay(
 
 def options_of(args: Namespace) -> dict[str, Any]:
     """Return what was given, under the names of `ReplayOptions`."""
-    return {name: getattr(args, name) for name in (*TOPICS, *SETTINGS)}
+    return {name: getattr(args, name) for name in ("robot", *TOPICS, *SETTINGS)}

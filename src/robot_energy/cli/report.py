@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from robot_energy.cli.memory import keep_freed_memory
 from robot_energy.cli.replay_options import BAG, DAMAGED, add_replay, options_of
+from robot_energy.cli.robots import model_named
 from robot_energy.cli.terminal import add_command, console, progress, sign
-from robot_energy.errors import ReportError
 from robot_energy.files.output_files import HTML, check_file
 from robot_energy.shown_text import shown
 
@@ -38,7 +38,7 @@ def add_parser(commands: Any) -> None:
     parser = add_command(commands, "report", run, text, DESCRIPTION, EPILOG)
     parser.add_argument("source", nargs="+", metavar="BAG|JSON", help=f"{BAG}; or a JSON file")
     parser.add_argument("--out", required=True, metavar="FILE", help="the page: .html")
-    add_replay(parser, needs_model=False)
+    add_replay(parser)
 
 
 def run(args: Namespace) -> int:
@@ -97,13 +97,7 @@ def _replayed(args: Namespace, bag: str) -> tuple[ReplayReport, ReplayCurves, bo
     from robot_energy.report.series import curves_of
     from robot_energy.results.replay import replay_report
 
-    if args.model is None:
-        raise ReportError(
-            f"the bag '{shown(bag)}' is given without a model",
-            "the model of its robot",
-            "name it with --model",
-        )
-    model, change = load(args.model), None
+    model, change = load(model_named(args)), None
     if args.fixed_friction is not None:
         model, change = fixed_friction(model, args.fixed_friction)
     keep_freed_memory()

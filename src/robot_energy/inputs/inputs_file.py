@@ -14,20 +14,23 @@ from robot_energy.config_file import parse_yaml, read_text
 from robot_energy.errors import ParameterError
 from robot_energy.inputs.parameters import Parameter, assemble, refuse_renamed
 from robot_energy.inputs.sources import Inputs
+from robot_energy.presets import ROBOTS, RobotPreset
 
 MAX_BYTES = 1024 * 1024
 LIKELY = 0.85  # likeness of two names above which one is a misspelling of the other
 ROS_PARAMETERS = "ros__parameters"
 
 
-def read_inputs(path: str | Path) -> tuple[Inputs, list[str]]:
+def read_inputs(path: str | Path, robot: RobotPreset | None = None) -> tuple[Inputs, list[str]]:
     """Read the inputs that a parameter file sets.
 
     Entries of all nodes in the file count, under their names or under ``/**``; parameters
     that are about no input (rates, the model) are left out.
 
     Args:
-        path: A YAML file of ROS parameters.
+        path: A YAML file of ROS parameters, or the name of a robot in `ROBOTS`, whose inputs
+            are known.
+        robot: A robot whose inputs count where the file says nothing.
 
     Returns:
         The inputs, and one sentence for each name that is probably misspelt.
@@ -36,16 +39,10 @@ def read_inputs(path: str | Path) -> tuple[Inputs, list[str]]:
         ParameterError: If the file cannot be read or holds no ROS parameters, two nodes
             disagree, or a value is wrong or has a name of an earlier version.
     """
+    if str(path) in ROBOTS and not Path(path).is_file():
+        path = ROBOTS[str(path)].inputs
     owner = str(path)
-    given: dict[str, Any] = {}
-    for node, values in _nodes(path).items():
-        for name, value in _flat(values, ""):
-            if name in given and given[name] != value:
-                raise ParameterError(
-                    f"{owner} sets {name} to {given[name]!r}, and for {node} to {value!r}",
-                    "one value, as a replay is one node",
-                )
-            given[name] = value
+    given = (_values(robot.inputs) if robot is not None else {}) | _values(path)
     asked: list[str] = []
 
     def value_of(entry: Parameter) -> Any:
@@ -56,6 +53,20 @@ def read_inputs(path: str | Path) -> tuple[Inputs, list[str]]:
     inputs = assemble(Inputs, value_of, owner)
     refuse_renamed(given, asked, owner)
     return inputs, list(_misspelt(given, asked, owner))
+
+
+def _values(path: str | Path) -> dict[str, Any]:
+    """All parameters by their full names."""
+    given: dict[str, Any] = {}
+    for node, values in _nodes(path).items():
+        for name, value in _flat(values, ""):
+            if name in given and given[name] != value:
+                raise ParameterError(
+                    f"{path} sets {name} to {given[name]!r}, and for {node} to {value!r}",
+                    "one value, as a replay is one node",
+                )
+            given[name] = value
+    return given
 
 
 def _nodes(path: str | Path) -> dict[str, Mapping[str, Any]]:

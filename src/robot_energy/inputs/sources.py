@@ -12,7 +12,7 @@ declare its parameters, and the parameter file of the node serves replay.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from robot_energy.blocks import EffortMeaning
@@ -24,6 +24,7 @@ from robot_energy.inputs.temperatures.kinds import (
     TEMPERATURE_KINDS,
     TemperatureKind,
 )
+from robot_energy.timeline.gaps import BY_PERIOD, MAX_MAX_GAP, checked_max_gap
 
 NO_JOINT = "-"  # a place of an array that is none of the model's joints
 
@@ -35,6 +36,11 @@ class JointStateSource:
     topics: tuple[str, ...] = parameter(
         "Topics of sensor_msgs/JointState; several where each brings some of the joints.",
         ("joint_states",),
+    )
+    joint_names: tuple[str, ...] = parameter(
+        "What the messages call the joints of the model, in the order of the model. Empty: as "
+        "the model does.",
+        (),
     )
     stamp_source: str = parameter(
         "Where the stamps come from: the header, or the receive time for drivers that do not "
@@ -64,6 +70,25 @@ class JointStateSource:
             raise ParameterError("topics is empty", "at least one topic")
         if len(set(self.topics)) < len(self.topics):
             raise ParameterError("topics has a topic twice", "each topic once")
+        if len(set(self.joint_names)) < len(self.joint_names):
+            raise ParameterError("joint_names has a name twice", "each name once")
+
+    def names_of(self, joints: Sequence[str]) -> tuple[str, ...]:
+        """Return what the messages call the joints of a model.
+
+        Args:
+            joints: Names of the joints in the model.
+
+        Raises:
+            ParameterError: If there are fewer or more names than joints.
+        """
+        if self.joint_names and len(self.joint_names) != len(joints):
+            raise ParameterError(
+                f"joint_states.joint_names has {len(self.joint_names)} names",
+                f"{len(joints)}, one for each joint of the model: {', '.join(joints)}",
+                "name all joints in the order of the model, or leave it empty",
+            )
+        return self.joint_names or tuple(joints)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -203,7 +228,23 @@ class TemperatureInputs:
 
 
 @dataclass(frozen=True, kw_only=True)
-class JointStateInputs:
+class GapInputs:
+    """How long the joint states may be silent, or the torques that follow from them."""
+
+    max_gap: float = parameter(
+        "Longest time between two joint states that is bridged; 0: five times their usual "
+        "period, at least 0.1 s and at most 1 s [s].",
+        BY_PERIOD,
+        BY_PERIOD,
+        MAX_MAX_GAP,
+    )
+
+    def __post_init__(self) -> None:
+        checked_max_gap(self.max_gap)
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointStateInputs(GapInputs):
     """Parameters of the joint states."""
 
     joint_states: JointStateSource = group(JointStateSource)

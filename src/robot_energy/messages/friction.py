@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.blocks import NANOSECOND, FrictionBlock, TemperatureOrigin
 from robot_energy.cdr.batch import RawBatch
-from robot_energy.cdr.decode import Decoder, Encoder, stamp_columns, stamp_ns
-from robot_energy.inputs.rejection_log import RejectionLog
+from robot_energy.cdr.decode import Encoder, Run, stamp_columns, stamp_ns
+from robot_energy.messages.model_messages import ModelMessageReader
 from robot_energy.model import RobotModel
 from robot_energy.pipeline.friction_certainty import FrictionCertainty
-from robot_energy.timeline.epochs import STRAY_STAMP, slow_reach
-from robot_energy.timeline.stamps import BAD_STAMP, valid_stamps
-from robot_energy.timeline.streams import StreamRun, StreamSplitter
+from robot_energy.timeline.epochs import slow_reach
+from robot_energy.timeline.stamps import valid_stamps
+from robot_energy.timeline.streams import StreamRun, joined
 
 JOINT_FRICTION = "ros2_energy_msgs/msg/JointFriction"
 ARRAYS = ("coulomb", "viscous", "viscous_fallback", "motor_temperature_degc")
@@ -62,91 +64,46 @@ class FrictionWriter:
         )
 
 
-class FrictionReader:
-    """Reads friction messages of the same model back into blocks, without stray stamps.
+class FrictionReader(ModelMessageReader[FrictionBlock]):
+    """Reads friction messages of the same model back into blocks, without outliers.
 
     Args:
         model: The robot's model; messages of another model are rejected.
-
-    Attributes:
-        account: Received, accepted and rejected messages.
-        epochs: Jumps and outliers of the stamps.
     """
 
     def __init__(self, model: RobotModel) -> None:
-        self.account = RejectionLog()
+        fields = ("temperature_stamp.sec", "temperature_stamp.nanosec")
         reach = slow_reach(round(model.temperature.stale_after / NANOSECOND))
-        self._continuity = StreamSplitter[FrictionBlock](reach, FrictionBlock.concatenate)
-        self.epochs = self._continuity.epochs
-        self._identity = (model.joint_names, model.model_id)
-        self._decoder = Decoder(
-            JOINT_FRICTION,
-            (
-                "header.stamp.sec",
-                "header.stamp.nanosec",
-                "model_id",
-                "quality",
-                "joint_names",
-                "temperature_stamp.sec",
-                "temperature_stamp.nanosec",
-                *ARRAYS,
-            ),
-        )
-
-    def restart(self) -> None:
-        """Drop what waits, as after an error. The account is left alone."""
-        self._continuity.restart()
+        super().__init__(JOINT_FRICTION, model.joint_names, model.model_id, ARRAYS, fields, reach)
 
     def decode(self, batch: RawBatch) -> FrictionBlock | None:
         """Return the rows of a batch in order of arrival, or None if there are none."""
-        self.account.received += len(batch)
-        decoded = self._decoder.decode(batch)
-        self.account.reject("malformed", len(decoded.malformed))
-        blocks: list[FrictionBlock] = []
-        rows: list[NDArray[np.int64]] = []
-        n_joints = len(self._identity[0])
-        for run in decoded.runs:
-            arrays = {name: run.array(name) for name in ARRAYS}
-            arrays["temperature_stamp_ns"] = stamp_ns(run, "temperature_stamp")
-            if (run.columns["joint_names"], run.columns["model_id"]) != self._identity:
-                self.account.reject("other_model", len(run.rows))
-            elif any(array.shape[1] != n_joints for array in arrays.values()):
-                self.account.reject("wrong_length", len(run.rows))
-            else:
-                valid = valid_stamps(stamp_ns(run))
-                valid &= valid_stamps(arrays["temperature_stamp_ns"]).all(axis=1)
-                self.account.reject(BAD_STAMP, int((~valid).sum()))
-                rows.append(run.rows[valid])
-                blocks.append(
-                    FrictionBlock(
-                        stamp_ns=stamp_ns(run),
-                        quality=run.array("quality").astype(np.uint32),
-                        **arrays,
-                    )[valid]
-                )
-        if not any(map(len, blocks)):
+        block = self._read(batch)
+        if block is None:
             return None
-        block = FrictionBlock.concatenate(blocks)
-        if len(blocks) > 1:
-            block = block[np.argsort(np.concatenate(rows))]
         dated = block.stamp_ns != 0  # zero: what holds before any temperature
-        first = block[~dated]
-        self.account.accepted += len(first)
-        stretches = self._continuity.step(block[dated]) if dated.any() else []
-        return self._taken(first, stretches)
+        runs = self._stream.step(block[dated]) if dated.any() else []
+        return self._taken(block[~dated], runs)
 
     def flush(self) -> FrictionBlock | None:
         """Return what still waits and is no outlier, as at the end."""
-        return self._taken(None, self._continuity.flush())
+        return self._taken(None, self._stream.flush())
+
+    def _block(self, run: Run, arrays: dict[str, Any]) -> tuple[FrictionBlock, NDArray[np.bool_]]:
+        seen = stamp_ns(run, "temperature_stamp")
+        block = FrictionBlock(
+            stamp_ns=stamp_ns(run),
+            quality=run.array("quality").astype(np.uint32),
+            temperature_stamp_ns=seen,
+            **arrays,
+        )
+        return block, valid_stamps(block.stamp_ns) & valid_stamps(seen).all(axis=1)
 
     def _taken(
-        self, first: FrictionBlock | None, stretches: list[StreamRun[FrictionBlock]]
+        self, first: FrictionBlock | None, runs: list[StreamRun[FrictionBlock]]
     ) -> FrictionBlock | None:
         """Bring the account up to date."""
-        self.account.accepted += sum(len(stretch.block) for stretch in stretches)
-        self.account.reject(STRAY_STAMP, self.epochs.strays - self.account.rejected[STRAY_STAMP])
-        self.account.waiting = self._continuity.waiting
-        blocks = [stretch.block for stretch in stretches]
-        if first is not None and len(first):
-            blocks.insert(0, first)
-        return FrictionBlock.concatenate(blocks) if blocks else None
+        found = [block for block in (first, joined(runs)) if block is not None and len(block)]
+        self.account.accepted += sum(map(len, found))
+        self.account.waiting = self._stream.waiting
+        return FrictionBlock.concatenate(found) if found else None

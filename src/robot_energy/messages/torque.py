@@ -4,18 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.blocks import Quality, TorqueBlock, differences, mark
 from robot_energy.cdr.batch import RawBatch
-from robot_energy.cdr.decode import Decoder, Encoder, stamp_columns, stamp_ns
-from robot_energy.inputs.rejection_log import RejectionLog
-from robot_energy.timeline.epochs import STRAY_STAMP, Reach
-from robot_energy.timeline.gaps import ACCEPTED, DUPLICATE, OLDER, StampOrder
-from robot_energy.timeline.stamps import BAD_STAMP, valid_stamps
-from robot_energy.timeline.streams import StreamRun, StreamSplitter
+from robot_energy.cdr.decode import Encoder, Run, stamp_columns, stamp_ns
+from robot_energy.messages.model_messages import ModelMessageReader
+from robot_energy.timeline.epochs import Reach
+from robot_energy.timeline.gaps import BY_PERIOD, StampOrder, newer
+from robot_energy.timeline.reorder import OLDER
+from robot_energy.timeline.stamps import valid_stamps
+from robot_energy.timeline.streams import StreamRun
 
 JOINT_TORQUE = "ros2_energy_msgs/msg/JointTorque"
 ARRAYS = (
@@ -59,10 +61,10 @@ class TorqueWriter:
         )
 
 
-class TorqueReader:
+class TorqueReader(ModelMessageReader[TorqueBlock]):
     """Reads torque messages of the same model back into blocks.
 
-    Segments are numbered anew: one ends where the writer says so, and wherever the stamps
+    Segments are numbered again: one ends where the writer says so, and wherever the stamps
     show a gap, because a restarted writer begins again at segment 0 and because messages
     may be lost on the way. Samples that are not newer than the last one are rejected, as
     they are for joint states (two writers, one sample twice).
@@ -70,93 +72,64 @@ class TorqueReader:
     Args:
         joint_names: Joints in model order.
         model_id: Identity of the model file; messages of another model are rejected.
+        max_gap: Longest time between two samples that is bridged; 0: five median periods,
+            0.1 s to 1 s. [s]
 
     Attributes:
-        account: Received, accepted and rejected messages.
         order: Gaps and backward jumps of the stamps.
-        epochs: Jumps and outliers of the stamps.
     """
 
-    def __init__(self, joint_names: Sequence[str], model_id: str) -> None:
-        self.account = RejectionLog()
-        self.order = StampOrder()
+    def __init__(
+        self, joint_names: Sequence[str], model_id: str, max_gap: float = BY_PERIOD
+    ) -> None:
+        fields = ("segment", "payload_mass")
         reach = Reach(prompt=True)
-        self._continuity = StreamSplitter[TorqueBlock](reach, TorqueBlock.concatenate)
-        self.epochs = self._continuity.epochs
+        super().__init__(JOINT_TORQUE, joint_names, model_id, ARRAYS, fields, reach)
+        self.order = StampOrder(max_gap)
+        self._newest_ns: int | None = None  # of the running epoch
         self._written: int | None = None  # segment number of the last sample, as written
         self._breaks = 0  # segments that ended by the writer's word alone
-        self._identity = (tuple(joint_names), model_id)
-        self._decoder = Decoder(
-            JOINT_TORQUE,
-            (
-                "header.stamp.sec",
-                "header.stamp.nanosec",
-                "model_id",
-                "quality",
-                "segment",
-                "joint_names",
-                *ARRAYS,
-                "payload_mass",
-            ),
-        )
 
     def decode(self, batch: RawBatch) -> TorqueBlock | None:
         """Return the samples of a batch in order of arrival, or None if there are none."""
-        self.account.received += len(batch)
-        decoded = self._decoder.decode(batch)
-        self.account.reject("malformed", len(decoded.malformed))
-        blocks: list[TorqueBlock] = []
-        rows: list[NDArray[np.int64]] = []
-        n_joints = len(self._identity[0])
-        for run in decoded.runs:
-            arrays = {name: run.array(name) for name in ARRAYS}
-            if (run.columns["joint_names"], run.columns["model_id"]) != self._identity:
-                self.account.reject("other_model", len(run.rows))
-            elif any(array.shape[1] != n_joints for array in arrays.values()):
-                self.account.reject("wrong_length", len(run.rows))
-            else:
-                rows.append(run.rows)
-                blocks.append(
-                    TorqueBlock(
-                        stamp_ns=stamp_ns(run),
-                        segment=run.array("segment").astype(np.int64),
-                        quality=run.array("quality").astype(np.uint32),
-                        payload_mass=run.array("payload_mass"),
-                        **arrays,
-                    )
-                )
-        if not blocks:
-            return None
-        block = TorqueBlock.concatenate(blocks)
-        if len(blocks) > 1:
-            block = block[np.argsort(np.concatenate(rows))]
-        valid = valid_stamps(block.stamp_ns)
-        self.account.reject(BAD_STAMP, int((~valid).sum()))
-        block = block[valid]
-        return self._taken(self._continuity.step(block)) if len(block) else None
+        block = self._read(batch)
+        return None if block is None else self._taken(self._stream.step(block))
 
     def flush(self) -> TorqueBlock | None:
         """Return what still waits and is no outlier, as at the end."""
-        return self._taken(self._continuity.flush())
-
-    def _taken(self, stretches: list[StreamRun[TorqueBlock]]) -> TorqueBlock | None:
-        """Bring the account up to date and number the segments."""
-        self.account.reject(STRAY_STAMP, self.epochs.strays - self.account.rejected[STRAY_STAMP])
-        self.account.waiting = self._continuity.waiting
-        if not stretches:
-            return None
-        block = TorqueBlock.concatenate([stretch.block for stretch in stretches])
-        verdict = self.order.verdict(block.stamp_ns)
-        self.account.reject("duplicate_stamp", int((verdict == DUPLICATE).sum()))
-        self.account.reject("older_stamp", int((verdict == OLDER).sum()))
-        accepted = block[verdict == ACCEPTED]
-        self.account.accepted += len(accepted)
-        return self._renumbered(accepted) if len(accepted) else None
+        return self._taken(self._stream.flush())
 
     def restart(self) -> None:
         """Drop what waits, as after an error; a gap follows."""
-        self._continuity.restart()
+        super().restart()
         self.order.interrupt()
+
+    def _block(self, run: Run, arrays: dict[str, Any]) -> tuple[TorqueBlock, NDArray[np.bool_]]:
+        block = TorqueBlock(
+            stamp_ns=stamp_ns(run),
+            segment=run.array("segment").astype(np.int64),
+            quality=run.array("quality").astype(np.uint32),
+            payload_mass=run.array("payload_mass"),
+            **arrays,
+        )
+        return block, valid_stamps(block.stamp_ns)
+
+    def _taken(self, runs: list[StreamRun[TorqueBlock]]) -> TorqueBlock | None:
+        """Bring the account up to date and number the segments."""
+        self.account.waiting = self._stream.waiting
+        parts: list[TorqueBlock] = []
+        for run in runs:
+            fresh, again = newer(run.block.stamp_ns, None if run.new_epoch else self._newest_ns)
+            self.account.reject("duplicate_stamp", int(again.sum()))
+            self.account.reject(OLDER, int((~fresh & ~again).sum()))
+            if bool(fresh.any()):
+                parts.append(run.block[fresh])
+                self._newest_ns = int(parts[-1].stamp_ns[-1])
+        if not parts:
+            return None
+        accepted = TorqueBlock.concatenate(parts)
+        self.account.accepted += len(accepted)
+        return self._renumbered(accepted)
 
     def _renumbered(self, block: TorqueBlock) -> TorqueBlock:
         """Number the segments by the writer's word and by the stamps."""

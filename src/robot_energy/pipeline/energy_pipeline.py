@@ -66,6 +66,7 @@ class EnergyPipeline:
         joints: JointBlock | None = None,
         temperatures: TemperatureBlock | None = None,
         meter: MeterBlock | None = None,
+        planned: bool = False,
     ) -> Output:
         """Take what has arrived and return what became complete.
 
@@ -73,6 +74,8 @@ class EnergyPipeline:
             joints: Joint states in time order.
             temperatures: Motor temperatures in order of their stamps.
             meter: Meter readings in order of arrival.
+            planned: Whether the joints are those of a planned motion, whose accelerations are
+                known and not derived.
 
         Returns:
             The completed samples of every stage.
@@ -82,30 +85,12 @@ class EnergyPipeline:
             self.power.friction(friction)
         if meter is not None:
             self.ledger.measure(meter)
-        torque = self.torque.step(joints) if joints is not None and len(joints) else None
+        torque = None
+        if joints is not None:
+            torque = self.torque.plan(joints) if planned else self.torque.step(joints)
         power = self.power.step(torque) if torque is not None else None
         means = self.ledger.step(power) if power is not None else None
         return Output(torque, friction, power, means, meter)
-
-    def plan(self, joints: JointBlock, temperatures: TemperatureBlock | None = None) -> Output:
-        """Take a planned motion, whose accelerations are known and not derived.
-
-        All else goes the way of `step`.
-
-        Args:
-            joints: Motion in time order, accelerations included.
-            temperatures: Motor temperatures in order of their stamps.
-
-        Returns:
-            The completed samples of every stage.
-        """
-        friction = self.friction.step(temperatures) if temperatures is not None else None
-        if friction is not None:
-            self.power.friction(friction)
-        torque = self.torque.plan(joints)
-        power = self.power.step(torque) if torque is not None else None
-        means = self.ledger.step(power) if power is not None else None
-        return Output(torque, friction, power, means)
 
     def restart(self) -> None:
         """Drop the samples that wait, as after an error; the books and settings stay."""

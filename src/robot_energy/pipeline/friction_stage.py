@@ -16,6 +16,7 @@ from robot_energy.blocks import (
     in_any_joint,
     mark,
 )
+from robot_energy.inputs.rejection_log import RejectionLog
 from robot_energy.inputs.temperatures.filter import ReadingStatus, TemperatureFilter
 from robot_energy.model import RobotModel
 from robot_energy.physics.friction import FrictionModel
@@ -44,6 +45,9 @@ class FrictionStage:
 
     Args:
         model: The robot's model.
+
+    Attributes:
+        account: Values of motors that arrived, that were used and that were not, by reason.
     """
 
     def __init__(self, model: RobotModel) -> None:
@@ -52,9 +56,7 @@ class FrictionStage:
         fallback = np.full(n_joints, model.temperature.fallback_degc)
         self._fallback = self._friction.viscous(fallback)
         self._judge = TemperatureFilter(n_joints)
-        self.received = 0
-        self.accepted = 0
-        self.rejected: Counter[str] = Counter()
+        self.account = RejectionLog()
 
     def initial(self) -> FrictionBlock:
         """Return the friction before any temperature is known, valid from the start."""
@@ -78,8 +80,8 @@ class FrictionStage:
             return None
         values, stamp = block.motor_temperature_degc, block.stamp_ns
         if self._judge.take_all(stamp, values):
-            self.received += values.size
-            self.accepted += values.size
+            self.account.received += values.size
+            self.account.accepted += values.size
             states = [
                 _State(at, row, np.full(len(row), at, dtype=np.int64), False)
                 for at, row in zip(stamp.tolist(), values, strict=True)
@@ -95,16 +97,15 @@ class FrictionStage:
     def _take(self, stamp: int, values: Float) -> bool:
         """Take one reading; each motor's value is received, accepted or rejected."""
         given = int((~np.isnan(values)).sum())
-        self.received += max(given, 1)
+        self.account.received += max(given, 1)
         if not given:
-            self.rejected["temperature_not_finite"] += 1
+            self.account.reject("temperature_not_finite")
             return False
         before = self._judge.doubted
         counts = Counter[int](self._judge.take(stamp, values).tolist())
         for verdict, reason in REASONS.items():
-            if counts[verdict]:
-                self.rejected[reason] += counts[verdict]
-        self.accepted += counts[ReadingStatus.ACCEPTED]
+            self.account.reject(reason, counts[verdict])
+        self.account.accepted += counts[ReadingStatus.ACCEPTED]
         turned = bool((before != self._judge.doubted).any())
         return turned or bool(counts[ReadingStatus.ACCEPTED])
 

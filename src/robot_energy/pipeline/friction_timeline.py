@@ -13,6 +13,7 @@ import numpy as np
 
 from robot_energy.blocks import FrictionBlock, Int, differences
 from robot_energy.timeline.epochs import SLOW_NS
+from robot_energy.timeline.hold import first_needed, held_rows
 
 HISTORY_NS = 60_000_000_000  # friction kept behind the samples
 ALONE_NS = 10_000_000_000  # a jump that the other stream does not follow by then is its own
@@ -103,7 +104,7 @@ class FrictionTimeline:
         Args:
             stamp_ns: Of torques of one epoch, rising, shape (N,), N >= 1. [ns]
         """
-        line, row = self._line, self._row(self._line, stamp_ns)
+        line, row = self._line, held_rows(self._line.stamp_ns, stamp_ns)
         refuted = self._before is not None
         if self._alone_ns is not None:
             alone = int(np.searchsorted(stamp_ns, self._alone_ns + ALONE_NS, side="right"))
@@ -149,14 +150,9 @@ class FrictionTimeline:
         row = int(np.searchsorted(self._line.stamp_ns, stamp_ns, side="right"))
         return int(self._line.stamp_ns[row]) if row < len(self._line) else None
 
-    @staticmethod
-    def _row(line: FrictionBlock, stamp_ns: Int) -> Int:
-        row = np.searchsorted(line.stamp_ns, stamp_ns, side="right") - 1
-        return np.asarray(np.maximum(row, 0), dtype=np.int64)
-
     def _chosen(self, before: FrictionBlock, stamp_ns: Int, row: Int) -> tuple[FrictionBlock, Int]:
         """Choose between the line that friction has left and the one it is on."""
-        earlier = self._row(before, stamp_ns)
+        earlier = held_rows(before.stamp_ns, stamp_ns)
         reached, left = self._line.stamp_ns[row], before.stamp_ns[earlier]
         coming = before.stamp_ns[np.minimum(earlier + 1, len(before) - 1)]
         ended = (coming == left) | (coming - stamp_ns > HISTORY_NS)
@@ -177,6 +173,6 @@ class FrictionTimeline:
     def _prune(self, oldest_ns: int) -> None:
         """Forget rows far behind the torques, but for the one valid there."""
         line = self._line
-        needed = int(np.searchsorted(line.stamp_ns, oldest_ns, side="right")) - 1
+        needed = first_needed(line.stamp_ns, oldest_ns)
         if needed > 1:
             self._line = FrictionBlock.concatenate([line[slice(0, 1)], line[slice(needed, None)]])

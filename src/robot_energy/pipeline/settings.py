@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 from robot_energy.accounting.settings import AccountSettings
 from robot_energy.blocks import EffortMeaning
+from robot_energy.timeline.gaps import BY_PERIOD
 
 
 @dataclass(frozen=True)
@@ -16,6 +17,8 @@ class Settings(AccountSettings):
         derivative_window: Length of the window of the derivative. [s]
         derivative_lag: How far it reaches ahead; None: half the window. [s]
         derivative_neighbours: Least number of samples in the window.
+        max_gap: Longest time between two joint states that is bridged; 0: five median periods,
+            0.1 s to 1 s. [s]
         effort: What the effort in the joint states means.
         temperature_wait: How long torque waits for temperatures that arrive late. [s]
         temperature_assumed: Temperatures are assumed, as in a prediction: they never become
@@ -25,6 +28,7 @@ class Settings(AccountSettings):
     derivative_window: float = 0.02
     derivative_lag: float | None = None
     derivative_neighbours: int = 5
+    max_gap: float = BY_PERIOD
     effort: EffortMeaning = EffortMeaning.NONE
     temperature_wait: float = 0.1
     temperature_assumed: bool = False

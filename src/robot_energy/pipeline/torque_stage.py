@@ -8,6 +8,7 @@ from robot_energy.model.payload import Payload
 from robot_energy.physics.derivative import Derivative
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.effort import Effort
+from robot_energy.physics.effort_check import EffortCheck
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.physics.torque import rigid_torque
 from robot_energy.pipeline.payload_timeline import PayloadChange, PayloadTimeline
@@ -23,6 +24,9 @@ class TorqueStage:
         model: The robot's model.
         settings: Window and lag of the derivative, meaning of the effort.
 
+    Attributes:
+        effort_check: Whether the effort fits its meaning.
+
     Raises:
         RobotDescriptionError: If the URDF cannot be used.
         UnknownJointError: If the URDF lacks a joint of the model.
@@ -34,6 +38,7 @@ class TorqueStage:
         self._payload = PayloadTimeline(Robot.from_model(model))
         self._drivetrain = Drivetrain.from_model(model)
         self._effort = Effort.from_model(model, settings.effort, self._drivetrain)
+        self.effort_check = EffortCheck(settings.effort, model, self._drivetrain)
         self._derivative = Derivative(
             settings.derivative_window, settings.derivative_lag, settings.derivative_neighbours
         )
@@ -85,8 +90,9 @@ class TorqueStage:
         Returns:
             Torques, or None while every sample still waits.
         """
-        if len(block):
-            self._newest_ns = int(block.stamp_ns[-1])
+        if not len(block):
+            return None
+        self._newest_ns = int(block.stamp_ns[-1])
         return self._torque(self._derivative.step(block))
 
     def plan(self, block: JointBlock) -> TorqueBlock | None:
@@ -114,9 +120,12 @@ class TorqueStage:
     def _torque(self, parts: list[JointBlock]) -> TorqueBlock | None:
         if not parts:
             return None
-        return TorqueBlock.concatenate(
+        joints = JointBlock.concatenate(parts)
+        torque = TorqueBlock.concatenate(
             [
                 rigid_torque(block, robot, self._drivetrain, self._effort)
-                for robot, block in self._payload.pieces(JointBlock.concatenate(parts))
+                for robot, block in self._payload.pieces(joints)
             ]
         )
+        self.effort_check.step(joints.joint_effort, torque.motor_torque_rigid)
+        return torque

@@ -12,6 +12,7 @@ from robot_energy.kinds import Kind
 from robot_energy.log_formats import LOG_FORMATS
 from robot_energy.model.drive_models import DRIVE_MODELS
 from robot_energy.model.friction_laws import FRICTION_LAWS
+from robot_energy.presets import ROBOTS
 
 FITS = (_drives, _laws)  # modules that add the fits to the tables
 
@@ -38,6 +39,14 @@ def kinds_listing() -> str:
         _table("Meters", ("`type`", "meaning"), _lines((*METER_KINDS.values(), OTHER))),
         _table("Temperature sources", ("`type`", "meaning"), _lines(TEMPERATURE_KINDS.values())),
         _table("Log formats", ("`robot-energy import`", "meaning"), _lines(LOG_FORMATS.values())),
+        _table(
+            "Robots",
+            ("`--robot`", "shipped model", "robot, driver"),
+            (
+                (f"`{k.name}`", f"`{k.model}`" if k.model else "", f"{k.label}: {k.line}")
+                for k in ROBOTS.values()
+            ),
+        ),
     ]
     return "\n".join(parts)
 

@@ -234,9 +234,9 @@ def _inputs(result: Replay) -> dict[str, InputAccount]:
     accounts = {
         "joint_state_messages": result.joint_states.account,
         "temperature_messages": result.temperatures.account,
-        "temperature_values": result.pipeline.friction,
+        "temperature_values": result.pipeline.friction.account,
         "meter_messages": result.meter.account,
-        "meter_readings": result.ledger.comparison.curve,
+        "meter_readings": result.ledger.comparison.curve.account,
     }
     if result.topics.payload:
         accounts["payload_messages"] = result.payload.account

@@ -210,9 +210,7 @@ class EpochSplitter:
         if self._sure:
             known = self._accepted >= MIN_CONFIRMATIONS
             if known and not (len(stamps) > 1 and self._continues(stamps[-1], stamps[-2])):
-                for stamp in stamps:
-                    self._note_stray(stamp)
-                return Sorted([], rows)
+                return Sorted([], self._refused(rows, stamps))
             runs: list[EpochRun] = []
             self._jump(stamps, rows, runs)
             return Sorted(runs)
@@ -258,6 +256,11 @@ class EpochSplitter:
         elif len(periods):
             self._periods = np.concatenate([self._periods, periods])[-HISTORY:]
 
+    def _learn(self, step: int) -> None:
+        """Keep a step that may be a period of the stream."""
+        if 0 < step <= self._reach.max_ahead_ns:
+            self._keep(np.array([step], dtype=np.int64))
+
     def _ahead_ns(self) -> int:
         """How far ahead of the newest stamp one may lie now. [ns]"""
         reach = self._reach
@@ -285,11 +288,13 @@ class EpochSplitter:
         near = stamp - newest <= self._reach.ahead_ns
         return newest - behind < stamp and (near or stamp <= newest + self._ahead_ns())
 
-    def _note_stray(self, stamp: int) -> None:
+    def _refused(self, rows: list[int], stamps: list[int]) -> list[int]:
+        """Count outliers and return their rows."""
         assert self.newest_ns is not None
-        self.strays += 1
-        self.stray_ns = stamp - self.newest_ns
+        self.strays += len(rows)
+        self.stray_ns = stamps[rows[-1]] - self.newest_ns
         self.odd_ns = self.newest_ns
+        return rows
 
     def _jump_to(self, stamp: int) -> None:
         self.newest_ns = self._begin_ns = stamp
@@ -299,8 +304,7 @@ class EpochSplitter:
         """Take one message that continues the newest one or a jump."""
         assert self.newest_ns is not None
         step = stamp - self.newest_ns
-        if 0 < step <= self._reach.max_ahead_ns:
-            self._keep(np.array([step], dtype=np.int64))
+        self._learn(step)
         if step < -SECOND_NS:
             self.behind += 1
             self.behind_ns = -step
@@ -328,9 +332,7 @@ class EpochSplitter:
             newest = self.newest_ns
             if self._continues(stamp, newest):
                 if held and stamp > newest:
-                    for other in held:
-                        self._note_stray(stamps[other])
-                    strays += held
+                    strays += self._refused(held, stamps)
                     held = []
                 _rows(runs).extend([*first, row])
                 first = []
@@ -339,7 +341,7 @@ class EpochSplitter:
                 continue
             if not self._sure and self._reach.prompt:
                 runs.append(EpochRun([row], new_epoch=stamp < newest))
-                self._learn(newest, stamp)
+                self._learn(stamp - newest)
                 if not newest <= stamp <= newest + self._reach.max_ahead_ns:
                     self.first_off_ns = newest - stamp
                     self.odd_ns = stamp
@@ -351,9 +353,7 @@ class EpochSplitter:
                 _rows(runs).extend(first)
                 first, self._sure, self._accepted = [], True, 1
             if held and not self._follows(stamp, stamps[held[-1]], newest):
-                for other in held:
-                    self._note_stray(stamps[other])
-                strays += held
+                strays += self._refused(held, stamps)
                 held = []
             held.append(row)
             needed = self._needed if self._sure else 2
@@ -361,8 +361,7 @@ class EpochSplitter:
                 continue
             near = self._continues(stamp, stamps[held[-2]])
             if first and near:
-                strays += first  # two agree against the first
-                self._note_stray(stamps[first[0]])
+                strays += self._refused(first, stamps)  # two agree against the first
                 first = []
                 self.newest_ns = None
             elif first:
@@ -379,11 +378,6 @@ class EpochSplitter:
         beyond_both = before < newest < stamp
         return stamp > before - self._reach.behind_ns and not beyond_both
 
-    def _learn(self, before: int, stamp: int) -> None:
-        """A slow stream tells its period by steps that are out of reach."""
-        if 0 < stamp - before <= self._reach.max_ahead_ns:
-            self._keep(np.array([stamp - before], dtype=np.int64))
-
     def _jump(self, stamps: list[int], held: list[int], runs: list[EpochRun]) -> None:
         """Go on from what was held."""
         start = stamps[held[0]]
@@ -398,7 +392,7 @@ class EpochSplitter:
             least = self._reach.confirmations
             most = MAX_CONFIRMATIONS if self._reach.patient else least
             self._needed = min(2 * self._needed, most) if quick else least
-            self._learn(newest, start)
+            self._learn(start - newest)
         self._sure = True
         self._jump_to(start)
         for row in held:

@@ -1,40 +1,80 @@
-"""Order of stamps: duplicates, late samples, gaps and new epochs."""
+"""Which stamps of a stream are new, and where the time between two of them is a gap."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import Int, differences
+from robot_energy.blocks import NANOSECOND, Int, differences
+from robot_energy.errors import ParameterError
+from robot_energy.timeline.stamps import SECOND_NS
 
-SECOND_NS = 1_000_000_000
 BACKWARD_JUMP_NS = SECOND_NS  # older than this starts a new epoch, less is a late sample
 HISTORY = 31  # periods behind the median
 GAP_PERIODS = 5
 LEAST_GAP_NS = SECOND_NS // 10
 LONGEST_GAP_NS = SECOND_NS
+BY_PERIOD = 0.0  # as max_gap: five median periods, 0.1 s to 1 s
+MIN_MAX_GAP, MAX_MAX_GAP = 0.001, 60.0  # any other max_gap [s]
 
-ACCEPTED, DUPLICATE, OLDER = 0, 1, 2
+
+def checked_max_gap(max_gap: float) -> float:
+    """Return the longest gap that is bridged, if it can be one.
+
+    Args:
+        max_gap: 0 for five median periods, 0.1 s to 1 s; else 0.001 s to 60 s. [s]
+
+    Raises:
+        ParameterError: If it is neither.
+    """
+    if max_gap != BY_PERIOD and not MIN_MAX_GAP <= max_gap <= MAX_MAX_GAP:
+        raise ParameterError(
+            f"max_gap is {max_gap:g} s",
+            f"0, or {MIN_MAX_GAP:g} to {MAX_MAX_GAP:g} s",
+            "leave it at 0 for five times the usual period of the joint states",
+        )
+    return max_gap
+
+
+def newer(stamp_ns: Int, last_ns: int | None) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Compare the stamps of one epoch with all before them.
+
+    Args:
+        stamp_ns: In order of arrival, shape (N,), N >= 1. [ns]
+        last_ns: Newest stamp before them; None if there is none. [ns]
+
+    Returns:
+        Which are newer than all before, and which repeat the newest, each of shape (N,).
+    """
+    last = int(stamp_ns[0]) - 1 if last_ns is None else last_ns
+    before = np.maximum.accumulate(np.append(last, stamp_ns[:-1]))
+    return stamp_ns > before, stamp_ns == before
 
 
 class StampOrder:
-    """Sorts samples of one stream into accepted, duplicate and older, and finds gaps.
+    """Numbers the segments of one stream of accepted stamps.
 
-    A stamp that is not newer than the last accepted one is dropped, unless it lies more
-    than a second back: then a new epoch starts (bag loop, reset of a simulation). A
-    segment ends at every new epoch and at every gap, that is where the stamps step by
-    more than five median periods, but at least 0.1 s and at most 1 s.
+    A segment ends where the stamps step back, which is a new epoch, and at every gap, that is
+    where they step by more than ``max_gap``.
+
+    Args:
+        max_gap: Longest step that is no gap; 0: five median periods, but at least 0.1 s and at
+            most 1 s. [s]
 
     Attributes:
         jumps: Backward jumps met.
         gaps: Gaps met.
         segment: Number of the running segment.
+
+    Raises:
+        ParameterError: If ``max_gap`` cannot be one.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, max_gap: float = BY_PERIOD) -> None:
         self.jumps = 0
         self.gaps = 0
         self.segment = 0
+        self._fixed_ns = round(checked_max_gap(max_gap) / NANOSECOND)
         self._last: int | None = None
         self._interrupted = False
         self._periods: Int = np.empty(0, dtype=np.int64)
@@ -43,29 +83,6 @@ class StampOrder:
     def longest_gap_ns(self) -> int:
         """Longest time between two samples that would not be a gap now. [ns]"""
         return self._longest(self._periods)
-
-    def verdict(self, stamp_ns: Int) -> Int:
-        """Judge samples in order of arrival; accepted ones advance the state.
-
-        Args:
-            stamp_ns: Shape (N,). [ns]
-
-        Returns:
-            ``ACCEPTED``, ``DUPLICATE`` or ``OLDER`` for each sample.
-        """
-        verdict = np.zeros(len(stamp_ns), dtype=np.int64)
-        if not len(stamp_ns):
-            return verdict
-        first_is_newer = self._last is None or stamp_ns[0] > self._last
-        if first_is_newer and bool((np.diff(stamp_ns) > 0).all()):
-            return verdict
-        last = self._last
-        for row, stamp in enumerate(stamp_ns.tolist()):
-            if last is not None and last - BACKWARD_JUMP_NS < stamp <= last:
-                verdict[row] = DUPLICATE if stamp == last else OLDER
-                continue
-            last = stamp
-        return verdict
 
     def interrupt(self) -> None:
         """End the running segment here: what comes next follows a gap, however short."""
@@ -93,7 +110,7 @@ class StampOrder:
         )
         new = elapsed < 0
         self.jumps += int(new.sum())
-        for row in np.flatnonzero(elapsed > LEAST_GAP_NS).tolist():
+        for row in np.flatnonzero(elapsed > (self._fixed_ns or LEAST_GAP_NS)).tolist():
             index = known + row - (first - known)
             if elapsed[row] > self._longest(periods[max(0, index - HISTORY) : index]):
                 new[row] = True
@@ -112,8 +129,9 @@ class StampOrder:
         self._periods = periods[-HISTORY:]
         return segment
 
-    @staticmethod
-    def _longest(history: Int) -> int:
+    def _longest(self, history: Int) -> int:
+        if self._fixed_ns:
+            return self._fixed_ns
         positive = history[history > 0]
         if not len(positive):
             return LONGEST_GAP_NS

@@ -7,49 +7,38 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import NANOSECOND, Float, Int
+from robot_energy.blocks import NANOSECOND, Block, Float, Int
 
 
 @dataclass(frozen=True)
-class CoveredPieces:
+class CoveredPieces(Block):
     """Straight pieces of a power curve, in time order, not overlapping.
 
     Attributes:
-        start_ns: Shape (N,). [ns]
+        stamp_ns: Where each begins, shape (N,). [ns]
         end_ns: Shape (N,). [ns]
         start_power: Shape (N,). [W]
         end_power: Shape (N,). [W]
     """
 
-    start_ns: Int
     end_ns: Int
     start_power: Float
     end_power: Float
 
-    def __len__(self) -> int:
-        return len(self.start_ns)
-
-    def __getitem__(self, rows: NDArray[np.bool_] | slice) -> CoveredPieces:
-        return CoveredPieces(
-            self.start_ns[rows], self.end_ns[rows], self.start_power[rows], self.end_power[rows]
-        )
-
     @classmethod
     def empty(cls) -> CoveredPieces:
         """No pieces."""
-        none = np.empty(0, dtype=np.int64)
-        return cls(none, none, np.empty(0), np.empty(0))
+        none, nothing = np.empty(0, dtype=np.int64), np.empty(0)
+        return cls(none, none, nothing, nothing)
 
     def join(self, later: CoveredPieces) -> CoveredPieces:
         """Return these pieces followed by later ones."""
-        if not len(self):
-            return later
-        return CoveredPieces(
-            np.concatenate([self.start_ns, later.start_ns]),
-            np.concatenate([self.end_ns, later.end_ns]),
-            np.concatenate([self.start_power, later.start_power]),
-            np.concatenate([self.end_power, later.end_power]),
-        )
+        return CoveredPieces.concatenate([self, later]) if len(self) else later
+
+    @property
+    def start_ns(self) -> Int:
+        """Where each begins, shape (N,). [ns]"""
+        return self.stamp_ns
 
     @property
     def duration(self) -> Float:
@@ -84,17 +73,27 @@ class CoveredPieces:
 
 
 @dataclass(frozen=True)
-class Compared:
+class Compared(Block):
     """Elementary intervals on which both powers are known.
 
     Attributes:
-        available_ns: When the meter had reported the interval, shape (K,). [ns]
+        stamp_ns: When the meter had reported the interval, shape (K,). [ns]
         duration_ns: Shape (K,). [ns]
         measured: Measured energy, shape (K,). [J]
         predicted: Predicted energy at the meter's place, shape (K,). [J]
     """
 
-    available_ns: Int
     duration_ns: Int
     measured: Float
     predicted: Float
+
+    @classmethod
+    def empty(cls) -> Compared:
+        """No intervals."""
+        none, nothing = np.empty(0, dtype=np.int64), np.empty(0)
+        return cls(none, none, nothing, nothing)
+
+    @property
+    def available_ns(self) -> Int:
+        """When the meter had reported the interval, shape (K,). [ns]"""
+        return self.stamp_ns

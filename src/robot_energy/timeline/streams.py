@@ -1,4 +1,4 @@
-"""Messages of one stream, cut at the jumps of their stamps and without outliers."""
+"""Messages of one stream: cut at the jumps of their stamps, without outliers, in order."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from robot_energy.blocks import NANOSECOND, Block
-from robot_energy.timeline.epochs import SLOW_NS, EpochSplitter, Reach, Sorted
+from robot_energy.blocks import NANOSECOND, Block, Int
+from robot_energy.timeline.epochs import SLOW_NS, STRAY_STAMP, EpochSplitter, Reach, Sorted
+from robot_energy.timeline.reorder import ReorderBuffer, all_alike
 
 B = TypeVar("B", bound=Block)
 
@@ -19,42 +20,57 @@ class StreamRun(Generic[B]):
     """Messages that belong together.
 
     Attributes:
-        block: In order of arrival.
+        block: In order of arrival, or of their stamps where the stream is reordered; it may be
+            empty then.
         new_epoch: Whether the stamps jumped back before them.
         restless: Whether they did so within a second after another jump, as they do when
             two clocks take turns.
         rising: Whether it is known that each stamp is newer than all before.
+        first_ns: Stamp of the first of them that arrived. [ns]
     """
 
     block: B
     new_epoch: bool
     restless: bool
-    rising: bool = False
+    rising: bool
+    first_ns: int
 
 
 class StreamSplitter(Generic[B]):
-    """Holds the messages of one stream of which `EpochSplitter` has not decided.
+    """Cuts one stream at the jumps of its stamps, takes outliers out, and sorts what is late.
+
+    It holds the messages of which `EpochSplitter` has not decided, and those that
+    `ReorderBuffer` lets wait.
 
     Args:
         reach: Of the stream.
-        joined: Joins blocks of the stream.
+        reject: Counts what is refused, by its reason; None where the caller does.
+        window_ns: In which messages that overtook each other are sorted. [ns]
+        kinds: Gives the rows of the messages that are sorted among each other.
 
     Attributes:
         epochs: The decisions and their counts.
         refused: Outliers of the last step; None if there were none.
-        held: Messages that wait for later ones; None if none do.
+        held: Messages of which it is not known where they belong; None if there are none.
     """
 
-    def __init__(self, reach: Reach, joined: Callable[[Sequence[B]], B]) -> None:
+    def __init__(
+        self,
+        reach: Reach,
+        reject: Callable[[str, int], None] | None = None,
+        window_ns: int = 0,
+        kinds: Callable[[B], dict[bytes, Int]] = all_alike,
+    ) -> None:
         self.epochs = EpochSplitter(reach)
-        self._joined = joined
+        self._reject = reject or _by_caller
+        self._order = ReorderBuffer[B](window_ns, self._reject, kinds)
         self.refused: B | None = None
         self.held: B | None = None
 
     @property
     def waiting(self) -> int:
         """Messages that wait for later ones."""
-        return self.epochs.waiting
+        return self.epochs.waiting + self._order.waiting
 
     def step(self, block: B) -> list[StreamRun[B]]:
         """Take messages in order of arrival.
@@ -63,36 +79,59 @@ class StreamSplitter(Generic[B]):
             block: At least one.
 
         Returns:
-            The messages that are known to belong to their epoch; often one stretch.
+            The messages that are known to belong to their epoch; often one run.
         """
         found = self.epochs.step(block.stamp_ns)
         if self.held is not None:
-            block = self._joined([self.held, block])
+            block = type(block).concatenate([self.held, block])
         return self._taken(block, found)
 
     def flush(self) -> list[StreamRun[B]]:
-        """Return what still waits and is no stray."""
+        """Return what still waits and is no outlier."""
         held, found = self.held, self.epochs.flush()
         self.held = self.refused = None
-        return [] if held is None else self._taken(held, found)
+        runs = [] if held is None else self._taken(held, found)
+        return [*runs, *self._end_of_epoch()]
 
     def restart(self) -> None:
         """Drop what waits, as after an error."""
         self.held = self.refused = None
         self.epochs.restart()
+        self._order.restart()
 
     def _taken(self, block: B, found: Sorted) -> list[StreamRun[B]]:
         self.refused = block[np.asarray(found.strays, dtype=np.int64)] if found.strays else None
         self.held = block[np.asarray(found.held, dtype=np.int64)] if found.held else None
-        return [
-            StreamRun(
-                block if run.rows is None else block[np.asarray(run.rows, dtype=np.int64)],
-                run.new_epoch,
-                run.restless,
-                run.rising,
-            )
-            for run in found.runs
-        ]
+        self._reject(STRAY_STAMP, len(found.strays))
+        runs: list[StreamRun[B]] = []
+        for run in found.runs:
+            arrived = block if run.rows is None else block[np.asarray(run.rows, dtype=np.int64)]
+            if run.new_epoch:
+                runs += self._end_of_epoch()
+            ordered = self._order.step(arrived)
+            rising = run.rising and ordered is arrived
+            first_ns = int(arrived.stamp_ns[0])
+            runs.append(StreamRun(ordered, run.new_epoch, run.restless, rising, first_ns))
+        return runs
+
+    def _end_of_epoch(self) -> list[StreamRun[B]]:
+        """Return what waits for its place within the epoch that ends."""
+        late = self._order.flush()
+        return [] if late is None else [StreamRun(late, False, False, False, int(late.stamp_ns[0]))]
+
+
+def joined(runs: Sequence[StreamRun[B]]) -> B | None:
+    """Return the messages of some runs as one block; None if there are none.
+
+    Args:
+        runs: In the order of their messages.
+    """
+    blocks = [run.block for run in runs if len(run.block)]
+    return type(blocks[0]).concatenate(blocks) if blocks else None
+
+
+def _by_caller(reason: str, count: int) -> None:
+    """Leave the counting to the caller."""
 
 
 def sentence_of(
@@ -101,7 +140,7 @@ def sentence_of(
     remedy: str = "synchronise the clocks",
     within: float | None = None,
 ) -> str:
-    """Say what was wrong with the stamps of a stream; empty if nothing was.
+    """Return what was wrong with the stamps of a stream; empty if nothing was.
 
     Args:
         epochs: Of the stream.
@@ -134,7 +173,7 @@ def sentence_of(
 
 
 def apart_sentence(epochs: EpochSplitter, newest_ns: int | None, what: str) -> str:
-    """Say that a stream of states is of another time than the joint states; empty if not.
+    """Return that a stream of states is of another time than the joint states; empty if not.
 
     Args:
         epochs: Of the stream.

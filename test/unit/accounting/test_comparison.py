@@ -77,8 +77,8 @@ def test_bad_readings_are_counted_by_reason():
     comparison = Comparison()
     comparison.measure(meter([1.0, 2.0, 2.0, 1.5, 3.0], [1.0, np.nan, 1.0, 1.0, 1.0]))
     curve = comparison.curve
-    assert curve.rejected == {"meter_not_finite": 1, "meter_not_newer": 1}
-    assert curve.received == curve.accepted + sum(curve.rejected.values())
+    assert curve.account.rejected == {"meter_not_finite": 1, "meter_not_newer": 1}
+    assert curve.account.received == curve.account.accepted + sum(curve.account.rejected.values())
 
 
 def test_meter_may_arrive_late():

@@ -8,15 +8,16 @@ import pytest
 from accounts import IDENTITY, SECOND, counter, power_block, restarted, steady
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.event_log import KEPT
-from robot_energy.accounting.exact_sum import MAX_COUNTER, ExactSum
-from robot_energy.accounting.integration import MAX_GAP_NS
+from robot_energy.accounting.exact_sum import ExactSum
 from robot_energy.accounting.plain_text import MAX_NAME, MAX_REASON
 from robot_energy.accounting.record import LedgerRecord
 from robot_energy.errors import RegisterError, StateFileError
 from robot_energy.messages import RegistersWriter, interval_fields
 from robot_energy.store import AccountStore, SlotPair
 from robot_energy.store.envelope import MAX_BYTES, MAX_SEQUENCE, wrap
+from robot_energy.timeline.coverage import MAX_GAP_NS
 from robot_energy.timeline.stamps import MAX_STAMP_NS
+from robot_energy.units import MAX_COUNTER
 
 NOW = 1_790_000_000  # s
 

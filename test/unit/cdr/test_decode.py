@@ -29,7 +29,8 @@ def test_columns_have_own_memory_and_native_order(messages):
     position = run.array("position")
     assert position.dtype == np.dtype(float)
     assert position.dtype.isnative
-    assert position.flags.c_contiguous
+    assert position.flags.f_contiguous  # number by number
+    assert position.base is None
     assert position.flags.writeable
     np.testing.assert_array_equal(position[2], [200, 201, 202])
 

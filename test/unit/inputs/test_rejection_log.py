@@ -8,7 +8,7 @@ import numpy as np
 from robot_energy.cdr import Encoder, RawBatch, stamp_columns
 from robot_energy.inputs import rejection_log as accounting
 from robot_energy.inputs.joint_states import decode
-from robot_energy.inputs.rejection_log import ByNames, remember_names
+from robot_energy.inputs.rejection_log import ByNames, RejectionLog, remember_names
 
 
 def test_names_are_added_while_there_is_room():
@@ -47,13 +47,15 @@ def test_a_large_batch_is_decoded_in_pieces(monkeypatch):
     rows = [row.tobytes() for row in encoder.encode(columns, 100)]
     batch = RawBatch.from_messages("/j", decode.JOINT_STATE, stamps, rows)
     monkeypatch.setattr(decode, "MAX_DECODED_BYTES", 7 * len(rows[0]))
-    reader = decode.JointStateReader(("a", "b"))
+    log = RejectionLog()
+    reader = decode.JointStateReader(("a", "b"), log)
     sizes = []
     whole = reader._decoder.decode
     monkeypatch.setattr(
         reader._decoder, "decode", lambda piece: sizes.append(len(piece)) or whole(piece)
     )
-    readings = reader.read([batch], lambda reason, count: None)
+    readings = reader.read([batch])
+    assert log.received == 100
     assert readings.stamp_ns.tolist() == stamps.tolist()
     assert sizes == [7] * 14 + [2]
 
@@ -62,6 +64,7 @@ MANY = """
 import resource, sys
 import numpy as np
 from robot_energy.inputs.joint_states.decode import JointStateReader
+from robot_energy.inputs.rejection_log import RejectionLog
 from robot_energy.cdr import RawBatch
 count, joints = int(sys.argv[1]), int(sys.argv[2])
 stamp = bytes(4) + (1).to_bytes(4, "little")
@@ -74,11 +77,10 @@ def message(k):
 batch = RawBatch.from_messages("/j", "sensor_msgs/msg/JointState", np.arange(count),
                                [message(k) for k in range(count)])
 before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-rejected = []
-reader = JointStateReader(("a", "b"))
-assert reader.read([batch], lambda reason, n: rejected.append((reason, n))) is None
+log = RejectionLog()
+assert JointStateReader(("a", "b"), log).read([batch]) is None
 after = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-print((after - before) // 1024, sum(n for _, n in rejected), *{r for r, n in rejected if n})
+print((after - before) // 1024, log.rejected.total(), *log.rejected)
 """
 
 

@@ -143,9 +143,8 @@ def bag(tmp_path):
             raw = bytes(STORE.serialize_cdr(number(60_000), INT32))
             out.write("/milliwatts", np.array([stamp]), [raw])
             if row % 10 == 0:
-                raw = bytes(
-                    STORE.serialize_cdr(tenths(layout([], 0), np.array([400], np.int32)), TENTHS)
-                )
+                raw = layout([], 0)
+                raw = bytes(STORE.serialize_cdr(tenths(raw, np.array([400], np.int32)), TENTHS))
                 out.write("/tenths", np.array([stamp]), [raw])
     return folder
 

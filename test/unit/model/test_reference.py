@@ -2,6 +2,7 @@
 
 import json
 
+import jsonschema
 import pytest
 import yaml
 
@@ -10,7 +11,6 @@ from robot_energy.cli import main
 from robot_energy.model import shipped_models
 from robot_energy.model.reference import json_schema, reference_page
 
-jsonschema = pytest.importorskip("jsonschema")
 PAGE = ROOT / "src/doc/model_file.md"
 
 

@@ -141,9 +141,9 @@ def test_bad_temperatures_change_nothing_and_are_counted():
     refused = (power.quality & Quality.TEMPERATURE_IMPLAUSIBLE) > 0
     np.testing.assert_array_equal(refused, power.stamp_ns >= 11 * 10**8)
     stage = pipeline.friction
-    assert stage.rejected["temperature_implausible"] == 1
-    assert stage.rejected["temperature_not_finite"] == 1
-    assert stage.received == stage.accepted + sum(stage.rejected.values())
+    assert stage.account.rejected["temperature_implausible"] == 1
+    assert stage.account.rejected["temperature_not_finite"] == 1
+    assert stage.account.received == stage.account.accepted + sum(stage.account.rejected.values())
 
 
 def test_nan_position_is_nan_power_not_zero_and_not_energy():
@@ -245,7 +245,7 @@ def test_temperature_older_than_the_last_of_its_motor_is_counted_and_left():
         },
     )
     np.testing.assert_allclose(power.viscous[power.stamp_ns >= 15 * 10**8, 0], 0.02)
-    assert pipeline.friction.rejected["temperature_older"] == 1
+    assert pipeline.friction.account.rejected["temperature_older"] == 1
 
 
 def patient_wheel():

@@ -220,7 +220,6 @@ XACRO = """<robot xmlns:xacro="http://www.ros.org/wiki/xacro" name="arm">
 
 
 def test_a_xacro_file_is_expanded_with_its_arguments(tmp_path):
-    pytest.importorskip("xacro")
     path = tmp_path / "arm.urdf.xacro"
     path.write_text(XACRO)
     text = read_description(path, ["effort:=35"])

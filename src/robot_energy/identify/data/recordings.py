@@ -164,7 +164,8 @@ def read_recording(
     outputs: list[Output] = []
     settings = Settings(effort=effort, power_period=None)
     if inputs is not None:
-        settings = replace(settings, meter_max_gap=inputs.meter_max_gap)
+        gaps = {"max_gap": inputs.max_gap, "meter_max_gap": inputs.meter_max_gap}
+        settings = replace(settings, **gaps)
     result = replay(
         path,
         model,

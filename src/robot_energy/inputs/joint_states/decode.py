@@ -1,20 +1,19 @@
-"""Joint states as they arrive: columns in model order, and which joints each message has."""
+"""Joint states as they arrive -> joint blocks in model order, NaN where a message lacks a joint."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import Block, Float, Int, in_any_joint
+from robot_energy.blocks import Float, Int, JointBlock, in_any_joint
 from robot_energy.cdr.batch import RawBatch
 from robot_energy.cdr.decode import Decoder, Run, stamp_ns
-from robot_energy.inputs.rejection_log import MAX_JOINTS, ByNames, remember_names
-from robot_energy.timeline.gaps import BACKWARD_JUMP_NS, SECOND_NS
-from robot_energy.timeline.stamps import BAD_STAMP, valid_stamps
+from robot_energy.inputs.rejection_log import MAX_JOINTS, ByNames, RejectionLog, remember_names
+from robot_energy.timeline.gaps import BACKWARD_JUMP_NS
+from robot_energy.timeline.stamps import BAD_STAMP, SECOND_NS, valid_stamps
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
@@ -22,44 +21,6 @@ if TYPE_CHECKING:
 JOINT_STATE = "sensor_msgs/msg/JointState"
 MAX_DECODED_BYTES = 8 * 2**20  # of messages decoded at once: names that always change take room
 Mask = NDArray[np.bool_]
-Reject = Callable[[str, int], None]
-
-
-@dataclass(frozen=True)
-class JointReadings(Block):
-    """Messages in order of arrival.
-
-    Attributes:
-        stamp_ns: Shape (N,). [ns]
-        joint_position: NaN where a message lacks the joint, shape (N, n). [rad] or [m]
-        joint_velocity: NaN where it is not reported, shape (N, n). [rad/s] or [m/s]
-        joint_effort: As the driver sent it, NaN where it did not, shape (N, n); None if
-            effort is not read.
-        present: Which joints each message has, shape (N, n); None if all have all.
-    """
-
-    joint_position: Float
-    joint_velocity: Float
-    joint_effort: Float | None
-    present: Mask | None
-
-    @property
-    def mask(self) -> Mask:
-        """Which joints each message has, shape (N, n)."""
-        if self.present is not None:
-            return self.present
-        return np.ones(self.joint_position.shape, dtype=np.bool_)
-
-    @staticmethod
-    def joined(parts: Sequence[JointReadings]) -> JointReadings:
-        """Join readings in the order given; at least one."""
-        if len(parts) == 1:
-            return parts[0]
-        if any(part.present is None for part in parts) and any(
-            part.present is not None for part in parts
-        ):
-            parts = [replace(part, present=part.mask) for part in parts]
-        return JointReadings.concatenate(parts)
 
 
 class JointStateReader:
@@ -67,9 +28,11 @@ class JointStateReader:
 
     Args:
         joint_names: Modelled joints in model order.
+        log: Where messages are counted.
         effort: Whether to read the effort too.
         receive_time: Whether the time of receipt counts instead of the header's stamp.
         typestore: Message definitions of the source; those known here by default.
+        checked: Leaves out what cannot be used for what it says; None for no such check.
 
     Attributes:
         ignored_joints: Joints met that the model does not know.
@@ -78,11 +41,15 @@ class JointStateReader:
     def __init__(
         self,
         joint_names: Sequence[str],
+        log: RejectionLog,
         effort: bool = False,
         receive_time: bool = False,
         typestore: Typestore | None = None,
+        checked: Callable[[JointBlock], JointBlock | None] | None = None,
     ) -> None:
+        self._checked = checked
         self.ignored_joints: set[str] = set()
+        self._log = log
         self._names = tuple(joint_names)
         self._effort = effort
         self._receive_time = receive_time
@@ -91,7 +58,7 @@ class JointStateReader:
         self._decoder = Decoder(JOINT_STATE, fields, typestore, MAX_JOINTS)
         self._columns = ByNames[_Columns | str]()
 
-    def read(self, batches: Sequence[RawBatch], reject: Reject) -> JointReadings | None:
+    def read(self, batches: Sequence[RawBatch]) -> JointBlock | None:
         """Return what can be read, in order of arrival, or None if that is nothing.
 
         Messages of one batch stay in order. Batches are merged by their stamps; where those of
@@ -99,16 +66,25 @@ class JointStateReader:
 
         Args:
             batches: Serialised messages, one batch per topic.
-            reject: Told the reason and number of messages that cannot be used.
+
+        Returns:
+            One row per message, of segment 0 and not differentiated. The position of a joint
+            is NaN where the message lacks it; velocity and effort are also where it has none.
         """
-        read = [(batch, self._batch(batch, reject)) for batch in batches if len(batch)]
+        self._log.received += sum(map(len, batches))
+        read = [(batch, self._batch(batch)) for batch in batches if len(batch)]
         read = [entry for entry in read if len(entry[1][0])]
         if not read:
             return None
-        if len(read) == 1:
-            return read[0][1][0]
+        block = self._merged(read)
+        return block if self._checked is None else self._checked(block)
+
+    def _merged(self, read: Sequence[tuple[RawBatch, tuple[JointBlock, Int]]]) -> JointBlock:
+        """Join the messages of several topics, which each came with their rows."""
         parts = [part for _, (part, _) in read]
-        whole = JointReadings.joined(parts)
+        whole = JointBlock.concatenate(parts)
+        if len(read) == 1:
+            return whole
         steps = [np.diff(part.stamp_ns) for part in parts]
         received = [batch.log_time_ns[rows] for batch, (_, rows) in read]
         steady = all(bool((np.abs(step) < SECOND_NS).all()) for step in steps)
@@ -123,39 +99,45 @@ class JointStateReader:
         ]
         return whole[np.lexsort((np.concatenate(newest), np.concatenate(epochs)))]
 
-    def _batch(self, batch: RawBatch, reject: Reject) -> tuple[JointReadings, Int]:
-        """Return the readings of one batch and their rows, both in order of arrival."""
-        placed: list[tuple[Int, JointReadings]] = []
+    def _batch(self, batch: RawBatch) -> tuple[JointBlock, Int]:
+        """Return the messages of one batch and their rows, both in order of arrival."""
+        placed: list[tuple[Int, JointBlock]] = []
         for first, piece in batch.pieces(MAX_DECODED_BYTES):
             decoded = self._decoder.decode(piece)
-            reject("malformed", len(decoded.malformed))
+            self._log.reject("malformed", len(decoded.malformed))
             for run in decoded.runs:
                 part = self._place(run, piece)
                 if isinstance(part, str):
-                    reject(part, len(run.rows))
+                    self._log.reject(part, len(run.rows))
                 else:
                     placed.append((run.rows + first if first else run.rows, part))
-        if len(placed) == 1:
-            rows, part = placed[0]
-        elif placed:
-            rows = np.concatenate([rows for rows, _ in placed])
-            part = JointReadings.joined([part for _, part in placed])
-            order = np.argsort(rows)
-            rows, part = rows[order], part[order]
-        else:
-            empty = np.empty((0, len(self._names)))
-            rows = np.empty(0, dtype=np.int64)
-            return JointReadings(rows, empty, empty, empty if self._effort else None, None), rows
-        bad = _unusable(part)
-        for reason, wrong in bad.items():
-            reject(reason, int(wrong.sum()))
-        if bad:
-            good = ~np.logical_or.reduce(list(bad.values()))
-            rows, part = rows[good], part[good]
-        return part, rows
+        if not placed:
+            none, empty = np.empty(0, dtype=np.int64), np.empty((0, len(self._names)))
+            return _joint_block(none, empty, empty), none
+        part, rows = JointBlock.arranged([p for _, p in placed], [r for r, _ in placed])
+        good = self._usable(part)
+        return (part, rows) if good is None else (part[good], rows[good])
 
-    def _place(self, run: Run, batch: RawBatch) -> JointReadings | str:
-        """Return the readings of a run in model order, or why there are none."""
+    def _usable(self, part: JointBlock) -> Mask | None:
+        """Refuse messages, each for the first reason that applies; None if none is."""
+        left = np.ones(len(part), dtype=np.bool_)
+
+        def refuse(reason: str, wrong: Mask) -> None:
+            self._log.reject(reason, int((wrong & left).sum()))
+            left[wrong] = False
+
+        stamp, position, velocity = part.stamp_ns, part.joint_position, part.joint_velocity
+        if not bool(((stamp > 0) & valid_stamps(stamp)).all()):
+            refuse("zero_stamp", stamp == 0)
+            refuse(BAD_STAMP, ~valid_stamps(stamp))
+        with np.errstate(over="ignore", invalid="ignore"):
+            finite = bool(np.isfinite(position.sum() + velocity.sum()))
+        if not finite:
+            refuse("not_finite", in_any_joint(np.isinf(position) | np.isinf(velocity)))
+        return None if bool(left.all()) else left
+
+    def _place(self, run: Run, batch: RawBatch) -> JointBlock | str:
+        """Return the messages of a run in model order, or why there are none."""
         names = run.columns["name"]
         arrays = [run.columns[key] for key in ("position", "velocity")]
         if self._effort:
@@ -174,13 +156,12 @@ class JointStateReader:
             return "wrong_length"
         if self._effort and others[1].shape[1] != len(names):
             others[1] = np.empty((len(position), 0))
-        placed = [columns.place(array) for array in (position, *others)]
-        effort = placed[2] if self._effort else None
+        position = columns.place(position)
+        if bool(np.isnan(position.sum())):
+            lost = np.isnan(position) & (True if columns.present is None else columns.present)
+            position[lost] = np.inf  # which is refused; NaN says that the message lacks the joint
         stamp = batch.log_time_ns[run.rows] if self._receive_time else stamp_ns(run)
-        present = columns.present
-        if present is not None:
-            present = np.broadcast_to(present, position.shape[:1] + present.shape)
-        return JointReadings(stamp, placed[0], placed[1], effort, present)
+        return _joint_block(stamp, position, *map(columns.place, others))
 
     def _match(self, names: tuple[str, ...]) -> _Columns | str:
         """Where the model's joints are in a message, or why it cannot be used."""
@@ -219,24 +200,15 @@ def _newest_by_epoch(stamp: Int, epoch: Int) -> Int:
     return np.concatenate([np.maximum.accumulate(part) for part in parts])
 
 
-def _unusable(part: JointReadings) -> dict[str, Mask]:
-    """Which messages cannot be used, each under the first reason that applies."""
-    bad: dict[str, Mask] = {}
-    left = np.ones(len(part), dtype=np.bool_)
-
-    def note(reason: str, wrong: Mask) -> None:
-        nonlocal left
-        wrong = wrong & left
-        if bool(wrong.any()):
-            bad[reason] = wrong
-            left = left & ~wrong
-
-    stamp, position, velocity = part.stamp_ns, part.joint_position, part.joint_velocity
-    if not bool(((stamp > 0) & valid_stamps(stamp)).all()):
-        note("zero_stamp", stamp == 0)
-        note(BAD_STAMP, ~valid_stamps(stamp))
-    with np.errstate(over="ignore", invalid="ignore"):
-        finite = bool(np.isfinite(position.sum() + velocity.sum()))
-    if not finite:
-        note("not_finite", in_any_joint((~np.isfinite(position) & part.mask) | np.isinf(velocity)))
-    return bad
+def _joint_block(
+    stamp: Int, position: Float, velocity: Float, effort: Float | None = None
+) -> JointBlock:
+    return JointBlock(
+        stamp_ns=stamp,
+        segment=np.zeros(len(stamp), dtype=np.int64),
+        quality=np.zeros(len(stamp), dtype=np.uint32),
+        joint_position=position,
+        joint_velocity=velocity,
+        joint_acceleration=np.full_like(position, np.nan),
+        joint_effort=np.full_like(position, np.nan) if effort is None else effort,
+    )

@@ -2,71 +2,34 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import NANOSECOND, Block, Float, Int
-from robot_energy.inputs.joint_states.decode import JointReadings, Mask
+from robot_energy.blocks import NANOSECOND, Float, Int, JointBlock, Quality
+from robot_energy.inputs.joint_states.decode import Mask
 from robot_energy.inputs.joint_states.jumps import PositionJumpDetector, shortest
+from robot_energy.inputs.rejection_log import RejectionLog
 from robot_energy.physics.urdf.checks import JointLimits
-from robot_energy.timeline.gaps import LONGEST_GAP_NS, StampOrder
+from robot_energy.timeline.gaps import BY_PERIOD, LONGEST_GAP_NS, StampOrder, newer
+from robot_energy.timeline.reorder import OLDER
+from robot_energy.timeline.streams import StreamRun
 
-PATIENCE_NS = LONGEST_GAP_NS  # a part that comes later than this by stamp is missing
 SAME = 1e-6  # positions of one stamp that differ by less are the same [rad] or [m]
-
-
-@dataclass(frozen=True)
-class MergedStates(Block):
-    """States of all joints, in time order within an epoch.
-
-    Attributes:
-        joint_position: Shape (N, n). [rad] or [m]
-        joint_velocity: NaN where unknown, shape (N, n). [rad/s] or [m/s]
-        joint_effort: As the driver sent it, shape (N, n); None if it is not read.
-        broken: Whether something is missing right before the sample, shape (N,).
-        disputed: Whether messages of one stamp contradicted each other since the sample
-            before, shape (N,).
-    """
-
-    joint_position: Float
-    joint_velocity: Float
-    joint_effort: Float | None
-    broken: Mask
-    disputed: Mask
-
-
-@dataclass
-class MergeCounts:
-    """What became of the messages of a step.
-
-    Attributes:
-        duplicate: Messages whose stamp was known for each of their joints.
-        older: Messages older than what is known of each of their joints.
-        conflicting: Messages of a known stamp that said something else.
-        missing: Messages of the leading joint that no reading of some other joint surrounds.
-        parts: Messages that were used but make no sample of their own.
-    """
-
-    duplicate: int = 0
-    older: int = 0
-    conflicting: int = 0
-    missing: int = 0
-    parts: int = 0
+BROKEN = np.uint32(Quality.AFTER_GAP)  # something is missing right before a sample
 
 
 class _Track:
     """Readings of one joint in time order, as far back as samples may need them."""
 
-    def __init__(self, effort: bool, steps: PositionJumpDetector) -> None:
-        self.order = StampOrder()
+    def __init__(self, steps: PositionJumpDetector, max_gap: float) -> None:
+        self.order = StampOrder(max_gap)
         self.steps = steps
         self.stamp: Int = np.empty(0, dtype=np.int64)
         self.segment: Int = np.empty(0, dtype=np.int64)
         self.newest: Int = np.empty(0, dtype=np.int64)  # newest stamp of all on its arrival
-        width = 3 if effort else 2
-        self.values: Float = np.empty((width, 0))  # position, velocity, effort
+        self.values: Float = np.empty((3, 0))  # position, velocity, effort
 
     def extend(self, stamp: Int, newest: Int, values: Float) -> None:
         if not len(stamp):
@@ -95,158 +58,200 @@ class _Track:
 
 
 class PartialStateMerger:
-    """Merges messages that carry some of the joints into samples of all of them.
+    """Makes samples of all joints of messages, each of which may carry some of them.
 
-    The first joint of the model leads: every reading of it is an instant to know all joints
-    at. The others are interpolated between the readings on both sides of that instant, so
+    As long as every message has all joints, the messages are the samples. Otherwise the first
+    joint of the model leads: every reading of it is an instant to know all joints at. The
+    others are interpolated between the readings on both sides of that instant, so
     that no joint is ever older than the rest: holding the last value would put steps into
     the derivative. Positions follow the cubic through both velocities where they are
     reported, else a line; velocity and effort a line. A joint that has no readings on both
     sides within one segment (see `StampOrder`) is missing, and with it the sample. A sample
-    waits until all joints have passed its stamp, at most a second of stamps.
+    waits until all joints have passed its stamp, at most a second of stamps, or as long as
+    gaps are bridged.
 
     Args:
         n_joints: Number of joints of the model.
+        log: Where messages are counted. One with some of the joints is accepted when its
+            readings are taken; one of the leading joint when it makes a sample.
+        dispute: Takes the stamps of messages that contradict each other.
         limits: Limits from the URDF; None to do without.
-        effort: Whether effort is read.
+        max_gap: Longest gap between readings of a joint, as of `StampOrder`. [s]
 
     Attributes:
+        in_parts: Whether a message with some of the joints was ever met.
         conflicting: Joints whose readings leapt forth and back, shape (n,).
         missing: Joints that were missing when a sample was last given up, shape (n,).
     """
 
-    def __init__(self, n_joints: int, limits: JointLimits | None, effort: bool) -> None:
+    def __init__(
+        self,
+        n_joints: int,
+        log: RejectionLog,
+        dispute: Callable[[Iterable[int]], None],
+        limits: JointLimits | None,
+        max_gap: float = BY_PERIOD,
+    ) -> None:
+        self.in_parts = False
         self.conflicting = np.zeros(n_joints, dtype=np.bool_)
         self.missing = np.zeros(n_joints, dtype=np.bool_)
-        self._n_joints = n_joints
+        self._log, self._dispute = log, dispute
+        self._n_joints, self._max_gap = n_joints, max_gap
+        self._patience_ns = max(LONGEST_GAP_NS, round(max_gap / NANOSECOND))
         self._wraps = np.zeros(n_joints, dtype=np.bool_) if limits is None else limits.wraps
-        self._effort = effort
         self._steps = PositionJumpDetector.of(n_joints, limits)
-        self._tracks = self._fresh_tracks()
-        self._newest: int | None = None
-        self._lead: Int = np.empty((2, 0), dtype=np.int64)  # stamp, newest stamp on arrival
-        self._broken = False  # the sample before the next one was given up
-        self._disputes: list[int] = []  # stamps, for the first sample after each
+        self.restart()
 
     @property
     def waiting(self) -> int:
         """Messages of the leading joint that wait for the other joints."""
         return self._lead.shape[1]
 
+    @property
     def ages(self) -> Float:
-        """Return how long each joint is behind the newest stamp, shape (n,); inf if unseen. [s]"""
+        """How long each joint is behind the newest stamp, shape (n,); inf if unseen. [s]"""
+        if not self.in_parts:
+            return np.full(self._n_joints, np.inf if self._last is None else 0.0)
         if self._newest is None:
             return np.full(self._n_joints, np.inf)
         last = [int(track.stamp[-1]) if len(track.stamp) else None for track in self._tracks]
         return np.array([np.inf if at is None else (self._newest - at) * NANOSECOND for at in last])
 
-    def limits(self) -> Float:
-        """Return the longest time between readings of a joint that is bridged, shape (n,). [s]"""
-        return np.array([track.order.longest_gap_ns * NANOSECOND for track in self._tracks])
+    @property
+    def stale(self) -> Mask:
+        """Which joints are further behind than is bridged: samples wait for them, shape (n,)."""
+        limits = [track.order.longest_gap_ns * NANOSECOND for track in self._tracks]
+        return (self.ages > limits) & self.in_parts
 
-    def seed(self, last: MergedStates, disputed: bool) -> None:
-        """Begin after whole messages.
-
-        Args:
-            last: The last sample of all joints.
-            disputed: Whether a message of its stamp said something else.
-        """
-        for joint, track in enumerate(self._tracks):
-            track.contradictions(last.stamp_ns, last.joint_position[:, joint])
-            track.extend(last.stamp_ns, last.stamp_ns, self._values(last, joint, slice(None)))
-        self._newest = int(last.stamp_ns[-1])
-        if disputed:
-            self._disputes = [self._newest]
+    def restart(self) -> None:
+        """Forget all that waits, as after an error."""
+        self._broken = False  # the sample before the next one was given up
+        self.begin_epoch()
+        self._lead: Int = np.empty((2, 0), dtype=np.int64)  # stamp, newest stamp on arrival
 
     def begin_epoch(self) -> None:
         """Forget all readings: the stamps have jumped back."""
-        self._tracks = self._fresh_tracks()
-        self._newest = None
-        self._disputes = [-1] if self._disputes else []
+        self._last: JointBlock | None = None  # the newest message with all joints
+        self._newest: int | None = None
+        self._tracks = [
+            _Track(self._steps.joint(joint), self._max_gap) for joint in range(self._n_joints)
+        ]
 
-    def step(self, readings: JointReadings, verdict: MergeCounts) -> MergedStates | None:
-        """Take messages of one epoch in order of arrival.
+    def step(self, run: StreamRun[JointBlock]) -> JointBlock | None:
+        """Take messages of one epoch.
 
         Args:
-            readings: At least one message.
-            verdict: Where to count what became of them.
+            run: In order of arrival.
 
         Returns:
             The samples that are complete, or None.
         """
-        stamp, mask = readings.stamp_ns, readings.mask
+        block = run.block
+        if self.in_parts or not len(block):
+            return self._merge(block) if len(block) else None
+        if not bool(np.isnan(block.joint_position.sum())):
+            return self._whole(block, run.rising)
+        partial = np.isnan(block.joint_position).any(axis=1)
+        first = int(np.argmax(partial)) if bool(partial.any()) else len(block)
+        whole = self._whole(block[slice(0, first)]) if first else None
+        if first == len(block):
+            return whole
+        self.in_parts = True
+        if self._last is not None:
+            self._seed(self._last)
+        merged = self._merge(block[slice(first, None)])
+        parts = [part for part in (whole, merged) if part is not None]
+        return JointBlock.concatenate(parts) if parts else None
+
+    def flush(self) -> JointBlock | None:
+        """Give up waiting, as at the end of an epoch."""
+        return self._decide(closing=True)
+
+    def _whole(self, block: JointBlock, rising: bool = False) -> JointBlock | None:
+        """Messages with all joints are samples, if they are newer than the one before."""
+        last = self._last
+        if not rising:
+            fresh, again = newer(block.stamp_ns, None if last is None else int(last.stamp_ns[0]))
+            if not bool(fresh.all()):
+                block = self._new(block, last, fresh, np.flatnonzero(again))
+        if not len(block):
+            return None
+        self._last = block[slice(-1, None)]
+        return block
+
+    def _new(
+        self, block: JointBlock, last: JointBlock | None, fresh: Mask, again: Int
+    ) -> JointBlock:
+        """Return the new messages, and count the others."""
+        kept = block.joint_position[fresh]
+        kept = np.concatenate([kept[:1] if last is None else last.joint_position, kept])
+        newest = np.cumsum(fresh)
+        conflict = differ(block.joint_position[again], kept[newest[again]]).any(axis=1)
+        self._dispute(block.stamp_ns[again[conflict]].tolist())
+        self._log.reject("conflicting_stamp", int(conflict.sum()))
+        self._log.reject("duplicate_stamp", int((~conflict).sum()))
+        self._log.reject(OLDER, int((~fresh).sum()) - len(again))
+        return block[fresh]
+
+    def _seed(self, last: JointBlock) -> None:
+        """Begin after messages with all joints, the last of which is known."""
+        for joint, track in enumerate(self._tracks):
+            track.contradictions(last.stamp_ns, last.joint_position[:, joint])
+            track.extend(last.stamp_ns, last.stamp_ns, _values(last, joint, slice(None)))
+        self._newest = int(last.stamp_ns[-1])
+
+    def _merge(self, block: JointBlock) -> JointBlock | None:
+        """Take messages with some of the joints."""
+        stamp, mask = block.stamp_ns, ~np.isnan(block.joint_position)
         first = int(stamp[0]) if self._newest is None else self._newest
         newest = np.maximum(np.maximum.accumulate(stamp), first)
         self._newest = int(newest[-1])
         used = np.zeros(len(stamp), dtype=np.bool_)
         same = np.zeros(len(stamp), dtype=np.bool_)
         conflict = np.zeros(len(stamp), dtype=np.bool_)
+        disputes: list[int] = []
         for joint, track in enumerate(self._tracks):
             rows = np.flatnonzero(mask[:, joint])
             if not len(rows):
                 continue
-            fresh = self._fresh(track, readings, rows, joint, same, conflict)
+            fresh = self._fresh(track, block, rows, joint, same, conflict)
             used[fresh] = True
             if len(fresh):
-                position = readings.joint_position[fresh, joint]
-                found = track.contradictions(stamp[fresh], position)
-                self._disputes += found
+                found = track.contradictions(stamp[fresh], block.joint_position[fresh, joint])
+                disputes += found
                 self.conflicting[joint] |= bool(found)
-            track.extend(stamp[fresh], newest[fresh], self._values(readings, joint, fresh))
+            track.extend(stamp[fresh], newest[fresh], _values(block, joint, fresh))
             if joint == 0:
                 self._lead = np.concatenate(
                     [self._lead, np.stack([stamp[fresh], newest[fresh]])], axis=1
                 )
-                verdict.parts -= len(fresh)
-        verdict.parts += int(used.sum())
-        verdict.conflicting += int((conflict & ~used).sum())
-        verdict.duplicate += int((same & ~conflict & ~used).sum())
-        verdict.older += int((~used & ~same & ~conflict).sum())
-        self._disputes += stamp[conflict].tolist()
-        return self._decide(verdict, closing=False)
-
-    def flush(self, verdict: MergeCounts) -> MergedStates | None:
-        """Give up waiting, as at the end of an epoch."""
-        return self._decide(verdict, closing=True)
-
-    def _fresh_tracks(self) -> list[_Track]:
-        joints = range(self._n_joints)
-        return [_Track(self._effort, self._steps.joint(joint)) for joint in joints]
+                self._log.accepted -= len(fresh)
+        self._log.accepted += int(used.sum())
+        self._log.reject("conflicting_stamp", int((conflict & ~used).sum()))
+        self._log.reject("duplicate_stamp", int((same & ~conflict & ~used).sum()))
+        self._log.reject(OLDER, int((~used & ~same & ~conflict).sum()))
+        self._dispute([*disputes, *stamp[conflict].tolist()])
+        return self._decide(closing=False)
 
     def _fresh(
-        self,
-        track: _Track,
-        readings: JointReadings,
-        rows: Int,
-        joint: int,
-        same: Mask,
-        conflict: Mask,
+        self, track: _Track, block: JointBlock, rows: Int, joint: int, same: Mask, conflict: Mask
     ) -> Int:
         """Rows with a new reading of a joint; marks those that repeat or contradict the last."""
-        stamp = readings.stamp_ns[rows]
         known = len(track.stamp) > 0
-        last = int(track.stamp[-1]) if known else int(stamp[0]) - 1
-        before = np.maximum(np.maximum.accumulate(np.append(last, stamp[:-1])), last)
-        fresh = stamp > before
+        fresh, repeats = newer(block.stamp_ns[rows], int(track.stamp[-1]) if known else None)
         if bool(fresh.all()):
             return rows
-        again = np.flatnonzero(stamp == before)
+        again = np.flatnonzero(repeats)
         if len(again):
             same[rows[again]] = True
-            position = readings.joint_position[rows, joint]
+            position = block.joint_position[rows, joint]
             of_last = float(track.values[0, -1]) if known else np.nan
             kept = np.append(of_last, position[fresh])
             earlier = kept[np.cumsum(fresh)[again]]
             conflict[rows[again]] |= differ(position[again], earlier)
         return rows[fresh]
 
-    def _values(self, source: JointReadings | MergedStates, joint: int, rows: Int | slice) -> Float:
-        columns = [source.joint_position[rows, joint], source.joint_velocity[rows, joint]]
-        if source.joint_effort is not None:
-            columns.append(source.joint_effort[rows, joint])
-        return np.stack(columns)
-
-    def _decide(self, verdict: MergeCounts, closing: bool) -> MergedStates | None:
+    def _decide(self, closing: bool) -> JointBlock | None:
         """Make samples of the leading readings whose fate is known."""
         at: Int = self._lead[0]
         arrived: Int = self._lead[1]
@@ -262,24 +267,24 @@ class PartialStateMerger:
             if len(track.stamp):
                 exact = track.stamp[index] == at
                 linked = (index > 0) & (track.segment[index] == track.segment[index - 1])
-                timely = track.newest[index] <= at + PATIENCE_NS
+                timely = track.newest[index] <= at + self._patience_ns
                 there = there & timely & (exact | linked)
             surrounded[:, joint] = there
             right[:, joint] = index
-        fate = passed | (newest > at + PATIENCE_NS) | closing
+        fate = passed | (newest > at + self._patience_ns) | closing
         count = len(at) if bool(fate.all()) else int(np.argmin(fate))
         surrounded = surrounded[:count]
-        complete = surrounded.all(axis=1) & (arrived[:count] <= at[:count] + PATIENCE_NS)
+        complete = surrounded.all(axis=1) & (arrived[:count] <= at[:count] + self._patience_ns)
         self._lead = self._lead[:, count:]
         samples = self._samples(at[:count], right[:count], complete)
-        verdict.missing += int((~complete).sum())
+        self._log.reject("missing_joint", int((~complete).sum()))
         given_up = np.flatnonzero(~complete)
         if len(given_up):
             self.missing = ~surrounded[given_up[-1]]
         self._forget(int(at[count - 1]) if count else None, newest)
         return samples
 
-    def _samples(self, at: Int, right: Int, complete: Mask) -> MergedStates | None:
+    def _samples(self, at: Int, right: Int, complete: Mask) -> JointBlock | None:
         """Make the complete samples; note what was given up or disputed before each."""
         rows = np.flatnonzero(complete)
         if not len(rows):
@@ -293,23 +298,19 @@ class PartialStateMerger:
             self._interpolate(joint, at[rows], right[rows, joint])
             for joint in range(self._n_joints)
         ]
-        values = np.stack(columns, axis=1)  # quantity, joint, sample
-        disputed = np.zeros(len(rows), dtype=np.bool_)
-        if self._disputes:
-            after = np.searchsorted(at[rows], self._disputes, side="right")
-            disputed[after[after < len(rows)]] = True
-            self._disputes = [stamp for stamp in self._disputes if stamp >= at[rows[-1]]]
-        return MergedStates(
+        position, velocity, effort = np.stack(columns, axis=1)  # joint by joint contiguous
+        return JointBlock(
             stamp_ns=at[rows],
-            joint_position=values[0].T,
-            joint_velocity=values[1].T,
-            joint_effort=values[2].T if self._effort else None,
-            broken=gaps[rows + 1] > gaps[since + 1],
-            disputed=disputed,
+            segment=np.zeros(len(rows), dtype=np.int64),
+            quality=np.where(gaps[rows + 1] > gaps[since + 1], BROKEN, np.uint32(0)),
+            joint_position=position.T,
+            joint_velocity=velocity.T,
+            joint_acceleration=np.full_like(position.T, np.nan),
+            joint_effort=effort.T,
         )
 
     def _interpolate(self, joint: int, at: Int, right: Int) -> Float:
-        """Position, velocity and effort of a joint at some stamps, shape (2 or 3, N)."""
+        """Position, velocity and effort of a joint at some stamps, shape (3, N)."""
         track = self._tracks[joint]
         exact = track.stamp[right] == at
         values = track.values[:, right]
@@ -339,9 +340,15 @@ class PartialStateMerger:
         if self.waiting:
             oldest = int(self._lead[0, 0])
         else:
-            oldest = newest - PATIENCE_NS if decided is None else max(decided, newest - PATIENCE_NS)
+            oldest = max(newest - self._patience_ns, 0 if decided is None else decided)
         for track in self._tracks:
             track.forget(oldest)
+
+
+def _values(block: JointBlock, joint: int, rows: Int | slice) -> Float:
+    """Position, velocity and effort of a joint, shape (3, N)."""
+    columns = (block.joint_position, block.joint_velocity, block.joint_effort)
+    return np.stack([column[rows, joint] for column in columns])
 
 
 def differ(position: Float, other: Float) -> NDArray[np.bool_]:

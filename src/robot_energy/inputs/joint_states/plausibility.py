@@ -18,7 +18,6 @@ from robot_energy.blocks import (
     in_any_joint,
     mark,
 )
-from robot_energy.inputs.joint_states.decode import JointReadings
 from robot_energy.inputs.joint_states.jumps import shortest
 from robot_energy.physics.urdf.checks import JointLimits
 
@@ -114,10 +113,9 @@ class Plausibility:
         self._check_zeros(block)
         self._check_velocities(block)
 
-    def refused(self, readings: JointReadings) -> None:
-        """Note messages that were refused for their velocity: they may tell the unit."""
-        rows = np.ones(len(readings), dtype=np.bool_)
-        self._note_beyond(readings.stamp_ns, readings.joint_position, readings.joint_velocity, rows)
+    def refused(self, block: JointBlock) -> None:
+        """Note messages that were refused for their velocity: they may show the unit."""
+        self._note_beyond(block, np.ones(len(block), dtype=np.bool_))
 
     def findings(self) -> list[Finding]:
         """Return what was found so far, one sentence each."""
@@ -142,15 +140,14 @@ class Plausibility:
             return
         rows = in_any_joint(beyond)
         mark(block.quality, rows, Quality.JOINT_STATE_IMPLAUSIBLE)
-        self._note_beyond(block.stamp_ns, position, velocity, rows)
+        self._note_beyond(block, rows)
 
-    def _note_beyond(
-        self, stamp_ns: Int, position: Float, velocity: Float, rows: NDArray[np.bool_]
-    ) -> None:
-        self._beyond.note(stamp_ns[rows])
-        self._least = np.fmin(self._least, np.fmin.reduce(position[rows], axis=0))
-        self._most = np.fmax(self._most, np.fmax.reduce(position[rows], axis=0))
-        speed = np.nan_to_num(np.abs(velocity[rows]))
+    def _note_beyond(self, block: JointBlock, rows: NDArray[np.bool_]) -> None:
+        self._beyond.note(block.stamp_ns[rows])
+        position = block.joint_position[rows]
+        self._least = np.fmin(self._least, np.fmin.reduce(position, axis=0))
+        self._most = np.fmax(self._most, np.fmax.reduce(position, axis=0))
+        speed = np.nan_to_num(np.abs(block.joint_velocity[rows]))
         self._speed = np.maximum(self._speed, speed.max(axis=0))
 
     def _check_zeros(self, block: JointBlock) -> None:

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Iterable
 
 import numpy as np
+from numpy.typing import NDArray
 
+from robot_energy.blocks import JointBlock, Quality
 from robot_energy.inputs.joint_states.jumps import Directions, PositionJumpDetector
-from robot_energy.inputs.joint_states.partial_states import MergedStates
+from robot_energy.inputs.rejection_log import RejectionLog
 from robot_energy.physics.urdf.checks import JointLimits
-from robot_energy.timeline.gaps import SECOND_NS
+from robot_energy.timeline.stamps import SECOND_NS
 
 CLEAN_NS = SECOND_NS  # how long it must be quiet before samples are used again
 LONGEST_STEP_NS = SECOND_NS // 10  # more than this between two samples is no time watched
+CONFLICTING = "conflicting_publisher"  # the reason under which refused samples are counted
+BROKEN = np.uint32(Quality.AFTER_GAP)  # something is missing right before a sample
 QUARANTINE_NS = SECOND_NS // 4  # how long a leap waits for the leap back
 
 
@@ -28,24 +32,25 @@ class PublisherConflictFilter:
 
     Args:
         n_joints: Number of joints of the model.
+        log: Where refused samples are counted.
         limits: Limits from the URDF; None to allow what any joint can do.
 
     Attributes:
         count: Signs seen.
         joints: Joints whose positions gave a sign, shape (n,).
-        refused: Samples refused.
         first_ns: Stamp of the first sign; None if there was none. [ns]
         last_ns: Stamp of the last sign. [ns]
     """
 
-    def __init__(self, n_joints: int, limits: JointLimits | None = None) -> None:
+    def __init__(self, n_joints: int, log: RejectionLog, limits: JointLimits | None = None) -> None:
+        self._log = log
         self.count = 0
         self.joints = np.zeros(n_joints, dtype=np.bool_)
-        self.refused = 0
         self.first_ns: int | None = None
         self.last_ns: int | None = None
         self._steps = PositionJumpDetector.of(n_joints, limits)
-        self._held: MergedStates | None = None
+        self._held: JointBlock | None = None
+        self._disputes: list[int] = []  # stamps, for the first sample after each
         self._last_ns: int | None = None
         self._to_watch = 0  # time that must pass without a sign [ns]
         self._broken = False  # samples were refused before the next one
@@ -55,7 +60,15 @@ class PublisherConflictFilter:
         """Samples that wait whether a leap comes back."""
         return 0 if self._held is None else len(self._held)
 
-    def begin_epoch(self, restless: bool, stamp_ns: int) -> MergedStates | None:
+    def dispute(self, stamps_ns: Iterable[int]) -> None:
+        """Note that messages contradicted each other.
+
+        Args:
+            stamps_ns: Of the messages; the first sample after each gives the sign. [ns]
+        """
+        self._disputes += stamps_ns
+
+    def begin_epoch(self, restless: bool, stamp_ns: int) -> JointBlock | None:
         """Note that the stamps jumped back.
 
         Args:
@@ -67,30 +80,45 @@ class PublisherConflictFilter:
         """
         held = self.flush()
         self._steps.begin_epoch()
+        self._disputes.clear()
         self._last_ns = None
         if restless:
             self._note(stamp_ns)
         return held
 
-    def step(self, samples: MergedStates) -> MergedStates | None:
+    def step(self, samples: JointBlock) -> JointBlock | None:
         """Take samples of one epoch in time order; return those that can be used."""
         leaps = self._steps.leaps(samples.stamp_ns, samples.joint_position)
-        calm = leaps is None and self._steps.calm and not self._to_watch
-        if calm and not bool(samples.disputed.any()):
+        disputed = self._disputed(samples)
+        if leaps is None and disputed is None and self._steps.calm and not self._to_watch:
             out = samples
         else:
             if leaps is None:
                 leaps = np.zeros(samples.joint_position.shape, dtype=np.int8)
-            out = self._judge(samples, leaps)
+            if disputed is None:
+                disputed = np.zeros(len(samples), dtype=np.bool_)
+            out = self._judge(samples, leaps, disputed)
         self._last_ns = int(samples.stamp_ns[-1])
         return out
 
-    def flush(self) -> MergedStates | None:
+    def flush(self) -> JointBlock | None:
         """Return the samples that wait; nothing says that they are wrong."""
         held, self._held = self._held, None
         if held is not None:
-            held.broken[0] = True
+            held.quality[0] |= BROKEN
         return held
+
+    def _disputed(self, samples: JointBlock) -> NDArray[np.bool_] | None:
+        """Which samples are the first after messages that contradicted each other."""
+        if not self._disputes:
+            return None
+        after = np.searchsorted(samples.stamp_ns, self._disputes, side="right")
+        self._disputes = [
+            stamp for stamp, row in zip(self._disputes, after, strict=True) if row == len(samples)
+        ]
+        disputed = np.zeros(len(samples), dtype=np.bool_)
+        disputed[after[after < len(samples)]] = True
+        return disputed
 
     def _note(self, stamp_ns: int) -> None:
         self.count += 1
@@ -98,13 +126,16 @@ class PublisherConflictFilter:
         self.last_ns = stamp_ns
         self._to_watch = CLEAN_NS
 
-    def _judge(self, samples: MergedStates, leaps: Directions) -> MergedStates | None:
+    def _judge(
+        self, samples: JointBlock, leaps: Directions, disputed: NDArray[np.bool_]
+    ) -> JointBlock | None:
         """Go through the samples one by one."""
-        whole = samples if self._held is None else MergedStates.concatenate([self._held, samples])
+        whole = samples if self._held is None else JointBlock.concatenate([self._held, samples])
         held = list(range(self.waiting))
         first = len(held)
-        broken = whole.broken.copy()
+        broken: list[int] = []
         used: list[int] = []
+        refused = 0
         last = self._last_ns
         steps = self._steps
         for row, stamp in enumerate(samples.stamp_ns.tolist()):
@@ -112,28 +143,31 @@ class PublisherConflictFilter:
             elapsed = 0 if last is None else min(stamp - last, LONGEST_STEP_NS)
             last = stamp
             self._to_watch = max(0, self._to_watch - elapsed)
-            if samples.disputed[row] or bool(back.any()):
+            if disputed[row] or bool(back.any()):
                 self.joints |= back
                 self._note(stamp)
-                self.refused += len(held)
+                refused += len(held)
                 self._broken |= bool(held)
                 held = []
             if self._to_watch:
-                self.refused += 1
+                refused += 1
                 self._broken = True
                 continue
             index = first + row
-            broken[index] |= self._broken
-            self._broken = False
+            if self._broken:
+                broken.append(index)
+                self._broken = False
             lone = steps.lone != 0
             if bool((lone & (stamp - steps.lone_ns <= QUARANTINE_NS)).any()):
                 held.append(index)
                 continue
             if held:
-                broken[held[0]] |= bool(lone.any())
+                if bool(lone.any()):
+                    broken.append(held[0])
                 used += held
                 held = []
             used.append(index)
-        whole = replace(whole, broken=broken)
+        self._log.reject(CONFLICTING, refused)
+        whole.quality[broken] |= BROKEN
         self._held = whole[np.asarray(held, dtype=np.int64)] if held else None
         return whole[np.asarray(used, dtype=np.int64)] if used else None

@@ -14,6 +14,7 @@ from robot_energy.units import POWER_UNITS
 POWER_READING = "ros2_energy_msgs/msg/PowerReading"
 FLOAT64 = "std_msgs/msg/Float64"
 FLOAT32 = "std_msgs/msg/Float32"
+EXAMPLE_FLOAT64 = "example_interfaces/msg/Float64"
 BATTERY_STATE = "sensor_msgs/msg/BatteryState"
 METER_WORDS = ("power", "energy", "watt", "current")  # in names of topics that may be a meter
 
@@ -88,6 +89,14 @@ METER_KINDS = Kinds(
         name=FLOAT32,
         label="Float32",
         line="a number; unit, meaning and location by parameters",
+        headed=False,
+        pairs=True,
+        topic_words=METER_WORDS,
+    ),
+    MeterKind(
+        name=EXAMPLE_FLOAT64,
+        label="Float64",
+        line="a number, as the RTDE publisher of Universal Robots sends it; likewise",
         headed=False,
         pairs=True,
         topic_words=METER_WORDS,

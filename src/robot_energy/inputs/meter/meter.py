@@ -18,9 +18,9 @@ from robot_energy.inputs.meter.source import MeterSource
 from robot_energy.inputs.meter.voltage_current_pairs import Pairing, Values
 from robot_energy.inputs.parameters import HEADER, RECEIVE
 from robot_energy.inputs.rejection_log import RejectionLog
-from robot_energy.timeline.epochs import STRAY_STAMP, Reach
+from robot_energy.timeline.epochs import Reach
 from robot_energy.timeline.stamps import BAD_STAMP, SECOND_NS, valid_stamps
-from robot_energy.timeline.streams import StreamRun, StreamSplitter, sentence_of
+from robot_energy.timeline.streams import StreamRun, StreamSplitter, joined, sentence_of
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
@@ -63,8 +63,8 @@ class MeterIngest:
         self._decoder = Decoder(self.source.type, fields, typestore)
         self._kind: Kind | None = None  # of the first reading that says it
         self._pairing = Pairing(self.source.pair_max_age, self.account)
-        self._continuity = StreamSplitter[MeterBlock](REACH, MeterBlock.concatenate)
-        self.epochs = self._continuity.epochs
+        self._stream = StreamSplitter[MeterBlock](REACH, self.account.reject)
+        self.epochs = self._stream.epochs
 
     def _paths(self, typestore: Typestore) -> tuple[str, ...]:
         """Return the fields that hold the reading, after a check that the type has them."""
@@ -102,11 +102,11 @@ class MeterIngest:
             read = (self._batch(batch, kind) for batch in batches)
             blocks = [block for block in read if block is not None and len(block)]
             block = MeterBlock.concatenate(blocks) if blocks else None
-        return None if block is None else self._taken(self._continuity.step(block))
+        return None if block is None else self._taken(self._stream.step(block))
 
     def flush(self) -> MeterBlock | None:
         """Return what still waits and is no outlier, as at the end of a bag."""
-        return self._taken(self._continuity.flush())
+        return self._taken(self._stream.flush())
 
     def clock_doubts(self, within: float | None = None) -> list[str]:
         """Return what the stamps say of the meter's clock, one sentence each.
@@ -119,21 +119,18 @@ class MeterIngest:
         clock = sentence_of(self.epochs, f"readings of the meter on {topics}", remedy, within)
         return [clock] if clock else []
 
-    def _taken(self, stretches: list[StreamRun[MeterBlock]]) -> MeterBlock | None:
+    def _taken(self, runs: list[StreamRun[MeterBlock]]) -> MeterBlock | None:
         """Bring the account up to date."""
-        account, waiting = self.account, self._continuity.waiting
-        strays = self.epochs.strays - account.rejected[STRAY_STAMP]
-        account.reject(STRAY_STAMP, strays)
-        account.accepted += account.waiting - waiting - strays
-        account.waiting = waiting
-        if not stretches:
-            return None
-        return MeterBlock.concatenate([stretch.block for stretch in stretches])
+        refused, waiting = self._stream.refused, self._stream.waiting
+        strays = 0 if refused is None else len(refused)
+        self.account.accepted += self.account.waiting - waiting - strays
+        self.account.waiting = waiting
+        return joined(runs)
 
     def restart(self) -> None:
         """Drop what waits, as after an error. The account is left alone."""
         self._pairing = Pairing(self.source.pair_max_age, self.account)
-        self._continuity.restart()
+        self._stream.restart()
 
     def _batch(self, batch: RawBatch, kind: Kind | None) -> MeterBlock | None:
         self.account.received += len(batch)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,9 +9,10 @@ from numpy.typing import NDArray
 
 from robot_energy.blocks import NANOSECOND, Float, Int, MeterBlock, MeterMeaning
 from robot_energy.inputs.meter.energy_counter import EnergyCounterDecoder
+from robot_energy.inputs.rejection_log import RejectionLog
+from robot_energy.timeline.gaps import BACKWARD_JUMP_NS
 from robot_energy.timeline.pieces import CoveredPieces
 
-BACKWARD_JUMP_NS = 1_000_000_000  # older readings than this are a new epoch, not late ones
 BEGIN_NS = 100_000_000  # the same at first, when a reading before may be the wrong one
 MAX_POWER = 1e6  # no robot draws a megawatt, and the exact sums hold up to there [W]
 LONGEST_INTERVAL = 86_400.0  # of a mean [s]
@@ -46,9 +46,7 @@ class MeterCurve:
         wraps_at: Reading at which a counter starts again from zero; None: it never does. [J]
 
     Attributes:
-        received: Readings that arrived.
-        accepted: Readings that were used.
-        rejected: Readings that were not, by reason.
+        account: Readings that arrived, that were used and that were not, by reason.
         counter: What became of the readings of a counter.
         gaps: Pairs of readings that lie further apart than is bridged.
         spacing_ns: Time between the two newest readings; None before the second. [ns]
@@ -59,9 +57,7 @@ class MeterCurve:
     def __init__(
         self, max_gap: float, max_power: float = MAX_POWER, wraps_at: float | None = None
     ) -> None:
-        self.received = 0
-        self.accepted = 0
-        self.rejected: Counter[str] = Counter()
+        self.account = RejectionLog()
         self.gaps = 0
         self.spacing_ns: int | None = None
         self.newest_ns: int | None = None
@@ -82,7 +78,7 @@ class MeterCurve:
             Pieces, one list entry for each epoch touched; the first continues the running
             epoch, and each further one follows a backward jump.
         """
-        self.received += len(block)
+        self.account.received += len(block)
         cumulative = block.meaning is MeterMeaning.CUMULATIVE
         value = block.energy if cumulative else block.power
         good = self._usable(block, value, cumulative)
@@ -97,26 +93,22 @@ class MeterCurve:
             elif cumulative:
                 pieces.append(self._counted(block.stamp_ns[rows], value[rows]))
             else:
-                self.accepted += len(rows)
+                self.account.accepted += len(rows)
                 pieces.append(self._pieces(block, rows, value))
         return pieces
-
-    def _reject(self, reason: str, count: int) -> None:
-        if count:
-            self.rejected[reason] += count
 
     def _usable(self, block: MeterBlock, value: Float, cumulative: bool) -> NDArray[np.bool_]:
         good = np.isfinite(value)
         if block.meaning is MeterMeaning.MEAN_OVER_INTERVAL:
             good &= np.isfinite(block.interval) & (block.interval > 0)
-        self._reject("meter_not_finite", int((~good).sum()))
+        self.account.reject("meter_not_finite", int((~good).sum()))
         if cumulative:
             return good
         with np.errstate(invalid="ignore"):
             absurd = good & (np.abs(value) > self._max_power)
             if block.meaning is MeterMeaning.MEAN_OVER_INTERVAL:
                 absurd |= good & (block.interval > LONGEST_INTERVAL)
-        self._reject("meter_implausible", int(absurd.sum()))
+        self.account.reject("meter_implausible", int(absurd.sum()))
         return good & ~absurd
 
     def _epochs(self, stamp_ns: Int, good: NDArray[np.bool_]) -> list[Int]:
@@ -139,7 +131,7 @@ class MeterCurve:
             if newest is not None and stamp <= newest:
                 reach = BACKWARD_JUMP_NS if self._readings > 1 else BEGIN_NS
                 if stamp > newest - reach:
-                    self._reject("meter_not_newer", 1)
+                    self.account.reject("meter_not_newer", 1)
                     continue
                 epochs.append([])
                 self.left.append(self._readings)
@@ -171,9 +163,9 @@ class MeterCurve:
         counter = self.counter
         low, high = counter.low, counter.high
         pieces = counter.step(stamp_ns, energy)
-        self._reject("meter_counter_low", counter.low - low)
-        self._reject("meter_implausible", counter.high - high)
-        self.accepted += len(stamp_ns) - (counter.low - low) - (counter.high - high)
+        self.account.reject("meter_counter_low", counter.low - low)
+        self.account.reject("meter_implausible", counter.high - high)
+        self.account.accepted += len(stamp_ns) - (counter.low - low) - (counter.high - high)
         return pieces
 
     def _pieces(self, block: MeterBlock, rows: Int, value: Float) -> CoveredPieces:

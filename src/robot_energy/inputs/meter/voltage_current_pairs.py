@@ -6,8 +6,8 @@ import numpy as np
 
 from robot_energy.blocks import NANOSECOND, Float, Int
 from robot_energy.inputs.rejection_log import RejectionLog
-
-BACKWARD_JUMP_NS = 1_000_000_000  # messages older than this belong to another clock
+from robot_energy.timeline.gaps import BACKWARD_JUMP_NS
+from robot_energy.timeline.hold import first_needed, held_rows
 
 Values = tuple[Int, Float]  # times of receipt [ns] and what was received then, each (N,)
 
@@ -75,16 +75,15 @@ class Pairing:
         times, values = self._voltage
         if not len(times):
             return np.full(len(stamp), np.nan)
-        row = np.searchsorted(times, stamp, side="right") - 1
-        valid = (row >= 0) & (stamp - times[row] <= self._max_age_ns)
-        return np.where(valid, values[row], np.nan)
+        row = held_rows(times, stamp, self._max_age_ns)
+        return np.where(row >= 0, values[row], np.nan)
 
     def _prune(self, newest_ns: int) -> None:
         """Forget voltages before the one valid at what waits, or at the newest message."""
         waiting = self._current[0]
         oldest = int(waiting[0]) if len(waiting) else newest_ns
         times, values = self._voltage
-        first = max(int(np.searchsorted(times, oldest, side="right")) - 1, 0)
+        first = first_needed(times, oldest)
         self._voltage = times[first:], values[first:]
 
     def _refuse(self, unpaired: int) -> None:

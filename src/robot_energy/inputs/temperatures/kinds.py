@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 MOTOR_TEMPERATURES = "ros2_energy_msgs/msg/MotorTemperatures"
 TEMPERATURE = "sensor_msgs/msg/Temperature"
 FLOAT_ARRAY = "std_msgs/msg/Float64MultiArray"
+EXAMPLE_FLOAT_ARRAY = "example_interfaces/msg/Float64MultiArray"
 DYNAMIC_JOINT_STATE = "control_msgs/msg/DynamicJointState"
 INTERFACE_VALUES = "control_msgs/msg/Float64Values"
 INTERFACE_NAMES = "control_msgs/msg/Keys"
@@ -258,6 +259,16 @@ TEMPERATURE_KINDS = Kinds(
         name=FLOAT_ARRAY,
         label="Float64MultiArray",
         line="values alone, in the order of the joints of the source",
+        adapter=FloatArrayAdapter,
+        headed=False,
+        needs_joints=True,
+        named=False,
+        topic_word="temp",
+    ),
+    TemperatureKind(
+        name=EXAMPLE_FLOAT_ARRAY,
+        label="Float64MultiArray",
+        line="the same, as the RTDE publisher of Universal Robots sends it",
         adapter=FloatArrayAdapter,
         headed=False,
         needs_joints=True,

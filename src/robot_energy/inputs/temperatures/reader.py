@@ -179,13 +179,8 @@ class TemperatureReader:
                 rows.append(run.rows[good])
         if not blocks:
             return []
-        row = np.concatenate(rows)
-        order = np.argsort(row)
-        return [
-            TemperatureReadings(
-                TemperatureBlock.concatenate(blocks)[order], batch.log_time_ns[row[order]]
-            )
-        ]
+        block, row = TemperatureBlock.arranged(blocks, rows)
+        return [TemperatureReadings(block, batch.log_time_ns[row])]
 
     def _usable(self, block: TemperatureBlock) -> NDArray[np.bool_]:
         """Refuse readings without a stamp in range or without a number."""

@@ -15,7 +15,13 @@ from robot_energy.inputs.sources import TemperatureSource
 from robot_energy.inputs.temperatures.reader import TemperatureReader, TemperatureReadings
 from robot_energy.timeline.epochs import STRAY_STAMP, slow_reach
 from robot_energy.timeline.gaps import BACKWARD_JUMP_NS
-from robot_energy.timeline.streams import StreamRun, StreamSplitter, apart_sentence, sentence_of
+from robot_energy.timeline.streams import (
+    StreamRun,
+    StreamSplitter,
+    apart_sentence,
+    joined,
+    sentence_of,
+)
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
@@ -61,8 +67,8 @@ class TemperatureIngest:
         stale_after: float = 60.0,
     ) -> None:
         reach = slow_reach(round(stale_after / NANOSECOND))
-        self._continuity = StreamSplitter[_Arrived](reach, _Arrived.concatenate)
-        self.epochs = self._continuity.epochs
+        self._stream = StreamSplitter[_Arrived](reach)
+        self.epochs = self._stream.epochs
         if sources is None:
             sources = {"motors": TemperatureSource().resolved(lambda topic: f"/{topic}")}
         self.readers = [
@@ -124,7 +130,7 @@ class TemperatureIngest:
 
     def restart(self) -> None:
         """Drop what waits, as after an error. The accounts are left alone."""
-        self._continuity.restart()
+        self._stream.restart()
 
     def step(self, batches: Sequence[RawBatch]) -> TemperatureBlock | None:
         """Take messages of any number of topics.
@@ -154,15 +160,15 @@ class TemperatureIngest:
         if len(parts) > 1:
             keys = [_order(part) for _, part in parts]
             block = block[np.lexsort([np.concatenate(key) for key in zip(*keys, strict=True)])]
-        return self._taken(self._continuity.step(block))
+        return self._taken(self._stream.step(block))
 
     def flush(self) -> TemperatureBlock | None:
         """Return what still waits and is no outlier, as at the end of a bag."""
-        return self._taken(self._continuity.flush())
+        return self._taken(self._stream.flush())
 
-    def _taken(self, stretches: list[StreamRun[_Arrived]]) -> TemperatureBlock | None:
+    def _taken(self, runs: list[StreamRun[_Arrived]]) -> TemperatureBlock | None:
         """Bring the accounts up to date."""
-        held, refused = self._continuity.held, self._continuity.refused
+        held, refused = self._stream.held, self._stream.refused
         for number, reader in enumerate(self.readers):
             account = reader.account
             strays = 0 if refused is None else int((refused.source == number).sum())
@@ -170,9 +176,9 @@ class TemperatureIngest:
             account.reject(STRAY_STAMP, strays)
             account.accepted += account.waiting - waiting - strays
             account.waiting = waiting
-        if not stretches:
+        whole = joined(runs)
+        if whole is None:
             return None
-        whole = _Arrived.concatenate([stretch.block for stretch in stretches])
         return TemperatureBlock(whole.stamp_ns, whole.motor_temperature_degc)
 
 

@@ -1,0 +1,46 @@
+"""Options that name the robot of a recording: its model, and its driver."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser, Namespace
+
+from robot_energy.errors import ModelFileError
+
+
+def add_robot(parser: ArgumentParser) -> None:
+    """Add the options that name the robot: its model, and its driver.
+
+    Args:
+        parser: Of a command that replays a bag.
+    """
+    parser.add_argument(
+        "--model",
+        metavar="FILE|NAME",
+        help="model file, or name of a shipped model (see: robot-energy models); needed unless "
+        "--robot has one",
+    )
+    parser.add_argument(
+        "--robot",
+        metavar="NAME",
+        help="robot whose driver is known (see: robot-energy kinds): read the topics of its driver "
+        "and use the shipped model; --model and --inputs go before",
+    )
+
+
+def model_named(args: Namespace) -> str:
+    """Return the model that --model or --robot names.
+
+    Args:
+        args: Of the command.
+
+    Raises:
+        ModelFileError: If neither names one.
+        KindError: If the robot is unknown.
+    """
+    from robot_energy.presets import ROBOTS
+
+    if args.robot is not None:
+        return ROBOTS[args.robot].model_or(args.model)
+    if args.model is None:
+        raise ModelFileError("neither --model nor --robot is given", "one of them")
+    return args.model

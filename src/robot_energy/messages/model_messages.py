@@ -1,0 +1,84 @@
+"""Messages that one model's monitors send each other -> blocks."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Sequence
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robot_energy.blocks import Block
+from robot_energy.cdr.batch import RawBatch
+from robot_energy.cdr.decode import Decoder, Run
+from robot_energy.inputs.rejection_log import RejectionLog
+from robot_energy.timeline.epochs import Reach
+from robot_energy.timeline.stamps import BAD_STAMP
+from robot_energy.timeline.streams import StreamSplitter
+
+B = TypeVar("B", bound=Block)
+HEADER = ("header.stamp.sec", "header.stamp.nanosec", "model_id", "joint_names", "quality")
+
+
+class ModelMessageReader(Generic[B]):
+    """Reads messages of one model; refuses those of others and of other times.
+
+    Args:
+        msgtype: Type of the messages.
+        joint_names: Joints in model order.
+        model_id: Identity of the model file; messages of another model are rejected.
+        arrays: Fields with one number per joint.
+        fields: Further fields.
+        reach: Of the stream.
+
+    Attributes:
+        account: Received, accepted and rejected messages.
+        epochs: Jumps and outliers of the stamps.
+    """
+
+    def __init__(
+        self,
+        msgtype: str,
+        joint_names: Sequence[str],
+        model_id: str,
+        arrays: Sequence[str],
+        fields: Sequence[str],
+        reach: Reach,
+    ) -> None:
+        self.account = RejectionLog()
+        self._stream = StreamSplitter[B](reach, self.account.reject)
+        self.epochs = self._stream.epochs
+        self._identity = (tuple(joint_names), model_id)
+        self._arrays = tuple(arrays)
+        self._decoder = Decoder(msgtype, (*HEADER, *arrays, *fields))
+
+    def restart(self) -> None:
+        """Drop what waits, as after an error. The account is left alone."""
+        self._stream.restart()
+
+    @abstractmethod
+    def _block(self, run: Run, arrays: dict[str, Any]) -> tuple[B, NDArray[np.bool_]]:
+        """Return the messages of a run, and which of them have stamps within the range."""
+
+    def _read(self, batch: RawBatch) -> B | None:
+        """Return the usable messages of a batch in order of arrival, or None if there are none."""
+        self.account.received += len(batch)
+        decoded = self._decoder.decode(batch)
+        self.account.reject("malformed", len(decoded.malformed))
+        blocks: list[B] = []
+        rows: list[NDArray[np.int64]] = []
+        for run in decoded.runs:
+            arrays = {name: run.array(name) for name in self._arrays}
+            if (run.columns["joint_names"], run.columns["model_id"]) != self._identity:
+                self.account.reject("other_model", len(run.rows))
+            elif any(array.shape[1] != len(self._identity[0]) for array in arrays.values()):
+                self.account.reject("wrong_length", len(run.rows))
+            else:
+                block, valid = self._block(run, arrays)
+                self.account.reject(BAD_STAMP, int((~valid).sum()))
+                blocks.append(block[valid])
+                rows.append(run.rows[valid])
+        if not any(map(len, blocks)):
+            return None
+        return type(blocks[0]).arranged(blocks, rows)[0]
