@@ -23,12 +23,6 @@ if TYPE_CHECKING:
     from robot_energy.api.online_monitor import OnlineMonitor
     from robot_energy.api.predict import PredictionResult, predict
     from robot_energy.api.replay import ReplayResult, replay
-    from robot_energy.api.results import (
-        EnergyBreakdown,
-        JointEnergy,
-        MeterComparison,
-        PhaseEnergy,
-    )
     from robot_energy.blocks import Phase, Quality
     from robot_energy.errors import (
         BagError,
@@ -51,97 +45,64 @@ if TYPE_CHECKING:
     from robot_energy.model import save as save_model
     from robot_energy.pipeline import EnergyPipeline
     from robot_energy.pipeline import Settings as PipelineSettings
+    from robot_energy.results.energy import (
+        EnergyBreakdown,
+        JointEnergy,
+        MeterComparison,
+        PhaseEnergy,
+    )
+    from robot_energy.results.prediction import PredictionReport
+    from robot_energy.results.replay import ReplayReport
     from robot_energy.time_series import TimeSeries
 
-# Module of each public name; `:` where it has another name there.
+# Public names by their module; `:` where a name is another one there.
+_NAMES = {
+    "": ("physics",),
+    "api.identify": (
+        "IdentificationResult", "identify_all", "identify_cabinet", "identify_dynamics",
+        "identify_friction",
+    ),
+    "api.online_monitor": ("OnlineMonitor",),
+    "api.predict": ("PredictionResult", "predict"),
+    "api.replay": ("ReplayResult", "replay"),
+    "blocks": ("Phase", "Quality"),
+    "errors": (
+        "BagError", "ImplausibleIdentificationError", "LogFormatError", "MissingTopicError",
+        "ModelFileError", "MotionError", "NotIdentifiableError", "ParameterError", "PayloadError",
+        "ReportError", "RobotDescriptionError", "RobotEnergyError", "ShapeError",
+        "UnknownJointError",
+    ),
+    "model": ("RobotModel", "load_model:load", "save_model:save"),
+    "pipeline": ("EnergyPipeline", "PipelineSettings:Settings"),
+    "results.energy": ("EnergyBreakdown", "JointEnergy", "MeterComparison", "PhaseEnergy"),
+    "results.prediction": ("PredictionReport",),
+    "results.replay": ("ReplayReport",),
+    "time_series": ("TimeSeries",),
+}  # fmt: skip
 _EXPORTS = {
-    "BagError": "errors",
-    "EnergyBreakdown": "api.results",
-    "EnergyPipeline": "pipeline",
-    "IdentificationResult": "api.identify",
-    "ImplausibleIdentificationError": "errors",
-    "JointEnergy": "api.results",
-    "LogFormatError": "errors",
-    "MeterComparison": "api.results",
-    "MissingTopicError": "errors",
-    "ModelFileError": "errors",
-    "MotionError": "errors",
-    "NotIdentifiableError": "errors",
-    "OnlineMonitor": "api.online_monitor",
-    "ParameterError": "errors",
-    "PayloadError": "errors",
-    "Phase": "blocks",
-    "PhaseEnergy": "api.results",
-    "PipelineSettings": "pipeline:Settings",
-    "PredictionResult": "api.predict",
-    "Quality": "blocks",
-    "ReplayResult": "api.replay",
-    "ReportError": "errors",
-    "RobotDescriptionError": "errors",
-    "RobotEnergyError": "errors",
-    "RobotModel": "model",
-    "ShapeError": "errors",
-    "TimeSeries": "time_series",
-    "UnknownJointError": "errors",
-    "identify_all": "api.identify",
-    "identify_cabinet": "api.identify",
-    "identify_dynamics": "api.identify",
-    "identify_friction": "api.identify",
-    "load_model": "model:load",
-    "physics": "",
-    "predict": "api.predict",
-    "replay": "api.replay",
-    "save_model": "model:save",
+    public: (module, original or public)
+    for module, names in _NAMES.items()
+    for public, _, original in (name.partition(":") for name in names)
 }
-
 __all__ = [
-    "BagError",
-    "EnergyBreakdown",
-    "EnergyPipeline",
-    "IdentificationResult",
-    "ImplausibleIdentificationError",
-    "JointEnergy",
-    "LogFormatError",
-    "MeterComparison",
-    "MissingTopicError",
-    "ModelFileError",
-    "MotionError",
-    "NotIdentifiableError",
-    "OnlineMonitor",
-    "ParameterError",
-    "PayloadError",
-    "Phase",
-    "PhaseEnergy",
-    "PipelineSettings",
-    "PredictionResult",
-    "Quality",
-    "ReplayResult",
-    "ReportError",
-    "RobotDescriptionError",
-    "RobotEnergyError",
-    "RobotModel",
-    "ShapeError",
-    "TimeSeries",
-    "UnknownJointError",
-    "identify_all",
-    "identify_cabinet",
-    "identify_dynamics",
-    "identify_friction",
-    "load_model",
-    "physics",
-    "predict",
-    "replay",
-    "save_model",
-]
+    "BagError", "EnergyBreakdown", "EnergyPipeline", "IdentificationResult",
+    "ImplausibleIdentificationError", "JointEnergy", "LogFormatError", "MeterComparison",
+    "MissingTopicError", "ModelFileError", "MotionError", "NotIdentifiableError", "OnlineMonitor",
+    "ParameterError", "PayloadError", "Phase", "PhaseEnergy", "PipelineSettings",
+    "PredictionReport", "PredictionResult", "Quality", "ReplayReport", "ReplayResult",
+    "ReportError", "RobotDescriptionError", "RobotEnergyError", "RobotModel", "ShapeError",
+    "TimeSeries", "UnknownJointError", "identify_all", "identify_cabinet", "identify_dynamics",
+    "identify_friction", "load_model", "physics", "predict", "replay", "save_model",
+]  # fmt: skip
 
 
 def __getattr__(name: str) -> Any:
     if name not in _EXPORTS:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    if name == "physics":
-        return import_module("robot_energy.physics")
-    module, _, original = _EXPORTS[name].partition(":")
-    value = getattr(import_module(f"robot_energy.{module}"), original or name)
+    module, original = _EXPORTS[name]
+    if not module:
+        return import_module(f"robot_energy.{name}")
+    value = getattr(import_module(f"robot_energy.{module}"), original)
     globals()[name] = value
     return value
 

@@ -20,7 +20,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from robot_energy.report.document import Document
-from robot_energy.report.printing import NOTE, Page, heading, line, percent, table
+from robot_energy.report.formats import percent
 
 Piece = Callable[[Any], object]
 """Draws a figure into a buffer, or writes a part onto a page."""
@@ -65,7 +65,7 @@ def document(
     return page
 
 
-def print_template(template: str, context: Mapping[str, Any], page: Page) -> None:
+def print_template(template: str, context: Mapping[str, Any], page: Document) -> None:
     """Write text and tables of a template without figures.
 
     Args:
@@ -140,20 +140,20 @@ def _blocks(template: str, context: Mapping[str, Any]) -> list[str]:
     return BLOCKS.split(text.strip())
 
 
-def _write(block: str, page: Page) -> None:
+def _write(block: str, page: Document) -> None:
     """Write a heading, a note, a table or a paragraph."""
     if block.startswith("#"):
         marks, _, text = block.partition(" ")
-        heading(page, text, len(marks))
+        page.heading(text, len(marks))
     elif block.startswith("> "):
-        line(page, NOTE + _joined(block[2:]))
+        page.note(_joined(block[2:]))
     elif block.startswith((TITLE, "|")):
         _table(block, page)
     else:
-        line(page, _joined(block))
+        page.paragraph(_joined(block))
 
 
-def _table(block: str, page: Page) -> None:
+def _table(block: str, page: Document) -> None:
     title, *lines = block.splitlines() if block.startswith(TITLE) else ["", *block.splitlines()]
     columns, *rows = (
         [cell.strip().replace(ESCAPED, "|") for cell in CELLS.split(text)[1:-1]] for text in lines
@@ -161,7 +161,7 @@ def _table(block: str, page: Page) -> None:
     total = None
     if rows[-1][0].startswith(BOLD):
         total = [cell.strip("*") for cell in rows.pop()]
-    table(page, title.removeprefix(TITLE), columns, rows, total)
+    page.table(title.removeprefix(TITLE), columns, rows, total)
 
 
 def _joined(block: str) -> str:

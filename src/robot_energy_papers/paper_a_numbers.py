@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from robot_energy.report.identification import cabinet_summary, friction_summary
+from robot_energy.results.base import plain
+from robot_energy.results.identification import FrictionReport
 from robot_energy_papers.calibration import Calibration
 from robot_energy_papers.held_out import SetRow, worst
 from robot_energy_papers.paper_a import POWER_DEGC, PaperA
@@ -53,7 +54,7 @@ def figures(result: PaperA) -> Figures:
         ],
         "greatest_rise_in_a_set": max(entry.rise for entry in (*result.train, *result.test)),
         "peak_power": max(entry.recording.peak_power for entry in (*result.train, *result.test)),
-        "friction": friction_summary(found.fits, [], "motor_torque"),
+        "friction": plain(FrictionReport("motor_torque", tuple(found.fits), ())),
         "friction_against_truth": [
             {"motor_degc": degc.tolist(), "error": error.tolist()}
             for degc, error in result.friction_errors
@@ -66,7 +67,7 @@ def figures(result: PaperA) -> Figures:
             }
             for entry in found.sets
         ],
-        "cabinet": cabinet_summary(found.cabinet),
+        "cabinet": plain(found.cabinet),
         "notes": list(found.notes),
         "shaft_power": [
             {

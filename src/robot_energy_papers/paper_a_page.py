@@ -14,14 +14,10 @@ from robot_energy.bag_replay import replay
 from robot_energy.blocks import Float
 from robot_energy.physics.friction import with_fixed_friction
 from robot_energy.report.friction_figure import friction_over_temperature
-from robot_energy.report.identification import (
-    cabinet_summary,
-    friction_summary,
-    print_cabinet,
-    print_friction,
-)
+from robot_energy.report.identification import friction_tables, losses_section
 from robot_energy.report.power_figure import power_and_energy
 from robot_energy.report.series import Series, compared_series
+from robot_energy.results.identification import FrictionReport
 from robot_energy_papers.drawings import (
     EnergyStudy,
     ModelEnergyCurve,
@@ -154,11 +150,11 @@ def pieces(result: PaperA) -> dict[str, Piece]:
         )
         for curve in result.shaft
     }
-    friction = friction_summary(fits, [], "motor_torque")
-    cabinet = cabinet_summary(result.identified.cabinet)
+    friction = FrictionReport("motor_torque", tuple(fits), ())
+    losses = result.identified.cabinet
     return {
-        "friction_tables": lambda page: print_friction(friction, page),
-        "cabinet_tables": lambda page: print_cabinet(cabinet, page),
+        "friction_tables": lambda page: friction_tables(friction, page),
+        "cabinet_tables": lambda page: losses_section(losses, page),
         "energy": lambda path: energy_over_temperature(
             _energy_study(result), path, f"Fig. 7, {RIG}", deviation=True
         ),

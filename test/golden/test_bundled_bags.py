@@ -14,7 +14,7 @@ from robot_energy.bag import BagReader
 from robot_energy.bag_replay import replay
 from robot_energy.model import load
 from robot_energy.physics.friction import with_fixed_friction
-from robot_energy.report import summarise
+from robot_energy.results.replay import replay_report
 
 BAGS = ("kr16_cold", "kr16_warm")
 RELATIVE = 1e-9  # other processors round transcendental functions differently
@@ -49,8 +49,8 @@ def test_replay_gives_the_stored_result(name, fixed, request):
     model = load("kr16")
     if fixed is not None:
         model = with_fixed_friction(model, fixed)
-    summary = summarise(replay(ROOT / "bags" / name, model))
-    result = {path: leaf for path, leaf in flat(summary) if path not in ELSEWHERE}
+    report = replay_report(replay(ROOT / "bags" / name, model)).to_dict()
+    result = {path: leaf for path, leaf in flat(report) if path not in ELSEWHERE}
     stored = Path(__file__).parent / f"{name}{'' if fixed is None else '_fixed_60'}.json"
     if request.config.getoption("--update-golden"):
         stored.write_text(json.dumps(result, indent=1) + "\n")

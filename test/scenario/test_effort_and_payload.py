@@ -21,7 +21,7 @@ from robot_energy.model import load
 from robot_energy.model.payload import payload
 from robot_energy.pipeline import Settings
 from robot_energy.pipeline.payload_timeline import PayloadChange
-from robot_energy.report import summarise
+from robot_energy.results.replay import replay_report
 from robot_energy.rig import RigConfig, RigOutput, VirtualRig
 from robot_energy.rig.record import outputs, record
 from robots import two_link
@@ -87,9 +87,7 @@ def test_measured_is_what_the_plant_did_where_the_model_is_wrong(tmp_path):
     assert (error < 4 * noise + 0.002 * turnover).all()
     assert (net(shaft, "predicted") > 1.2 * net(shaft, "measured")).all()
     assert (shaft.joints("measured_negative") > 1.0).all()
-    reported = [
-        row["predicted_minus_measured_energy"] for row in summarise(result)["shaft"]["joints"]
-    ]
+    reported = [row.predicted_minus_measured_energy for row in replay_report(result).shaft.joints]
     np.testing.assert_allclose(reported, net(shaft, "predicted") - net(shaft, "measured"))
 
 
@@ -125,9 +123,9 @@ def test_driver_without_effort_leaves_measured_unknown(reference, tmp_path):
         result.ledger.registers.microjoule, reference.ledger.registers.microjoule
     )
     assert not result.joint_states.account.rejected
-    for joint in summarise(result)["shaft"]["joints"]:
-        assert joint["coverage"] == 0.0
-        assert joint["shaft_energy_positive_measured"] is None
+    for joint in replay_report(result).shaft.joints:
+        assert joint.coverage == 0.0
+        assert joint.shaft_energy_positive_measured is None
 
 
 def test_payload_of_a_bag_counts_from_its_stamp(tmp_path):
@@ -146,9 +144,9 @@ def test_payload_of_a_bag_counts_from_its_stamp(tmp_path):
     assert lifted(bare) < lifted(result) < lifted(full)
     assert result.payload.account.balanced
     start = result.ledger.registers.time.start_ns
-    changes = summarise(result)["payload"]["changes"]
-    after = [round((change["valid_from_ns"] - start) * 1e-9) for change in changes]
-    assert [(change["mass"], s) for change, s in zip(changes, after, strict=True)] == [
+    changes = replay_report(result).payload.changes
+    after = [round((change.from_ns - start) * 1e-9) for change in changes]
+    assert [(change.payload.mass, s) for change, s in zip(changes, after, strict=True)] == [
         (0.0, 10),
         (body.mass, 20),
     ]
@@ -174,11 +172,11 @@ def test_impossible_payload_of_a_bag_is_refused_and_named(reference, tmp_path):
     np.testing.assert_array_equal(
         result.ledger.registers.microjoule, reference.ledger.registers.microjoule
     )
-    summary = summarise(result)
-    account = summary["inputs"]["payload_messages"]
-    assert account["rejected"] == {"impossible_payload": 1}
-    assert account["balanced"]
-    assert any("'hand'" in note for note in summary["notes"])
+    report = replay_report(result)
+    account = report.inputs["payload_messages"]
+    assert account.rejected == {"impossible_payload": 1}
+    assert account.balanced
+    assert any("'hand'" in note for note in report.notes)
 
 
 @pytest.mark.skipif(not DATA, reason="no data folder")

@@ -16,7 +16,7 @@ from plants import PROGRAM, two_link_profile
 from robot_energy.bag_replay import replay
 from robot_energy.cli.main import main
 from robot_energy.model import load
-from robot_energy.report.summary import summarise
+from robot_energy.results.replay import replay_report
 from robot_energy.rig import RigConfig, VirtualRig
 from robot_energy.rig.record import record
 from terminal_tables import WIDTHS, lost, recorded_tables
@@ -53,8 +53,8 @@ def outcome(folder: Path) -> Path:
 
 
 def error(bag: Path, model: Path) -> float:
-    comparison = summarise(replay(bag, load(model)))["comparison"]
-    return float(comparison["predicted_minus_measured_relative"])
+    comparison = replay_report(replay(bag, load(model))).comparison
+    return float(comparison.predicted_minus_measured_relative)
 
 
 def test_the_model_file_predicts_an_unseen_run_at_an_unseen_temperature(outcome: Path) -> None:
@@ -62,10 +62,12 @@ def test_the_model_file_predicts_an_unseen_run_at_an_unseen_temperature(outcome:
     before, after = (error(unseen, outcome / name) for name in ("two_link.yaml", "model.yaml"))
     assert abs(before) > 0.3
     assert abs(after) < 0.01
-    known = json.loads((outcome / "report.json").read_text())["energy"]["recordings"]
-    (entry,) = known
-    assert entry["predicted"]["given"]["relative"] == pytest.approx(before)
-    assert entry["predicted"]["capacitor"]["relative"] == pytest.approx(after)
+    known = json.loads((outcome / "report.json").read_text())
+    (entry,) = known["energy"]["tested"]
+    for stage, error_ in (("given", before), ("capacitor", after)):
+        predicted = entry["predictions"][stage]["energy"]
+        assert predicted / entry["measured"] - 1.0 == pytest.approx(error_)
+        assert known["mean_error"][stage] == pytest.approx(abs(error_))
 
 
 def test_the_report_is_whole_and_says_everything(outcome: Path) -> None:

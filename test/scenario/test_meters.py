@@ -19,7 +19,7 @@ from robot_energy.inputs.meter.meter import MeterIngest
 from robot_energy.inputs.meter.source import BATTERY_STATE, FLOAT32, FLOAT64, MeterSource
 from robot_energy.inputs.sources import Inputs
 from robot_energy.model import load
-from robot_energy.report import summarise
+from robot_energy.results.replay import replay_report
 
 BAG = ROOT / "bags" / "kr16_cold"
 JOINTS, TEMPERATURES, METER = "/joint_states", "/motor_temperatures", "/power_meter"
@@ -81,9 +81,9 @@ def spoken(tmp_path):
             for time, topic, row in merged:
                 bag.write(topic, np.array([time]), [row])
         result = replay(tmp_path / "bag", MODEL, inputs=Inputs(meter=MeterSource(**source)))
-        summary = summarise(result)
-        assert summary["problems"] == []
-        assert all(entry["balanced"] for entry in summary["inputs"].values())
+        report = replay_report(result)
+        assert report.problems == ()
+        assert all(entry.balanced for entry in report.inputs.values())
         return result
 
     return run
@@ -207,7 +207,7 @@ def test_a_battery_gives_the_energy_of_its_bus_within_the_sampling(spoken, refer
         battery=(BATTERY_STATE, rows, readings.stamp_ns),
     )
     assert books(result)[0] == pytest.approx(books(reference)[0], rel=0.01)
-    assert summarise(result)["comparison"]["meter_location"] == "dc_bus"
+    assert replay_report(result).comparison.meter_location == "dc_bus"
     assert books(result)[1] < books(reference)[1]  # without the losses before the bus
 
 
@@ -217,7 +217,7 @@ def test_a_meter_of_another_clock_is_named_and_the_run_still_replayed(spoken):
         {"type": FLOAT64, "topic": "watts", "unit": "W", "stamp_offset": -600.0, **MEAN},
         watts=(FLOAT64, packed(FLOAT64, readings.power), readings.stamp_ns),
     )
-    (note,) = [note for note in summarise(result)["notes"] if "stamp_offset" in note]
+    (note,) = [note for note in replay_report(result).notes if "stamp_offset" in note]
     assert "behind those of the joint states" in note
     assert float(note.rsplit(" ", 1)[1]) == pytest.approx(600.0, abs=1.0)
 
@@ -228,7 +228,7 @@ def test_a_wrong_unit_is_asked_about_and_not_converted(spoken, reference):
         {"type": FLOAT64, "topic": "kilowatts", "unit": "W", **MEAN},
         kilowatts=(FLOAT64, packed(FLOAT64, readings.power / 1000), readings.stamp_ns),
     )
-    assert any(note.endswith("is it in kW?") for note in summarise(result)["notes"])
+    assert any(note.endswith("is it in kW?") for note in replay_report(result).notes)
     assert books(result)[0] == pytest.approx(books(reference)[0] / 1000, abs=1e-3)
 
 
@@ -240,11 +240,11 @@ def test_megawatts_are_refused_and_the_unit_is_asked_about(spoken):
     )
     refused = int((readings.power > 1000).sum())
     said = f"{refused} of {len(readings)} readings of the meter say or imply more than max_power"
-    assert any(said in note for note in summarise(result)["notes"])
+    assert any(said in note for note in replay_report(result).notes)
 
 
 def test_a_meter_that_the_bag_lacks_is_noted():
     inputs = Inputs(meter=MeterSource(type=FLOAT64, topic="w", unit="W", **MEAN))
     result = replay(BAG, MODEL, inputs=inputs)
-    assert "the bag has no w: the meter is not read" in summarise(result)["notes"]
-    assert summarise(result)["topics"]["meter"] is None
+    assert "the bag has no w: the meter is not read" in replay_report(result).notes
+    assert replay_report(result).topics.meter is None

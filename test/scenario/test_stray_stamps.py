@@ -20,7 +20,7 @@ from robot_energy.bag_replay import Replay, replay
 from robot_energy.blocks import Quality
 from robot_energy.inputs.sources import JointStateSource
 from robot_energy.model import load
-from robot_energy.report import summarise
+from robot_energy.results.replay import replay_report
 from robot_energy.timeline.stamps import MAX_STAMP_NS
 
 BAG = ROOT / "bags" / "kr16_warm"
@@ -167,7 +167,7 @@ def test_a_thermometer_of_another_clock_is_never_used_in_silence(faulty, offset)
     assert used.missing + used.stale > 7000
     assert used.of_another_time
     assert used.apart_ns == pytest.approx(offset * S, abs=40 * S)
-    assert used.sentence in summarise(result)["notes"]
+    assert used.sentence in replay_report(result).notes
 
 
 def test_a_thermometer_a_little_off_is_used_and_said(faulty, reference):

@@ -29,7 +29,7 @@ from robot_energy.inputs.temperatures.kinds import (
     TEMPERATURE,
 )
 from robot_energy.model import load
-from robot_energy.report import summarise
+from robot_energy.results.replay import replay_report
 
 BAG = ROOT / "bags" / "kr16_cold"
 TEMPERATURES = "/motor_temperatures"
@@ -233,7 +233,9 @@ def test_temperatures_of_no_joint_are_listed_once(dressed, reference):
     path = dressed(as_dynamic)
     result = replay(path, MODEL, inputs=WAYS["dynamic joint states"][1])
     same_registers(result, reference)
-    assert summarise(result)["notes"] == ["temperatures of what is no joint of the model: gripper"]
+    assert replay_report(result).notes == (
+        "temperatures of what is no joint of the model: gripper",
+    )
 
 
 def test_an_array_counts_from_its_receipt(dressed, reference):

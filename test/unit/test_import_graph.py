@@ -26,7 +26,7 @@ MODULES = {
         registers settings shaft_comparison
     """,
     "robot_energy.api": """
-        identify inputs online_monitor power_table predict replay results
+        identify inputs online_monitor power_table predict replay
     """,
     "robot_energy.bag": """
         mcap_block mcap_file mcap_records mcap_summary metadata ownership packed
@@ -41,8 +41,8 @@ MODULES = {
     "robot_energy.cli": """
         check completion export identify identify_all identify_cabinet identify_drives
         identify_dynamics identify_excitation identify_friction identify_inputs
-        import_logs info kinds main memory models numbers predict replay robots simulate
-        stopping terminal
+        import_logs info kinds main memory models numbers predict replay replay_options
+        report robots schema simulate stopping terminal
     """,
     "robot_energy.files": """
         output_files output_folder output_streams placement regular_file
@@ -115,11 +115,14 @@ MODULES = {
         robots
     """,
     "robot_energy.report": """
-        canvas dc_link document drives dynamics efficiency_figure energy_figure
-        excitation friction_figure held_out identification identification_document
-        kinds layout listings model_summary parameters payload_summary power_figure
-        prediction prediction_figure printing series shaft_summary summary supply
-        tables torque_figure
+        canvas document drives dynamics efficiency_figure energy energy_figure
+        excitation formats friction_figure held_out html identification identify_all
+        kinds layout model parameters power_figure prediction prediction_figure printing
+        replay series temperature_figure torque_figure
+    """,
+    "robot_energy.results": """
+        base check drives dynamics energy excitation identification model
+        prediction replay schema
     """,
     "robot_energy.rig": """
         config lubricant output plant profile record sensors supply
@@ -154,6 +157,7 @@ LAYERS = (
     ("motion",),
     ("bag_replay", "prediction", "starter"),
     ("identify", "rig", "check"),
+    ("results",),
     ("report",),
     ("api",),
     ("cli", "__main__"),

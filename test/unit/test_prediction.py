@@ -12,7 +12,7 @@ from robot_energy.model.payload import payload
 from robot_energy.motion import MotionLimits, Program
 from robot_energy.motion.planned import SampledMotion, repeated
 from robot_energy.prediction import START_NS, predict
-from robot_energy.report.prediction import prediction_summary
+from robot_energy.results.prediction import FrictionReach, prediction_report
 from robots import G, figure, joint_block, one_wheel, two_link
 
 # The wheel of robots.one_wheel, joint side: inertia 2 + 0.01 10^2 = 3 kg m^2, Coulomb friction
@@ -37,15 +37,15 @@ def test_a_wheel_that_is_turned_gently_as_worked_out_by_hand():
     friction = 2 * (COULOMB * WAY + VISCOUS * SPEED**2 * (cruise + 2 * ramp / 3))
     time = 2 * (1.0 + cruise + 2 * ramp)
     result = predict(one_wheel(), wheel(1.0), 25.0)
-    energy = prediction_summary(result)["energy"]
+    energy = prediction_report(result).energy
     assert result.duration == pytest.approx(time)
-    assert energy["friction"] == pytest.approx(friction, rel=1e-5)
-    assert energy["rigid"] == pytest.approx(0.0, abs=1e-3)
-    assert energy["brake"] == 0.0
-    assert energy["loss_dc"] == pytest.approx(20 * time, rel=1e-9)
-    assert energy["loss_grid"] == pytest.approx(30 * time, rel=1e-9)
-    assert energy["grid_import"] == pytest.approx(friction + 50 * time, rel=1e-6)
-    assert energy["balanced"]
+    assert energy.friction == pytest.approx(friction, rel=1e-5)
+    assert energy.rigid == pytest.approx(0.0, abs=1e-3)
+    assert energy.brake == 0.0
+    assert energy.loss_dc == pytest.approx(20 * time, rel=1e-9)
+    assert energy.loss_grid == pytest.approx(30 * time, rel=1e-9)
+    assert energy.grid_import == pytest.approx(friction + 50 * time, rel=1e-6)
+    assert energy.balanced
     # Highest: at the end of the ramp up, 3 * 1 * 2 + 5 * 2 + 2 * 2^2 + 50 W.
     assert result.ledger.peak_power == pytest.approx(6 + 10 + 8 + 50, rel=1e-3)
     assert result.ledger.phase_time(Phase.HOLD) == pytest.approx(2.0, abs=0.02)
@@ -62,10 +62,10 @@ def test_a_wheel_that_is_stopped_hard_feeds_the_brake_as_worked_out_by_hand():
     expected = 2 * quad(burnt, 0.0, ramp, limit=200)[0]
     # The torque jumps, so the sum over samples is off by up to half a step of the jump.
     result = predict(one_wheel(), wheel(20.0, step=5e-5), 25.0)
-    energy = prediction_summary(result)["energy"]
+    energy = prediction_report(result).energy
     assert expected > 5.0
-    assert energy["brake"] == pytest.approx(expected, rel=1e-3)
-    assert energy["balanced"]
+    assert energy.brake == pytest.approx(expected, rel=1e-3)
+    assert energy.balanced
 
 
 def test_holding_a_weight_takes_nothing_from_ideal_drives_and_lifting_it_takes_m_g_h():
@@ -75,7 +75,7 @@ def test_holding_a_weight_takes_nothing_from_ideal_drives_and_lifting_it_takes_m
     motion = SampledMotion(program, ("shoulder", "elbow"), program.period / 2, 1e-3)
     result = predict(two_link(), motion, 25.0, payload=[payload("fore", 1.0, (0.3, 0, 0))])
     lifted = (4.0 * 0.2 + 2.0 * (0.5 + 0.15) + 1.0 * (0.5 + 0.3)) * np.sin(0.5)
-    rigid = prediction_summary(result)["energy"]["rigid"]
+    rigid = prediction_report(result).energy.rigid
     assert rigid == pytest.approx(G * lifted, rel=1e-5)
 
 
@@ -118,11 +118,11 @@ def test_the_parts_sum_and_friction_falls_with_temperature(degc, acceleration, d
     data["joints"][0]["friction"]["viscous"] = law
     warm = one_wheel(joints=data["joints"])
     motion = wheel(acceleration, dwell)
-    found, cold = (prediction_summary(predict(warm, motion, t)) for t in (degc, 20.0))
-    assert found["energy"]["balanced"]
-    assert found["problems"] == []
-    assert found["quality"]["counts"] == {}
-    assert found["energy"]["friction"] <= cold["energy"]["friction"] * (1 + 1e-12)
+    found, cold = (prediction_report(predict(warm, motion, t)) for t in (degc, 20.0))
+    assert found.energy.balanced
+    assert found.problems == ()
+    assert found.quality.counts == {}
+    assert found.energy.friction <= cold.energy.friction * (1 + 1e-12)
 
 
 def test_long_rests_are_never_stale_or_stuck():
@@ -162,7 +162,7 @@ def test_the_use_of_limits_as_worked_out_by_hand():
     motion = SampledMotion(program, ("shoulder", "elbow"), program.period)
     result = predict(two_link(), motion, 25.0)
     assert result.limits.speed[0] == pytest.approx(1.25)
-    problems = prediction_summary(result)["problems"]
+    problems = prediction_report(result).problems
     assert "joint 'shoulder' is 1 rad beyond its range" in problems[0]
     assert "joint 'shoulder' needs 125 % of its speed limit" in problems[1]
     assert "of its torque limit" in problems[2]
@@ -171,17 +171,12 @@ def test_the_use_of_limits_as_worked_out_by_hand():
 def test_temperatures_that_no_law_covers_are_said():
     """The shoulder was fitted from 20 to 80 degC; the elbow has one value for all."""
     result = predict(two_link(), _rest(1.0), [10.0, 30.0])
-    summary = prediction_summary(result)
+    report = prediction_report(result)
     assert result.extrapolated == ("shoulder",)
-    assert summary["friction"] == {
-        "extrapolated_joints": ["shoulder"],
-        "one_temperature_joints": ["elbow"],
-    }
-    assert any(
-        note.startswith("EXTRAPOLATED: the friction of shoulder") for note in summary["notes"]
-    )
+    assert report.friction == FrictionReach(("shoulder",), ("elbow",))
+    assert any(note.startswith("EXTRAPOLATED: the friction of shoulder") for note in report.notes)
     assert result.ledger.quality[int(Quality.EXTRAPOLATED)] == result.ledger.samples
-    assert summary["motor_temperature_degc"] == {"shoulder": 10.0, "elbow": 30.0}
+    assert report.motor_temperature_degc == {"shoulder": 10.0, "elbow": 30.0}
 
 
 def test_joints_are_matched_by_name():

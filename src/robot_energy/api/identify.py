@@ -2,47 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Sequence
-from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-from robot_energy.api.inputs import ModelName, driver_inputs, effort_meaning, model_of
+from robot_energy.api.inputs import BagSource, ModelName, Stages, model_of, silent
 from robot_energy.blocks import EffortMeaning
-from robot_energy.errors import ModelFileError, NotIdentifiableError, ParameterError
+from robot_energy.errors import NotIdentifiableError
 from robot_energy.identify.data.bags import Bag, BagFacts, Span, facts
-from robot_energy.identify.data.recordings import Recording, channels_of, read_recording
-from robot_energy.identify.steps import FrictionFound, Subject
-from robot_energy.inputs.sources import Inputs
+from robot_energy.identify.steps import Subject
 from robot_energy.model import RobotModel, save
+from robot_energy.results.base import Result
 
 if TYPE_CHECKING:
-    from robot_energy.identify.cabinet.supply import SupplyFound
-    from robot_energy.identify.data.signals import Channels
-    from robot_energy.identify.dynamics.dynamics import Dynamics, DynamicsSettings
-    from robot_energy.identify.friction.samples import FrictionData
+    from robot_energy.identify.dynamics.dynamics import DynamicsSettings
     from robot_energy.identify.run_all import FullIdentification
-    from robot_energy.report.identification_document import Identification
+    from robot_energy.results.dynamics import DynamicsReport
+    from robot_energy.results.identification import (
+        CabinetReport,
+        FrictionReport,
+        IdentificationReport,
+    )
 
-EFFORTS = ("motor_torque", "joint_torque", "motor_current")
-NEVER_GUESSED = "the effort of a driver is never guessed"
-Found = TypeVar("Found")
-Stages = Callable[[str], AbstractContextManager[Callable[[float], None]]]
+Found = TypeVar("Found", bound=Result)
 Names = str | Path | Sequence[str | Path]
-
-
-@contextmanager
-def silent(label: str) -> Generator[Callable[[float], None], None, None]:
-    """Show no progress.
-
-    Args:
-        label: What is going on.
-
-    Yields:
-        To be called with the share done, 0 to 1.
-    """
-    yield lambda share: None
 
 
 @dataclass(frozen=True)
@@ -56,7 +40,6 @@ class IdentificationResult(Generic[Found]):
 
     model: RobotModel
     found: Found
-    _summary: dict[str, Any] = field(repr=False)
 
     def save(self, path: str | Path) -> None:
         """Write the model file that the monitor runs.
@@ -71,7 +54,7 @@ class IdentificationResult(Generic[Found]):
 
     def to_dict(self) -> dict[str, Any]:
         """Return all figures as plain values: the JSON of ``robot-energy identify``."""
-        return self._summary
+        return self.found.to_dict()
 
 
 def identify_friction(
@@ -81,7 +64,7 @@ def identify_friction(
     *,
     inputs: str | Path | None = None,
     progress: Stages = silent,
-) -> IdentificationResult[FrictionFound]:
+) -> IdentificationResult[FrictionReport]:
     """Identify the friction of every axis over its motor temperature (paper A, eq. 8 to 10).
 
     Args:
@@ -102,16 +85,15 @@ def identify_friction(
     """
     from robot_energy.identify.friction.friction import fit_axes, with_friction
     from robot_energy.identify.plausibility import check_friction
-    from robot_energy.report.identification import friction_summary
+    from robot_energy.results.identification import FrictionReport
 
     used, paths = model_of(model), _paths(bags)
-    data = friction_samples(paths, used, effort, inputs, progress)
+    data = BagSource(paths, effort, inputs, progress=progress).friction_data(used)
     source = _names(paths)
     fits, refused = fit_axes(data, source)
     check_friction(fits)
-    found = FrictionFound(tuple(fits), tuple(refused))
-    summary = friction_summary(fits, refused, effort or "measured")
-    return IdentificationResult(with_friction(used, fits, source), found, summary)
+    found = FrictionReport(effort or "measured", tuple(fits), tuple(refused))
+    return IdentificationResult(with_friction(used, fits, source), found)
 
 
 def identify_cabinet(
@@ -121,7 +103,7 @@ def identify_cabinet(
     link_voltages: tuple[float, float] | None = None,
     inputs: str | Path | None = None,
     progress: Stages = silent,
-) -> IdentificationResult[SupplyFound]:
+) -> IdentificationResult[CabinetReport]:
     """Identify constant losses and the DC link from a power meter (paper A, section II-A).
 
     Args:
@@ -141,13 +123,13 @@ def identify_cabinet(
     """
     from robot_energy.identify.cabinet.supply import fit_supply
     from robot_energy.identify.plausibility import check_cabinet
-    from robot_energy.report.supply import supply_summary
+    from robot_energy.results.identification import cabinet_report
 
     used, paths = model_of(model), _paths(bags)
-    recordings = read_recordings(paths, used, None, inputs, False, progress)
+    recordings = BagSource(paths, None, inputs, progress=progress).recordings(used)
     found = fit_supply(recordings, _names(paths), link_voltages)
     check_cabinet(found.cabinet)
-    return IdentificationResult(found.model, found, supply_summary(found))
+    return IdentificationResult(found.model, cabinet_report(found))
 
 
 def identify_dynamics(
@@ -158,7 +140,7 @@ def identify_dynamics(
     settings: DynamicsSettings | None = None,
     inputs: str | Path | None = None,
     progress: Stages = silent,
-) -> IdentificationResult[Dynamics]:
+) -> IdentificationResult[DynamicsReport]:
     """Identify bodies, rotors and friction from motion and motor torque.
 
     Args:
@@ -181,17 +163,17 @@ def identify_dynamics(
     from robot_energy.identify.dynamics.dynamics import DynamicsSettings, identify_dynamics
     from robot_energy.identify.dynamics.dynamics_model import to_model
     from robot_energy.identify.plausibility import check_dynamics
-    from robot_energy.report.dynamics import dynamics_summary
+    from robot_energy.results.dynamics import dynamics_report
 
     used, paths = model_of(model), _paths(bags)
-    recordings = dynamics_channels(paths, used, effort, inputs, progress)
+    recordings = BagSource(paths, effort, inputs, progress=progress).channels(used)
     stretches = [part for parts in recordings.values() for part in parts]
     with progress("identifying"):
         result = identify_dynamics(stretches, used, settings or DynamicsSettings())
     held_out, consistent = result.held_out(), result.held_out_consistent()
     check_dynamics(result, consistent)
     written = to_model(result, [path.name for path in paths])
-    return IdentificationResult(written, result, dynamics_summary(result, held_out, consistent))
+    return IdentificationResult(written, dynamics_report(result, held_out, consistent))
 
 
 def identify_all(
@@ -207,9 +189,7 @@ def identify_all(
     link_voltages: tuple[float, float] | None = None,
     inputs: str | Path | None = None,
     progress: Stages = silent,
-    command: str = "",
-    out: str = "",
-) -> IdentificationResult[Identification]:
+) -> IdentificationResult[IdentificationReport]:
     """Identify everything that the recordings allow, and test it on what was held out.
 
     Args:
@@ -226,8 +206,6 @@ def identify_all(
         link_voltages: Of the DC link: rectified mains, start of the brake chopper. [V]
         inputs: Parameter file of a monitor: read the bags as that node reads its topics.
         progress: Called with what is going on; gives a function of the share done.
-        command: The command line that asked for it, for reports.
-        out: The model file that will be written, for reports.
 
     Returns:
         Every step with its reason where nothing was found, and the model with all of them.
@@ -238,12 +216,13 @@ def identify_all(
     """
     from robot_energy.identify.run_all import identify_everything, with_provenance
     from robot_energy.identify.stats.held_out_energy import folds_of, held_out_energy
-    from robot_energy.report.identification_document import Identification, identification_summary
+    from robot_energy.results.identification import identification_report
 
     given = model_of(model)
-    source = (effort, inputs, drive_power, drive_joints)
-    fitted, refused = _bags(_paths(bags), given, *source)
-    tests, _ = _bags(_paths(test), given, *source)
+    fitted, refused = _bags(
+        BagSource(_paths(bags), effort, inputs), given, drive_power, drive_joints
+    )
+    tests, _ = _bags(BagSource(_paths(test), effort, inputs), given, drive_power, drive_joints)
     known: list[tuple[BagFacts, Span]] = []
     for bag in (*fitted, *tests):
         with progress(f"reading {bag.name}") as report:
@@ -262,132 +241,13 @@ def identify_all(
             energy = held_out_energy(kind, folds, whole, skip, lambda _, share: report(share))
     written = with_provenance(whole, read)
     tested = [entry for entry, _ in known[len(fitted) :]]
-    found = Identification(whole, written, read, tested, energy, command, out)
-    return IdentificationResult(written, found, identification_summary(found))
-
-
-def read_sources(
-    effort: str | None, inputs: str | Path | None, robot: str | None = None
-) -> tuple[EffortMeaning, Inputs | None]:
-    """Return what the effort means, as given or else by the parameter file, and the inputs.
-
-    Args:
-        effort: What the effort in the joint states is.
-        inputs: Parameter file of a monitor.
-        robot: Name of a robot whose driver is known.
-
-    Raises:
-        RobotEnergyError: If the parameter file cannot be used.
-    """
-    read, notes = driver_inputs(inputs, robot)
-    if notes:
-        raise ParameterError(notes[0], remedy=f"change {inputs}")
-    named = effort or (
-        read.joint_states.effort_meaning if read is not None else EffortMeaning.NONE.value
-    )
-    return effort_meaning(named), read
-
-
-def read_recordings(
-    bags: Sequence[str | Path],
-    model: RobotModel,
-    effort: str | None = None,
-    inputs: str | Path | None = None,
-    needs_effort: bool = False,
-    progress: Stages = silent,
-) -> list[Recording]:
-    """Run bags through the stages of the monitor.
-
-    Args:
-        bags: MCAP files or rosbag2 folders.
-        model: Of the robot.
-        effort: What the effort in the joint states is.
-        inputs: Parameter file of a monitor.
-        needs_effort: Whether to refuse an effort without a meaning.
-        progress: Called with what is going on; gives a function of the share done.
-
-    Raises:
-        RobotEnergyError: If a bag cannot be used, or its effort has no meaning but needs one.
-    """
-    meaning, read = read_sources(effort, inputs)
-    if needs_effort and meaning is EffortMeaning.NONE:
-        raise ModelFileError(
-            f"{inputs or 'nothing'} does not say what the effort means",
-            f"an effort, one of {', '.join(EFFORTS)}",
-            NEVER_GUESSED,
-        )
-    recordings: list[Recording] = []
-    for bag in bags:
-        with progress(f"reading {Path(bag).name}") as report:
-            recordings.append(read_recording(bag, model, meaning, None, report, read))
-    return recordings
-
-
-def friction_samples(
-    bags: Sequence[str | Path],
-    model: RobotModel,
-    effort: str | None,
-    inputs: str | Path | None,
-    progress: Stages = silent,
-) -> list[FrictionData]:
-    """Return what is needed to identify friction, one entry per joint.
-
-    Args:
-        bags: MCAP files or rosbag2 folders.
-        model: Of the robot.
-        effort: What the effort in the joint states is.
-        inputs: Parameter file of a monitor.
-        progress: Called with what is going on; gives a function of the share done.
-
-    Raises:
-        RobotEnergyError: If a bag cannot be used, or a joint turns the other way.
-    """
-    from robot_energy.identify.friction.samples import friction_data
-    from robot_energy.identify.plausibility import check_signs
-
-    recordings = read_recordings(bags, model, effort, inputs, True, progress)
-    check_signs(recordings, read_sources(effort, inputs)[0])
-    return [friction_data(recordings, joint) for joint in range(len(model.joints))]
-
-
-def dynamics_channels(
-    bags: Sequence[str | Path],
-    model: RobotModel,
-    effort: str | None,
-    inputs: str | Path | None,
-    progress: Stages = silent,
-) -> dict[str, list[Channels]]:
-    """Return evenly sampled motion and torque of each recording by its name.
-
-    Args:
-        bags: MCAP files or rosbag2 folders.
-        model: Of the robot.
-        effort: What the effort in the joint states is.
-        inputs: Parameter file of a monitor.
-        progress: Called with what is going on; gives a function of the share done.
-
-    Raises:
-        RobotEnergyError: If a bag cannot be used, or a joint turns the other way.
-    """
-    from robot_energy.identify.plausibility import check_signs
-
-    read = read_recordings(bags, model, effort, inputs, True, progress)
-    check_signs(read, read_sources(effort, inputs)[0])
-    recordings: dict[str, list[Channels]] = {}
-    rate: float | None = None
-    for bag, part in zip(bags, read, strict=True):
-        found = channels_of([part], rate=rate)
-        rate = found[0].rate
-        name = Path(bag).name
-        recordings[str(bag) if name in recordings else name] = found
-    return recordings
+    found = identification_report(whole, written, read, tested, energy)
+    return IdentificationResult(written, found)
 
 
 def _bags(
-    paths: Sequence[Path],
+    source: BagSource,
     model: RobotModel,
-    effort: str | None,
-    inputs: str | Path | None,
     drive_power: str | None,
     drive_joints: Sequence[str] | None,
 ) -> tuple[list[Bag], str]:
@@ -395,7 +255,7 @@ def _bags(
     from robot_energy.identify.drives.drive_power import read_drive_power
     from robot_energy.identify.run_all import usable_effort
 
-    meaning, read = read_sources(effort, inputs)
+    meaning, read = source.meaning()
     refused = usable_effort(model, meaning)
     used = EffortMeaning.NONE if refused else meaning
     return [
@@ -407,7 +267,7 @@ def _bags(
             if drive_power
             else None,
         )
-        for path in paths
+        for path in map(Path, source.bags)
     ], refused
 
 

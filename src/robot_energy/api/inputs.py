@@ -2,16 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Generator, Sequence
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from robot_energy.blocks import EffortMeaning
-from robot_energy.errors import ParameterError
+from robot_energy.errors import ModelFileError, ParameterError
 from robot_energy.inputs.inputs_file import read_inputs
-from robot_energy.inputs.sources import Inputs
 from robot_energy.model import RobotModel, load
 from robot_energy.presets import ROBOTS
 
+if TYPE_CHECKING:
+    from robot_energy.identify.data.recordings import Recording
+    from robot_energy.identify.data.signals import Channels
+    from robot_energy.identify.friction.samples import FrictionData
+    from robot_energy.inputs.sources import Inputs
+
 ModelName = str | Path | RobotModel  # a model, its file, or the name of a shipped one
+Stages = Callable[[str], AbstractContextManager[Callable[[float], None]]]
+EFFORTS = ("motor_torque", "joint_torque", "motor_current")
+NEVER_GUESSED = "the effort of a driver is never guessed"
 
 
 def model_of(model: ModelName) -> RobotModel:
@@ -59,3 +71,117 @@ def driver_inputs(path: str | Path | None, robot: str | None) -> tuple[Inputs | 
         return (None, []) if path is None else read_inputs(path)
     preset = ROBOTS[robot]
     return read_inputs(preset.inputs) if path is None else read_inputs(path, preset)
+
+
+@contextmanager
+def silent(label: str) -> Generator[Callable[[float], None]]:
+    """Show no progress.
+
+    Args:
+        label: What is going on.
+
+    Yields:
+        To be called with the share done, 0 to 1.
+    """
+    del label
+    yield lambda share: None
+
+
+@dataclass(frozen=True)
+class BagSource:
+    """Recordings of one robot for identification, and how they are read.
+
+    Attributes:
+        bags: MCAP files or rosbag2 folders.
+        effort: What the effort in the joint states is; None: as ``inputs`` says.
+        inputs: Parameter file of a monitor: read the bags as that node reads its topics.
+        robot: Name of a robot whose driver is known.
+        progress: Called with what is going on; gives a function of the share done.
+    """
+
+    bags: Sequence[str | Path]
+    effort: str | None = None
+    inputs: str | Path | None = None
+    robot: str | None = None
+    progress: Stages = silent
+
+    def meaning(self) -> tuple[EffortMeaning, Inputs | None]:
+        """Return what the effort means, and the inputs of the parameter file.
+
+        Raises:
+            ParameterError: If the parameter file cannot be used.
+        """
+        read, notes = driver_inputs(self.inputs, self.robot)
+        if notes:
+            raise ParameterError(notes[0], remedy=f"change {self.inputs}")
+        told = EffortMeaning.NONE if read is None else read.joint_states.effort_meaning
+        return effort_meaning(self.effort or told), read
+
+    def recordings(self, model: RobotModel) -> list[Recording]:
+        """Return the bags as the stages of the monitor read them.
+
+        Args:
+            model: Of the robot.
+
+        Raises:
+            RobotEnergyError: If a bag cannot be used.
+        """
+        from robot_energy.identify.data.recordings import read_recording
+
+        meaning, read = self.meaning()
+        found: list[Recording] = []
+        for bag in self.bags:
+            with self.progress(f"reading {Path(bag).name}") as report:
+                found.append(read_recording(bag, model, meaning, None, report, read))
+        return found
+
+    def with_effort(self, model: RobotModel) -> list[Recording]:
+        """Return bags with measured torque or current as the stages of the monitor read them.
+
+        Args:
+            model: Of the robot.
+
+        Raises:
+            ModelFileError: If it is not said what the effort means.
+            RobotEnergyError: If a bag cannot be used, or a joint turns the other way.
+        """
+        from robot_energy.identify.plausibility import check_signs
+
+        meaning, _ = self.meaning()
+        if meaning is EffortMeaning.NONE:
+            raise ModelFileError(
+                f"{self.inputs or 'nothing'} does not say what the effort means",
+                f"an effort, one of {', '.join(EFFORTS)}",
+                NEVER_GUESSED,
+            )
+        found = self.recordings(model)
+        check_signs(found, meaning)
+        return found
+
+    def friction_data(self, model: RobotModel) -> list[FrictionData]:
+        """Return what is needed to identify friction, one entry per joint.
+
+        Args:
+            model: Of the robot.
+        """
+        from robot_energy.identify.friction.samples import friction_data
+
+        recordings = self.with_effort(model)
+        return [friction_data(recordings, joint) for joint in range(len(model.joints))]
+
+    def channels(self, model: RobotModel) -> dict[str, list[Channels]]:
+        """Return evenly sampled motion and torque of each recording by its name.
+
+        Args:
+            model: Of the robot.
+        """
+        from robot_energy.identify.data.recordings import channels_of
+
+        found: dict[str, list[Channels]] = {}
+        rate: float | None = None
+        for bag, part in zip(self.bags, self.with_effort(model), strict=True):
+            sampled = channels_of([part], rate=rate)
+            rate = sampled[0].rate
+            name = Path(bag).name
+            found[str(bag) if name in found else name] = sampled
+        return found

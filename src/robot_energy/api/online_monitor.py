@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike, NDArray
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.api.inputs import ModelName, effort_meaning, model_of
 from robot_energy.api.power_table import empty_table, sample_table
-from robot_energy.api.results import EnergyBreakdown, energy_of
 from robot_energy.blocks import EffortMeaning, Int, MeterLocation, MeterMeaning
 from robot_energy.cdr.batch import RawBatch
 from robot_energy.cdr.decode import Encoder, stamp_columns
@@ -26,6 +25,7 @@ from robot_energy.inputs.meter.meter import MeterIngest
 from robot_energy.inputs.temperatures.kinds import MOTOR_TEMPERATURES
 from robot_energy.inputs.temperatures.temperatures import TemperatureIngest
 from robot_energy.pipeline import EnergyPipeline, Output, Settings
+from robot_energy.results.energy import EnergyBreakdown, energy_of
 from robot_energy.time_series import TimeSeries
 
 OptionalArray = ArrayLike | None
@@ -192,9 +192,7 @@ class OnlineMonitor:
     @property
     def energy(self) -> EnergyBreakdown:
         """Where the energy went so far."""
-        from robot_energy.report.summary import breakdown, plain
-
-        return energy_of({"energy": plain(breakdown(self.account.registers))})
+        return energy_of(self.account.registers)
 
     @property
     def rejected(self) -> dict[str, dict[str, int]]:

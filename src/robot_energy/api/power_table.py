@@ -38,6 +38,7 @@ UNITS = {
     "motor_temperature_degc": "degC",
     "viscous_friction": "N m s/rad",
 }
+MEASURED = ("measured_power", "predicted_power_at_meter", "residual_power")
 ALL_ROWS = 2**62  # a table keeps every interval of the comparison
 
 
@@ -56,30 +57,18 @@ def sample_table(
         readings of the meter that holds the sample; NaN where no interval does.
     """
     return _table(
-        block.stamp_ns,
+        block,
+        joint_names,
+        compared,
+        (block.rigid_power, block.friction_power, block.drive_loss, block.shaft_power),
         {
             "predicted_grid_power": block.grid_power,
-            **({} if compared is None else _measured(block.stamp_ns, compared)),
             "bus_power": block.bus_power,
-            "rigid_power": sum_over_joints(block.rigid_power),
-            "friction_power": sum_over_joints(block.friction_power),
-            "drive_loss": sum_over_joints(block.drive_loss),
             "loss_dc": block.loss_dc,
             "loss_grid": block.loss_grid,
             "brake_power": block.brake_power,
             "capacitor_power": block.capacitor_power,
-            "phase": block.phase,
-            "quality": block.quality,
         },
-        {
-            "joint_shaft_power": block.shaft_power,
-            "joint_rigid_power": block.rigid_power,
-            "joint_friction_power": block.friction_power,
-            "joint_drive_loss": block.drive_loss,
-            "joint_shaft_power_measured": block.shaft_power_measured,
-            **_motors(block),
-        },
-        joint_names,
     )
 
 
@@ -100,63 +89,70 @@ def period_table(
     rigid, friction = block.joint_mean("rigid"), block.joint_mean("friction")
     loss = block.joint_mean("drive_loss")
     return _table(
-        block.stamp_ns,
+        block,
+        joint_names,
+        compared,
+        (rigid, friction, loss, rigid + friction),
         {
             "predicted_grid_power": block.mean("grid_import") - block.mean("grid_return"),
-            **({} if compared is None else _measured(block.stamp_ns, compared)),
             "bus_power": sum_over_joints(rigid + friction + loss),
-            "rigid_power": sum_over_joints(rigid),
-            "friction_power": sum_over_joints(friction),
-            "drive_loss": sum_over_joints(loss),
             "loss_dc": block.mean("loss_dc"),
             "loss_grid": block.mean("loss_grid"),
             "brake_power": block.mean("brake"),
             "capacitor_power": block.mean("capacitor"),
-            "phase": block.phase.astype(np.uint8),
-            "quality": block.quality,
         },
-        {
-            "joint_shaft_power": rigid + friction,
-            "joint_rigid_power": rigid,
-            "joint_friction_power": friction,
-            "joint_drive_loss": loss,
-            "joint_shaft_power_measured": block.shaft_power_measured,
-            **_motors(block),
-        },
-        joint_names,
     )
 
 
 def empty_table(joint_names: Sequence[str]) -> TimeSeries:
     """Return the columns of `sample_table` without a row and without a meter."""
-    n_joints = len(joint_names)
-    first = list(UNITS).index("joint_shaft_power")
-    measured = {"measured_power", "predicted_power_at_meter", "residual_power"}
-    return _table(
+    shape = (0, len(joint_names))
+    names = [name for name in UNITS if name not in MEASURED]
+    first = names.index("joint_shaft_power")
+    return TimeSeries(
         np.empty(0, dtype=np.int64),
-        {name: np.empty(0) for name in list(UNITS)[:first] if name not in measured},
-        {name: np.empty((0, n_joints)) for name in list(UNITS)[first:]},
-        joint_names,
+        {name: np.empty(0) for name in names[:first]},
+        {name: np.empty(shape) for name in names[first:]},
+        tuple(joint_names),
+        {name: UNITS[name] for name in names},
     )
 
 
-def _motors(block: PowerBlock | MeanBlock) -> dict[str, Float]:
-    return {
+def _table(
+    block: PowerBlock | MeanBlock,
+    joint_names: Sequence[str],
+    compared: Sequence[Compared] | None,
+    joints: tuple[Float, Float, Float, Float],
+    cabinet: dict[str, Float],
+) -> TimeSeries:
+    """Columns in the order of ``UNITS``; `joints` are rigid, friction, drive loss and shaft."""
+    rigid, friction, loss, shaft = joints
+    known: dict[str, Any] = {
+        **cabinet,
+        **({} if compared is None else _measured(block.stamp_ns, compared)),
+        "rigid_power": sum_over_joints(rigid),
+        "friction_power": sum_over_joints(friction),
+        "drive_loss": sum_over_joints(loss),
+        "phase": block.phase.astype(np.uint8),
+        "quality": block.quality,
+        "joint_shaft_power": shaft,
+        "joint_rigid_power": rigid,
+        "joint_friction_power": friction,
+        "joint_drive_loss": loss,
+        "joint_shaft_power_measured": block.shaft_power_measured,
         "motor_velocity": block.motor_velocity,
         "motor_torque": block.motor_torque,
         "motor_temperature_degc": block.motor_temperature_degc,
         "viscous_friction": block.viscous,
     }
-
-
-def _table(
-    stamp_ns: Int,
-    columns: dict[str, Any],
-    joint_columns: dict[str, Any],
-    joint_names: Sequence[str],
-) -> TimeSeries:
-    units = {name: UNITS[name] for name in (*columns, *joint_columns)}
-    return TimeSeries(stamp_ns, columns, joint_columns, tuple(joint_names), units)
+    units = {name: unit for name, unit in UNITS.items() if name in known}
+    return TimeSeries(
+        block.stamp_ns,
+        {name: known[name] for name in units if known[name].ndim == 1},
+        {name: known[name] for name in units if known[name].ndim == 2},
+        tuple(joint_names),
+        units,
+    )
 
 
 def _measured(stamp_ns: Int, compared: Sequence[Compared]) -> dict[str, Float]:
@@ -165,11 +161,7 @@ def _measured(stamp_ns: Int, compared: Sequence[Compared]) -> dict[str, Float]:
     for part in compared:
         add_compared(curve, part)
     measured, predicted = _at(stamp_ns, curve.rows())
-    return {
-        "measured_power": measured,
-        "predicted_power_at_meter": predicted,
-        "residual_power": predicted - measured,
-    }
+    return dict(zip(MEASURED, (measured, predicted, predicted - measured), strict=True))
 
 
 def _at(stamp_ns: Int, rows: EnergyRows) -> tuple[Float, Float]:

@@ -10,14 +10,6 @@ from typing import Any
 from robot_energy import prediction
 from robot_energy.api.inputs import ModelName, model_of
 from robot_energy.api.power_table import empty_table, period_table
-from robot_energy.api.results import (
-    EnergyBreakdown,
-    JointEnergy,
-    PhaseEnergy,
-    energy_of,
-    joints_of,
-    phases_of,
-)
 from robot_energy.blocks import Float
 from robot_energy.model import RobotModel
 from robot_energy.model.payload import Payload
@@ -25,6 +17,8 @@ from robot_energy.motion.load_motion import LoadedMotion, ToolOptions, load_moti
 from robot_energy.motion.planned import PlannedMotion
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.prediction import MAX_SAMPLES, Prediction
+from robot_energy.results.energy import EnergyBreakdown, JointEnergy, PhaseEnergy
+from robot_energy.results.prediction import PredictionReport, prediction_report
 from robot_energy.time_series import TimeSeries
 
 
@@ -43,6 +37,7 @@ class PredictionResult:
         phases: Time and energy by phase: ``hold``, ``motion``, ``generating``.
         notes: What a reader should know, one sentence each.
         problems: What makes the figures doubtful, one sentence each.
+        report: All figures, those above among them.
         prediction: The accounting behind the figures.
     """
 
@@ -55,12 +50,12 @@ class PredictionResult:
     phases: dict[str, PhaseEnergy]
     notes: tuple[str, ...]
     problems: tuple[str, ...]
+    report: PredictionReport = field(repr=False)
     prediction: Prediction = field(repr=False)
-    _summary: dict[str, Any] = field(repr=False)
 
     def to_dict(self) -> dict[str, Any]:
         """Return all figures as plain values: a run in the JSON of ``robot-energy predict``."""
-        return self._summary
+        return self.report.to_dict()
 
 
 def predict(
@@ -96,8 +91,6 @@ def predict(
         MotionError: If the motion cannot be made, or is too long.
         RobotEnergyError: If program or model cannot be used.
     """
-    from robot_energy.report.prediction import prediction_summary
-
     used = model_of(model)
     if isinstance(program, str | Path):
         motion = load_motion(program, Robot.from_model(used), tool, topic)
@@ -114,18 +107,18 @@ def predict(
         progress,
         max_samples,
     )
-    summary = prediction_summary(result, motion)
+    report = prediction_report(result, motion)
     names = used.joint_names
     return PredictionResult(
         program=result.program,
         model=used,
         duration=result.duration,
         power=empty_table(names) if result.means is None else period_table(result.means, names),
-        energy=energy_of(summary),
-        joints=joints_of(summary),
-        phases=phases_of(summary),
-        notes=tuple(summary["notes"]),
-        problems=tuple(summary["problems"]),
+        energy=report.energy,
+        joints=report.joints,
+        phases=report.phases,
+        notes=report.notes,
+        problems=report.problems,
+        report=report,
         prediction=result,
-        _summary=summary,
     )

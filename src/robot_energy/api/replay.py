@@ -11,21 +11,14 @@ from robot_energy import bag_replay
 from robot_energy.accounting.averaging import MeanBlock
 from robot_energy.api.inputs import ModelName, driver_inputs, effort_meaning, model_of
 from robot_energy.api.power_table import empty_table, period_table, sample_table
-from robot_energy.api.results import (
-    EnergyBreakdown,
-    JointEnergy,
-    MeterComparison,
-    PhaseEnergy,
-    energy_of,
-    joints_of,
-    phases_of,
-)
 from robot_energy.bag_replay import Replay, Topics
 from robot_energy.blocks import PowerBlock
 from robot_energy.inputs.sources import JointStateSource
 from robot_energy.model import RobotModel
 from robot_energy.physics.friction import with_fixed_friction
 from robot_energy.pipeline import Output, Settings
+from robot_energy.results.energy import EnergyBreakdown, JointEnergy, MeterComparison, PhaseEnergy
+from robot_energy.results.replay import ReplayReport, replay_report
 from robot_energy.time_series import TimeSeries
 
 NONE = "none"  # instead of a topic: use none of the bag's
@@ -93,6 +86,7 @@ class ReplayResult:
         phases: Time and energy by phase: ``hold``, ``motion``, ``generating``.
         notes: What a user should know of inputs and figures, one sentence each.
         problems: What was wrong with the bag or the accounts, one sentence each.
+        report: All figures, those above among them.
         replay: The accounting behind the figures: registers, inputs, topics.
     """
 
@@ -105,12 +99,12 @@ class ReplayResult:
     phases: dict[str, PhaseEnergy]
     notes: tuple[str, ...]
     problems: tuple[str, ...]
+    report: ReplayReport = field(repr=False)
     replay: Replay = field(repr=False)
-    _summary: dict[str, Any] = field(repr=False)
 
     def to_dict(self) -> dict[str, Any]:
         """Return all figures as plain values: the JSON of ``robot-energy replay``."""
-        return self._summary
+        return self.report.to_dict()
 
 
 def replay(
@@ -141,12 +135,50 @@ def replay(
         UnknownJointError: If the joint states lack joints of the model.
         RobotEnergyError: If the model or an option cannot be used.
     """
-    from robot_energy.report.summary import summarise
-
     used = model_of(model)
     change = None
     if temperature is not None:
         used, change = fixed_friction(used, temperature)
+    result, power = replay_over_time(bag, used, power_period=power_period, **options)
+    report = replay_report(result, change)
+    return ReplayResult(
+        bag=result.bag,
+        model=used,
+        power=power,
+        energy=report.energy,
+        joints=report.joints,
+        comparison=report.comparison,
+        phases=report.phases,
+        notes=report.notes,
+        problems=report.problems,
+        report=report,
+        replay=result,
+    )
+
+
+def replay_over_time(
+    bag: str | Path,
+    model: RobotModel,
+    *,
+    power_period: float | None = None,
+    keep_curves: bool = False,
+    **options: Unpack[ReplayOptions],
+) -> tuple[Replay, TimeSeries]:
+    """Replay a bag and keep its power over time.
+
+    Args:
+        bag: MCAP file or rosbag2 folder.
+        model: The robot's model.
+        power_period: Averaging period of the table; None: one row per sample. [s]
+        keep_curves: Whether to keep energies over time for figures.
+        **options: What is read and how.
+
+    Returns:
+        The accounting, and the table.
+
+    Raises:
+        RobotEnergyError: If bag, model or an option cannot be used.
+    """
     blocks: list[PowerBlock] = []
     means: list[MeanBlock] = []
 
@@ -157,30 +189,16 @@ def replay(
             means.append(output.means)
 
     result = run_replay(
-        bag, used, **options, power_period=power_period, on_output=take, keep_compared=True
-    )
+        bag, model, **options, power_period=power_period, on_output=take, keep_compared=True,
+        keep_curves=keep_curves,
+    )  # fmt: skip
     compared = result.compared if result.topics.meter else None
-    names = used.joint_names
+    names = model.joint_names
     if blocks:
-        power = sample_table(PowerBlock.concatenate(blocks), names, compared)
-    elif means:
-        power = period_table(MeanBlock.concatenate(means), names, compared)
-    else:
-        power = empty_table(names)
-    summary = summarise(result, change)
-    return ReplayResult(
-        bag=result.bag,
-        model=used,
-        power=power,
-        energy=energy_of(summary),
-        joints=joints_of(summary),
-        comparison=MeterComparison(**summary["comparison"]),
-        phases=phases_of(summary),
-        notes=tuple(summary["notes"]),
-        problems=tuple(summary["problems"]),
-        replay=result,
-        _summary=summary,
-    )
+        return result, sample_table(PowerBlock.concatenate(blocks), names, compared)
+    if means:
+        return result, period_table(MeanBlock.concatenate(means), names, compared)
+    return result, empty_table(names)
 
 
 def fixed_friction(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
 
 ERROR = "error"
 WARNING = "warning"
@@ -57,24 +56,3 @@ class CheckResult:
     def errors(self) -> tuple[Finding, ...]:
         """The findings that make figures wrong."""
         return tuple(entry for entry in self.findings if entry.severity == ERROR)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON; unknown certainty is None."""
-        return {
-            "recording": self.recording,
-            "model": self.model,
-            "checked": list(self.checked),
-            "skipped": dict(self.skipped),
-            "findings": [
-                {
-                    "cause": entry.cause,
-                    "severity": entry.severity,
-                    "subject": list(entry.subject),
-                    "sentence": entry.sentence,
-                    "evidence": entry.evidence,
-                    "certainty": None if entry.certainty != entry.certainty else entry.certainty,
-                    "remedy": entry.remedy,
-                }
-                for entry in self.findings
-            ],
-        }

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
+from argparse import Namespace
 from typing import TYPE_CHECKING, Any
 
-from robot_energy.cli.identify_inputs import add_bags, read_sources
+from robot_energy.cli.identify_inputs import add_bags, bags_of
 from robot_energy.cli.robots import model_named
-from robot_energy.cli.terminal import add_debug, check_outputs, console, write_json
+from robot_energy.cli.terminal import add_command, add_json, check_outputs, console, write_json
 
 if TYPE_CHECKING:
     from robot_energy.check import CheckResult, Finding
@@ -35,17 +35,10 @@ def add_parser(commands: Any) -> None:
     Args:
         commands: What `ArgumentParser.add_subparsers` returned.
     """
-    parser: ArgumentParser = commands.add_parser(
-        "check",
-        help="does a recording fit a model, and what is wrong if not",
-        description=DESCRIPTION,
-        epilog=EPILOG,
-        formatter_class=RawDescriptionHelpFormatter,
-    )
+    text = "does a recording fit a model, and what is wrong if not"
+    parser = add_command(commands, "check", run, text, DESCRIPTION, EPILOG)
     add_bags(parser, robot=True)
-    parser.add_argument("--json", metavar="FILE", help="write it as JSON; - for standard output")
-    add_debug(parser)
-    parser.set_defaults(run=run)
+    add_json(parser)
 
 
 def run(args: Namespace) -> int:
@@ -62,17 +55,18 @@ def run(args: Namespace) -> int:
     """
     from robot_energy.check import check
     from robot_energy.model import load
+    from robot_energy.results.check import CheckReport
 
     named = model_named(args)
     check_outputs(args, [*args.bags, named, args.inputs])
-    effort, inputs = read_sources(args)
+    effort, inputs = bags_of(args).meaning()
     model = load(named)
     results = [check(bag, model, effort, inputs) for bag in args.bags]
     if args.json != "-":
         for result in results:
             _show(result)
     if args.json is not None:
-        write_json(args.json, {"recordings": [result.to_dict() for result in results]})
+        write_json(args.json, CheckReport(tuple(results)).to_dict())
     return MISTAKES if any(result.errors for result in results) else 0
 
 

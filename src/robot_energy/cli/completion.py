@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import sys
-from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
+from argparse import Namespace
 from typing import Any
+
+from robot_energy.cli.terminal import add_command
 
 SHELLS = ("bash", "zsh", "tcsh")
 
@@ -16,15 +18,10 @@ zsh:  write it to a file _robot-energy in a folder of $fpath
 
 def add_parser(commands: Any) -> None:
     """Add the sub-command."""
-    parser: ArgumentParser = commands.add_parser(
-        "completion",
-        help="print the completion script of a shell",
-        description="Print a script that completes commands, options and files.",
-        epilog=EPILOG,
-        formatter_class=RawDescriptionHelpFormatter,
-    )
+    text = "print the completion script of a shell"
+    description = "Print a script that completes commands, options and files."
+    parser = add_command(commands, "completion", run, text, description, EPILOG)
     parser.add_argument("shell", choices=SHELLS, help="the shell")
-    parser.set_defaults(run=run)
 
 
 def run(args: Namespace) -> int:

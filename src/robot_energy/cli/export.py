@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
+from argparse import Namespace
 from typing import TYPE_CHECKING, Any
 
 from robot_energy.cli.memory import keep_freed_memory
-from robot_energy.cli.replay import DAMAGED, INPUT_OPTIONS, add_inputs, degc, positive
-from robot_energy.cli.robots import add_robot, model_named
-from robot_energy.cli.terminal import add_debug, console, progress
+from robot_energy.cli.replay_options import BAG, DAMAGED, add_replay, options_of
+from robot_energy.cli.robots import model_named
+from robot_energy.cli.terminal import add_command, console, progress
 from robot_energy.errors import ReportError
 from robot_energy.files.output_files import CSV, PARQUET, FileKind, check_file, write_file
 from robot_energy.shown_text import shown
@@ -33,33 +33,13 @@ examples:
 
 def add_parser(commands: Any) -> None:
     """Add the sub-command."""
-    parser: ArgumentParser = commands.add_parser(
-        "export",
-        help="the power of a recorded bag over time, as CSV or Parquet",
-        description=DESCRIPTION,
-        epilog=EPILOG,
-        formatter_class=RawDescriptionHelpFormatter,
-    )
-    parser.add_argument("bag", help="MCAP file, or rosbag2 folder (MCAP or sqlite3)")
-    add_robot(parser)
+    text = "the power of a recorded bag over time, as CSV or Parquet"
+    parser = add_command(commands, "export", run, text, DESCRIPTION, EPILOG)
+    parser.add_argument("bag", help=BAG)
     parser.add_argument(
         "--out", required=True, metavar="FILE", help="the table: .csv, or .parquet (needs polars)"
     )
-    parser.add_argument(
-        "--fixed-friction",
-        metavar="DEGC",
-        type=degc,
-        help="keep friction at its value at this temperature, whatever was measured",
-    )
-    settings = add_inputs(parser)
-    settings.add_argument(
-        "--power-period",
-        type=positive,
-        metavar="S",
-        help="write means over periods of this length (default: every sample)",
-    )
-    add_debug(parser)
-    parser.set_defaults(run=run)
+    add_replay(parser, "write means over periods of this length (default: every sample)")
 
 
 def run(args: Namespace) -> int:
@@ -94,7 +74,7 @@ def run(args: Namespace) -> int:
             temperature=args.fixed_friction,
             power_period=args.power_period,
             progress=report,
-            **{name: getattr(args, name) for name in INPUT_OPTIONS},
+            **options_of(args),
         )
     write_file(args.out, _bytes(result.power, suffix), KINDS[suffix], WHAT)
     out = console()

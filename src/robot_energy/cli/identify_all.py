@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
+from argparse import Namespace
 from pathlib import Path
 from typing import Any
 
@@ -11,13 +11,10 @@ from robot_energy.cli.identify_inputs import (
     add_link_voltages,
     add_results,
     check_results,
-    command_of,
     link_voltages,
 )
-from robot_energy.cli.terminal import console, progress, write_json
+from robot_energy.cli.terminal import add_command, present, progress
 from robot_energy.errors import ModelFileError
-from robot_energy.files.placement import all_or_none
-from robot_energy.shown_text import shown
 
 SUBJECTS = ("dynamics", "friction", "cabinet", "drives", "capacitor")
 
@@ -40,13 +37,8 @@ examples:
 
 def add_parser(commands: Any) -> None:
     """Add the sub-command."""
-    parser: ArgumentParser = commands.add_parser(
-        "all",
-        help="everything the recordings allow, with one report",
-        description=DESCRIPTION,
-        epilog=EPILOG,
-        formatter_class=RawDescriptionHelpFormatter,
-    )
+    text = "everything the recordings allow, with one report"
+    parser = add_command(commands, "all", run, text, DESCRIPTION, EPILOG)
     add_bags(
         parser,
         effort="what the effort in the joint states means; without it neither bodies nor "
@@ -72,7 +64,6 @@ def add_parser(commands: Any) -> None:
     )
     add_link_voltages(parser)
     add_results(parser, "all that was identified")
-    parser.set_defaults(run=run)
 
 
 def run(args: Namespace) -> int:
@@ -83,7 +74,7 @@ def run(args: Namespace) -> int:
     """
     from robot_energy.api.identify import identify_all
     from robot_energy.report.document import Document
-    from robot_energy.report.identification_document import print_identification
+    from robot_energy.report.identify_all import identification_document, identification_lead
 
     check_results(args)
     _check(args)
@@ -99,25 +90,11 @@ def run(args: Namespace) -> int:
         link_voltages=link_voltages(args),
         inputs=args.inputs,
         progress=progress,
-        command=command_of(args),
-        out=args.out or "",
     )
     found = result.found
-    with all_or_none():
-        if args.out is not None:
-            result.save(args.out)
-        if args.json is not None:
-            write_json(args.json, result.to_dict())
-        if args.report is not None:
-            page = Document(f"Identification of {result.model.robot.type}", found.lead)
-            print_identification(found, page)
-            page.write(args.report)
-    if args.json != "-":  # last: the reader of a pipe may close it early
-        out = console()
-        print_identification(found, out)
-        for what, path in (("model file", args.out), ("report", args.report)):
-            if path is not None:
-                out.print(f"wrote {shown(path)}: {what}", soft_wrap=True)
+    page = Document(f"Identification of {result.model.robot.type}", identification_lead(found))
+    identification_document(found, page)
+    present(args, found, page, model=result.model)
     return 0
 
 

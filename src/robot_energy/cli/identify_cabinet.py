@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
-from typing import TYPE_CHECKING, Any
+from argparse import Namespace
+from typing import Any
 
 from robot_energy.cli.identify_inputs import (
     add_bags,
@@ -11,14 +11,9 @@ from robot_energy.cli.identify_inputs import (
     add_results,
     check_results,
     link_voltages,
-    present,
     source_of,
 )
-from robot_energy.cli.terminal import progress
-from robot_energy.files.placement import all_or_none
-
-if TYPE_CHECKING:
-    from robot_energy.report.document import Document
+from robot_energy.cli.terminal import add_command, present, progress
 
 DESCRIPTION = """\
 Identify the constant losses of the cabinet from recordings with a power meter (paper A,
@@ -39,17 +34,11 @@ example:
 
 def add_parser(commands: Any) -> None:
     """Add the sub-command."""
-    parser: ArgumentParser = commands.add_parser(
-        "cabinet",
-        help="constant losses of the grid side and the DC side, energy of the DC link",
-        description=DESCRIPTION,
-        epilog=EPILOG,
-        formatter_class=RawDescriptionHelpFormatter,
-    )
+    text = "constant losses of the grid side and the DC side, energy of the DC link"
+    parser = add_command(commands, "cabinet", run, text, DESCRIPTION, EPILOG)
     add_bags(parser, effort="")
     add_link_voltages(parser)
     add_results(parser, "these figures")
-    parser.set_defaults(run=run)
 
 
 def run(args: Namespace) -> int:
@@ -59,8 +48,8 @@ def run(args: Namespace) -> int:
         RobotEnergyError: If recordings or model cannot be used.
     """
     from robot_energy.api.identify import identify_cabinet
-    from robot_energy.report.dc_link import error_over_energy
-    from robot_energy.report.supply import print_supply
+    from robot_energy.report.document import Document
+    from robot_energy.report.identification import cabinet_document
 
     check_results(args)
     result = identify_cabinet(
@@ -70,25 +59,10 @@ def run(args: Namespace) -> int:
         inputs=args.inputs,
         progress=progress,
     )
-    summary = result.to_dict()
-    with all_or_none():
-        if args.out is not None:
-            result.save(args.out)
-
-        def draw(document: Document) -> None:
-            link = result.found.link
-            if link is not None:
-                document.figure(
-                    lambda path: error_over_energy(link, path),
-                    "Error of the predicted power at the grid over the energy of the DC link.",
-                )
-
-        present(
-            args,
-            f"Cabinet of {result.model.robot.type}",
-            summary,
-            lambda page: print_supply(summary, page),
-            draw,
-            f"Constant losses and DC link identified from {source_of(args)}.",
-        )
+    page = Document(
+        f"Cabinet of {result.model.robot.type}",
+        f"Constant losses and DC link identified from {source_of(args)}.",
+    )
+    cabinet_document(result.found, page)
+    present(args, result.found, page, model=result.model)
     return 0

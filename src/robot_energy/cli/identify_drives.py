@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from argparse import ArgumentParser, ArgumentTypeError, Namespace, RawDescriptionHelpFormatter
+from argparse import Namespace
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,21 +10,19 @@ from typing import TYPE_CHECKING, Any
 from robot_energy.cli.identify_inputs import (
     add_bags,
     add_results,
+    bags_of,
     check_results,
     check_source,
-    present,
-    read_recordings,
-    read_sources,
 )
+from robot_energy.cli.numbers import frequency
+from robot_energy.cli.terminal import add_command, present
 from robot_energy.errors import ModelFileError
-from robot_energy.files.placement import all_or_none
 from robot_energy.files.temporary_folder import TemporaryFolder
 from robot_energy.log_formats import LOG_FORMATS
 
 if TYPE_CHECKING:
     from robot_energy.identify.drives.drive_data import DriveData
     from robot_energy.model import RobotModel
-    from robot_energy.report.document import Document
 
 DESCRIPTION = """\
 Identify how much electrical power the drives take for torque and speed.
@@ -51,13 +49,8 @@ examples:
 
 def add_parser(commands: Any) -> None:
     """Add the sub-command."""
-    parser: ArgumentParser = commands.add_parser(
-        "drives",
-        help="electrical power of the drives from torque and speed",
-        description=DESCRIPTION,
-        epilog=EPILOG,
-        formatter_class=RawDescriptionHelpFormatter,
-    )
+    text = "electrical power of the drives from torque and speed"
+    parser = add_command(commands, "drives", run, text, DESCRIPTION, EPILOG)
     add_bags(
         parser,
         required=False,
@@ -84,7 +77,7 @@ def add_parser(commands: Any) -> None:
             )
     parser.add_argument(
         "--cutoff",
-        type=_frequency,
+        type=frequency,
         default=5.0,
         metavar="HZ",
         help="of the low-pass of the maps (default 5 Hz)",
@@ -93,17 +86,6 @@ def add_parser(commands: Any) -> None:
     log = parser.add_argument_group("from logs with torque, without a model")
     log.add_argument("--log", nargs="+", metavar="LOG", help="tables: CSV, plain or .gz, Parquet")
     log.add_argument("--mapping", metavar="FILE", help="what their columns mean")
-    parser.set_defaults(run=run)
-
-
-def _frequency(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = 0.0
-    if not 0.0 < value < float("inf"):
-        raise ArgumentTypeError(f"'{text}' is no frequency above 0 Hz")
-    return value
 
 
 def run(args: Namespace) -> int:
@@ -115,8 +97,10 @@ def run(args: Namespace) -> int:
     """
     from robot_energy.identify.drives.all_drives import find_drives
     from robot_energy.identify.plausibility import check_drives, check_total
-    from robot_energy.report.drives import drives_found_summary, print_drives
+    from robot_energy.report.document import Document
+    from robot_energy.report.drives import drives_document, mapped
     from robot_energy.report.efficiency_figure import efficiency_maps
+    from robot_energy.results.drives import drives_report
 
     check_results(args)
     _check(args)
@@ -127,36 +111,17 @@ def run(args: Namespace) -> int:
         check_drives(data, found.drives)
     elif found.total is not None:
         check_total(found.total.data, found.total.scores)
-    summary = drives_found_summary(found, torque)
-    with all_or_none():
-        if model is not None:
-            written, notes = found.write(model, source)
-            if notes:
-                summary["total"]["notes"] += notes
-            if args.out is not None:
-                from robot_energy.model import save
-
-                save(written, args.out)
-        axes = [] if found.drives is None else list(found.drives.axes)
-        maps = [axis for axis in axes if axis.map is not None]
-        if args.plot is not None:
-            efficiency_maps(maps, args.plot, source)
-
-        def draw(document: Document) -> None:
-            if maps:
-                document.figure(
-                    lambda path: efficiency_maps(maps, path),
-                    "Reduced efficiency maps in four quadrants, with their points.",
-                )
-
-        present(
-            args,
-            "Electrical power of the drives",
-            summary,
-            lambda page: print_drives(summary, page),
-            draw,
-            f"Identified from {source}.",
-        )
+    written, notes = (None, []) if model is None else found.write(model, source)
+    report = drives_report(found, torque, notes)
+    page = Document("Electrical power of the drives", f"Identified from {source}.")
+    drives_document(report, page)
+    present(
+        args,
+        report,
+        page,
+        plot=lambda path: efficiency_maps(mapped(found.drives), path, source),
+        model=written,
+    )
     return 0
 
 
@@ -197,7 +162,7 @@ def _data(args: Namespace) -> tuple[DriveData, RobotModel | None, str]:
     from robot_energy.model import load
 
     model = load(args.model)
-    effort, _ = read_sources(args)
+    effort, _ = bags_of(args).meaning()
     with ExitStack() as stack:
         recording = LOG_FORMATS[args.log_format].recording if args.log_format else None
         if recording is not None:
@@ -208,7 +173,7 @@ def _data(args: Namespace) -> tuple[DriveData, RobotModel | None, str]:
             ]
         else:
             bags = args.bags
-        recordings = read_recordings(args, model, bags=bags)
+        recordings = bags_of(args, bags).recordings(model)
         powers = [
             read_drive_power(bag, args.drive_power, model.joint_names, args.drive_joints)
             if args.drive_power

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import resource
 import time
-from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
+from argparse import Namespace
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,19 +12,18 @@ from typing import TYPE_CHECKING, Any
 from robot_energy.cli.identify_inputs import (
     add_bags,
     add_results,
+    bags_of,
     check_results,
     check_source,
-    present,
 )
 from robot_energy.cli.numbers import number
-from robot_energy.cli.terminal import progress
+from robot_energy.cli.terminal import add_command, present
 
 if TYPE_CHECKING:
     from robot_energy.identify.data.signals import Channels
     from robot_energy.identify.dynamics.dynamics import DynamicsSettings
     from robot_energy.model import RobotModel
     from robot_energy.report.dynamics import ReferenceValues
-    from robot_energy.report.printing import Page
 
     # Model, stretches of every recording by its name, sources, friction known from elsewhere.
     Read = tuple[RobotModel, dict[str, list[Channels]], list[str], ReferenceValues | None]
@@ -49,13 +48,8 @@ examples:
 
 def add_parser(subjects: Any) -> None:
     """Add the subject."""
-    parser: ArgumentParser = subjects.add_parser(
-        "dynamics",
-        help="inertias, rotors and friction from positions and motor torque",
-        description=DESCRIPTION,
-        epilog=EPILOG,
-        formatter_class=RawDescriptionHelpFormatter,
-    )
+    text = "inertias, rotors and friction from positions and motor torque"
+    parser = add_command(subjects, "dynamics", run, text, DESCRIPTION, EPILOG)
     add_bags(parser, required=False, effort="what the effort in the joint states of bags means")
     parser.add_argument(
         "--log",
@@ -102,7 +96,6 @@ def add_parser(subjects: Any) -> None:
     )
     parser.add_argument("--details", action="store_true", help="print every base parameter")
     add_results(parser, "these dynamics")
-    parser.set_defaults(run=run)
 
 
 def run(args: Namespace) -> int:
@@ -112,19 +105,13 @@ def run(args: Namespace) -> int:
         RobotEnergyError: If mapping, files or recording cannot be used, or what they give
             is implausible.
     """
-    from robot_energy.files.placement import all_or_none
     from robot_energy.identify.dynamics.dynamics import identify_dynamics
     from robot_energy.identify.dynamics.dynamics_model import to_model
     from robot_energy.identify.dynamics.leave_one_out import across_recordings
     from robot_energy.identify.plausibility import check_dynamics
-    from robot_energy.model import save
     from robot_energy.report.document import Document
-    from robot_energy.report.dynamics import (
-        TorqueErrorRow,
-        dynamics_summary,
-        print_across,
-        print_dynamics,
-    )
+    from robot_energy.report.dynamics import dynamics_document
+    from robot_energy.results.dynamics import dynamics_report
 
     check_results(args)
     check_source(args, needs_effort=True)
@@ -141,26 +128,22 @@ def run(args: Namespace) -> int:
     held_out, consistent = result.held_out(), result.held_out_consistent()
     check_dynamics(result, consistent)
     written = to_model(result, sources)
-    effort = TorqueErrorRow(read - begin, done - read, peak)
-
+    effort = [
+        (
+            "time",
+            f"{done - begin:.2f} s from files to model, {read - begin:.2f} s of it reading; "
+            "without imports",
+        ),
+        ("memory", f"{peak:.0f} MB at most"),
+    ]
     across = across_recordings(recordings, model, settings) if len(recordings) > 1 else None
-
-    def show(page: Page) -> None:
-        details = args.details or isinstance(page, Document)
-        print_dynamics(page, result, held_out, consistent, reference, effort, details)
-        if across is not None:
-            print_across(page, across, model.joint_names)
-
-    with all_or_none():
-        if args.out is not None:
-            save(written, args.out)
-        present(
-            args,
-            f"Dynamics of {model.robot.type}",
-            dynamics_summary(result, held_out, consistent),
-            show,
-            lead=f"Identified from {', '.join(sources)}. Model {written.model_id}.",
-        )
+    report = dynamics_report(result, held_out, consistent, across=across)
+    page = Document(
+        f"Dynamics of {model.robot.type}",
+        f"Identified from {', '.join(sources)}. Model {written.model_id}.",
+    )
+    dynamics_document(report, page, reference, effort, args.details)
+    present(args, report, page, model=written)
     return 0
 
 
@@ -187,11 +170,10 @@ def _log(args: Namespace) -> Read:
 
 def _bags(args: Namespace) -> Read:
     """Run bags through the stages of the monitor."""
-    from robot_energy.api.identify import dynamics_channels
     from robot_energy.model import load
 
     model = load(args.model)
-    recordings = dynamics_channels(args.bags, model, args.effort, args.inputs, progress)
+    recordings = bags_of(args).channels(model)
     return model, recordings, [Path(bag).name for bag in args.bags], None
 
 

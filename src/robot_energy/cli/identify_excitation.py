@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
+from argparse import Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from robot_energy.cli.numbers import number, whole
 from robot_energy.cli.terminal import (
-    add_debug,
+    add_command,
+    add_json,
     check_bag,
     check_outputs,
-    console,
+    present,
     progress,
-    write_json,
 )
 
 if TYPE_CHECKING:
@@ -41,16 +41,11 @@ examples:
 
 def add_parser(subjects: Any) -> None:
     """Add the subject."""
-    parser: ArgumentParser = subjects.add_parser(
-        "excitation",
-        help="a motion to record for the dynamics",
-        description=DESCRIPTION,
-        epilog=EPILOG,
-        formatter_class=RawDescriptionHelpFormatter,
-    )
+    text = "a motion to record for the dynamics"
+    parser = add_command(subjects, "excitation", run, text, DESCRIPTION, EPILOG)
     parser.add_argument("--model", required=True, metavar="FILE|NAME", help="model of the robot")
     parser.add_argument("--out", required=True, metavar="FOLDER", help="folder of the files")
-    parser.add_argument("--json", metavar="FILE", help="write all figures as JSON; - for stdout")
+    add_json(parser)
     parser.add_argument("--overwrite", action="store_true", help="replace files of an earlier run")
     shape = parser.add_argument_group("the motion")
     shape.add_argument(
@@ -111,8 +106,6 @@ def add_parser(subjects: Any) -> None:
         metavar="LINK",
         help=f"link that stays above the floor (default: payload, or {TOOL})",
     )
-    add_debug(parser)
-    parser.set_defaults(run=run)
 
 
 def run(args: Namespace) -> int:
@@ -133,7 +126,9 @@ def run(args: Namespace) -> int:
         write_csv,
         write_trajectory,
     )
-    from robot_energy.report.excitation import excitation_summary, print_excitation
+    from robot_energy.report.document import Document
+    from robot_energy.report.excitation import excitation_document
+    from robot_energy.results.excitation import excitation_report
 
     check_outputs(args, [args.model])
     model = load(args.model)
@@ -153,16 +148,12 @@ def run(args: Namespace) -> int:
         found = optimise_excitation(model, limits, settings, report)
     time, path = points(found.motion, args.rate, args.loops)
     names = limits.robot.joint_names
-    summary = excitation_summary(found)
+    report, page = excitation_report(found), Document()
+    excitation_document(report, page)
     with all_or_none():
         write_trajectory(folder / BAG, names, time, path, args.overwrite)
         write_csv(folder / CSV, names, time, path)
-        if args.json is not None:
-            write_json(args.json, summary)
-    if args.json != "-":
-        out = console()
-        print_excitation(summary, out)
-        out.print(f"wrote {folder / CSV} and {folder / BAG}: {len(time)} points", soft_wrap=True)
+        present(args, report, page, f"{CSV} and {BAG}, {len(time)} points")
     return 0
 
 

@@ -2,26 +2,24 @@
 
 from __future__ import annotations
 
-from argparse import ArgumentParser, ArgumentTypeError, Namespace, RawDescriptionHelpFormatter
+from argparse import ArgumentTypeError, Namespace
 from typing import TYPE_CHECKING, Any
 
 from robot_energy.cli.identify_inputs import (
     add_bags,
     add_results,
+    bags_of,
     check_results,
     check_source,
-    present,
     source_of,
 )
-from robot_energy.cli.terminal import progress
+from robot_energy.cli.terminal import add_command, present, progress
 from robot_energy.errors import ModelFileError, NotIdentifiableError
-from robot_energy.files.placement import all_or_none
 
 if TYPE_CHECKING:
-    from robot_energy.api.identify import IdentificationResult
     from robot_energy.identify.friction.samples import FrictionData
     from robot_energy.identify.friction.temperature_study import Span
-    from robot_energy.identify.steps import FrictionFound
+    from robot_energy.results.identification import AxisStudy
 
 SHUFFLES = 20
 
@@ -45,13 +43,8 @@ examples:
 
 def add_parser(commands: Any) -> None:
     """Add the sub-command."""
-    parser: ArgumentParser = commands.add_parser(
-        "friction",
-        help="friction over motor temperature",
-        description=DESCRIPTION,
-        epilog=EPILOG,
-        formatter_class=RawDescriptionHelpFormatter,
-    )
+    text = "friction over motor temperature"
+    parser = add_command(commands, "friction", run, text, DESCRIPTION, EPILOG)
     add_bags(parser, required=False)
     add_results(parser, "this friction", "draw points and laws (.png, .svg, .pdf)")
     log = parser.add_argument_group(
@@ -62,7 +55,6 @@ def add_parser(commands: Any) -> None:
     split = parser.add_argument_group("test on temperatures that the fit has not seen")
     split.add_argument("--train", type=_span, metavar="LOW:HIGH", help="[degC], one may be empty")
     split.add_argument("--test", type=_span, metavar="LOW:HIGH", help="[degC]")
-    parser.set_defaults(run=run)
 
 
 def _span(text: str) -> Span:
@@ -85,70 +77,45 @@ def run(args: Namespace) -> int:
     Raises:
         RobotEnergyError: If recordings, log or model cannot be used.
     """
+    from robot_energy.model import load
+    from robot_energy.report.document import Document
+    from robot_energy.report.friction_figure import friction_over_temperature
+    from robot_energy.report.identification import friction_document, study_document
+    from robot_energy.results.identification import FrictionReport, FrictionStudyReport
+
     check_results(args)
     _check(args)
+    source = source_of(args)
     if args.train is not None:
-        _show_study(args)
-    elif args.log:
+        axes = _log(args) if args.log else bags_of(args).friction_data(load(args.model))
+        studies = FrictionStudyReport(tuple(_study(axis, args) for axis in axes))
+        page = Document("Friction at temperatures that were not seen", source)
+        study_document(studies, page)
+        present(args, studies, page)
+        return 0
+    model = None
+    if args.log:
         from robot_energy.identify.friction.friction import fit_axes
         from robot_energy.identify.plausibility import check_friction
-        from robot_energy.identify.steps import FrictionFound
 
         fits, refused = fit_axes(_log(args))
         check_friction(fits)
-        _show(args, FrictionFound(tuple(fits), tuple(refused)), None)
+        report = FrictionReport("log", tuple(fits), tuple(refused))
     else:
         from robot_energy.api.identify import identify_friction
 
         result = identify_friction(
             args.bags, args.model, args.effort, inputs=args.inputs, progress=progress
         )
-        _show(args, result.found, result)
+        report, model = result.found, result.model
+    page = Document("Friction over motor temperature", f"Identified from {source}.")
+    friction_document(report, page)
+
+    def plot(path: str) -> None:
+        friction_over_temperature(report.axes, path, report.torque_unit, source)
+
+    present(args, report, page, plot=plot, model=model)
     return 0
-
-
-def _show(
-    args: Namespace, found: FrictionFound, result: IdentificationResult[FrictionFound] | None
-) -> None:
-    from robot_energy.report.friction_figure import friction_over_temperature
-    from robot_energy.report.identification import friction_summary, print_friction
-
-    source, unit = source_of(args), "A" if args.log else "N m"
-    if result is None:
-        summary = friction_summary(found.fits, found.refused, "log")
-    else:
-        summary = result.to_dict()
-    with all_or_none():
-        if args.out is not None and result is not None:
-            result.save(args.out)
-        if args.plot is not None:
-            friction_over_temperature(found.fits, args.plot, unit, source)
-        present(
-            args,
-            "Friction over motor temperature",
-            summary,
-            lambda page: print_friction(summary, page),
-            lambda document: document.figure(
-                lambda path: friction_over_temperature(found.fits, path, unit),
-                "Free points and the laws that competed on temperatures that their fits "
-                "have not seen.",
-            ),
-            f"Identified from {source}.",
-        )
-
-
-def _show_study(args: Namespace) -> None:
-    """Test laws on temperatures that their fits have not seen."""
-    from robot_energy.report.identification import print_friction_study
-
-    studies = [_study(axis, args) for axis in (_log(args) if args.log else _samples(args))]
-    present(
-        args,
-        "Friction at temperatures that were not seen",
-        {"studies": studies},
-        lambda page: print_friction_study(studies, page),
-        lead=source_of(args),
-    )
 
 
 def _check(args: Namespace) -> None:
@@ -176,17 +143,10 @@ def _log(args: Namespace) -> list[FrictionData]:
     return [friction_data_of_log(parts, names, j) for j in range(len(names))]
 
 
-def _samples(args: Namespace) -> list[FrictionData]:
-    from robot_energy.api.identify import friction_samples
-    from robot_energy.model import load
-
-    return friction_samples(args.bags, load(args.model), args.effort, args.inputs, progress)
-
-
-def _study(axis: FrictionData, args: Namespace) -> dict[str, Any]:
+def _study(axis: FrictionData, args: Namespace) -> AxisStudy:
     """Test unseen temperatures, with the true ones and with shuffled ones."""
     from robot_energy.identify.friction.temperature_study import shuffled, temperature_split
-    from robot_energy.report.identification import study_summary
+    from robot_energy.results.identification import axis_study
 
     study = temperature_split(axis, args.train, args.test)
     chance: list[float] = []
@@ -196,4 +156,4 @@ def _study(axis: FrictionData, args: Namespace) -> dict[str, Any]:
         except NotIdentifiableError:
             continue
         chance.append(other.row("exponential", "carried on").rms / other.row("constant").rms)
-    return study_summary(axis.name, study, chance)
+    return axis_study(axis.name, study, chance)

@@ -2,26 +2,18 @@
 
 from __future__ import annotations
 
-import shlex
 from argparse import ArgumentParser, Namespace
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from robot_energy.cli.numbers import number
 from robot_energy.cli.robots import add_robot
-from robot_energy.cli.terminal import add_debug, check_outputs, console, progress, write_json
+from robot_energy.cli.terminal import add_json, check_outputs, progress
 from robot_energy.errors import ModelFileError
-from robot_energy.files.placement import all_or_none, place_all
-from robot_energy.shown_text import shown
 
 if TYPE_CHECKING:
-    from robot_energy.blocks import EffortMeaning
-    from robot_energy.identify.data.recordings import Recording
-    from robot_energy.inputs.sources import Inputs
-    from robot_energy.model import RobotModel
-    from robot_energy.report.document import Document
-    from robot_energy.report.printing import Page
+    from robot_energy.api.inputs import BagSource
 
 EFFORTS = ("motor_torque", "joint_torque", "motor_current")
 
@@ -68,13 +60,12 @@ def add_results(parser: ArgumentParser, what: str, plot: str = "") -> None:
         plot: Help of ``--plot``; empty for a command without a figure.
     """
     parser.add_argument("--out", metavar="FILE", help=f"write the model with {what}")
-    parser.add_argument("--json", metavar="FILE", help="write all figures as JSON; - for stdout")
+    add_json(parser)
     parser.add_argument(
         "--report", metavar="FILE", help="write tables and figures as one HTML file"
     )
     if plot:
         parser.add_argument("--plot", metavar="FILE", help=plot)
-    add_debug(parser)
 
 
 def add_link_voltages(parser: ArgumentParser) -> None:
@@ -139,92 +130,19 @@ def check_source(args: Namespace, needs_effort: bool = False) -> None:
         raise ModelFileError("bags need --model", "a model file")
 
 
-def read_sources(args: Namespace) -> tuple[EffortMeaning, Inputs | None]:
-    """Return what the effort means, by --effort or else by --inputs, and the inputs.
-
-    Raises:
-        RobotEnergyError: If the parameter file cannot be used.
-    """
-    from robot_energy.api.identify import read_sources
-
-    return read_sources(getattr(args, "effort", None), args.inputs, getattr(args, "robot", None))
-
-
-def read_recordings(
-    args: Namespace,
-    model: RobotModel,
-    needs_effort: bool = False,
-    bags: Sequence[str | Path] | None = None,
-) -> list[Recording]:
-    """Run the bags through the stages of the monitor.
+def bags_of(args: Namespace, bags: Sequence[str | Path] | None = None) -> BagSource:
+    """Return the recordings, and how they are read.
 
     Args:
         args: Of the command.
-        model: Of the robot.
-        needs_effort: Whether to refuse an effort without a meaning.
         bags: Instead of those that the command names.
-
-    Raises:
-        RobotEnergyError: If a bag cannot be used, or its effort has no meaning but needs one.
     """
-    from robot_energy.api.identify import read_recordings
+    from robot_energy.api.inputs import BagSource
 
-    return read_recordings(
-        args.bags if bags is None else bags,
-        model,
-        getattr(args, "effort", None),
-        args.inputs,
-        needs_effort,
-        progress,
-    )
+    effort, robot = getattr(args, "effort", None), getattr(args, "robot", None)
+    return BagSource(args.bags if bags is None else bags, effort, args.inputs, robot, progress)
 
 
 def source_of(args: Namespace) -> str:
     """Return the names of the recordings, for the model file."""
     return ", ".join(Path(name).name for name in args.bags or args.log)
-
-
-def command_of(args: Namespace) -> str:
-    """Return the command line as it was typed."""
-    return shlex.join(["robot-energy", *getattr(args, "words", ())])
-
-
-def present(
-    args: Namespace,
-    title: str,
-    summary: dict[str, Any],
-    show: Callable[[Page], None],
-    draw: Callable[[Document], None] | None = None,
-    lead: str = "",
-) -> None:
-    """Write JSON and HTML where they were asked for, put all outputs in place, and print.
-
-    Args:
-        args: Of the command.
-        title: Of the HTML document.
-        summary: What goes into the JSON file.
-        show: Writes lines and tables.
-        draw: Adds figures to a document.
-        lead: First sentence of the document.
-    """
-    with all_or_none():
-        if args.json is not None:
-            write_json(args.json, summary)
-        if args.report is not None:
-            from robot_energy.report.document import Document
-
-            page = Document(title, lead)
-            show(page)
-            if draw is not None:
-                draw(page)
-            if getattr(args, "words", None):
-                page.paragraph("This report was made by")
-                page.command(command_of(args))
-            page.write(args.report)
-    place_all()
-    if args.json != "-":  # last: the reader of a pipe may close it early
-        out = console()
-        show(out)
-        for what, path in (("model file", args.out), ("report", args.report)):
-            if path is not None:
-                out.print(f"wrote {shown(path)}: {what}", soft_wrap=True)

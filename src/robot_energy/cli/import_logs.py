@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
+from argparse import ArgumentParser, Namespace
 from typing import TYPE_CHECKING, Any
 
-from robot_energy.cli.terminal import add_debug, console
+from robot_energy.cli.terminal import add_command, console
 from robot_energy.log_formats import LOG_FORMATS
 
 if TYPE_CHECKING:
@@ -22,18 +22,11 @@ def add_parser(commands: Any) -> None:
     )
     kinds = parser.add_subparsers(title="kinds of logs", metavar="KIND", required=True)
     for kind in LOG_FORMATS.values():
-        own: ArgumentParser = kinds.add_parser(
-            kind.name,
-            help=kind.line,
-            description=kind.description,
-            epilog=kind.epilog,
-            formatter_class=RawDescriptionHelpFormatter,
-        )
+        own = add_command(kinds, kind.name, run, kind.line, kind.description, kind.epilog)
         kind.add_arguments(own)
         own.add_argument("--out", required=True, metavar="BAG", help="folder of the new bag")
         own.add_argument("--overwrite", action="store_true", help="replace the bag of --out")
-        own.set_defaults(run=run, log_format=kind.name)
-        add_debug(own)
+        own.set_defaults(log_format=kind.name)
 
 
 def run(args: Namespace) -> int:

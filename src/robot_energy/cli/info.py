@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
-from robot_energy.cli.terminal import add_debug, console
+from robot_energy.cli.terminal import add_command, console
 
 if TYPE_CHECKING:
     from robot_energy.bag import BagReader
@@ -16,14 +16,10 @@ DAMAGED = 3
 
 def add_parser(commands: Any) -> None:
     """Add the sub-command."""
-    parser: ArgumentParser = commands.add_parser(
-        "info",
-        help="topics, types, counts and time span of a bag",
-        description="Print the topics of a bag and what replay can use them for.",
-    )
+    text = "topics, types, counts and time span of a bag"
+    description = "Print the topics of a bag and what replay can use them for."
+    parser = add_command(commands, "info", run, text, description)
     parser.add_argument("bag", help="MCAP file, or rosbag2 folder")
-    add_debug(parser)
-    parser.set_defaults(run=run)
 
 
 def run(args: Namespace) -> int:
@@ -39,7 +35,9 @@ def run(args: Namespace) -> int:
         BagError: If it cannot be read.
     """
     from robot_energy.bag import BagReader
-    from robot_energy.report.listings import print_bag
+    from robot_energy.report.document import Document
+    from robot_energy.report.model import bag_document
+    from robot_energy.report.printing import print_document
 
     bag = BagReader(args.bag)
     counts: dict[str, int | None] = {name: info.message_count for name, info in bag.topics.items()}
@@ -54,7 +52,9 @@ def run(args: Namespace) -> int:
         (name, info.msgtype, "?" if counts[name] is None else str(counts[name]), _use(info.msgtype))
         for name, info in bag.topics.items()
     ]
-    print_bag(str(args.bag), span, rows, bag.problems, bag.origin, console())
+    page = Document()
+    bag_document(str(args.bag), span, rows, bag.problems, bag.origin, page)
+    print_document(page, console())
     return DAMAGED if bag.problems else 0
 
 

@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from typing import Any
 
-from robot_energy.cli.terminal import add_debug
+from robot_energy.cli.terminal import add_command
 
 
 def add_parser(commands: Any) -> None:
     """Add the sub-command."""
-    parser: ArgumentParser = commands.add_parser(
+    add_command(
+        commands,
         "kinds",
-        help="list drive models, friction laws, meters, temperatures, log formats, robots",
-        description="List the kinds of drive models, friction laws, meters, temperature sources "
+        run,
+        "list drive models, friction laws, meters, temperatures, log formats, robots",
+        "List the kinds of drive models, friction laws, meters, temperature sources "
         "and log formats, those of your own included, and the robots whose drivers are known, as "
         "Markdown.",
     )
-    add_debug(parser)
-    parser.set_defaults(run=run)
 
 
 def run(args: Namespace) -> int:

@@ -23,6 +23,8 @@ from robot_energy.cli import (
     models,
     predict,
     replay,
+    report,
+    schema,
     simulate,
 )
 from robot_energy.cli.stopping import Stopped, stoppable
@@ -68,7 +70,8 @@ def build_parser() -> ArgumentParser:
     parser.set_defaults(debug=False)
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for module in (
-        replay, export, import_logs, check, identify, predict, models, kinds, info, simulate,
+        replay, report, export, import_logs, check, identify, predict, models, kinds, info,
+        simulate, schema,
         *_further(),
         completion,
     ):  # fmt: skip

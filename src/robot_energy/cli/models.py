@@ -8,7 +8,7 @@ from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import Any
 
-from robot_energy.cli.terminal import add_debug, check_outputs, console, write_json
+from robot_energy.cli.terminal import add_command, add_json, check_outputs, console, present
 
 
 def add_parser(commands: Any) -> None:
@@ -24,34 +24,35 @@ def add_parser(commands: Any) -> None:
         description="List the models that come with the tool, check one (model check), or begin "
         "one from a URDF (model init).",
     )
-    add_debug(parser)
     parser.set_defaults(run=run_list)
     actions = parser.add_subparsers(title="actions", metavar="ACTION")
     listing: ArgumentParser = actions.add_parser("list", help="list shipped models (default)")
     listing.set_defaults(run=run_list)
-    check: ArgumentParser = actions.add_parser(
+    check = add_command(
+        actions,
         "check",
-        help="validate a model file and print what it models",
-        description="Validate a model file with its URDF and print what is modelled, and how "
+        run_check,
+        "validate a model file and print what it models",
+        "Validate a model file with its URDF and print what is modelled, and how "
         "many of its figures are published, identified, derived or assumed.",
     )
     check.add_argument("model", metavar="FILE|NAME", help="model file, or name of a shipped one")
-    check.add_argument("--json", metavar="FILE", help="write it as JSON; - for standard output")
-    check.set_defaults(run=run_check)
-    add_debug(check)
-    schema: ArgumentParser = actions.add_parser(
+    add_json(check)
+    schema = add_command(
+        actions,
         "schema",
-        help="print the JSON schema of model files",
-        description="Print the JSON schema of model files, for editors that complete and check "
+        run_schema,
+        "print the JSON schema of model files",
+        "Print the JSON schema of model files, for editors that complete and check "
         "YAML, or the same as a page of Markdown.",
     )
     schema.add_argument("--markdown", action="store_true", help="print the reference page instead")
-    schema.set_defaults(run=run_schema)
-    add_debug(schema)
-    init: ArgumentParser = actions.add_parser(
+    init = add_command(
+        actions,
         "init",
-        help="begin a model file from a URDF, a xacro file or a bag",
-        description="Write a complete model file of a robot nobody has measured: gears, rotors, "
+        run_init,
+        "begin a model file from a URDF, a xacro file or a bag",
+        "Write a complete model file of a robot nobody has measured: gears, rotors, "
         "friction, drives and cabinet are assumed, scaled from the limits in its URDF.",
     )
     init.add_argument("source", metavar="URDF|XACRO|BAG", help="file or bag with the URDF")
@@ -73,8 +74,6 @@ def add_parser(commands: Any) -> None:
         help="joints to model, separated by commas (default: all that move, without gripper; "
         "of a bag, those in its joint states)",
     )
-    init.set_defaults(run=run_init)
-    add_debug(init)
 
 
 def run_list(args: Namespace) -> int:
@@ -90,12 +89,13 @@ def run_list(args: Namespace) -> int:
         RobotEnergyError: If a shipped model is broken.
     """
     from robot_energy.model import load, shipped_models
-    from robot_energy.report.model_summary import count_tags
+    from robot_energy.report.formats import tags_text
+    from robot_energy.results.model import count_tags
 
     out = console()
     for name, path in shipped_models().items():
         model = load(path)
-        tags = ", ".join(f"{n} {tag}" for tag, n in count_tags(model).items() if n)
+        tags = tags_text(count_tags(model))
         out.print(
             f"{name:<8} {model.robot.type}; {len(model.joints)} joints; figures: {tags}",
             soft_wrap=True,
@@ -117,16 +117,15 @@ def run_check(args: Namespace) -> int:
     """
     from robot_energy.model import load
     from robot_energy.physics.rigid_body import Robot
-    from robot_energy.report import summarise_model
-    from robot_energy.report.listings import print_model
+    from robot_energy.report.document import Document
+    from robot_energy.report.model import model_document
+    from robot_energy.results.model import model_report
 
     check_outputs(args, [args.model])
     model = load(args.model)
-    summary = summarise_model(model, Robot.from_model(model))
-    if args.json != "-":
-        print_model(summary, console())
-    if args.json is not None:
-        write_json(args.json, summary)
+    report, page = model_report(model, Robot.from_model(model)), Document()
+    model_document(report, page)
+    present(args, report, page)
     return 0
 
 

@@ -4,28 +4,41 @@ from __future__ import annotations
 
 import math
 from argparse import ArgumentTypeError
+from collections.abc import Callable
 
 MAX_NUMBER = 1e9  # larger than any figure of a robot, whatever its unit
 
 
-def number(text: str) -> float:
-    """Return a finite number.
+def number_type(
+    what: str, low: float, high: float, open_low: bool = False, words: tuple[str, ...] = ()
+) -> Callable[[str], float | str]:
+    """Return a type of arguments.
 
     Args:
-        text: An argument.
-
-    Raises:
-        ArgumentTypeError: If it is none, or beyond 1e9.
+        what: An argument of this type, with its range.
+        low: Least value. [its unit]
+        high: Greatest value. [its unit]
+        open_low: Whether the least value itself is refused.
+        words: That stand for a number and are returned as they are.
     """
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not abs(value) <= MAX_NUMBER:
-        raise ArgumentTypeError(
-            f"'{text[:40]}' is no number from -{MAX_NUMBER:g} to {MAX_NUMBER:g}"
-        )
-    return value
+
+    def read(text: str) -> float | str:
+        if text in words:
+            return text
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not low <= value <= high or (open_low and value == low):
+            raise ArgumentTypeError(f"'{text[:40]}' is no {what}")
+        return value
+
+    return read
+
+
+number = number_type(f"number from -{MAX_NUMBER:g} to {MAX_NUMBER:g}", -MAX_NUMBER, MAX_NUMBER)
+positive = number_type("time in s (above 0)", 0.0, 1e6, open_low=True)
+frequency = number_type("frequency in Hz (above 0)", 0.0, MAX_NUMBER, open_low=True)
 
 
 def whole(text: str) -> int:
@@ -37,7 +50,7 @@ def whole(text: str) -> int:
     Raises:
         ArgumentTypeError: If it is none, or beyond 1e9.
     """
-    value = number(text)
+    value = float(number(text))
     if value != int(value):
         raise ArgumentTypeError(f"'{text[:40]}' is no whole number")
     return int(value)

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import shlex
 import sys
-from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
+from argparse import Namespace
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from robot_energy.cli.numbers import number, whole
-from robot_energy.cli.terminal import add_debug, check_outputs, console, progress, write_json
-from robot_energy.shown_text import shown
+from robot_energy.cli.terminal import add_command, add_json, check_outputs, present, progress
 
 if TYPE_CHECKING:
     from robot_energy.blocks import Float
@@ -18,7 +16,6 @@ if TYPE_CHECKING:
     from robot_energy.model.payload import Payload
     from robot_energy.motion.load_motion import LoadedMotion, ToolOptions
     from robot_energy.prediction import Prediction
-    from robot_energy.report.document import Document
 
 MOST_RUNS = 100
 LONG = 200_000  # samples of a prediction that takes more than a moment
@@ -43,13 +40,8 @@ examples:
 
 def add_parser(commands: Any) -> None:
     """Add the sub-command."""
-    parser: ArgumentParser = commands.add_parser(
-        "predict",
-        help="the energy of motion programs before they are run",
-        description=DESCRIPTION,
-        epilog=EPILOG,
-        formatter_class=RawDescriptionHelpFormatter,
-    )
+    text = "the energy of motion programs before they are run"
+    parser = add_command(commands, "predict", run, text, DESCRIPTION, EPILOG)
     parser.add_argument("program", nargs="+", metavar="PROGRAM", help="program of motion")
     parser.add_argument(
         "--model",
@@ -83,7 +75,7 @@ def add_parser(commands: Any) -> None:
         "5,000,000: hours of motion at 100 to 200 samples per second)",
     )
     output = parser.add_argument_group("output")
-    output.add_argument("--json", metavar="FILE", help="write all figures as JSON; - for stdout")
+    add_json(output)
     output.add_argument("--report", metavar="FILE", help="write one HTML file with everything")
     output.add_argument("--plot", metavar="FILE", help="draw energy and power: png, svg or pdf")
     tool = parser.add_argument_group("G-code")
@@ -117,8 +109,6 @@ def add_parser(commands: Any) -> None:
     tool.add_argument(
         "--rapid", type=number, metavar="M_PER_S", help="speed of G0 without F, default 0.25 m/s"
     )
-    add_debug(parser)
-    parser.set_defaults(run=run)
 
 
 def run(args: Namespace) -> int:
@@ -128,42 +118,30 @@ def run(args: Namespace) -> int:
         RobotEnergyError: If a model or program cannot be used.
     """
     from robot_energy.errors import MotionError
-    from robot_energy.files.placement import all_or_none
-    from robot_energy.report.prediction import (
-        prediction_summary,
-        predictions_summary,
-        print_predictions,
-    )
+    from robot_energy.report.document import Document
+    from robot_energy.report.prediction import labels, prediction_document
+    from robot_energy.report.prediction_figure import energy_and_power
+    from robot_energy.results.prediction import PredictionsReport, prediction_report
 
     check_outputs(args, [*args.program, *args.model])
-    if args.plot is not None:
-        from pathlib import Path
-
-        from robot_energy.report.canvas import check_format
-
-        check_format(Path(args.plot))
     count = len(args.program) * len(args.model) * len(args.temperature)
     if count > MOST_RUNS:
         raise MotionError(f"{count} predictions were asked for", f"at most {MOST_RUNS}")
     found = _predictions(args)
-    runs = [prediction_summary(result, motion) for result, motion in found]
+    runs = tuple(prediction_report(result, motion) for result, motion in found)
     results = [result for result, _ in found]
-    with all_or_none():
-        if args.json is not None:
-            write_json(args.json, predictions_summary(runs))
-        if args.report is not None:
-            _report(args, results, runs)
-        if args.plot is not None:
-            from robot_energy.report.prediction import label
-            from robot_energy.report.prediction_figure import both
+    report = PredictionsReport(runs)
+    page = Document(
+        "Predicted energy",
+        "Motion programs before they are run, through the models of the robots. "
+        "Nothing in this report was measured.",
+    )
+    prediction_document(report, page, results)
 
-            both(results, runs, [label(one, runs) for one in runs], args.plot)
-    if args.json != "-":
-        out = console()
-        print_predictions(runs, out)
-        for path in (args.report, args.plot):
-            if path is not None:
-                out.print(f"wrote {shown(path)}", soft_wrap=True)
+    def plot(path: str) -> None:
+        energy_and_power(results, [run.energy for run in runs], labels(runs), path)
+
+    present(args, report, page, plot=plot)
     return 0
 
 
@@ -271,42 +249,3 @@ def _payload(text: str) -> Payload:
     figures, _, link = text.partition("@")
     values = joint_list(figures, "--payload", (1, 4)).tolist()
     return payload(link or PAYLOAD_LINK, values[0], values[1:] or (0.0, 0.0, 0.0), source=text)
-
-
-def _report(args: Namespace, results: Sequence[Prediction], runs: list[dict[str, Any]]) -> None:
-    from robot_energy.report.document import Document
-    from robot_energy.report.prediction import label, print_predictions
-    from robot_energy.report.prediction_figure import energy_bars, power_curves
-
-    labels = [label(one, runs) for one in runs]
-    page = Document(
-        "Predicted energy",
-        "Motion programs before they are run, through the models of the robots. "
-        "Nothing in this report was measured.",
-    )
-    page.command(_command(args))
-
-    def figures(document: Document) -> None:
-        document.figure(
-            lambda path: energy_bars(runs, labels, path),
-            "Predicted energy from the grid and where it goes.",
-        )
-        document.figure(
-            lambda path: power_curves(results, labels, path),
-            "Predicted power from the grid, means over short periods.",
-        )
-
-    print_predictions(runs, page, figures)
-    page.write(args.report)
-
-
-def _command(args: Namespace) -> str:
-    """The command line that makes the same report."""
-    words = ["robot-energy", "predict", *args.program]
-    for name, value in sorted(vars(args).items()):
-        if name in ("program", "run", "debug") or value in (None, "tool0"):
-            continue
-        option = f"--{name.replace('_', '-')}"
-        given = [str(entry) for entry in value] if isinstance(value, list) else [str(value)]  # pyright: ignore
-        words += [f"{option}={entry}" for entry in given]
-    return shlex.join(words)

@@ -2,45 +2,26 @@
 
 from __future__ import annotations
 
-from argparse import ArgumentParser, ArgumentTypeError, Namespace, RawDescriptionHelpFormatter
+from argparse import Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from robot_energy.cli.memory import keep_freed_memory
-from robot_energy.cli.robots import add_robot, model_named
+from robot_energy.cli.replay_options import BAG, DAMAGED, add_replay, options_of
+from robot_energy.cli.robots import model_named
 from robot_energy.cli.terminal import (
-    add_debug,
+    add_command,
+    add_json,
     check_bag,
     check_outputs,
-    console,
+    present,
     progress,
-    write_json,
 )
 from robot_energy.errors import ReportError
 
 if TYPE_CHECKING:
     from robot_energy.bag_replay import Replay
     from robot_energy.model import RobotModel
-
-AT_FALLBACK = "fallback"
-DAMAGED = 3
-INPUT_OPTIONS = (
-    "joint_states",
-    "temperatures",
-    "meter",
-    "payload",
-    "inputs",
-    "robot",
-    "effort",
-    "stamp_source",
-    "reorder_window",
-    "derivative_window",
-    "temperature_wait",
-    "max_gap",
-    "meter_max_gap",
-)
-EFFORTS = ("none", "motor_current", "motor_torque", "joint_torque")
-LONGEST_WINDOW = 0.5  # in which joint states are sorted [s]
 
 DESCRIPTION = """\
 Run a recorded bag through the model of its robot and print where the energy went:
@@ -65,182 +46,24 @@ examples:
 
 def add_parser(commands: Any) -> None:
     """Add the sub-command."""
-    parser: ArgumentParser = commands.add_parser(
-        "replay",
-        help="where the energy of a recorded bag went",
-        description=DESCRIPTION,
-        epilog=EPILOG,
-        formatter_class=RawDescriptionHelpFormatter,
-    )
-    parser.add_argument("bag", help="MCAP file, or rosbag2 folder (MCAP or sqlite3)")
-    add_robot(parser)
+    text = "where the energy of a recorded bag went"
+    parser = add_command(commands, "replay", run, text, DESCRIPTION, EPILOG)
+    parser.add_argument("bag", help=BAG)
     outputs = parser.add_argument_group("outputs")
     outputs.add_argument(
         "--out", metavar="BAG", help="write the energy topics (/energy/...) into a new bag"
     )
     outputs.add_argument("--overwrite", action="store_true", help="replace the bag of --out")
-    outputs.add_argument(
-        "--json",
-        metavar="FILE",
-        help="write all figures as JSON; - for standard output, without tables",
-    )
+    add_json(outputs)
     outputs.add_argument(
         "--plot", metavar="FILE", help="draw power and energy over time (.png, .svg, .pdf)"
     )
-    friction = parser.add_argument_group("friction").add_mutually_exclusive_group()
-    friction.add_argument(
-        "--fixed-friction",
-        metavar="DEGC",
-        type=degc,
-        help="keep friction at its value at this temperature, whatever was measured",
+    add_replay(
+        parser,
+        "averaging period of /energy/power (default 0.02 s)",
+        "run a second time with friction fixed at this temperature (default: the model's "
+        "fallback temperature) and set both side by side",
     )
-    friction.add_argument(
-        "--compare",
-        metavar="DEGC",
-        nargs="?",
-        const=AT_FALLBACK,
-        type=degc,
-        help="run a second time with friction fixed at this temperature (default: the "
-        "model's fallback temperature) and set both side by side",
-    )
-    settings = add_inputs(parser)
-    settings.add_argument(
-        "--power-period",
-        type=positive,
-        metavar="S",
-        help="averaging period of /energy/power (default 0.02 s)",
-    )
-    add_debug(parser)
-    parser.set_defaults(run=run)
-
-
-def add_inputs(parser: ArgumentParser) -> Any:
-    """Add the options that say what is read and how; their names are in ``INPUT_OPTIONS``.
-
-    Args:
-        parser: Of a command that replays a bag.
-
-    Returns:
-        The group of settings, for those of the command itself.
-    """
-    topics = parser.add_argument_group("topics")
-    topics.add_argument(
-        "--joint-states",
-        metavar="TOPIC",
-        nargs="+",
-        help="topic of joint states; several if each has some of the joints",
-    )
-    topics.add_argument(
-        "--temperatures",
-        metavar="TOPIC",
-        nargs="+",
-        help="topics of motor temperatures; 'none' to use none of the bag's",
-    )
-    topics.add_argument(
-        "--meter", metavar="TOPIC", help="topic of the power meter; default: the one in the bag"
-    )
-    topics.add_argument(
-        "--inputs",
-        metavar="FILE",
-        help="parameter file of a monitor node: read the bag as that node reads its topics",
-    )
-    topics.add_argument(
-        "--payload",
-        metavar="TOPIC",
-        help="topic of payloads set at run time; 'none' to use none of the bag's",
-    )
-    parser.add_argument(
-        "--effort",
-        choices=EFFORTS,
-        help="what the effort in the joint states is; with it, measured shaft energy is "
-        "compared with the predicted one per joint (default: that of --inputs, else none: "
-        "effort is not used)",
-    )
-    settings = parser.add_argument_group("settings, seldom needed")
-    settings.add_argument(
-        "--derivative-window",
-        type=positive,
-        metavar="S",
-        help="window behind an acceleration (default 0.02 s)",
-    )
-    settings.add_argument(
-        "--stamp-source",
-        choices=("header", "receive"),
-        help="what dates joint states: their header (default), or the time of the recording "
-        "for drivers that do not set it",
-    )
-    settings.add_argument(
-        "--reorder-window",
-        type=_window,
-        metavar="S",
-        help="window in which out-of-order joint states are sorted (default 0 s)",
-    )
-    settings.add_argument(
-        "--temperature-wait",
-        type=positive,
-        metavar="S",
-        help="how long torque waits for late temperatures (default 0.1 s)",
-    )
-    settings.add_argument(
-        "--max-gap",
-        type=positive,
-        metavar="S",
-        help="longest time between two joint states that is bridged (default: what --inputs says, "
-        "else five times their usual period, 0.1 s to 1 s)",
-    )
-    settings.add_argument(
-        "--meter-max-gap",
-        type=positive,
-        metavar="S",
-        help="longest time between meter readings that is bridged (default: what --inputs says, "
-        "else 2 s)",
-    )
-    return settings
-
-
-def degc(text: str) -> float | str:
-    """Return a temperature, or ``fallback`` for that of the model. [degC]
-
-    Args:
-        text: As it was typed.
-
-    Raises:
-        ArgumentTypeError: If it is none.
-    """
-    if text == AT_FALLBACK:
-        return text
-    try:
-        value = float(text)
-    except ValueError:
-        value = float("nan")
-    if not -60.0 <= value <= 250.0:
-        raise ArgumentTypeError(f"'{text}' is no temperature in degC (-60 to 250)")
-    return value
-
-
-def _window(text: str) -> float:
-    value = positive(text)
-    if value > LONGEST_WINDOW:
-        raise ArgumentTypeError(f"'{text}' is longer than {LONGEST_WINDOW:g} s")
-    return value
-
-
-def positive(text: str) -> float:
-    """Return a time above 0. [s]
-
-    Args:
-        text: As it was typed.
-
-    Raises:
-        ArgumentTypeError: If it is none.
-    """
-    try:
-        value = float(text)
-    except ValueError:
-        value = float("nan")
-    if not 0.0 < value < 1e6:
-        raise ArgumentTypeError(f"'{text}' is no time in s (above 0)")
-    return value
 
 
 def run(args: Namespace) -> int:
@@ -258,84 +81,64 @@ def run(args: Namespace) -> int:
     from robot_energy.api.replay import fixed_friction
     from robot_energy.files.placement import all_or_none
     from robot_energy.model import load
-    from robot_energy.report import print_replay, summarise
+    from robot_energy.report.document import Document
+    from robot_energy.report.replay import replay_document
+    from robot_energy.results.replay import replay_report
 
     named = model_named(args)
     inputs = [args.bag, named, args.inputs]
     check_outputs(args, inputs)
-    if args.plot is not None:
-        from robot_energy.report.canvas import check_format
-
-        check_format(Path(args.plot))
     if args.out is not None:
         check_bag(args.out, args.overwrite, inputs, (args.json, args.plot))
     model, change = load(named), None
     if args.fixed_friction is not None:
         model, change = fixed_friction(model, args.fixed_friction)
+    runs = [(model, change)]
+    if args.compare is not None:
+        runs.append(fixed_friction(model, args.compare))
     with all_or_none():
-        first = _replay(args, model, "replaying", out=args.out)
-        summary = summarise(first, change)
-        second = other = None
-        if args.compare is not None:
-            fixed, other_change = fixed_friction(model, args.compare)
-            second = _replay(args, fixed, "with fixed friction", out=None)
-            other = summarise(second, other_change)
-        if args.plot is not None:
-            _plot(args.plot, first, second, change, other)
-        if args.json is not None:
-            write_json(args.json, summary if other is None else {**summary, "compared_with": other})
-    if args.json != "-":  # last: the reader of a pipe may close it early
-        print_replay(summary, console(), other)
-    return DAMAGED if first.problems else 0
+        results = [
+            _replay(args, used, "with fixed friction" if number else "replaying", not number)
+            for number, (used, _) in enumerate(runs)
+        ]
+        second = replay_report(results[1], runs[1][1]) if len(runs) > 1 else None
+        report = replay_report(results[0], change, second)
+        page = Document()
+        replay_document(report, page)
+        changes = [change for _, change in runs]
+        present(args, report, page, "bag", lambda path: _plot(path, results, changes))
+    return DAMAGED if results[0].problems else 0
 
 
-def _replay(args: Namespace, model: RobotModel, label: str, out: str | None) -> Replay:
+def _replay(args: Namespace, model: RobotModel, label: str, writes: bool) -> Replay:
     from robot_energy.api.replay import run_replay
 
     keep_freed_memory()
-    options = {name: getattr(args, name) for name in INPUT_OPTIONS}
     with progress(label) as report:
         return run_replay(
             args.bag,
             model,
-            **options,
+            **options_of(args),
             power_period=args.power_period,
-            out=out,
+            out=args.out if writes else None,
             overwrite=args.overwrite,
             keep_curves=args.plot is not None,
             progress=report,
         )
 
 
-def _plot(
-    path: str,
-    first: Replay,
-    second: Replay | None,
-    change: str | None,
-    other: dict[str, Any] | None,
-) -> None:
+def _plot(path: str, results: list[Replay], changes: list[str | None]) -> None:
     from robot_energy.blocks import MeterLocation
     from robot_energy.report.power_figure import power_and_energy
-    from robot_energy.report.series import Role, Series, compared_series, predicted_series
+    from robot_energy.report.series import curves_of
 
-    runs: list[tuple[Replay, str, Role]] = [(first, "predicted", "predicted")]
-    if change:
-        runs[0] = (first, f"predicted, {change}", "fixed")
-    if second is not None and other is not None:
-        runs[0] = (first, "predicted, friction by temperature", "predicted")
-        runs.append((second, f"predicted, {other['model']['change']}", "fixed"))
-    curves: list[Series] = []
-    for result, label, role in runs:
-        pair = compared_series(result, label, role)
-        if pair is not None:
-            curves += pair[1 if curves else 0 :]
-        elif (curve := predicted_series(result, label, role)) is not None:
-            curves.append(curve)
+    first = results[0]
+    curves = curves_of(results, changes)
     if not curves:
         raise ReportError(f"{first.bag} gave no two samples in a row", "something to plot")
     measured = curves[0].role == "measured"
     at_bus = measured and first.ledger.comparison.location is MeterLocation.DC_BUS
-    title = f"{first.model.robot.type}, model {first.model.model_id}, {first.bag.name}"
+    title = f"{first.model.robot.type}, model {first.model.model_id}, {Path(first.bag).name}"
     if first.origin:
         title = f"{title}\n{first.origin}"
     power_and_energy(curves, path, title, "the DC bus" if at_bus else "the grid")

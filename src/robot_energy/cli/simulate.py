@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
+from argparse import Namespace
 from typing import TYPE_CHECKING, Any
 
 from robot_energy.cli.numbers import number, whole
-from robot_energy.cli.terminal import add_debug, check_bag, console
+from robot_energy.cli.terminal import add_command, check_bag, console
 
 if TYPE_CHECKING:
     from robot_energy.motion import Program
@@ -30,13 +30,8 @@ example:
 
 def add_parser(commands: Any) -> None:
     """Add the sub-command."""
-    parser: ArgumentParser = commands.add_parser(
-        "simulate",
-        help="record the virtual test rig to a bag",
-        description=DESCRIPTION,
-        epilog=EPILOG,
-        formatter_class=RawDescriptionHelpFormatter,
-    )
+    text = "record the virtual test rig to a bag"
+    parser = add_command(commands, "simulate", run, text, DESCRIPTION, EPILOG)
     parser.add_argument("--robot", choices=ROBOTS, default="kr16", help="plant (default kr16)")
     parser.add_argument("--out", required=True, metavar="BAG", help="folder of the new bag")
     parser.add_argument("--duration", type=number, default=60.0, metavar="S", help="default 60 s")
@@ -84,8 +79,6 @@ def add_parser(commands: Any) -> None:
         help="record the electrical input of each drive as well, on /drive_power",
     )
     parser.add_argument("--overwrite", action="store_true", help="replace the bag of --out")
-    add_debug(parser)
-    parser.set_defaults(run=run)
 
 
 def run(args: Namespace) -> int:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
-from argparse import ArgumentParser, Namespace
+from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
 from collections.abc import Callable, Generator, Iterable, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -22,10 +23,15 @@ from robot_energy.files.output_files import (
     write_file,
 )
 from robot_energy.files.output_folder import check_folder, folder_path
+from robot_energy.files.placement import all_or_none, place_all
 from robot_energy.shown_text import shown, shown_lines
 
 if TYPE_CHECKING:
     from rich.console import Console
+
+    from robot_energy.model import RobotModel
+    from robot_energy.report.document import Document
+    from robot_energy.results.base import Result
 
 WIDTH = 100  # columns, where there is no terminal
 _FILES: dict[str, tuple[tuple[FileKind, ...], str]] = {
@@ -84,9 +90,46 @@ def progress(label: str) -> Generator[Callable[[float], None], None, None]:
         yield lambda share: bar.update(task, completed=share)
 
 
-def add_debug(parser: ArgumentParser) -> None:
-    """Add the option that every sub-command has."""
+def add_command(
+    commands: Any,
+    name: str,
+    run: Callable[[Namespace], int],
+    text: str,
+    description: str = "",
+    epilog: str = "",
+) -> ArgumentParser:
+    """Add a sub-command with the option that all of them have.
+
+    Args:
+        commands: Sub-commands that it joins.
+        name: As it is typed.
+        run: Runs it and returns the exit code.
+        text: What it does, in the list of commands.
+        description: What it does, in its own help; empty for that of the list.
+        epilog: Examples.
+
+    Returns:
+        Its parser.
+    """
+    parser: ArgumentParser = commands.add_parser(
+        name,
+        help=text,
+        description=description or text,
+        epilog=epilog,
+        formatter_class=RawDescriptionHelpFormatter,
+    )
     parser.add_argument("--debug", action="store_true", help="show the traceback of an error")
+    parser.set_defaults(run=run)
+    return parser
+
+
+def add_json(parser: Any) -> None:
+    """Add the option of all commands that have a result."""
+    parser.add_argument(
+        "--json",
+        metavar="FILE",
+        help="write all figures as JSON; - for standard output, without tables",
+    )
 
 
 def check_outputs(
@@ -102,6 +145,10 @@ def check_outputs(
     Raises:
         ReportError: If one cannot be written, must not be replaced, or is named twice.
     """
+    if getattr(args, "plot", None) is not None:
+        from robot_energy.report.canvas import check_format
+
+        check_format(Path(args.plot))
     known = [name for name in inputs if name]
     named = [(getattr(args, name, None), *rest) for name, rest in _FILES.items()]
     places: list[Path] = []
@@ -116,10 +163,7 @@ def check_outputs(
 
 
 def check_bag(
-    path: str,
-    overwrite: bool,
-    inputs: Iterable[str | None] = (),
-    files: Iterable[str | None] = (),
+    path: str, overwrite: bool, inputs: Iterable[str | None] = (), files: Iterable[str | None] = ()
 ) -> None:
     """Refuse the folder of a new bag before the work that it is for.
 
@@ -146,3 +190,54 @@ def check_bag(
 def write_json(path: str, summary: Mapping[str, Any]) -> None:
     """Write a JSON document whole or not at all; ``-`` is the standard output."""
     write_file(path, json_bytes(summary), JSON, "the JSON report")
+
+
+def present(
+    args: Namespace,
+    result: Result,
+    page: Document,
+    made: str = "model file",
+    plot: Callable[[str], object] | None = None,
+    model: RobotModel | None = None,
+) -> None:
+    """Write JSON, page and figure where they were asked for, put all in place, and print.
+
+    Args:
+        args: Of the command, with ``json``, ``report`` and ``plot`` where it has them.
+        result: What goes into the JSON file.
+        page: The same for terminal and page.
+        made: What ``--out`` names.
+        plot: Draws the figure of ``--plot``.
+        model: Identified model for the file of ``--out``.
+    """
+    from robot_energy.model import save
+    from robot_energy.report.html import write_page
+    from robot_energy.report.printing import print_document
+
+    files = {name: getattr(args, name, None) for name in ("json", "out", "report", "plot")}
+    with all_or_none():
+        if files["json"] is not None:
+            write_json(files["json"], result.to_dict())
+        if files["out"] is not None and model is not None:
+            save(model, files["out"])
+        if files["plot"] is not None and plot is not None:
+            plot(files["plot"])
+        if files["report"] is not None:
+            sign(args, page)
+            write_page(page, files["report"])
+    place_all()
+    if files["json"] == "-":
+        return
+    out = console()  # last: the reader of a pipe may close it early
+    print_document(page, out)
+    for name, what in (("out", made), ("report", "report"), ("plot", "figure")):
+        path = files[name]
+        if path is not None:
+            out.print(f"wrote {shown(path)}: {what}", soft_wrap=True)
+
+
+def sign(args: Namespace, page: Document) -> None:
+    """Add the command line that makes a page, as it was typed."""
+    with page.only("page"):
+        page.paragraph("This report was made by")
+        page.command(shlex.join(["robot-energy", *getattr(args, "words", ())]))

@@ -1,11 +1,9 @@
-"""Identified dynamics as tables, and as JSON."""
+"""Identified dynamics: torque errors, friction, base parameters, recordings held out."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -15,7 +13,9 @@ from robot_energy.identify.dynamics.leave_one_out import HoldOutResult, LeaveOne
 from robot_energy.identify.dynamics.sufficiency import temperature_remark
 from robot_energy.identify.dynamics.validation import TorqueError
 from robot_energy.identify.dynamics.work import share_off
-from robot_energy.report.printing import Page, line, pairs, table
+from robot_energy.report.document import Column, Document
+from robot_energy.report.formats import significant
+from robot_energy.results.dynamics import DynamicsReport
 
 
 @dataclass(frozen=True)
@@ -33,109 +33,91 @@ class ReferenceValues:
     source: str
 
 
-@dataclass(frozen=True)
-class TorqueErrorRow:
-    """What an identification took.
-
-    Attributes:
-        reading: Time to read the files. [s]
-        fitting: Time from arrays to the model. [s]
-        peak_memory: Of the process. [MB]
-    """
-
-    reading: float
-    fitting: float
-    peak_memory: float
-
-
-def print_dynamics(
-    page: Page,
-    result: Dynamics,
-    held_out: TorqueError,
-    held_out_consistent: TorqueError,
+def dynamics_document(
+    report: DynamicsReport,
+    page: Document,
     reference: ReferenceValues | None = None,
-    effort: TorqueErrorRow | None = None,
+    effort: Sequence[tuple[str, str]] = (),
     details: bool = False,
     friction_follows: bool = False,
 ) -> None:
-    """Print an identification.
+    """Add an identification.
 
     Args:
-        page: Where.
-        result: The identification.
-        held_out: Of the least-squares fit.
-        held_out_consistent: Of the fit that the model file holds.
+        report: What was found.
+        page: Where to; a page always shows the details.
         reference: Friction to compare with.
-        effort: Time and memory.
-        details: Also every group with value and standard deviation.
+        effort: Time and memory that it took, as names and values.
+        details: Also every group with value and standard deviation on the terminal.
         friction_follows: Whether friction over temperature is identified afterwards.
     """
-    settings, delay = result.settings, result.delay
+    result, delay = report.result, report.delay
+    settings = result.settings
     applied = "applied" if delay.applied else "not applied"
-    rows = [
-        ("base parameters", f"{len(result.base)}, {result.n_inertial} of them inertial"),
-        (
-            "rows",
-            f"{int(result.observations.used.sum())} torques at {result.observations.rate:g} Hz, "
-            f"as good as {result.fit.independent.sum():.0f} independent ones",
-        ),
-        (
-            "settings",
-            f"{settings.method}, both sides through {settings.filters.cutoff:g} Hz, "
-            + ", ".join(sorted({column.kind for column in settings.columns})),
-        ),
-        (
-            "torque delay",
-            f"{delay.value * 1e3:+.1f} ms would lower the held-out error by {delay.gain:.1%}: "
-            f"{applied}",
-        ),
-    ]
-    if effort is not None:
-        total = effort.reading + effort.fitting
-        rows.append(
+    page.pairs(
+        [
+            ("base parameters", f"{len(result.base)}, {result.n_inertial} of them inertial"),
             (
-                "time",
-                f"{total:.2f} s from files to model, {effort.reading:.2f} s of it reading; "
-                "without imports",
-            )
-        )
-        rows.append(("memory", f"{effort.peak_memory:.0f} MB at most"))
-    pairs(page, rows)
-    _errors(page, result, held_out, held_out_consistent)
+                "rows",
+                f"{int(result.observations.used.sum())} torques at {result.observations.rate:g} "
+                f"Hz, as good as {result.fit.independent.sum():.0f} independent ones",
+            ),
+            (
+                "settings",
+                f"{settings.method}, both sides through {settings.filters.cutoff:g} Hz, "
+                + ", ".join(sorted({column.kind for column in settings.columns})),
+            ),
+            (
+                "torque delay",
+                f"{delay.value * 1e3:+.1f} ms would lower the held-out error by "
+                f"{delay.gain:.1%}: {applied}",
+            ),
+            *effort,
+        ]
+    )
+    errors = {
+        "fitted data: no accuracy": result.in_sample,
+        "held out, least squares": report.torque_error["held_out"],
+        "held out, model file": report.torque_error["held_out_model_file"],
+    }
+    _torque_errors(
+        page,
+        "torque error (norm of error / norm of torque); held out: "
+        f"{settings.folds} contiguous blocks",
+        list(errors),
+        list(errors.values()),
+        result.model.joint_names,
+    )
     _friction(page, result, reference)
-    if details:
-        _groups(page, result)
-    else:
-        _weak(page, result)
+    with page.only("both" if details else "page"):
+        _groups(page, report)
+    if not details:
+        with page.only("terminal"):
+            _weak(page, report)
     last = () if friction_follows else (temperature_remark(result.model),)
-    for note in (*result.notes, *last):
-        if note:
-            line(page, f"note: {note}")
+    page.notes([note for note in (*report.notes, *last) if note])
+    if report.across is not None:
+        _across(page, report.across, result.model.joint_names)
 
 
-def _errors(page: Page, result: Dynamics, held_out: TorqueError, consistent: TorqueError) -> None:
-    errors = (result.in_sample, held_out, consistent)
+def _torque_errors(
+    page: Document,
+    title: str,
+    heads: Sequence[str],
+    errors: Sequence[TorqueError],
+    names: Sequence[str],
+    more: Sequence[Sequence[str]] = (),
+) -> None:
     rows = [
         [name, *(f"{error.joint[joint]:.1%}" for error in errors)]
-        for joint, name in enumerate(result.model.joint_names)
+        for joint, name in enumerate(names)
     ]
     rows.append(["all, standstill too", *(f"{error.with_standstill:.2%}" for error in errors)])
-    table(
-        page,
-        f"torque error (norm of error / norm of torque); held out: {result.settings.folds} "
-        "contiguous blocks",
-        [
-            "joint, moving",
-            "fitted data: no accuracy",
-            "held out, least squares",
-            "held out, model file",
-        ],
-        rows,
-        ["all, moving", *(f"{error.total:.2%}" for error in errors)],
-    )
+    total = ["all, moving", *(f"{error.total:.2%}" for error in errors)]
+    page.table(title, ["joint, moving", *heads], [*rows, *more], total)
 
 
-def _friction(page: Page, result: Dynamics, reference: ReferenceValues | None) -> None:
+def _friction(page: Document, result: Dynamics, reference: ReferenceValues | None) -> None:
     friction = friction_at_joints(result)
     columns = ["joint"]
     for kind in ("viscous", "Coulomb"):
@@ -162,83 +144,55 @@ def _friction(page: Page, result: Dynamics, reference: ReferenceValues | None) -
                 row.append(f"{result.fit.values[place]:.3f} +- {result.fit.std[place]:.3f}")
                 row += ["", ""] if reference is not None else []
             rows.append(row)
-    table(
-        page,
+    page.table(
         "friction at the joints, viscous [N m s/rad] and Coulomb [N m] (+- standard deviation)",
         columns,
         rows,
     )
     if reference is not None:
         source = f" ({reference.source})" if reference.source else ""
-        line(page, f"largest deviation from the reference{source}: {worst:.1%}")
+        page.paragraph(f"largest deviation from the reference{source}: {worst:.1%}")
 
 
-def weakly_excited(result: Dynamics) -> tuple[str, ...]:
-    """Return the base parameters whose 95 % interval exceeds their size, by name."""
-    weak = np.abs(result.fit.values) < result.fit.interval()
-    return tuple(name for name, w in zip(result.base.labels, weak.tolist(), strict=True) if w)
-
-
-def _weak(page: Page, result: Dynamics) -> None:
-    weak = weakly_excited(result)
+def _weak(page: Document, report: DynamicsReport) -> None:
+    weak = [entry.name for entry in report.base_parameters if entry.weakly_excited]
     if weak:
-        line(
-            page,
+        page.paragraph(
             f"weakly excited, 95 % interval wider than the parameter itself, {len(weak)} of "
-            f"{len(result.base)}: {', '.join(weak)}",
+            f"{len(report.base_parameters)}: {', '.join(weak)}"
         )
 
 
-def _groups(page: Page, result: Dynamics) -> None:
+def _groups(page: Document, report: DynamicsReport) -> None:
     """Every group, those that are weakly excited in a table of their own."""
-    half, weak = result.fit.interval(), set(weakly_excited(result))
-    groups = list(enumerate(result.base.labels))
-    for title, chosen in (
-        ("base parameters that the recording tells", [g for g, n in groups if n not in weak]),
-        (
-            "base parameters weakly excited: 95 % interval wider than the parameter itself",
-            [g for g, n in groups if n in weak],
-        ),
+    columns = [
+        Column("group", "sum"),
+        Column("value", "value", significant(5)),
+        Column("std", "std", significant(2)),
+        Column("95 % +-", "interval_95", significant(2)),
+        Column("better known by", lambda one: "the URDF" if one.told_less_than_urdf else ""),
+    ]
+    for title, weak in (
+        ("base parameters determined by the recording", False),
+        ("base parameters weakly excited: 95 % interval wider than the parameter itself", True),
     ):
-        rows = [
-            [
-                result.base.expression(group),
-                f"{result.fit.values[group]:.5g}",
-                f"{result.fit.std[group]:.2g}",
-                f"{half[group]:.2g}",
-                "less than the URDF" if result.base.labels[group] in result.poorly_known else "",
-            ]
-            for group in chosen
-        ]
+        rows = [entry for entry in report.base_parameters if entry.weakly_excited is weak]
         if rows:
-            table(page, title, ["group", "value", "std", "95 % +-", "told"], rows)
+            page.rows(title, columns, rows)
 
 
-def print_across(page: Page, across: LeaveOneOut, joint_names: Sequence[str]) -> None:
-    """Print whole recordings held out: torque of each joint, work of the motors.
-
-    Args:
-        page: Where.
-        across: The judgements.
-        joint_names: Base first.
-    """
+def _across(page: Document, across: LeaveOneOut, joint_names: Sequence[str]) -> None:
+    """Whole recordings held out: torque of each joint, work of the motors."""
     judgements = across.judgements
     heads = [_split(judgement) for judgement in judgements]
-    rows = [
-        [name, *(f"{judgement.torque.joint[joint]:.1%}" for judgement in judgements)]
-        for joint, name in enumerate(joint_names)
-    ]
-    rows.append(
-        ["all, standstill too", *(f"{each.torque.with_standstill:.2%}" for each in judgements)]
-    )
-    rows.append(["all, least squares", *(f"{each.least_squares.total:.2%}" for each in judgements)])
-    table(
+    _torque_errors(
         page,
         "torque error of recordings held out (norm of error / norm of torque); model file, "
         "without sensor offsets",
-        ["joint, moving", *heads],
-        rows,
-        ["all, moving", *(f"{each.torque.total:.2%}" for each in judgements)],
+        heads,
+        [each.torque for each in judgements],
+        joint_names,
+        [["all, least squares", *(f"{each.least_squares.total:.2%}" for each in judgements)]],
     )
     work: list[list[str]] = []
     for kind, name in (("net", "net"), ("positive", "given")):
@@ -251,15 +205,14 @@ def print_across(page: Page, across: LeaveOneOut, joint_names: Sequence[str]) ->
         off = (share_off(said, measured) for measured, said in sums)
         work.append([f"{name}, off by", *(f"{share:+.1%}" for share in off)])
     work.append(["worst axis", *(_worst(each, joint_names) for each in judgements)])
-    table(
-        page,
+    page.table(
         "work of the motors, torque times speed: net; given (braking left out); worst axis: error "
         "of its net work over the work it gave",
         ["", *heads],
         work,
     )
     for text in across.refused:
-        line(page, f"not predicted: {text}")
+        page.paragraph(f"not predicted: {text}")
 
 
 def _worst(judgement: HoldOutResult, joint_names: Sequence[str]) -> str:
@@ -272,48 +225,3 @@ def _split(judgement: HoldOutResult) -> str:
     if judgement.trained_on == (judgement.recording,):
         return f"{judgement.recording}, own blocks"
     return f"{judgement.recording} from {', '.join(judgement.trained_on)}"
-
-
-def dynamics_summary(
-    result: Dynamics, held_out: TorqueError, held_out_consistent: TorqueError
-) -> dict[str, Any]:
-    """Return what `identify dynamics` found, ready for JSON.
-
-    Args:
-        result: The identification.
-        held_out: Of the least-squares fit.
-        held_out_consistent: Of the fit that the model file holds.
-    """
-    half, weak = result.fit.interval(), set(weakly_excited(result))
-    return {
-        "base_parameters": [
-            {
-                "name": name,
-                "sum": result.base.expression(group),
-                "value": float(result.fit.values[group]),
-                "std": _finite(float(result.fit.std[group])),
-                "interval_95": _finite(float(half[group])),
-                "weakly_excited": name in weak,
-                "told_less_than_urdf": name in result.poorly_known,
-            }
-            for group, name in enumerate(result.base.labels)
-        ],
-        "torque_error": {
-            name: {
-                "joints": [_finite(value) for value in error.joint.tolist()],
-                "moving": _finite(error.total),
-                "with_standstill": _finite(error.with_standstill),
-            }
-            for name, error in (
-                ("held_out", held_out),
-                ("held_out_model_file", held_out_consistent),
-            )
-        },
-        "delay": result.delay.value,
-        "delay_applied": result.delay.applied,
-        "notes": list(result.notes),
-    }
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None

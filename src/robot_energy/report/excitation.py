@@ -1,141 +1,69 @@
-"""What an excitation motion tells and what it uses of the limits, for terminal and JSON."""
+"""What an excitation motion tells and what it uses of the limits."""
 
 from __future__ import annotations
 
-from typing import Any
-
-import numpy as np
-
-from robot_energy.identify.excitation.excitation import Excitation, ExcitationScore
-from robot_energy.report.printing import NOTHING, Page, line, percent, table
-
-KINDS = ("position", "velocity", "acceleration", "torque")
+from robot_energy.report.document import Column, Document
+from robot_energy.report.formats import NOTHING, fixed, percent, significant
+from robot_energy.results.base import known
+from robot_energy.results.excitation import KINDS, ExcitationReport
 
 
-def excitation_summary(found: Excitation) -> dict[str, Any]:
-    """Return everything about an excitation motion, ready for JSON.
+def excitation_document(report: ExcitationReport, page: Document) -> None:
+    """Add what an excitation motion tells and uses.
 
     Args:
-        found: The motion.
-    """
-    limits, settings = found.limits, found.settings
-    start = found.motion.sample(np.zeros(1)).joint_position[0]
-    names = limits.robot.joint_names
-    unlimited = ~np.isfinite(limits.torque)
-    return {
-        "criterion": settings.criterion,
-        "harmonics": settings.harmonics,
-        "period": settings.period,
-        "base_frequency": 1.0 / settings.period,
-        "starts": settings.starts,
-        "seed": settings.seed,
-        "before": _quality(found.start),
-        "after": _quality(found.quality),
-        "base_parameters": [
-            {
-                "name": name,
-                "sum": found.base.expression(place),
-                "excited": name not in found.quality.not_excited,
-            }
-            for place, name in enumerate(found.base.labels)
-        ],
-        "without_effect": list(found.base.without_effect),
-        "margin": limits.margin,
-        "acceleration_assumed": limits.acceleration_assumed,
-        "joints": [
-            {
-                "name": name,
-                "start": float(start[joint]),
-                "use": {
-                    kind: None
-                    if kind == "torque" and unlimited[joint]
-                    else float(found.use[kind][joint]) * limits.margin
-                    for kind in KINDS
-                },
-            }
-            for joint, name in enumerate(names)
-        ],
-        "floor": None
-        if limits.floor is None
-        else {
-            "link": limits.floor.link,
-            "height": limits.floor.height,
-            "least": found.height,
-        },
-    }
-
-
-def _quality(quality: ExcitationScore) -> dict[str, Any]:
-    finite = np.isfinite(quality.condition)
-    return {
-        "condition": quality.condition if finite else None,
-        "log_determinant": quality.log_determinant if finite else None,
-    }
-
-
-def print_excitation(summary: dict[str, Any], page: Page) -> None:
-    """Print what an excitation motion tells and uses.
-
-    Args:
-        summary: From `excitation_summary`.
+        report: The motion.
         page: Where to.
     """
-    excited = [entry["name"] for entry in summary["base_parameters"] if entry["excited"]]
-    silent = [entry["name"] for entry in summary["base_parameters"] if not entry["excited"]]
-    rows = [
-        (title, _text(summary["before"][key]), _text(summary["after"][key]))
-        for title, key in (
-            ("condition number", "condition"),
-            ("log determinant per parameter", "log_determinant"),
-        )
-    ]
-    table(
-        page,
-        f"Observation matrix of {len(summary['base_parameters'])} base parameters, "
-        f"{summary['harmonics']} harmonics of {summary['base_frequency']:.4g} Hz, "
-        f"{summary['period']:g} s",
-        ("", "best random start", "optimised"),
-        rows,
+    named = (
+        ("condition number", "condition"),
+        ("log determinant per parameter", "log_determinant"),
     )
-    table(
-        page,
-        f"Start pose, and use of the limits of URDF and robot (at most "
-        f"{100 * summary['margin']:.0f} % was allowed)",
-        ("joint", "start [rad or m]", *KINDS),
+    settings = report.settings
+    page.rows(
+        f"Observation matrix of {len(report.base_parameters)} base parameters, "
+        f"{settings.harmonics} harmonics of {1.0 / settings.period:.4g} Hz, {settings.period:g} s",
         [
-            (
-                joint["name"],
-                f"{joint['start']:.4f}",
-                *(percent(joint["use"][kind]) for kind in KINDS),
-            )
-            for joint in summary["joints"]
+            Column("", lambda row: row[0]),
+            Column(
+                "best random start",
+                lambda row: known(getattr(report.before, row[1])),
+                significant(4),
+            ),
+            Column("optimised", lambda row: known(getattr(report.after, row[1])), significant(4)),
         ],
+        named,
     )
-    floor = summary["floor"]
-    if floor is not None:
-        line(
-            page,
-            f"{floor['link']} stays above {floor['least']:.3f} m ({floor['height']:g} m allowed)",
+    page.rows(
+        "Start pose, and use of the limits of URDF and robot (at most "
+        f"{100 * report.margin:.0f} % was allowed)",
+        [
+            Column("joint", "name"),
+            Column("start", "start", fixed(4), "rad or m"),
+            *(Column(kind, lambda joint, kind=kind: joint.use[kind], percent) for kind in KINDS),
+        ],
+        report.joints,
+    )
+    if report.floor is not None:
+        page.paragraph(
+            f"{report.floor.link} stays above {report.least_height:.3f} m "
+            f"({report.floor.height:g} m allowed)"
         )
     else:
-        line(page, "note: no link is kept above a floor; --floor and --tool do")
-    line(page, f"excited: {', '.join(excited) or NOTHING}")
-    line(page, f"not excited: {', '.join(silent) or NOTHING}")
-    line(page, f"no torque depends on: {', '.join(summary['without_effect']) or NOTHING}")
-    if summary["acceleration_assumed"]:
-        line(
-            page,
-            "note: a URDF knows no acceleration limits; full speed in 0.5 s is assumed, "
-            "--acceleration gives those of the robot",
+        page.note("no link is kept above a floor; --floor and --tool do")
+    silent = report.after.not_excited
+    excited = [name for name in report.base_parameters if name not in silent]
+    page.paragraph(f"excited: {', '.join(excited) or NOTHING}")
+    page.paragraph(f"not excited: {', '.join(silent) or NOTHING}")
+    page.paragraph(f"no torque depends on: {', '.join(report.without_effect) or NOTHING}")
+    if report.acceleration_assumed:
+        page.note(
+            "a URDF knows no acceleration limits; full speed in 0.5 s is assumed, "
+            "--acceleration gives those of the robot"
         )
-    if any(joint["use"]["torque"] is None for joint in summary["joints"]):
-        line(page, "note: the URDF gives no torque limit for some joints; none was kept there")
-    line(
-        page,
-        "note: collisions of the robot with itself and its surroundings are not checked; play "
-        "the motion in simulation, then slowly, before recording it",
+    if any(joint.use["torque"] is None for joint in report.joints):
+        page.note("the URDF gives no torque limit for some joints; none was kept there")
+    page.note(
+        "collisions of the robot with itself and its surroundings are not checked; play "
+        "the motion in simulation, then slowly, before recording it"
     )
-
-
-def _text(value: float | None) -> str:
-    return NOTHING if value is None else f"{value:.4g}"

@@ -1,16 +1,13 @@
-"""Energy on recordings that the model has not seen: tables, figures and JSON."""
+"""Energy on recordings that the model has not seen: tables and figures."""
 
 from __future__ import annotations
 
-import math
-from typing import Any
-
 from robot_energy.blocks import MeterLocation
 from robot_energy.identify.stats.held_out_energy import GIVEN, OUTSIDE, HeldOutEnergy, Tested
-from robot_energy.report.document import Document
+from robot_energy.report.document import Column, Document
 from robot_energy.report.energy_figure import energy_errors
+from robot_energy.report.formats import energy_text, fixed, percent, signed_percent, significant
 from robot_energy.report.power_figure import power_and_energy
-from robot_energy.report.printing import NOTE, NOTHING, Page, energy_text, line, percent, table
 from robot_energy.report.series import Role, Series, series_of
 from robot_energy.report.torque_figure import TorqueCurve, torque_over_time
 from robot_energy.timeline.pieces import Compared
@@ -31,13 +28,17 @@ def stages_shown(test: HeldOutEnergy) -> list[str]:
     return [GIVEN, *(stage for stage in test.stages if stage in taken)]
 
 
-def verdict(test: HeldOutEnergy | None) -> str:
-    """Return the energy error of both models on held-out data, in one sentence."""
+def verdict(test: HeldOutEnergy | None) -> tuple[str, bool]:
+    """Return the energy error of both models on held-out data, and whether the new one is better.
+
+    Args:
+        test: The test; None if there was none.
+    """
     if test is None or not test.metered:
         return (
-            f"{NOTE}no recording has a power meter, so the energy of the model was not tested; "
+            "no recording has a power meter, so the energy of the model was not tested; "
             "record the meter's topic too"
-        )
+        ), False
     last = test.stages[-1]
     kind = "test recordings" if test.kind == "test" else f"held-out {test.kind}"
     parts: list[str] = []
@@ -56,91 +57,94 @@ def verdict(test: HeldOutEnergy | None) -> str:
     )
     match test.less_energy_error, test.less_power_error:
         case True, True:
-            return text
+            return text, True
         case False, True:
             why = "the new model follows the power better, but its errors cancel less"
         case True, False:
             why = "the energy of the new model is closer, but it follows the power less well"
         case _:
             why = "the new model is not better"
-    return f"{NOTE}{why}: {text}"
+    return f"{why}: {text}", False
 
 
-def print_energy(test: HeldOutEnergy, names: tuple[str, ...], page: Page) -> None:
-    """Print the test of the whole; a document gets figures too.
+def verdict_line(test: HeldOutEnergy | None, page: Document) -> None:
+    """Add the verdict; as a note where the new model is not better."""
+    text, better = verdict(test)
+    page.paragraph(text, "plain" if better else "note")
+
+
+def held_out_document(test: HeldOutEnergy, names: tuple[str, ...], page: Document) -> None:
+    """Add the test of the whole.
 
     Args:
         test: The test.
         names: Of the joints.
         page: Where to.
     """
-    line(page, f"held out: {KINDS[test.kind]}")
-    line(page, verdict(test))
-    stages = stages_shown(test)
+    page.paragraph(f"held out: {KINDS[test.kind]}")
+    verdict_line(test, page)
+    stages, last = stages_shown(test), test.stages[-1]
     if test.metered:
-        _energy_table(test, stages, page)
+        _energy_tables(test, stages, page)
     if test.with_torque:
-        last = test.stages[-1]
-        table(
-            page,
+        page.rows(
             "Shaft energy of all axes, predicted over measured less 1, held out",
-            ("recording", "measured", "as given", "new model"),
             [
-                (
-                    entry.name,
-                    energy_text(entry.shaft),
-                    percent(entry.shaft_error(GIVEN), True),
-                    percent(entry.shaft_error(last), True),
-                )
-                for entry in test.with_torque
+                Column("recording", "name"),
+                Column("measured", "shaft", energy_text),
+                Column("as given", lambda entry: entry.shaft_error(GIVEN), signed_percent),
+                Column("new model", lambda entry: entry.shaft_error(last), signed_percent),
             ],
+            test.with_torque,
         )
-    if isinstance(page, Document):
-        _figures(test, names, page)
+    _figures(test, names, page)
 
 
-def _energy_table(test: HeldOutEnergy, stages: list[str], page: Page) -> None:
+def _energy_tables(test: HeldOutEnergy, stages: list[str], page: Document) -> None:
     last = test.stages[-1]
-    table(
-        page,
+    page.rows(
         f"Energy at {_place(test.metered[0])}, predicted over measured less 1, held out",
-        ("recording", "measured", *(LABELS.get(stage, f"+{stage}") for stage in stages), "beyond"),
         [
-            (
-                entry.name,
-                energy_text(entry.measured),
-                *(percent(entry.error(stage), True) for stage in stages),
-                f"{entry.beyond:.0f} K" if entry.beyond > OUTSIDE else NOTHING,
-            )
-            for entry in test.metered
+            Column("recording", "name"),
+            Column("measured", "measured", energy_text),
+            *(
+                Column(
+                    LABELS.get(stage, f"+{stage}"),
+                    lambda entry, stage=stage: entry.error(stage),
+                    signed_percent,
+                    total=lambda _, stage=stage: abs(test.mean_error(stage)),
+                )
+                for stage in stages
+            ),
+            Column(
+                "beyond", lambda entry: f"{entry.beyond:.0f} K" if entry.beyond > OUTSIDE else None
+            ),
         ],
-        ("mean size", "", *(percent(test.mean_error(stage)) for stage in stages), ""),
+        test.metered,
+        "mean size",
     )
     if test.beyond:
-        line(
-            page,
-            f"{NOTE}beyond: so much colder or warmer was a motor than in the recordings of that "
+        page.note(
+            "beyond: so much colder or warmer was a motor than in the recordings of that "
             "fit, where friction is held at the edge. The new model is made of all recordings and "
-            "knows these temperatures",
+            "knows these temperatures"
         )
     if "dynamics" in stages and "friction" in stages:
-        line(page, "the dynamics alone know friction at one temperature; the next step knows more")
+        page.paragraph(
+            "the dynamics alone know friction at one temperature; the next step knows more"
+        )
     partial = [e.name for e in test.metered if set(stages[1:]) - set(e.taken)]
     if partial and test.kind != "test":
-        line(page, f"not every step was possible or of use without {', '.join(partial)}")
-    table(
-        page,
+        page.paragraph(f"not every step was possible or of use without {', '.join(partial)}")
+    page.rows(
         f"Power at {_place(test.metered[0])} from reading to reading, RMS error, held out [W]",
-        ("recording", "compared", "as given", "new model"),
         [
-            (
-                entry.name,
-                f"{entry.duration:.1f} s",
-                f"{entry.predictions[GIVEN].rms:.4g}",
-                f"{entry.predictions[last].rms:.4g}",
-            )
-            for entry in test.metered
+            Column("recording", "name"),
+            Column("compared", lambda entry: f"{fixed(1)(entry.duration)} s"),
+            Column("as given", lambda entry: entry.predictions[GIVEN].rms, significant(4)),
+            Column("new model", lambda entry: entry.predictions[last].rms, significant(4)),
         ],
+        test.metered,
     )
 
 
@@ -211,41 +215,3 @@ def _power(test: HeldOutEnergy, worst: Tested) -> tuple[list[Series], str]:
     return curves, f"on `{worst.name}`, the held-out recording with the greatest energy error" + (
         " at temperatures of its fit" if test.beyond else ""
     )
-
-
-def energy_summary(test: HeldOutEnergy | None) -> dict[str, Any] | None:
-    """Return the test, ready for JSON; None where there was none."""
-    if test is None:
-        return None
-    return {
-        "held_out": test.kind,
-        "stages": list(test.stages),
-        "recordings": [
-            {
-                "name": entry.name,
-                "compared_time": entry.duration,
-                "measured_energy": _finite(entry.measured),
-                "measured_shaft_energy": _finite(entry.shaft),
-                "beyond_fit_kelvin": entry.beyond,
-                "taken": list(entry.taken),
-                "predicted": {
-                    stage: {
-                        "energy": part.energy if entry.measured > 0 else None,
-                        "relative": _finite(entry.error(stage)),
-                        "rms": _finite(part.rms),
-                        "shaft_energy": _finite(part.shaft),
-                    }
-                    for stage, part in entry.predictions.items()
-                },
-            }
-            for entry in test.tested
-        ],
-        "mean_error": {
-            stage: _finite(test.mean_error(stage)) if test.metered else None
-            for stage in test.stages
-        },
-    }
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None

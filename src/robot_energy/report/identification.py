@@ -1,238 +1,231 @@
-"""What identification found, as tables for the terminal and as JSON."""
+"""What `identify friction` and `identify cabinet` found."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
-
-import numpy as np
-
 from robot_energy.identify.cabinet.cabinet import CabinetFit, Level
+from robot_energy.identify.cabinet.dc_link import LinkFit
 from robot_energy.identify.friction.friction import FrictionFit
 from robot_energy.identify.friction.laws import fitted_laws
-from robot_energy.identify.friction.temperature_study import Study
+from robot_energy.identify.stats.lag import Delay
 from robot_energy.model.friction_laws import FRICTION_LAWS
-from robot_energy.report.printing import Page, line, percent, table
+from robot_energy.report.canvas import COLOURS, Target, canvas
+from robot_energy.report.document import Column, Document
+from robot_energy.report.formats import fixed, percent, signed_percent, significant
+from robot_energy.report.friction_figure import friction_over_temperature
+from robot_energy.results.identification import CabinetReport, FrictionReport, FrictionStudyReport
 
-Summary = dict[str, Any]
-
-
-def friction_summary(fits: Sequence[FrictionFit], refused: Sequence[str], unit: str) -> Summary:
-    """Return everything that `identify friction` found, ready for JSON.
-
-    Args:
-        fits: One per axis that could be identified.
-        refused: Why the others could not, one sentence each.
-        unit: What the torque is measured as.
-    """
-    return {
-        "effort": unit,
-        "axes": [_axis(fit) for fit in fits],
-        "refused": list(refused),
-        "warnings": [warning for fit in fits for warning in fit.warnings],
-    }
+AT_BOUND = "0, at bound"
+HELD_OUT = {"recordings": "whole recordings", "blocks": "contiguous blocks"}
 
 
-def _axis(fit: FrictionFit) -> Summary:
-    return {
-        "name": fit.name,
-        "coulomb": fit.coulomb,
-        "coulomb_std": fit.coulomb_std,
-        "law": fit.chosen,
-        "parameters": fit.law.model_dump(mode="json", exclude_none=True),
-        "fitted_degc": list(fit.range_degc),
-        "samples": fit.samples,
-        "points": [
-            {
-                "motor_temperature_degc": point.motor_temperature_degc,
-                "viscous": point.viscous,
-                "std": point.std if np.isfinite(point.std) else None,
-            }
-            for point in fit.points
-        ],
-        "held_out_rms": {name: error.rms for name, error in fit.errors.items()},
-        "in_sample_rms": fit.residual,
-    }
-
-
-def print_friction(summary: Summary, page: Page) -> None:
-    """Print what `identify friction` found.
+def friction_document(report: FrictionReport, page: Document) -> None:
+    """Add the friction of every axis, with its figure.
 
     Args:
-        summary: From `friction_summary`.
+        report: What was found.
         page: Where to.
     """
-    unit = "A" if summary["effort"] == "log" else "N m"
-    laws = fitted_laws()
-    found: list[tuple[str, ...]] = []
-    tested: list[tuple[str, ...]] = []
-    for axis in summary["axes"]:
-        low, high = axis["fitted_degc"]
-        found.append(
-            (
-                axis["name"],
-                f"{axis['coulomb']:.4g} +- {axis['coulomb_std']:.2g}"
-                if axis["coulomb"] > 0.0
-                else "0, at bound",
-                _law_text(axis),
-                f"{low:.0f} to {high:.0f} degC",
-            )
-        )
-        errors = axis["held_out_rms"]
-        tested.append(
-            (
-                axis["name"],
-                str(axis["samples"]),
-                *(f"{errors[name]:.4g}" if name in errors else "-" for name in laws),
-                axis["law"],
-            )
-        )
-    side = "as logged" if summary["effort"] == "log" else "motor side"
-    table(
-        page,
-        f"Friction over motor temperature, {side}",
-        ("axis", f"Coulomb [{unit}]", f"viscous [1e-3 {unit} s/rad]", "fitted at"),
-        found,
+    friction_tables(report, page)
+    page.figure(
+        lambda path: friction_over_temperature(report.axes, path, report.torque_unit),
+        "Viscous friction over motor temperature: free points and the laws that competed on "
+        "temperatures that their fits have not seen.",
     )
-    table(
-        page,
+
+
+def friction_tables(report: FrictionReport, page: Document) -> None:
+    """Add the friction of every axis.
+
+    Args:
+        report: What was found.
+        page: Where to.
+    """
+    unit = report.torque_unit
+    page.rows(
+        "Friction over motor temperature, "
+        + ("as logged" if report.effort == "log" else "motor side"),
+        [
+            Column("axis", "name"),
+            Column("Coulomb", _coulomb, unit=unit),
+            Column("viscous", _law, unit=f"1e-3 {unit} s/rad"),
+            Column("fitted at", lambda fit: "{:.0f} to {:.0f} degC".format(*fit.range_degc)),
+        ],
+        report.axes,
+    )
+    page.rows(
         f"RMS torque error on temperatures that the fit has not seen [{unit}]",
-        ("axis", "samples", *(FRICTION_LAWS[name].label for name in laws), "chosen"),
-        tested,
+        [
+            Column("axis", "name"),
+            Column("samples", "samples"),
+            *(
+                Column(
+                    FRICTION_LAWS[law].label,
+                    lambda fit, law=law: fit.errors[law].rms if law in fit.errors else None,
+                    significant(4),
+                )
+                for law in fitted_laws()
+            ),
+            Column("chosen", "chosen"),
+        ],
+        report.axes,
     )
-    for sentence in (*summary["warnings"], *summary["refused"]):
-        line(page, f"note: {sentence}")
+    page.notes([*(text for fit in report.axes for text in fit.warnings), *report.refused])
 
 
-def _loss_text(value: float, std: float) -> str:
-    return f"{value:.1f} +- {std:.1g}" if value > 0.0 else "0, at bound"
+def _coulomb(fit: FrictionFit) -> str:
+    return f"{fit.coulomb:.4g} +- {fit.coulomb_std:.2g}" if fit.coulomb > 0.0 else AT_BOUND
 
 
-def _law_text(axis: Summary) -> str:
-    law = axis["parameters"]
+def _law(fit: FrictionFit) -> str:
+    law = fit.law.model_dump(mode="json", exclude_none=True)
     return FRICTION_LAWS[law["law"]].text(law)
 
 
-def study_summary(name: str, study: Study, chance: Sequence[float]) -> Summary:
-    """Return a test on unseen temperatures, ready for JSON.
+def study_document(report: FrictionStudyReport, page: Document) -> None:
+    """Add tests on temperatures that were not seen.
 
     Args:
-        name: Of the axis.
-        study: The test.
-        chance: RMS of the exponential law over that of the constant, with temperatures
-            shuffled between the runs, one per shuffle.
-    """
-    return {
-        "name": name,
-        "train": str(study.train),
-        "test": str(study.test),
-        "trained_samples": study.trained,
-        "tested_samples": study.tested,
-        "rows": [
-            {
-                "law": row.law,
-                "beyond": row.beyond,
-                "rms": row.rms,
-                "power_bias": row.power_bias,
-                "coulomb": row.coulomb,
-            }
-            for row in study.rows
-        ],
-        "gain": study.row("exponential", "carried on").rms / study.row("constant").rms,
-        "shuffled": {
-            "count": len(chance),
-            "median_gain": float(np.median(chance)) if chance else None,
-            "least_gain": float(np.min(chance)) if chance else None,
-        },
-    }
-
-
-def print_friction_study(studies: Sequence[Summary], page: Page) -> None:
-    """Print tests on unseen temperatures.
-
-    Args:
-        studies: From `study_summary`.
+        report: The tests.
         page: Where to.
     """
-    for study in studies:
-        table(
-            page,
-            f"{study['name']}: fitted at {study['train']} ({study['trained_samples']} samples), "
-            f"tested at {study['test']} ({study['tested_samples']} samples)",
-            ("viscous friction", "outside its range", "RMS error", "friction power"),
+    for entry in report.studies:
+        study = entry.study
+        page.rows(
+            f"{entry.name}: fitted at {study.train} ({study.trained} samples), "
+            f"tested at {study.test} ({study.tested} samples)",
             [
-                (row["law"], row["beyond"], f"{row['rms']:.4g}", percent(row["power_bias"], True))
-                for row in study["rows"]
+                Column("viscous friction", "law"),
+                Column("outside its range", "beyond"),
+                Column("RMS error", "rms", significant(4)),
+                Column("friction power", "power_bias", signed_percent),
             ],
+            study.rows,
         )
-        mixed = study["shuffled"]
-        if mixed["median_gain"] is not None:
-            line(
-                page,
-                f"RMS of the exponential law over the constant: {study['gain']:.2f}; with "
-                f"temperatures shuffled between runs {mixed['median_gain']:.2f} (median of "
-                f"{mixed['count']}), at best {mixed['least_gain']:.2f}",
+        if entry.median_gain is not None:
+            page.paragraph(
+                f"RMS of the exponential law over the constant: {entry.gain:.2f}; with "
+                f"temperatures shuffled between runs {entry.median_gain:.2f} (median of "
+                f"{entry.shuffles}), at best {entry.least_gain:.2f}"
             )
 
 
-def cabinet_summary(fit: CabinetFit) -> Summary:
-    """Return what `identify cabinet` found, ready for JSON. [W]"""
-
-    def level(found: Level | None) -> Summary | None:
-        return None if found is None else dict(found.__dict__)
-
-    return {
-        "meter": fit.location.name.lower(),
-        "hold": level(fit.hold),
-        "generating": level(fit.generating),
-        "loss_grid": fit.loss_grid,
-        "loss_grid_std": fit.loss_grid_std,
-        "loss_dc": fit.loss_dc,
-        "loss_dc_std": fit.loss_dc_std,
-        "notes": list(fit.notes),
-    }
-
-
-def print_cabinet(summary: Summary, page: Page) -> None:
-    """Print what `identify cabinet` found.
+def cabinet_document(report: CabinetReport, page: Document) -> None:
+    """Add constant losses and DC link.
 
     Args:
-        summary: From `cabinet_summary`.
+        report: What was found.
         page: Where to.
     """
-    rows: list[tuple[str, ...]] = []
-    for name, phase in (("HOLD", "hold"), ("GENERATING", "generating")):
-        found = summary[phase]
+    losses_section(report.losses, page)
+    if report.meter_delay is not None:
+        page.paragraph(delay_text("the meter", report.meter_delay))
+    if report.link is not None:
+        link_section(report.link, page)
+    if report.link_reason:
+        page.note(f"DC link as given: {report.link_reason}")
+    if report.link_note:
+        page.note(report.link_note)
+
+
+def losses_section(fit: CabinetFit, page: Document) -> None:
+    """Add the constant losses.
+
+    Args:
+        fit: What was found.
+        page: Where to.
+    """
+
+    def row(name: str, found: Level | None) -> tuple[str, ...]:
         if found is None:
-            rows.append((name, "-", "0", "0", "-"))
-            continue
-        rows.append(
-            (
-                name,
-                f"{found['power']:.1f} +- {found['std']:.1g}",
-                str(found["readings"]),
-                str(found["events"]),
-                f"{found['spread']:.1f}",
-            )
-        )
-    table(
-        page,
+            return name, "-", "0", "0", "-"
+        power = f"{found.power:.1f} +- {found.std:.1g}"
+        return name, power, str(found.readings), str(found.events), f"{found.spread:.1f}"
+
+    def loss(value: float | None, std: float | None) -> str:
+        if value is None:
+            return "-"
+        return f"{value:.1f} +- {std:.1g}" if value > 0.0 else AT_BOUND
+
+    page.table(
         "Measured power while it is constant, less what the drives take [W]",
         ("phase", "power", "readings", "events", "greatest difference"),
-        rows,
+        [row("HOLD", fit.hold), row("GENERATING", fit.generating)],
     )
-    table(
-        page,
+    page.table(
         "Constant losses [W]",
         ("side", "loss"),
         [
-            (side, "-" if value is None else _loss_text(value, std))
-            for side, value, std in (
-                ("grid", summary["loss_grid"], summary["loss_grid_std"]),
-                ("DC", summary["loss_dc"], summary["loss_dc_std"]),
-            )
+            ("grid", loss(fit.loss_grid, fit.loss_grid_std)),
+            ("DC", loss(fit.loss_dc, fit.loss_dc_std)),
         ],
     )
-    for sentence in summary["notes"]:
-        line(page, f"note: {sentence}")
-    line(page, "the error class of the meter is not in these deviations")
+    page.notes(fit.notes)
+    page.paragraph("the error class of the meter is not in these deviations")
+
+
+def link_section(fit: LinkFit, page: Document) -> None:
+    """Add the energy of the DC link.
+
+    Args:
+        fit: What was found.
+        page: Where to.
+    """
+    page.paragraph(
+        f"energy of the DC link between rectified and chopper voltage: {fit.energy:.1f} +- "
+        f"{fit.std:.2g} J, 95 % interval {fit.interval[0]:.0f} to {fit.interval[1]:.0f} J; full "
+        f"{fit.events} times, empty again {fit.emptying:.2g} s after it begins to fill (median)"
+    )
+    page.rows(
+        f"Power at the grid, {fit.readings} readings of {fit.spacing:.2g} s; "
+        f"{HELD_OUT[fit.held_out]} held out, drives and constants as fitted to all",
+        [
+            Column("DC link", lambda entry: entry[0]),
+            Column("RMS [W]", lambda entry: entry[1].rms, fixed(2)),
+            Column("energy", lambda entry: entry[1].energy_error, percent),
+        ],
+        [("as given", fit.given), ("identified", fit.identified)],
+    )
+    page.paragraph(
+        "if the constant of the DC side were free beside it, it would change by "
+        f"{fit.loss_dc_shift:+.1f} +- {fit.loss_dc_shift_std:.1g} W; it stays"
+    )
+    page.figure(
+        lambda path: error_over_energy(fit, path),
+        "Error of the predicted power at the grid over the energy of the DC link, the "
+        "constant of the DC side free beside it; shaded: 95 % interval.",
+    )
+
+
+def delay_text(what: str, delay: Delay) -> str:
+    """Return a delay behind the joint states in one line.
+
+    Args:
+        what: Of what.
+        delay: The estimate.
+    """
+    return (
+        f"delay of {what} behind the joint states: {1e3 * delay.value:+.1f} +- "
+        f"{1e3 * delay.std:.1g} ms would lower the held-out error by "
+        f"{percent(delay.gain)}: {'undone' if delay.applied else 'not applied'}"
+    )
+
+
+def error_over_energy(fit: LinkFit, path: Target) -> None:
+    """Draw the error that every energy leaves.
+
+    Args:
+        fit: What was found.
+        path: File to write: PNG, SVG or PDF by its suffix.
+
+    Raises:
+        ReportError: If the suffix is none of these, or the file cannot be written.
+    """
+    shown = fit.tried <= 3.0 * fit.energy
+    with canvas(path, (6.0, 2.8)) as figure:
+        axes = figure.subplots()
+        axes.plot(fit.tried[shown], fit.tried_rms[shown], ".-", color=COLOURS["predicted"])
+        axes.axvspan(*fit.interval, color=COLOURS["predicted"], alpha=0.15, linewidth=0.0)
+        axes.axvline(fit.energy, color=COLOURS["measured"], linewidth=0.8)
+        axes.set_ylim(bottom=0.0)
+        axes.set_xlabel("energy of the DC link [J]")
+        axes.set_ylabel("RMS error of power [W]")

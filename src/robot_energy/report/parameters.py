@@ -11,7 +11,8 @@ from robot_energy.model.drive_models import DRIVE_MODELS
 from robot_energy.model.figure import Figure
 from robot_energy.model.joint import Joint
 from robot_energy.physics.friction import viscous_law
-from robot_energy.report.printing import NOTHING, Page, line, table
+from robot_energy.report.document import Column, Document
+from robot_energy.report.formats import significant
 
 WIDE = 1.96  # standard deviations of a 95 % interval
 SHOWN_DEGC = (20.0, 40.0, 60.0)
@@ -73,8 +74,8 @@ def _pairs(before: RobotModel, after: RobotModel) -> Iterator[Change]:
         yield Change(name, unit, was, getattr(new_link, key))
 
 
-def print_changes(before: RobotModel, after: RobotModel, page: Page) -> None:
-    """Print what is new in a model file; what is hardly known stands apart, by name.
+def changes_document(before: RobotModel, after: RobotModel, page: Document) -> None:
+    """Add what is new in a model file; what is hardly known stands apart, by name.
 
     Args:
         before: As given.
@@ -82,20 +83,21 @@ def print_changes(before: RobotModel, after: RobotModel, page: Page) -> None:
         page: Where to.
     """
     found = changes(before, after)
-    for title, chosen in (
-        ("New figures of the model file, motor side", [c for c in found if not c.weak]),
-        (
-            "New figures that are hardly known: 95 % interval wider than the figure itself",
-            [c for c in found if c.weak],
-        ),
+    columns = [
+        Column("figure", "name"),
+        Column("unit", "unit"),
+        Column("as given", lambda one: one.before and one.before.value, significant(4)),
+        Column("now", lambda one: one.after.value, significant(4)),
+        Column("std", _std),
+        Column("known as", lambda one: one.after.tag),
+    ]
+    for title, weak in (
+        ("New figures of the model file, motor side", False),
+        ("New figures that are hardly known: 95 % interval wider than the figure itself", True),
     ):
+        chosen = [change for change in found if change.weak is weak]
         if chosen:
-            table(
-                page,
-                title,
-                ("figure", "unit", "as given", "now", "std", "known as"),
-                [_row(change) for change in chosen],
-            )
+            page.rows(title, columns, chosen)
     laws = [
         (new.name, _viscous(old), _viscous(new), new.friction.viscous.law)
         for old, new in zip(before.joints, after.joints, strict=True)
@@ -103,26 +105,18 @@ def print_changes(before: RobotModel, after: RobotModel, page: Page) -> None:
     ]
     if laws:
         degc = ", ".join(f"{t:g}" for t in SHOWN_DEGC)
-        table(
-            page,
+        page.table(
             f"Viscous friction at {degc} degC [1e-3 N m s/rad], motor side",
             ("joint", "as given", "now", "law"),
             laws,
         )
     if not found and not laws:
-        line(page, "no figure of the model file changed")
+        page.paragraph("no figure of the model file changed")
 
 
-def _row(change: Change) -> tuple[str, ...]:
+def _std(change: Change) -> str | None:
     std = change.after.std
-    return (
-        change.name,
-        change.unit,
-        NOTHING if change.before is None else f"{change.before.value:.4g}",
-        f"{change.after.value:.4g}",
-        "at bound" if is_at_bound(change.after) else NOTHING if std is None else f"{std:.2g}",
-        change.after.tag,
-    )
+    return "at bound" if is_at_bound(change.after) else None if std is None else f"{std:.2g}"
 
 
 def _viscous(joint: Joint) -> str:

@@ -1,4 +1,4 @@
-"""Figure of predictions: where the energy goes, and power over time."""
+"""Figures of predictions: where the energy goes, and power over time."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import numpy as np
 
 from robot_energy.prediction import START_NS, Prediction
 from robot_energy.report.canvas import SERIES, Axes, Target, canvas, named_ticks
-from robot_energy.report.printing import EnergyFormat
-from robot_energy.report.tables import Summary
+from robot_energy.report.energy import scale_of
+from robot_energy.results.energy import EnergyBreakdown
 
 PARTS = {
     "rigid, net": ("rigid",),
@@ -26,16 +26,16 @@ DASHES = ("-", "--", ":", "-.")  # when the colours begin again
 THIN = 0.9  # line width where curves lie over each other
 
 
-def energy_bars(runs: Sequence[Summary], labels: Sequence[str], path: Target) -> None:
+def energy_bars(energies: Sequence[EnergyBreakdown], labels: Sequence[str], path: Target) -> None:
     """Draw where the energy of each run goes.
 
     Args:
-        runs: From `prediction_summary`.
+        energies: Of each run.
         labels: One per run.
         path: File to write: PNG, SVG or PDF by its suffix.
     """
-    with canvas(path, (8.0, 1.4 + BAR * len(runs)), "predicted energy from the grid") as figure:
-        _bars(figure.subplots(), runs, labels)
+    with canvas(path, (8.0, 1.1 + BAR * len(energies))) as figure:
+        _bars(figure.subplots(), energies, labels)
 
 
 def power_curves(results: Sequence[Prediction], labels: Sequence[str], path: Target) -> None:
@@ -47,13 +47,13 @@ def power_curves(results: Sequence[Prediction], labels: Sequence[str], path: Tar
         path: File to write: PNG, SVG or PDF by its suffix.
     """
     high = 3.2 + 0.12 * len(results)
-    with canvas(path, (8.0, high), "predicted power from the grid") as figure:
+    with canvas(path, (8.0, high)) as figure:
         _curves(figure.subplots(), results, labels)
 
 
-def both(
+def energy_and_power(
     results: Sequence[Prediction],
-    runs: Sequence[Summary],
+    energies: Sequence[EnergyBreakdown],
     labels: Sequence[str],
     path: Target,
 ) -> None:
@@ -61,34 +61,34 @@ def both(
 
     Args:
         results: Predictions.
-        runs: Their summaries.
+        energies: Of each prediction.
         labels: One per prediction.
         path: File to write: PNG, SVG or PDF by its suffix.
     """
-    bars = 0.9 + BAR * len(runs)
+    bars = 0.9 + BAR * len(energies)
     with canvas(path, (8.0, bars + 3.2), "predicted energy and power from the grid") as figure:
         axes: Any = figure.subplots(2, 1, height_ratios=[bars, 3.2])
-        _bars(axes[0], runs, labels)
+        _bars(axes[0], energies, labels)
         _curves(axes[1], results, labels)
 
 
-def _bars(axes: Axes, runs: Sequence[Summary], labels: Sequence[str]) -> None:
-    scale = EnergyFormat(max(run["energy"]["grid_import"] for run in runs))
-    place = np.arange(len(runs))[::-1]
-    right, left = np.zeros(len(runs)), np.zeros(len(runs))
+def _bars(axes: Axes, energies: Sequence[EnergyBreakdown], labels: Sequence[str]) -> None:
+    scale, count = scale_of(energies), len(energies)
+    place = np.arange(count)[::-1]
+    right, left = np.zeros(count), np.zeros(count)
     for colour, (name, keys) in zip(SERIES, PARTS.items(), strict=False):
-        width = np.array([sum(run["energy"][key] for key in keys) for run in runs]) / scale.factor
+        width = np.array([sum(getattr(one, key) for key in keys) for one in energies])
+        width = width / scale.factor
         if not width.any():
             continue
         start = np.where(width >= 0, right, left)
         axes.barh(place, width, 0.6, left=start, color=colour, label=name)
         right += np.maximum(width, 0.0)
         left += np.minimum(width, 0.0)
-    for row, run in zip(place.tolist(), runs, strict=True):
-        net = run["energy"]["grid_import"] - run["energy"]["grid_return"]
+    for row, energy in zip(place.tolist(), energies, strict=True):
         axes.annotate(
-            f"{scale.joule(net)} {scale.unit}",
-            (max(right[len(runs) - 1 - row], 0.0), row),
+            f"{scale.joule(energy.net)} {scale.unit}",
+            (max(right[count - 1 - row], 0.0), row),
             xytext=(4, 0),
             textcoords="offset points",
             va="center",

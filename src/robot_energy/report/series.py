@@ -109,6 +109,28 @@ def predicted_series(
     return _series(label, role, rows, start_ns, 0)
 
 
+def curves_of(results: Sequence[Replay], changes: Sequence[str | None]) -> list[Series]:
+    """Return the curves of one or two replays of a bag, the measured one first.
+
+    Args:
+        results: Replays that kept their curves.
+        changes: What was changed about the model of each; None for nothing.
+
+    Returns:
+        Empty where nothing is to be shown.
+    """
+    curves: list[Series] = []
+    for result, change in zip(results, changes, strict=True):
+        label = "predicted, friction by temperature" if len(results) > 1 else "predicted"
+        label, role = (f"predicted, {change}", "fixed") if change else (label, "predicted")
+        pair = compared_series(result, label, role)
+        if pair is not None:
+            curves += pair[1 if curves else 0 :]
+        elif (curve := predicted_series(result, label, role)) is not None:
+            curves.append(curve)
+    return curves
+
+
 def _series(label: str, role: Role, rows: EnergyRows, start_ns: int, column: int) -> Series:
     """Merge neighbours until few enough are left; points stand in their middle."""
     begin_ns, end_ns = rows.begin_ns - start_ns, rows.end_ns - start_ns

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from argparse import ArgumentParser, ArgumentTypeError, Namespace, RawDescriptionHelpFormatter
+from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from robot_energy.cli.terminal import add_debug, console, progress, write_json
+from robot_energy.cli.terminal import add_command, console, progress, write_json
 from robot_energy.shown_text import shown
 from robot_energy_papers.cli.study_folder import BAGS, FIGURES, FRONT, MODEL, REPORT, study_folder
 
@@ -62,13 +62,8 @@ def add_parser(commands: Any) -> None:
 
 def _add_paper(papers: Any, name: str, title: str, text: str, quick: str) -> ArgumentParser:
     folder = name.replace("-", "_")
-    parser: ArgumentParser = papers.add_parser(
-        name,
-        help=title,
-        description=text,
-        epilog=f"example:\n  robot-energy reproduce {name} --quick --out build/{folder}\n",
-        formatter_class=RawDescriptionHelpFormatter,
-    )
+    epilog = f"example:\n  robot-energy reproduce {name} --quick --out build/{folder}\n"
+    parser = add_command(papers, name, run, title, text, epilog)
     parser.add_argument("--quick", action="store_true", help=quick)
     parser.add_argument(
         "--out", default=folder, metavar="FOLDER", help=f"to write to (default {folder})"
@@ -77,8 +72,7 @@ def _add_paper(papers: Any, name: str, title: str, text: str, quick: str) -> Arg
         "--seed", type=_count(0), default=0, metavar="N", help="of motions and rigs (default 0)"
     )
     parser.add_argument("--overwrite", action="store_true", help="replace an earlier study")
-    add_debug(parser)
-    parser.set_defaults(run=run, paper=name)
+    parser.set_defaults(paper=name)
     return parser
 
 
@@ -105,7 +99,9 @@ def run(args: Namespace) -> int:
         RobotEnergyError: If the folder cannot be used, or a run or fit fails.
     """
     from robot_energy.model import save
-    from robot_energy.report.printing import line
+    from robot_energy.report.document import Document
+    from robot_energy.report.html import write_page
+    from robot_energy.report.printing import print_document
     from robot_energy_papers.pages import document, print_template
 
     name = args.paper.replace("-", "_")
@@ -119,14 +115,15 @@ def run(args: Namespace) -> int:
             scale = paper.QUICK if args.quick else paper.FULL
             result = paper.study(folder / BAGS, args.seed, scale, progress=report, **options)
         context = {**page.context(result), "command": _command(args)}
-        document(name, context, page.pieces(result)).write(folder / REPORT)
+        write_page(document(name, context, page.pieces(result)), folder / REPORT)
         write_json(str(folder / FIGURES), numbers.figures(result))
         save(result.model, folder / MODEL)
         page.front_picture(result, folder / FRONT)
-    out = console()
+    out = Document()
     print_template(f"{name}_terminal", context, out)
     for file in (REPORT, FIGURES, FRONT, MODEL, BAGS):
-        line(out, f"wrote {shown(str(Path(args.out) / file))}")
+        out.paragraph(f"wrote {shown(str(Path(args.out) / file))}")
+    print_document(out, console())
     return 0
 
 

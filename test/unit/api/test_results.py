@@ -30,12 +30,12 @@ def test_replay_gives_the_json_of_the_command(replayed, tmp_path, capsys):
 
 
 def test_fields_hold_the_figures_of_the_summary(replayed):
-    summary = replayed.to_dict()
-    assert replayed.energy.__dict__ == summary["energy"]
-    assert [joint.__dict__ for joint in replayed.joints] == summary["joints"]
-    assert replayed.comparison.__dict__ == summary["comparison"]
-    assert {name: phase.__dict__ for name, phase in replayed.phases.items()} == summary["phases"]
-    assert list(replayed.notes) == summary["notes"]
+    figures = replayed.to_dict()
+    assert replayed.energy.__dict__ == figures["energy"]
+    assert [joint.__dict__ for joint in replayed.joints] == figures["joints"]
+    assert replayed.comparison.__dict__ == figures["comparison"]
+    assert {name: phase.__dict__ for name, phase in replayed.phases.items()} == figures["phases"]
+    assert list(replayed.notes) == figures["notes"]
 
 
 def test_the_power_integrates_to_the_energy(replayed):

@@ -279,9 +279,9 @@ def test_unexpected_errors_and_interrupts(
         def fail(*_: object, error: BaseException = error) -> None:
             raise error
 
-        monkeypatch.setattr("robot_energy.report.summarise", fail)
+        monkeypatch.setattr("robot_energy.results.replay.replay_report", fail)
         assert said in refused(capsys, *args, code=code)
-    monkeypatch.setattr("robot_energy.report.summarise", lambda *_: 1 / 0)
+    monkeypatch.setattr("robot_energy.results.replay.replay_report", lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         main([*args, "--debug"])
 
@@ -343,7 +343,7 @@ def test_effort_shows_measured_beside_predicted_shaft_energy(
     assert joint["compared_time"] == pytest.approx(10.0)
     assert main([*args, "--json", str(tmp_path / "r.json")]) == 0
     assert "Shaft energy" not in capsys.readouterr().out
-    assert "shaft" not in json.loads((tmp_path / "r.json").read_text())
+    assert json.loads((tmp_path / "r.json").read_text())["shaft"] is None
     assert "no torque_constant for axle" in refused(capsys, *args, "--effort", "motor_current")
     assert main([*args, "--effort", "torque"]) == 2
     assert "'joint_torque'" in capsys.readouterr().err

@@ -47,6 +47,7 @@ IDENTIFY = ("--out", "--json", "--report")
 COMMANDS = {
     "replay": Command("replay bag --model wheel.yaml", ("--json", "--plot"), True,
                       ("bag", "bag/bag_0.mcap", "wheel.yaml")),
+    "report": Command("report bag --model wheel.yaml", ("--out",), False, ("bag", "wheel.yaml")),
     "simulate": Command("simulate --duration 0.05", (), True, ()),
     "import csv": Command("import csv wheel.csv --mapping map.yaml", (), True,
                           ("wheel.csv", "map.yaml")),

@@ -19,6 +19,7 @@ from robot_energy.cli import main
 from robot_energy.errors import RobotEnergyError
 from robot_energy.report.canvas import canvas, named_ticks
 from robot_energy.report.document import Document
+from robot_energy.report.html import page_html
 from robot_energy.shown_text import MAX_LINE, shown, shown_lines
 
 ESCAPE = "\x1b[2J\x1b]0;owned\x07"
@@ -113,6 +114,7 @@ COMMANDS = [
     "replay bag --model out",
     "replay out --model model",
     "replay bag --model model --out out",
+    "report nasty_bag --model nasty_model --out out.html",
     "model check nasty_model",
     "model check unknown_key",
     "import csv nasty_log --mapping mapping --out out",
@@ -174,5 +176,5 @@ def test_pages_and_pictures_hold_names_as_they_are_shown(tmp_path: Path) -> None
         axes.set_xlabel(NASTY)
         named_ticks(axes.yaxis, [0.0, 1.0], [NASTY, "plain"])
         axes.legend()
-    for text in (page.html(), path.read_text()):
+    for text in (page_html(page), path.read_text()):
         assert not unsafe(text)

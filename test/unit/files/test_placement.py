@@ -8,14 +8,16 @@ import pytest
 
 from faulty_disk import FaultyDisk, inventory
 from robot_energy.bag import BagWriter
-from robot_energy.cli.identify_inputs import check_results, present
+from robot_energy.cli.identify_inputs import check_results
+from robot_energy.cli.terminal import present
 from robot_energy.errors import ReportError
 from robot_energy.files.output_files import JSON, json_bytes, write_file
 from robot_energy.files.placement import all_or_none
 from robot_energy.model import save
 from robot_energy.report.canvas import canvas
 from robot_energy.report.document import Document
-from robot_energy.report.printing import line
+from robot_energy.report.html import write_page
+from robot_energy.results.identification import FrictionStudyReport
 from robot_energy_papers.cli.study_folder import BAGS, FIGURES, FRONT, MODEL, REPORT, study_folder
 from robots import one_wheel
 
@@ -27,7 +29,7 @@ def study(folder, number=1, overwrite=False):
     with study_folder(str(folder), overwrite) as place:
         with BagWriter(place / BAGS / "train_00") as bag:
             bag.add_topic("/a", "std_msgs/msg/Float64")
-        Document(f"study {number}").write(place / REPORT)
+        write_page(Document(f"study {number}"), place / REPORT)
         write_file(place / FIGURES, json_bytes({"number": number}), JSON)
         save(one_wheel(), place / MODEL)
         with canvas(place / FRONT, (1.0, 1.0)) as figure:
@@ -82,7 +84,9 @@ def test_results_of_an_identification_appear_together_or_not_at_all(tmp_path, ca
         check_results(args)
         with all_or_none():
             save(one_wheel(), args.out)
-            present(args, "title", {"a": 1}, lambda page: line(page, "a line"))
+            page = Document("title")
+            page.paragraph("a line")
+            present(args, FrictionStudyReport(()), page)
 
     for at in (1, 2, 3):
         with pytest.MonkeyPatch.context() as patch:

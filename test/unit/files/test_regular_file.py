@@ -18,6 +18,7 @@ from robot_energy.model import load, validate
 from robot_energy.motion.gcode import load_gcode
 from robot_energy.motion.ptp_file import read_program
 from robot_energy.motion.trajectory_io import read_csv_trajectory
+from robot_energy.results.schema import read_result
 
 READERS = {
     "model": (load, ".yaml"),
@@ -30,6 +31,7 @@ READERS = {
     "mcap": (BagReader, ".mcap"),
     "sqlite": (BagReader, ".db3"),
     "packed": (BagReader, ".zstd"),
+    "result": (read_result, ".json"),
 }
 
 

@@ -12,6 +12,7 @@ from rich.console import Console
 from robot_energy.blocks import MeterLocation
 from robot_energy.identify.bounds import identified, is_at_bound
 from robot_energy.identify.cabinet.cabinet import CabinetFit, with_cabinet
+from robot_energy.identify.drives.all_drives import TotalFound
 from robot_energy.identify.drives.losses import fit_losses
 from robot_energy.identify.drives.total_power import _entry, fit_structure, with_total
 from robot_energy.identify.drives.total_sums import Sums
@@ -20,9 +21,11 @@ from robot_energy.identify.friction.friction import fit_friction
 from robot_energy.identify.friction.laws import fit_law
 from robot_energy.identify.friction.samples import FrictionData
 from robot_energy.model import load
-from robot_energy.report.drives import total_summary
-from robot_energy.report.identification import cabinet_summary, print_cabinet
-from robot_energy.report.parameters import print_changes
+from robot_energy.report.document import Document
+from robot_energy.report.identification import losses_section
+from robot_energy.report.parameters import changes_document
+from robot_energy.report.printing import print_document
+from robot_energy.results.drives import total_power
 from terminal_tables import recorded_tables
 
 
@@ -62,7 +65,7 @@ def total():
 
 def test_losses_behind_one_meter_say_it_by_name(total):
     fit = fit_structure(total, "axis_copper")
-    notes = total_summary(total, fit, "blocks", {})["notes"]
+    notes = total_power(TotalFound(total, fit, "blocks", {})).notes
     assert any("at the bound 0" in note and "copper of two" in note for note in notes)
     entries = [_entry(fit, joint, "bag") for joint in range(2)]
     assert (entries[1].copper.value, entries[1].copper.std) == (0.0, None)
@@ -122,8 +125,10 @@ def test_the_report_shows_the_bound_instead_of_a_deviation():
     model = load("kr16")
     fit = CabinetFit(MeterLocation.GRID, None, None, 250.0, 1.0, -4.0, 2.0, ())
     with recorded_tables() as tables:
-        print_changes(model, with_cabinet(model, fit, "bag"), Console(file=io.StringIO()))
-        print_cabinet(cabinet_summary(fit), Console(file=io.StringIO()))
+        page = Document()
+        changes_document(model, with_cabinet(model, fit, "bag"), page)
+        losses_section(fit, page)
+        print_document(page, Console(file=io.StringIO()))
     rows = [tuple(row) for _, part, _ in tables for row in part]
     assert ("DC side constant loss", "W", "150", "0", "at bound", "assumed") in rows
     assert ("DC", "0, at bound") in rows

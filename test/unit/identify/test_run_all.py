@@ -26,7 +26,7 @@ from robot_energy.identify.run_all import (
 from robot_energy.identify.stats.held_out_energy import GIVEN, folds_of, held_out_energy
 from robot_energy.identify.steps import DynamicsFound
 from robot_energy.model import RobotModel, load
-from robot_energy.report.summary import summarise
+from robot_energy.results.replay import replay_report
 from robot_energy.rig import RigConfig, VirtualRig
 from robot_energy.rig.record import record
 
@@ -235,9 +235,9 @@ def test_energy_errors_are_those_of_replay(
     test = held_out_energy(kind, folds, whole)
     (entry,) = test.tested
     for stage, used in ((GIVEN, model), ("capacitor", whole.model)):
-        known = summarise(replay(folder / "at_55", used))["comparison"]
-        assert entry.error(stage) == pytest.approx(known["predicted_minus_measured_relative"])
-        assert entry.duration == pytest.approx(known["compared_time"])
+        known = replay_report(replay(folder / "at_55", used)).comparison
+        assert entry.error(stage) == pytest.approx(known.predicted_minus_measured_relative)
+        assert entry.duration == pytest.approx(known.compared_time)
     assert entry.beyond == pytest.approx(14.0, abs=2.0)  # the fit knows 25 and 40 degC
     assert test.within == ()
     assert test.less_energy_error

@@ -47,10 +47,13 @@ from robot_energy.model.friction_laws import (
 )
 from robot_energy.model.joint import Joint
 from robot_energy.physics.friction import ViscousLaw, viscous_law
-from robot_energy.report import summarise
-from robot_energy.report.drives import drives_found_summary, print_drives
+from robot_energy.report.document import Document
+from robot_energy.report.drives import drives_document
 from robot_energy.report.kinds import kinds_listing
 from robot_energy.report.parameters import changes
+from robot_energy.report.printing import print_document
+from robot_energy.results.drives import drives_report
+from robot_energy.results.replay import replay_report
 
 HERE = Path(__file__).parent
 TOYS = os.pathsep.join(map(str, sorted(HERE.glob("toy_*.py"))))
@@ -179,8 +182,8 @@ def test_models_keep_their_identity_when_a_kind_comes_and_goes(monkeypatch):
 
 
 def measured(result: Replay):
-    energy = summarise(result)["energy"]
-    seconds = result.ledger.samples and energy["grid_import"] / 60.0
+    energy = replay_report(result).energy
+    seconds = result.ledger.samples and energy.grid_import / 60.0
     return energy, seconds
 
 
@@ -189,8 +192,8 @@ def test_a_replay_gives_the_energy_worked_out_by_hand(toys, bag):
     energy, seconds = measured(result)
     # Shaft 7 W, input 7 / 0.7 = 10 W, with 20 W on the DC and 30 W on the grid side: 60 W.
     assert seconds == pytest.approx(SPAN, abs=0.2)
-    assert energy["drive_loss"] == pytest.approx(3.0 * seconds, rel=1e-5)
-    assert energy["friction"] == pytest.approx(7.0 * seconds, rel=1e-5)
+    assert energy.drive_loss == pytest.approx(3.0 * seconds, rel=1e-5)
+    assert energy.friction == pytest.approx(7.0 * seconds, rel=1e-5)
     compared = result.ledger.comparison
     assert compared.measured_energy == pytest.approx(compared.compared_ns * 60e-9, rel=1e-5)
     assert compared.predicted_energy == pytest.approx(compared.measured_energy, rel=1e-5)
@@ -265,8 +268,9 @@ def test_a_fit_of_a_user_is_compared_on_held_out_data_and_chosen(toys):
     model = with_drives(validate(wheel(), "toy.yaml"), fit, "test")
     assert model.drive == ROOT
     assert DRIVE_MODELS[ROOT].of(model.joints[0]).loss.value == pytest.approx(3.0, rel=0.02)
-    console = Console(width=200, file=io.StringIO())
-    print_drives(drives_found_summary(DrivesFound(fit, None), "log"), console)
+    page, console = Document(), Console(width=200, file=io.StringIO())
+    drives_document(drives_report(DrivesFound(fit, None), "log"), page)
+    print_document(page, console)
     shown = console.file.getvalue()
     assert shown.count(DRIVE_MODELS[ROOT].label) >= 3  # energy, power, what was chosen
 
@@ -297,10 +301,10 @@ def test_a_temperature_of_the_user_s_kind_decides_the_friction(toys, bag):
         topic="/tenths", type=TENTHS, joints=("axle",), stamp_source="receive"
     )
     result = replay(bag, model, inputs=Inputs(temperature_sources={"motors": source}))
-    energy = summarise(result)["energy"]
+    energy = replay_report(result).energy
     # 0.5 N m and 0.015 N m s/rad at 10 rad/s: 6.5 W of the shaft, input 6.5 / 0.7 W and 50 W.
     share = 6.5 / (6.5 / EFFICIENCY + 50.0)
-    assert energy["friction"] / energy["grid_import"] == pytest.approx(share, rel=0.005)
+    assert energy.friction / energy.grid_import == pytest.approx(share, rel=0.005)
     with pytest.raises(ParameterError):
         TemperatureSource(type=TENTHS, topic="/tenths")  # which joints?
 

@@ -49,7 +49,7 @@ def test_the_papers_result_comes_out_on_held_out_motions(quick):
     assert 6e3 < data["peak_power"] < 10e3
     assert data["greatest_rise_in_a_set"] < 2.0
     assert all(row["extrapolated"] == 0.0 for row in data["sets"])
-    assert {axis["law"] for axis in data["friction"]["axes"]} == {"exponential"}
+    assert {axis["chosen"] for axis in data["friction"]["axes"]} == {"exponential"}
 
 
 def test_a_model_of_one_temperature_predicts_one_energy(quick):

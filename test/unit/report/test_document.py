@@ -12,16 +12,16 @@ from pages import read
 from robot_energy.errors import ReportError
 from robot_energy.report.canvas import canvas
 from robot_energy.report.document import Document
-from robot_energy.report.printing import line, pairs, table
+from robot_energy.report.html import page_html, write_page
 
 
 def test_what_is_written_for_a_terminal_is_read_from_the_page() -> None:
     document = Document("A title", "what it is")
-    table(document, "watts", ("joint", "P [W]"), [("a<1>", "1.5")], ("total", "1.5"))
-    pairs(document, [("name", "a & b")])
-    line(document, "note: `x` is not known")
-    line(document, "a plain line")
-    reader = read(document.html())
+    document.table("watts", ("joint", "P [W]"), [("a<1>", "1.5")], ("total", "1.5"))
+    document.pairs([("name", "a & b")])
+    document.note("`x` is not known")
+    document.paragraph("a plain line")
+    reader = read(page_html(document))
     assert reader.cells == [
         "joint",
         "P [W]",
@@ -35,8 +35,8 @@ def test_what_is_written_for_a_terminal_is_read_from_the_page() -> None:
         "a & b",
     ]
     assert reader.notes == 1
-    assert "<code>x</code> is not known" in document.html()
-    assert 'class="total"' in document.html()
+    assert "<code>x</code> is not known" in page_html(document)
+    assert 'class="total"' in page_html(document)
 
 
 def test_a_figure_lies_in_the_file(tmp_path: Path) -> None:
@@ -47,7 +47,7 @@ def test_a_figure_lies_in_the_file(tmp_path: Path) -> None:
             figure.subplots().plot([0, 1], [0, 1])
 
     document.figure(draw, 'a "line"')
-    document.write(tmp_path / "page.html")
+    write_page(document, tmp_path / "page.html")
     page = (tmp_path / "page.html").read_text(encoding="utf-8")
     found = re.search(r'src="data:image/svg\+xml;base64,([^"]+)" alt="a &quot;line&quot;"', page)
     assert found is not None
@@ -61,7 +61,7 @@ def test_sections_are_listed_and_reached() -> None:
     for name in ("One", "Two", "Two", "Three & four"):
         document.heading(name)
         document.heading("inner", 3)
-    page = document.html()
+    page = page_html(document)
     targets = re.findall(r'href="#([^"]+)"', page)
     assert len(targets) == len(set(targets)) == 4
     assert all(f'id="{target}"' in page for target in targets)
@@ -74,5 +74,5 @@ def test_bad_requests_are_refused(tmp_path: Path) -> None:
     with pytest.raises(ReportError, match="depth 1"):
         document.heading("x", 1)
     with pytest.raises(ReportError, match="cannot be written"):
-        document.write(tmp_path / "none" / "page.html")
+        write_page(document, tmp_path / "none" / "page.html")
     assert list(tmp_path.iterdir()) == []

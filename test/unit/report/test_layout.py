@@ -14,8 +14,9 @@ from rich.console import Console
 import robot_energy
 from places import ROOT
 from robot_energy.cli.main import main
+from robot_energy.report.document import Document
 from robot_energy.report.layout import fitted_table
-from robot_energy.report.printing import pairs
+from robot_energy.report.printing import print_document
 from robot_energy_papers.wall import Wall
 from terminal_tables import WIDTHS, lost, recorded_tables
 
@@ -88,7 +89,9 @@ def test_what_fits_in_no_way_keeps_its_width() -> None:
 def test_pairs_wrap_between_words() -> None:
     stream = io.StringIO()
     path = "/a/path/without/any/space/in/it/that/is/longer/than/the/terminal"
-    pairs(Console(file=stream, width=30), [("model file", path), ("notes", "one two " * 10)])
+    page = Document()
+    page.pairs([("model file", path), ("notes", "one two " * 10)])
+    print_document(page, Console(file=stream, width=30))
     assert path in stream.getvalue().splitlines()[0]
     assert stream.getvalue().split().count("two") == 10
 

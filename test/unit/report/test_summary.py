@@ -11,10 +11,11 @@ from robot_energy.bag_replay import Replay, Topics, replay
 from robot_energy.errors import MissingTopicError
 from robot_energy.logs import import_log
 from robot_energy.physics.friction import with_fixed_friction
-from robot_energy.report import headline, summarise
-from robot_energy.report.model_summary import count_tags
+from robot_energy.report.replay import beyond_constant, headline
 from robot_energy.report.series import compared_series, predicted_series
-from robot_energy.report.tables import beyond_constant
+from robot_energy.results.base import SCHEMA_VERSION
+from robot_energy.results.model import count_tags
+from robot_energy.results.replay import replay_report
 from robots import figure, one_wheel, two_link
 
 SECONDS = 10.0
@@ -26,8 +27,8 @@ def run(folder: Path, **shape: Any) -> Replay:
 
 def test_a_wheel_at_constant_speed_as_worked_out_by_hand(tmp_path: Path) -> None:
     """68 W from the grid (see logbook), the meter says 80 W: -15 %, for 10 s."""
-    summary = summarise(run(tmp_path))
-    energy, compared = summary["energy"], summary["comparison"]
+    report = replay_report(run(tmp_path))
+    energy, compared = report.energy, report.comparison
     expected = {
         "grid_import": GRID * SECONDS,
         "grid_return": 0.0,
@@ -40,78 +41,67 @@ def test_a_wheel_at_constant_speed_as_worked_out_by_hand(tmp_path: Path) -> None
         "capacitor": 0.0,
         "sum_of_parts": GRID * SECONDS,
     }
-    assert {key: energy[key] for key in expected} == pytest.approx(expected, abs=2e-5)
-    assert energy["balanced"]
-    assert abs(energy["balance_residual"]) < 2e-5
-    assert compared["predicted_energy_at_meter"] == pytest.approx(680.0)
-    assert compared["measured_energy"] == pytest.approx(800.0)
-    assert compared["predicted_minus_measured_energy"] == pytest.approx(-120.0)
-    assert compared["predicted_minus_measured_relative"] == pytest.approx(-0.15)
-    assert compared["compared_ns"] == summary["time"]["observed_ns"] == 10_000_000_000
+    assert {key: getattr(energy, key) for key in expected} == pytest.approx(expected, abs=2e-5)
+    assert energy.balanced
+    assert abs(energy.balance_residual) < 2e-5
+    assert compared.predicted_energy_at_meter == pytest.approx(680.0)
+    assert compared.measured_energy == pytest.approx(800.0)
+    assert compared.predicted_minus_measured_energy == pytest.approx(-120.0)
+    assert compared.predicted_minus_measured_relative == pytest.approx(-0.15)
+    assert compared.compared_ns == report.time.observed_ns == 10_000_000_000
     # Beyond the 50 W that flow in any case: 180 J beside 300 J.
-    assert compared["constant_power_at_meter"] == 50.0
-    assert compared["beyond_constant_relative"] == pytest.approx(-0.4)
-    joint = summary["joints"][0]
-    assert joint["shaft_energy_positive"] == pytest.approx(180.0)
-    assert joint["shaft_energy_negative"] == pytest.approx(0.0, abs=1e-5)
-    assert joint["share_of_grid"] == pytest.approx(180.0 / 680.0)
-    assert joint["last_motor_temperature_degc"] is None
-    assert summary["power"]["predicted_peak_grid_power"] == pytest.approx(GRID)
-    assert summary["phases"]["motion"] == pytest.approx({"time": 10.0, "grid_import_energy": 680.0})
-    assert summary["phases"]["hold"]["time"] == 0.0
-    assert headline(summary) == (
+    assert compared.constant_power_at_meter == 50.0
+    assert compared.beyond_constant_relative == pytest.approx(-0.4)
+    joint = report.joints[0]
+    assert joint.shaft_energy_positive == pytest.approx(180.0)
+    assert joint.shaft_energy_negative == pytest.approx(0.0, abs=1e-5)
+    assert joint.share_of_grid == pytest.approx(180.0 / 680.0)
+    assert joint.last_motor_temperature_degc is None
+    assert report.power.predicted_peak_grid_power == pytest.approx(GRID)
+    motion = report.phases["motion"]
+    assert (motion.time, motion.grid_import_energy) == pytest.approx((10.0, 680.0))
+    assert report.phases["hold"].time == 0.0
+    assert headline(report) == (
         "predicted 680 J beside measured 800 J at the grid: -15.0 % over 10.0 s compared"
     )
-    assert beyond_constant(summary) == (
+    assert beyond_constant(report) == (
         "beyond the model's constant losses of 50 W: predicted 180 J beside measured 300 J: -40.0 %"
     )
 
 
 def test_a_meter_on_the_dc_bus_is_compared_there(tmp_path: Path) -> None:
     """38 W predicted on the bus beside 40 W measured: 380 J, 400 J, -5 %."""
-    compared = summarise(run(tmp_path, power=40.0, location="dc_bus"))["comparison"]
-    assert compared["meter_location"] == "dc_bus"
-    assert compared["predicted_energy_at_meter"] == pytest.approx(380.0)
-    assert compared["predicted_minus_measured_relative"] == pytest.approx(-0.05)
-    assert compared["constant_power_at_meter"] == 20.0
+    compared = replay_report(run(tmp_path, power=40.0, location="dc_bus")).comparison
+    assert compared.meter_location == "dc_bus"
+    assert compared.predicted_energy_at_meter == pytest.approx(380.0)
+    assert compared.predicted_minus_measured_relative == pytest.approx(-0.05)
+    assert compared.constant_power_at_meter == 20.0
 
 
 def test_what_is_not_measured_is_null_and_said(tmp_path: Path) -> None:
     result = run(tmp_path, power=None)
-    summary = summarise(result)
-    compared = summary["comparison"]
-    assert compared["measured_energy"] is None
-    assert compared["measured_mean_power"] is None
-    assert compared["predicted_minus_measured_relative"] is None
-    assert compared["meter_location"] is None
-    assert "nothing measured (no meter)" in headline(summary)
-    assert "the bag has no power meter: nothing was measured" in summary["notes"]
-    assert "NaN" not in json.dumps(summary, allow_nan=False)
+    report = replay_report(result)
+    compared = report.comparison
+    assert compared.measured_energy is None
+    assert compared.measured_mean_power is None
+    assert compared.predicted_minus_measured_relative is None
+    assert compared.meter_location is None
+    assert "nothing measured (no meter)" in headline(report)
+    assert "the bag has no power meter: nothing was measured" in report.notes
+    assert "NaN" not in json.dumps(report.to_dict(), allow_nan=False)
     assert compared_series(result) is None
 
 
 def test_json_keys_are_stable(tmp_path: Path) -> None:
-    """Scripts depend on these; a change of meaning needs another summary_version."""
-    summary = summarise(run(tmp_path, seconds=1.0), "friction fixed at 20 degC")
+    """Scripts depend on these; a change of meaning needs another schema_version."""
+    report = replay_report(run(tmp_path, seconds=1.0), "friction fixed at 20 degC")
+    summary = report.to_dict()
     assert list(summary) == [
-        "summary_version",
-        "tool_version",
-        "bag",
-        "origin",
-        "model",
-        "topics",
-        "time",
-        "comparison",
-        "energy",
-        "power",
-        "phases",
-        "joints",
-        "inputs",
-        "quality",
-        "problems",
-        "notes",
-    ]
-    assert summary["summary_version"] == 1
+        "result", "schema_version", "tool_version", "model", "energy", "power", "phases",
+        "joints", "quality", "problems", "notes", "bag", "origin", "topics", "time",
+        "comparison", "shaft", "payload", "inputs", "compared_with",
+    ]  # fmt: skip
+    assert (summary["result"], summary["schema_version"]) == ("replay", SCHEMA_VERSION)
     assert summary["model"]["change"] == "friction fixed at 20 degC"
     assert summary["model"]["figures"]["assumed"] == 6
     assert list(summary["inputs"]) == [
@@ -123,7 +113,7 @@ def test_json_keys_are_stable(tmp_path: Path) -> None:
     ]
     assert all(account["balanced"] for account in summary["inputs"].values())
     assert summary["inputs"]["joint_state_messages"]["received"] == 101
-    assert set(summary["topics"]) == {"joint_states", "temperatures", "meter"}
+    assert set(summary["topics"]) == {"joint_states", "temperatures", "meter", "payload"}
 
 
 def test_a_gap_is_time_without_energy(tmp_path: Path) -> None:
@@ -133,9 +123,9 @@ def test_a_gap_is_time_without_energy(tmp_path: Path) -> None:
     log.write_text("\n".join([*lines[:402], *lines[602:]]) + "\n")  # 4.00 s to 6.01 s
 
     import_log(log, mapping(), bag, overwrite=True)
-    time = summarise(replay(bag, one_wheel()))["time"]
-    assert time["span_ns"] == time["observed_ns"] + time["gap_ns"] == 10_000_000_000
-    assert (time["gap_count"], time["gap_ns"]) == (1, 2_010_000_000)
+    time = replay_report(replay(bag, one_wheel())).time
+    assert time.span_ns == time.observed_ns + time.gap_ns == 10_000_000_000
+    assert (time.gap_count, time.gap_ns) == (1, 2_010_000_000)
 
 
 def test_series_end_at_the_energies_of_the_books(tmp_path: Path) -> None:
@@ -180,11 +170,11 @@ def test_a_meter_that_was_reset_leaves_the_account_balanced(tmp_path: Path) -> N
         "reading": {"column": "p", "unit": "J"},
     }
     import_log(log, mapping(power=meter), tmp_path / "bag")
-    summary = summarise(replay(tmp_path / "bag", one_wheel()))
-    readings = summary["inputs"]["meter_readings"]
-    assert readings["rejected"] == {"meter_counter_low": 500}
-    assert any("was reset 1 times" in note for note in summary["notes"])
-    assert readings["balanced"]
-    assert summary["problems"] == []
-    assert summary["comparison"]["compared_ns"] == 9_990_000_000
-    assert summary["comparison"]["predicted_minus_measured_relative"] == pytest.approx(0, abs=1e-6)
+    report = replay_report(replay(tmp_path / "bag", one_wheel()))
+    readings = report.inputs["meter_readings"]
+    assert readings.rejected == {"meter_counter_low": 500}
+    assert any("was reset 1 times" in note for note in report.notes)
+    assert readings.balanced
+    assert report.problems == ()
+    assert report.comparison.compared_ns == 9_990_000_000
+    assert report.comparison.predicted_minus_measured_relative == pytest.approx(0, abs=1e-6)

@@ -39,6 +39,7 @@ class Losses:
         untold: Names of those that the data do not tell apart from the ones before.
         samples: Number of samples.
         rms: What remains, in sample. [W]
+        confidence: Half widths of the 95 % intervals, by name.
     """
 
     values: dict[str, float]
@@ -48,7 +49,6 @@ class Losses:
     samples: int
     rms: float
     confidence: dict[str, float]
-    """Half widths of the 95 % intervals, by name."""
 
     def figure(self, name: str, source: str, scale: float = 1.0) -> PositiveFigure:
         """Return one coefficient for a model file.

@@ -60,7 +60,7 @@ class ExcitationSettings:
     starts: int = 3
     iterations: int = 100
     seed: int = 0
-    columns: tuple[Column, ...] = field(default_factory=standard_columns)
+    columns: tuple[Column, ...] = field(default_factory=standard_columns, repr=False)
 
     def __post_init__(self) -> None:
         if self.criterion not in get_args(Criterion):

@@ -21,7 +21,12 @@ from robot_energy.physics.friction import viscous_law
 
 @dataclass(frozen=True)
 class Span:
-    """A range of motor temperatures. [degC]"""
+    """A range of motor temperatures.
+
+    Attributes:
+        low: Lower end. [degC]
+        high: Upper end. [degC]
+    """
 
     low: float = -np.inf
     high: float = np.inf

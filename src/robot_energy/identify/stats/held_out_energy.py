@@ -10,7 +10,7 @@ made from are never given: a fit makes them small by construction.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -55,11 +55,11 @@ class HeldOutPrediction:
         motor_torque: Of the stretch that is shown, shape (K, n). [N m]
     """
 
-    compared: tuple[Compared, ...]
+    compared: tuple[Compared, ...] = field(repr=False)
     energy: float
     rms: float
     shaft: float
-    motor_torque: Float
+    motor_torque: Float = field(repr=False)
 
 
 @dataclass(frozen=True)
@@ -88,8 +88,8 @@ class Tested:
     predictions: dict[str, HeldOutPrediction]
     start_ns: int
     location: MeterLocation | None
-    time: Float
-    motor_torque: Float
+    time: Float = field(repr=False)
+    motor_torque: Float = field(repr=False)
     taken: tuple[Subject, ...]
     beyond: float
 

@@ -123,6 +123,6 @@ def test_the_command_reports_the_delay_of_a_bag(tmp_path, capsys):
     words += ["--drive-power", "/drive_power"]
     assert main([*words, "--json", str(report)]) == 0
     assert "would lower the held-out error by" in capsys.readouterr().out
-    found = json.loads(report.read_text())["drives"]["delay"]
+    found = json.loads(report.read_text())["delay"]
     assert found["value"] == pytest.approx(8 * PERIOD, abs=PERIOD)
     assert found["applied"] == found["value"]

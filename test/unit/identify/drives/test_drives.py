@@ -310,9 +310,9 @@ def test_the_drives_of_a_real_cobot_are_predicted(tmp_path):
     words = ["identify", "drives", "--log", str(log), "--mapping", str(mapping)]
     assert main([*words, "--json", str(report)]) == 0
     found = json.loads(report.read_text())
-    held = next(c for c in found["drives"]["comparisons"] if c["held_out"] == "recordings")
-    rms = {way: score["rms"] for way, score in held["ways"].items()}
+    held = next(c for c in found["drives"]["comparisons"] if c["split"] == "recordings")
+    rms = {way: score["rms"] for way, score in held["scores"].items()}
     assert rms["losses"] < 0.3 * min(rms["none"], rms["constant"], rms["map"])
-    assert held["ways"]["losses"]["energy_accuracy"] > 0.98
+    assert held["scores"]["losses"]["accuracy"] > 0.98
     ways = found["total"]["ways"]
     assert ways["identified"]["rms"] < 0.8 * ways["shaft"]["rms"] < 0.8 * ways["constant"]["rms"]

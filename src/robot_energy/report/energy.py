@@ -1,0 +1,165 @@
+"""Sections that replay and prediction share: parts of the energy, joints, phases, quality."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import fields
+
+from robot_energy.model.drive_models import DRIVE_MODELS
+from robot_energy.report.document import Column, Document
+from robot_energy.report.formats import EnergyFormat, fixed, percent, watt_hour
+from robot_energy.results.energy import EnergyBreakdown, EnergyReport, JointEnergy
+
+QUALITY_NAMES = {
+    "temperature_missing": "temperature missing, fallback used",
+    "temperature_stale": "temperature stale, fallback used",
+    "temperature_implausible": "temperature implausible, the one before used",
+    "temperature_stuck": "temperature stands still while losses warm the motor",
+    "extrapolated": "friction law outside its fitted temperatures, edge held",
+    "acceleration_incomplete": "acceleration from a window cut by start, end or gap",
+    "velocity_derived": "velocity derived from positions",
+    "after_gap": "first sample after a gap",
+    "drive_extrapolated": "drive outside its efficiency map",
+    "not_finite": "power unknown, counted as gap",
+}
+
+
+def scale_of(energies: Sequence[EnergyBreakdown]) -> EnergyFormat:
+    """Return one unit and precision for several results."""
+    return EnergyFormat(max(max(energy.grid_import, energy.grid_return) for energy in energies))
+
+
+def part_names(drive: str) -> dict[str, str]:
+    """Return the names of the parts of the energy from the grid, in their order.
+
+    Args:
+        drive: Drive model of the robot.
+    """
+    unmodelled = drive in DRIVE_MODELS and DRIVE_MODELS[drive].lossless
+    return {
+        "rigid": "lifting and accelerating, net",
+        "friction": "friction",
+        "drive_loss": "drive losses" + (" (not modelled)" if unmodelled else ""),
+        "loss_dc": "constant losses, DC side",
+        "loss_grid": "constant and supply losses, grid",
+        "brake": "brake resistor",
+        "capacitor": "into the DC-link capacitor, net",
+    }
+
+
+def energy_table(
+    page: Document,
+    title: str,
+    report: EnergyReport,
+    scale: EnergyFormat,
+    other: tuple[str, EnergyBreakdown] | None = None,
+) -> None:
+    """Add where the energy goes.
+
+    Args:
+        page: Where to.
+        title: Above the table.
+        report: The result.
+        scale: Unit of the energies.
+        other: A second result and its name.
+    """
+    energy = report.energy
+    net = energy.net
+
+    def row(name: str, value: float, second: float | None) -> list[str]:
+        share = percent(value / net if net > 0 else None)
+        cells = [name, scale.joule(value), watt_hour(value), share]
+        return [*cells, scale.joule(second)] if other is not None else cells
+
+    columns = ["", f"energy [{scale.unit}]", "", "share"]
+    second: dict[str, float] = {}
+    if other is not None:
+        change = other[0].replace("friction ", "friction\n")
+        columns.append(f"{change}\n[{scale.unit}]")
+        second = {entry.name: getattr(other[1], entry.name) for entry in fields(other[1])}
+        second["net"] = other[1].net
+    rows = [
+        row(text, getattr(energy, key), second.get(key))
+        for key, text in part_names(report.model.drive).items()
+        if getattr(energy, key) or key not in ("brake", "capacitor")
+    ]
+    page.table(title, columns, rows, row("from the grid", net, second.get("net")))
+
+
+def joint_table(page: Document, joints: Sequence[JointEnergy], scale: EnergyFormat) -> None:
+    """Add where the energy of each joint goes.
+
+    Args:
+        page: Where to.
+        joints: In model order.
+        scale: Unit of the energies.
+    """
+    energies = {
+        "shaft\nout": "shaft_energy_positive",
+        "shaft\nback": "shaft_energy_negative",
+        "rigid": "rigid_energy",
+        "friction": "friction_energy",
+        "drive\nloss": "drive_loss_energy",
+        "drive\ninput": "drive_input_energy",
+    }
+    page.rows(
+        f"Joints, predicted [{scale.unit}]: rigid + friction + drive loss = drive input",
+        [
+            Column("", "name"),
+            *(Column(name, key, scale.joule, total=True) for name, key in energies.items()),
+            Column("share\nof grid", "share_of_grid", percent, total=True),
+            Column("last\ndegC", "last_motor_temperature_degc", fixed(1)),
+        ],
+        joints,
+        "all joints",
+    )
+
+
+def phase_table(page: Document, report: EnergyReport, scale: EnergyFormat) -> None:
+    """Add time and energy of the phases.
+
+    Args:
+        page: Where to.
+        report: The result.
+        scale: Unit of the energies.
+    """
+    page.rows(
+        "Phases, predicted",
+        [
+            Column("", lambda entry: entry[0]),
+            Column("time", lambda entry: f"{entry[1].time:.3f} s"),
+            Column("drawn", lambda entry: entry[1].grid_import_energy, scale.joule, scale.unit),
+            Column(
+                "mean power",
+                lambda entry: (
+                    f"{entry[1].grid_import_energy / entry[1].time:.1f} W"
+                    if entry[1].time
+                    else None
+                ),
+            ),
+        ],
+        [(name, one) for name, one in report.phases.items() if name != "unknown" or one.time],
+    )
+
+
+def quality_table(page: Document, report: EnergyReport) -> None:
+    """Add which samples are marked, where any is.
+
+    Args:
+        page: Where to.
+        report: The result.
+    """
+    quality = report.quality
+    if quality.counts:
+        page.table(
+            f"Quality: marked of {quality.samples} samples",
+            ("", "samples", "share"),
+            [
+                (
+                    QUALITY_NAMES.get(name, name),
+                    str(count),
+                    percent(count / quality.samples if quality.samples else None),
+                )
+                for name, count in quality.counts.items()
+            ],
+        )

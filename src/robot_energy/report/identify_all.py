@@ -1,0 +1,205 @@
+"""Everything that was identified, step by step, with the test on what was held out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from robot_energy import __version__
+from robot_energy.blocks import EffortMeaning
+from robot_energy.identify.cabinet.cabinet import CabinetFit
+from robot_energy.identify.cabinet.dc_link import LinkFit
+from robot_energy.identify.data.bags import VIRTUAL, BagFacts
+from robot_energy.identify.steps import DynamicsFound
+from robot_energy.report.document import Column, Document
+from robot_energy.report.drives import drives_document
+from robot_energy.report.dynamics import dynamics_document
+from robot_energy.report.formats import NOTHING, counted, percent, tags_text
+from robot_energy.report.held_out import PLACES, held_out_document, verdict_line
+from robot_energy.report.identification import (
+    delay_text,
+    friction_document,
+    link_section,
+    losses_section,
+)
+from robot_energy.report.parameters import changes_document
+from robot_energy.results.drives import DrivesReport
+from robot_energy.results.dynamics import DynamicsReport
+from robot_energy.results.identification import FrictionReport, IdentificationReport, StepReport
+from robot_energy.results.model import count_tags
+
+TITLES = {
+    "dynamics": "Dynamics: bodies, rotors and friction",
+    "friction": "Friction over motor temperature",
+    "cabinet": "Constant losses of the cabinet",
+    "drives": "Drives: electrical power",
+    "capacitor": "Energy of the DC link",
+}
+
+
+def identification_lead(report: IdentificationReport) -> str:
+    """Return what was identified, and of what data."""
+    bags = (*report.recordings, *report.tests)
+    origins = sorted({entry.origin for entry in bags if entry.origin})
+    count = counted(len(report.recordings), "recording")
+    return ". ".join([f"{report.model.robot.type}, identified from {count}", *origins]) + "."
+
+
+def identification_document(report: IdentificationReport, page: Document) -> None:
+    """Add everything.
+
+    Args:
+        report: What was found.
+        page: Where to.
+    """
+    page.heading("In short")
+    _overview(report, page)
+    page.heading("What was read")
+    _read(report, page)
+    for step in report.steps:
+        page.heading(TITLES[step.subject])
+        _step(step, report, page)
+    if report.energy is not None:
+        page.heading("Energy on what the model has not seen")
+        held_out_document(report.energy, report.model.joint_names, page)
+    page.heading("Model file")
+    _model(report, page)
+
+
+def _overview(report: IdentificationReport, page: Document) -> None:
+    page.rows(
+        "What was identified, in the order in which it was done",
+        [
+            Column("step", "subject"),
+            Column("in the model", lambda step: "new" if step.taken else "as given"),
+            Column("what came of it", _came_of),
+        ],
+        report.steps,
+    )
+    verdict_line(report.energy, page)
+    virtual = [entry.name for entry in report.recordings if VIRTUAL in entry.origin]
+    if virtual:
+        page.note(
+            f"virtual rig: {', '.join(virtual)} simulated; figures on it show the method, "
+            "not a robot"
+        )
+
+
+def _came_of(step: StepReport) -> str:
+    if step.reason:
+        return step.reason
+    match step.found:
+        case DynamicsReport() as found:
+            weak = sum(entry.weakly_excited for entry in found.base_parameters)
+            errors = found.torque_error
+            return (
+                f"{len(found.base_parameters)} base parameters, {weak} of them weakly excited; "
+                f"torque {percent(errors['held_out_model_file'].total)} off held out, "
+                f"{percent(errors['held_out_given_bodies'].total)} with the bodies as given"
+            )
+        case FrictionReport(_, fits, _):
+            low = min(fit.range_degc[0] for fit in fits)
+            high = max(fit.range_degc[1] for fit in fits)
+            laws = ", ".join(sorted({fit.chosen for fit in fits}))
+            return f"{counted(len(fits), 'axis', 'axes')}, {low:.0f} to {high:.0f} degC: {laws}"
+        case CabinetFit() as fit:
+            sides = (("grid", fit.loss_grid), ("DC", fit.loss_dc))
+            return ", ".join(
+                f"{name} side as given" if value is None else f"{name} side {value:.1f} W"
+                for name, value in sides
+            )
+        case DrivesReport(_, drives):
+            if drives is None:
+                return "losses behind one meter for all drives"
+            return f"each drive by its own power: {drives.chosen.replace('_', ' ')}"
+        case LinkFit() as fit:
+            return (
+                f"{fit.energy:.0f} J, 95 % interval {fit.interval[0]:.0f} to {fit.interval[1]:.0f}"
+            )
+        case None:
+            return ""
+
+
+def _read(report: IdentificationReport, page: Document) -> None:
+    uses = {id(entry): "test" for entry in report.tests}
+    bags = (*report.recordings, *report.tests)
+    page.rows(
+        "Recordings",
+        [
+            Column("bag", "name"),
+            Column("for", lambda entry: uses.get(id(entry), "fit")),
+            Column("samples", lambda entry: f"{entry.duration:.1f} s, {entry.rate:.0f} Hz"),
+            Column(
+                "motors",
+                lambda entry: entry.range_degc and "{:.0f} to {:.0f}".format(*entry.range_degc),
+                unit="degC",
+            ),
+            Column(
+                "effort",
+                lambda entry: (
+                    None
+                    if entry.effort is EffortMeaning.NONE
+                    else entry.effort.value.replace("_", " ")
+                ),
+            ),
+            Column("power readings", _readings),
+        ],
+        bags,
+    )
+    if report.meter_delay is not None:
+        page.paragraph(delay_text("the power meter", report.meter_delay))
+    page.notes([f"{entry.name}: {problem}" for entry in bags for problem in entry.problems])
+
+
+def _readings(entry: BagFacts) -> str | None:
+    if entry.meter is None:
+        return None
+    place = PLACES.get(entry.meter, "unknown place")
+    return f"{entry.readings} at {place}{', drives' if entry.drives else ''}"
+
+
+def _step(step: StepReport, report: IdentificationReport, page: Document) -> None:
+    if step.found is None:
+        page.note(f"not done: {step.reason}")
+        return
+    if step.reason:
+        page.note(f"not taken: {step.reason}")
+    match step.found:
+        case DynamicsReport() as found:
+            follows = not step.taken or report.taken("friction")
+            dynamics_document(found, page, friction_follows=follows)
+            errors = found.torque_error
+            page.paragraph(
+                f"held out with the bodies as given, rotors and friction refitted: "
+                f"{percent(errors['held_out_given_bodies'].total)} of the moving torque; "
+                f"identified bodies {percent(errors['held_out_model_file'].total)}"
+            )
+            source = step.step.found
+            if isinstance(source, DynamicsFound) and source.seconds < float("inf"):
+                page.paragraph(f"of each recording the first {source.seconds:.0f} s were used")
+        case FrictionReport() as found:
+            friction_document(found, page)
+        case CabinetFit() as fit:
+            losses_section(fit, page)
+        case DrivesReport() as found:
+            drives_document(found, page)
+        case LinkFit() as fit:
+            link_section(fit, page)
+    page.notes(step.notes)
+
+
+def _model(report: IdentificationReport, page: Document) -> None:
+    model, before = report.model, report.given
+    changes_document(before, model, page)
+    provenance = model.provenance
+    page.pairs(
+        [
+            (
+                "model",
+                f"{model.model_id} (as given: {before.model_id}, {Path(before.source).name})",
+            ),
+            ("figures", tags_text(count_tags(model))),
+            ("made from", ", ".join(provenance.bags)),
+            ("recorded", provenance.data_date or NOTHING),
+            ("made by", f"robot-energy {__version__}"),
+        ]
+    )

@@ -1,0 +1,100 @@
+"""What a model file and a bag hold."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from robot_energy.model.drive_models import DRIVE_MODELS
+from robot_energy.report.document import Column, Document
+from robot_energy.report.formats import significant
+from robot_energy.results.model import JointOfModel, ModelReport
+
+
+def model_document(report: ModelReport, page: Document) -> None:
+    """Add what a model file holds.
+
+    Args:
+        report: What it holds.
+        page: Where to.
+    """
+    page.paragraph(
+        f"{report.source}: a valid model of {report.robot}, {len(report.joints)} joints, id "
+        f"{report.model_id}",
+        "strong",
+    )
+    tags = report.figures
+    entries = [
+        (
+            "figures",
+            f"{sum(tags.values())}: {', '.join(f'{count} {tag}' for tag, count in tags.items())}",
+        ),
+        (
+            "moving mass",
+            f"{report.moving_mass:.2f} kg, of which payload {report.payload_mass:.2f} kg",
+        ),
+        ("locked joints", ", ".join(report.locked_joints) or "none"),
+        ("coupling", "; ".join(report.coupling) or "none"),
+        ("drives", DRIVE_MODELS[report.drive].label),
+        (
+            "constant losses",
+            f"{report.loss_dc:g} W on the DC side, {report.loss_grid:g} W on the grid side",
+        ),
+        ("braking energy", "returned to the grid" if report.regenerates else "to the resistor"),
+        ("DC-link capacitor", "modelled" if report.capacitor else "not modelled"),
+        (
+            "temperature",
+            f"{report.fallback_temperature_degc:g} degC where none is known or it "
+            f"is older than {report.stale_after:g} s",
+        ),
+    ]
+    if report.notes:
+        entries.append(("notes", " ".join(report.notes.split())))
+    page.pairs(entries)
+    page.paragraph()
+    page.paragraph("Joints and links of the URDF", "strong")
+    for sentence in report.inventory:
+        page.paragraph(f"  {sentence}")
+    page.rows(
+        "Joints, motor side",
+        [
+            Column("", "name"),
+            Column("gear\nratio", "gear_ratio", significant(6)),
+            Column("rotor inertia\n[kg m^2]", "rotor_inertia", significant(3)),
+            Column("Coulomb\n[N m]", "coulomb", significant(3)),
+            Column("viscous\nlaw", "viscous_law"),
+            Column("fitted\n[degC]", _fitted),
+        ],
+        report.joints,
+    )
+
+
+def _fitted(joint: JointOfModel) -> str:
+    if joint.fitted_degc is None:
+        return "any"
+    return "{:g} to {:g}".format(*joint.fitted_degc)
+
+
+def bag_document(
+    name: str,
+    span: str | None,
+    topics: Sequence[tuple[str, str, str, str]],
+    problems: Sequence[str],
+    origin: str,
+    page: Document,
+) -> None:
+    """Add what a bag holds.
+
+    Args:
+        name: The bag.
+        span: Its time in words; None if it holds no message.
+        topics: Topic, type, count and use of each.
+        problems: What is wrong with it.
+        origin: Where it comes from; empty if it does not say.
+        page: Where to.
+    """
+    page.paragraph(f"{name}: {span or 'no messages'}", "strong")
+    if origin:
+        page.paragraph(f"origin: {origin}")
+    for problem in problems:
+        page.paragraph(problem, "problem")
+    page.table("", ("topic", "type", "messages", "used as"), topics)

@@ -1,0 +1,385 @@
+"""What a replay says: headline, where the energy went, comparison, joints, data quality."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+from robot_energy.blocks import NANOSECOND
+from robot_energy.report.document import Column, Document
+from robot_energy.report.energy import (
+    energy_table,
+    joint_table,
+    phase_table,
+    quality_table,
+    scale_of,
+)
+from robot_energy.report.formats import (
+    EnergyFormat,
+    counted,
+    energy_text,
+    fixed,
+    percent,
+    seconds,
+    signed_percent,
+    tags_text,
+    watt_hour,
+)
+from robot_energy.report.power_figure import power_and_energy
+from robot_energy.report.prediction_figure import energy_bars
+from robot_energy.report.series import Series
+from robot_energy.report.temperature_figure import temperature_and_friction
+from robot_energy.results.energy import JointEnergy
+from robot_energy.results.replay import JointShaft, ReplayReport, ShaftComparison
+from robot_energy.time_series import TimeSeries
+
+INPUT_NAMES = {
+    "joint_state_messages": "joint states",
+    "temperature_messages": "temperatures, messages",
+    "temperature_values": "temperatures, values",
+    "meter_messages": "meter, messages",
+    "meter_readings": "meter, readings",
+    "payload_messages": "payloads",
+}
+LOCATION_NAMES = {"grid": "the grid", "dc_bus": "the DC bus"}
+CAVEATS = {
+    "motor_current": "measured = reported current x torque_constant of the model file x speed",
+    "motor_torque": "measured = reported motor torque x motor speed",
+    "joint_torque": "measured = reported joint torque through the gears x motor speed; a sensor "
+    "behind the gear sees neither rotor inertia nor the friction before it",
+}
+SHAFT = (
+    ("out,\nmeasured", "shaft_energy_positive_measured"),
+    ("out,\npredicted", "shaft_energy_positive_compared"),
+    ("back,\nmeasured", "shaft_energy_negative_measured"),
+    ("back,\npredicted", "shaft_energy_negative_compared"),
+    ("predicted\n- measured", "predicted_minus_measured_energy"),
+)
+
+
+@dataclass(frozen=True)
+class ReplayCurves:
+    """What the figures of a replay show beyond its report.
+
+    Attributes:
+        series: Power and energy over time, predicted and perhaps measured.
+        power: The table over time, with motor temperatures.
+    """
+
+    series: Sequence[Series]
+    power: TimeSeries
+
+
+def place_of(report: ReplayReport) -> str:
+    """Return where the power of the comparison flows, in words."""
+    return LOCATION_NAMES.get(report.comparison.meter_location or "", "the meter")
+
+
+def headline(report: ReplayReport) -> str:
+    """Return the result in one line.
+
+    Args:
+        report: Of a replay.
+
+    Returns:
+        Predicted beside measured over the compared time; where nothing was measured, the
+        predicted energy and that.
+    """
+    compared = report.comparison
+    measured, predicted = compared.measured_energy, compared.predicted_energy_at_meter
+    if measured is None or predicted is None:
+        why = "no meter" if report.topics.meter is None else "no meter reading fits in time"
+        return (
+            f"predicted {energy_text(report.energy.net)} from the grid over "
+            f"{report.time.observed_time:.1f} s; nothing measured ({why}): prediction only"
+        )
+    text = (
+        f"predicted {energy_text(predicted)} beside measured {energy_text(measured)} at "
+        f"{place_of(report)}"
+    )
+    if compared.predicted_minus_measured_relative is not None:
+        text += f": {percent(compared.predicted_minus_measured_relative, sign=True)}"
+    return f"{text} over {compared.compared_time:.1f} s compared"
+
+
+def beyond_constant(report: ReplayReport) -> str:
+    """Return in one line how well the part that is not constant is predicted.
+
+    Args:
+        report: Of a replay.
+
+    Returns:
+        A sentence; empty where nothing was measured.
+    """
+    compared = report.comparison
+    predicted = compared.predicted_energy_beyond_constant
+    measured, error = compared.measured_energy_beyond_constant, compared.beyond_constant_relative
+    if measured is None or predicted is None or not compared.constant_power_at_meter:
+        return ""
+    return (
+        f"beyond the model's constant losses of {compared.constant_power_at_meter:.4g} W: "
+        f"predicted {energy_text(predicted)} beside measured {energy_text(measured)}"
+        + (f": {percent(error, sign=True)}" if error is not None else "")
+    )
+
+
+def replays_document(
+    replays: Sequence[tuple[ReplayReport, ReplayCurves | None]], page: Document
+) -> None:
+    """Add one or several replays; several side by side first.
+
+    Args:
+        replays: Reports, with the curves for their figures over time or None.
+        page: Where to.
+    """
+    several = len(replays) > 1
+    if several:
+        reports = [report for report, _ in replays]
+        names = [Path(report.bag).name for report in reports]
+        page.heading("Side by side")
+        page.figure(
+            lambda path: energy_bars([report.energy for report in reports], names, path),
+            "Predicted energy from the grid and where it went.",
+        )
+        for name, report in zip(names, reports, strict=True):
+            page.paragraph(f"`{name}`: {headline(report)}")
+    for report, curves in replays:
+        if several:
+            page.heading(Path(report.bag).name)
+        replay_document(report, page, curves, 3 if several else 2)
+
+
+def replay_document(
+    report: ReplayReport, page: Document, curves: ReplayCurves | None = None, depth: int = 2
+) -> None:
+    """Add all that a replay says.
+
+    Args:
+        report: What to say.
+        page: Where to.
+        curves: For the figures over time; None: without them.
+        depth: Of the headings on a page.
+    """
+    other = report.compared_with
+    scale = scale_of([report.energy])
+    page.paragraph(headline(report), "strong")
+    if beyond := beyond_constant(report):
+        page.paragraph(beyond)
+    if other is not None:
+        page.paragraph(f"with {other.model.change}: {headline(other)}")
+    if report.origin:
+        page.paragraph(f"origin: {report.origin}")
+    for problem in report.problems:
+        page.paragraph(problem, "problem")
+    page.notes(report.notes)
+    page.paragraph()
+    with page.only("terminal"):
+        page.pairs(_recording(report))
+    _section(page, depth, "Where the energy went")
+    _energy(page, report, scale)
+    _section(page, depth, "Predicted against measured")
+    _comparison(page, report, scale)
+    if curves is not None and curves.series:
+        page.figure(
+            lambda path: power_and_energy(curves.series, path, place=place_of(report)),
+            f"Power and energy at {place_of(report)}.",
+        )
+    _section(page, depth, "Joints")
+    joint_table(page, report.joints, scale)
+    if report.shaft is not None:
+        _shaft(page, report.shaft, scale)
+    _section(page, depth, "Temperatures and friction")
+    _temperatures(page, report, scale, curves)
+    _section(page, depth, "Phases")
+    phase_table(page, report, scale)
+    _section(page, depth, "Data quality")
+    with page.only("page"):
+        page.pairs(_recording(report))
+    _inputs(page, report)
+    quality_table(page, report)
+
+
+def _section(page: Document, depth: int, title: str) -> None:
+    """A heading for pages; the tables of a terminal have titles enough."""
+    with page.only("page"):
+        page.heading(title, depth)
+
+
+def _recording(report: ReplayReport) -> list[tuple[str, str]]:
+    model, time, topics = report.model, report.time, report.topics
+    change = f"; {model.change}" if model.change else ""
+    rows = [
+        ("bag", report.bag),
+        ("model", f"{model.robot}, id {model.model_id}{change}"),
+        ("model file", model.source),
+        ("its figures", tags_text(model.figures)),
+    ]
+    if model.notes:
+        rows.append(("its notes", " ".join(model.notes.split())))
+    rows += [
+        ("joint states", ", ".join(topics.joint_states or ())),
+        ("temperatures", ", ".join(topics.temperatures or ()) or "none"),
+        ("meter", topics.meter or "none"),
+    ]
+    if time.start_ns is not None:
+        start = datetime.fromtimestamp(time.start_ns // 10**9, tz=UTC)
+        rows.append(
+            ("recorded", f"from {start:%Y-%m-%d %H:%M:%S} UTC, span {seconds(time.span_ns)}")
+        )
+    for change in report.payload.changes if report.payload is not None else ():
+        after = (change.from_ns - (time.start_ns or 0)) * NANOSECOND
+        when = f"from {after:.3f} s on" if after > 0 else "from the start"
+        rows.append(("payload", f"{change.payload.mass:g} kg on {change.payload.link} {when}"))
+    gaps = "no gaps"
+    if time.gap_count:
+        gaps = f"{counted(time.gap_count, 'gap')} of {seconds(time.gap_ns)} in all"
+    rows.append(
+        ("predicted", f"{seconds(time.observed_ns)} ({percent(time.coverage)} of the span), {gaps}")
+    )
+    return rows
+
+
+def _energy(page: Document, report: ReplayReport, scale: EnergyFormat) -> None:
+    energy, power, other = report.energy, report.power, report.compared_with
+    runs = {"predicted": energy}
+    second = None
+    if other is not None:
+        second = str(other.model.change), other.energy
+        runs = {"predicted": energy, f"predicted, {second[0]}": other.energy}
+    page.figure(
+        lambda path: energy_bars(list(runs.values()), list(runs), path),
+        "Predicted energy from the grid and where it went.",
+    )
+    over = seconds(report.time.observed_ns)
+    energy_table(page, f"Where the energy went, predicted, over {over}", report, scale, second)
+    if energy.grid_return:
+        page.paragraph(
+            f"  drawn {scale.joule(energy.grid_import)} {scale.unit}, "
+            f"returned {scale.joule(energy.grid_return)} {scale.unit}"
+        )
+    mean, peak = power.predicted_mean_grid_power, power.predicted_peak_grid_power
+    if mean is not None and peak is not None:
+        page.paragraph(
+            f"  mean {mean:.1f} W, peak {peak:.1f} W from the grid; balance: grid minus "
+            f"the sum of its parts = {energy.balance_residual * 1e6:.0f} uJ"
+        )
+    page.paragraph()
+
+
+def _comparison(page: Document, report: ReplayReport, scale: EnergyFormat) -> None:
+    compared, other = report.comparison, report.compared_with
+    measured, power = compared.measured_energy, compared.measured_mean_power
+    if measured is None or power is None:
+        with page.only("page"):
+            page.paragraph("Nothing was measured that could be compared.")
+        return
+    rows = [("measured", scale.joule(measured), watt_hour(measured), f"{power:.1f} W", "", "")]
+    for entry in (report, other):
+        values = None if entry is None else entry.comparison
+        if entry is None or values is None or values.measured_energy is None:
+            continue
+        change = entry.model.change or "measured temperatures"
+        rows.append(
+            (
+                f"predicted, {change}" if other is not None else "predicted",
+                scale.joule(values.predicted_energy_at_meter),
+                watt_hour(values.predicted_energy_at_meter),
+                f"{fixed(1)(values.predicted_mean_power_at_meter)} W",
+                scale.joule(values.predicted_minus_measured_energy),
+                signed_percent(values.predicted_minus_measured_relative),
+            )
+        )
+    page.table(
+        f"Predicted beside measured at {place_of(report)}, over the same "
+        f"{seconds(compared.compared_ns)} ({percent(compared.coverage)} of what is predicted)",
+        ("", f"energy [{scale.unit}]", "", "mean power", f"error [{scale.unit}]", ""),
+        rows,
+    )
+
+
+def _shaft(page: Document, shaft: ShaftComparison, scale: EnergyFormat) -> None:
+    def summed(rows: Sequence[JointShaft], *keys: str) -> float:
+        return sum(getattr(row, key) or 0.0 for row in rows for key in keys)
+
+    def turnover(rows: Sequence[JointShaft]) -> float:
+        return summed(rows, "shaft_energy_positive_measured", "shaft_energy_negative_measured")
+
+    def error(rows: Sequence[JointShaft]) -> float | None:
+        known = turnover(rows)
+        return summed(rows, "predicted_minus_measured_energy") / known if known else None
+
+    def column(name: str, key: str) -> Column:
+        return Column(
+            name, key, scale.joule, total=lambda rows: summed(rows, key) if turnover(rows) else None
+        )
+
+    page.rows(
+        f"Shaft energy, measured by {shaft.effort.replace('_', ' ')} and predicted over the "
+        f"same time [{scale.unit}]",
+        [
+            Column("", "name"),
+            *(column(name, key) for name, key in SHAFT),
+            Column("of out\n+ back", "predicted_minus_measured_relative", signed_percent,
+                   total=error),
+            Column("time\nknown", "coverage", percent),
+        ],
+        shaft.joints,
+        "all joints",
+    )  # fmt: skip
+    page.paragraph(f"  {CAVEATS.get(shaft.effort, '')}")
+    page.paragraph()
+
+
+def _temperatures(
+    page: Document, report: ReplayReport, scale: EnergyFormat, curves: ReplayCurves | None
+) -> None:
+    """For pages: the terminal has these figures in the table of the joints."""
+    net = report.energy.net
+
+    def of_grid(joint: JointEnergy) -> float | None:
+        return joint.friction_energy / net if net > 0 else None
+
+    with page.only("page"):
+        page.paragraph(
+            f"Where no motor temperature is known, that of the model is taken: "
+            f"{report.model.fallback_temperature_degc:g} degC."
+        )
+        page.rows(
+            "Friction by joint, predicted",
+            [
+                Column("", "name"),
+                Column("friction", "friction_energy", scale.joule, scale.unit, total=True),
+                Column("share of grid", of_grid, percent, total=True),
+                Column("last motor temperature", "last_motor_temperature_degc", fixed(1), "degC"),
+            ],
+            report.joints,
+            "all joints",
+        )
+    if curves is not None and len(curves.power):
+        page.figure(
+            lambda path: temperature_and_friction(curves.power, path),
+            "Motor temperatures that friction was computed with, and predicted power of friction.",
+        )
+
+
+def _inputs(page: Document, report: ReplayReport) -> None:
+    page.rows(
+        "Inputs",
+        [
+            Column("", lambda entry: INPUT_NAMES.get(entry[0], entry[0])),
+            Column("received", lambda entry: entry[1].received),
+            Column("accepted", lambda entry: entry[1].accepted),
+            Column(
+                "rejected",
+                lambda entry: (
+                    ", ".join(
+                        f"{n} {why.replace('_', ' ')}" for why, n in entry[1].rejected.items()
+                    )
+                    or "none"
+                ),
+            ),
+        ],
+        [(name, account) for name, account in report.inputs.items() if account.received],
+    )

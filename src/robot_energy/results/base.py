@@ -1,0 +1,76 @@
+"""What all results share: their documented fields are their JSON."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, is_dataclass
+from enum import Enum, StrEnum
+from pathlib import Path
+from typing import Any, ClassVar, cast
+
+import numpy as np
+from pydantic import BaseModel
+
+from robot_energy import __version__
+from robot_energy.model import RobotModel
+
+SCHEMA_VERSION = 2  # rises when a key goes, is renamed, or changes its meaning
+Number = float | None  # None where nothing is known
+
+
+def known(value: float) -> Number:
+    """Return a number, or None where it is not finite."""
+    return float(value) if math.isfinite(value) else None
+
+
+@dataclass(frozen=True)
+class Result:
+    """Base of the results. A number that is not finite becomes None: it is not known."""
+
+    NAME: ClassVar[str] = ""  # of the JSON document; empty for a part of one
+
+    def __post_init__(self) -> None:
+        for entry in fields(self):
+            value = getattr(self, entry.name)
+            if isinstance(value, float):
+                object.__setattr__(self, entry.name, known(value))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all figures as plain values: the JSON of the command."""
+        header = {"result": self.NAME, "schema_version": SCHEMA_VERSION}
+        return {**(header | {"tool_version": __version__} if self.NAME else {}), **plain(self)}
+
+
+def plain(value: Any) -> Any:
+    """Return a value as JSON can hold it.
+
+    Args:
+        value: A dataclass becomes its fields, but for those hidden from its representation
+            (``repr=False``): they are the data behind it. An array becomes a list, an
+            enumeration the name of its member, a robot model its identity.
+
+    Returns:
+        Plain values; None for a number that is not finite.
+    """
+    if is_dataclass(value) and not isinstance(value, type):
+        return {e.name: plain(getattr(value, e.name)) for e in fields(value) if e.repr}
+    match value:
+        case float():
+            return known(value)
+        case RobotModel():
+            return value.model_id
+        case BaseModel():
+            return plain(value.model_dump(mode="json", exclude_none=True))
+        case StrEnum() | Path():
+            return str(value)
+        case Enum():
+            return value.name.lower()
+        case np.ndarray() | np.generic():
+            return plain(cast("Any", value).tolist())
+        case Mapping():
+            return {str(key): plain(item) for key, item in cast("Any", value).items()}
+        case list() | tuple():
+            return [plain(item) for item in cast("Any", value)]
+        case _:
+            return value

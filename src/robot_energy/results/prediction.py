@@ -1,0 +1,199 @@
+"""Predictions: every figure that terminal, JSON and pages show of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from robot_energy.blocks import NANOSECOND, Quality
+from robot_energy.model.drive_models import DRIVE_MODELS
+from robot_energy.model.payload import Payload
+from robot_energy.motion.load_motion import LoadedMotion
+from robot_energy.prediction import Prediction
+from robot_energy.results.base import Number, Result
+from robot_energy.results.energy import EnergyBreakdown, EnergyReport, common_figures, unbalanced
+from robot_energy.results.model import count_tags
+
+
+@dataclass(frozen=True)
+class PredictedTime(Result):
+    """Time of a prediction.
+
+    Attributes:
+        duration: Of all repetitions. [s]
+        predicted_time: Of which the energy is known. [s]
+        gap_ns: Of which it is not. [ns]
+    """
+
+    duration: float
+    predicted_time: float
+    gap_ns: int
+
+
+@dataclass(frozen=True)
+class ToolPath(Result):
+    """Path of the tool, of all repetitions.
+
+    Attributes:
+        length: [m]
+        printed_length: Of which material is laid; None if the program prints nothing. [m]
+        stops: Of one repetition.
+        full_speed_share: Share of the length at the programmed speed. [-]
+        energy_per_printed_metre: From the grid. [J/m]
+    """
+
+    length: float
+    printed_length: Number
+    stops: int | None
+    full_speed_share: Number
+    energy_per_printed_metre: Number
+
+
+@dataclass(frozen=True)
+class JointLimitUse(Result):
+    """Greatest use of the limits of the URDF by one joint.
+
+    Attributes:
+        name: Of the joint.
+        speed_use: Of the speed limit. [-]
+        torque_use: Of the torque limit; None without one. [-]
+    """
+
+    name: str
+    speed_use: Number
+    torque_use: Number
+
+
+@dataclass(frozen=True)
+class FrictionReach(Result):
+    """Joints whose friction law does not tell the assumed temperature.
+
+    Attributes:
+        extrapolated_joints: Their law was never fitted there.
+        one_temperature_joints: Their law is the same at every temperature.
+    """
+
+    extrapolated_joints: tuple[str, ...]
+    one_temperature_joints: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class PredictionReport(EnergyReport):
+    """The energy of a motion that has not been made.
+
+    Attributes:
+        program: Name of the motion.
+        repeat: How often it is made.
+        motor_temperature_degc: Assumed and held, by joint. [degC]
+        payload: What the robot carries beside the payload of its model.
+        time: Of the motion.
+        tool: Path of the tool; None where it is not known.
+        limits: Use of the limits of the URDF, in model order.
+        friction: Joints whose friction law does not tell the assumed temperature.
+    """
+
+    program: str
+    repeat: int
+    motor_temperature_degc: dict[str, float]
+    payload: tuple[Payload, ...]
+    time: PredictedTime
+    tool: ToolPath | None
+    limits: tuple[JointLimitUse, ...]
+    friction: FrictionReach
+
+
+@dataclass(frozen=True)
+class PredictionsReport(Result):
+    """All programs by all robots at all temperatures.
+
+    Attributes:
+        runs: One for each.
+    """
+
+    NAME: ClassVar[str] = "prediction"
+
+    runs: tuple[PredictionReport, ...]
+
+
+def prediction_report(result: Prediction, motion: LoadedMotion | None = None) -> PredictionReport:
+    """Return all figures of a prediction.
+
+    Args:
+        result: A prediction.
+        motion: The program behind it.
+    """
+    model, account = result.model, result.ledger
+    temperature = result.motor_temperature_degc.tolist()
+    common = common_figures(account, model, temperature, None)
+    time = account.registers.time
+    return PredictionReport(
+        **common,
+        program=result.program,
+        repeat=result.repeat,
+        motor_temperature_degc=dict(zip(model.joint_names, temperature, strict=True)),
+        payload=tuple(result.payload),
+        time=PredictedTime(result.duration, time.observed_ns * NANOSECOND, time.gap_ns),
+        tool=_tool(motion, result.repeat, common["energy"].net),
+        limits=tuple(
+            JointLimitUse(*row)
+            for row in zip(
+                model.joint_names,
+                result.limits.speed.tolist(),
+                result.limits.torque.tolist(),
+                strict=True,
+            )
+        ),
+        friction=FrictionReach(tuple(result.extrapolated), tuple(result.one_temperature)),
+        problems=tuple(_problems(result, common["energy"])),
+        notes=(*result.notes, *_notes(result)),
+    )
+
+
+def _tool(motion: LoadedMotion | None, repeat: int, net: float) -> ToolPath | None:
+    if motion is None or motion.length is None:
+        return None
+    printed = motion.printed_length * repeat if motion.printed_length else None
+    return ToolPath(
+        length=motion.length * repeat,
+        printed_length=printed,
+        stops=motion.stops,
+        full_speed_share=motion.full_speed_share,
+        energy_per_printed_metre=net / printed if printed else None,
+    )
+
+
+def _problems(result: Prediction, energy: EnergyBreakdown) -> list[str]:
+    problems = [*unbalanced(energy), *result.limits.sentences()]
+    gap_ns = result.ledger.registers.time.gap_ns
+    if gap_ns:
+        problems.append(
+            f"{gap_ns * NANOSECOND:.3f} s of the motion are not predicted and not counted"
+        )
+    return problems
+
+
+def _notes(result: Prediction) -> list[str]:
+    notes: list[str] = []
+    if result.extrapolated:
+        notes.append(
+            f"EXTRAPOLATED: the friction of {', '.join(result.extrapolated)} was never fitted at "
+            "that temperature; the law is held at the edge of its range"
+        )
+    if result.one_temperature:
+        notes.append(
+            f"the friction of {', '.join(result.one_temperature)} is the same at every "
+            "temperature in this model"
+        )
+    samples, counts = result.ledger.samples, result.ledger.quality
+    share = counts[int(Quality.DRIVE_EXTRAPOLATED)] / samples if samples else 0.0
+    if share:
+        notes.append(
+            f"DRIVE_EXTRAPOLATED: a drive runs outside its efficiency map in {100 * share:.1f} % "
+            "of the samples; the nearest point was used"
+        )
+    if DRIVE_MODELS[result.model.drive].lossless:
+        notes.append("the model knows no drive losses: they are missing from the energy")
+    tags = count_tags(result.model)
+    if assumed := tags.get("assumed", 0):
+        notes.append(f"{assumed} of {sum(tags.values())} figures of the model are assumed")
+    return notes

@@ -1,0 +1,293 @@
+"""A replay: every figure that terminal, JSON and pages show of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+from robot_energy.bag_replay import Replay, Topics
+from robot_energy.blocks import NANOSECOND, EffortMeaning
+from robot_energy.pipeline.payload_timeline import PayloadChange
+from robot_energy.results.base import Number, Result
+from robot_energy.results.energy import (
+    EnergyBreakdown,
+    EnergyReport,
+    MeterComparison,
+    common_figures,
+    comparison_of,
+    unbalanced,
+)
+
+
+@dataclass(frozen=True)
+class ObservedTime(Result):
+    """What part of the recording is predicted: ``span = observed + gap``, exact.
+
+    Attributes:
+        start_ns: Of the first sample; None if there is none. [ns since 1970]
+        end_ns: Of the last sample. [ns since 1970]
+        span_ns: From first to last. [ns]
+        observed_ns: Predicted. [ns]
+        gap_ns: Not predicted. [ns]
+        gap_count: Number of gaps.
+        backward_jumps: How often stamps jumped back.
+        coverage: Observed share of the span. [-]
+        observed_time: Predicted. [s]
+    """
+
+    start_ns: int | None
+    end_ns: int | None
+    span_ns: int
+    observed_ns: int
+    gap_ns: int
+    gap_count: int
+    backward_jumps: int
+    coverage: Number
+    observed_time: float
+
+
+@dataclass(frozen=True)
+class JointShaft(Result):
+    """Shaft energy of one joint, over the intervals in which its effort is known. [J]
+
+    Attributes:
+        name: Of the joint.
+        compared_time: Of these intervals. [s]
+        coverage: Their share of the observed time. [-]
+        shaft_energy_positive_measured: Given by the motor.
+        shaft_energy_negative_measured: Taken back by the motor.
+        shaft_energy_positive_compared: Predicted over the same time.
+        shaft_energy_negative_compared: Predicted over the same time.
+        predicted_minus_measured_energy: The error.
+        predicted_minus_measured_relative: The error over the measured energy that went
+            either way. [-]
+    """
+
+    name: str
+    compared_time: float
+    coverage: Number
+    shaft_energy_positive_measured: Number
+    shaft_energy_negative_measured: Number
+    shaft_energy_positive_compared: Number
+    shaft_energy_negative_compared: Number
+    predicted_minus_measured_energy: Number
+    predicted_minus_measured_relative: Number
+
+
+@dataclass(frozen=True)
+class ShaftComparison(Result):
+    """Measured and predicted shaft energy.
+
+    Attributes:
+        effort: What the effort in the joint states was taken for.
+        joints: In model order.
+    """
+
+    effort: str
+    joints: tuple[JointShaft, ...]
+
+
+@dataclass(frozen=True)
+class PayloadHistory(Result):
+    """Payloads that the recording set at run time.
+
+    Attributes:
+        changes: In the order of time.
+        not_reached: Changes after the last sample.
+        last_mass: Payload of the robot at the end. [kg]
+    """
+
+    changes: tuple[PayloadChange, ...]
+    not_reached: int
+    last_mass: float
+
+
+@dataclass(frozen=True)
+class InputAccount(Result):
+    """Account of one input: received = accepted + sum of rejected.
+
+    Attributes:
+        received: All.
+        accepted: Of them.
+        rejected: Of them, by reason.
+        balanced: Whether the account balances.
+    """
+
+    received: int
+    accepted: int
+    rejected: dict[str, int]
+    balanced: bool
+
+
+@dataclass(frozen=True)
+class ReplayReport(EnergyReport):
+    """Where the energy of a recording went.
+
+    Attributes:
+        bag: The bag.
+        origin: Where the recording comes from, as its writer said.
+        topics: The topics read.
+        time: What part of the recording is predicted.
+        comparison: Predicted and measured over the same intervals.
+        shaft: Shaft energies; None where the effort was not used.
+        payload: Payloads set at run time; None where there is no such topic.
+        inputs: Account of every input by its name.
+        compared_with: A second replay of the same bag, with fixed friction.
+    """
+
+    NAME: ClassVar[str] = "replay"
+
+    bag: str
+    origin: str | None
+    topics: Topics
+    time: ObservedTime
+    comparison: MeterComparison
+    shaft: ShaftComparison | None
+    payload: PayloadHistory | None
+    inputs: dict[str, InputAccount]
+    compared_with: ReplayReport | None = None
+
+
+def replay_report(
+    result: Replay, change: str | None = None, compared_with: ReplayReport | None = None
+) -> ReplayReport:
+    """Return all figures of a replay.
+
+    Args:
+        result: A finished replay.
+        change: What was changed about the model, for example fixed friction.
+        compared_with: A second replay of the same bag.
+    """
+    account, topics = result.ledger, result.topics
+    temperature = result.pipeline.friction.latest().motor_temperature_degc[0].tolist()
+    common = common_figures(account, result.model, temperature, change)
+    inputs = _inputs(result)
+    return ReplayReport(
+        **common,
+        bag=str(result.bag),
+        origin=result.origin or None,
+        topics=replace(
+            topics, joint_states=topics.joint_states or (), temperatures=topics.temperatures or ()
+        ),
+        time=_time(result),
+        comparison=comparison_of(account, result.model),
+        shaft=None if result.effort is EffortMeaning.NONE else _shaft(result),
+        payload=_payload(result) if topics.payload else None,
+        inputs=inputs,
+        problems=(*result.problems, *_problems(common["energy"], inputs)),
+        notes=(*result.notes, *_notes(result)),
+        compared_with=compared_with,
+    )
+
+
+def _time(result: Replay) -> ObservedTime:
+    time = result.ledger.registers.time
+    return ObservedTime(
+        start_ns=time.start_ns,
+        end_ns=time.end_ns,
+        span_ns=time.span_ns,
+        observed_ns=time.observed_ns,
+        gap_ns=time.gap_ns,
+        gap_count=time.gap_count,
+        backward_jumps=time.jumps,
+        coverage=time.coverage,
+        observed_time=time.observed_ns * NANOSECOND,
+    )
+
+
+def _shaft(result: Replay) -> ShaftComparison:
+    shaft, observed_ns = result.ledger.shaft, result.ledger.registers.time.observed_ns
+    names = ("measured_positive", "measured_negative", "predicted_positive", "predicted_negative")
+    rows = zip(*(shaft.joints(name).tolist() for name in names), strict=True)
+    joints: list[JointShaft] = []
+    for index, (name, row) in enumerate(zip(result.model.joint_names, rows, strict=True)):
+        out, back, predicted_out, predicted_back = row
+        compared_ns = int(shaft.compared_ns[index])
+        error = (predicted_out - predicted_back) - (out - back)
+        turnover = out + back  # a motor that returns what it took has no net energy to refer to
+        joints.append(
+            JointShaft(
+                name,
+                compared_ns * NANOSECOND,
+                compared_ns / observed_ns if observed_ns else None,
+                out,
+                back,
+                predicted_out,
+                predicted_back,
+                error,
+                error / turnover if turnover > 0 else None,
+            )
+        )
+    return ShaftComparison(str(result.effort), tuple(joints))
+
+
+def _payload(result: Replay) -> PayloadHistory:
+    stage = result.pipeline.torque
+    return PayloadHistory(
+        changes=tuple(result.payload.changes),
+        not_reached=len(stage.coming_payloads),
+        last_mass=stage.robot.payload_mass,
+    )
+
+
+def _inputs(result: Replay) -> dict[str, InputAccount]:
+    accounts = {
+        "joint_state_messages": result.joint_states.account,
+        "temperature_messages": result.temperatures.account,
+        "temperature_values": result.pipeline.friction.account,
+        "meter_messages": result.meter.account,
+        "meter_readings": result.ledger.comparison.curve.account,
+    }
+    if result.topics.payload:
+        accounts["payload_messages"] = result.payload.account
+    found: dict[str, InputAccount] = {}
+    for name, account in accounts.items():
+        rejected = {reason: count for reason, count in sorted(account.rejected.items()) if count}
+        balanced = account.received == account.accepted + sum(rejected.values())
+        found[name] = InputAccount(account.received, account.accepted, rejected, balanced)
+    return found
+
+
+def _problems(energy: EnergyBreakdown, inputs: dict[str, InputAccount]) -> list[str]:
+    problems = unbalanced(energy)
+    for name, account in inputs.items():
+        if not account.balanced:
+            problems.append(f"the account of {name.replace('_', ' ')} does not balance")
+    return problems
+
+
+def _notes(result: Replay) -> list[str]:
+    """What a reader should know before trusting the figures."""
+    notes: list[str] = []
+    ledger, topics = result.ledger, result.topics
+    if not topics.meter:
+        notes.append("the bag has no power meter: nothing was measured")
+    elif not ledger.comparison.compared_ns:
+        notes.append("no reading of the power meter covers any of the predicted time")
+    notes += ledger.judgement.findings(ledger.comparison)
+    counter = ledger.comparison.curve.counter
+    if counter.resets:
+        notes.append(
+            f"the counter of the meter was reset {counter.resets} times, last at stamp "
+            f"{(counter.reset_ns or 0) * NANOSECOND:.3f}; nothing counts across a reset"
+        )
+    if not topics.temperatures:
+        notes.append(
+            "no motor temperatures: friction at the model's fallback of "
+            f"{result.model.temperature.fallback_degc:g} degC"
+        )
+    elif fallback := result.pipeline.power.fallback_use.sentence:
+        notes.append(fallback)
+    if result.payload.refused:
+        notes.append(f"a payload of the bag was refused: {result.payload.refused}")
+    ignored = result.joint_states.ignored_joints
+    if ignored:
+        notes.append(f"joints that the model does not know: {', '.join(sorted(ignored))}")
+    foreign = result.temperatures.ignored_joints - ignored
+    if foreign:
+        notes.append(f"temperatures of what is no joint of the model: {', '.join(sorted(foreign))}")
+    notes += [finding.sentence for finding in result.joint_states.findings()]
+    jumps = ledger.registers.time.jumps
+    if jumps:
+        notes.append(f"stamps jumped back {jumps} times; no energy counts across a jump")
+    return notes
