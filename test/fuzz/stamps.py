@@ -45,7 +45,12 @@ HEADED = (
     JOINT_FRICTION,
     *(kind for kind in SOURCES if kind not in (FLOAT_ARRAY, EXAMPLE_FLOAT_ARRAY)),
 )
-RECEIVED = (FLOAT_ARRAY, EXAMPLE_FLOAT_ARRAY, FLOAT32, FLOAT64)  # dated by their time of receipt alone
+RECEIVED = (
+    FLOAT_ARRAY,
+    EXAMPLE_FLOAT_ARRAY,
+    FLOAT32,
+    FLOAT64,
+)  # dated by their time of receipt alone
 KINDS = (*HEADED, *RECEIVED)
 
 
