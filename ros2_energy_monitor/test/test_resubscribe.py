@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ros2_energy_monitor.base.resubscribe import LONGEST, ResubscribePolicy
+from ros2_energy_monitor.base.resubscribe import MAX_WAIT, ResubscribePolicy
 
 
 def trials(revival: ResubscribePolicy, start: int, stop: int, publishers: int = 1) -> list[int]:
@@ -13,7 +13,7 @@ def trials(revival: ResubscribePolicy, start: int, stop: int, publishers: int = 
 def test_the_wait_doubles_up_to_a_limit():
     revival = ResubscribePolicy(10.0)
     assert trials(revival, 0, 400) == [10, 30, 70, 150, 270, 390]
-    assert LONGEST == 120.0
+    assert MAX_WAIT == 120.0
 
 
 def test_nothing_is_tried_without_a_publisher():

@@ -26,7 +26,7 @@ else:
 MAX_BYTES = 8 * 1024 * 1024  # an embedded URDF and large maps fit
 MAX_NODES = 200_000  # keys and values; a large efficiency map has some thousands
 MAX_DEPTH = 50  # a model file has eight
-LARGEST_INTEGER = 2**63
+MAX_INTEGER = 2**63
 
 M = TypeVar("M", bound=BaseModel)
 
@@ -47,10 +47,10 @@ class _Loader(_Base):
         return super().construct_mapping(node, deep=deep)
 
     def construct_yaml_int(self, node: yaml.ScalarNode) -> int:
-        if len(node.value) > 4 * LARGEST_INTEGER.bit_length():
+        if len(node.value) > 4 * MAX_INTEGER.bit_length():
             raise ValueError("an integer of too many digits")
         value = super().construct_yaml_int(node)
-        if abs(value) > LARGEST_INTEGER:
+        if abs(value) > MAX_INTEGER:
             raise ValueError("an integer beyond 64 bits")
         return value
 

@@ -27,8 +27,8 @@ from robot_energy.pipeline import EnergyPipeline, Output, Settings
 
 START_NS = 1_000_000_000  # stamps of 0 mean that there is none
 POINTS = 1500  # of the curve of power, at most
-SHORTEST_PERIOD = 0.02  # s
-MOST_REPEATS = 100_000
+MIN_PERIOD = 0.02  # s
+MAX_REPEATS = 100_000
 MAX_SAMPLES = 5_000_000  # of all repetitions: minutes of work, and hours of motion
 Progress = Callable[[float], None]
 
@@ -113,7 +113,7 @@ def predict(
             f"at most {max_samples} samples",
             "predict fewer repetitions or a part of it, or allow more",
         )
-    period = max(SHORTEST_PERIOD, duration / POINTS)
+    period = max(MIN_PERIOD, duration / POINTS)
     pipeline = EnergyPipeline(model, Settings(power_period=period, temperature_assumed=True))
     for body in payload:
         pipeline.torque.set_payload(body)
@@ -161,8 +161,8 @@ def planned_samples(motion: PlannedMotion, repeat: int) -> int:
     Raises:
         MotionError: If it is repeated too often or lasts too long.
     """
-    if not 1 <= repeat <= MOST_REPEATS:
-        raise MotionError(f"{repeat} repetitions were asked for", f"1 to {MOST_REPEATS}")
+    if not 1 <= repeat <= MAX_REPEATS:
+        raise MotionError(f"{repeat} repetitions were asked for", f"1 to {MAX_REPEATS}")
     duration = motion.duration * repeat
     if not 0 < duration <= MAX_DURATION:
         raise MotionError(f"all repetitions last {duration:.4g} s", f"at most {MAX_DURATION:g} s")

@@ -7,7 +7,7 @@ without one teaches how long to wait at least.
 
 from __future__ import annotations
 
-LONGEST = 120.0  # [s]
+MAX_WAIT = 120.0  # [s]
 AT_ONCE = 2.0  # data so soon after a trial are its success [s]
 
 
@@ -31,7 +31,7 @@ class ResubscribePolicy:
             now: Time on any steady clock. [s]
         """
         if self._since is not None and self._tried is not None and now - self._tried > AT_ONCE:
-            self._after = min(2.0 * (now - self._since), LONGEST)
+            self._after = min(2.0 * (now - self._since), MAX_WAIT)
         self._wait, self._tried, self._since = self._after, None, now
 
     def due(self, now: float, publishers: int) -> bool:
@@ -48,5 +48,5 @@ class ResubscribePolicy:
         if now - (self._since if self._tried is None else self._tried) < self._wait:
             return False
         self._tried = now
-        self._wait = min(2.0 * self._wait, LONGEST)
+        self._wait = min(2.0 * self._wait, MAX_WAIT)
         return True

@@ -25,8 +25,8 @@ from ros2_energy_monitor.nodes.console import Console
 MODEL = "kr16"
 MONITORS = ("torque_monitor", "friction_monitor", "power_monitor")
 WARM_UP = 6000.0  # thermal time from 20 to over 60 degC, inside the fitted range [s]
-FASTEST = 400.0  # times nature; a short demonstration warms up less
-START_LIMIT = 30.0  # for all topics to arrive [s]
+MAX_SPEEDUP = 400.0  # times nature; a short demonstration warms up less
+MAX_START_TIME = 30.0  # for all topics to arrive [s]
 
 
 def live(seconds: float, folder: Path, stop: StopSignal) -> bool:
@@ -47,7 +47,7 @@ def live(seconds: float, folder: Path, stop: StopSignal) -> bool:
     os.environ.update(environment)
     print(f"Live for {seconds:g} s: a virtual robot that warms up, not a real one", flush=True)
     with NodeProcesses(folder, dict(os.environ)) as children:
-        children.start("virtual_robot", thermal_speedup=min(WARM_UP / seconds, FASTEST))
+        children.start("virtual_robot", thermal_speedup=min(WARM_UP / seconds, MAX_SPEEDUP))
         for name in MONITORS:
             keep_nothing = {"state_folder": "''"} if name == "power_monitor" else {}
             children.start(name, model=MODEL, **keep_nothing)
@@ -55,7 +55,7 @@ def live(seconds: float, folder: Path, stop: StopSignal) -> bool:
             console = Console(context=context)
             executor = SingleThreadedExecutor(context=context)
             executor.add_node(console)
-            limit = time.monotonic() + START_LIMIT
+            limit = time.monotonic() + MAX_START_TIME
             end: float | None = None
             while not stop.received and not children.ended():
                 executor.spin_once(timeout_sec=0.1)
@@ -78,7 +78,7 @@ def _verdict(children: NodeProcesses, *, started: bool, stopped: bool) -> bool:
         lines = children.log(name).read_text(errors="replace").splitlines()
         print(f"{name} ended by itself: {lines[-1] if lines else 'without a word'}", flush=True)
     if not started and not early and not stopped:
-        print(f"the monitors published nothing within {START_LIMIT:g} s", flush=True)
+        print(f"the monitors published nothing within {MAX_START_TIME:g} s", flush=True)
     bad = [name for name, code in codes.items() if code and name not in early]
     for name in bad:
         print(f"{name} ended with code {codes[name]}; see {children.log(name)}", flush=True)

@@ -42,7 +42,7 @@ MET = {  # inputs of the monitors by the status that counts their publishers
     ),
 }
 SAME = 1e-6  # share by which energies of nodes and replay may differ
-START_LIMIT = 30.0  # s until the monitors listen
+MAX_START_TIME = 30.0  # s until the monitors listen
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ def live_energies(
         seen = _Seen(node)
         with pausing(node, stop) as pause:
             player = Player(node, BagReader(expected.bag), rate, TOPICS)
-            limit = time.monotonic() + START_LIMIT
+            limit = time.monotonic() + MAX_START_TIME
             while not seen.met() and time.monotonic() < limit and pause(0.05):
                 pass
             if seen.met():

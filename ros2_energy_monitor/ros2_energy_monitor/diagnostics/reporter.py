@@ -24,7 +24,7 @@ OK, WARN, ERROR, STALE = (
     DiagnosticStatus.ERROR,
     DiagnosticStatus.STALE,
 )
-MOST_REMARKS = 100  # kept, so that a topic of ever new names cannot fill the memory
+MAX_REMARKS = 100  # kept, so that a topic of ever new names cannot fill the memory
 ALL_IS_WELL = "all is well"
 SEVERITY = {OK: 0, WARN: 1, STALE: 2, ERROR: 3}
 
@@ -95,7 +95,7 @@ class Reporter:
         message.status = [self._status(found, hardware_id) for found in statuses]
         self._publisher.publish(message)
         for remark in (remark for found in statuses for remark in found.remarks):
-            if remark not in self._logged and len(self._logged) < MOST_REMARKS:
+            if remark not in self._logged and len(self._logged) < MAX_REMARKS:
                 self._logged.add(remark)
                 self._node.get_logger().info(shown_lines(remark))
 

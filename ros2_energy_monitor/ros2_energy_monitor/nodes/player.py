@@ -35,7 +35,7 @@ from ros2_energy_monitor.base.shared_memory import clear_ports
 
 DEPTH = 5000  # messages that a subscriber may lag behind
 LEAD = 0.5  # s of the clock by which slow topics are early, at most ...
-MOST_LEAD = 5.0  # s of the recording: from 10 s on a stream counts as having another clock
+MAX_LEAD = 5.0  # s of the recording: from 10 s on a stream counts as having another clock
 MATCHING = 10.0  # s until every topic that has a subscriber has met it
 LISTENING = 1.0  # s after the first subscriber, for the others
 MAX_SENTENCES = 20  # about topics left out
@@ -134,7 +134,7 @@ class Player:
 
     def _messages(self) -> Iterator[tuple[int, str, bytes]]:
         """All messages in the order in which they are due; the bag is never held whole."""
-        early = round(min(LEAD * self._rate, MOST_LEAD) * SECOND_NS)
+        early = round(min(LEAD * self._rate, MAX_LEAD) * SECOND_NS)
         streams = []
         for topic in self._publishers:
             lead = 0 if self._bag.topics[topic].msgtype == JOINT_STATE else early

@@ -13,7 +13,7 @@ from robot_energy.blocks import NANOSECOND, Float, Int, differences
 from robot_energy.physics.equations import interval_energy
 from robot_energy.timeline.coverage import MAX_GAP_NS, Coverage
 
-LARGEST_ENERGY = 2e6  # of one interval, which sums exactly [J]
+MAX_ENERGY = 2e6  # of one interval, which sums exactly [J]
 NO_SEGMENT = -1  # segments count from zero: nothing is integrated from this one
 
 
@@ -62,8 +62,8 @@ class TrapezoidIntegrator:
         observed = same & (elapsed >= 0) & (elapsed <= MAX_GAP_NS)
         duration = np.where(observed, elapsed, 0) * NANOSECOND
         energy, greatest = interval_energy(power, self._last[2], duration)
-        if not greatest <= LARGEST_ENERGY:
-            bookable = (np.abs(energy) <= LARGEST_ENERGY).all(axis=1)
+        if not greatest <= MAX_ENERGY:
+            bookable = (np.abs(energy) <= MAX_ENERGY).all(axis=1)
             energy[~bookable] = 0.0
             observed &= bookable
         duration_ns = np.where(observed, elapsed, 0)

@@ -13,8 +13,8 @@ from robot_energy.timeline.pieces import Compared
 from robot_energy.units import ENERGY_UNITS, POWER_UNITS
 
 WINDOW = 60  # of the rolling residual [s]
-ENOUGH = 30.0  # compared time in it before a unit is doubted [s]
-NEAR = 1.8  # ratios this far from a unit's, either way, still point at it; 3.6 = 2 * 1.8
+MIN_COMPARED_TIME = 30.0  # compared time in it before a unit is doubted [s]
+MAX_RATIO = 1.8  # ratios this far from a unit's, either way, still point at it; 3.6 = 2 * 1.8
 IDLE_NS = 10 * SECOND_NS  # prediction without comparison that is worth a sentence
 SUSTAINED_NS = 30 * SECOND_NS  # readings from the future for so long are a wrong clock
 READINGS = 3  # that must have arrived meanwhile
@@ -131,10 +131,10 @@ class MeterDiagnostics:
     def _scale(self, comparison: Comparison) -> str:
         """Whether the meter is off by a factor that only a unit or a sign explains."""
         _, measured, predicted = self._sum
-        if self.compared_time < ENOUGH or not measured or not predicted:
+        if self.compared_time < MIN_COMPARED_TIME or not measured or not predicted:
             return ""
         ratio = measured / predicted
-        if -NEAR < 1 / ratio < -1 / NEAR:
+        if -MAX_RATIO < 1 / ratio < -1 / MAX_RATIO:
             return "the meter reads about minus the prediction: is its sign load_negative?"
         if ratio <= 0:
             return ""
@@ -146,7 +146,7 @@ class MeterDiagnostics:
             unit: abs(math.log(ratio * factor / units[said])) for unit, factor in units.items()
         }
         unit = min(doubt, key=lambda name: doubt[name])
-        if unit == said or doubt[unit] > math.log(NEAR) or doubt[said] <= math.log(NEAR):
+        if unit == said or doubt[unit] > math.log(MAX_RATIO) or doubt[said] <= math.log(MAX_RATIO):
             return ""
         text = f"{ratio:.3g}" if ratio < 1 else f"{ratio:.0f}"
         return f"the meter reads about {text} times the prediction: is it in {unit}?"

@@ -17,7 +17,7 @@ from robot_energy.accounting.registers import CABINET_REGISTERS, SHAFT_REGISTERS
 from robot_energy.blocks import NANOSECOND, Float, Int, PowerBlock
 
 PREDICTED = len(CABINET_REGISTERS)  # column of the first predicted shaft energy in an interval
-LARGEST = 1e6  # J in one interval; more is no measurement, and would not fit the sums
+MAX_INTERVAL_ENERGY = 1e6  # J in one interval; more is no measurement, and would not fit the sums
 
 
 class ShaftComparison(ExactSum):
@@ -83,7 +83,7 @@ class ShaftComparison(ExactSum):
         parts *= (intervals.duration_ns * (0.5 * NANOSECOND))[:, None]
         energy[:, 2 * n_joints :] = intervals.energy[:, PREDICTED : PREDICTED + 2 * n_joints]
         total = parts[:, :n_joints] - parts[:, n_joints:]
-        if bool((parts < LARGEST).all()):
+        if bool((parts < MAX_INTERVAL_ENERGY).all()):
             add_saturating(self.compared_ns, intervals.duration_ns.sum())
         else:
             self._leave_out(energy, total, intervals.duration_ns)
@@ -93,7 +93,7 @@ class ShaftComparison(ExactSum):
     def _leave_out(self, energy: Float, total: Float, duration_ns: Int) -> None:
         """Take what is not covered out of the energies, and count the time of the rest."""
         parts = energy.reshape(len(energy), len(SHAFT_REGISTERS), self.n_joints)
-        known = np.asarray((parts[:, :2] < LARGEST).all(axis=1), dtype=np.bool_)
+        known = np.asarray((parts[:, :2] < MAX_INTERVAL_ENERGY).all(axis=1), dtype=np.bool_)
         parts[:] = np.where(known[:, None, :], parts, 0.0)
         total[:] = np.where(known, total, np.where(duration_ns[:, None] > 0, np.nan, 0.0))
         add_saturating(self.compared_ns, np.where(known, duration_ns[:, None], 0).sum(axis=0))

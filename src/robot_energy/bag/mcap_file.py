@@ -19,7 +19,7 @@ from robot_energy.bag.mcap_summary import read_closing
 from robot_energy.errors import BagError
 from robot_energy.files.regular_file import open_regular
 
-_LEAST_LOOSE_BYTES, _LOOSE_BYTES = 2**12, 2**20
+_MIN_LOOSE_BYTES, _LOOSE_BYTES = 2**12, 2**20
 _LOOSE_MESSAGES = 8192
 """Messages outside chunks are read in blocks of at least and at most these. [bytes], [messages]"""
 _OTHER_CHANNELS = "the chunk at byte {} holds other channels than the summary says"
@@ -68,7 +68,7 @@ class McapFile:
         self.summary = self._closing.summary
         self._starts = sorted(self.summary.chunks) if self.summary else []
         self._room = MAX_DEFINITIONS
-        self._loose_bytes = _LEAST_LOOSE_BYTES
+        self._loose_bytes = _MIN_LOOSE_BYTES
         if self.summary is not None:
             self.schemas.update(self.summary.schemas)
             self.channels.update(self.summary.channels)
@@ -249,8 +249,8 @@ class McapFile:
     def _whole(self, length: int, body: int, opcode: int, limit: bool = True) -> None:
         if length > self.size - body:
             raise EndOfFileError("a chunk" if opcode == records.CHUNK else "a record")
-        if limit and length > records.SIZE_LIMIT:
-            raise RecordError(f"a record of {length} bytes, more than {records.SIZE_LIMIT}")
+        if limit and length > records.MAX_RECORD_BYTES:
+            raise RecordError(f"a record of {length} bytes, more than {records.MAX_RECORD_BYTES}")
 
     def _loose(self, file: BinaryIO, pos: int, first: int) -> tuple[McapChunk | None, int]:
         """Read messages that lie outside chunks: about as much at once as was of use before."""
@@ -261,7 +261,7 @@ class McapFile:
             raise EndOfFileError("a record")  # it has become shorter meanwhile
         useful = 2 * block.end >= len(data)
         size = 2 * self._loose_bytes if useful else self._loose_bytes // 2
-        self._loose_bytes = min(max(size, _LEAST_LOOSE_BYTES), _LOOSE_BYTES)
+        self._loose_bytes = min(max(size, _MIN_LOOSE_BYTES), _LOOSE_BYTES)
         return block, pos + block.end
 
     def _indexes(self, file: BinaryIO, pos: int) -> tuple[dict[int, NDArray[np.uint64]], int]:
@@ -274,7 +274,7 @@ class McapFile:
                 break
             pos += FRAME.size + length
             total += length
-            if total > records.SIZE_LIMIT:
+            if total > records.MAX_RECORD_BYTES:
                 continue
             try:
                 channel, pairs = records.parse_message_index(memoryview(file.read(length)))

@@ -19,7 +19,7 @@ FRAME = Struct("<BQ")
 FOOTER_SIZE = FRAME.size + 20
 MESSAGE_FIXED = 22
 """Bytes of a Message record before its message, without the frame."""
-SIZE_LIMIT = 64 * 2**20
+MAX_RECORD_BYTES = 64 * 2**20
 """Largest record, and largest unpacked chunk, that is read. [bytes]"""
 
 
@@ -179,8 +179,8 @@ def unpack_chunk(chunk: Chunk) -> bytes | memoryview:
         RecordError: If the size is beyond the limit, the packing unknown or damaged, the size not
             the declared one, or the checksum (when there is one) wrong.
     """
-    if chunk.size > SIZE_LIMIT:
-        raise RecordError(f"{chunk.size} bytes unpacked, more than the limit of {SIZE_LIMIT}")
+    if chunk.size > MAX_RECORD_BYTES:
+        raise RecordError(f"{chunk.size} bytes unpacked, more than the limit of {MAX_RECORD_BYTES}")
     if chunk.compression == "":
         data = chunk.data
     elif chunk.compression == "zstd":

@@ -85,7 +85,7 @@ def read_closing(file: BinaryIO, size: int, report: Callable[[str], None]) -> Cl
     if not start:
         closing.data_end = footer
         return closing
-    if not len(records.MAGIC) <= start < footer or footer - start > records.SIZE_LIMIT:
+    if not len(records.MAGIC) <= start < footer or footer - start > records.MAX_RECORD_BYTES:
         report("the summary is not where the end of the file says; it was not used")
         return closing
     closing.data_end = start

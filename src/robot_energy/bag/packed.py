@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from robot_energy.bag.sources import BagContents, McapSource, Report
-from robot_energy.bag.sqlite_source import LARGEST_MESSAGE, LARGEST_VALUE, SqliteSource
+from robot_energy.bag.sqlite_source import MAX_MESSAGE_BYTES, MAX_VALUE_BYTES, SqliteSource
 from robot_energy.cdr.batch import RawBatch
 from robot_energy.errors import BagError
 from robot_energy.files.regular_file import open_regular
@@ -106,7 +106,7 @@ class PackedMessages(_Packed):
 
         times: list[int] = []
         rows: list[bytes] = []
-        room = 4 * LARGEST_MESSAGE  # for all messages of a part
+        room = 4 * MAX_MESSAGE_BYTES  # for all messages of a part
         for i, time in enumerate(batch.log_time_ns.tolist()):
             try:
                 row = unpacker.stream_reader(batch.row(i)).read(room + 1)
@@ -152,7 +152,7 @@ def _unpack_file(path: Path, target: Path) -> None:
     import zstandard
 
     try:
-        most = min(max(path.stat().st_size * MAX_RATIO, LARGEST_VALUE), MAX_UNPACKED_BYTES)
+        most = min(max(path.stat().st_size * MAX_RATIO, MAX_VALUE_BYTES), MAX_UNPACKED_BYTES)
         with open_regular(path) as packed, target.open("xb") as file:
             reader = zstandard.ZstdDecompressor().stream_reader(packed, read_across_frames=True)
             while piece := reader.read(_PIECE):

@@ -23,13 +23,13 @@ from robot_energy.files.regular_file import open_regular
 from robot_energy.timeline.stamps import SECOND_NS
 
 MAGIC = b"SQLite format 3\x00"
-LARGEST_VALUE = 64 * 2**20
+MAX_VALUE_BYTES = 64 * 2**20
 """Longest row that is looked at, whosever it is. [bytes]"""
-LARGEST_MESSAGE = 16 * 2**20
+MAX_MESSAGE_BYTES = 16 * 2**20
 """Longest message that is read. [bytes]"""
 MAX_TOPICS = 10_000
 _LIMITS = {
-    sqlite3.SQLITE_LIMIT_LENGTH: LARGEST_VALUE,
+    sqlite3.SQLITE_LIMIT_LENGTH: MAX_VALUE_BYTES,
     sqlite3.SQLITE_LIMIT_ATTACHED: 0,
     sqlite3.SQLITE_LIMIT_COLUMN: 100,
     sqlite3.SQLITE_LIMIT_EXPR_DEPTH: 50,
@@ -101,7 +101,7 @@ class SqliteSource:
                 order = "rowid" if self._times_are_broken(base, wanted) else "timestamp, rowid"
                 for key, time, data in base.execute(
                     "SELECT topic_id, timestamp, "
-                    f"CASE WHEN length(data) <= {LARGEST_MESSAGE} THEN data END "
+                    f"CASE WHEN length(data) <= {MAX_MESSAGE_BYTES} THEN data END "
                     f"FROM messages WHERE topic_id IN ({_marks(wanted)}) ORDER BY {order}",
                     wanted,
                 ):

@@ -17,9 +17,9 @@ if TYPE_CHECKING:
     from robot_energy.motion.load_motion import LoadedMotion, ToolOptions
     from robot_energy.prediction import Prediction
 
-MOST_RUNS = 100
-LONG = 200_000  # samples of a prediction that takes more than a moment
-MOST_SAMPLES = 1_000_000_000
+MAX_RUNS = 100
+MIN_PROGRESS_SAMPLES = 200_000  # samples of a prediction that takes more than a moment
+MAX_SAMPLES_OPTION = 1_000_000_000
 PAYLOAD_LINK = "tool0"
 
 DESCRIPTION = """\
@@ -125,8 +125,8 @@ def run(args: Namespace) -> int:
 
     check_outputs(args, [*args.program, *args.model])
     count = len(args.program) * len(args.model) * len(args.temperature)
-    if count > MOST_RUNS:
-        raise MotionError(f"{count} predictions were asked for", f"at most {MOST_RUNS}")
+    if count > MAX_RUNS:
+        raise MotionError(f"{count} predictions were asked for", f"at most {MAX_RUNS}")
     found = _predictions(args)
     runs = tuple(prediction_report(result, motion) for result, motion in found)
     results = [result for result, _ in found]
@@ -159,8 +159,8 @@ def _predictions(args: Namespace) -> list[tuple[Prediction, LoadedMotion]]:
     payload = [] if args.payload is None else [_payload(args.payload)]
     if args.repeat is not None and args.repeat < 1:
         raise MotionError(f"--repeat is {args.repeat}", "a whole number from 1 on")
-    if args.max_samples is not None and not 0 < args.max_samples <= MOST_SAMPLES:
-        raise MotionError(f"--max-samples is {args.max_samples}", f"1 to {MOST_SAMPLES}")
+    if args.max_samples is not None and not 0 < args.max_samples <= MAX_SAMPLES_OPTION:
+        raise MotionError(f"--max-samples is {args.max_samples}", f"1 to {MAX_SAMPLES_OPTION}")
     plans: list[tuple[LoadedMotion, RobotModel, Float, int]] = []
     for program in args.program:
         for model, base, start in zip(models, bases, starts, strict=True):
@@ -197,7 +197,7 @@ def _say_length(plans: Sequence[tuple[LoadedMotion, int]], most: int) -> None:
             f"at most {most} samples",
             f"predict less, or allow more with --max-samples {samples}",
         )
-    if samples > LONG:
+    if samples > MIN_PROGRESS_SAMPLES:
         print(f"predicting {what}", file=sys.stderr)
 
 

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from robot_energy.rig import PlantProfile
 
 ROBOTS = ("kr16", "mantis", "testbed", "irb4600")
-TOOL, LEAST_HEIGHT = "tool0", 0.2  # m: the random program stays above the floor
+TOOL, MIN_HEIGHT = "tool0", 0.2  # m: the random program stays above the floor
 
 DESCRIPTION = """\
 Simulate a robot with its cabinet, motor temperature sensors and grid meter, and record their
@@ -127,5 +127,5 @@ def _program(profile: PlantProfile, args: Namespace) -> Program:
         args.seed,
         dwell=args.dwell,
         override=args.override,
-        accept=tool_above(robot, TOOL, LEAST_HEIGHT),
+        accept=tool_above(robot, TOOL, MIN_HEIGHT),
     )

@@ -45,7 +45,7 @@ from robot_energy.physics.friction import viscous_law
 
 Subject = Literal["dynamics", "friction", "cabinet", "drives", "capacitor"]
 SUBJECTS: tuple[Subject, ...] = ("dynamics", "friction", "cabinet", "drives", "capacitor")
-LONGEST = 240.0  # s of motion for the dynamics: more tells little, and memory grows with it
+MAX_MOTION_TIME = 240.0  # s of motion for the dynamics: more tells little, and memory grows with it
 
 
 @dataclass(frozen=True)
@@ -146,7 +146,7 @@ def _dynamics(bags: Sequence[Bag], model: RobotModel, source: str) -> Step:
     recordings = _measured(bags, model)
     spans = [part.span_ns for part in recordings]
     total = sum(end - start for start, end in spans) * 1e-9
-    seconds = LONGEST / len(recordings) if total > LONGEST else np.inf
+    seconds = MAX_MOTION_TIME / len(recordings) if total > MAX_MOTION_TIME else np.inf
     check_signs(recordings, bags[0].effort)
     level, notes = _at_one_temperature(recordings)
     result = identify_dynamics(channels_of(level, seconds), model)

@@ -12,7 +12,7 @@ from typing import Generic, TypeVar
 
 from robot_energy.shown_text import shown
 
-MOST_NAMES = 100  # of joints remembered at most, whatever the messages say
+MAX_NAMES = 100  # of joints remembered at most, whatever the messages say
 MAX_KEPT_CHARACTERS = 1_000_000  # of names that messages are matched by
 MAX_JOINTS = 1_000  # of one message, as of a URDF; no robot has a tenth of them
 
@@ -22,7 +22,7 @@ Value = TypeVar("Value")
 def remember_names(kept: set[str], names: Iterable[str]) -> None:
     """Add names, as they can be shown, while there is room for them."""
     for name in names:
-        if len(kept) >= MOST_NAMES:
+        if len(kept) >= MAX_NAMES:
             return
         kept.add(shown(name))
 
@@ -45,7 +45,7 @@ class ByNames(Generic[Value]):
     def put(self, names: tuple[str, ...], value: Value) -> Value:
         """Remember a value and return it; when there is no room, the others are forgotten."""
         size = sum(map(len, names)) + len(names)
-        if len(self._values) >= MOST_NAMES or self._characters + size > MAX_KEPT_CHARACTERS:
+        if len(self._values) >= MAX_NAMES or self._characters + size > MAX_KEPT_CHARACTERS:
             self._values.clear()
             self._characters = 0
         if size <= MAX_KEPT_CHARACTERS:

@@ -33,7 +33,7 @@ BLOCK_ROWS = 8192
 MAX_NUMBERS = 24_000_000
 """Numbers that are kept of one table: an hour of six joints at 1 kHz."""
 SHOWN_COLUMNS = 12
-LONGEST_LINE = 2**20
+MAX_LINE = 2**20
 """Characters; a packed file could hold one line that fills the memory."""
 MAX_RATIO = 200
 """How many times larger a packed log may become; numbers shrink to a tenth."""
@@ -267,10 +267,10 @@ class LogTable:
     def _lines(self, file: TextIO) -> Iterator[str]:
         """Yield the lines of the file; an overlong one, or too many, are an error."""
         length = 0
-        while line := file.readline(LONGEST_LINE):
+        while line := file.readline(MAX_LINE):
             length += len(line)
-            if len(line) == LONGEST_LINE:
-                raise csv.Error(f"a line of over {LONGEST_LINE} characters")
+            if len(line) == MAX_LINE:
+                raise csv.Error(f"a line of over {MAX_LINE} characters")
             if length > self._most:
                 raise csv.Error(
                     f"it holds over {self._most} characters, {MAX_RATIO} times its size"

@@ -30,7 +30,7 @@ from robot_energy.pipeline.friction_stage import FrictionStage
 from robot_energy.pipeline.friction_timeline import FrictionTimeline
 from robot_energy.pipeline.settings import Settings
 
-LARGEST_POWER = 1e6  # no robot draws a megawatt: the joint states are wrong [W]
+MAX_POWER = 1e6  # no robot draws a megawatt: the joint states are wrong [W]
 NEVER = 1e9  # s, some thirty years
 
 
@@ -152,7 +152,7 @@ class PowerStage:
         if stuck is not None and not self._assumed:
             mark(quality, stuck, Quality.TEMPERATURE_STUCK)
         bus = sum_over_joints(electrical)
-        bus[np.abs(bus) > LARGEST_POWER] = np.nan
+        bus[np.abs(bus) > MAX_POWER] = np.nan
         balance = self._cabinet.step(block.stamp_ns, block.segment, bus)
         finite = np.isfinite(balance.grid_power)
         mark(quality, ~finite, Quality.NOT_FINITE)

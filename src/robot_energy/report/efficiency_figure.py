@@ -13,7 +13,7 @@ from robot_energy.model.drive_models import EfficiencyMap
 from robot_energy.report.canvas import COLOURS, Target, canvas, panel_grid, panels
 
 LEVELS = np.linspace(-0.5, 1.5, 21)
-LEAST_POINTS = 4  # of a surface
+MIN_POINTS = 4  # of a surface
 
 
 def efficiency_maps(axes: Sequence[AxisFit], path: Target, title: str = "") -> None:
@@ -53,7 +53,7 @@ def _map(panel: Any, entry: EfficiencyMap) -> Any:
     speed, torque = np.asarray(entry.motor_velocity), np.asarray(entry.motor_torque)
     eta = np.clip(np.asarray(entry.efficiency), LEVELS[0], LEVELS[-1])
     surface = None
-    if len(eta) >= LEAST_POINTS and min(float(np.ptp(speed)), float(np.ptp(torque))) > 0:
+    if len(eta) >= MIN_POINTS and min(float(np.ptp(speed)), float(np.ptp(torque))) > 0:
         shape: Any = Triangulation(speed / np.ptp(speed), torque / np.ptp(torque))
         flat: Any = Triangulation(speed, torque, shape.triangles)
         surface = panel.tricontourf(flat, eta, levels=LEVELS, cmap="viridis", extend="both")

@@ -13,7 +13,7 @@ from robot_energy.report.canvas import COLOURS, LINES, Axes, Target, canvas
 from robot_energy.report.series import Series
 
 MINUTE = 60.0  # s
-LONG = 600.0  # s, from here on the axis counts minutes
+MAX_TIME_IN_SECONDS = 600.0  # s, from here on the axis counts minutes
 
 
 def power_and_energy(
@@ -45,7 +45,7 @@ def power_and_energy(
     with canvas(path, (8.0, 6.6 if measured else 5.4), title) as figure:
         axes: Any = figure.subplots(rows, 1, sharex=True, height_ratios=heights)
         longest = max(float(curve.energy_time.max()) for curve in series)
-        unit, second = ("min", MINUTE) if longest > LONG else ("s", 1.0)
+        unit, second = ("min", MINUTE) if longest > MAX_TIME_IN_SECONDS else ("s", 1.0)
         _power(axes[0], series, second, place)
         if measured:
             _residual(axes[1], measured[0], series, second)

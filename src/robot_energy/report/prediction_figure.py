@@ -19,7 +19,7 @@ PARTS = {
     "constant losses": ("loss_dc", "loss_grid"),
     "brake, capacitor": ("brake", "capacitor"),
 }
-MINUTE, LONG = 60.0, 600.0  # s
+MINUTE, MAX_TIME_IN_SECONDS = 60.0, 600.0  # s
 BAR = 0.45  # inch per run
 LETTERS = 78  # of a legend side by side
 DASHES = ("-", "--", ":", "-.")  # when the colours begin again
@@ -103,7 +103,7 @@ def _bars(axes: Axes, energies: Sequence[EnergyBreakdown], labels: Sequence[str]
 
 def _curves(axes: Axes, results: Sequence[Prediction], labels: Sequence[str]) -> None:
     longest = max(result.duration for result in results)
-    unit, second = ("min", MINUTE) if longest > LONG else ("s", 1.0)
+    unit, second = ("min", MINUTE) if longest > MAX_TIME_IN_SECONDS else ("s", 1.0)
     for index, (result, name) in enumerate(zip(results, labels, strict=True)):
         means = result.means
         if means is None:

@@ -12,8 +12,8 @@ from robot_energy.timeline.stamps import SECOND_NS
 BACKWARD_JUMP_NS = SECOND_NS  # older than this starts a new epoch, less is a late sample
 HISTORY = 31  # periods behind the median
 GAP_PERIODS = 5
-LEAST_GAP_NS = SECOND_NS // 10
-LONGEST_GAP_NS = SECOND_NS
+MIN_GAP_NS = SECOND_NS // 10
+MAX_GAP_NS = SECOND_NS
 BY_PERIOD = 0.0  # as max_gap: five median periods, 0.1 s to 1 s
 MIN_MAX_GAP, MAX_MAX_GAP = 0.001, 60.0  # any other max_gap [s]
 
@@ -110,7 +110,7 @@ class StampOrder:
         )
         new = elapsed < 0
         self.jumps += int(new.sum())
-        for row in np.flatnonzero(elapsed > (self._fixed_ns or LEAST_GAP_NS)).tolist():
+        for row in np.flatnonzero(elapsed > (self._fixed_ns or MIN_GAP_NS)).tolist():
             index = known + row - (first - known)
             if elapsed[row] > self._longest(periods[max(0, index - HISTORY) : index]):
                 new[row] = True
@@ -134,6 +134,6 @@ class StampOrder:
             return self._fixed_ns
         positive = history[history > 0]
         if not len(positive):
-            return LONGEST_GAP_NS
+            return MAX_GAP_NS
         median = float(np.median(positive))
-        return int(np.clip(GAP_PERIODS * median, LEAST_GAP_NS, LONGEST_GAP_NS))
+        return int(np.clip(GAP_PERIODS * median, MIN_GAP_NS, MAX_GAP_NS))

@@ -187,7 +187,7 @@ def test_programs_and_temperatures_count_together_and_the_length_is_said(capsys,
     from robot_energy.cli import predict
 
     options = [wall, "--model", "testbed", "--temperature", "20", "--json", "-"]
-    monkeypatch.setattr(predict, "LONG", 100)
+    monkeypatch.setattr(predict, "MIN_PROGRESS_SAMPLES", 100)
     assert run(*options, "--max-samples", "1000") == 0
     said = capsys.readouterr().err
     assert "samples over" in said

@@ -14,7 +14,7 @@ from robot_energy.inputs.rejection_log import ByNames, RejectionLog, remember_na
 def test_names_are_added_while_there_is_room():
     kept = {"a"}
     remember_names(kept, (f"n{index}" for index in range(1000)))
-    assert len(kept) == accounting.MOST_NAMES
+    assert len(kept) == accounting.MAX_NAMES
     kept = set()
     remember_names(kept, ["x" * 4_000_000, "\x1b[2J"])
     assert all(len(name) <= 200 and name.isprintable() for name in kept)
@@ -24,7 +24,7 @@ def test_lists_of_names_are_kept_within_count_and_characters(monkeypatch):
     known = ByNames[int]()
     for index in range(1000):
         assert known.put((f"n{index}",), index) == index
-        assert len(known) <= accounting.MOST_NAMES
+        assert len(known) <= accounting.MAX_NAMES
     assert known.get(("n999",)) == 999
     monkeypatch.setattr(accounting, "MAX_KEPT_CHARACTERS", 100)
     assert known.put(("x" * 1000,), 5) == 5

@@ -33,7 +33,7 @@ INSIDE = 10 * MILLISECOND  # between a reading and the ends of a generating phas
 LINK_AT_REST = 1.0  # W
 CLEAR = 0.5  # of the DC loss that braking must exceed for a phase to count as generating
 EVENT_GAP = 1_000 * MILLISECOND  # readings further apart belong to different events
-LEAST_READINGS = 5
+MIN_READINGS = 5
 STORED = 0.05  # of the constant losses: what the DC link may give without being named
 
 
@@ -153,7 +153,7 @@ def beside_drives(data: DriveData, model: RobotModel) -> Beside | None:
     except NotIdentifiableError:
         return None
     pieces = pieces.rows(np.isfinite(pieces.drives))
-    if len(pieces) < LEAST_READINGS:
+    if len(pieces) < MIN_READINGS:
         return None
     rest = pieces.measured - pieces.drives
     # median: after braking the DC link feeds the drives for a moment, and the meter sees less
@@ -286,7 +286,7 @@ def _level(parts: Sequence[tuple[CoveredPieces, Float]]) -> Level | None:
             continue
         readings += len(pieces)
         means += _event_means(pieces.start_ns, pieces.end_ns, power)
-    if readings < LEAST_READINGS:
+    if readings < MIN_READINGS:
         return None
     values = np.asarray(means)
     std = float(values.std(ddof=1) / np.sqrt(len(values))) if len(values) > 1 else float(np.inf)

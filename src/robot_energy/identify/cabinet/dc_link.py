@@ -18,7 +18,7 @@ import numpy as np
 from robot_energy.blocks import Float, Int, MeterLocation
 from robot_energy.errors import NotIdentifiableError
 from robot_energy.identify.cabinet.link_readings import (
-    FULL,
+    MIN_FLOW,
     LinkReadings,
     best_energy,
     braking_time,
@@ -43,10 +43,10 @@ from robot_energy.model.schema import Cabinet, Capacitor
 
 NOMINAL_VOLTAGE = 566.0  # V: peak of 3 x 400 V mains, taken where no model file says other
 CHOPPER_VOLTAGE = 700.0  # V: the same
-LEAST_EVENTS = 5  # times that the link must have been full
+MIN_EVENTS = 5  # times that the link must have been full
 SETTLED = 1.0  # W of the constant between two rounds
 ROUNDS = 4
-WIDEST = 0.5  # of the energy: half width of a 95 % interval that still counts as told
+MAX_HALF_WIDTH = 0.5  # of the energy: half width of a 95 % interval that still counts as told
 Voltages = tuple[float, float]
 
 
@@ -121,7 +121,7 @@ def fit_link(recordings: Sequence[Recording], cabinet: Cabinet | None = None) ->
     cabinet = cabinet or recordings[0].model.cabinet
     _require_grid_meter(metered, cabinet)
     top = max(fed_at_once(part, cabinet.loss_dc.value) for part in metered)
-    if top <= FULL:
+    if top <= MIN_FLOW:
         raise NotIdentifiableError(
             "the drives never feed back more than the DC side uses",
             "braking that fills the DC link",
@@ -246,7 +246,7 @@ def _require_told(
     energy: float, half: float, events: int, top: float, spacing: float, braking: float
 ) -> None:
     """Refuse an energy that the readings do not tell."""
-    told = half <= WIDEST * energy
+    told = half <= MAX_HALF_WIDTH * energy
     found = f"the energy of the DC link is only told to {energy:.3g} +- {half:.2g} J"
     if not told and spacing > braking:
         raise NotIdentifiableError(
@@ -254,17 +254,17 @@ def _require_told(
             f"{braking:.2g} s",
             f"a reading every {braking:.1g} s or faster, or a longer recording with varied motion",
         )
-    if events < LEAST_EVENTS:
+    if events < MIN_EVENTS:
         raise NotIdentifiableError(
             f"the drives feed back {top:.3g} J at once at most, and the DC link of least error "
             f"({energy:.3g} J) was full {events} times",
-            f"braking that fills it, at least {LEAST_EVENTS} times",
+            f"braking that fills it, at least {MIN_EVENTS} times",
             "record fast motions with load that stop hard, with rest or motion in between",
         )
     if not told:
         raise NotIdentifiableError(
             found,
-            f"a 95 % interval within {100 * WIDEST:.0f} % of it",
+            f"a 95 % interval within {100 * MAX_HALF_WIDTH:.0f} % of it",
             "record longer, with more fast motions that stop hard, and identify the drives first",
         )
 

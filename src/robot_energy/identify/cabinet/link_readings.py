@@ -20,8 +20,8 @@ from robot_energy.timeline.pieces import CoveredPieces
 
 COARSE = 16  # energies tried first,
 FINE = 9  # and between the neighbours of the best one, twice
-LEAST_SHARE = 1e-3  # of the greatest energy that was fed back at once: least energy tried
-FULL = 1.0  # W into the brake resistor, or J in the link: above it there is some
+MIN_SHARE = 1e-3  # of the greatest energy that was fed back at once: least energy tried
+MIN_FLOW = 1.0  # W into the brake resistor, or J in the link: above it there is some
 SLOPE = 5.0  # W of the constant for its effect on the meter
 
 
@@ -117,7 +117,7 @@ def tried(
         Energies, rising, shape (K,) [J], and the readings with each of them.
     """
     data: LinkReadings | None = None
-    energies, least = np.empty(0), max(LEAST_SHARE * top, FULL)
+    energies, least = np.empty(0), max(MIN_SHARE * top, MIN_FLOW)
     new = np.append(0.0, least * (top / least) ** (np.arange(COARSE) / (COARSE - 1)))
     for _ in range(3):
         cabinets = [with_energy(cabinet, base, energy) for energy in new.tolist()]
@@ -232,8 +232,8 @@ def use_of(metered: Sequence[Recording], cabinet: Cabinet) -> tuple[int, float]:
         stored = np.cumsum(np.nan_to_num(flows.capacitor_power) * step)
         first = np.flatnonzero(np.diff(segment, prepend=segment[0] - 1))  # empty there
         stored -= np.repeat(stored[first], np.diff(np.append(first, len(stored))))
-        holds = _runs(stored > FULL)
-        full = np.concatenate([[0], np.cumsum(flows.brake_power > FULL)])
+        holds = _runs(stored > MIN_FLOW)
+        full = np.concatenate([[0], np.cumsum(flows.brake_power > MIN_FLOW)])
         events += sum(bool(full[last] > full[first]) for first, last in holds)
         times += [(stamp[last - 1] - stamp[first]) * NANOSECOND for first, last in holds]
     return events, float(np.median(times[1:] or times))

@@ -17,7 +17,7 @@ import numpy as np
 from robot_energy.blocks import NANOSECOND, Float, Int, MeterBlock
 from robot_energy.identify.data.recordings import Recording
 from robot_energy.identify.drives.drive_data import DriveData, drive_data
-from robot_energy.identify.drives.drive_delay import LEAST_GAIN
+from robot_energy.identify.drives.drive_delay import MIN_GAIN
 from robot_energy.identify.drives.drive_power import MeasuredDrivePower
 from robot_energy.identify.drives.total_sums import piece_means
 from robot_energy.identify.stats.cross_validation import contiguous_folds, splits
@@ -29,7 +29,7 @@ SPAN = 0.5  # s: delays up to this are tried,
 SHARE = 0.01  # and up to this share of the recorded time: seconds of motion hide long ones
 STEPS = 20  # on each side of zero,
 FINE = 10  # then on each side of the best of them
-LEAST_ROWS = 100
+MIN_ROWS = 100
 
 
 def estimate_meter_delay(data: DriveData, span: float = SPAN) -> Delay | None:
@@ -52,13 +52,13 @@ def estimate_meter_delay(data: DriveData, span: float = SPAN) -> Delay | None:
     if error is None:
         return None
     best = int(np.argmin(error.sum(axis=0)))
-    found = best_delay(coarse, error, error[:, STEPS], span, LEAST_GAIN)
+    found = best_delay(coarse, error, error[:, STEPS], span, MIN_GAIN)
     if found.at_edge:
         return found
     fine = coarse[best] + span / STEPS * np.arange(-FINE, FINE + 1) / FINE
     error = _errors(data, columns, np.append(fine, 0.0))
     return (
-        None if error is None else best_delay(fine, error[:, :-1], error[:, -1], span, LEAST_GAIN)
+        None if error is None else best_delay(fine, error[:, :-1], error[:, -1], span, MIN_GAIN)
     )
 
 
@@ -134,7 +134,7 @@ def _errors(data: DriveData, columns: Float, lags: Float) -> Float | None:
         same = np.logical_and.reduce([np.isfinite(mean[:, 0]) for _, mean in tried])
         parts.append(np.stack([mean[same] for _, mean in tried]))
         targets.append(tried[0][0][same])
-    if sum(len(part) for part in targets) < LEAST_ROWS:
+    if sum(len(part) for part in targets) < MIN_ROWS:
         return None
     means, measured = np.concatenate(parts, axis=1), np.concatenate(targets)
     size = np.maximum(np.linalg.norm(means[0], axis=0), np.finfo(float).tiny)

@@ -16,7 +16,7 @@ from robot_energy.blocks import NANOSECOND, Float, Int
 from robot_energy.errors import NotIdentifiableError, ShapeError
 
 ORDER = 2  # of the filter; forward and backward make it 4
-LEAST_SAMPLES = 20
+MIN_SAMPLES = 20
 MEMORY = 1.5  # periods of the cut-off frequency after which a filter has forgotten its start
 
 
@@ -74,10 +74,10 @@ def low_pass(values: Float, rate: float, cutoff: float) -> Float:
     """
     from scipy.signal import butter, sosfiltfilt
 
-    if len(values) < LEAST_SAMPLES:
+    if len(values) < MIN_SAMPLES:
         raise NotIdentifiableError(
             f"a stretch of the recording has {len(values)} samples",
-            f"at least {LEAST_SAMPLES}",
+            f"at least {MIN_SAMPLES}",
             "record longer without gaps",
         )
     if not 0 < cutoff < 0.5 * rate:

@@ -27,7 +27,7 @@ BLOCK = 5.0  # s: residuals further apart than this are taken as independent
 AVERAGED = 0.1  # s: longest time over which both sides of an equation are averaged
 WINDOWS = 400  # wanted, where the recordings are too short for that many of 0.1 s
 BLOCKS = 20  # wanted, where the recordings are too short for that many of 5 s
-SHORTEST_BLOCK = 0.2  # s
+MIN_BLOCK = 0.2  # s
 APART = 5.0  # s between rows of a log, beyond which another recording begins
 BRIDGED = 0.1  # s between two readings of a drive's power, at most
 HELD = 1.0  # J in a DC link, below which nothing is held
@@ -318,7 +318,7 @@ def block_length(recorded: float) -> float:
     Args:
         recorded: Recorded time. [s]
     """
-    return min(BLOCK, max(SHORTEST_BLOCK, recorded / BLOCKS))
+    return min(BLOCK, max(MIN_BLOCK, recorded / BLOCKS))
 
 
 def _winding(degc: Float) -> Float:

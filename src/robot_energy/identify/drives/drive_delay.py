@@ -21,8 +21,8 @@ from robot_energy.identify.stats.regression import qr_r
 SPAN = 0.1  # s: delays up to this are tried,
 SHARE = 0.01  # and up to this share of the recorded time: seconds of motion hide long ones
 STEPS = 25  # on each side of zero, at most
-LEAST_GAIN = 0.05  # of the held-out error: a second of motion has 1 % for chance delays
-LEAST_ROWS = 200
+MIN_GAIN = 0.05  # of the held-out error: a second of motion has 1 % for chance delays
+MIN_ROWS = 200
 CHUNK = 50_000  # rows compressed at once, so that memory does not grow with the recording
 
 
@@ -55,7 +55,7 @@ def estimate_power_delay(data: DriveData, span: float = SPAN) -> Delay | None:
     for curve in curves:
         error += curve / max(float(curve.sum(axis=0).min()), np.finfo(float).tiny)
     undelayed = error[:, len(lags) // 2]
-    return best_delay(lags * period, error, undelayed, float(lags[-1]) * period, LEAST_GAIN)
+    return best_delay(lags * period, error, undelayed, float(lags[-1]) * period, MIN_GAIN)
 
 
 def with_delay_undone(data: DriveData, delay: float) -> DriveData:
@@ -87,7 +87,7 @@ def with_delay_undone(data: DriveData, delay: float) -> DriveData:
 def _curve(data: DriveData, joint: int, lags: Int) -> Float | None:
     """Squared held-out error of one drive, by fold and lag, shape (folds, lags)."""
     rows = _rows(data, joint, lags)
-    if len(rows) < LEAST_ROWS:
+    if len(rows) < MIN_ROWS:
         return None
     triangles: list[Float] = []
     for _, test in splits(contiguous_folds(len(rows))):

@@ -37,8 +37,8 @@ WAYS: tuple[Way, ...] = ("none", "constant", "map", "map_processed", "losses")
 DEFAULT = "loss_model"  # where held-out data say nothing better
 CONSTANT_EFFICIENCY = 0.875  # paper B, 7.3
 INSIDE = 0.6  # of the greatest speed and torque: what lies beyond is held out
-GREATEST = 0.999  # quantile that stands for the greatest speed or torque
-LEAST_HELD_OUT = 50
+MAX_QUANTILE = 0.999  # quantile that stands for the greatest speed or torque
+MIN_HELD_OUT = 50
 
 
 @dataclass(frozen=True)
@@ -205,7 +205,7 @@ def _folds(data: DriveData) -> dict[Split, Int]:
     for size in (np.abs(data.motor_velocity), np.abs(data.motor_torque)):
         known = np.where(data.usable, size, np.nan)
         if np.isfinite(known).any(axis=0).all():
-            beyond |= size > INSIDE * np.nanquantile(known, GREATEST, axis=0)
+            beyond |= size > INSIDE * np.nanquantile(known, MAX_QUANTILE, axis=0)
     folds["beyond"] = beyond.astype(np.int64) - 1
     return folds
 
@@ -293,7 +293,7 @@ class _Fitter:
                     place = predicted.setdefault(way, np.full(usable.shape, np.nan))
                     place[held, joint] = power[held]
         tested = usable & np.isfinite(predicted["map"]) & np.isfinite(predicted["losses"])
-        if int(tested.sum()) < LEAST_HELD_OUT:
+        if int(tested.sum()) < MIN_HELD_OUT:
             return None
         weight = np.where(tested, data.duration[:, None], 0.0)
         energy = float(np.sum(weight * np.where(tested, data.drive_power, 0.0)))

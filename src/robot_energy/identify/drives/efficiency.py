@@ -25,12 +25,12 @@ from robot_energy.model.drive_models import EfficiencyMap
 DEVIATIONS = 3.0  # scaled median absolute deviations
 ORDER = 4  # of the Butterworth low-pass, before it runs the second time
 CUTOFF = 5.0  # Hz
-HIGHEST = 0.9  # of the Nyquist frequency
-LEAST_EFFICIENCY = 0.02  # smaller ones are held here: an efficiency of 0 gives no power
+MAX_CUTOFF_SHARE = 0.9  # of the Nyquist frequency
+MIN_EFFICIENCY = 0.02  # smaller ones are held here: an efficiency of 0 gives no power
 POINTS = 500  # of one map in a model file
-LEAST_SAMPLES = 100
+MIN_SAMPLES = 100
 SLOW = 0.02  # of the greatest speed: no efficiency below it
-GREATEST = 0.999  # quantile that stands for the greatest speed
+MAX_QUANTILE = 0.999  # quantile that stands for the greatest speed
 FIRST_CELL, GROWTH = 0.05, 1.15  # standard deviations; of the cells that thin a map out
 REACH = 2.0  # cells, beyond which a point of work counts as extrapolated
 
@@ -85,7 +85,7 @@ def smooth(values: Float, stretch: Int, period: float, cutoff: float) -> Float:
     """
     from scipy.signal import butter, sosfiltfilt
 
-    share = min(2.0 * cutoff * period, HIGHEST)
+    share = min(2.0 * cutoff * period, MAX_CUTOFF_SHARE)
     sections = butter(ORDER, share, output="sos")
     result = np.full_like(values, np.nan)
     for rows in np.split(np.arange(len(values)), np.flatnonzero(np.diff(stretch)) + 1):
@@ -149,22 +149,22 @@ def reduced_map(
     with np.errstate(divide="ignore", invalid="ignore"):
         raw = np.where(rows & (electrical != 0.0), shaft / electrical, np.nan)
     speed = np.where(np.isfinite(raw), np.abs(velocity), np.nan)
-    fastest = float(np.nanquantile(speed, GREATEST)) if np.isfinite(speed).any() else 0.0
+    fastest = float(np.nanquantile(speed, MAX_QUANTILE)) if np.isfinite(speed).any() else 0.0
     with np.errstate(invalid="ignore"):
         moving = speed > SLOW * fastest
     raw[~moving] = np.nan
     known = int(moving.sum())
-    if known < LEAST_SAMPLES:
+    if known < MIN_SAMPLES:
         raise NotIdentifiableError(
             f"{name} moves in {known} samples with power, torque and speed",
-            f"at least {LEAST_SAMPLES}",
+            f"at least {MIN_SAMPLES}",
         )
     kept = without_outliers(raw)
     eta = smooth(kept, stretch, period, cutoff)
     used = moving & np.isfinite(eta)
     at, values, cell = _thinned(torque[used], velocity[used], eta[used], points)
     sign = np.where(values < 0, -1.0, 1.0)
-    values = sign * np.maximum(np.abs(values), LEAST_EFFICIENCY)
+    values = sign * np.maximum(np.abs(values), MIN_EFFICIENCY)
     motor = used & (shaft >= 0)
     generator = used & (shaft < 0)
     entry = EfficiencyMap(

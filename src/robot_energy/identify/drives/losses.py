@@ -22,8 +22,8 @@ from robot_energy.model.figure import PositiveFigure
 REFERENCE_DEGC = 20.0
 COPPER_COEFFICIENT = 0.0039  # 1/K, usual textbook figure
 TERMS = ("constant", "copper", "linear", "quadratic")
-LEAST_SHARE = 0.05  # of a column that the columns before it do not explain
-LEAST_SAMPLES = 30
+MIN_SHARE = 0.05  # of a column that the columns before it do not explain
+MIN_SAMPLES = 30
 NOT_TOLD = "not told by the recordings, taken as 0"
 
 
@@ -109,14 +109,14 @@ def fit_losses(
     Raises:
         NotIdentifiableError: If there are too few samples or no column is excited.
     """
-    if len(target) < max(LEAST_SAMPLES, 2 * columns.shape[1]):
+    if len(target) < max(MIN_SAMPLES, 2 * columns.shape[1]):
         raise NotIdentifiableError(
             f"{what} have {len(target)} samples with power, torque and speed",
-            f"at least {max(LEAST_SAMPLES, 2 * columns.shape[1])}",
+            f"at least {max(MIN_SAMPLES, 2 * columns.shape[1])}",
             "record longer, with power beside the joint states",
         )
     told = np.zeros(columns.shape[1], dtype=np.bool_)
-    told[independent(columns, LEAST_SHARE * _size(columns))] = True
+    told[independent(columns, MIN_SHARE * _size(columns))] = True
     if not told.any():
         raise NotIdentifiableError(f"{what} are all zero", "motion under load")
     used: list[int] = np.flatnonzero(told).tolist()

@@ -16,7 +16,7 @@ from robot_energy.model import RobotModel
 from robot_energy.timeline.pieces import CoveredPieces
 
 COEFFICIENTS = ("copper", "linear", "quadratic")
-LEAST_READINGS = 20
+MIN_READINGS = 20
 OF_PIECES = ("duration", "measured", "shaft", "terms", "given", "drives", "recording", "block")
 
 
@@ -149,10 +149,10 @@ def joined(
     pieces = CoveredPieces.empty()
     for part, _, _ in parts:
         pieces = pieces.join(part)
-    if len(pieces) < LEAST_READINGS:
+    if len(pieces) < MIN_READINGS:
         raise NotIdentifiableError(
             f"{len(pieces)} readings of the meter lie inside the samples of {of}",
-            f"at least {LEAST_READINGS}",
+            f"at least {MIN_READINGS}",
             "record longer, with the meter running",
         )
     means = np.concatenate([means for _, means, _ in parts])

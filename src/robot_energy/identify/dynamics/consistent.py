@@ -23,8 +23,8 @@ from robot_energy.errors import NotIdentifiableError
 from robot_energy.identify.stats.regression import qr_r
 
 ROOT2 = float(np.sqrt(2.0))
-LEAST_MASS = 1e-3  # of a link, kg: below, a body has no meaning
-LEAST_RADIUS = 0.01  # m: a smaller body than this is not drawn from the prior
+MIN_MASS = 1e-3  # of a link, kg: below, a body has no meaning
+MIN_RADIUS = 0.01  # m: a smaller body than this is not drawn from the prior
 MARGIN = 1e-6  # share of the prior that keeps a pseudo-inertia off the boundary
 INERTIA_PLACES = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))  # Ixx Ixy Iyy Ixz Iyz Izz
 
@@ -57,9 +57,9 @@ def link_prior(link_parameters: Float, uncertainty: float) -> Prior:
     std = np.empty_like(values)
     for start in range(0, len(values), 10):
         link = values[start : start + 10]
-        mass = max(float(link[0]), LEAST_MASS)
+        mass = max(float(link[0]), MIN_MASS)
         spread = float(np.trace(second_moments(link))) / mass
-        radius = max(float(np.sqrt(max(spread, 0.0))), LEAST_RADIUS)
+        radius = max(float(np.sqrt(max(spread, 0.0))), MIN_RADIUS)
         std[start] = mass
         std[start + 1 : start + 4] = mass * radius
         std[start + 4 : start + 10] = mass * radius**2
@@ -172,7 +172,7 @@ def _cones(
     basis = np.stack([_upper(pseudo_inertia(unit)) for unit in np.eye(10)], axis=1)
     for link in range(n_links):
         columns = slice(10 * link, 10 * link + 10)
-        mass = max(float(values[10 * link]), LEAST_MASS)
+        mass = max(float(values[10 * link]), MIN_MASS)
         spread = float(scale[10 * link + 4] / scale[10 * link])
         # Unit-free: J scaled by mass and radius, so that all entries are about 1.
         shape = np.array([spread, spread, spread, 1.0]) ** 0.5 * mass**0.5

@@ -43,7 +43,7 @@ from robot_energy.identify.stats.threads import one_thread
 from robot_energy.model import RobotModel
 from robot_energy.physics.drivetrain import Drivetrain
 
-LEAST_NOISE = 1e-3  # of the torque: no model of a robot is truer than that
+MIN_NOISE = 1e-3  # of the torque: no model of a robot is truer than that
 
 
 @dataclass(frozen=True)
@@ -323,7 +323,7 @@ def _whitening(rows: Observations, result: Fit) -> Float:
     count = np.maximum(used.sum(axis=0), 1)
     share = np.sqrt(result.independent / count)
     torque = np.sqrt((rows.joint_torque**2 * used).sum(axis=0) / count)
-    return used * share / np.maximum(result.noise, LEAST_NOISE * torque)
+    return used * share / np.maximum(result.noise, MIN_NOISE * torque)
 
 
 def _consistent(

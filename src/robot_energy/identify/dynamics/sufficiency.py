@@ -22,7 +22,7 @@ from robot_energy.model import RobotModel
 from robot_energy.model.friction_laws import FRICTION_LAWS
 from robot_energy.physics.rigid_body import Robot
 
-TOO_FAST = 3.0  # times the URDF's velocity limit: not a motion of this robot
+MAX_SPEED_RATIO = 3.0  # times the URDF's velocity limit: not a motion of this robot
 ROWS_PER_PARAMETER = 3.0
 POOR = 0.5  # torque error above which units or ratios are likelier wrong than the fit poor
 
@@ -93,11 +93,11 @@ def check_motion(rows: Observations, robot: Robot, filters: Filters) -> None:
     fast = [
         f"{n} ({v:.3g} rad/s)"
         for n, v, limit in zip(robot.joint_names, speed, robot.limits.velocity, strict=True)
-        if v > TOO_FAST * limit
+        if v > MAX_SPEED_RATIO * limit
     ]
     if fast:
         raise NotIdentifiableError(
-            f"{', '.join(fast)} move(s) over {TOO_FAST:g} times faster than the URDF allows",
+            f"{', '.join(fast)} move(s) over {MAX_SPEED_RATIO:g} times faster than the URDF allows",
             "positions in rad and m, at the rate they were recorded",
             "check units, gear ratios and rate",
         )

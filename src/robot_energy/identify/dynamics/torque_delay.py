@@ -18,7 +18,7 @@ from robot_energy.identify.stats.lag import Delay, best_delay, held_out_errors
 from robot_energy.identify.stats.regression import qr_r
 
 STEPS = 10  # on each side of zero
-LEAST_GAIN = 0.01  # of the held-out error, below which a delay is not worth believing
+MIN_GAIN = 0.01  # of the held-out error, below which a delay is not worth believing
 
 
 def estimate_delay(
@@ -52,7 +52,7 @@ def estimate_delay(
         triangles.append(qr_r(both * weight[joints][:, None]))
     known = _prior_rows(prior, len(delays))
     error = held_out_errors(triangles, observations.regressor.shape[2], known)
-    return best_delay(delays, error, error[:, STEPS], span, LEAST_GAIN)
+    return best_delay(delays, error, error[:, STEPS], span, MIN_GAIN)
 
 
 def _prior_rows(prior: Prior, delays: int) -> Float:

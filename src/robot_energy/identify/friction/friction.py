@@ -17,7 +17,7 @@ import numpy as np
 from robot_energy.blocks import Float
 from robot_energy.errors import NotIdentifiableError
 from robot_energy.identify.bounds import identified
-from robot_energy.identify.friction.laws import LEAST_RANGE, fit_law, fitted_laws, nuisance
+from robot_energy.identify.friction.laws import MIN_RANGE, fit_law, fitted_laws, nuisance
 from robot_energy.identify.friction.samples import FrictionData
 from robot_energy.identify.stats.cross_validation import (
     HeldOut,
@@ -34,7 +34,7 @@ from robot_energy.model.friction_laws import FRICTION_LAWS, ConstantLaw, LawEntr
 from robot_energy.model.joint import JointFriction
 from robot_energy.physics.friction import viscous_law
 
-LEAST_SAMPLES = 200
+MIN_SAMPLES = 200
 SPEED_SHARE = 0.03  # of the greatest speed: below it Stribeck friction reigns
 
 
@@ -127,12 +127,12 @@ def fit_friction(data: FrictionData, source: str = "") -> FrictionFit:
     span = (float(degc.min()), float(degc.max()))
     warnings: list[str] = []
     names = fitted_laws()
-    if span[1] - span[0] < LEAST_RANGE:
+    if span[1] - span[0] < MIN_RANGE:
         names = tuple(name for name in names if not FRICTION_LAWS[name].follows_temperature)
         warnings.append(
             f"{moving.name}: the motor was at {span[0]:.1f} to {span[1]:.1f} degC only, so its "
             "friction is taken as constant; record it cold and warm, at least "
-            f"{LEAST_RANGE:g} K apart"
+            f"{MIN_RANGE:g} K apart"
         )
     laws: dict[str, LawEntry] = {}
     fits: dict[str, Fit] = {}
@@ -230,10 +230,10 @@ def moving_samples(data: FrictionData) -> FrictionData:
     fastest = float(np.quantile(speed[known], 0.999))
     rows = known & warm & (speed > SPEED_SHARE * fastest) & (speed > 0)
     moving = data.rows(rows)
-    if len(moving) < LEAST_SAMPLES:
+    if len(moving) < MIN_SAMPLES:
         raise NotIdentifiableError(
             f"{data.name} moves in {len(moving)} of {len(data)} samples",
-            f"at least {LEAST_SAMPLES} in motion",
+            f"at least {MIN_SAMPLES} in motion",
             "record motions of this joint at several speeds and in both directions",
         )
     return moving
@@ -262,7 +262,7 @@ def _held_out(name: str, data: FrictionData) -> HeldOut:
     """
     degc = data.motor_temperature_degc
     fold = folds_by_value(degc)
-    if len(np.unique(fold)) < 2 or float(np.ptp(degc)) < LEAST_RANGE:
+    if len(np.unique(fold)) < 2 or float(np.ptp(degc)) < MIN_RANGE:
         # One thermal state: a fold by temperature would be a few motions, perhaps all one way.
         number = np.unique(data.block, return_inverse=True)[1]
         fold = contiguous_folds(int(number.max()) + 1)[number]

@@ -26,8 +26,8 @@ from robot_energy.model.friction_laws import (
 )
 
 NODE_SPACING = 6.0  # K between the nodes of the free curve, at least
-LEAST_RANGE = 6.0  # K of motor temperature, below which it cannot be told from a constant
-LEAST_SHARE = 0.02  # of the excitation w^2 that a node must see
+MIN_RANGE = 6.0  # K of motor temperature, below which it cannot be told from a constant
+MIN_SHARE = 0.02  # of the excitation w^2 that a node must see
 SCALES = np.geomspace(4.0, 120.0, 18)  # K, tried for the exponential law
 IMPOSSIBLE = 1e30  # cost of a law with a negative part; finite, for the search
 
@@ -36,13 +36,13 @@ def _nodes(data: FrictionData) -> Float:
     """Nodes of the free curve, where the data are: one per stretch of temperature seen."""
     degc, moved = data.motor_temperature_degc, data.motor_velocity**2
     low, high = float(degc.min()), float(degc.max())
-    if high - low < LEAST_RANGE:
+    if high - low < MIN_RANGE:
         return np.array([float(np.average(degc, weights=moved))])
     count = max(int((high - low) / NODE_SPACING), 2)
     stretch = np.minimum(((degc - low) / (high - low) * count).astype(np.int64), count - 1)
     seen = np.bincount(stretch, weights=moved, minlength=count)
     centre = np.bincount(stretch, weights=moved * degc, minlength=count)
-    kept = np.flatnonzero(seen >= LEAST_SHARE * seen.sum())
+    kept = np.flatnonzero(seen >= MIN_SHARE * seen.sum())
     nodes = centre[kept] / seen[kept]
     apart = np.append(True, np.diff(nodes) > 0.5 * NODE_SPACING)
     return nodes[apart]

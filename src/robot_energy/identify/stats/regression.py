@@ -26,9 +26,9 @@ MEDIAN_TO_STD = 1.4826  # of the absolute deviation of a normal variable
 WEIGHTINGS = 2  # times that noise of each joint is found and weights follow it
 MAX_ROUNDS = 30  # of the Huber weights
 SETTLED = 1e-6  # relative change of what is fitted at which the weights have settled
-LEAST_NOISE = 1e-12  # below which residuals are rounding
-LEAST_INDEPENDENCE = 1e-4  # share of a column that the other columns do not explain
-LONGEST = 0.25  # of a recording: longest autocorrelation taken into account
+MIN_NOISE = 1e-12  # below which residuals are rounding
+MIN_INDEPENDENCE = 1e-4  # share of a column that the other columns do not explain
+MAX_LAG_SHARE = 0.25  # of a recording: longest autocorrelation taken into account
 
 
 @dataclass(frozen=True)
@@ -138,7 +138,7 @@ def _huber(columns: Float, target: Float, used: NDArray[np.bool_]) -> tuple[Floa
         for own in groups:
             rest = residual[own]
             middle = np.median(np.abs(rest - np.median(rest)))
-            noise = max(MEDIAN_TO_STD * float(middle), LEAST_NOISE)
+            noise = max(MEDIAN_TO_STD * float(middle), MIN_NOISE)
             reach = HUBER * noise / np.maximum(np.abs(rest), 1e-300)
             weight[own] = np.sqrt(np.minimum(1.0, reach)) / noise
         weighted = base * (weight * weight)[:, None]
@@ -163,7 +163,7 @@ def _by_target(
     for _ in range(rounds):
         rest = triangles @ np.append(values, -1.0)
         noise = np.sqrt((rest**2).sum(axis=1) / np.maximum(used.sum(axis=0), 1))
-        weight = 1.0 / np.maximum(noise, LEAST_NOISE)
+        weight = 1.0 / np.maximum(noise, MIN_NOISE)
         values = _solve(triangles * weight[:, None, None])
     return values, used * weight
 
@@ -311,7 +311,7 @@ def _autocorrelation(rest: Float, rows: NDArray[np.bool_], segment: Int) -> Floa
     shares = [1.0]
     size = float(rest @ rest) / max(int(rows.sum()), 1)
     same = [np.flatnonzero(segment == number) for number in np.unique(segment)]
-    longest = int(LONGEST * max(len(part) for part in same))
+    longest = int(MAX_LAG_SHARE * max(len(part) for part in same))
     for lag in range(1, longest + 1):
         total, pairs = 0.0, 0
         for part in same:
@@ -386,7 +386,7 @@ def _require_excitation(columns: Float, names: Sequence[str], what: str) -> None
         weak = [
             name
             for name, share in zip(names, unexplained, strict=True)
-            if share < LEAST_INDEPENDENCE
+            if share < MIN_INDEPENDENCE
         ]
     if weak:
         raise NotIdentifiableError(

@@ -12,9 +12,9 @@ from robot_energy.timeline.stamps import SECOND_NS
 Mask = NDArray[np.bool_]
 Directions = NDArray[np.int8]
 
-TOO_FAR = 1.5  # times what the velocity limit allows
-LEAST_TIME = 0.005  # stamps jitter: a step is never judged by a shorter time [s]
-FASTEST = 20.0  # where the URDF knows no limit [rad/s] or [m/s]
+MAX_STEP_RATIO = 1.5  # times what the velocity limit allows
+MIN_TIME = 0.005  # stamps jitter: a step is never judged by a shorter time [s]
+MAX_SPEED = 20.0  # where the URDF knows no limit [rad/s] or [m/s]
 MEMORY_NS = SECOND_NS  # a step back this long after a step forth belongs to it
 FULL_TURN = 2 * np.pi
 
@@ -36,8 +36,8 @@ class PositionJumpDetector:
     """
 
     def __init__(self, fastest: Float, wraps: Mask) -> None:
-        self._allowed = TOO_FAR * np.where(np.isfinite(fastest), fastest, FASTEST)
-        self._always = self._allowed * LEAST_TIME
+        self._allowed = MAX_STEP_RATIO * np.where(np.isfinite(fastest), fastest, MAX_SPEED)
+        self._always = self._allowed * MIN_TIME
         self._wraps = wraps
         self._any_wraps = bool(wraps.any())
         self._last: tuple[int, Float] | None = None
@@ -55,7 +55,7 @@ class PositionJumpDetector:
     def joint(self, index: int) -> PositionJumpDetector:
         """Return a fresh watch of one of the joints."""
         one = slice(index, index + 1)
-        return PositionJumpDetector(self._allowed[one] / TOO_FAR, self._wraps[one])
+        return PositionJumpDetector(self._allowed[one] / MAX_STEP_RATIO, self._wraps[one])
 
     def begin_epoch(self) -> None:
         """Forget the last position: the next is no step."""
@@ -89,7 +89,7 @@ class PositionJumpDetector:
         size = np.abs(step)
         if bool((size <= self._always).all()):
             return None
-        time = np.maximum(differences(stamp_ns, start) * NANOSECOND, LEAST_TIME)
+        time = np.maximum(differences(stamp_ns, start) * NANOSECOND, MIN_TIME)
         far = size > self._allowed * time[:, None]
         if not bool(far.any()):
             return None

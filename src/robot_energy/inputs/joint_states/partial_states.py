@@ -12,7 +12,7 @@ from robot_energy.inputs.joint_states.decode import Mask
 from robot_energy.inputs.joint_states.jumps import PositionJumpDetector, shortest
 from robot_energy.inputs.rejection_log import RejectionLog
 from robot_energy.physics.urdf.checks import JointLimits
-from robot_energy.timeline.gaps import BY_PERIOD, LONGEST_GAP_NS, StampOrder, newer
+from robot_energy.timeline.gaps import BY_PERIOD, MAX_GAP_NS, StampOrder, newer
 from robot_energy.timeline.reorder import OLDER
 from robot_energy.timeline.streams import StreamRun
 
@@ -97,7 +97,7 @@ class PartialStateMerger:
         self.missing = np.zeros(n_joints, dtype=np.bool_)
         self._log, self._dispute = log, dispute
         self._n_joints, self._max_gap = n_joints, max_gap
-        self._patience_ns = max(LONGEST_GAP_NS, round(max_gap / NANOSECOND))
+        self._patience_ns = max(MAX_GAP_NS, round(max_gap / NANOSECOND))
         self._wraps = np.zeros(n_joints, dtype=np.bool_) if limits is None else limits.wraps
         self._steps = PositionJumpDetector.of(n_joints, limits)
         self.restart()

@@ -22,16 +22,16 @@ from robot_energy.inputs.joint_states.jumps import shortest
 from robot_energy.physics.urdf.checks import JointLimits
 
 SLACK = 0.05  # share of its range that a joint may be beyond a limit
-LEAST_SLACK = 0.05  # rad or m
-TOO_FAST = 2.0  # times its velocity limit
+MIN_SLACK = 0.05  # rad or m
+MAX_SPEED_RATIO = 2.0  # times its velocity limit
 ZEROS_NS = 5_000_000_000  # all joints exactly zero for so long is suspicious
 DEGREES = 180 / np.pi
 MILLIMETRES = 1000.0
 EVERY_NS = 250_000_000  # how often velocity and position are compared
 PAIRS = 24  # comparisons that make a verdict
-LEAST_SPEED = 0.05  # slower joints tell nothing of their velocities [rad/s] or [m/s]
-LEAST_AGREEMENT = 0.8  # share of the velocity that must follow the positions
-LONGEST_PAIR_NS = 100_000_000
+MIN_SPEED = 0.05  # slower joints tell nothing of their velocities [rad/s] or [m/s]
+MIN_AGREEMENT = 0.8  # share of the velocity that must follow the positions
+MAX_PAIR_TIME_NS = 100_000_000
 
 
 @dataclass(frozen=True)
@@ -90,9 +90,9 @@ class Plausibility:
         if limits is not None:
             spread = np.where(np.isfinite(limits.upper - limits.lower), limits.upper, 0.0)
             spread = spread - np.where(np.isfinite(limits.upper - limits.lower), limits.lower, 0.0)
-            slack = np.maximum(SLACK * spread, LEAST_SLACK)
+            slack = np.maximum(SLACK * spread, MIN_SLACK)
             self._low, self._high = limits.lower - slack, limits.upper + slack
-            self._fastest = TOO_FAST * limits.velocity
+            self._fastest = MAX_SPEED_RATIO * limits.velocity
             self._wraps = limits.wraps
         self._any_wraps = bool(self._wraps.any())
         self._beyond, self._zeros, self._astray = _Seen(), _Seen(), _Seen()
@@ -191,7 +191,7 @@ class Plausibility:
                 elapsed[0] = stamp[0] - before[0]
                 step[0] = position[0] - before[2]
                 mean[0] = 0.5 * (velocity[0] + before[3])
-        good = same & (elapsed > 0) & (elapsed <= LONGEST_PAIR_NS)
+        good = same & (elapsed > 0) & (elapsed <= MAX_PAIR_TIME_NS)
         good &= np.isfinite(mean).all(axis=1)
         if self._any_wraps:
             step[:, self._wraps] = shortest(step[:, self._wraps])
@@ -207,8 +207,8 @@ class Plausibility:
         given, slope = pairs[:, 0], pairs[:, 1]
         of_given, of_slope = (given**2).sum(axis=0), (slope**2).sum(axis=0)
         both = (given * slope).sum(axis=0)
-        moves = of_slope > PAIRS * LEAST_SPEED**2
-        moves &= both**2 > LEAST_AGREEMENT * of_given * of_slope
+        moves = of_slope > PAIRS * MIN_SPEED**2
+        moves &= both**2 > MIN_AGREEMENT * of_given * of_slope
         ratio = np.ones(len(both))
         ratio[moves] = of_given[moves] / both[moves]
         wrong = (ratio < 0.5) | (ratio > 2.0)

@@ -14,7 +14,7 @@ from robot_energy.physics.urdf.checks import JointLimits
 from robot_energy.timeline.stamps import SECOND_NS
 
 CLEAN_NS = SECOND_NS  # how long it must be quiet before samples are used again
-LONGEST_STEP_NS = SECOND_NS // 10  # more than this between two samples is no time watched
+MAX_STEP_NS = SECOND_NS // 10  # more than this between two samples is no time watched
 CONFLICTING = "conflicting_publisher"  # the reason under which refused samples are counted
 BROKEN = np.uint32(Quality.AFTER_GAP)  # something is missing right before a sample
 QUARANTINE_NS = SECOND_NS // 4  # how long a leap waits for the leap back
@@ -140,7 +140,7 @@ class PublisherConflictFilter:
         steps = self._steps
         for row, stamp in enumerate(samples.stamp_ns.tolist()):
             back = steps.back(stamp, leaps[row])
-            elapsed = 0 if last is None else min(stamp - last, LONGEST_STEP_NS)
+            elapsed = 0 if last is None else min(stamp - last, MAX_STEP_NS)
             last = stamp
             self._to_watch = max(0, self._to_watch - elapsed)
             if disputed[row] or bool(back.any()):

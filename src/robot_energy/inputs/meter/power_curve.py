@@ -15,7 +15,7 @@ from robot_energy.timeline.pieces import CoveredPieces
 
 BEGIN_NS = 100_000_000  # the same at first, when a reading before may be the wrong one
 MAX_POWER = 1e6  # no robot draws a megawatt, and the exact sums hold up to there [W]
-LONGEST_INTERVAL = 86_400.0  # of a mean [s]
+MAX_INTERVAL = 86_400.0  # of a mean [s]
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,7 @@ class MeterCurve:
         with np.errstate(invalid="ignore"):
             absurd = good & (np.abs(value) > self._max_power)
             if block.meaning is MeterMeaning.MEAN_OVER_INTERVAL:
-                absurd |= good & (block.interval > LONGEST_INTERVAL)
+                absurd |= good & (block.interval > MAX_INTERVAL)
         self.account.reject("meter_implausible", int(absurd.sum()))
         return good & ~absurd
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from robot_energy.blocks import NANOSECOND, PLAUSIBLE_DEGC, Float, Int, differences
 from robot_energy.timeline.epochs import SLOW_NS
 
-FASTEST = 5.0  # K/s; a winding under its peak current stays below
+MAX_HEATING_RATE = 5.0  # K/s; a winding under its peak current stays below
 RESOLUTION = 2.0  # K; a step that coarse sensors and their noise make at any rate
 SUPPORT = 2  # agreeing readings behind a temperature, of which more would not count more
 
@@ -134,7 +134,7 @@ class TemperatureFilter:
 
 
 def _allowed(elapsed_ns: Int) -> Float:
-    return FASTEST * NANOSECOND * elapsed_ns + RESOLUTION
+    return MAX_HEATING_RATE * NANOSECOND * elapsed_ns + RESOLUTION
 
 
 def _agree(values: Float, other: Float, elapsed_ns: Int) -> NDArray[np.bool_]:

@@ -12,7 +12,7 @@ from robot_energy.model import RobotModel
 from robot_energy.physics.urdf.checks import moved_mass, parse
 
 HEAT_CAPACITY = 900.0  # J/(kg K), aluminium; steel and copper hold less
-LEAST_MASS = 0.5  # kg, where a URDF gives none
+MIN_MASS = 0.5  # kg, where a URDF gives none
 TIME_CONSTANT = 3600.0  # s, of the cooling; robots measure hours
 WARMEST_AMBIENT_DEGC = 20.0  # assumed at most, for the heat that leaves
 MARGIN = 5.0  # K that the surroundings may be colder still
@@ -49,7 +49,7 @@ class StuckTemperatureDetector:
     def __init__(self, model: RobotModel) -> None:
         mass = np.asarray(moved_mass(parse(model.urdf_xml), model.joint_names))
         between = 0.5 * (mass + np.concatenate([mass[:1], mass[:-1]]))
-        self._capacity = HEAT_CAPACITY * np.maximum(between, max(mass.mean(), LEAST_MASS))
+        self._capacity = HEAT_CAPACITY * np.maximum(between, max(mass.mean(), MIN_MASS))
         self._conductance = self._capacity / TIME_CONSTANT
         n_joints = len(mass)
         self.stuck = np.zeros(n_joints, dtype=np.bool_)

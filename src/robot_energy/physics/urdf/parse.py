@@ -17,9 +17,9 @@ MAX_URDF_BYTES = 8 * 1024 * 1024
 MAX_ELEMENTS = 200_000
 MAX_DEPTH = 50  # elements inside elements; a real URDF has six
 MAX_ATTRIBUTES = 100  # of one element; a real URDF has six
-LARGEST = 1e9  # no figure of a robot is larger, whatever its unit
-LEAST_AXIS = 1e-6  # length of an axis that still has a direction
-LEAST_INERTIA = 1e-5  # kg m^2 by which a principal moment may be negative: digits cut off
+MAX_VALUE = 1e9  # no figure of a robot is larger, whatever its unit
+MIN_AXIS_LENGTH = 1e-6  # length of an axis that still has a direction
+INERTIA_TOLERANCE = 1e-5  # kg m^2 by which a principal moment may be negative: digits cut off
 RESERVED_NAMES = ("universe", "root_joint")  # of the dynamics library
 
 INERTIA = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
@@ -110,7 +110,7 @@ def check_numbers(root: ET.Element) -> None:
         axis = element.find("axis")
         if axis is not None and element.get("type") not in ("fixed", "floating"):
             length = np.linalg.norm([float(word) for word in axis.get("xyz", "1 0 0").split()])
-            if length < LEAST_AXIS:
+            if length < MIN_AXIS_LENGTH:
                 raise RobotDescriptionError(
                     f"{owner} has the axis '{axis.get('xyz')}'", "an axis with a direction"
                 )
@@ -125,13 +125,13 @@ def _check_entry(owner: str, tag: str, key: str, text: str) -> None:
         for word, is_endless in zip(words, endless, strict=True)
     )
     if good and tag != "limit":
-        good = all(abs(float(word)) <= LARGEST for word in words)
+        good = all(abs(float(word)) <= MAX_VALUE for word in words)
     if not good or (tag == "mass" and float(text) < 0):
         count = _COUNTS.get((tag, key), 1)
         numbers = "a finite number" if count == 1 else f"{count} finite numbers"
         raise RobotDescriptionError(
             f"{owner} has the {tag} {'' if key == 'value' else key + '='}'{text[:80]}'",
-            "a mass of 0 or more" if tag == "mass" else f"{numbers} of at most {LARGEST:g}",
+            "a mass of 0 or more" if tag == "mass" else f"{numbers} of at most {MAX_VALUE:g}",
         )
 
 
@@ -155,7 +155,7 @@ def _check_inertial(link: ET.Element, owner: str) -> None:
         )
     ixx, iyy, izz, ixy, ixz, iyz = (float(given[key]) for key in INERTIA)
     moments = np.linalg.eigvalsh([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
-    if moments[0] < -(LEAST_INERTIA + 1e-3 * moments[2]):
+    if moments[0] < -(INERTIA_TOLERANCE + 1e-3 * moments[2]):
         raise RobotDescriptionError(
             f"{owner} has a principal moment of inertia of {moments[0]:.3g} kg m^2",
             "none below 0",

@@ -18,7 +18,7 @@ from robot_energy.errors import LogFormatError, MissingTopicError, NotIdentifiab
 from robot_energy.identify.drives.drive_data import drive_data_of_logs
 from robot_energy.identify.drives.drive_power import read_drive_power
 from robot_energy.identify.drives.drives import fit_drives, with_drives
-from robot_energy.identify.drives.losses import LEAST_SHARE, fit_losses, loss_columns
+from robot_energy.identify.drives.losses import MIN_SHARE, fit_losses, loss_columns
 from robot_energy.identify.drives.total_power import compare_total, fit_total, with_total
 from robot_energy.identify.drives.total_sums import sums
 from robot_energy.identify.stats.regression import independent
@@ -100,7 +100,7 @@ def test_a_negative_loss_is_set_to_zero_and_named():
 def test_independent_names_columns_that_others_explain():
     first = np.random.default_rng(2).normal(size=(50, 2))
     columns = np.column_stack([first, first @ [1.0, 2.0], np.zeros(50)])
-    least = LEAST_SHARE * np.linalg.norm(columns, axis=0)
+    least = MIN_SHARE * np.linalg.norm(columns, axis=0)
     assert independent(columns, least) == [0, 1]
     assert independent(columns, least, order=[2, 1, 0, 3]) == [2, 1]
 

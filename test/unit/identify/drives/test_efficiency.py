@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from robot_energy.errors import NotIdentifiableError
 from robot_energy.identify.drives.efficiency import (
-    LEAST_EFFICIENCY,
+    MIN_EFFICIENCY,
     processed,
     reduced_map,
     smooth,
@@ -139,7 +139,7 @@ def test_thinning_keeps_its_promises(seed, points):
     power = torque * velocity / 0.7 + rng.normal(size=1500)
     entry = make(torque, velocity, power, points=points).entry
     assert 1 <= len(entry.efficiency) <= points
-    assert min(abs(value) for value in entry.efficiency) >= LEAST_EFFICIENCY * 0.999
+    assert min(abs(value) for value in entry.efficiency) >= MIN_EFFICIENCY * 0.999
     largest = max(abs(value) for value in entry.motor_torque)
     assert largest <= np.abs(torque).max() * 1.0001
 
