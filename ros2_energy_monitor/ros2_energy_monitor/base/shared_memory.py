@@ -78,4 +78,4 @@ def _remove(path: Path) -> str:
             f"{what}, blocks every node that starts and cannot be removed ({error.strerror}); "
             f"remove it: sudo rm {path}"
         )
-    return f"{what}, was removed: no node could start beside it"
+    return f"{what}, was removed: no node could start while it was there"

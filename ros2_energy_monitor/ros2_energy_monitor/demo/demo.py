@@ -1,7 +1,7 @@
 """The demonstration behind `make demo`: a virtual robot warms up under its monitors.
 
 First live: the virtual robot and the three monitors run as processes of an own ROS domain
-on this machine, and the console shows predicted beside measured power. Then from bags: a
+on this machine, and the console shows predicted and measured power. Then from bags: a
 cold and a warm recording, with friction that knows the temperature and with friction that
 does not. Ends by itself and leaves no process behind.
 """

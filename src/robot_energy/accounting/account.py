@@ -55,8 +55,8 @@ class EnergyAccount:
 
     Attributes:
         registers: Energy registers.
-        comparison: Predicted beside measured energy.
-        shaft: Predicted beside measured shaft energy of each joint.
+        comparison: Predicted and measured energy.
+        shaft: Predicted and measured shaft energy of each joint.
         judgement: The residual of the newest minute, and what is wrong with the meter.
         peak_power: Highest predicted grid power, NaN before the first sample. [W]
         quality: How many samples carried each quality bit.

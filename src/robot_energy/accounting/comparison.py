@@ -1,4 +1,4 @@
-"""Predicted beside measured power, over exactly the same covered intervals.
+"""Predicted and measured power, over exactly the same covered intervals.
 
 A meter has its own rate and its own meaning. Its readings become pieces of a curve:
 straight between instantaneous readings, level over the interval of a mean or between

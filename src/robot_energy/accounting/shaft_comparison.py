@@ -1,4 +1,4 @@
-"""Predicted beside measured shaft energy of each joint, over exactly the same intervals.
+"""Predicted and measured shaft energy of each joint, over exactly the same intervals.
 
 The effort of a joint comes with its joint states, so both powers are known at the same
 stamps. An interval counts for a joint if the registers integrate it and the effort is

@@ -34,6 +34,13 @@ from robot_energy.shown_text import shown_lines
 
 DONE, UNEXPECTED, REFUSED, DAMAGED = 0, 1, 2, 3
 
+# Libraries that only some commands need, and the extra of the package that brings them.
+EXTRAS = {
+    "clarabel": "identify",
+    "threadpoolctl": "identify",
+    "matplotlib": "report",
+    "jinja2": "papers",
+}
 COMMANDS = "robot_energy.commands"  # group of entry points: modules with add_parser
 
 EPILOG = """\
@@ -129,6 +136,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     except Exception as error:  # a bug of ours; the user still gets one sentence
         if args.debug:
             raise
+        lacking = str(getattr(error, "name", None) or "").split(".")[0]
+        if isinstance(error, ModuleNotFoundError) and lacking in EXTRAS:
+            return _fail(
+                f"this command needs {lacking}, which is not installed; install it: pip install "
+                f"'robot_energy[{EXTRAS[lacking]}]', or {lacking} alone",
+                REFUSED,
+            )
         text = " ".join(str(error).split()) or "no message"
         return _fail(
             f"unexpected error, {type(error).__name__}: {text}; run again with --debug and "

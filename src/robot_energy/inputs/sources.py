@@ -59,7 +59,7 @@ class JointStateSource:
         1e6,
     )
     effort_meaning: str = parameter(
-        "What the effort of the joint states is; with it, measured shaft power stands beside "
+        "What the effort of the joint states is; with it, measured shaft power is published with "
         "the predicted one per joint. Never guessed: none means that it is not used.",
         str(EffortMeaning.NONE),
         choices=tuple(str(meaning) for meaning in EffortMeaning),
@@ -122,7 +122,7 @@ class TemperatureSource:
         "temperature",
     )
     names_topic: str = parameter(
-        "Topic of the keys of Float64Values; empty for 'names' beside the topic.", ""
+        "Topic of the keys of Float64Values; empty for 'names' in the namespace of the topic.", ""
     )
     keys: tuple[str, ...] = parameter(
         "Keys of the values of DiagnosticArray: one for all joints, or one for each.",

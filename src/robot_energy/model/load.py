@@ -57,7 +57,7 @@ def _read_urdf(urdf: Urdf, source: str) -> str:
         path,
         ModelFileError,
         f"URDF of {source}",
-        expected="a URDF file beside the model file",
+        expected="a URDF file next to the model file",
         remedy="correct urdf.path or embed the text as urdf.xml",
     )
 

@@ -59,7 +59,7 @@ def mapped(fit: DrivesFit | None) -> list[AxisFit]:
 
 def _drives(fit: DrivesFit, delay: Delay | None, page: Document) -> None:
     page.rows(
-        "Losses of the drives beside shaft power",
+        "Losses of the drives, without shaft power",
         [
             Column("axis", "name"),
             *(

@@ -186,13 +186,13 @@ def link_section(fit: LinkFit, page: Document) -> None:
         [("as given", fit.given), ("identified", fit.identified)],
     )
     page.paragraph(
-        "if the constant of the DC side were free beside it, it would change by "
+        "if the constant of the DC side were free as well, it would change by "
         f"{fit.loss_dc_shift:+.1f} +- {fit.loss_dc_shift_std:.1g} W; it stays"
     )
     page.figure(
         lambda path: error_over_energy(fit, path),
         "Error of the predicted power at the grid over the energy of the DC link, the "
-        "constant of the DC side free beside it; shaded: 95 % interval.",
+        "constant of the DC side free as well; shaded: 95 % interval.",
     )
 
 

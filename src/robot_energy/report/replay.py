@@ -84,7 +84,7 @@ def headline(report: ReplayReport) -> str:
         report: Of a replay.
 
     Returns:
-        Predicted beside measured over the compared time; where nothing was measured, the
+        Predicted and measured over the compared time; where nothing was measured, the
         predicted energy and that.
     """
     compared = report.comparison
@@ -96,7 +96,7 @@ def headline(report: ReplayReport) -> str:
             f"{report.time.observed_time:.1f} s; nothing measured ({why}): prediction only"
         )
     text = (
-        f"predicted {energy_text(predicted)} beside measured {energy_text(measured)} at "
+        f"predicted {energy_text(predicted)}, measured {energy_text(measured)} at "
         f"{place_of(report)}"
     )
     if compared.predicted_minus_measured_relative is not None:
@@ -120,7 +120,7 @@ def beyond_constant(report: ReplayReport) -> str:
         return ""
     return (
         f"beyond the model's constant losses of {compared.constant_power_at_meter:.4g} W: "
-        f"predicted {energy_text(predicted)} beside measured {energy_text(measured)}"
+        f"predicted {energy_text(predicted)}, measured {energy_text(measured)}"
         + (f": {percent(error, sign=True)}" if error is not None else "")
     )
 
@@ -292,7 +292,7 @@ def _comparison(page: Document, report: ReplayReport, scale: EnergyFormat) -> No
             )
         )
     page.table(
-        f"Predicted beside measured at {place_of(report)}, over the same "
+        f"Predicted and measured at {place_of(report)}, over the same "
         f"{seconds(compared.compared_ns)} ({percent(compared.coverage)} of what is predicted)",
         ("", f"energy [{scale.unit}]", "", "mean power", f"error [{scale.unit}]", ""),
         rows,

@@ -13,6 +13,8 @@ from logbook import WHEEL_MAPPING, mapping, wheel_bag, wheel_csv, wheel_model, w
 from places import ROOT
 from robot_energy import __version__
 from robot_energy.cli import main
+from robot_energy.cli import models as cli_models
+from robot_energy.cli.main import EXTRAS
 from robot_energy.logs import import_log
 
 DATA = os.environ.get("ROBOT_ENERGY_DATA", "")
@@ -49,7 +51,7 @@ def test_replay_prints_tables_and_writes_all_outputs(
     ]
     assert main(args) == 0
     text = capsys.readouterr().out
-    assert text.startswith("predicted 680 J beside measured 800 J at the grid: -15.0 %")
+    assert text.startswith("predicted 680 J, measured 800 J at the grid: -15.0 %")
     summary = json.loads(outputs[1].read_text())
     assert summary["comparison"]["measured_energy"] == pytest.approx(800.0)
     assert summary["compared_with"]["model"]["change"] == "friction fixed at 40 degC"
@@ -242,7 +244,7 @@ def test_simulate_records_a_bag_that_replays(
     assert "virtual rig" in capsys.readouterr().out
     assert main(["replay", bag, "--model", "kr16"]) == 0
     text = capsys.readouterr().out
-    assert "beside measured" in text
+    assert "Predicted and measured" in text
     assert "origin" in text  # results on the rig are labelled so
     assert main(["info", bag]) == 0
     assert "origin: virtual" in capsys.readouterr().out
@@ -374,3 +376,14 @@ def test_a_bag_whose_own_definition_does_not_fit_is_refused(
         writer.add_message(channel, 0, bytes(100), 0)
         writer.finish()
     assert said in refused(capsys, "replay", path, "--model", wheel_model(tmp_path))
+
+
+@pytest.mark.parametrize("library", ["clarabel", "matplotlib"])
+def test_a_missing_extra_is_named(
+    library: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def lacking(args: object) -> int:
+        raise ModuleNotFoundError(f"No module named '{library}'", name=f"{library}.parts")
+
+    monkeypatch.setattr(cli_models, "run_list", lacking)
+    assert f"robot_energy[{EXTRAS[library]}]" in refused(capsys, "models")

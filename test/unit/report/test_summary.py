@@ -62,10 +62,10 @@ def test_a_wheel_at_constant_speed_as_worked_out_by_hand(tmp_path: Path) -> None
     assert (motion.time, motion.grid_import_energy) == pytest.approx((10.0, 680.0))
     assert report.phases["hold"].time == 0.0
     assert headline(report) == (
-        "predicted 680 J beside measured 800 J at the grid: -15.0 % over 10.0 s compared"
+        "predicted 680 J, measured 800 J at the grid: -15.0 % over 10.0 s compared"
     )
     assert beyond_constant(report) == (
-        "beyond the model's constant losses of 50 W: predicted 180 J beside measured 300 J: -40.0 %"
+        "beyond the model's constant losses of 50 W: predicted 180 J, measured 300 J: -40.0 %"
     )
 
 

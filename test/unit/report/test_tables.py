@@ -26,7 +26,7 @@ def printed(report: ReplayReport) -> list[str]:
 def test_the_headline_comes_first_and_nothing_is_wider_than_the_page(tmp_path: Path) -> None:
     report = replay_report(replay(wheel_bag(tmp_path), one_wheel()))
     lines = printed(report)
-    assert lines[0].startswith("predicted 680 J beside measured 800 J at the grid: -15.0 %")
+    assert lines[0].startswith("predicted 680 J, measured 800 J at the grid: -15.0 %")
     assert max(len(line) for line in lines[4:]) <= 100
     assert not any("\x1b" in line for line in lines)
 
@@ -44,7 +44,7 @@ def test_the_printed_parts_sum_to_the_printed_total(tmp_path: Path) -> None:
 def test_without_a_meter_there_is_no_comparison_and_no_zero(tmp_path: Path) -> None:
     lines = printed(replay_report(replay(wheel_bag(tmp_path, power=None), one_wheel())))
     assert "nothing measured (no meter)" in lines[0]
-    assert not any("Predicted beside measured" in line for line in lines)
+    assert not any("Predicted and measured" in line for line in lines)
 
 
 def test_two_replays_stand_side_by_side(tmp_path: Path) -> None:

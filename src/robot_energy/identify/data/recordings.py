@@ -48,7 +48,7 @@ class Recording:
         meter: Readings of the power meter, None without one.
         origin: Where the recording comes from, as its writer said.
         problems: What was wrong with the bag, one sentence each.
-        compared: Predicted beside measured energy, wherever both are known.
+        compared: Predicted and measured energy, wherever both are known.
         limits: What the user says of the readings of the meter.
     """
 
@@ -125,7 +125,7 @@ def with_meter(recordings: Sequence[Recording]) -> list[Recording]:
     if not metered:
         raise NotIdentifiableError(
             "no recording has a power meter",
-            "measured grid power beside the joint states",
+            "measured grid power as well as joint states",
             "record the meter's topic too",
         )
     return metered

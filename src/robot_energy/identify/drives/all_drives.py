@@ -113,7 +113,7 @@ def find_drives(
     if drives is None and total is None:
         raise NotIdentifiableError(
             "the recordings have neither the power of the drives nor a power meter",
-            "measured electrical power beside torque and speed",
+            "measured electrical power, with torque and speed",
             "name the topic of the drives with --drive-power, or record the meter's topic",
         )
     return DrivesFound(drives, total, delay)

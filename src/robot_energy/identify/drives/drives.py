@@ -156,7 +156,7 @@ def fit_drives(
     if all(axis.losses is None for axis in axes):
         raise NotIdentifiableError(
             axes[0].notes[0],
-            "measured electrical power of the drives beside torque and speed",
+            "measured electrical power of the drives, with torque and speed",
             "name its topic with --drive-power, or its columns in the mapping",
         )
     comparisons = [

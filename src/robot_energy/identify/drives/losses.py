@@ -113,7 +113,7 @@ def fit_losses(
         raise NotIdentifiableError(
             f"{what} have {len(target)} samples with power, torque and speed",
             f"at least {max(MIN_SAMPLES, 2 * columns.shape[1])}",
-            "record longer, with power beside the joint states",
+            "record longer, with power and joint states",
         )
     told = np.zeros(columns.shape[1], dtype=np.bool_)
     told[independent(columns, MIN_SHARE * _size(columns))] = True

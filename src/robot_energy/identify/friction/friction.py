@@ -223,7 +223,7 @@ def moving_samples(data: FrictionData) -> FrictionData:
     if not (known & warm).any():
         raise NotIdentifiableError(
             f"no motor temperature of {data.name} is known",
-            "temperatures beside the joint states",
+            "temperatures as well as joint states",
             "name their topic with --inputs",
         )
     speed = np.abs(data.motor_velocity)

@@ -48,7 +48,7 @@ class HeldOutPrediction:
     """A model on one held-out recording.
 
     Attributes:
-        compared: Predicted beside measured energy, in the order of time.
+        compared: Predicted and measured energy, in the order of time.
         energy: Predicted, where it was compared. [J]
         rms: Of predicted less measured power, per reading. [W]
         shaft: Shaft energy of all axes from the model's torque. [J]

@@ -284,7 +284,7 @@ TEMPERATURE_KINDS = Kinds(
     TemperatureKind(
         name=INTERFACE_VALUES,
         label="Float64Values",
-        line="values whose keys, `joint/interface`, come on a topic beside it",
+        line="values whose keys, `joint/interface`, come on a second topic",
         adapter=InterfaceValuesAdapter,
         keys_type=INTERFACE_NAMES,
     ),
