@@ -359,7 +359,7 @@ def _require_samples(result: Replay) -> None:
     if ingest.missing_joints:
         raise UnknownJointError(
             f"no message of {topic} has the joint(s) {', '.join(sorted(ingest.missing_joints))}",
-            f"the joints of the model, {', '.join(result.model.joint_names)}",
+            f"the joints of the model, {' or '.join(', '.join(one) for one in ingest.known_names)}",
             f"the messages name {', '.join(sorted(ingest.ignored_joints)) or 'fewer joints'}; "
             "use the model of this robot",
         )

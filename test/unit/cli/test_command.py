@@ -380,7 +380,10 @@ def test_a_bag_whose_own_definition_does_not_fit_is_refused(
 
 @pytest.mark.parametrize("library", ["clarabel", "matplotlib"])
 def test_a_missing_extra_is_named(
-    library: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    library: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     def lacking(args: object) -> int:
         raise ModuleNotFoundError(f"No module named '{library}'", name=f"{library}.parts")

@@ -57,9 +57,7 @@ def estimate_meter_delay(data: DriveData, span: float = SPAN) -> Delay | None:
         return found
     fine = coarse[best] + span / STEPS * np.arange(-FINE, FINE + 1) / FINE
     error = _errors(data, columns, np.append(fine, 0.0))
-    return (
-        None if error is None else best_delay(fine, error[:, :-1], error[:, -1], span, MIN_GAIN)
-    )
+    return None if error is None else best_delay(fine, error[:, :-1], error[:, -1], span, MIN_GAIN)
 
 
 def meter_delay_of(

@@ -384,9 +384,7 @@ def _require_excitation(columns: Float, names: Sequence[str], what: str) -> None
         inverse = direction.T / np.maximum(size, np.finfo(float).tiny)
         unexplained = 1.0 / np.linalg.norm(inverse, axis=1)
         weak = [
-            name
-            for name, share in zip(names, unexplained, strict=True)
-            if share < MIN_INDEPENDENCE
+            name for name, share in zip(names, unexplained, strict=True) if share < MIN_INDEPENDENCE
         ]
     if weak:
         raise NotIdentifiableError(

@@ -33,9 +33,12 @@ class JointStateReader:
         receive_time: Whether the time of receipt counts instead of the header's stamp.
         typestore: Message definitions of the source; those known here by default.
         checked: Leaves out what cannot be used for what it says; None for no such check.
+        aliases: What messages call the joints, in model order, where that is not ``joint_names``;
+            messages with ``joint_names`` are read as well.
 
     Attributes:
         ignored_joints: Joints met that the model does not know.
+        known_names: What messages may call the joints, in model order: each way that is read.
     """
 
     def __init__(
@@ -46,11 +49,14 @@ class JointStateReader:
         receive_time: bool = False,
         typestore: Typestore | None = None,
         checked: Callable[[JointBlock], JointBlock | None] | None = None,
+        aliases: Sequence[str] = (),
     ) -> None:
         self._checked = checked
         self.ignored_joints: set[str] = set()
         self._log = log
-        self._names = tuple(joint_names)
+        names = tuple(joint_names)
+        self.known_names = tuple(dict.fromkeys((tuple(aliases) or names, names)))
+        self._n_joints = len(names)
         self._effort = effort
         self._receive_time = receive_time
         fields = ("header.stamp.sec", "header.stamp.nanosec", "name", "position", "velocity")
@@ -112,7 +118,7 @@ class JointStateReader:
                 else:
                     placed.append((run.rows + first if first else run.rows, part))
         if not placed:
-            none, empty = np.empty(0, dtype=np.int64), np.empty((0, len(self._names)))
+            none, empty = np.empty(0, dtype=np.int64), np.empty((0, self._n_joints))
             return _joint_block(none, empty, empty), none
         part, rows = JointBlock.arranged([p for _, p in placed], [r for r, _ in placed])
         good = self._usable(part)
@@ -166,8 +172,11 @@ class JointStateReader:
 
     def _match(self, names: tuple[str, ...]) -> _Columns | str:
         """Where the model's joints are in a message, or why it cannot be used."""
-        remember_names(self.ignored_joints, (n for n in names if n not in self._names))
-        found = [names.index(name) if name in names else -1 for name in self._names]
+        known = next(
+            (one for one in self.known_names if not set(one).isdisjoint(names)), self.known_names[0]
+        )
+        remember_names(self.ignored_joints, (name for name in names if name not in known))
+        found = [names.index(name) if name in names else -1 for name in known]
         if max(found, default=-1) < 0:
             return "unknown_joint"
         if len(set(names)) != len(names):

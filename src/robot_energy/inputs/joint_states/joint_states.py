@@ -87,9 +87,14 @@ class JointStateIngest:
         self._velocities = VelocityCheck(
             n_joints, limits, source.max_velocity_ratio, log, self._plausibility
         )
-        names = source.names_of(joint_names)
         self._reader = JointStateReader(
-            names, log, effort, self._receive_time, typestore, self._velocities.step
+            joint_names,
+            log,
+            effort,
+            self._receive_time,
+            typestore,
+            self._velocities.step,
+            source.names_of(joint_names),
         )
         self._stream = StreamSplitter[JointBlock](
             Reach(patient=False), log.reject, round(source.reorder_window / NANOSECOND), _by_joints
@@ -108,6 +113,11 @@ class JointStateIngest:
     def ignored_joints(self) -> set[str]:
         """Joints met that the model does not know."""
         return self._reader.ignored_joints
+
+    @property
+    def known_names(self) -> tuple[tuple[str, ...], ...]:
+        """What messages may call the joints, in model order: each way that is read."""
+        return self._reader.known_names
 
     @property
     def missing_joints(self) -> set[str]:
