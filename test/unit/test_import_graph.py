@@ -241,6 +241,15 @@ def test_packages_import_each_other_in_no_circle():
             visit(name)
 
 
+def test_no_public_class_has_the_name_of_another():
+    names: dict[str, list[str]] = {}
+    for module, path in files().items():
+        for node in ast.parse(path.read_text()).body:
+            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                names.setdefault(node.name, []).append(module)
+    assert {name: found for name, found in names.items() if len(found) > 1} == {}
+
+
 def test_the_library_imports_no_ros():
     for module, path in files().items():
         used = {name.split(".")[0] for name in imports(path)}

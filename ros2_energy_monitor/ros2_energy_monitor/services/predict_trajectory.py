@@ -28,7 +28,7 @@ NAME = "the trajectory"
 Answer = dict[str, Any]
 
 
-class Stopped(Exception):
+class GivenUp(Exception):
     """The node gives up the prediction."""
 
 
@@ -129,7 +129,7 @@ def predicted(
 
     Raises:
         RobotEnergyError: If the trajectory cannot be made or is too long.
-        Stopped: If it was given up.
+        GivenUp: If it was given up.
     """
     # Heavy and seldom used: imported by the first prediction, not by the monitor.
     from robot_energy.motion.joint_trajectory import read_points
@@ -137,7 +137,7 @@ def predicted(
 
     def progress(_: float) -> None:
         if stopped():
-            raise Stopped
+            raise GivenUp
 
     motion = read_points(request.trajectory, NAME)
     degc = _temperatures(model, motion.joint_names, request.motor_temperature_degc, newest_degc)

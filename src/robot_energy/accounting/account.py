@@ -25,7 +25,7 @@ from robot_energy.accounting.plain_text import MAX_REASON, plain
 from robot_energy.accounting.record import EnergyInterval, Identity, LedgerRecord, Tally, TraceEntry
 from robot_energy.accounting.registers import CABINET_REGISTERS, Registers
 from robot_energy.accounting.settings import AccountSettings
-from robot_energy.accounting.shaft_comparison import ShaftComparison
+from robot_energy.accounting.shaft_comparison import ShaftEnergySums
 from robot_energy.blocks import (
     Float,
     Int,
@@ -88,7 +88,7 @@ class EnergyAccount:
             max_power=self._settings.meter_max_power,
             wraps_at=self._settings.meter_wraps_at,
         )
-        self.shaft = ShaftComparison(self._n_joints)
+        self.shaft = ShaftEnergySums(self._n_joints)
         self.peak_power = float("nan")
         self.quality: Counter[int] = Counter()
         self.samples = 0

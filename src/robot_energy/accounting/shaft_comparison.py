@@ -20,7 +20,7 @@ PREDICTED = len(CABINET_REGISTERS)  # column of the first predicted shaft energy
 MAX_INTERVAL_ENERGY = 1e6  # J in one interval; more is no measurement, and would not fit the sums
 
 
-class ShaftComparison(ExactSum):
+class ShaftEnergySums(ExactSum):
     """Accumulates measured shaft energies and what they are compared with.
 
     The sums are in the order of ``SHAFT_REGISTERS``.

@@ -94,14 +94,14 @@ class Table:
 
 
 @dataclass(frozen=True)
-class Figure:
+class Illustration:
     """A picture that `draw` writes as SVG, and what is to be seen on it; for pages."""
 
     draw: Draw
     caption: str
 
 
-Part = Text | Table | Figure
+Part = Text | Table | Illustration
 
 
 class Document:
@@ -176,7 +176,7 @@ class Document:
             draw: Writes it as SVG to what it is given.
             caption: What is to be seen; also read out where the figure cannot be shown.
         """
-        self.add(Figure(draw, caption))
+        self.add(Illustration(draw, caption))
 
     def table(
         self, title: str, columns: Sequence[str], rows: Rows, total: Sequence[str] | None = None

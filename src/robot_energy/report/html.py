@@ -14,7 +14,7 @@ from io import BytesIO
 from pathlib import Path
 
 from robot_energy.files.output_files import HTML, HTML_MARK, write_file
-from robot_energy.report.document import HEADINGS, Document, Figure, Part, Table, Text
+from robot_energy.report.document import HEADINGS, Document, Illustration, Part, Table, Text
 from robot_energy.shown_text import shown_lines
 
 LEFT = ' class="text"'
@@ -99,7 +99,7 @@ def _part(part: Part, anchor: str) -> str:
     match part:
         case Table():
             return _table(part)
-        case Figure():
+        case Illustration():
             return _figure(part)
         case Text("", _):
             return ""
@@ -137,7 +137,7 @@ def _row(tag: str, cells: Sequence[str], left: Sequence[bool], kind: str = "") -
     return f"<tr{kind}>{inner}</tr>"
 
 
-def _figure(figure: Figure) -> str:
+def _figure(figure: Illustration) -> str:
     picture = BytesIO()
     figure.draw(picture)
     data = base64.b64encode(picture.getvalue()).decode("ascii")

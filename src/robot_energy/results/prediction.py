@@ -31,7 +31,7 @@ class PredictedTime(Result):
 
 
 @dataclass(frozen=True)
-class ToolPath(Result):
+class ToolPathReport(Result):
     """Path of the tool, of all repetitions.
 
     Attributes:
@@ -97,7 +97,7 @@ class PredictionReport(EnergyReport):
     motor_temperature_degc: dict[str, float]
     payload: tuple[Payload, ...]
     time: PredictedTime
-    tool: ToolPath | None
+    tool: ToolPathReport | None
     limits: tuple[JointLimitUse, ...]
     friction: FrictionReach
 
@@ -149,11 +149,11 @@ def prediction_report(result: Prediction, motion: LoadedMotion | None = None) ->
     )
 
 
-def _tool(motion: LoadedMotion | None, repeat: int, net: float) -> ToolPath | None:
+def _tool(motion: LoadedMotion | None, repeat: int, net: float) -> ToolPathReport | None:
     if motion is None or motion.length is None:
         return None
     printed = motion.printed_length * repeat if motion.printed_length else None
-    return ToolPath(
+    return ToolPathReport(
         length=motion.length * repeat,
         printed_length=printed,
         stops=motion.stops,

@@ -66,7 +66,7 @@ def _itself(values: Float) -> Float:
 
 
 @dataclass(frozen=True)
-class Column:
+class ParameterColumn:
     """One kind of column: one parameter per motor, coupled joint or torque sensor.
 
     A motor that another joint turns along (coupled wrist) has friction and inertia of its own
@@ -181,7 +181,7 @@ def _write_stribeck(velocity: float, joint: Joint, ratio: float, estimate: Estim
 def standard_columns(
     smooth_velocity: float = SMOOTH_VELOCITY,
     stribeck_velocity: float | None = None,
-) -> tuple[Column, ...]:
+) -> tuple[ParameterColumn, ...]:
     """Return the columns of a usual robot, in the order of a table.
 
     Args:
@@ -200,14 +200,16 @@ def standard_columns(
         return np.tanh(velocity / smooth_velocity)
 
     columns = [
-        Column("viscous", viscous, written=_write_viscous),
-        Column("coulomb", coulomb, shape=sign, written=partial(_write_coulomb, smooth_velocity)),
-        Column("rotor_inertia", inertia, "joint_acceleration", written=_write_rotor),
-        Column("offset", coulomb, owner="sensor"),
+        ParameterColumn("viscous", viscous, written=_write_viscous),
+        ParameterColumn(
+            "coulomb", coulomb, shape=sign, written=partial(_write_coulomb, smooth_velocity)
+        ),
+        ParameterColumn("rotor_inertia", inertia, "joint_acceleration", written=_write_rotor),
+        ParameterColumn("offset", coulomb, owner="sensor"),
     ]
     if stribeck_velocity is not None:
         columns.append(
-            Column(
+            ParameterColumn(
                 "stribeck",
                 coulomb,
                 shape=lambda u: sign(u) * np.exp(-((u / stribeck_velocity) ** 2)),
@@ -216,9 +218,9 @@ def standard_columns(
         )
     return (
         *columns,
-        Column("joint_viscous", viscous, owner="coupled_joint"),
-        Column("joint_coulomb", coulomb, shape=sign, owner="coupled_joint"),
-        Column("joint_inertia", inertia, "joint_acceleration", owner="coupled_joint"),
+        ParameterColumn("joint_viscous", viscous, owner="coupled_joint"),
+        ParameterColumn("joint_coulomb", coulomb, shape=sign, owner="coupled_joint"),
+        ParameterColumn("joint_inertia", inertia, "joint_acceleration", owner="coupled_joint"),
     )
 
 

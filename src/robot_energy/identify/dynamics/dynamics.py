@@ -18,7 +18,7 @@ from robot_energy.errors import NotIdentifiableError
 from robot_energy.identify.data.observations import Filters, Observations, observe
 from robot_energy.identify.data.signals import Channels, Motion
 from robot_energy.identify.dynamics.base_parameters import BaseParameters, not_excited
-from robot_energy.identify.dynamics.columns import Column, standard_columns
+from robot_energy.identify.dynamics.columns import ParameterColumn, standard_columns
 from robot_energy.identify.dynamics.consistent import Prior, consistent_fit, link_prior
 from robot_energy.identify.dynamics.sufficiency import (
     check_channels,
@@ -63,7 +63,7 @@ class DynamicsSettings:
             by. Gravity that little motion does not tell from an offset stays gravity. [-]
     """
 
-    columns: tuple[Column, ...] = field(default_factory=standard_columns)
+    columns: tuple[ParameterColumn, ...] = field(default_factory=standard_columns)
     method: Method = "wls"
     filters: Filters = field(default_factory=Filters)
     delay_span: float = 0.005
@@ -99,7 +99,7 @@ class Dynamics:
     fit: Fit
     in_sample: TorqueError
     delay: Delay
-    columns: tuple[Column, ...]
+    columns: tuple[ParameterColumn, ...]
     standard: Float
     exported: Fit
     exported_base: BaseParameters

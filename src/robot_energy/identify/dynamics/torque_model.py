@@ -15,7 +15,7 @@ from robot_energy.identify.dynamics.base_parameters import (
     base_parameters,
     link_parameter_names,
 )
-from robot_energy.identify.dynamics.columns import Column
+from robot_energy.identify.dynamics.columns import ParameterColumn
 from robot_energy.model import RobotModel
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.rigid_body import Robot
@@ -35,10 +35,10 @@ class TorqueModel:
 
     robot: Robot
     transmission: Float
-    columns: tuple[Column, ...]
+    columns: tuple[ParameterColumn, ...]
 
     @classmethod
-    def from_model(cls, model: RobotModel, columns: Sequence[Column]) -> TorqueModel:
+    def from_model(cls, model: RobotModel, columns: Sequence[ParameterColumn]) -> TorqueModel:
         """Return the torque model of a robot.
 
         Args:
@@ -54,7 +54,7 @@ class TorqueModel:
         return 10 * self.robot.n_joints
 
     @cached_property
-    def extra(self) -> list[tuple[Column, int, str]]:
+    def extra(self) -> list[tuple[ParameterColumn, int, str]]:
         """Column, motor or joint, and name of every parameter behind those of the links."""
         names = self.robot.joint_names
         return [

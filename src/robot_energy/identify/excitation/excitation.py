@@ -19,7 +19,7 @@ from robot_energy.blocks import Float
 from robot_energy.errors import MotionError
 from robot_energy.identify.data.signals import Motion
 from robot_energy.identify.dynamics.base_parameters import BaseParameters, not_excited
-from robot_energy.identify.dynamics.columns import Column, standard_columns
+from robot_energy.identify.dynamics.columns import ParameterColumn, standard_columns
 from robot_energy.identify.dynamics.torque_model import TorqueModel
 from robot_energy.identify.excitation.limits import ExcitationLimits, slopes
 from robot_energy.identify.stats.threads import one_thread
@@ -60,7 +60,7 @@ class ExcitationSettings:
     starts: int = 3
     iterations: int = 100
     seed: int = 0
-    columns: tuple[Column, ...] = field(default_factory=standard_columns, repr=False)
+    columns: tuple[ParameterColumn, ...] = field(default_factory=standard_columns, repr=False)
 
     def __post_init__(self) -> None:
         if self.criterion not in get_args(Criterion):
@@ -125,7 +125,7 @@ class Judge:
         self,
         model: RobotModel,
         limits: ExcitationLimits,
-        columns: tuple[Column, ...],
+        columns: tuple[ParameterColumn, ...],
         seed: int = 0,
     ) -> None:
         self.limits = limits

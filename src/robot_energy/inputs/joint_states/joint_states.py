@@ -11,7 +11,7 @@ from robot_energy.blocks import NANOSECOND, Int, JointBlock, Quality, difference
 from robot_energy.cdr.batch import RawBatch
 from robot_energy.inputs.joint_states.decode import JOINT_STATE, JointStateReader, Mask
 from robot_energy.inputs.joint_states.partial_states import PartialStateMerger
-from robot_energy.inputs.joint_states.plausibility import Finding, Plausibility
+from robot_energy.inputs.joint_states.plausibility import JointStateProblem, Plausibility
 from robot_energy.inputs.joint_states.publisher_conflicts import (
     BROKEN,
     CONFLICTING,
@@ -147,7 +147,7 @@ class JointStateIngest:
     def _named(self, joints: Mask) -> set[str]:
         return {name for name, met in zip(self._names, joints, strict=True) if met}
 
-    def findings(self, within: float | None = None) -> list[Finding]:
+    def findings(self, within: float | None = None) -> list[JointStateProblem]:
         """Return what makes the joint states doubtful, one sentence each, with its time.
 
         Args:
@@ -161,11 +161,11 @@ class JointStateIngest:
                 f"{self.account.rejected[CONFLICTING]} samples refused"
             )
             first, last = self.conflicts.first_ns, self.conflicts.last_ns
-            found.append(Finding(sentence, first, last, severe=True))
+            found.append(JointStateProblem(sentence, first, last, severe=True))
         epochs = self._stream.epochs
         stray = sentence_of(epochs, "joint states")
         if stray and epochs.odd_ns is not None:
-            found.append(Finding(stray, epochs.odd_ns, epochs.odd_ns, severe=False))
+            found.append(JointStateProblem(stray, epochs.odd_ns, epochs.odd_ns, severe=False))
         zero = self.account.rejected["zero_stamp"]
         if zero and not self.account.accepted:
             sentence = (
@@ -174,7 +174,7 @@ class JointStateIngest:
                 else f"all {zero} joint states have a zero stamp: let the driver set it, "
                 "or set stamps to 'receive'"
             )
-            found.append(Finding(sentence, 0, 0, severe=True))
+            found.append(JointStateProblem(sentence, 0, 0, severe=True))
         if within is None or self.newest_ns is None:
             return found
         oldest = self.newest_ns - within / NANOSECOND

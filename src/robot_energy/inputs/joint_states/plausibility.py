@@ -35,7 +35,7 @@ MAX_PAIR_TIME_NS = 100_000_000
 
 
 @dataclass(frozen=True)
-class Finding:
+class JointStateProblem:
     """Something that makes joint states doubtful.
 
     Attributes:
@@ -63,8 +63,10 @@ class _Seen:
             self.first_ns = int(stamp_ns[0])
         self.last_ns = int(stamp_ns[-1])
 
-    def finding(self, sentence: str) -> list[Finding]:
-        return [] if self.first_ns is None else [Finding(sentence, self.first_ns, self.last_ns)]
+    def finding(self, sentence: str) -> list[JointStateProblem]:
+        if self.first_ns is None:
+            return []
+        return [JointStateProblem(sentence, self.first_ns, self.last_ns)]
 
 
 class Plausibility:
@@ -117,9 +119,9 @@ class Plausibility:
         """Note messages that were refused for their velocity: they may show the unit."""
         self._note_beyond(block, np.ones(len(block), dtype=np.bool_))
 
-    def findings(self) -> list[Finding]:
+    def findings(self) -> list[JointStateProblem]:
         """Return what was found so far, one sentence each."""
-        found: list[Finding] = []
+        found: list[JointStateProblem] = []
         if self._beyond.first_ns is not None:
             found += self._beyond.finding(self._beyond_sentence())
         found += self._zeros.finding(

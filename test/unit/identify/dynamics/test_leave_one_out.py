@@ -9,7 +9,7 @@ import robots
 from excited import fourier_motion, monitor_torque, recorded
 from robot_energy.identify.data.observations import Filters, observe
 from robot_energy.identify.data.signals import Channels, Motion
-from robot_energy.identify.dynamics.columns import Column, standard_columns
+from robot_energy.identify.dynamics.columns import ParameterColumn, standard_columns
 from robot_energy.identify.dynamics.consistent import Prior
 from robot_energy.identify.dynamics.dynamics import DynamicsSettings, identify_dynamics
 from robot_energy.identify.dynamics.leave_one_out import across_recordings
@@ -146,7 +146,7 @@ def test_the_model_file_is_judged_without_the_sensors_offset():
     np.testing.assert_allclose(missing, expected, rtol=0.4)
 
 
-class Spring(Column):
+class Spring(ParameterColumn):
     """A spring at the first joint only, as a counterbalance has it."""
 
     def joints(self, transmission):
