@@ -31,6 +31,7 @@ from ros2_energy_monitor.diagnostics.energy import (
     stuck_temperatures,
     temperature_source,
 )
+from ros2_energy_monitor.diagnostics.model_check import ModelCheck
 from ros2_energy_monitor.services.payload import PayloadService
 from ros2_energy_monitor.services.predict_trajectory import PredictionService
 
@@ -86,6 +87,16 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
         )
         self.exit_stack.callback(prediction.close)
         prediction.open()
+        self._model_check = ModelCheck(
+            self.parameters.model_check,
+            self.model,
+            settings.effort,
+            self.parameters,
+            self._pipeline,
+            self._temperature,
+            self.guard,
+        )
+        self.exit_stack.callback(self._model_check.close)
         self.log_inventory(self._pipeline.torque.robot)
         self.inputs = [
             *((inbox, self.ingest.account) for inbox in states),
@@ -113,6 +124,7 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
                 fallback_temperatures(self._pipeline.power.fallback_use),
             ),
             self._account_publisher.checkpoints.findings,
+            self._model_check.findings,
         ]
 
     def activate(self) -> None:
@@ -183,6 +195,7 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
     def _publish(self, output: Output | None) -> None:
         if output is None:
             return
+        self.guard.run("model_check", lambda: self._model_check.take(output))
         torque, friction, means = output.torque, output.friction, output.means
         if torque is not None and self._torque is not None:
             publish, encode = self._torque.publish, self._torque_writer.encode
