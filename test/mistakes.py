@@ -22,6 +22,7 @@ def rewrite(
     states: Change | None,
     meter: Change | None = None,
     seconds: float = 1e9,
+    others: dict[str, Change] | None = None,
 ) -> Path:
     """Copy a bag with its joint states or its meter changed message by message.
 
@@ -31,9 +32,10 @@ def rewrite(
         states: Changes a joint state in place.
         meter: Changes a meter reading in place.
         seconds: Length of the copy, from the start. [s]
+        others: Changes of messages of other types.
     """
     bag = BagReader(source)
-    changes = {STATES: states, METER: meter}
+    changes = {STATES: states, METER: meter, **(others or {})}
     with BagWriter(out) as writer:
         for topic, info in bag.topics.items():
             writer.add_topic(topic, info.msgtype)

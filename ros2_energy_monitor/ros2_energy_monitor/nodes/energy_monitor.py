@@ -154,11 +154,13 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
                 self._temperature.restart,
             )
         )
-        self.guard.feed(
-            "meter",
-            [(self._meter.account, messages_in(readings))],
-            lambda: self._pipeline.step(meter=self._meter.step(readings)),
-            self._meter.restart,
+        self._check_model(
+            self.guard.feed(
+                "meter",
+                [(self._meter.account, messages_in(readings))],
+                lambda: self._pipeline.step(meter=self._meter.step(readings)),
+                self._meter.restart,
+            )
         )
         self._joints(messages_in(states), lambda: self.ingest.step(states))
         self.guard.run("registers", self._account_publisher.checkpoints.poll)
@@ -188,6 +190,10 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
             )
         )
 
+    def _check_model(self, output: Output | None) -> None:
+        if output is not None:
+            self.guard.run("model_check", lambda: self._model_check.take(output))
+
     def _restart(self) -> None:
         self.ingest.restart()
         self._pipeline.restart()
@@ -195,7 +201,7 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
     def _publish(self, output: Output | None) -> None:
         if output is None:
             return
-        self.guard.run("model_check", lambda: self._model_check.take(output))
+        self._check_model(output)
         torque, friction, means = output.torque, output.friction, output.means
         if torque is not None and self._torque is not None:
             publish, encode = self._torque.publish, self._torque_writer.encode

@@ -44,7 +44,10 @@ def check_motion(evidence: Evidence, wrong: Sequence[str] = ()) -> tuple[list[Fi
 def _degrees_unseen(evidence: Evidence) -> list[Finding]:
     """Say so if positions in degrees would not leave the limits either."""
     limits, position = evidence.robot.limits, evidence.position
-    turning = ~np.asarray(limits.prismatic) & np.isfinite(limits.lower + limits.upper)
+    bounded = np.isfinite(limits.lower) & np.isfinite(limits.upper)
+    turning = bounded & ~np.asarray(limits.prismatic)
+    if not turning.any():
+        return []
     in_degrees = DEGREES * position[:, turning]
     low, high = limits.lower[turning] - MARGIN, limits.upper[turning] + MARGIN
     if np.any(np.mean((in_degrees < low) | (in_degrees > high), axis=0) > MIN_BEYOND):

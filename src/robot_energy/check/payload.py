@@ -79,13 +79,17 @@ def fitted_payload(trial: Trial) -> PayloadFit:
     from scipy.optimize import lsq_linear
 
     evidence = trial.evidence
-    count, unknown = len(evidence.names), PayloadFit(
-        0.0, float("nan"), np.zeros(3), np.zeros_like(trial.rigid)
+    count, unknown = (
+        len(evidence.names),
+        PayloadFit(0.0, float("nan"), np.zeros(3), np.zeros_like(trial.rigid)),
     )
     motor = _motor_regressor(evidence)
     parameters = evidence.robot.link_parameters
     links = np.stack(
-        [motor[:, :, 10 * k : 10 * k + 10] @ parameters[10 * k : 10 * k + 10] for k in range(count)],
+        [
+            motor[:, :, 10 * k : 10 * k + 10] @ parameters[10 * k : 10 * k + 10]
+            for k in range(count)
+        ],
         axis=2,
     )
     centres = np.stack([motor[:, :, 10 * k + axis] for k in range(count) for axis in (1, 2, 3)], 2)
@@ -116,7 +120,10 @@ def fitted_payload(trial: Trial) -> PayloadFit:
         parts[j] = block, rest
     if not parts:
         return unknown
-    size = {j: float(np.var(evidence.motor_torque[np.isfinite(evidence.motor_torque[:, j]), j])) for j in parts}
+    size = {
+        j: float(np.var(evidence.motor_torque[np.isfinite(evidence.motor_torque[:, j]), j]))
+        for j in parts
+    }
     noise = {j: np.sqrt((trial.unexplained[j] + FLOOR) * size[j]) for j in parts}
     share = np.sqrt(_independent(evidence) / len(evidence.stamp_ns))
     known = np.flatnonzero(np.isfinite(prior))

@@ -48,7 +48,9 @@ def check_torque(evidence: Evidence, wrong: Sequence[str] = ()) -> tuple[list[Fi
                if not np.isfinite(share)]  # fmt: skip
     if unknown:
         why = f"less than {MIN_SAMPLES} samples in motion"
-        findings.append(unjudged("torque", tuple(unknown), f"the torque of {', '.join(unknown)}", why))
+        findings.append(
+            unjudged("torque", tuple(unknown), f"the torque of {', '.join(unknown)}", why)
+        )
     return findings, ""
 
 
