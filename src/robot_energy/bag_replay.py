@@ -69,7 +69,7 @@ class Replay:
         meter: Accounting of the meter.
         payload: Accounting of the payloads set at run time, and the changes.
         effort: What the effort in the joint states was taken for.
-        pipeline: The pipeline with its books closed.
+        pipeline: The pipeline after its last step.
         problems: What was wrong with the bag, one sentence each.
         notes: What a user should know of the inputs, one sentence each.
         predicted_curve: Predicted energy from the grid over time, where curves were asked for.
@@ -115,7 +115,7 @@ def find_topics(bag: BagReader, wanted: Topics, inputs: Inputs | None = None) ->
 
     Raises:
         MissingTopicError: If a named topic is absent or of another type, or the joint
-            states cannot be told without a name.
+            states cannot be found without a name.
     """
     joints = wanted.joint_states or ()
     if not joints and inputs is not None:
@@ -201,7 +201,7 @@ def replay(
     Args:
         path: MCAP file or rosbag2 folder.
         model: The robot's model.
-        topics: Topics to use where they cannot be told by type.
+        topics: Topics to use where they cannot be found by type.
         settings: Settings of the pipeline.
         out: Folder of a new bag for the energy topics.
         overwrite: Whether an existing ``out`` may be replaced.
@@ -214,7 +214,7 @@ def replay(
         keep_means: Whether ``on_output`` needs the means over ``power_period``.
 
     Returns:
-        The closed books and the accounting of every input.
+        The energy account and the rejection log of every input.
 
     Raises:
         BagError: If the bag cannot be read or holds no usable joint state.

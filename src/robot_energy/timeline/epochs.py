@@ -198,8 +198,8 @@ class EpochSplitter:
     def flush(self) -> Sorted:
         """Decide on what still waits, as at the end.
 
-        Of a stream that is known, a single message is a stray. Of one that has only begun,
-        nothing says so.
+        In a stream with enough messages, a single message out of reach is an outlier; in one
+        that has only begun, that is undecided and the message counts.
         """
         stamps, self._held = self._held, []
         rows = list(range(len(stamps)))
