@@ -17,8 +17,8 @@ import robot_energy
 SOURCES = Path(robot_energy.__file__).parent.parent
 MODULES = {
     "robot_energy": """
-        __main__ bag_replay blocks config_file errors kinds log_formats prediction schema_errors
-        shown_text time_series units
+        __main__ bag_replay blocks config_file energy_bag errors kinds log_formats prediction
+        schema_errors shown_text time_series units
     """,
     "robot_energy.accounting": """
         account account_record averaging comparison energy_curve event_log exact_sum
@@ -102,7 +102,7 @@ MODULES = {
     """,
     "robot_energy.physics": """
         cabinet derivative drive drivetrain effort effort_check equations friction
-        limit_utilisation rigid_body torque
+        limit_utilisation rigid_body torque transmission
     """,
     "robot_energy.physics.urdf": """
         checks compare parse
@@ -155,7 +155,7 @@ LAYERS = (
     ("bag", "inputs", "presets", "accounting", "logs", "log_formats", "time_series"),
     ("pipeline", "messages", "store"),
     ("motion",),
-    ("bag_replay", "prediction", "starter"),
+    ("bag_replay", "energy_bag", "prediction", "starter"),
     ("identify", "rig", "check"),
     ("results",),
     ("report",),

@@ -63,7 +63,7 @@ class Common:
         "Silence of an input beyond which diagnostics call it missing [s].", 1.0, 0.05, 3600.0
     )
     resubscribe_after: float = parameter(
-        "Silence of an input that has publishers after which it is subscribed anew [s].",
+        "Silence of an input that has publishers after which it is subscribed again [s].",
         10.0,
         0.5,
         3600.0,
