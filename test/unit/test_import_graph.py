@@ -78,7 +78,8 @@ MODULES = {
         bag_topics inputs_file parameters rejection_log sources
     """,
     "robot_energy.inputs.joint_states": """
-        decode joint_states jumps partial_states plausibility publisher_conflicts velocities
+        correction decode joint_states jumps partial_states plausibility publisher_conflicts
+        velocities
     """,
     "robot_energy.inputs.meter": """
         energy_counter kinds meter power_curve source voltage_current_pairs
@@ -87,7 +88,7 @@ MODULES = {
         filter kinds reader stuck temperatures
     """,
     "robot_energy.logs": """
-        mapped_log mapping recording rows table ur_rtde
+        columns mapped_log mapping recording rows table ur_rtde
     """,
     "robot_energy.messages": """
         friction interval model_messages payload power registers torque

@@ -34,6 +34,7 @@ TYPES: dict[Any, RosParameter.Type] = {
     float: RosParameter.Type.DOUBLE,
     str: RosParameter.Type.STRING,
     tuple[str, ...]: RosParameter.Type.STRING_ARRAY,
+    tuple[float, ...]: RosParameter.Type.DOUBLE_ARRAY,
 }
 # Overrides that rclpy itself declares or reads.
 OF_RCLPY = ("use_sim_time", "start_type_description_service", "qos_overrides")
@@ -226,6 +227,10 @@ def _declare_one(node: Node, entry: Parameter, given: dict[str, RosParameter]) -
     name, override = entry.name, given.get(entry.name)
     if entry.kind is float and override is not None and override.type_ == TYPES[int]:
         given[name] = RosParameter(name, value=float(cast(int, override.value)))  # 50 for 50.0
+    if entry.kind == tuple[float, ...] and override is not None:
+        if override.type_ == RosParameter.Type.INTEGER_ARRAY:  # [1, -1] for [1.0, -1.0]
+            numbers = [float(value) for value in cast("list[int]", override.value)]
+            given[name] = RosParameter(name, value=numbers)
     if entry.kind == tuple[str, ...] and override is not None and not override.value:
         given[name] = RosParameter(name, value=[""])  # an empty list has no type
     missing = ParameterError(
