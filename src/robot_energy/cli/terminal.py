@@ -240,4 +240,4 @@ def sign(args: Namespace, page: Document) -> None:
     """Add the command line that makes a page, as it was typed."""
     with page.only("page"):
         page.paragraph("This report was made by")
-        page.command(shlex.join(["robot-energy", *getattr(args, "words", ())]))
+        page.command(shlex.join(["robot-energy", *getattr(args, "command", ())]))
