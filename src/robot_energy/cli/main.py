@@ -34,6 +34,7 @@ from robot_energy.cli import (
     report,
     schema,
     simulate,
+    test,
 )
 from robot_energy.cli.stopping import Stopped, stoppable
 from robot_energy.cli.terminal import add_command
@@ -59,6 +60,7 @@ examples:
   robot-energy import ur-rtde log_*.csv --out bag    convert a UR recording to a bag
   robot-energy replay bag --model ur3e --plot p.png  where its energy went
   robot-energy replay bag --model ur3e --compare     compare with friction at one temperature
+  robot-energy test bag --model kr16 --effort motor_torque     how good the model is on it
   robot-energy predict moves.yaml --model kr16 --temperature 20   energy before it is run
 
 exit codes: 0 done; 1 unexpected error; 2 input refused; 3 done, but the bag is damaged
@@ -127,7 +129,7 @@ def build_parser() -> ArgumentParser:
     parser.set_defaults(debug=False, run=lambda args: run_help(args))
     commands = parser.add_subparsers(title="commands", metavar="COMMAND")
     for module in (
-        replay, report, export, import_logs, check, identify, predict, models, kinds, info,
+        replay, report, export, import_logs, check, test, identify, predict, models, kinds, info,
         simulate, schema,
         *_further(),
         completion,
