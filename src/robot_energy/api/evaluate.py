@@ -11,7 +11,7 @@ from typing import Literal, Unpack
 import numpy as np
 
 from robot_energy.accounting.prediction_errors import TorqueErrorSums
-from robot_energy.api.inputs import ModelName, Stages, model_of, silent
+from robot_energy.api.inputs import ModelName, model_of
 from robot_energy.api.replay import FALLBACK, ReplayOptions, fixed_friction, run_replay
 from robot_energy.errors import BagError
 from robot_energy.identify.data.bags import Bag
@@ -36,7 +36,6 @@ def evaluate(
     model: ModelName,
     *,
     temperature: float | Literal["fallback"] = FALLBACK,
-    progress: Stages = silent,
     **options: Unpack[ReplayOptions],
 ) -> EvaluationReport:
     """Compare a model with what was measured in recordings: torque, shafts, meter.
@@ -49,7 +48,6 @@ def evaluate(
         model: A model, its file, or the name of a shipped one.
         temperature: Of the fixed friction; ``fallback``: that which the model assumes without
             measurement. [degC]
-        progress: Called with what is going on; gives a function of the share done.
         **options: What is read and how: see `ReplayOptions`; ``effort`` says what the torque is.
 
     Returns:
@@ -63,15 +61,20 @@ def evaluate(
     fixed, change = fixed_friction(used, temperature)
     paths = [bags] if isinstance(bags, str | Path) else list(bags)
     variants = ((MODEL, used, None), (FIXED, fixed, change))
+    done, progress = 0, options.get("progress")
     together: dict[str, ScoreSums] = {}
     recordings: list[RecordingScore] = []
     effort = ""
+
+    def show(share: float) -> None:
+        if progress is not None:
+            progress((done + share) / (len(paths) * len(variants)))
+
     for path in paths:
-        label = Path(path).name
         sums: dict[str, ScoreSums] = {}
         for name, variant, text in variants:
-            with progress(f"{label}: {text or 'replaying'}") as show:
-                report, found, degc = _run(path, variant, text, {**options, "progress": show})
+            report, found, degc = _run(path, variant, text, {**options, "progress": show})
+            done += 1
             sums[name] = found
             if name == MODEL:
                 effort = meaning_of(report)

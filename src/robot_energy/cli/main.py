@@ -79,7 +79,9 @@ class Parser(ArgumentParser):
         text = message.replace("the following arguments are required:", "missing:")
         self.exit(REFUSED, shown_lines(f"{self.prog}: {text} (see {self.prog} --help)") + "\n")
 
-    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+    def parse_known_args(  # type: ignore[override]
+        self, args: Sequence[str] | None = None, namespace: Any = None
+    ) -> tuple[Any, list[str]]:
         """Refuse unknown options first, so that they are not reported as missing ones."""
         words = list(sys.argv[1:] if args is None else args)
         for word in words:
@@ -126,7 +128,7 @@ def build_parser() -> ArgumentParser:
         formatter_class=RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"robot-energy {__version__}")
-    parser.set_defaults(debug=False, run=lambda args: run_help(args))
+    parser.set_defaults(debug=False, run=run_help)
     commands = parser.add_subparsers(title="commands", metavar="COMMAND")
     for module in (
         replay, report, export, import_logs, check, test, identify, predict, models, kinds, info,

@@ -102,7 +102,8 @@ def _evaluated(
     options = options_of(args)
     options["effort"] = options["effort"] or effort
     compare = AT_FALLBACK if args.compare is None else args.compare
-    return evaluate(bags, model, temperature=compare, progress=progress, **options)
+    with progress("testing") as show:
+        return evaluate(bags, model, temperature=compare, progress=show, **options)
 
 
 def _of_logs(args: Namespace, model: str) -> EvaluationReport:

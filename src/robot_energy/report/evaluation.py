@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from robot_energy.report.document import Column, Document
-from robot_energy.report.energy_figure import error_bars
+from robot_energy.report.energy_figure import Bars, error_bars
 from robot_energy.report.formats import (
     aligned,
     energy_text,
@@ -27,6 +27,7 @@ from robot_energy.results.evaluation import (
 )
 
 SEEN = {"held_out": "held out", "fitted": "used in the fit", "unknown": "not known"}
+ROLES: dict[str, Role] = {MODEL: "predicted", FIXED: "fixed"}
 SIDES = {
     "motor_torque": "the motor torque that the driver reports",
     "motor_current": "reported current x torque_constant of the model file",
@@ -170,7 +171,7 @@ def _meter(metered: Sequence[RecordingScore], report: EvaluationReport, page: Do
         metered,
     )
     if len(metered) > 1:
-        bars = [(label, role, errors(name)) for (name, label), role in _roles(labels)]
+        bars = [_bar(name, label, errors(name)) for name, label in labels.items() if name in ROLES]
         page.figure(
             lambda path: error_bars([one.recording for one in metered], bars, path),
             "Error of the predicted energy at the meter, by recording.",
@@ -192,7 +193,7 @@ def _torque(report: EvaluationReport, page: Document) -> None:
         page.rows(
             title,
             [
-                Column("", lambda place: names[place]),
+                Column("", names.__getitem__),
                 *(
                     Column(
                         label,
@@ -224,9 +225,11 @@ def _torque(report: EvaluationReport, page: Document) -> None:
             "in motion. At rest friction is anything up to its Coulomb value, which no model "
             "predicts."
         )
+    share = "torque_relative_moving"
     bars = [
-        (label, role, [_known(of(name, "torque_relative_moving", j)) for j in range(len(joints))])
-        for (name, label), role in _roles(labels)
+        _bar(name, label, [_known(of(name, share, place)) for place in range(len(joints))])
+        for name, label in labels.items()
+        if name in ROLES
     ]
     page.figure(
         lambda path: error_bars(
@@ -241,9 +244,8 @@ def _labels(scores: Sequence[ModelScore]) -> dict[str, str]:
     return {one.name: names.get(one.name) or (one.change or "fixed") for one in scores}
 
 
-def _roles(labels: dict[str, str]) -> list[tuple[tuple[str, str], Role]]:
-    roles: dict[str, Role] = {MODEL: "predicted", FIXED: "fixed"}
-    return [(entry, roles[entry[0]]) for entry in labels.items() if entry[0] in roles]
+def _bar(name: str, label: str, errors: list[float]) -> Bars:
+    return label, ROLES[name], errors
 
 
 def _named(scores: Sequence[ModelScore], name: str) -> ModelScore | None:
