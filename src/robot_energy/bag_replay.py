@@ -11,6 +11,7 @@ import numpy as np
 
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.energy_curve import EnergyCurve, add_compared, add_means
+from robot_energy.accounting.prediction_errors import PowerErrorSums
 from robot_energy.bag import BagReader
 from robot_energy.bag.ownership import foreign_entries
 from robot_energy.blocks import EffortMeaning, JointBlock
@@ -76,6 +77,7 @@ class Replay:
         compared_curve: Measured and predicted energy at the meter over time, likewise; their
             sums are those of the comparison.
         compared: What became comparable with the meter in each step, where that was asked for.
+        power_error: Predicted less measured power at the meter, from reading to reading.
         origin: Where the recording comes from, as its writer said; empty if it did not.
     """
 
@@ -93,6 +95,7 @@ class Replay:
     predicted_curve: EnergyCurve | None = None
     compared_curve: EnergyCurve | None = None
     compared: list[Compared] = field(default_factory=list[Compared])
+    power_error: PowerErrorSums = field(default_factory=PowerErrorSums)
     origin: str = ""
 
     @property
@@ -262,13 +265,13 @@ def replay(
         result.predicted_curve, result.compared_curve = EnergyCurve(1), EnergyCurve(2)
 
     def take(compared: Compared) -> None:
+        result.power_error.step(compared)
         if keep_compared:
             result.compared.append(compared)
         if result.compared_curve is not None:
             add_compared(result.compared_curve, compared)
 
-    if keep_curves or keep_compared:
-        pipeline.ledger.on_compared = take
+    pipeline.ledger.on_compared = take
     writer = None
     if out is not None:
         check_folder(out, foreign_entries, overwrite, (path,), BagError)

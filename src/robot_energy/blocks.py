@@ -46,6 +46,10 @@ class Quality(IntFlag):
     TEMPERATURE_STUCK = 1024
 
 
+# Bits of samples whose torque says little of a model.
+DOUBTFUL = Quality.ACCELERATION_INCOMPLETE | Quality.AFTER_GAP | Quality.NOT_FINITE
+
+
 class Phase(IntEnum):
     """What the robot does at an instant (paper A, figure 1)."""
 

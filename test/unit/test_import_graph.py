@@ -22,11 +22,11 @@ MODULES = {
     """,
     "robot_energy.accounting": """
         account account_record averaging comparison energy_curve event_log exact_sum
-        integration job_intervals meter_checks plain_text record record_repair
+        integration job_intervals meter_checks plain_text prediction_errors record record_repair
         registers settings shaft_comparison
     """,
     "robot_energy.api": """
-        identify inputs online_monitor power_table predict replay
+        evaluate identify inputs online_monitor power_table predict replay
     """,
     "robot_energy.bag": """
         mcap_block mcap_file mcap_records mcap_summary metadata ownership packed
@@ -42,7 +42,7 @@ MODULES = {
         check completion export identify identify_all identify_cabinet identify_drives
         identify_dynamics identify_excitation identify_friction identify_inputs
         import_logs info kinds main memory models numbers predict replay replay_options
-        report robots schema simulate stopping terminal
+        report robots schema simulate stopping terminal test
     """,
     "robot_energy.files": """
         output_files output_folder output_streams placement regular_file
@@ -117,12 +117,12 @@ MODULES = {
     """,
     "robot_energy.report": """
         canvas document drives dynamics efficiency_figure energy energy_figure
-        excitation formats friction_figure held_out html identification identify_all
+        evaluation excitation formats friction_figure held_out html identification identify_all
         kinds layout model parameters power_figure prediction prediction_figure printing
         replay series temperature_figure torque_figure
     """,
     "robot_energy.results": """
-        base check drives dynamics energy excitation identification model
+        base check drives dynamics energy evaluation excitation identification model
         prediction replay schema
     """,
     "robot_energy.rig": """
