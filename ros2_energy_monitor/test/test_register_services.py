@@ -317,14 +317,14 @@ def test_a_barrage_of_strings_and_numbers_changes_nothing(bench, messages, tmp_p
             call(bench, node, ResetRegisters, "reset_registers", reason=text),
             call(bench, node, OpenInterval, "open_interval", name=text),
             call(bench, node, CloseInterval, "close_interval", name=text),
-            call(bench, node, SetPayload, "set_payload", link=text, mass=1.0),
+            call(bench, node, SetPayload, "set_payload", payload=bench.payload(text).payload),
         ]
     for sec, nanosec in ((2**31 - 1, 2**32 - 1), (2**31 - 1, 0), (0, 10**9)):
-        valid_from = Time(sec=sec, nanosec=nanosec)
-        fields = {"link": "tool0", "mass": 1.0, "valid_from": valid_from}
-        answers.append(call(bench, node, SetPayload, "set_payload", **fields))
+        request = bench.payload(stamp=Time(sec=sec, nanosec=nanosec))
+        answers.append(call(bench, node, SetPayload, "set_payload", payload=request.payload))
     for mass in (1e308, float("nan"), float("inf"), -1.0):
-        answers.append(call(bench, node, SetPayload, "set_payload", link="tool0", mass=mass))
+        request = bench.payload(m=mass)
+        answers.append(call(bench, node, SetPayload, "set_payload", payload=request.payload))
     assert not any(answer.success for answer in answers)
     assert all(answer.message.isprintable() for answer in answers)
     assert max(len(answer.message) for answer in answers) < 5000

@@ -127,8 +127,8 @@ class ServiceHarness(Harness):
         if kind is ResetRegisters:
             request.reason = text
         elif kind is SetPayload:
-            request.link = text if hostile else "disc"
-            request.mass = self._random.choice([1e308, float("nan"), -1.0])
+            request.payload.header.frame_id = text if hostile else "disc"
+            request.payload.inertia.m = self._random.choice([1e308, float("nan"), -1.0])
         else:
             request.name = text
         self._call = (kind, text, self._clients[kind].call_async(request))
