@@ -26,6 +26,7 @@ from ros2_energy_monitor.base.parameters import (
     TorqueParameters,
     declare,
 )
+from ros2_energy_monitor.meters.parameters import MeterDriverParameters
 
 CONFIG = Path(__file__).resolve().parent.parent / "config"
 NODES = {
@@ -35,6 +36,7 @@ NODES = {
     "energy_monitor": EnergyParameters,
     "virtual_robot": RobotParameters,
     "console": ConsoleParameters,
+    "meter_driver": MeterDriverParameters,
 }
 
 
