@@ -74,6 +74,10 @@ class AccountPublisher:
         self.checkpoints.running = False
 
     def power(self, means: MeanBlock | None) -> None:
-        """Publish the periods that ended."""
+        """Publish the power of the periods that ended.
+
+        Args:
+            means: One row per period; None if none ended.
+        """
         if means is not None and self._power is not None:
             self._power.publish(self._power_writer.encode(means, self._ledger.comparison.location))

@@ -210,7 +210,11 @@ def declare(node: Node, cls: type[P]) -> P:
 
 
 def parameter_lines(node: Node) -> list[str]:
-    """Return every parameter of a node with its value, one line for each group."""
+    """Return every parameter of a node with its value, one line for each group.
+
+    Args:
+        node: The node that declared them.
+    """
     declared = cast("dict[str, RosParameter]", node.get_parameters_by_prefix(""))
     groups: dict[str, list[str]] = {}
     for name in sorted(declared):
