@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from typing import Any
 
 from ros2_energy_monitor.diagnostics.reporter import ERROR, WARN, StatusBuilder
 from ros2_energy_monitor.meters.poller import Poller
@@ -20,7 +21,7 @@ class MeterDriverSource:
         period: Usual time from one reading to the next. [s]
     """
 
-    def __init__(self, poller: Poller, profile: MeterProfile, period: float) -> None:
+    def __init__(self, poller: Poller, profile: MeterProfile[Any], period: float) -> None:
         self._poller, self._profile = poller, profile
         self._patience = max(MAX_SILENCE * period, 2.0)
         self._accepted, self._since = 0, time.monotonic()
@@ -53,7 +54,9 @@ class MeterDriverSource:
         elif state.refusals:
             found.add(ERROR, state.last_error)
         elif silent > self._patience:
-            found.add(WARN, f"no reading for {silent:.0f} s: the meter is silent, or all are refused")
+            found.add(
+                WARN, f"no reading for {silent:.0f} s: the meter is silent, or all are refused"
+            )
         if refused != self._refused:
             found.add(WARN, f"{refused - self._refused} readings refused since the last report")
         self._refused = refused

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from robot_energy.errors import MeterAnswerError, MeterLinkError
 from ros2_energy_monitor.meters.json_numbers import (
@@ -26,29 +26,19 @@ OK = 200
 PIECE = 4096  # bytes taken at once
 
 
-class HttpProfile(MeterProfile):
+class HttpProfile(MeterProfile[JsonNumber]):
     """Profile of a meter that is asked by HTTP; one answer holds all numbers.
 
     Attributes:
         request: Path and query of the request.
         auth: How a name and a password are sent, where the user gives them.
-        energy: Numbers that add up to the imported energy.
-        power: Numbers that add up to the active power.
         flags: Faults that make all numbers invalid.
     """
 
     port: Annotated[int, Field(ge=1, le=65535)] = 80
     request: Annotated[str, Field(pattern=r"^/\S*$", max_length=500)]
     auth: Literal["digest", "basic"]
-    energy: tuple[JsonNumber, ...] = ()
-    power: tuple[JsonNumber, ...] = ()
     flags: tuple[JsonFlag, ...] = ()
-
-    @model_validator(mode="after")
-    def _check_presence(self) -> Self:
-        if not (self.energy or self.power):
-            raise ValueError("neither energy nor power is given; expected at least one")
-        return self
 
 
 class HttpLink(MeterLink):
@@ -61,6 +51,7 @@ class HttpLink(MeterLink):
 
     def __init__(self, profile: HttpProfile, endpoint: Endpoint) -> None:
         self._requests = require("requests", "requests")
+        self._broken = require("urllib3.exceptions", "urllib3").HTTPError
         self._profile, self._endpoint = profile, endpoint
         scheme = "https" if endpoint.tls else "http"
         self._url = f"{scheme}://{endpoint.host}:{endpoint.port}{profile.request}"
@@ -75,6 +66,7 @@ class HttpLink(MeterLink):
         self.close()
         session = self._requests.Session()
         session.trust_env = False
+        session.headers["Accept-Encoding"] = "identity"  # no answer grows when it is unpacked
         session.verify = self._endpoint.ca_file or True
         given = self._endpoint.credentials
         if given is not None:
@@ -120,15 +112,17 @@ class HttpLink(MeterLink):
                         f"{answer.status_code}",
                         f"{OK}; 401 asks for credentials_file",
                     )
+                # read1 gives what has come; `read` of older versions waits for a whole piece.
+                read = getattr(answer.raw, "read1", answer.raw.read)
                 body = bytearray()
-                for piece in answer.iter_content(PIECE):
+                while piece := read(PIECE):
                     body += piece
                     if len(body) > MAX_ANSWER or time.monotonic() > deadline:
                         raise MeterLinkError(
                             f"{self._where} does not end its answer",
                             f"{MAX_ANSWER} bytes at most, within {timeout:g} s",
                         )
-        except self._requests.RequestException as error:
+        except (self._requests.RequestException, self._broken) as error:
             raise MeterLinkError(
                 f"{self._where} gives no answer ({type(error).__name__})",
                 f"one within {timeout:g} s",

@@ -47,6 +47,9 @@ def parse(text: str, whose: str) -> Any:
         text: The document.
         whose: Who sent it, for the error text.
 
+    Returns:
+        Plain values.
+
     Raises:
         MeterAnswerError: If it is no JSON of bounded size.
     """

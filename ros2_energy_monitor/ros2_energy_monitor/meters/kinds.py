@@ -25,7 +25,7 @@ class MeterLinkKind(Kind):
         make: Makes the link of a profile.
     """
 
-    profile: type[MeterProfile]
+    profile: type[MeterProfile[Any]]
     make: Callable[[Any, Endpoint], MeterLink]
 
 
@@ -62,7 +62,7 @@ METER_LINKS = Kinds(
 )
 
 
-def load_profile(name: str) -> tuple[MeterLinkKind, MeterProfile]:
+def load_profile(name: str) -> tuple[MeterLinkKind, MeterProfile[Any]]:
     """Read a profile.
 
     Args:

@@ -6,9 +6,9 @@ import logging
 import math
 import time
 from collections.abc import Sequence
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from robot_energy.errors import MeterAnswerError, MeterLinkError
 from ros2_energy_monitor.meters.link import Endpoint, MeterLink, require
@@ -53,15 +53,13 @@ class ModbusFlag(ProfileEntry):
     good: int = 0
 
 
-class ModbusProfile(MeterProfile):
+class ModbusProfile(MeterProfile[ModbusNumber]):
     """Profile of a meter whose register numbers are known.
 
     Attributes:
         unit: Unit (slave) identifier.
         table: Which registers: holding (function 3) or input (function 4).
         word_order: Which register of a number comes first: that of its high or its low bits.
-        energy: Numbers that add up to the imported energy.
-        power: Numbers that add up to the active power.
         flags: Where the meter says that its numbers are invalid.
     """
 
@@ -69,15 +67,7 @@ class ModbusProfile(MeterProfile):
     unit: Annotated[int, Field(ge=0, le=255)] = 1
     table: Literal["holding", "input"]
     word_order: WordOrder
-    energy: tuple[ModbusNumber, ...] = ()
-    power: tuple[ModbusNumber, ...] = ()
     flags: tuple[ModbusFlag, ...] = ()
-
-    @model_validator(mode="after")
-    def _check_presence(self) -> Self:
-        if not (self.energy or self.power):
-            raise ValueError("neither energy nor power is given; expected at least one")
-        return self
 
 
 class Registers:
@@ -170,7 +160,11 @@ class Registers:
         return list(answer.registers)
 
     def length(self, kind: str) -> int:
-        """Return how many registers a type takes."""
+        """Return how many registers a type takes.
+
+        Args:
+            kind: Type of a number.
+        """
         return self._type(kind).value[1]
 
     def number(self, registers: Sequence[int], kind: str, word_order: WordOrder) -> float:
@@ -185,7 +179,7 @@ class Registers:
         found = client.convert_from_registers(list(registers), self._type(kind), word_order)
         return found
 
-    def _type(self, kind: str):  # noqa: ANN202 (an enumeration of pymodbus)
+    def _type(self, kind: str):
         return self._client_module.ModbusTcpClient.DATATYPE[kind.upper()]
 
 

@@ -33,24 +33,18 @@ class MqttNumber(JsonNumber):
     topic: Annotated[str, Field(min_length=1, max_length=200, pattern=r"^[^#+\s]+$")]
 
 
-class MqttProfile(MeterProfile):
-    """Profile of a meter that sends by itself.
+class MqttProfile(MeterProfile[MqttNumber]):
+    """Profile of a meter that sends by itself; numbers that add up are of one topic.
 
     Attributes:
-        energy: Numbers that add up to the imported energy, all of one topic.
-        power: Numbers that add up to the active power, likewise.
         flags: Faults that make the numbers of a message invalid.
     """
 
     port: Annotated[int, Field(ge=1, le=65535)] = 1883
-    energy: tuple[MqttNumber, ...] = ()
-    power: tuple[MqttNumber, ...] = ()
     flags: tuple[JsonFlag, ...] = ()
 
     @model_validator(mode="after")
     def _check_topics(self) -> Self:
-        if not (self.energy or self.power):
-            raise ValueError("neither energy nor power is given; expected at least one")
         for numbers in (self.energy, self.power):
             if len({number.topic for number in numbers}) > 1:
                 raise ValueError("numbers that add up are of several topics; expected one topic")
@@ -88,7 +82,11 @@ class MqttLink(MeterLink):
         return f"the MQTT broker at {self._endpoint.host}:{self._endpoint.port}"
 
     def connect(self) -> None:
-        """Connect to the broker and subscribe."""
+        """Connect to the broker and subscribe.
+
+        Raises:
+            MeterLinkError: If the broker cannot be reached or does not let us in.
+        """
         self.close()
         self._subscribed.clear()
         self._lost.clear()
@@ -129,14 +127,20 @@ class MqttLink(MeterLink):
             client.loop_stop()
 
     def read(self) -> Sequence[Exchange]:
-        """Return what the next message says; empty if none comes in time."""
+        """Return what the next message says; empty if none comes in time.
+
+        Raises:
+            MeterLinkError: If the connection is lost.
+        """
         if self._client is None:
             raise MeterLinkError(f"{self._where} is not connected", "connect first")
         try:
             topic, payload, at = self._waiting.get(timeout=self._endpoint.timeout)
         except queue.Empty:
             if self._lost.is_set():
-                raise MeterLinkError(f"{self._where} has ended the connection", "one kept") from None
+                raise MeterLinkError(
+                    f"{self._where} has ended the connection", "one kept"
+                ) from None
             return ()
         document = parse(payload.decode("utf-8", errors="replace"), f"the meter on {topic}")
         good = is_good(document, self._flags)

@@ -22,7 +22,8 @@ class MeterDriverParameters:
     )
     device: str = parameter("Name of the meter in MQTT topics; unused otherwise.", "")
     location: str = parameter(
-        "Where the meter sits: mains supply of the cabinet, or DC bus between rectifier and drives.",
+        "Where the meter sits: mains supply of the cabinet, or DC bus between rectifier "
+        "and drives.",
         "grid",
         choices=LOCATIONS,
     )

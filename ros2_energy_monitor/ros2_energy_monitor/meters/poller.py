@@ -31,7 +31,7 @@ class PollerState:
     """What a poller says of itself. Written by its thread, read by the node.
 
     Attributes:
-        connected: Whether the last attempt to connect succeeded and nothing failed since.
+        connected: Whether the last attempt to connect succeeded and no loss came since.
         connections: Successful attempts.
         failures: Losses and failed attempts since the last answer; 0 while all is well.
         refusals: Answers in a row that held no numbers.
@@ -117,10 +117,10 @@ class Poller:
     def _step(self) -> None:
         """Connect if needed and read once."""
         state = self.state
-        was_connected, state.connected = state.connected, False  # also if anything is raised
         try:
-            if not was_connected:
+            if not state.connected:
                 self._link.connect()
+                state.connected = True
                 state.connections += 1
             exchanges = self._link.read()
         except MeterLinkError as error:
@@ -129,7 +129,9 @@ class Poller:
         except MeterAnswerError as error:
             self._refuse(error)
             return
-        state.connected = True
+        except Exception:
+            state.connected = False
+            raise
         state.failures = state.refusals = 0
         for exchange in exchanges:
             reading = self.readings.step(exchange)
@@ -139,6 +141,7 @@ class Poller:
 
     def _lose(self, error: MeterLinkError) -> None:
         state = self.state
+        state.connected = False
         self._link.close()
         self._note(error)
         state.backoff = min(MIN_BACKOFF * 2.0 ** min(state.failures, 30), self._max_backoff)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Literal, Self, TypeVar
+from typing import Annotated, Any, ClassVar, Generic, Literal, Self, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
@@ -22,7 +22,6 @@ UNITS = {**POWER_UNITS, **ENERGY_UNITS}
 MAX_TERMS = 16  # numbers that add up to one quantity
 MAX_PERIOD = 3600.0  # [s]
 
-P = TypeVar("P", bound="MeterProfile")
 Text = Annotated[str, Field(min_length=1, max_length=2000)]
 Seconds = Annotated[float, Field(ge=0, le=MAX_PERIOD, allow_inf_nan=False)]
 
@@ -65,7 +64,10 @@ class NumberEntry(ProfileEntry):
         return None if self.wraps_at is None else self.wraps_at * UNITS[self.unit]
 
 
-class MeterProfile(ProfileEntry):
+N = TypeVar("N", bound=NumberEntry)
+
+
+class MeterProfile(ProfileEntry, Generic[N]):
     """What every profile holds; each kind of link adds its own keys.
 
     Attributes:
@@ -81,6 +83,7 @@ class MeterProfile(ProfileEntry):
         lag: Age of a number at the moment of the exchange. [s]
         energy: Numbers that add up to the imported energy; empty if the meter counts none.
         power: Numbers that add up to the active power; empty if the meter gives none.
+        DESCRIBES_ITSELF: Whether the meter itself says where its numbers are.
     """
 
     schema_version: Literal[1]
@@ -92,15 +95,21 @@ class MeterProfile(ProfileEntry):
     period: Annotated[Seconds, Field(gt=0)]
     window: Seconds = 0.0
     lag: Seconds = 0.0
-    energy: Sequence[NumberEntry] = ()
-    power: Sequence[NumberEntry] = ()
+    energy: Annotated[tuple[N, ...], Field(max_length=MAX_TERMS)] = ()
+    power: Annotated[tuple[N, ...], Field(max_length=MAX_TERMS)] = ()
+
+    DESCRIBES_ITSELF: ClassVar[bool] = False
 
     @model_validator(mode="after")
     def _check_numbers(self) -> Self:
+        if self.DESCRIBES_ITSELF == bool(self.energy or self.power):
+            raise ValueError(
+                "energy or power is given; expected neither, as the meter describes itself"
+                if self.DESCRIBES_ITSELF
+                else "neither energy nor power is given; expected at least one"
+            )
         for name, units in (("energy", ENERGY_UNITS), ("power", POWER_UNITS)):
             numbers: Sequence[NumberEntry] = getattr(self, name)
-            if len(numbers) > MAX_TERMS:
-                raise ValueError(f"{name} has {len(numbers)} numbers; expected up to {MAX_TERMS}")
             wrong = [number.unit for number in numbers if number.unit not in units]
             if wrong:
                 raise ValueError(
@@ -113,7 +122,10 @@ class MeterProfile(ProfileEntry):
     @property
     def counts_energy(self) -> bool:
         """Whether the meter counts energy."""
-        return bool(self.energy)
+        return self.DESCRIBES_ITSELF or bool(self.energy)
+
+
+P = TypeVar("P", bound=MeterProfile[Any])
 
 
 def read_document(name: str) -> tuple[str, object]:
@@ -146,6 +158,9 @@ def checked(document: object, model: type[P], source: str) -> P:
         document: What `read_document` returned.
         model: Profile class of its kind of link.
         source: Path of the file, for messages.
+
+    Returns:
+        The profile.
 
     Raises:
         MeterProfileError: If it does not fit.

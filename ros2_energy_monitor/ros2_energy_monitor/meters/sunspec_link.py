@@ -15,7 +15,7 @@ import struct
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from pydantic import Field
 
@@ -23,7 +23,7 @@ from robot_energy.errors import MeterAnswerError
 from robot_energy.units import ENERGY_UNITS
 from ros2_energy_monitor.meters.link import Endpoint, MeterLink
 from ros2_energy_monitor.meters.modbus_link import Address, Registers
-from ros2_energy_monitor.meters.profile import MeterProfile
+from ros2_energy_monitor.meters.profile import MeterProfile, NumberEntry
 from ros2_energy_monitor.meters.reading import Exchange, MeterTerm, Quantity
 
 MARK = (0x5375, 0x6E53)  # "SunS"
@@ -62,26 +62,22 @@ MODELS = {201: INTEGERS, 202: INTEGERS, 203: INTEGERS, 204: INTEGERS} | dict.fro
 )
 
 
-class SunSpecProfile(MeterProfile):
+class SunSpecProfile(MeterProfile[NumberEntry]):
     """Profile of a meter that describes itself; what it counts follows from its models.
 
     Attributes:
         unit: Unit identifier.
         bases: Addresses where "SunS" may stand, counted from 0.
         instance: Which meter of a device with several, from 1.
+        DESCRIBES_ITSELF: All meter models have energy and power.
     """
 
     port: Annotated[int, Field(ge=1, le=65535)] = 502
     unit: Annotated[int, Field(ge=0, le=255)] = 1
     bases: Annotated[tuple[Address, ...], Field(min_length=1, max_length=10)] = (40000, 50000, 0)
     instance: Annotated[int, Field(ge=1, le=50)] = 1
-    energy: tuple[()] = ()
-    power: tuple[()] = ()
 
-    @property
-    def counts_energy(self) -> bool:
-        """All meter models have an energy."""
-        return True
+    DESCRIBES_ITSELF: ClassVar[bool] = True
 
 
 class SunSpecLink(MeterLink):

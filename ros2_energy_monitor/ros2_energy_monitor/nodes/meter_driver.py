@@ -62,7 +62,7 @@ class MeterDriver(Node):
         except Exception:
             self.destroy_node()
             raise
-        self._publishers = {
+        self._outputs = {
             quantity: self.create_publisher(PowerReading, topic, reliable(100))
             for quantity, topic in topics(self.profile).items()
         }
@@ -83,7 +83,7 @@ class MeterDriver(Node):
     def _period(self) -> float:
         return self.parameters.period or self.profile.period
 
-    def _poller(self, kind: MeterLinkKind, profile: MeterProfile) -> Poller:
+    def _poller(self, kind: MeterLinkKind, profile: MeterProfile[Any]) -> Poller:
         given = self.parameters
         if given.max_round_trip > given.timeout:
             raise ParameterError(
@@ -111,7 +111,7 @@ class MeterDriver(Node):
         for reading in self.poller.take():
             now_ns = self.get_clock().now().nanoseconds
             age = time.monotonic() - reading.at + self.profile.lag
-            self._publishers[reading.quantity].publish(
+            self._outputs[reading.quantity].publish(
                 self._message(reading, bounded(now_ns - round(age / NANOSECOND)))
             )
 
@@ -145,7 +145,7 @@ class MeterDriver(Node):
         return message
 
 
-def topics(profile: MeterProfile) -> dict[Quantity, str]:
+def topics(profile: MeterProfile[Any]) -> dict[Quantity, str]:
     """Return the topic of each quantity: energy is what monitors read by default.
 
     Args:
@@ -157,7 +157,14 @@ def topics(profile: MeterProfile) -> dict[Quantity, str]:
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until it is interrupted."""
+    """Run the node until it is interrupted.
+
+    Args:
+        args: Command line without the program; None for that of the process.
+
+    Returns:
+        Exit code of `run`.
+    """
     return run(MeterDriver, args)
 
 

@@ -66,8 +66,8 @@ class ModbusServer:
             self._loop = None
 
     def _run(self, loop: asyncio.AbstractEventLoop, ready: threading.Event) -> None:
-        from pymodbus.server import ModbusTcpServer  # noqa: PLC0415 (tests skip without it)
-        from pymodbus.simulator import DataType, SimData, SimDevice  # noqa: PLC0415
+        from pymodbus.server import ModbusTcpServer
+        from pymodbus.simulator import DataType, SimData, SimDevice
 
         asyncio.set_event_loop(loop)
         blocks = [
@@ -87,12 +87,14 @@ class ModbusServer:
         for task in pending:
             task.cancel()
         loop.run_until_complete(asyncio.gather(*pending, return_exceptions=True))
+        for _ in range(5):  # transports close in callbacks of the loop
+            loop.run_until_complete(asyncio.sleep(0))
         loop.close()
 
     async def _act(
         self, function: int, start: int, address: int, count: int, current: list[int], _new: Any
     ) -> Any:
-        from pymodbus.constants import ExcCodes  # noqa: PLC0415
+        from pymodbus.constants import ExcCodes
 
         self.requests.append((function, address, count))
         if self.delay:
@@ -139,8 +141,10 @@ class HttpMeter:
 
         self._server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Handler)
         self._server.daemon_threads = True
+        self._server.handle_error = lambda *_: None  # type: ignore[method-assign]
         self.port = self._server.server_address[1]
-        threading.Thread(target=self._server.serve_forever, daemon=True).start()
+        serve = threading.Thread(target=self._server.serve_forever, args=(0.02,), daemon=True)
+        serve.start()
 
     def says(self, body: str, status: int = 200, **headers: str) -> None:
         def answer(request: http.server.BaseHTTPRequestHandler) -> None:
@@ -200,7 +204,7 @@ class Broker:
 
 
 def _user() -> str:
-    import pwd  # noqa: PLC0415
+    import pwd
 
     return pwd.getpwuid(os.getuid()).pw_name
 
