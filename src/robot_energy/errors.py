@@ -109,6 +109,26 @@ class ParameterError(RobotEnergyError, ValueError):
     """A parameter of a node or input is missing, of a wrong type, out of range or misfitting."""
 
 
+class CredentialsError(RobotEnergyError, ValueError):
+    """A file of credentials is missing, readable by others, or malformed."""
+
+
+class MeterProfileError(RobotEnergyError, ValueError):
+    """The profile of a network meter is missing or malformed."""
+
+
+class MeterLinkError(RobotEnergyError, OSError):
+    """A network meter cannot be reached, or its connection is lost."""
+
+
+class MeterAnswerError(RobotEnergyError, ValueError):
+    """A network meter refuses a request, or answers with something else."""
+
+
+class ExporterError(RobotEnergyError, ValueError):
+    """An exporter cannot be set up as asked."""
+
+
 class LogFormatError(RobotEnergyError, ValueError):
     """A log (CSV) or its mapping cannot be imported."""
 
