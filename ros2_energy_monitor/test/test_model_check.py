@@ -43,8 +43,9 @@ def play(bench: Any, node: EnergyMonitor, turned: int | None = None) -> None:
                         message.effort[turned] *= -1.0
                 publishers[topic].publish(message)
                 if sent % BURST == 1:
+                    least = sent - BURST
                     bench.spin_until(
-                        lambda: node.ingest.account.received >= sent - BURST, f"{sent} joint states"
+                        lambda least=least: node.ingest.account.received >= least, "joint states"
                     )
 
 

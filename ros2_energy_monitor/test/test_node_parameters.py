@@ -27,6 +27,7 @@ from ros2_energy_monitor.base.parameters import (
     TorqueParameters,
     declare,
 )
+from ros2_energy_monitor.meters.parameters import MeterDriverParameters
 
 CONFIG = Path(__file__).resolve().parent.parent / "config"
 NODES = {
@@ -36,6 +37,7 @@ NODES = {
     "energy_monitor": EnergyParameters,
     "virtual_robot": RobotParameters,
     "console": ConsoleParameters,
+    "meter_driver": MeterDriverParameters,
 }
 
 

@@ -24,7 +24,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
-from mistakes import METER, STATES, Mistake, mistakes, rewrite
+from mistakes import METER, Mistake, mistakes, rewrite
 from robot_energy.bag import BagReader
 from robot_energy.check import CheckResult, check
 from robot_energy.model import RobotModel, validate
@@ -125,8 +125,7 @@ def lacks(one: Sound, what: str) -> str:
         return "one joint"
     if n == 1 and what == "sign of all torques":
         return "one joint"
-    limits = [joint for joint in one.model.joints]
-    if one.model.robot.type.lower().startswith("testbed") and limits:
+    if one.model.robot.type.lower().startswith("testbed"):
         if what in ("degrees", "zero offset 0.1 rad"):
             return "no revolute joint"
     if not one.bodies and what.startswith(("gear", "payload")):

@@ -157,9 +157,8 @@ def payload(evidence: Evidence, mass: float, moment: Float) -> Remedy:
     if total > 0.0:
         centre = ", ".join(f"{value:.3f}" for value in sum_moment / total)
         inertia = f", inertia: {list(carried[-1].inertia)}" if carried else ""
-        entries.append(
-            f"{{link: {link}, mass: {total:.2f}, centre_of_mass: [{centre}]{inertia}, tag: assumed}}"
-        )
+        body = f"mass: {total:.2f}, centre_of_mass: [{centre}]{inertia}, tag: assumed"
+        entries.append(f"{{link: {link}, {body}}}")
     return f"payload: [{', '.join(entries)}]", MODEL
 
 

@@ -67,7 +67,7 @@ def _fitting_meanings(evidence: Evidence) -> list[Finding]:
     return [
         Finding(
             "effort_not_stated", NOTE, tuple(evidence.names),
-            f"taken for {meaning}, the effort is {factor:.2g} times the torque that the bodies need",
+            f"taken for {meaning}, the effort is {factor:.2g} times the torque of the bodies",
             factor, float("nan"), *remedies.effort_meaning(str(meaning)),
         )
     ]  # fmt: skip
@@ -100,7 +100,7 @@ def _finding(
             remedies.gear_ratio(evidence, joints[0], value),
         ),
         "effort_meaning": lambda: (
-            f"the effort is no {evidence.effort} but {cause.choice}: taken for {evidence.effort} it "
+            f"the effort is no {evidence.effort} but {cause.choice}: taken for the former it "
             f"is {value:.2g} times the torque that the bodies need, taken for {cause.choice} "
             f"{evidence.remarks.effort_factors[EffortMeaning(cause.choice)][0]:.2g} times",
             remedies.effort_meaning(cause.choice),
