@@ -190,9 +190,10 @@ def on_the_rig(robot: str, seed: int, folder: Path) -> Sound:
     program = random_program(
         profile.motion_limits(bodies),
         seed,
+        moves=12,
         dwell=rng.uniform(0.2, 0.6),
         override=rng.uniform(0.4, 1.0),
-        accept=tool_above(bodies, "tool0", 0.1) if bodies.has_link("tool0") else None,
+        accept=tool_above(bodies, "tool0", 0.0) if bodies.n_joints == 6 else None,
     )
     ratio = np.array([abs(joint.gear_ratio.value) for joint in model.joints])
     quiet = float(np.min(ratio * [joint.standstill_velocity for joint in model.joints]))

@@ -74,6 +74,9 @@ def unjudged(cause: str, subject: tuple[str, ...], what: str, why: str) -> Findi
         subject: Joint names; empty for all.
         what: The quantity that cannot be judged.
         why: The reason, with its number.
+
+    Returns:
+        A note.
     """
     sentence = f"cannot be judged from this recording: {what} ({why})"
     return Finding(UNJUDGED + cause, NOTE, subject, sentence, float(len(subject)), float("nan"))

@@ -254,7 +254,15 @@ def _motor_torque_of_effort(evidence: Evidence) -> Float:
 
 
 def offset(joint: int, value: float) -> Cause:
-    """The zero of a joint is off by ``value``."""
+    """The zero of a joint is off by ``value``.
+
+    Args:
+        joint: Index in model order.
+        value: Recorded less true position. [rad]
+
+    Returns:
+        The cause.
+    """
 
     def correct(evidence: Evidence) -> Evidence:
         position = evidence.position.copy()

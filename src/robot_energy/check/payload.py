@@ -75,6 +75,9 @@ def fitted_payload(trial: Trial) -> PayloadFit:
 
     Args:
         trial: A recording.
+
+    Returns:
+        The mass; 0 with an unknown deviation where no joint shows one.
     """
     from scipy.optimize import lsq_linear
 

@@ -64,6 +64,9 @@ def search(evidence: Evidence) -> SearchResult:
 
     Args:
         evidence: The recording, thinned.
+
+    Returns:
+        Causes, and what cannot be seen.
     """
     first = trial = attempt(evidence)
     found: list[tuple[Cause, float, tuple[str, ...]]] = []

@@ -54,7 +54,7 @@ def test_a_sound_recording_has_no_mistake(name):
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_a_mistake_is_named_and_its_remedy_mends_it(name, tmp_path):
+def test_a_mistake_is_named(name, tmp_path):
     mistake = CASES[name]
     bag = rewrite(SOUND, tmp_path / "bag", mistake.states, mistake.meter, SECONDS)
     found = check(bag, load("kr16"), MOTOR_TORQUE).errors
