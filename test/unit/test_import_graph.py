@@ -49,7 +49,7 @@ MODULES = {
         temporary_folder
     """,
     "robot_energy.identify": """
-        bounds plausibility run_all steps
+        bounds causes plausibility run_all steps
     """,
     "robot_energy.identify.cabinet": """
         cabinet dc_link link_readings meter_delay supply
