@@ -154,7 +154,19 @@ def rest_noise(evidence: Evidence) -> Float:
     Returns:
         Shape (n,), NaN with too few samples. [rad/s] or [m/s]
     """
-    stamps, velocity = evidence.stamp_ns, evidence.velocity
+    return velocity_noise(evidence.stamp_ns, evidence.velocity)
+
+
+def velocity_noise(stamps: Int, velocity: Float) -> Float:
+    """Noise of velocities, as of `rest_noise`.
+
+    Args:
+        stamps: Rising, shape (N,). [ns]
+        velocity: Shape (N, n). [rad/s] or [m/s]
+
+    Returns:
+        Shape (n,), NaN with too few samples. [rad/s] or [m/s]
+    """
     unknown = np.full(velocity.shape[1], np.nan)
     if len(stamps) < 2:
         return unknown

@@ -83,7 +83,11 @@ def counted(count: int, one: str, many: str = "") -> str:
 
 
 def grouped(notes: Sequence[str]) -> list[str]:
-    """Return notes of the form ``name: text`` with one line for all names of the same text."""
+    """Return notes of the form ``name: text`` with one line for all names of the same text.
+
+    Args:
+        notes: One sentence each; those without a name stay as they are.
+    """
     names: dict[str, list[str]] = {}
     for note in notes:
         name, colon, text = note.partition(": ")

@@ -3,21 +3,21 @@
 import numpy as np
 import pytest
 
-from robot_energy.identify.stats.held_out_energy import HeldOutEnergy, HeldOutPrediction, Tested
+from robot_energy.identify.stats import held_out_energy as parts
 from robot_energy.report.formats import grouped
 from robot_energy.report.held_out import verdict
 
 NONE = np.empty((0, 1))
 
 
-def without_meter(new: float, shaft: float = 10.0) -> HeldOutEnergy:
+def without_meter(new: float, shaft: float = 10.0) -> parts.HeldOutEnergy:
     nan = float("nan")
     predictions = {
-        stage: HeldOutPrediction((), 0.0, nan, 9.0, error, NONE)
+        stage: parts.HeldOutPrediction((), 0.0, nan, 9.0, error, NONE)
         for stage, error in (("given", 0.3), ("friction", new))
     }
-    entry = Tested("bag", 0.0, nan, shaft, predictions, 0, None, NONE[:, 0], NONE, (), 0.0)
-    return HeldOutEnergy("test", ("given", "friction"), (entry,))
+    entry = parts.Tested("bag", 0.0, nan, shaft, predictions, 0, None, NONE[:, 0], NONE, (), 0.0)
+    return parts.HeldOutEnergy("test", ("given", "friction"), (entry,))
 
 
 def test_no_test_is_said_as_asked():
