@@ -29,7 +29,7 @@ from robot_energy_papers.mantis import RATE, PrintRun
 WAY_NAMES: dict[Way, str] = {
     "none": "no efficiency",
     "constant": "constant 87.5 %",
-    "constant_fitted": "constant, fitted per axis",
+    "constant_fitted": "constant, fitted to all drives",
     "map": "reduced maps",
     "map_processed": "reduced maps, second stage",
     "losses": "loss model (ours)",
@@ -119,14 +119,15 @@ def tested(runs: Mapping[str, PrintRun], fit: DrivesFit) -> dict[str, DriveTest]
         "losses": LossModel([a.losses.entry() for a in fit.axes if a.losses is not None]),
     }
     seen = [axis.samples for axis in fit.axes if axis.samples is not None]
-    constants = np.array(
-        [fitted_efficiency(one.motor_velocity * one.motor_torque, one.drive_power) for one in seen]
+    constant = fitted_efficiency(
+        np.concatenate([one.motor_velocity * one.motor_torque for one in seen]),
+        np.concatenate([one.drive_power for one in seen]),
     )
-    return {name: _test(name, run, drives, constants, fit.cutoff) for name, run in runs.items()}
+    return {name: _test(name, run, drives, constant, fit.cutoff) for name, run in runs.items()}
 
 
 def _test(
-    name: str, run: PrintRun, drives: Mapping[Way, Drive], constants: Float, cutoff: float
+    name: str, run: PrintRun, drives: Mapping[Way, Drive], constant: float, cutoff: float
 ) -> DriveTest:
     rows = run.rows
     power = run.recording.power
@@ -141,7 +142,7 @@ def _test(
     by_way: dict[Way, Float] = {
         "none": shaft,
         "constant": at_efficiency(shaft, CONSTANT_EFFICIENCY),
-        "constant_fitted": at_efficiency(shaft, constants),
+        "constant_fitted": at_efficiency(shaft, constant),
         "map": mapped,
         "map_processed": np.where(np.isfinite(smooth), smooth, mapped),
         "losses": losses,

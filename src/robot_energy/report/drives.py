@@ -19,7 +19,7 @@ from robot_energy.results.drives import DrivesReport, LossTerm, TotalPower
 WAY_NAMES = {
     "none": "no efficiency",
     "constant": "constant 87.5 %, as in paper B",
-    "constant_fitted": "constant, fitted per axis",
+    "constant_fitted": "constant, fitted to all drives",
     "map": "efficiency map, as run",
     "map_processed": "map, power processed",
     "losses": "loss model",

@@ -294,13 +294,13 @@ class _Fitter:
                 axis = self.axis(joint, usable[:, joint] & ~held)
                 if axis.losses is None or axis.map is None:
                     continue
-                train = usable[:, joint] & ~held
-                eta = fitted_efficiency(shaft[train, joint], power[train, joint])
-                ways = self._predict(joint, axis)
-                ways["constant_fitted"] = at_efficiency(shaft[:, joint], eta)
-                for way, values in ways.items():
+                for way, values in self._predict(joint, axis).items():
                     place = predicted.setdefault(way, np.full(usable.shape, np.nan))
                     place[held, joint] = values[held]
+        for number in np.unique(fold[fold >= 0]):
+            train, held = usable & (fold != number), fold == number
+            constant = at_efficiency(shaft, fitted_efficiency(shaft[train], power[train]))
+            predicted["constant_fitted"][held] = constant[held]
         tested = usable & np.isfinite(predicted["map"]) & np.isfinite(predicted["losses"])
         if int(tested.sum()) < MIN_HELD_OUT:
             return None

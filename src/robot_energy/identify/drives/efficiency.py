@@ -205,12 +205,12 @@ def _thinned(torque: Float, velocity: Float, eta: Float, points: int) -> tuple[F
     return mean, median, size
 
 
-def at_efficiency(shaft: Float, efficiency: float | Float) -> Float:
+def at_efficiency(shaft: Float, efficiency: float) -> Float:
     """Return the electrical power of drives of constant efficiency, both ways. [W]
 
     Args:
         shaft: Shaft power, shape (N,) or (N, n). [W]
-        efficiency: Above 0, at most 1; one for all, or one per sample or axis. [-]
+        efficiency: Above 0, at most 1. [-]
     """
     return np.where(shaft > 0, shaft / efficiency, shaft * efficiency)
 
@@ -219,7 +219,7 @@ def fitted_efficiency(shaft: Float, power: Float) -> float:
     """Return the constant efficiency of least squared error of the electrical power. [-]
 
     Args:
-        shaft: Shaft power, shape (N,). [W]
+        shaft: Shaft power of one or several drives, shape (N,). [W]
         power: Measured electrical power, shape (N,). [W]
     """
     from scipy.optimize import minimize_scalar
