@@ -86,8 +86,9 @@ def test_a_log_and_its_bag_are_corrected_alike(given_corrections, seed, bounds):
         np.testing.assert_array_equal(getattr(by_bag, array), expected)
         np.testing.assert_array_equal(getattr(in_pieces, array), expected)
     logged = np.array([row[1:] for row in rows]) * np.repeat([np.pi / 180, np.pi / 180, 1e-3], 3)
-    for place, (name, found) in enumerate(given_corrections.items()):
-        sign, scale, zero = (np.asarray(found[word]) for word in ("sign", "scale", "zero"))
+    for place, name in enumerate(GROUPS):
+        words = given_corrections[name]
+        sign, scale, zero = (np.asarray(words[word]) for word in ("sign", "scale", "zero"))
         expected = sign * scale * logged[:, 3 * place : 3 * place + 3] + zero
         np.testing.assert_allclose(
             getattr(by_log, f"joint_{name}"), expected, rtol=1e-12, atol=1e-12
