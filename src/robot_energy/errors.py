@@ -78,6 +78,21 @@ class ShapeError(RobotEnergyError, ValueError):
     """An array has the wrong shape."""
 
 
+def check_shape(name: str, found: tuple[int, ...], expected: tuple[int, ...]) -> None:
+    """Refuse an array of another shape.
+
+    Args:
+        name: Name of the array, for the message.
+        found: Its shape.
+        expected: The shape it must have.
+
+    Raises:
+        ShapeError: If the shapes differ.
+    """
+    if found != expected:
+        raise ShapeError(f"{name} has shape {found}", f"{expected}")
+
+
 class BagError(RobotEnergyError, ValueError):
     """A bag cannot be opened, read or written."""
 
