@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.bag_replay import replay
+from robot_energy.bag_replay import Replay, replay
 from robot_energy.blocks import (
     DOUBTFUL,
     NANOSECOND,
@@ -69,7 +69,7 @@ class Evidence:
         acceleration: Shape (N, n); NaN without a full derivative window. [rad/s^2] or [m/s^2]
         motor_torque: Measured, shape (N, n); NaN where unknown. [N m]
         temperature_degc: Motor temperatures that were used, shape (N, n). [degC]
-        supply: Predicted powers of every sample.
+        supply: Predicted powers of every sample; None without any.
         shaft_power: Measured torque times motor velocity of every sample of ``supply``, shape
             (M, n); NaN where unknown. [W]
         meter: Readings of the meter; None without one.
@@ -88,11 +88,11 @@ class Evidence:
     acceleration: Float
     motor_torque: Float
     temperature_degc: Float
-    supply: SupplyBlock
-    shaft_power: Float
-    meter: MeterBlock | None
-    remarks: Remarks
-    inputs: Inputs
+    supply: SupplyBlock | None = None
+    shaft_power: Float | None = None
+    meter: MeterBlock | None = None
+    remarks: Remarks = field(default_factory=Remarks)
+    inputs: Inputs = field(default_factory=Inputs)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -107,9 +107,13 @@ class Evidence:
         limit = np.maximum(standstill, 4.0 * np.where(np.isfinite(noise), noise, 0.0))
         return np.asarray(np.abs(self.velocity) > limit)
 
-    def thinned(self) -> Evidence:
-        """Return at most `MAX_ROWS` samples, evenly taken."""
-        step = max(1, -(-len(self.stamp_ns) // MAX_ROWS))
+    def thinned(self, parts: int = 1) -> Evidence:
+        """Return at most `MAX_ROWS` samples, evenly taken.
+
+        Args:
+            parts: Of how many recordings it is one, which share the samples.
+        """
+        step = max(1, -(-len(self.stamp_ns) * parts // MAX_ROWS))
         rows = slice(None, None, step)
         names = ("stamp_ns", "segment", "position", "velocity", "acceleration", "motor_torque",
                  "temperature_degc")  # fmt: skip
@@ -145,25 +149,33 @@ def gather(
     result = replay(path, model, None, settings, inputs=inputs, on_output=outputs.append)
     power = [part.power for part in outputs if part.power is not None]
     meter = [part.meter for part in outputs if part.meter is not None]
-    pipeline = result.pipeline
-    stuck = zip(model.joint_names, pipeline.power.watch.stuck, strict=True)
     return evidence_of(
         model,
         effort,
         TorqueBlock.concatenate([part.torque for part in outputs if part.torque is not None]),
         PowerBlock.concatenate(power) if power else None,
         MeterBlock.concatenate(meter) if meter else None,
-        Remarks(
-            tuple(result.problems),
-            tuple(note for note in result.notes if "temperature" in note)
-            if result.temperatures.topics
-            else None,
-            tuple(name for name, is_so in stuck if is_so),
-            tuple(result.ledger.judgement.findings(result.ledger.comparison)),
-            pipeline.torque.effort_check.factors(),
-        ),
-        inputs or Inputs(),
-        pipeline.torque.robot.payload,
+        remarks_of(result),
+        inputs,
+        result.pipeline.torque.robot.payload,
+    )
+
+
+def remarks_of(result: Replay) -> Remarks:
+    """Return what the stages noticed in a replay.
+
+    Args:
+        result: The replay, at its end.
+    """
+    stuck = zip(result.model.joint_names, result.pipeline.power.watch.stuck, strict=True)
+    return Remarks(
+        tuple(result.problems),
+        tuple(note for note in result.notes if "temperature" in note)
+        if result.temperatures.topics
+        else None,
+        tuple(name for name, is_so in stuck if is_so),
+        tuple(result.ledger.judgement.findings(result.ledger.comparison)),
+        result.pipeline.torque.effort_check.factors(),
     )
 
 
@@ -174,7 +186,7 @@ def evidence_of(
     power: PowerBlock | None,
     meter: MeterBlock | None,
     remarks: Remarks,
-    inputs: Inputs,
+    inputs: Inputs | None = None,
     carried: Sequence[Payload] | None = None,
 ) -> Evidence:
     """Return the evidence in what the stages of the monitor gave.
@@ -186,7 +198,7 @@ def evidence_of(
         power: Of the same samples, of some of them, or None.
         meter: Readings; None without a meter.
         remarks: What the stages noticed.
-        inputs: How the recording was read.
+        inputs: How the recording was read; None: as the types of its topics say.
         carried: Payload in force at the end; None: that of the model.
     """
     torque = torque[torque.payload_mass == torque.payload_mass[-1]]
@@ -201,9 +213,7 @@ def evidence_of(
     known = np.isfinite(torque.joint_position).all(axis=1)
     torque = torque[known & np.isfinite(torque.joint_velocity).all(axis=1)]
     temperature = np.full(torque.joint_position.shape, np.nan)
-    nothing = np.empty(0)
-    supply = SupplyBlock(nothing.astype(np.int64), nothing.astype(np.int64), nothing, nothing)
-    shafts = np.empty((0, torque.joint_position.shape[1]))
+    supply = shafts = None
     if power is not None:
         _, ours, theirs = np.intersect1d(torque.stamp_ns, power.stamp_ns, return_indices=True)
         temperature[ours] = power.motor_temperature_degc[theirs]
@@ -225,7 +235,7 @@ def evidence_of(
         shaft_power=shafts,
         meter=meter,
         remarks=remarks,
-        inputs=inputs,
+        inputs=inputs or Inputs(),
     )
 
 
@@ -241,7 +251,19 @@ def rest_noise(evidence: Evidence) -> Float:
     Returns:
         Shape (n,), NaN with too few samples. [rad/s] or [m/s]
     """
-    stamps, velocity = evidence.stamp_ns, evidence.velocity
+    return velocity_noise(evidence.stamp_ns, evidence.velocity)
+
+
+def velocity_noise(stamps: Int, velocity: Float) -> Float:
+    """Noise of velocities, as of `rest_noise`.
+
+    Args:
+        stamps: Rising, shape (N,). [ns]
+        velocity: Shape (N, n). [rad/s] or [m/s]
+
+    Returns:
+        Shape (n,), NaN with too few samples. [rad/s] or [m/s]
+    """
     unknown = np.full(velocity.shape[1], np.nan)
     if len(stamps) < 2:
         return unknown

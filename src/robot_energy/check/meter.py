@@ -37,7 +37,7 @@ def check_meter(evidence: Evidence, wrong: Sequence[str] = ()) -> tuple[list[Fin
     Returns:
         The findings, and why there are none where the check cannot be made.
     """
-    if evidence.meter is None or not len(evidence.supply):
+    if evidence.meter is None or evidence.supply is None:
         return [], "the recording has no power meter"
     time, measured = _measured(evidence)
     findings = [
@@ -94,6 +94,7 @@ def _measured(evidence: Evidence) -> tuple[Float, Float]:
 def _predicted(evidence: Evidence, time: Float, lag: float) -> Float:
     """Predicted power at the meter, averaged over the spacing of the readings. [W]"""
     power, meter = evidence.supply, evidence.meter
+    assert power is not None
     assert meter is not None
     at = (power.stamp_ns - evidence.stamp_ns[0]) * NANOSECOND
     values = power.power_at(meter.location)
@@ -157,8 +158,9 @@ def _balance(evidence: Evidence, measured: Float, predicted: Float) -> list[Find
     mean, expected = float(measured.mean()), float(predicted.mean())
     shaft = evidence.shaft_power
     taken = 0.0
-    if evidence.effort is not EffortMeaning.NONE and bool(np.isfinite(shaft).any()):
-        taken = float(np.nansum(np.nanmean(shaft[:, np.isfinite(shaft).any(axis=0)], axis=0)))
+    if evidence.effort is not EffortMeaning.NONE and shaft is not None:
+        known = shaft[:, np.isfinite(shaft).any(axis=0)]
+        taken = float(np.nanmean(known, axis=0).sum())
     if taken > 1.1 * mean and taken > 5.0:
         return [
             Finding(

@@ -163,5 +163,6 @@ def _motor_regressor(evidence: Evidence) -> Float:
 
 def _independent(evidence: Evidence) -> float:
     """How many samples count as independent ones."""
-    span = float(evidence.stamp_ns[-1] - evidence.stamp_ns[0]) * NANOSECOND
-    return min(float(len(evidence.stamp_ns)), max(span / CORRELATION_TIME, 1.0))
+    step = np.diff(evidence.stamp_ns) * NANOSECOND
+    span = float(np.clip(step, 0.0, CORRELATION_TIME).sum())
+    return max(span / CORRELATION_TIME, 1.0)
