@@ -40,11 +40,15 @@ class Trial:
         evidence: The corrected recording.
         unexplained: Share of each joint's torque variance, shape (n,); NaN where unknown.
         rigid: Motor side with rotors, shape (N, n). [N m]
+        joint: Of the bodies, joint side, shape (N, n). [N m] or [N]
+        moving: Which samples of which joint move, shape (N, n).
     """
 
     evidence: Evidence
     unexplained: Float
     rigid: Float
+    joint: Float
+    moving: NDArray[np.bool_]
 
     def cost(self) -> float:
         """Sum over the joints of the logarithm of the unexplained share."""
@@ -76,34 +80,37 @@ class Cause:
     moment: Float = field(default_factory=lambda: np.zeros(3))
 
 
-def attempt(evidence: Evidence) -> Trial:
+def attempt(evidence: Evidence, like: Trial | None = None) -> Trial:
     """Return how much torque the model leaves unexplained.
 
     Args:
         evidence: The recording, thinned.
+        like: A trial whose torque of the bodies is used, if the motion is the same.
+
+    Returns:
+        The trial.
     """
-    rigid = rigid_motor_torque(evidence)
-    moving = evidence.moving
+    same = like is not None and all(
+        getattr(evidence, name) is getattr(like.evidence, name)
+        for name in ("position", "velocity", "acceleration", "robot")
+    )
+    if like is not None and same:
+        joint, moving = like.joint, like.moving
+    else:
+        motion = (evidence.position, evidence.velocity, evidence.acceleration)
+        joint = evidence.robot.joint_torque(*map(np.ascontiguousarray, motion))
+        moving = evidence.moving
+    rigid = _rigid_motor_torque(evidence, joint)
     speed = evidence.drivetrain.motor_velocity_from_joint(evidence.velocity)
     shares = [
         _unexplained(evidence.motor_torque[:, j], rigid[:, j], speed[:, j], moving[:, j])
         for j in range(rigid.shape[1])
     ]
-    return Trial(evidence, np.array(shares), rigid)
+    return Trial(evidence, np.array(shares), rigid, joint, moving)
 
 
-def rigid_motor_torque(evidence: Evidence) -> Float:
-    """Return rigid-body and rotor torque, motor side, shape (N, n). [N m]
-
-    A sensor behind the gear (effort ``joint_torque``) sees no rotor.
-
-    Args:
-        evidence: The recording.
-    """
-    joint = evidence.robot.joint_torque(
-        *(np.ascontiguousarray(values) for values in
-          (evidence.position, evidence.velocity, evidence.acceleration))
-    )  # fmt: skip
+def _rigid_motor_torque(evidence: Evidence, joint: Float) -> Float:
+    """Rigid-body and rotor torque, motor side; a sensor behind the gear sees no rotor. [N m]"""
     motor = evidence.drivetrain.motor_torque_from_joint(joint)
     if evidence.effort is EffortMeaning.JOINT_TORQUE:
         return motor

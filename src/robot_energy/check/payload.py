@@ -108,7 +108,7 @@ def fitted_payload(trial: Trial) -> PayloadFit:
     prior[12 + count : shared] = CENTRE_STD * np.repeat(np.maximum(parameters[::10], 0.1), 3)
     parts: dict[int, tuple[Float, Float]] = {}
     for j in range(count):
-        rows = evidence.moving[:, j] & np.isfinite(evidence.motor_torque[:, j])
+        rows = trial.moving[:, j] & np.isfinite(evidence.motor_torque[:, j])
         rows &= np.isfinite(trial.rigid[:, j])
         if int(rows.sum()) < MIN_SAMPLES or not np.isfinite(trial.unexplained[j]):
             continue

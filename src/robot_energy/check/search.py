@@ -73,7 +73,7 @@ def search(evidence: Evidence) -> SearchResult:
     while True:
         fit = fitted_payload(trial)
         tried = [
-            (cause, attempt(cause.correct(trial.evidence)))
+            (cause, attempt(cause.correct(trial.evidence), trial))
             for cause in (*candidates(trial), *payload_cause(trial, fit))
         ]
         gains = [
