@@ -163,8 +163,11 @@ def candidates(trial: Trial) -> list[Cause]:
 
 
 def _meanings(evidence: Evidence) -> list[EffortMeaning]:
-    """Other meanings of the effort, by which it has the size of the body torque."""
+    """Other meanings of the effort that give it the size of the body torque, which it lacks."""
     factors = evidence.remarks.effort_factors
+    stated, _ = factors.get(evidence.effort, (1.0, 1.0))
+    if 1 / MAX_FACTOR < abs(stated) < MAX_FACTOR:
+        return []
     return [
         meaning
         for meaning, (factor, _) in factors.items()
