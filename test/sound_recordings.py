@@ -92,7 +92,7 @@ def voraus(data: Path, folder: Path) -> Sound:
     bag = folder / "voraus"
     import_log([data / "voraus/test.parquet"], mapping, bag)
     model = renamed(load("ur10e"), mapping.joints.names)
-    return Sound("voraus Yu-Cobot", bag, model, EffortMeaning.MOTOR_TORQUE, bodies=False)
+    return Sound("voraus Yu-Cobot", bag, model, EffortMeaning.NONE, bodies=False)
 
 
 def xarm6(data: Path, folder: Path) -> Sound:
@@ -101,7 +101,7 @@ def xarm6(data: Path, folder: Path) -> Sound:
     mapping = load_mapping(MAPPINGS / "xarm6_joint3.yaml")
     import_log([data / "xarm6_j3/no_payload.csv.gz"], mapping, bag)
     model = validate(yaml.safe_load(FOREARM), "forearm")
-    return Sound("xArm 6, joint 3", bag, model, EffortMeaning.MOTOR_CURRENT, bodies=False)
+    return Sound("xArm 6, joint 3", bag, model, EffortMeaning.NONE, bodies=False)
 
 
 FOREARM = """

@@ -115,7 +115,7 @@ def trials(one: Sound, seed: int, folder: Path) -> list[tuple[str, str, tuple[st
     return found
 
 
-def lacks(one: Sound, what: str) -> str:
+def lacks(one: Sound, what: str, cause: str) -> str:
     """Why a recording cannot carry a mistake; empty if it can."""
     bag = BagReader(one.bag)
     n = len(one.model.joints)
@@ -128,7 +128,7 @@ def lacks(one: Sound, what: str) -> str:
     if one.model.robot.type.lower().startswith("testbed"):
         if what in ("degrees", "zero offset 0.1 rad"):
             return "no revolute joint"
-    if not one.bodies and what.startswith(("gear", "payload")):
+    if not one.bodies and CHECK_OF[cause] == "torque":
         return "no model of this robot's bodies"
     return ""
 
@@ -152,7 +152,7 @@ def main() -> int:
             count: Counter[str] = Counter()
             lines: list[str] = []
             for what, cause, joints, run in trials(one, args.seed + place, Path(made)):
-                why = lacks(one, what)
+                why = lacks(one, what, cause)
                 if why:
                     count[MISSING] += 1
                     lines.append(f"  {what}: not applicable ({why})")

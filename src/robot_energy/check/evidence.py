@@ -107,6 +107,12 @@ class Evidence:
         limit = np.maximum(standstill, 4.0 * np.where(np.isfinite(noise), noise, 0.0))
         return np.asarray(np.abs(self.velocity) > limit)
 
+    @property
+    def durations(self) -> Float:
+        """Time that each sample stands for, shape (N,); gaps do not count. [s]"""
+        step = np.diff(self.stamp_ns, append=self.stamp_ns[-1:]) * NANOSECOND
+        return np.asarray(np.clip(step, 0.0, 5.0 * np.median(step)))
+
     def thinned(self, parts: int = 1) -> Evidence:
         """Return at most `MAX_ROWS` samples, evenly taken.
 

@@ -22,6 +22,7 @@ from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.effort import Effort
 
 MIN_SAMPLES = 80  # moving samples of a joint, below which nothing is said of its torque
+MIN_MOTION = 6.0  # s of it: 24 independent samples of what a model leaves unexplained
 FLOOR = 1e-3  # share of a joint's torque variance that no model explains
 OFFSETS = np.array([-np.pi / 2, -0.8, -0.4, -0.2, -0.1, 0.1, 0.2, 0.4, 0.8, np.pi / 2])  # [rad]
 SCALES = {
@@ -102,8 +103,12 @@ def attempt(evidence: Evidence, like: Trial | None = None) -> Trial:
         moving = evidence.moving
     rigid = _rigid_motor_torque(evidence, joint)
     speed = evidence.drivetrain.motor_velocity_from_joint(evidence.velocity)
+    usable = moving & np.isfinite(evidence.motor_torque) & np.isfinite(rigid)
+    enough = evidence.durations @ usable >= MIN_MOTION
     shares = [
-        _unexplained(evidence.motor_torque[:, j], rigid[:, j], speed[:, j], moving[:, j])
+        _unexplained(evidence.motor_torque[:, j], rigid[:, j], speed[:, j], usable[:, j])
+        if enough[j]
+        else float("nan")
         for j in range(rigid.shape[1])
     ]
     return Trial(evidence, np.array(shares), rigid, joint, moving)
@@ -118,9 +123,8 @@ def _rigid_motor_torque(evidence: Evidence, joint: Float) -> Float:
     return motor + evidence.drivetrain.rotor_inertia * acceleration
 
 
-def _unexplained(measured: Float, rigid: Float, speed: Float, moving: NDArray[np.bool_]) -> float:
+def _unexplained(measured: Float, rigid: Float, speed: Float, rows: NDArray[np.bool_]) -> float:
     """Share of one joint's variance that neither bodies nor friction explain; NaN if unknown."""
-    rows = moving & np.isfinite(measured) & np.isfinite(rigid)
     if int(rows.sum()) < MIN_SAMPLES:
         return float("nan")
     target, speed = measured[rows], speed[rows]

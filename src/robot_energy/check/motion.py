@@ -17,6 +17,7 @@ MAX_SCALE_ERROR = 0.15
 DEGREES = 180.0 / np.pi
 MARGIN = 0.2  # rad beyond a limit of the URDF
 MIN_BEYOND = 0.02  # share of samples beyond a limit
+MIN_REST = 2.0  # s of a joint, below which its noise may be motion
 NEAR = 0.3  # of the logarithm of a factor
 
 
@@ -142,6 +143,8 @@ def _limits(evidence: Evidence, joint: int) -> list[Finding]:
 def _rest(evidence: Evidence) -> list[Finding]:
     """Joints whose noise at rest exceeds the model's standstill velocity."""
     noise = rest_noise(evidence)
+    rested = evidence.durations @ (np.abs(evidence.velocity) < 4.0 * noise) >= MIN_REST
+    noise = np.where(rested, noise, np.nan)
     noisy = [
         (name, float(value), joint.standstill_velocity)
         for name, value, joint in zip(evidence.names, noise, evidence.model.joints, strict=True)

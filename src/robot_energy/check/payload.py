@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from robot_energy.blocks import NANOSECOND, Float
+from robot_energy.blocks import Float
 from robot_energy.check.evidence import Evidence
 from robot_energy.check.hypotheses import FLOOR, MIN_SAMPLES, Cause, Trial
 
@@ -163,6 +163,4 @@ def _motor_regressor(evidence: Evidence) -> Float:
 
 def _independent(evidence: Evidence) -> float:
     """How many samples count as independent ones."""
-    step = np.diff(evidence.stamp_ns) * NANOSECOND
-    span = float(np.clip(step, 0.0, CORRELATION_TIME).sum())
-    return max(span / CORRELATION_TIME, 1.0)
+    return max(float(evidence.durations.sum()) / CORRELATION_TIME, 1.0)

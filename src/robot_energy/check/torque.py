@@ -10,12 +10,20 @@ from robot_energy.blocks import EffortMeaning
 from robot_energy.check import remedies
 from robot_energy.check.evidence import Evidence
 from robot_energy.check.finding import ERROR, NOTE, WARNING, Finding, unjudged
-from robot_energy.check.hypotheses import MIN_SAMPLES, Cause, Trial, attempt, scale_words
+from robot_energy.check.hypotheses import (
+    MIN_MOTION,
+    MIN_SAMPLES,
+    Cause,
+    Trial,
+    attempt,
+    scale_words,
+)
 from robot_energy.check.search import MAX_FACTOR, search
 from robot_energy.check.unseen import unseen_findings
 
 WIDE = 0.1  # of a gear ratio: a deviation from which it is a prior
 MIN_CORRELATION = 0.6  # of measured and body torque, below which a factor means nothing
+LEAST = f"{MIN_MOTION:g} s and {MIN_SAMPLES} samples in motion"
 POOR = 0.5  # share of unexplained torque from which a model does not fit
 
 
@@ -36,7 +44,7 @@ def check_torque(evidence: Evidence, wrong: Sequence[str] = ()) -> tuple[list[Fi
         return [], "the joint states carry no effort"
     thin = evidence.thinned()
     if not bool(np.isfinite(attempt(thin).unexplained).any()):
-        return [], f"no joint has {MIN_SAMPLES} samples in motion with an acceleration"
+        return [], f"no joint has {LEAST} with an acceleration"
     result = search(thin)
     findings = [
         _finding(evidence, cause, share, alike, result.first)
@@ -47,7 +55,7 @@ def check_torque(evidence: Evidence, wrong: Sequence[str] = ()) -> tuple[list[Fi
     unknown = [name for name, share in zip(evidence.names, result.last.unexplained, strict=True)
                if not np.isfinite(share)]  # fmt: skip
     if unknown:
-        why = f"less than {MIN_SAMPLES} samples in motion"
+        why = f"less than {LEAST}"
         findings.append(
             unjudged("torque", tuple(unknown), f"the torque of {', '.join(unknown)}", why)
         )
