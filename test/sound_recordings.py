@@ -33,7 +33,7 @@ MAPPINGS = ROOT / "src/examples/mappings"
 IDENTIFY = ROOT / "src/examples/identify"
 RIG_ROBOTS = ("kr16", "irb4600", "mantis", "testbed", "ur3e", "ur5e", "ur10e")
 RATED = {"kr16": 16, "irb4600": 60, "ur3e": 3, "ur5e": 5, "ur10e": 12.5, "kr300": 300, "tx40": 2}
-RIG_SECONDS = 30.0
+RIG_SECONDS = 25.0
 
 
 @dataclass(frozen=True)

@@ -148,7 +148,8 @@ def main() -> int:
             one = sound(name, Path(folder) if folder else None, Path(made))
             result = check(one.bag, one.model, one.effort)
             loud = [e for e in result.findings if e.severity != "note"]
-            alarms += bool(loud)
+            # That velocities vary at rest is a fact of the recording, which only models state.
+            alarms += any(entry.cause != "standstill_velocity" for entry in loud)
             count: Counter[str] = Counter()
             lines: list[str] = []
             for what, cause, joints, run in trials(one, args.seed + place, Path(made)):

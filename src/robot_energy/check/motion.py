@@ -124,7 +124,8 @@ def _limits(evidence: Evidence, joint: int) -> list[Finding]:
     if beyond < MIN_BEYOND:
         return []
     within = np.all((position / DEGREES > low - MARGIN) & (position / DEGREES < high + MARGIN))
-    degrees = bool(within) and float(np.max(np.abs(position))) > 2 * np.pi
+    far = float(np.max(np.abs(position))) > max(2 * np.pi, 2 * max(abs(low), abs(high)))
+    degrees = bool(within) and far
     cause = "degrees" if degrees else "position_limit"
     return [
         Finding(
