@@ -18,6 +18,7 @@ from robot_energy.presets import ROBOTS
 from ros2_energy_monitor.base.parameter_files import files_without_section, sections
 from ros2_energy_monitor.base.parameters import (
     ConsoleParameters,
+    DashboardParameters,
     EnergyParameters,
     FrictionParameters,
     ParameterError,
@@ -35,6 +36,7 @@ NODES = {
     "energy_monitor": EnergyParameters,
     "virtual_robot": RobotParameters,
     "console": ConsoleParameters,
+    "energy_dashboard": DashboardParameters,
 }
 
 

@@ -40,6 +40,9 @@ EXTRAS = {
     "threadpoolctl": "identify",
     "matplotlib": "report",
     "jinja2": "papers",
+    "starlette": "dashboard",
+    "uvicorn": "dashboard",
+    "prometheus_client": "dashboard",
 }
 COMMANDS = "robot_energy.commands"  # group of entry points: modules with add_parser
 
