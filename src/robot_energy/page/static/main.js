@@ -19,7 +19,14 @@ function silenced(power) {
 
 function withoutLive(shown) {
   const blank = (row) => Object.fromEntries(Object.keys(row).map((key) => [key, key === "name" ? row.name : key === "temperature_source" ? "UNKNOWN" : null]));
-  return { ...shown, means: null, flow: null, joints: shown.joints.map(blank), power: silenced(shown.power) };
+  const alarm = view.connected
+    ? ["no power state arrives; live figures are not shown", "check that a monitor runs, is active, and receives joint states"]
+    : ["this page has no connection to the monitor; live figures are not shown", "check that the dashboard runs and the network reaches it"];
+  const alarms = [
+    { level: "STALE", name: shown.name, message: alarm[0], remedy: alarm[1] },
+    ...shown.alarms.filter((one) => one.name !== shown.name),
+  ];
+  return { ...shown, alarms, means: null, flow: null, joints: shown.joints.map(blank), power: silenced(shown.power) };
 }
 
 function showStatus() {
@@ -54,6 +61,7 @@ function showFlow() {
 }
 
 function showAll() {
+  view.stale = Boolean(stale());
   showStatus();
   if (!view.state) return;
   byId("content").hidden = !robot();
@@ -102,6 +110,7 @@ const handle = {
     });
     if (!whole) refetch();
     if (!robot()) return;
+    if (Boolean(stale()) !== view.stale) return showAll();
     if (view.state.live) showPower(silenced(robot().power));
     showStatus();
     if (performance.now() - view.drawn > DRAW && view.span === "live") showLines();
@@ -165,8 +174,11 @@ async function control(action) {
     const { message } = await act(robot().name, action, action === "reset_registers" ? name || "reset on the page" : name);
     setText(answer, message);
   } catch (error) {
-    setText(answer, error.message === "token" ? "The token is needed: reload the page with it." : "The monitor did not answer.");
-    if (error.message === "token") { await handle.refused(); byId("access").hidden = true; }
+    setText(answer, error.message === "token" ? "The token is needed." : "The monitor did not answer.");
+    if (error.message !== "token") return;
+    await handle.refused();
+    byId("access").hidden = true;
+    await control(action);
   }
 }
 for (const button of document.querySelectorAll("[data-action]")) {
@@ -185,7 +197,7 @@ if (saved) {
   view.state.live = false;
   showAll();
 } else {
-  setInterval(() => { if (stale()) showAll(); }, 500);
+  setInterval(() => { if (Boolean(stale()) !== view.stale) showAll(); }, 250);
   follow(handle);
 }
 if (view.state && !view.state.live) document.querySelector('[data-span="all"]').click();

@@ -74,6 +74,7 @@ export function showTables(robot) {
     ...TIMES.map(([key, label]) => [label, n(duration(registers[key])), n(number(registers[key], 3), registers[key])]),
     ["number of gaps", n(number(registers.gap_count)), n(number(registers.gap_count), registers.gap_count)],
   ] : []);
+  byId("registers").dataset.time = registers?.time ?? "";
   setText(byId("registers-note"), registers
     ? `As of ${clock(registers.time, true)}; ${registers.persisted ? "on disk" : "in memory only"}.` : "No register has arrived.");
   fillRows(byId("shaft"), (registers?.joints ?? []).map((joint) => [
