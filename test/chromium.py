@@ -1,4 +1,4 @@
-"""The page in a real browser: Debian's Chromium and its driver, without any network but loopback."""
+"""The page in a real browser: Chromium and its driver, without any network but loopback."""
 
 from __future__ import annotations
 
@@ -91,8 +91,8 @@ class Browser:
     def flows(self) -> list[list[Any]]:
         """Rows of the table of flows: from, to, text, units."""
         return self.run(
-            "return [...document.querySelectorAll('#flows tbody tr')].map(r => [r.cells[0].textContent,"
-            " r.cells[1].textContent, r.cells[2].textContent, +r.cells[2].dataset.value])"
+            "return [...document.querySelectorAll('#flows tbody tr')].map(r => ["
+            "...[0, 1, 2].map(n => r.cells[n].textContent), +r.cells[2].dataset.value])"
         )
 
     def values(self, table: str) -> dict[str, list[str]]:

@@ -18,7 +18,9 @@ START_NS = 1_700_000_000_000_000_000
 
 
 def batch(msgtype, rows):
-    return RawBatch.from_messages("topic", msgtype, [0] * len(rows), [row.tobytes() for row in rows])
+    return RawBatch.from_messages(
+        "topic", msgtype, [0] * len(rows), [row.tobytes() for row in rows]
+    )
 
 
 def power_states(seconds, power, names=JOINTS, period=0.1, measured=None, **values):

@@ -25,7 +25,12 @@ sys.path.append(str(Path(__file__).resolve().parents[2] / "test"))
 from chromium import Browser, browser, needs_browser
 
 TOKEN = "0123456789abcdef0123"
-READY = "document.getElementById('status').textContent === 'live' && document.querySelector('#flow rect')"
+READY = (
+    "document.getElementById('status').textContent === 'live' "
+    "&& document.querySelector('#flow rect')"
+)
+DASH = "\u2013"
+RESTARTS = ("ERR_CONNECTION_REFUSED", "ERR_INCOMPLETE_CHUNKED", "ERR_CONNECTION_RESET")
 
 
 @pytest.fixture
@@ -88,7 +93,7 @@ def test_figures_job_intervals_and_reset(bench: Any, token_file: str) -> None:
     answer = ask("api/control", {"robot": "robot", "action": "reset_registers", "text": "shift"})
     assert answer["done"], answer
     bench.spin_until(lambda: ask.robot()["registers"]["energy_start"] > start, "the reset")
-    assert f"robot_energy_joules_total{{part=" in ask("metrics")
+    assert "robot_energy_joules_total{part=" in ask("metrics")
 
 
 def test_robots_of_several_namespaces_share_a_page(bench: Any) -> None:
@@ -198,25 +203,25 @@ def test_the_page_in_two_browsers(
         for window in (one, two):
             window.wait("document.getElementById('status').textContent.startsWith('stale')",
                         "the word stale", 3.0)  # fmt: skip
-            assert window.text("power") == "– W"
+            assert window.text("power") == f"{DASH} W"
             cells = window.run(
                 "return [...document.querySelectorAll('#joints tbody td')].map(c => c.textContent)"
             )
-            assert set(cells) == {"–"}
+            assert set(cells) == {DASH}
         assert "What to do" in one.text("alarms")
         nodes.start("energy_monitor", model="kr16")
         one.wait(READY, "figures after a restart of the monitor")
 
         nodes.stop("energy_dashboard")
         two.wait("document.getElementById('status').textContent.startsWith('no connection')", "it")
-        assert two.text("power") == "– W"
+        assert two.text("power") == f"{DASH} W"
         nodes.start("energy_dashboard", port=free_port)
         for window in (one, two):
             window.wait(READY, "figures after a restart of the dashboard")
             window.wait("document.querySelector('#lines path')", "the lines")
         assert one.faults() == []
-        bad = [line for line in one.complaints() if "ERR_CONNECTION_REFUSED" not in line
-               and "ERR_INCOMPLETE_CHUNKED" not in line and "ERR_CONNECTION_RESET" not in line]  # fmt: skip
+        said = one.complaints()
+        bad = [line for line in said if not any(word in line for word in RESTARTS)]
         assert bad == []
 
 
@@ -255,6 +260,10 @@ def test_buttons_ask_for_the_token(
         window.wait("!document.getElementById('access').hidden", "the question for the token")
         window.driver.find_element("id", "token").send_keys(TOKEN)
         window.click("#access button")
-        window.wait("document.getElementById('intervals').textContent.includes('part 8 (open)')", "job")
+        window.wait(
+            "document.getElementById('intervals').textContent.includes('part 8 (open)')", "job"
+        )
         window.click("[data-action=close_interval]")
-        window.wait("document.getElementById('job-note').textContent.startsWith('part 8')", "closed job")
+        window.wait(
+            "document.getElementById('job-note').textContent.startsWith('part 8')", "closed job"
+        )

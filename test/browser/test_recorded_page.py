@@ -3,9 +3,9 @@
 import re
 
 import pytest
+
 from chromium import browser, needs_browser
 from page_messages import power_states, recorded, registers
-
 from robot_energy.page.access import page_access
 from robot_energy.page.hub import PageHub
 from robot_energy.page.saved_page import saved_page
@@ -111,7 +111,9 @@ def test_no_serious_fault_of_accessibility(opened, width, dark):
 
 def test_nothing_is_wider_than_a_phone(opened):
     opened.size(390, 844)
-    opened.wait("document.querySelector('#flow svg').getAttribute('viewBox').split(' ')[2] < 400", "")
+    opened.wait(
+        "document.querySelector('#flow svg').getAttribute('viewBox').split(' ')[2] < 400", ""
+    )
     assert opened.run("return document.documentElement.scrollWidth") == 390
 
 

@@ -101,8 +101,8 @@ MODULES = {
         tool_path tool_timing trajectory_io
     """,
     "robot_energy.page": """
-        access alarms energy_flow event_stream history hub messages metrics recording
-        robot_state saved_page settings web_app web_server
+        access alarms energy_flow event_stream history hub job_rows json_numbers messages
+        metrics recording robot_state saved_page settings web_app web_server
     """,
     "robot_energy.physics": """
         cabinet derivative drive drivetrain effort effort_check equations friction

@@ -122,7 +122,7 @@ class EnergyDashboard(Node):
     def _take_diagnostics(self, message: DiagnosticArray) -> None:
         with self.hub.lock:
             for feed in self._feeds.values():
-                feed.take_statuses(message.status)
+                feed.take_statuses(list(message.status))
 
 
 def main(args: Sequence[str] | None = None) -> int:

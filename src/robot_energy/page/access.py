@@ -56,7 +56,9 @@ class PageAccess:
                 "and all figures travel unencrypted: use a network you trust, or a proxy with TLS"
             )
         if self.allow_control:
-            lines.append("with the token, job intervals can be opened and closed and registers reset")
+            lines.append(
+                "with the token, job intervals can be opened and closed and registers reset"
+            )
         return lines
 
     def knows_host(self, header: str | None) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field
+from typing import Any
 
 from robot_energy.blocks import Quality
 from robot_energy.shown_text import MAX_LINE, shown
@@ -113,6 +114,6 @@ class Finding:
             "check that a monitor runs, is active, and receives joint states",
         )
 
-    def plain(self) -> dict[str, object]:
+    def plain(self) -> dict[str, Any]:
         """Return it as plain values."""
         return asdict(self)

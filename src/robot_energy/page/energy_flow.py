@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 MAX_SHOWN = 5  # digits of the largest flow
 GRID, BUS, CABINET, BRAKE = "grid", "bus", "cabinet", "brake"
@@ -91,6 +92,19 @@ class FlowPicture:
     net: int
     flows: list[Flow]
     labels: dict[str, str]
+
+    def plain(self, base: float = 1.0) -> dict[str, Any]:
+        """Return it as plain values; a size in the displayed unit is ``units`` times ``unit``.
+
+        Args:
+            base: What one displayed unit is, in the unit of the parts.
+        """
+        return {
+            "unit": self.unit / base,
+            "net": self.net,
+            "labels": self.labels,
+            "flows": [[flow.source, flow.target, flow.units] for flow in self.flows],
+        }
 
 
 def rounded_parts(parts: Sequence[float], unit: float) -> list[int]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -56,7 +57,7 @@ class HistoryRing:
         """
         backward = np.flatnonzero(np.diff(stamp_ns) < 0) + 1
         cuts = [0, *backward.tolist(), len(stamp_ns)]
-        for start, stop in zip(cuts[:-1], cuts[1:], strict=True):
+        for start, stop in pairwise(cuts):
             part = slice(start, stop)
             self._add(stamp_ns[part], power[part], period[part])
 

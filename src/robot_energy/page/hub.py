@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import threading
 from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass, field
 from typing import Any
 
+from robot_energy.page.json_numbers import json_text
 from robot_energy.page.robot_state import RobotState
 from robot_energy.page.settings import PageSettings
 
@@ -113,11 +113,6 @@ class PageHub:
             "number": self.events.number,
             "robots": [robot.snapshot(now) for robot in self.robots.values()],
         }
-
-
-def json_text(values: Any) -> str:
-    """Return compact JSON; a number that JSON lacks is an error of this package."""
-    return json.dumps(values, allow_nan=False, separators=(",", ":"))
 
 
 def _event(name: str, values: Any) -> bytes:

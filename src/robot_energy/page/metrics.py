@@ -5,20 +5,20 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 from prometheus_client.core import (
     CollectorRegistry,
     CounterMetricFamily,
     GaugeMetricFamily,
 )
-from prometheus_client.openmetrics.exposition import CONTENT_TYPE_LATEST, generate_latest
+from prometheus_client.openmetrics import exposition
 from prometheus_client.registry import Collector
 
 from robot_energy.blocks import Phase
 from robot_energy.page.hub import PageHub
 
-OPENMETRICS = CONTENT_TYPE_LATEST
+OPENMETRICS = exposition.CONTENT_TYPE_LATEST
 Labels = tuple[str, ...]
 
 
@@ -104,7 +104,8 @@ def metrics_text(hub: PageHub, now: float) -> bytes:
     """
     registry = CollectorRegistry()
     registry.register(_Robots(hub.state(now, history=False)["robots"]))
-    return generate_latest(registry)
+    written: bytes = cast("Any", exposition).generate_latest(registry)
+    return written
 
 
 class _Robots(Collector):
@@ -147,7 +148,8 @@ def _counters(registers: Mapping[str, Any]) -> Iterator[Sample]:
 
 
 def _gauges(robot: Mapping[str, Any]) -> Iterator[Sample]:
-    power, means, registers = robot["power"], robot["means"] or {}, robot["registers"]
+    power, registers = robot["power"], robot["registers"]
+    means: dict[str, Any] = robot["means"] or {}
     for source, name in SOURCES.items():
         yield "robot_power_watts", (source,), power.get(name)
     for part in PARTS:

@@ -58,7 +58,9 @@ class RecordedPage:
     def take(self, output: Output) -> None:
         """Take what one step of the pipeline gave; for ``on_output`` of a replay."""
         if output.friction is not None:
-            self._robot.take_friction(_batch(JOINT_FRICTION, self._friction.encode(output.friction)))
+            self._robot.take_friction(
+                _batch(JOINT_FRICTION, self._friction.encode(output.friction))
+            )
         if output.meter is not None:
             self._location = output.meter.location
         if output.means is not None:

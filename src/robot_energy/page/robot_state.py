@@ -12,8 +12,10 @@ import numpy as np
 from robot_energy.blocks import NANOSECOND, Float, MeterLocation, Phase, Quality, TemperatureOrigin
 from robot_energy.cdr import RawBatch, Run, stamp_ns
 from robot_energy.page.alarms import QUALITY_REMEDIES, Finding
-from robot_energy.page.energy_flow import FlowParts, FlowPicture, flow_picture
+from robot_energy.page.energy_flow import FlowParts, flow_picture
 from robot_energy.page.history import HistoryRing
+from robot_energy.page.job_rows import job_rows, last_job
+from robot_energy.page.json_numbers import plain
 from robot_energy.page.messages import (
     ENERGIES,
     JOINT_ENERGIES,
@@ -32,7 +34,6 @@ JOULE_PER_WH = 3600.0
 STALE_AFTER = 2.0  # without power states all live figures are stale [s]
 MEAN_OVER = 1.0  # of the powers in tables and in the flow picture [s]
 MAX_FINDINGS = 64  # statuses kept, so that ever new names cannot fill the memory
-MAX_INTERVALS = 20  # shown, the newest first
 LIVE_WIDTH, HOUR_WIDTH = 0.2, 6.0  # of a bucket [s]; 600 of them: two minutes, one hour
 
 
@@ -187,7 +188,7 @@ class RobotState:
             "buckets": {name: ring.table(2) for name, ring in self.rings.items() if name != "live"},
             "alarms": self._alarms(seen),
             "findings": [finding.plain() for finding in self._findings.values()],
-            "intervals": self._interval_values(),
+            "intervals": None if self._intervals is None else job_rows(self._intervals),
         }
 
     def _take_run(self, run: Run) -> None:
@@ -256,30 +257,30 @@ class RobotState:
         if mean is None:
             return None
         n = len(self._joint_names)
-        axes = mean[: 3 * n].reshape(3, n).tolist()
-        return _flow(flow_picture(FlowParts(self._shown_names(), *axes, *mean[3 * n :][:5])), 1.0)
+        rigid, friction, loss = mean[: 3 * n].reshape(3, n).tolist()
+        totals = mean[3 * n :][: len(TOTALS)].tolist()
+        parts = FlowParts(self._shown_names(), rigid, friction, loss, *totals)
+        picture = flow_picture(parts)
+        return None if picture is None else picture.plain()
 
     def _energy_flow(self) -> dict[str, Any] | None:
         found = self._registers
         if found is None:
             return None
         joints = found["joints"]
-        fields = ("rigid_energy", "friction_energy", "drive_loss_energy")
-        return _flow(
-            flow_picture(
-                FlowParts(
-                    [shown(joint["name"]) for joint in joints],
-                    *([joint[name] for joint in joints] for name in fields),
-                    loss_dc=found["loss_dc_energy"],
-                    loss_grid=found["loss_grid_energy"],
-                    brake=found["brake_energy"],
-                    capacitor=found["capacitor_energy"],
-                    returned=found["predicted_return_energy"],
-                ),
-                JOULE_PER_WH,
-            ),
-            JOULE_PER_WH,
+        parts = FlowParts(
+            [shown(joint["name"]) for joint in joints],
+            [joint["rigid_energy"] for joint in joints],
+            [joint["friction_energy"] for joint in joints],
+            [joint["drive_loss_energy"] for joint in joints],
+            loss_dc=found["loss_dc_energy"],
+            loss_grid=found["loss_grid_energy"],
+            brake=found["brake_energy"],
+            capacitor=found["capacitor_energy"],
+            returned=found["predicted_return_energy"],
         )
+        picture = flow_picture(parts, JOULE_PER_WH)
+        return None if picture is None else picture.plain(JOULE_PER_WH)
 
     def _shown_names(self) -> list[str]:
         return [shown(name) for name in self._joint_names]
@@ -350,49 +351,10 @@ class RobotState:
             "co2": None if factor is None else plain(energy / JOULE_PER_KWH * factor),
             "co2_factor": factor,
             "co2_source": self._settings.co2_source,
-            "job": self._job(),
+            "job": last_job(self._intervals or ()),
         }
 
-    def _job(self) -> dict[str, Any] | None:
-        """The last closed job interval, and the mean of those with its name."""
-        closed = [one for one in self._intervals or () if not one["is_open"]]
-        if not closed:
-            return None
-        last = closed[-1]
-        same = [one["predicted_import_energy"] for one in closed if one["name"] == last["name"]]
-        return {
-            "name": shown(last["name"]),
-            "energy": plain(last["predicted_import_energy"]),
-            "mean": plain(math.fsum(same) / len(same)),
-            "count": len(same),
-        }
-
-    def _interval_values(self) -> list[dict[str, Any]] | None:
-        if self._intervals is None:
-            return None
-        newest = self._intervals[-MAX_INTERVALS:][::-1]
-        return [
-            {
-                "id": int(one["id"]),
-                "name": shown(one["name"]),
-                "is_open": bool(one["is_open"]),
-                "start": one["start_ns"] * NANOSECOND,
-                "seconds": plain(one["observed_time"] + one["gap_time"]),
-                **{
-                    name: plain(one[name])
-                    for name in (
-                        "predicted_import_energy",
-                        "measured_energy",
-                        "predicted_energy_at_meter",
-                        "coverage",
-                        "predicted_peak_power",
-                    )
-                },
-            }
-            for one in newest
-        ]
-
-    def _alarms(self, seen: bool) -> list[dict[str, str]]:
+    def _alarms(self, seen: bool) -> list[dict[str, Any]]:
         """What is wrong now: findings of the nodes above OK, then the quality bits in force."""
         alarms = [one.plain() for one in self._findings.values() if one.level != "OK"]
         if not seen and self._live and self._received is not None:
@@ -402,27 +364,3 @@ class RobotState:
             if bit in quality:
                 alarms.append(Finding("WARN", bit.name or "", message, remedy).plain())
         return alarms
-
-
-def plain(value: float | None, digits: int | None = None) -> float | None:
-    """Return a number that JSON has: None for NaN and infinity, rounded to some digits.
-
-    Args:
-        value: A number or None.
-        digits: Significant digits; None for all.
-    """
-    if value is None or not math.isfinite(value):
-        return None
-    return float(value) if digits is None else float(f"{value:.{digits}g}")
-
-
-def _flow(picture: FlowPicture | None, base: float) -> dict[str, Any] | None:
-    """The flows as plain values; sizes in the displayed unit are ``units * unit``."""
-    if picture is None:
-        return None
-    return {
-        "unit": picture.unit / base,
-        "net": picture.net,
-        "labels": picture.labels,
-        "flows": [[flow.source, flow.target, flow.units] for flow in picture.flows],
-    }

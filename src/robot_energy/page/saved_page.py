@@ -11,7 +11,7 @@ from functools import cache
 from importlib.resources import files
 from typing import Any
 
-from robot_energy.page.hub import json_text
+from robot_energy.page.json_numbers import json_text
 
 SCRIPTS = ("format.js", "flow.js", "lines.js", "tables.js", "stream.js", "main.js")
 FILES = {

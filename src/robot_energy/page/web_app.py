@@ -16,7 +16,8 @@ from starlette.types import Message, Receive, Scope, Send
 
 from robot_energy.page.access import PageAccess
 from robot_energy.page.event_stream import EventStream
-from robot_energy.page.hub import ACTIONS, PageHub, json_text
+from robot_energy.page.hub import ACTIONS, PageHub
+from robot_energy.page.json_numbers import json_text
 from robot_energy.page.metrics import OPENMETRICS, metrics_text
 from robot_energy.page.saved_page import FILES, saved_page, static_file
 
@@ -37,6 +38,7 @@ HEADERS = {
     "cache-control": "no-store",
 }
 OPEN_PATHS = frozenset(FILES)  # hold no figures; everything else needs the token where there is one
+
 
 class PageApp:
     """ASGI application of one page.

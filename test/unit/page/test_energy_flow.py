@@ -44,7 +44,9 @@ def test_every_inner_node_gives_what_it_takes(axes, loss_dc, loss_grid, brake, c
             assert into[node] == out[node], node
     assert out.get("grid", 0) - into.get("grid_back", 0) == picture.net
     assert abs(picture.net * picture.unit - math.fsum(given_parts.terms)) <= picture.unit
-    assert set(picture.labels) == {node for flow in picture.flows for node in (flow.source, flow.target)}
+    assert set(picture.labels) == {
+        node for flow in picture.flows for node in (flow.source, flow.target)
+    }
 
 
 def test_a_braking_axis_is_a_source():
@@ -85,11 +87,14 @@ def test_an_unknown_term_gives_no_picture():
 def test_rounded_parts_sum_to_the_rounded_sum(values):
     whole = rounded_parts(values, 0.01)
     assert sum(whole) == round(math.fsum(value / 0.01 for value in values))
-    assert all(abs(unit - value / 0.01) < 1.0 + 1e-6 for unit, value in zip(whole, values, strict=True))
+    assert all(
+        abs(unit - value / 0.01) < 1.0 + 1e-6 for unit, value in zip(whole, values, strict=True)
+    )
 
 
 @pytest.mark.parametrize(
-    ("largest", "unit"), [(0.0, 1.0), (12345.0, 1.0), (1234.0, 1.0), (610.0, 0.1), (14.72, 0.01), (0.5, 0.001)]
+    ("largest", "unit"),
+    [(0.0, 1.0), (12345.0, 1.0), (1234.0, 1.0), (610.0, 0.1), (14.72, 0.01), (0.5, 0.001)],
 )
 def test_units_leave_few_digits(largest, unit):
     assert unit_for(largest) == pytest.approx(unit)

@@ -1,5 +1,7 @@
 """Rings keep every peak and every joule of their time, however the input is cut."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -26,7 +28,7 @@ def test_any_cutting_gives_the_same_ring(cuts, whole):
     once, cut = HistoryRing(0.2, 2, whole), HistoryRing(0.2, 2, whole)
     once.add(stamp, power, period)
     bounds = [0, *sorted(cuts), 500]
-    for start, stop in zip(bounds[:-1], bounds[1:], strict=True):
+    for start, stop in pairwise(bounds):
         cut.add(stamp[start:stop], power[start:stop], period[start:stop])
     assert plain(once) == plain(cut)
 

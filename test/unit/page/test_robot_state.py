@@ -5,11 +5,12 @@ import math
 
 import numpy as np
 import pytest
-from page_messages import JOINTS, power_states, recorded, registers
 
+from page_messages import JOINTS, power_states, recorded, registers
 from robot_energy.blocks import Quality
 from robot_energy.page.alarms import QUALITY_REMEDIES, Finding
-from robot_energy.page.hub import MAX_ROBOTS, PageHub, json_text
+from robot_energy.page.hub import MAX_ROBOTS, PageHub
+from robot_energy.page.json_numbers import json_text
 from robot_energy.page.robot_state import STALE_AFTER, RobotState
 from robot_energy.page.settings import PageSettings
 
@@ -37,7 +38,12 @@ def test_what_is_stale_is_not_shown_as_a_figure(state):
     assert not state.stale(late - 0.02)
     found = state.snapshot(late)
     assert found["power"]["stale"]
-    live = [found["power"]["predicted_grid_power"], found["flow"], found["means"], found["coverage"]]
+    live = [
+        found["power"]["predicted_grid_power"],
+        found["flow"],
+        found["means"],
+        found["coverage"],
+    ]
     assert live == [None] * 4
     for joint in found["joints"]:
         assert {joint[name] for name in ("friction_power", "motor_torque", "viscous")} == {None}
@@ -134,7 +140,9 @@ def test_a_recording_shows_the_totals_of_its_replay():
     assert robot["meter"] == "GRID"
     span = robot["spans"]["all"]
     assert span["energy"] == pytest.approx(cabinet("grid_import"), rel=1e-9)
-    assert sum(phase["energy"] for phase in robot["phases"]) == pytest.approx(span["energy"], rel=1e-6)
+    assert sum(phase["energy"] for phase in robot["phases"]) == pytest.approx(
+        span["energy"], rel=1e-6
+    )
     assert not robot["power"]["stale"]
     assert robot["joints"][0]["temperature_source"] == "MEASURED"
     flow = robot["energy_flow"]

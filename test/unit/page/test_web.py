@@ -8,9 +8,9 @@ from concurrent.futures import Future
 import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
+
 from page_client import answer_to, connected, request, state_of, wait_until
 from page_messages import power_states, registers
-
 from robot_energy.errors import PageError
 from robot_energy.page import web_server
 from robot_energy.page.access import page_access
@@ -94,8 +94,11 @@ def test_requests_of_other_pages_are_refused(serve):
 
 @pytest.mark.parametrize(
     "path",
-    ["/../etc/passwd", "/..%2f..%2fetc/passwd", "/static/../access.py", "//etc/passwd", "/page.css/",
-     "/%2e%2e/x", "/hub.py", "/.git/config", "/index.html%00.css", "/api", "/api/control"],
+    [
+        "/../etc/passwd", "/..%2f..%2fetc/passwd", "/static/../access.py", "//etc/passwd",
+        "/page.css/", "/%2e%2e/x", "/hub.py", "/.git/config", "/index.html%00.css", "/api",
+        "/api/control",
+    ],
 )  # fmt: skip
 def test_nothing_outside_the_page_is_served(serve, path):
     assert request(serve(), path)[0] == 404
@@ -278,7 +281,9 @@ REQUESTS = st.one_of(
         ),
         st.sampled_from([b"GET", b"HEAD", b"POST", b"PUT", b"X"]),
         st.one_of(
-            st.sampled_from([b"/", b"/metrics", b"/api/state", b"*", b"http://localhost/", b"/%ff%00"]),
+            st.sampled_from(
+                [b"/", b"/metrics", b"/api/state", b"*", b"http://localhost/", b"/%ff%00"]
+            ),
             st.text(st.characters(min_codepoint=33, max_codepoint=126), max_size=40).map(
                 lambda text: b"/" + text.encode()
             ),
@@ -302,11 +307,15 @@ def one_page():
 @given(data=REQUESTS)
 @example(data=b"GET / HTTP/1.1\r\nHost: localhost\r\nHost: evil\r\n\r\n")
 @example(data=b"GET / HTTP/1.1\r\nHost: localhost\r\nX: " + b"a" * 20_000 + b"\r\n\r\n")
-@example(data=b"GET / HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n\r\n")
+@example(
+    data=b"GET / HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n\r\n"
+)
 @example(data=b"POST /api/control HTTP/1.1\r\nHost: localhost\r\nContent-Length: 99\r\n\r\nx")
 @example(data=b"GET / HTTP/1.1\r\nHost: [::1\r\n\r\n")
 @example(data=b"GET http://[/ HTTP/1.1\r\nHost: localhost\r\n\r\n")
-@example(data=b"GET /api/state HTTP/1.1\r\nHost: localhost:port\r\nAuthorization: Bearer \xff\r\n\r\n")
+@example(
+    data=b"GET /api/state HTTP/1.1\r\nHost: localhost:port\r\nAuthorization: Bearer \xff\r\n\r\n"
+)
 def test_no_request_makes_the_server_fail(one_page, data):
     found = answer_to(one_page, data)
     assert not found.startswith(b"HTTP/1.1 5"), found
