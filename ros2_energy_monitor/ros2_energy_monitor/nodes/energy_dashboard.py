@@ -126,7 +126,14 @@ class EnergyDashboard(Node):
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until it is interrupted."""
+    """Run the node until it is interrupted.
+
+    Args:
+        args: Command line; None for that of the process.
+
+    Returns:
+        The exit code, as of `run`.
+    """
     return run(EnergyDashboard, args)
 
 

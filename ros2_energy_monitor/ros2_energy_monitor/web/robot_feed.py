@@ -12,7 +12,7 @@ from rclpy.node import Node
 from ros2_energy_msgs.msg import EnergyInterval, EnergyRegisters, JointFriction, PowerState
 from ros2_energy_msgs.srv import CloseInterval, ListIntervals, OpenInterval, ResetRegisters
 
-from robot_energy.page.alarms import Finding
+from robot_energy.page.alarms import PageFinding
 from robot_energy.page.robot_state import RobotState
 from robot_energy.timeline.stamps import SECOND_NS
 from ros2_energy_monitor.base.inbox import Inbox
@@ -102,10 +102,14 @@ class RobotFeed:
         client.call_async(request).add_done_callback(done)
 
     def take_statuses(self, statuses: Sequence[DiagnosticStatus]) -> None:
-        """Take the diagnostic statuses of this robot's monitors; those of others are left out."""
+        """Take the diagnostic statuses of this robot's monitors; those of others are left out.
+
+        Args:
+            statuses: Of one message.
+        """
         self.state.take_findings(
             [
-                Finding.of_status(
+                PageFinding.of_status(
                     int.from_bytes(status.level, "little"),
                     status.name,
                     status.message,

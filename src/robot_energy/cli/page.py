@@ -20,7 +20,11 @@ _port = number_type("port (0 to 65535)", 0.0, 65535.0)
 
 
 def add_page(parser: ArgumentParser) -> None:
-    """Add the options of the page."""
+    """Add the options of the page.
+
+    Args:
+        parser: Of a command that replays one bag.
+    """
     group = parser.add_argument_group("energy page")
     group.add_argument(
         "--serve", action="store_true", help="show the energy page in a browser until Ctrl-C"

@@ -46,7 +46,11 @@ class PageAccess:
         return not self.loopback
 
     def sentences(self, url: str) -> list[str]:
-        """Return what the start says: the address, and what becomes readable and by whom."""
+        """Return what the start says: the address, and what becomes readable and by whom.
+
+        Args:
+            url: Address of the page.
+        """
         lines = [f"energy page at {url}"]
         if self.loopback:
             lines.append("only this computer can open it")
@@ -62,15 +66,28 @@ class PageAccess:
         return lines
 
     def knows_host(self, header: str | None) -> bool:
-        """Whether a Host header names this page; another is a rebound name of a foreign site."""
+        """Whether a Host header names this page; another is a rebound name of a foreign site.
+
+        Args:
+            header: The header; None for none.
+        """
         return header is not None and _name(header) in self.hosts
 
     def same_origin(self, origin: str | None, host: str | None) -> bool:
-        """Whether a request comes from this page or from no page at all."""
+        """Whether a request comes from this page or from no page at all.
+
+        Args:
+            origin: The Origin header; None for none.
+            host: The Host header.
+        """
         return origin is None or origin.lower() == f"http://{host}".lower()
 
     def permits(self, authorization: str | None) -> bool:
-        """Whether an Authorization header states the token."""
+        """Whether an Authorization header states the token.
+
+        Args:
+            authorization: The header; None for none.
+        """
         if not self.token or authorization is None:
             return False
         kind, _, given = authorization.partition(" ")
@@ -93,6 +110,9 @@ def page_access(
         token_file: File with the token; empty for none.
         allow_control: Whether buttons and their routes exist.
         hosts: Further names in the Host header that are served.
+
+    Returns:
+        The rules.
 
     Raises:
         PageError: If the address is none, or a token is needed and missing or too weak.

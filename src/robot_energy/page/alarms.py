@@ -65,7 +65,7 @@ SUBJECT_REMEDIES = {
 
 
 @dataclass(frozen=True)
-class Finding:
+class PageFinding:
     """One status, with what to do about it.
 
     Attributes:
@@ -83,7 +83,7 @@ class Finding:
     values: dict[str, str] = field(default_factory=dict[str, str])
 
     @classmethod
-    def of_status(cls, level: int, name: str, message: str, values: dict[str, str]) -> Finding:
+    def of_status(cls, level: int, name: str, message: str, values: dict[str, str]) -> PageFinding:
         """Return the finding of a diagnostic status; texts are made safe to show.
 
         Args:
@@ -105,8 +105,12 @@ class Finding:
         )
 
     @classmethod
-    def no_power(cls, robot: str) -> Finding:
-        """Return the finding that no power state arrives."""
+    def no_power(cls, robot: str) -> PageFinding:
+        """Return the finding that no power state arrives.
+
+        Args:
+            robot: Name of the robot.
+        """
         return cls(
             "STALE",
             robot,

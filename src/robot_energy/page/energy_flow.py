@@ -97,7 +97,7 @@ class FlowPicture:
         """Return it as plain values; a size in the displayed unit is ``units`` times ``unit``.
 
         Args:
-            base: What one displayed unit is, in the unit of the parts.
+            base: What one displayed unit is, in the unit of the parts. [W] or [J]
         """
         return {
             "unit": self.unit / base,
@@ -111,8 +111,8 @@ def rounded_parts(parts: Sequence[float], unit: float) -> list[int]:
     """Round parts to whole units that sum to the rounded sum (largest remainder).
 
     Args:
-        parts: Finite terms of a sum, of any sign.
-        unit: Size of a unit, > 0.
+        parts: Finite terms of a sum, of any sign. [W] or [J]
+        unit: Size of a unit, > 0. [W] or [J]
 
     Returns:
         Whole units; each is less than one unit from its part.
@@ -130,8 +130,8 @@ def unit_for(largest: float, base: float = 1.0) -> float:
     """Return a unit, a power of ten times ``base``, in which a size has a readable digit count.
 
     Args:
-        largest: The largest size shown.
-        base: What one displayed unit is, such as 3600 for a size in J shown in Wh.
+        largest: The largest size shown. [W] or [J]
+        base: What one displayed unit is, such as 3600 for a size in J shown in Wh. [W] or [J]
 
     Returns:
         The unit: ``MAX_SHOWN`` - 1 or fewer digits, at most three after the point.
@@ -150,7 +150,7 @@ def flow_picture(parts: FlowParts, base: float = 1.0) -> FlowPicture | None:
 
     Args:
         parts: The terms.
-        base: As of `unit_for`.
+        base: As of `unit_for`. [W] or [J]
 
     Returns:
         The flows; None where a term is unknown.

@@ -66,7 +66,11 @@ class PageHub:
     _state_due: float = 0.0
 
     def robot(self, name: str) -> RobotState | None:
-        """Return the state of a robot, new if there is room; None beyond `MAX_ROBOTS`."""
+        """Return the state of a robot, new if there is room; None beyond `MAX_ROBOTS`.
+
+        Args:
+            name: Its namespace.
+        """
         if name not in self.robots and len(self.robots) < MAX_ROBOTS:
             self.robots[name] = RobotState(name, self.settings, self.live)
         return self.robots.get(name)

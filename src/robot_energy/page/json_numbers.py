@@ -11,7 +11,7 @@ def plain(value: float | None, digits: int | None = None) -> float | None:
     """Return a number that JSON has: None for NaN and infinity, rounded to some digits.
 
     Args:
-        value: A number or None.
+        value: A number or None, in any unit. [-]
         digits: Significant digits; None for all.
     """
     if value is None or not math.isfinite(value):
@@ -20,5 +20,9 @@ def plain(value: float | None, digits: int | None = None) -> float | None:
 
 
 def json_text(values: Any) -> str:
-    """Return compact JSON; a number that JSON lacks is an error of this package."""
+    """Return compact JSON; a number that JSON lacks is an error of this package.
+
+    Args:
+        values: Plain values.
+    """
     return json.dumps(values, allow_nan=False, separators=(",", ":"))

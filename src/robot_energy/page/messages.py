@@ -66,11 +66,19 @@ class PageReaders:
         )  # fmt: skip
 
     def power(self, batch: RawBatch) -> list[Run]:
-        """Return the usable power states of a batch; those of one model and joint list a run."""
+        """Return the usable power states of a batch; those of one model and joint list a run.
+
+        Args:
+            batch: The messages.
+        """
         return _usable(self._power, batch, "joints.name")
 
     def registers(self, batch: RawBatch) -> dict[str, Any] | None:
-        """Return the fields of the newest usable register message, or None."""
+        """Return the fields of the newest usable register message, or None.
+
+        Args:
+            batch: The messages.
+        """
         runs = _usable(self._registers, batch, "joints.name")
         if not runs:
             return None
@@ -95,7 +103,11 @@ class PageReaders:
         }
 
     def friction(self, batch: RawBatch) -> dict[str, dict[str, Any]] | None:
-        """Return the newest friction of each joint by its name, or None."""
+        """Return the newest friction of each joint by its name, or None.
+
+        Args:
+            batch: The messages.
+        """
         runs = _usable(self._friction, batch, "joint_names")
         if not runs:
             return None

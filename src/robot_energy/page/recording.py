@@ -21,7 +21,7 @@ from robot_energy.messages.friction import JOINT_FRICTION
 from robot_energy.messages.power import POWER_STATE
 from robot_energy.messages.registers import ENERGY_REGISTERS
 from robot_energy.model import RobotModel
-from robot_energy.page.alarms import Finding
+from robot_energy.page.alarms import PageFinding
 from robot_energy.page.hub import PageHub
 from robot_energy.page.robot_state import RobotState
 from robot_energy.page.settings import PageSettings
@@ -56,7 +56,11 @@ class RecordedPage:
         self._location = MeterLocation.UNKNOWN
 
     def take(self, output: Output) -> None:
-        """Take what one step of the pipeline gave; for ``on_output`` of a replay."""
+        """Take what one step of the pipeline gave; for ``on_output`` of a replay.
+
+        Args:
+            output: Of the step.
+        """
         if output.friction is not None:
             self._robot.take_friction(
                 _batch(JOINT_FRICTION, self._friction.encode(output.friction))
@@ -68,7 +72,11 @@ class RecordedPage:
             self._robot.take_power(_batch(POWER_STATE, rows), 0.0)
 
     def finish(self, result: Replay) -> None:
-        """Take the registers, job intervals and remarks of the whole recording."""
+        """Take the registers, job intervals and remarks of the whole recording.
+
+        Args:
+            result: Of the replay.
+        """
         ledger = result.ledger
         rows = self._registers.encode(ledger)
         if rows is not None:
@@ -76,8 +84,10 @@ class RecordedPage:
         self._robot.take_intervals(
             [interval_fields(one, self._names) for one in ledger.list_intervals()]
         )
-        bad = [Finding("ERROR", f"bag {n}", said, BAD_BAG) for n, said in _counted(result.problems)]
-        notes = [Finding("OK", f"note {n}", said) for n, said in _counted(result.notes)]
+        bad = [
+            PageFinding("ERROR", f"bag {n}", said, BAD_BAG) for n, said in _counted(result.problems)
+        ]
+        notes = [PageFinding("OK", f"note {n}", said) for n, said in _counted(result.notes)]
         self._robot.take_findings([*bad, *notes])
         self.hub.tick(0.0)
 

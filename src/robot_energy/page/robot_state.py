@@ -11,7 +11,7 @@ import numpy as np
 
 from robot_energy.blocks import NANOSECOND, Float, MeterLocation, Phase, Quality, TemperatureOrigin
 from robot_energy.cdr import RawBatch, Run, stamp_ns
-from robot_energy.page.alarms import QUALITY_REMEDIES, Finding
+from robot_energy.page.alarms import QUALITY_REMEDIES, PageFinding
 from robot_energy.page.energy_flow import FlowParts, flow_picture
 from robot_energy.page.history import HistoryRing
 from robot_energy.page.job_rows import job_rows, last_job
@@ -77,7 +77,7 @@ class RobotState:
         self._phase_energy = np.zeros(len(Phase))
         self._friction: dict[str, dict[str, Any]] = {}
         self._registers: dict[str, Any] | None = None
-        self._findings: dict[str, Finding] = {}
+        self._findings: dict[str, PageFinding] = {}
         self._intervals: list[dict[str, Any]] | None = None
         self._cost = CostCounter(settings)
 
@@ -93,26 +93,42 @@ class RobotState:
             self._received = now
 
     def take_registers(self, batch: RawBatch) -> None:
-        """Take energy registers; the newest counts."""
+        """Take energy registers; the newest counts.
+
+        Args:
+            batch: The messages.
+        """
         found = self._readers.registers(batch)
         if found is not None:
             self._registers = found
             self._cost.add(found["start_ns"], found["stamp_ns"], found["predicted_import_energy"])
 
     def take_friction(self, batch: RawBatch) -> None:
-        """Take friction coefficients; the newest count."""
+        """Take friction coefficients; the newest count.
+
+        Args:
+            batch: The messages.
+        """
         found = self._readers.friction(batch)
         if found is not None:
             self._friction = found
 
-    def take_findings(self, findings: Sequence[Finding]) -> None:
-        """Take diagnostic statuses, each in place of the one before it of the same name."""
+    def take_findings(self, findings: Sequence[PageFinding]) -> None:
+        """Take diagnostic statuses, each in place of the one before it of the same name.
+
+        Args:
+            findings: The statuses.
+        """
         for finding in findings:
             if finding.name in self._findings or len(self._findings) < MAX_FINDINGS:
                 self._findings[finding.name] = finding
 
     def take_intervals(self, intervals: Sequence[dict[str, Any]]) -> None:
-        """Take the list of job intervals, with the fields of `interval_fields`, newest last."""
+        """Take the list of job intervals.
+
+        Args:
+            intervals: Each with the fields of `interval_fields`, newest last.
+        """
         self._intervals = list(intervals)
 
     def stale(self, now: float) -> bool:
@@ -129,7 +145,11 @@ class RobotState:
         return self._registers
 
     def power(self, now: float) -> dict[str, Any]:
-        """Return the few figures that change several times a second, as plain values."""
+        """Return the few figures that change several times a second, as plain values.
+
+        Args:
+            now: As of `take_power`. [s]
+        """
         newest = self._newest
         stale = self.stale(now)
         if newest is None:
@@ -358,9 +378,9 @@ class RobotState:
         """What is wrong now: findings of the nodes above OK, then the quality bits in force."""
         alarms = [one.plain() for one in self._findings.values() if one.level != "OK"]
         if not seen and self._live and self._received is not None:
-            alarms.insert(0, Finding.no_power(self.name).plain())
+            alarms.insert(0, PageFinding.no_power(self.name).plain())
         quality = Quality(self._newest["quality"]) if seen and self._newest else Quality.OK
         for bit, (message, remedy) in QUALITY_REMEDIES.items():
             if bit in quality:
-                alarms.append(Finding("WARN", bit.name or "", message, remedy).plain())
+                alarms.append(PageFinding("WARN", bit.name or "", message, remedy).plain())
         return alarms

@@ -42,7 +42,11 @@ class PricePeriod(_Strict):
     price_per_kwh: Price
 
     def holds(self, local: datetime) -> bool:
-        """Return whether the period holds at a local time."""
+        """Return whether the period holds at a local time.
+
+        Args:
+            local: The time in the time zone of the settings.
+        """
         minute = 60 * local.hour + local.minute
         begin, end = _minute(self.begin), _minute(self.end)
         today = DAYS[local.weekday()] in self.days
@@ -160,6 +164,9 @@ def load_settings(path: str) -> PageSettings:
 
     Args:
         path: A YAML file; empty for the defaults.
+
+    Returns:
+        The settings.
 
     Raises:
         PageError: If the file cannot be read or used.

@@ -30,7 +30,11 @@ class BoundedProtocol(H11Protocol):
     _reading: asyncio.TimerHandle | None = None
 
     def connection_made(self, transport: Any) -> None:
-        """Take a connection, unless there are too many."""
+        """Take a connection, unless there are too many.
+
+        Args:
+            transport: Of the connection.
+        """
         super().connection_made(transport)
         if len(self.connections) > MAX_CONNECTIONS:
             transport.abort()
@@ -38,7 +42,11 @@ class BoundedProtocol(H11Protocol):
         self._expect_request()
 
     def data_received(self, data: bytes) -> None:
-        """Take bytes; a request has a limited time from its first byte to its last."""
+        """Take bytes; a request has a limited time from its first byte to its last.
+
+        Args:
+            data: What has arrived.
+        """
         super().data_received(data)
         cycle: Any = self.cycle  # None before the first request
         if cycle is not None and not cycle.response_complete:
@@ -62,7 +70,11 @@ class BoundedProtocol(H11Protocol):
         super().resume_writing()
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Forget the timers."""
+        """Forget the timers.
+
+        Args:
+            exc: Why the connection ended; None after an orderly end.
+        """
         self._deadline, self._reading = _cancelled(self._deadline), _cancelled(self._reading)
         super().connection_lost(exc)
 

@@ -8,7 +8,7 @@ import pytest
 
 from page_messages import JOINTS, power_states, recorded, registers
 from robot_energy.blocks import Quality
-from robot_energy.page.alarms import QUALITY_REMEDIES, Finding
+from robot_energy.page.alarms import QUALITY_REMEDIES, PageFinding
 from robot_energy.page.hub import MAX_ROBOTS, PageHub
 from robot_energy.page.json_numbers import json_text
 from robot_energy.page.robot_state import STALE_AFTER, RobotState
@@ -87,12 +87,12 @@ def test_every_quality_bit_that_asks_for_something_has_a_remedy():
 
 def test_findings_are_bounded_and_safe(state):
     state.take_findings(
-        [Finding.of_status(2, f"n{k}: x", "\x1b[31m" * 2000, {"k": "\n"}) for k in range(500)]
+        [PageFinding.of_status(2, f"n{k}: x", "\x1b[31m" * 2000, {"k": "\n"}) for k in range(500)]
     )
     found = state.snapshot(0.0)["findings"]
     assert len(found) == 64
     assert "\x1b" not in json_text(found)
-    assert Finding.of_status(99, "a", "b", {}).level == "ERROR"
+    assert PageFinding.of_status(99, "a", "b", {}).level == "ERROR"
 
 
 def test_phases_gather_time_and_energy(state):
