@@ -7,6 +7,8 @@ EXECUTABLES = {
     "energy_monitor": "ros2_energy_monitor.nodes.energy_monitor",
     "energy_dashboard": "ros2_energy_monitor.nodes.energy_dashboard",
     "virtual_robot": "ros2_energy_monitor.nodes.virtual_robot",
+    "meter_driver": "ros2_energy_monitor.nodes.meter_driver",
+    "energy_exporter": "ros2_energy_monitor.nodes.energy_exporter",
     "console": "ros2_energy_monitor.nodes.console",
     "player": "ros2_energy_monitor.nodes.player",
     "demo": "ros2_energy_monitor.demo.demo",
