@@ -125,7 +125,7 @@ MODULES = {
         prediction replay schema
     """,
     "robot_energy.rig": """
-        config lubricant output plant profile record sensors supply
+        config lubricant output plant profile random_plant record sensors supply
         thermal virtual_rig
     """,
     "robot_energy.starter": """

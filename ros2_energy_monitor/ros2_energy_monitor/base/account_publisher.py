@@ -78,7 +78,11 @@ class AccountPublisher:
         self.checkpoints.running = False
 
     def power(self, means: MeanBlock | None) -> None:
-        """Take the periods that ended; `tick` publishes them."""
+        """Take the power of the periods that ended; `tick` publishes it.
+
+        Args:
+            means: One row per period; None if none ended.
+        """
         if means is not None and self._power is not None:
             self._power.add(self._power_writer.encode(means, self._ledger.comparison.location))
 

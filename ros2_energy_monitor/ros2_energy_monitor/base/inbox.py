@@ -42,15 +42,21 @@ class NeverReady(CallbackGroup):
     """A group whose entities never enter the wait set of an executor."""
 
     def can_execute(self, entity: Any) -> bool:
-        """Refuse, so that the executor neither waits for the entity nor takes from it."""
+        """Refuse, so that the executor neither waits for the entity nor takes from it.
+
+        Arguments and result as in `rclpy.callback_groups.CallbackGroup.can_execute`.
+        """
         return False
 
     def beginning_execution(self, entity: Any) -> bool:
-        """Refuse."""
+        """Refuse; as in `rclpy.callback_groups.CallbackGroup.beginning_execution`."""
         return False
 
     def ending_execution(self, entity: Any) -> None:
-        """Do nothing: nothing of this group is ever executed."""
+        """Do nothing: nothing of this group is ever executed.
+
+        Arguments as in `rclpy.callback_groups.CallbackGroup.ending_execution`.
+        """
 
 
 def event_status(subscription: Any, kind: Event) -> Any:

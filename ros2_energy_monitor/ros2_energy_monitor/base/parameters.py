@@ -236,7 +236,11 @@ def _check_power_rate(parameters: AccountParameters) -> None:
 
 
 def parameter_lines(node: Node) -> list[str]:
-    """Return every parameter of a node with its value, one line for each group."""
+    """Return every parameter of a node with its value, one line for each group.
+
+    Args:
+        node: The node that declared them.
+    """
     declared = cast("dict[str, RosParameter]", node.get_parameters_by_prefix(""))
     groups: dict[str, list[str]] = {}
     for name in sorted(declared):

@@ -13,7 +13,11 @@ from ros2_energy_msgs.msg import JointFriction, JointTorque
 
 
 def best_effort(depth: int) -> QoSProfile:
-    """Return the quality of service of sensor data, which fits every publisher."""
+    """Return the quality of service of sensor data, which fits every publisher.
+
+    Args:
+        depth: Messages that can wait.
+    """
     return QoSProfile(
         depth=depth,
         history=HistoryPolicy.KEEP_LAST,
@@ -23,7 +27,11 @@ def best_effort(depth: int) -> QoSProfile:
 
 
 def reliable(depth: int) -> QoSProfile:
-    """Return the quality of service of results: nothing is lost, nothing is kept."""
+    """Return the quality of service of results: nothing is lost, nothing is kept.
+
+    Args:
+        depth: Messages that can wait.
+    """
     return QoSProfile(
         depth=depth,
         history=HistoryPolicy.KEEP_LAST,
@@ -33,7 +41,11 @@ def reliable(depth: int) -> QoSProfile:
 
 
 def latched(depth: int) -> QoSProfile:
-    """Return the quality of service of states: a late subscriber gets the last ones."""
+    """Return the quality of service of states: a late subscriber gets the last ones.
+
+    Args:
+        depth: Messages that are kept.
+    """
     return QoSProfile(
         depth=depth,
         history=HistoryPolicy.KEEP_LAST,
@@ -108,12 +120,27 @@ class PacedPublisher:
 
 
 def torque_publisher(node: Node, depth: int) -> RowPublisher:
-    """Publisher of ``energy/joint_torque``, which must not lose a sample in a burst."""
+    """Make the publisher of ``energy/joint_torque``, which must not lose a sample in a burst.
+
+    Args:
+        node: The node that publishes.
+        depth: Messages that can wait.
+
+    Returns:
+        The publisher.
+    """
     return RowPublisher(node, JointTorque, "energy/joint_torque", reliable(depth))
 
 
 def friction_publisher(node: Node) -> RowPublisher:
-    """Publisher of ``energy/joint_friction``, kept for those who come late."""
+    """Make the publisher of ``energy/joint_friction``, whose last messages late subscribers get.
+
+    Args:
+        node: The node that publishes.
+
+    Returns:
+        The publisher.
+    """
     return RowPublisher(node, JointFriction, "energy/joint_friction", latched(FRICTION_DEPTH))
 
 

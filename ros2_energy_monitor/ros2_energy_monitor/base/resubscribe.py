@@ -35,7 +35,7 @@ class ResubscribePolicy:
         self._wait, self._tried, self._since = self._after, None, now
 
     def due(self, now: float, publishers: int) -> bool:
-        """Tell whether to subscribe anew now.
+        """Whether to subscribe again now.
 
         Args:
             now: Time on the same clock. [s]

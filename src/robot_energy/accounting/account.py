@@ -101,7 +101,11 @@ class EnergyAccount:
         self._resume_ns: int | None = None  # newest sample booked before a restart
 
     def measure(self, block: MeterBlock) -> None:
-        """Take meter readings."""
+        """Take meter readings.
+
+        Args:
+            block: Readings in order of arrival.
+        """
         self.comparison.measure(block)
 
     def step(self, block: PowerBlock) -> MeanBlock | None:
@@ -279,7 +283,13 @@ class EnergyAccount:
         self.samples = 0
 
     def open_interval(self, name: str) -> EnergyInterval:
-        """Begin an interval at the newest booked sample.
+        """Begin a job interval at the newest counted sample.
+
+        Args:
+            name: Unique among the open intervals, 1 to 100 printable characters.
+
+        Returns:
+            The interval, which has counted nothing yet.
 
         Raises:
             RegisterError: See `JobIntervals.open`.
@@ -287,7 +297,14 @@ class EnergyAccount:
         return self.intervals.open(name, self.end_ns, self.tally())
 
     def close_interval(self, name: str = "", interval_id: int = 0) -> EnergyInterval:
-        """End an interval at the newest booked sample, by its number or else its name.
+        """End a job interval at the newest counted sample.
+
+        Args:
+            name: Its name; used where no number is given.
+            interval_id: Its number; 0 for none.
+
+        Returns:
+            The interval with all that it counted.
 
         Raises:
             RegisterError: If no such interval is open.
@@ -317,11 +334,25 @@ class EnergyAccount:
         return None if self._averager is None else self._averager.flush()
 
     def phase_energy(self, phase: Phase) -> float:
-        """Predicted energy drawn from the grid in a phase. [J]"""
+        """Predicted energy drawn from the grid in a phase.
+
+        Args:
+            phase: What the robot did.
+
+        Returns:
+            Energy, >= 0. [J]
+        """
         return float(self.phase_energy_sum.joule[phase])
 
     def phase_time(self, phase: Phase) -> float:
-        """Observed time in a phase. [s]"""
+        """Observed time in a phase.
+
+        Args:
+            phase: What the robot did.
+
+        Returns:
+            Time. [s]
+        """
         return float(self.phase_ns[phase]) * 1e-9
 
     def _book(self, block: PowerBlock, energy: Float, duration_ns: Int) -> None:

@@ -27,7 +27,11 @@ if TYPE_CHECKING:
 
 
 def tally_of(ledger: EnergyAccount) -> Tally:
-    """Return all counters of the books as they stand."""
+    """Return all counters of an account as they stand.
+
+    Args:
+        ledger: The account.
+    """
     time, comparison = ledger.registers.time, ledger.comparison
     cabinet, joints = _by_name(ledger.registers.microjoule, ledger.shaft.microjoule)
     return Tally(

@@ -141,7 +141,11 @@ class Comparison(ExactSum):
             self._last = (self._last[0], NO_SEGMENT, np.nan)
 
     def measure(self, block: MeterBlock) -> None:
-        """Take meter readings; they wait for the prediction to catch up."""
+        """Take meter readings; they wait until power is predicted for their time.
+
+        Args:
+            block: Readings in order of arrival.
+        """
         self.location, self.meaning = block.location, block.meaning
         for number, part in enumerate(self.curve.step(block)):
             if number:

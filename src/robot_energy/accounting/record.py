@@ -64,7 +64,11 @@ SINGLE = (
 
 
 def saturated(value: int) -> int:
-    """Return a counter, at its limit if it is beyond."""
+    """Return a counter, at its limit if it is beyond.
+
+    Args:
+        value: The counter; its limits are plus and minus ``MAX_COUNTER``.
+    """
     return max(-MAX_COUNTER, min(value, MAX_COUNTER))
 
 
@@ -168,7 +172,11 @@ class Remainders(AccountRecord):
     phases: dict[str, Remainder]
 
     def arranged(self, order: Sequence[int]) -> Remainders:
-        """Return them with joints in another order and new registers at zero."""
+        """Return them with joints in another order and new registers at zero.
+
+        Args:
+            order: Where each joint of the result stands here.
+        """
         zero = (0,) * len(order)
         return self.model_copy(
             update={
@@ -342,8 +350,14 @@ class LedgerRecord(AccountRecord):
     def from_json(cls, text: bytes) -> LedgerRecord:
         """Read what `to_json` wrote.
 
+        Args:
+            text: JSON of one record, in UTF-8.
+
+        Returns:
+            The record; values beyond their limits are at them, and `repairs` says which.
+
         Raises:
-            StateFileError: Naming the first key that is wrong.
+            StateFileError: If it is no such record; names the first key that is wrong.
         """
         try:
             return cls.model_validate_json(text)

@@ -19,7 +19,11 @@ MAX_NAMED = 3  # fields of a record that are named
 
 
 def one_line(limit: int) -> AfterValidator:
-    """Return what refuses a text that is longer or cannot be printed on one line."""
+    """Return a validator that refuses a text that is too long or cannot be printed on one line.
+
+    Args:
+        limit: Characters at most.
+    """
 
     def check(text: str) -> str:
         if len(text) > limit or not text.isprintable():

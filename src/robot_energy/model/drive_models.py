@@ -105,11 +105,19 @@ class DriveModel(Kind):
     way: str = ""
 
     def of(self, joint: Joint) -> Any:
-        """Return the entry of a joint; None if it has none."""
+        """Return the entry of a joint; None if it has none.
+
+        Args:
+            joint: A joint of a model file.
+        """
         return getattr(joint, self.key, None) if self.key else None
 
     def entries(self, joints: list[Joint]) -> list[Any]:
-        """Return the entries of the joints that have one, in their order."""
+        """Return the entries of the joints that have one, in their order.
+
+        Args:
+            joints: Joints of a model file.
+        """
         return [entry for joint in joints if (entry := self.of(joint)) is not None]
 
 

@@ -241,7 +241,12 @@ class RobotModel(ModelEntry):
         return self.model_copy(update=entries).with_urdf(self._urdf_xml, self._source)
 
     def with_urdf(self, xml: str, source: str) -> RobotModel:
-        """Return this model with the URDF text attached."""
+        """Return this model with the URDF text attached.
+
+        Args:
+            xml: The URDF.
+            source: Where the model comes from, for messages; usually its file.
+        """
         self._urdf_xml = xml
         self._source = source
         return self

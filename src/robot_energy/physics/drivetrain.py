@@ -37,7 +37,14 @@ class Drivetrain:
 
     @classmethod
     def from_model(cls, model: RobotModel) -> Drivetrain:
-        """Build the drivetrain that a model file describes."""
+        """Build the drivetrain that a model file describes.
+
+        Args:
+            model: The robot's model.
+
+        Returns:
+            Transmission and rotor inertias, joints in model order.
+        """
         names = model.joint_names
         transmission = np.diag([joint.gear_ratio.value for joint in model.joints])
         for entry in model.coupling:

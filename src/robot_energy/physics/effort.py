@@ -43,6 +43,14 @@ class Effort:
     ) -> Effort:
         """Take what the meaning needs from a model file.
 
+        Args:
+            model: The robot's model.
+            meaning: What the effort of a joint state is.
+            drivetrain: Motor and joint side of the robot.
+
+        Returns:
+            The conversion from effort to motor torque.
+
         Raises:
             ModelFileError: If the effort is a current and a joint has no torque constant.
         """

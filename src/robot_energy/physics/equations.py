@@ -371,7 +371,11 @@ def torque_map(transmission: Float) -> Float:
     """Return ``C^-T``, which maps joint torques to motor torques.
 
     Args:
-        transmission: C, shape (n, n).
+        transmission: C, motor velocity per joint velocity, shape (n, n). [-], or [rad/m] where
+            the joint is prismatic
+
+    Returns:
+        Shape (n, n), in the inverse unit.
 
     Raises:
         ShapeError: If C cannot be inverted.
@@ -392,8 +396,11 @@ def mapped(matrix: Float, values: Float) -> Float:
     this one does not, so a sample gives the same bits in every block.
 
     Args:
-        matrix: Shape (n, n).
-        values: Shape (..., n).
+        matrix: Shape (n, n). [any unit]
+        values: Shape (..., n). [any unit]
+
+    Returns:
+        Shape (..., n); the product of both units.
     """
     result = values * np.diagonal(matrix)
     for row, column in zip(*np.nonzero(matrix - np.diag(np.diagonal(matrix))), strict=True):

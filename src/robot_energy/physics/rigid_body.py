@@ -82,6 +82,12 @@ class Robot:
     def from_model(cls, model: RobotModel) -> Robot:
         """Build the robot that a model file describes.
 
+        Args:
+            model: The robot's model with its URDF.
+
+        Returns:
+            The robot with the payload of the model.
+
         Raises:
             RobotDescriptionError: If the URDF cannot be used.
             UnknownJointError: If the URDF lacks a joint of the model.
@@ -198,7 +204,11 @@ class Robot:
         return shape
 
     def has_link(self, link: str) -> bool:
-        """Tell whether the URDF has a link of that name."""
+        """Whether the URDF has a link of that name.
+
+        Args:
+            link: The name.
+        """
         return bool(self._model.existFrame(link, pin.FrameType.BODY))
 
     def link_position(self, joint_position: Float, link: str) -> Float:

@@ -50,10 +50,13 @@ def identity_of(model: RobotModel, node: str = "") -> Identity:
 
 
 def file_name_of(identity: Identity) -> str:
-    """Return how the files of registers begin, readable and unique.
+    """Return how the names of the state files of an account begin, readable and unique.
 
     That is the full name of the node with type and serial of the robot; without a node,
     as in earlier releases, type and serial alone.
+
+    Args:
+        identity: Whose account it is.
     """
     parts = [identity.robot_type, identity.robot_serial]
     if identity.node:
@@ -64,7 +67,14 @@ def file_name_of(identity: Identity) -> str:
 
 
 def at_once(job: Callable[[], Any]) -> Future[Any]:
-    """Do a job now and return its finished future."""
+    """Do a job now.
+
+    Args:
+        job: Work on the disk.
+
+    Returns:
+        Its finished future; it holds a `StateFileError` that the job raised.
+    """
     future: Future[Any] = Future()
     try:
         future.set_result(job())

@@ -48,7 +48,14 @@ class JointLimits:
     wraps: NDArray[np.bool_]
 
     def unit(self, joint: int) -> str:
-        """Unit of a joint's position."""
+        """Unit of a joint's position.
+
+        Args:
+            joint: Number of the joint.
+
+        Returns:
+            ``m`` for a prismatic joint, otherwise ``rad``.
+        """
         return "m" if self.prismatic[joint] else "rad"
 
 
