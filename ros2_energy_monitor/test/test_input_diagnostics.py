@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+from functools import partial
 
 import pytest
 import rclpy
@@ -11,17 +12,19 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.context import Context
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
-from ros2_energy_msgs.msg import JointFriction, JointTorque
+from ros2_energy_msgs.msg import JointFriction, JointTorque, MotorTemperatures
 from sensor_msgs.msg import JointState, Temperature
 
 from robot_energy.inputs.rejection_log import RejectionLog
 from ros2_energy_monitor.base.inbox import Inbox
 from ros2_energy_monitor.base.publishers import best_effort, latched, reliable
 from ros2_energy_monitor.diagnostics.inputs import ABSENT_REPORTS, InputWatch, accounting
-from ros2_energy_monitor.diagnostics.reporter import StatusBuilder
+from ros2_energy_monitor.diagnostics.reporter import ERROR, WARN, StatusBuilder, _text
+from ros2_energy_monitor.nodes.friction_monitor import FrictionMonitor
 from ros2_energy_monitor.nodes.torque_monitor import TorqueMonitor
 
 NAME = "torque_monitor: joint states"
+JOINTS = [f"joint_a{axis}" for axis in range(1, 7)]
 RELIABLE, BEST_EFFORT = ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT
 VOLATILE, KEPT = DurabilityPolicy.VOLATILE, DurabilityPolicy.TRANSIENT_LOCAL
 NO_RELIABLE = "best effort publisher and reliable subscription"
@@ -184,3 +187,37 @@ def test_the_counts_that_are_published_add_up():
     values = accounting(account, "states.")
     assert values.pop("states.received") == sum(values.values()) == 7
     assert values["states.waiting"] == 2
+
+
+def test_a_temperature_topic_without_publisher_is_named_as_it_is_resolved(bench):
+    sources = {
+        "temperature_sources": ["arm", "wrist"],
+        "arm.topic": "arm",
+        "wrist.topic": "wrist/degc",
+        "wrist.joints": ["joint_a6"],
+        "arm.joints": JOINTS[:5],
+    }
+    node = bench.add(partial(FrictionMonitor, namespace="cell"), model="kr16", **sources)
+    diagnosed, name = bench.diagnosed(), "cell/friction_monitor: motor temperatures"
+    diagnosed.wait(name, "no motor temperature has arrived on /cell/arm, /cell/wrist/degc")
+    publisher = bench.publisher(MotorTemperatures, "cell/arm")
+    message = MotorTemperatures(joint_names=JOINTS[:5], temperature_degc=[30.0] * 5)
+    message.header.stamp.sec = 1_700_000_000
+    publisher.publish(message)
+    status = diagnosed.wait(name, "no motor temperature of joint_a6 on /cell/wrist/degc")
+    assert status.level == DiagnosticStatus.WARN
+    assert node.get_namespace() == "/cell"
+
+
+def test_what_to_do_stands_within_what_is_shown_of_a_text():
+    """`ros2 topic echo` cuts texts beyond 128 characters."""
+    found = StatusBuilder("inputs")
+    found.add(WARN, "x" * 500, "look at the network")
+    found.add(ERROR, "y" * 500, "start the driver or set joint_states.topics")
+    assert found.message[:128].startswith("start the driver or set joint_states.topics: yyy")
+
+
+@pytest.mark.parametrize("value", [154_104_832.5, 1.5e6, 0.25, 12_345.678])
+def test_numbers_of_people_have_no_exponent(value):
+    assert "e" not in _text(value)
+    assert float(_text(value)) == pytest.approx(value, rel=1e-5)

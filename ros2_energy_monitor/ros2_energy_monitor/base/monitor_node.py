@@ -72,7 +72,7 @@ class MonitorNode(ManagedNode, Generic[P]):
         self.sources: list[Source] = []
         self._description: AwaitedDescription | ComparedDescription | None = None
         self.exit_stack = ExitStack()
-        self._inventory = ""
+        self._inventory: list[str] = []
         try:
             self.parameters = declare(self, parameters_type)
             self._steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -134,11 +134,16 @@ class MonitorNode(ManagedNode, Generic[P]):
         Args:
             robot: The robot as its URDF describes it.
         """
-        lines = ["the joints:", *robot.inventory.sentences()]
-        text = "\n".join(shown(line, MAX_LINE) for line in lines)
-        if text != self._inventory:
-            self._inventory = text
-            self.get_logger().info(text)
+        lines = [shown(line, MAX_LINE) for line in robot.inventory.sentences()]
+        if lines != self._inventory:
+            self._inventory = lines
+            joints = robot.inventory.joints
+            modelled = ", ".join(joint.name for joint in joints if joint.modelled)
+            locked = ", ".join(joint.name for joint in joints if not joint.modelled)
+            text = f"models {modelled}" + (f"; does not model {locked}" if locked else "")
+            self.get_logger().info(shown(text, MAX_LINE))
+            for line in lines:
+                self.get_logger().debug(line)
 
     def deactivate(self) -> None:
         """Take and publish what still waits."""
@@ -168,6 +173,7 @@ class MonitorNode(ManagedNode, Generic[P]):
 
     def _set_up(self, model: RobotModel) -> None:
         self.model, self._model_id = model, model.model_id
+        self._hardware_id = hardware_id(model, self.get_namespace())
         self.set_up()
         for line in parameter_lines(self):
             self.get_logger().debug(line)
@@ -192,7 +198,7 @@ class MonitorNode(ManagedNode, Generic[P]):
             node = StatusBuilder("node")
             self.guard.check(node)
         statuses = [node, *(found for found in sources if found is not None)]
-        self._reporter.publish(statuses, hardware_id(self.model) if self.sources else "")
+        self._reporter.publish(statuses, self._hardware_id if self.sources else "")
 
     def drain(self, inboxes: Sequence[Inbox]) -> list[RawBatch]:
         """Take the messages that wait.
@@ -211,11 +217,16 @@ class MonitorNode(ManagedNode, Generic[P]):
             self.guard.run(f"queue.{inbox.topic}", partial(inbox.discard, account))
 
 
-def hardware_id(model: RobotModel) -> str:
-    """Return type and serial number of the robot: what differs between two robots of a type.
+def hardware_id(model: RobotModel, namespace: str) -> str:
+    """Return what differs between two robots of a type.
 
     Args:
-        model: The robot's model.
+        model: Model of the robot.
+        namespace: Namespace of the node.
+
+    Returns:
+        Type, serial number and, unless it is the root, the namespace.
     """
     robot = model.robot
-    return " ".join(shown(part) for part in (robot.type, robot.serial) if part)
+    place = f"({namespace})" if namespace.strip("/") else ""
+    return " ".join(shown(part) for part in (robot.type, robot.serial, place) if part)

@@ -76,9 +76,21 @@ class PowerMonitor(MonitorNode[PowerParameters]):
         ]
         self.orders = [self._torque.order]
         timeout = self.parameters.input_timeout
-        torque = InputWatch("joint torque", self.torques, self._torque.account, timeout)
+        torque = InputWatch(
+            "joint torque",
+            self.torques,
+            self._torque.account,
+            timeout,
+            remedy="start torque_monitor",
+        )
         # Friction comes with temperatures only, and latched: silence is no fault, absence is.
-        friction = InputWatch("joint friction", self.frictions, self._friction.account, math.inf)
+        friction = InputWatch(
+            "joint friction",
+            self.frictions,
+            self._friction.account,
+            math.inf,
+            remedy="start friction_monitor",
+        )
         self.sources = [
             energy_source(
                 self.ledger,
