@@ -47,7 +47,7 @@ def test_quality_of_service_that_does_not_fit_is_named(
     bench, asked, reliability, durability, reason
 ):
     inbox = Inbox(bench.tester, JointState, "states", asked)
-    watch = InputWatch("joint state", inbox, RejectionLog(), 1.0)
+    watch = InputWatch("joint state", inbox, RejectionLog(), lambda: 1.0)
     watch.check(StatusBuilder("before"))  # has looked at the graph: the event must tell it to look
     offered = QoSProfile(depth=5, reliability=reliability, durability=durability)
     publisher = bench.tester.create_publisher(JointState, "states", offered)
@@ -79,7 +79,7 @@ def test_a_topic_of_another_type_is_named(bench, monkeypatch):
     inbox = Inbox(nodes[0], JointState, "states", best_effort(5))
     publisher = nodes[1].create_publisher(Temperature, "states", 5)
     bench.spin_until(lambda: nodes[0].count_publishers("states"), "the publisher")
-    watch = InputWatch("joint state", inbox, RejectionLog(), 1.0)
+    watch = InputWatch("joint state", inbox, RejectionLog(), lambda: 1.0)
 
     def judged() -> StatusBuilder:
         found = StatusBuilder("joint states")
@@ -155,7 +155,7 @@ def test_all_findings_stand_in_one_sentence_the_worst_first():
 
 def test_an_absent_input_that_is_not_needed_is_a_note_and_once_in_the_log(bench):
     inbox = Inbox(bench.tester, JointState, "cell1/meter", best_effort(5))
-    watch = InputWatch("meter reading", inbox, RejectionLog(), 1.0, needed=False)
+    watch = InputWatch("meter reading", inbox, RejectionLog(), lambda: 1.0, needed=False)
     sentence = "no publisher on /cell1/meter: prediction only"
     for number in range(1, ABSENT_REPORTS + 3):
         found = StatusBuilder("energy")

@@ -68,7 +68,7 @@ class Monitor:
 
     def energy(self) -> int:
         """What the registers hold. [uJ]"""
-        return self.books.ledger.tally().cabinet_energy_microjoule["grid_import"]
+        return self.books.ledger.totals().cabinet_energy_microjoule["grid_import"]
 
     def count(self, value: int) -> None:
         """A few samples at 100 W, at the present time of the clock."""

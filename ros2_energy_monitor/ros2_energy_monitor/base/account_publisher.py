@@ -78,7 +78,7 @@ class AccountPublisher:
         self.checkpoints.running = False
 
     def power(self, means: MeanBlock | None) -> None:
-        """Take the power of the periods that ended; `tick` publishes it.
+        """Take the periods that ended; `tick` publishes them.
 
         Args:
             means: One row per period; None if none ended.

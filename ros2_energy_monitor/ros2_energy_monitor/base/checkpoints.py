@@ -1,4 +1,4 @@
-"""Keeps the registers on disk beside the ticks, and publishes them when they are there."""
+"""Writes the registers to disk outside the ticks, and publishes them when they are there."""
 
 from __future__ import annotations
 
@@ -100,7 +100,16 @@ class Checkpoints:
         self.store.open(OPENING)
         self._log_news()
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._node.create_timer(self._period, self._begin, clock=steady)
+        self._timer = self._node.create_timer(self._period, self._begin, clock=steady)
+
+    def change_period(self, period: float) -> None:
+        """Change how often the registers are kept.
+
+        Args:
+            period: Between two checkpoints. [s]
+        """
+        self._period = period
+        self._timer.timer_period_ns = round(period * 1e9)
 
     def poll(self) -> None:
         """Publish the registers of a checkpoint that has been finished; call every tick."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from functools import partial
 from typing import Any, ClassVar, Generic, TypeVar
 
@@ -12,7 +13,12 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 
 from robot_energy.cdr.batch import RawBatch
-from robot_energy.errors import RobotDescriptionError, RobotEnergyError, UrdfAwaitedError
+from robot_energy.errors import (
+    ParameterError,
+    RobotDescriptionError,
+    RobotEnergyError,
+    UrdfAwaitedError,
+)
 from robot_energy.inputs.rejection_log import RejectionLog
 from robot_energy.model import RobotModel, load
 from robot_energy.physics.rigid_body import Robot
@@ -21,7 +27,8 @@ from robot_energy.timeline.gaps import StampOrder
 from ros2_energy_monitor.base.entities import EntitySnapshot
 from ros2_energy_monitor.base.inbox import Inbox
 from ros2_energy_monitor.base.lifecycle import ManagedNode
-from ros2_energy_monitor.base.parameters import Common, declare, parameter_lines
+from ros2_energy_monitor.base.parameter_changes import AT_START, ParameterChanges
+from ros2_energy_monitor.base.parameters import Common, declare, parameter_lines, reread
 from ros2_energy_monitor.base.robot_description import AwaitedDescription, ComparedDescription
 from ros2_energy_monitor.base.tick_statistics import TickStatistics
 from ros2_energy_monitor.diagnostics.node import NodeWatch
@@ -74,12 +81,15 @@ class MonitorNode(ManagedNode, Generic[P]):
         self.exit_stack = ExitStack()
         self._inventory: list[str] = []
         try:
-            self.parameters = declare(self, parameters_type)
+            self.parameters = declare(self, parameters_type, AT_START)
+            self._parameters_type = parameters_type
+            _, self._entries = reread(self, parameters_type)
             self._steady = Clock(clock_type=ClockType.STEADY_TIME)
             self._reporter = Reporter(self)
             self._tick_statistics = TickStatistics(1.0 / self.parameters.tick_rate)
             self._watch = NodeWatch(self, self._tick_statistics, self.UNIQUE_TOPIC)
             self.create_timer(REPORT_PERIOD, self._report, clock=self._steady)
+            ParameterChanges(self, lambda: self._entries, self._parameters_changed)
             self.autostart(enabled=self.parameters.autostart)
         except Exception:
             self.destroy_node()
@@ -98,6 +108,7 @@ class MonitorNode(ManagedNode, Generic[P]):
 
     def configure(self) -> None:
         """Read the model, set up and start to drain, as soon as the robot is described."""
+        self.parameters, self._entries = reread(self, self._parameters_type)
         name = self.parameters.model
         try:
             model = load(name)
@@ -127,6 +138,24 @@ class MonitorNode(ManagedNode, Generic[P]):
             order.interrupt()
         robot = self.model.robot
         self.get_logger().info(f"{shown(robot.type)}, model {self._model_id}, is monitored")
+
+    def _parameters_changed(self, names: Sequence[str]) -> None:
+        """Let what can change at once count now, and the rest from the next start on."""
+        if not self.active:
+            self.outdated = True
+            try:  # what a new group has is declared, so that it can be set next
+                _, self._entries = reread(self, self._parameters_type)
+            except ParameterError:
+                return  # said by configure, if it is still so then
+            return
+        values = {name: self.get_parameter(name).value for name in names}
+        self.parameters = replace(self.parameters, **values)
+        self.parameters_changed()
+
+    def parameters_changed(self) -> None:
+        """Use the parameters that can change while active."""
+        for inbox, _ in self.inputs:
+            inbox.renew_after(self.parameters.resubscribe_after)
 
     def log_inventory(self, robot: Robot) -> None:
         """Log what of the robot is modelled and what is not, unless it was logged before.

@@ -1,12 +1,14 @@
 """Parameters of the nodes: one frozen dataclass each, declared with type, range and meaning.
 
-All are read-only: a running monitor does not change what its figures mean.
+Those of a node with a life cycle can be changed, see `base.parameter_changes`; all others are
+read-only.
 """
 
 from __future__ import annotations
 
 import difflib
 import sys
+from collections.abc import Collection
 from dataclasses import MISSING, dataclass
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
@@ -34,6 +36,7 @@ TYPES: dict[Any, RosParameter.Type] = {
     float: RosParameter.Type.DOUBLE,
     str: RosParameter.Type.STRING,
     tuple[str, ...]: RosParameter.Type.STRING_ARRAY,
+    tuple[float, ...]: RosParameter.Type.DOUBLE_ARRAY,
 }
 # Overrides that rclpy itself declares or reads.
 MAX_ROUNDING = 1e-3  # of a number of ticks, so that 8.333 counts as a third of 25
@@ -64,7 +67,7 @@ class Common:
         "Silence of an input beyond which diagnostics call it missing [s].", 1.0, 0.05, 3600.0
     )
     resubscribe_after: float = parameter(
-        "Silence of an input that has publishers after which it is subscribed anew [s].",
+        "Silence of an input that has publishers after which it is subscribed again [s].",
         10.0,
         0.5,
         3600.0,
@@ -184,7 +187,7 @@ class ConsoleParameters:
     )
 
 
-def declare(node: Node, cls: type[P]) -> P:
+def declare(node: Node, cls: type[P], fixed: Collection[str] | None = None) -> P:
     """Declare the parameters of a node and return their values.
 
     Unknown overrides are logged as a warning, with the name that was probably meant, and so
@@ -194,6 +197,7 @@ def declare(node: Node, cls: type[P]) -> P:
     Args:
         node: The node.
         cls: Dataclass of its parameters.
+        fixed: Parameters that are read-only; None for all.
 
     Returns:
         The values.
@@ -210,7 +214,7 @@ def declare(node: Node, cls: type[P]) -> P:
 
     def value_of(entry: Parameter) -> Any:
         names.append(entry.name)
-        return _declare_one(node, entry, given)
+        return _declare_one(node, entry, given, read_only=fixed is None or entry.name in fixed)
 
     values = assemble(cls, value_of, node.get_name())
     refuse_renamed(given, names, node.get_name())
@@ -248,10 +252,16 @@ def parameter_lines(node: Node) -> list[str]:
     return [shown_lines(", ".join(entries)) for entries in groups.values()]
 
 
-def _declare_one(node: Node, entry: Parameter, given: dict[str, RosParameter]) -> Any:
+def _declare_one(
+    node: Node, entry: Parameter, given: dict[str, RosParameter], *, read_only: bool
+) -> Any:
     name, override = entry.name, given.get(entry.name)
     if entry.kind is float and override is not None and override.type_ == TYPES[int]:
         given[name] = RosParameter(name, value=float(cast(int, override.value)))  # 50 for 50.0
+    if entry.kind == tuple[float, ...] and override is not None:
+        if override.type_ == RosParameter.Type.INTEGER_ARRAY:  # [1, -1] for [1.0, -1.0]
+            numbers = [float(value) for value in cast("list[int]", override.value)]
+            given[name] = RosParameter(name, value=numbers)
     if entry.kind == tuple[str, ...] and override is not None and not override.value:
         given[name] = RosParameter(name, value=[""])  # an empty list has no type
     missing = ParameterError(
@@ -260,7 +270,7 @@ def _declare_one(node: Node, entry: Parameter, given: dict[str, RosParameter]) -
         f"add it to the parameter file or start with -p {name}:=...",
     )
     try:
-        node.declare_parameter(name, _start(entry), _descriptor(entry))
+        node.declare_parameter(name, _start(entry), _descriptor(entry, read_only=read_only))
         value: Any = node.get_parameter(name).value
     except ParameterUninitializedException:
         raise missing from None
@@ -274,6 +284,32 @@ def _declare_one(node: Node, entry: Parameter, given: dict[str, RosParameter]) -
     return entry.check([] if value is None else value, node.get_name())
 
 
+def reread(node: Node, cls: type[P]) -> tuple[P, dict[str, Parameter]]:
+    """Return the values that the parameters of a node have now, those of new groups declared.
+
+    Args:
+        node: The node, which has declared the parameters of the class.
+        cls: Dataclass of its parameters.
+
+    Returns:
+        The values, and every parameter by name.
+
+    Raises:
+        ParameterError: If values do not fit together.
+    """
+    given = cast("dict[str, RosParameter]", getattr(node, "_parameter_overrides", {}))
+    entries: dict[str, Parameter] = {}
+
+    def value_of(entry: Parameter) -> Any:
+        entries[entry.name] = entry
+        if not node.has_parameter(entry.name):
+            return _declare_one(node, entry, given, read_only=False)
+        value: Any = node.get_parameter(entry.name).value
+        return entry.check([] if value is None else value, node.get_name())
+
+    return assemble(cls, value_of, node.get_name()), entries
+
+
 def _start(entry: Parameter) -> Any:
     """What to declare: the default in the type of a ROS parameter, or its type alone."""
     if entry.default is MISSING:
@@ -283,12 +319,12 @@ def _start(entry: Parameter) -> Any:
     return entry.default
 
 
-def _descriptor(entry: Parameter) -> ParameterDescriptor:
+def _descriptor(entry: Parameter, *, read_only: bool) -> ParameterDescriptor:
     descriptor = ParameterDescriptor(
         name=entry.name,
         description=entry.description,
         additional_constraints="one of " + ", ".join(entry.choices) if entry.choices else "",
-        read_only=True,
+        read_only=read_only,
     )
     low, high = entry.low, entry.high
     if low is not None and high is not None and entry.kind is float:

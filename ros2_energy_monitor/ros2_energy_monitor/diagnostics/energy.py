@@ -36,14 +36,17 @@ RECENT = 10.0  # a finding of joint states that was true this long ago still sho
 
 
 def joint_state_source(
-    inboxes: list[Inbox], ingest: JointStateIngest, timeout: float, stage: TorqueStage
+    inboxes: list[Inbox],
+    ingest: JointStateIngest,
+    timeout: Callable[[], float],
+    stage: TorqueStage,
 ) -> Source:
     """Check joint states; the topics share one account, which is shown with the first.
 
     Args:
         inboxes: One for each topic.
         ingest: What reads them.
-        timeout: Silence beyond which they count as missing. [s]
+        timeout: Gives the silence beyond which they count as missing. [s]
         stage: What compares their effort with the torque of the bodies.
 
     Returns:
@@ -227,7 +230,12 @@ def energy_source(
     """
     names = ("meter_voltage_", "meter_current_") if len(meter) > 1 else ("meter_",)
     watches = [
-        (name, InputWatch("meter reading", inbox, readings.account, meter_timeout, needed=False))
+        (
+            name,
+            InputWatch(
+                "meter reading", inbox, readings.account, lambda: meter_timeout, needed=False
+            ),
+        )
         for name, inbox in zip(names, meter, strict=False)
     ]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from robot_energy.inputs.rejection_log import RejectionLog
@@ -32,7 +32,7 @@ class InputWatch:
         what: What the input brings, such as ``joint state``.
         inbox: Where it arrives.
         account: What became of it.
-        timeout: Silence beyond which it counts as missing. [s]
+        timeout: Gives the silence beyond which it counts as missing. [s]
         needed: Whether its absence from the start is an error; else it is a note.
         remedy: What to do where nobody publishes it.
     """
@@ -42,7 +42,7 @@ class InputWatch:
         what: str,
         inbox: Inbox,
         account: RejectionLog,
-        timeout: float,
+        timeout: Callable[[], float],
         needed: bool = True,
         remedy: str = "",
     ) -> None:
@@ -85,7 +85,7 @@ class InputWatch:
 
     def _presence(self, found: StatusBuilder) -> None:
         inbox = self._inbox
-        if inbox.received and inbox.age > self._timeout:
+        if inbox.received and inbox.age > self._timeout():
             found.add(STALE, f"no {self._what} for {inbox.age:.1f} s on {inbox.topic}")
         elif not inbox.received:
             publishers = inbox.publishers
