@@ -17,8 +17,8 @@ import robot_energy
 SOURCES = Path(robot_energy.__file__).parent.parent
 MODULES = {
     "robot_energy": """
-        __main__ bag_replay blocks config_file errors kinds log_formats prediction schema_errors
-        shown_text time_series units
+        __main__ bag_replay blocks config_file energy_bag errors kinds log_formats prediction
+        schema_errors shown_text time_series units
     """,
     "robot_energy.accounting": """
         account account_record averaging comparison energy_curve event_log exact_sum
@@ -49,13 +49,13 @@ MODULES = {
         temporary_folder
     """,
     "robot_energy.identify": """
-        bounds plausibility run_all steps
+        bounds causes plausibility run_all steps
     """,
     "robot_energy.identify.cabinet": """
         cabinet dc_link link_readings meter_delay supply
     """,
     "robot_energy.identify.data": """
-        bags log_channels observations recordings signals
+        bags log_channels observations recordings rest signals
     """,
     "robot_energy.identify.drives": """
         all_drives drive_data drive_delay drive_power drives efficiency losses
@@ -78,7 +78,8 @@ MODULES = {
         bag_topics inputs_file parameters rejection_log sources
     """,
     "robot_energy.inputs.joint_states": """
-        decode joint_states jumps partial_states plausibility publisher_conflicts velocities
+        correction decode joint_states jumps partial_states plausibility publisher_conflicts
+        velocities
     """,
     "robot_energy.inputs.meter": """
         energy_counter kinds meter power_curve source voltage_current_pairs
@@ -87,7 +88,7 @@ MODULES = {
         filter kinds reader stuck temperatures
     """,
     "robot_energy.logs": """
-        mapped_log mapping recording rows table ur_rtde
+        columns mapped_log mapping recording rows table ur_rtde
     """,
     "robot_energy.messages": """
         friction interval model_messages payload power registers torque
@@ -102,7 +103,7 @@ MODULES = {
     """,
     "robot_energy.physics": """
         cabinet derivative drive drivetrain effort effort_check equations friction
-        limit_utilisation rigid_body torque
+        limit_utilisation rigid_body torque transmission
     """,
     "robot_energy.physics.urdf": """
         checks compare parse
@@ -155,7 +156,7 @@ LAYERS = (
     ("bag", "inputs", "presets", "accounting", "logs", "log_formats", "time_series"),
     ("pipeline", "messages", "store"),
     ("motion",),
-    ("bag_replay", "prediction", "starter"),
+    ("bag_replay", "energy_bag", "prediction", "starter"),
     ("identify", "rig", "check"),
     ("results",),
     ("report",),

@@ -1,4 +1,4 @@
-"""When to subscribe anew although nothing looks wrong: publishers are there, data are not.
+"""When to subscribe again although nothing looks wrong: publishers are there, data are not.
 
 After a network failure the middleware may never hand on data again. A topic may also
 be silent by nature. So the time to wait doubles with every trial, and a silence that ends

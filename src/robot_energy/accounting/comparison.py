@@ -112,7 +112,7 @@ class Comparison(ExactSum):
         self._measured_epoch = 0
         self._predicted_epoch = 0
         self._last: tuple[int, int, float] | None = None  # stamp, segment, power
-        self._beginning = True  # whether the meter has told its time by a few readings only
+        self._beginning = True  # whether the meter has sent a few readings only
         self._led: tuple[int, int] | None = None  # jump of the prediction alone: stamp, readings
 
     @property

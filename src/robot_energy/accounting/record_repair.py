@@ -62,7 +62,7 @@ def repaired(text: bytes, error: ValidationError) -> tuple[bytes, tuple[str, ...
 
 
 def _grew(one: ErrorDetails) -> bool:
-    """Tell whether a value broke a limit as it may in time; no count falls below zero."""
+    """Whether a value broke a limit as it may in time; no count falls below zero."""
     negative = one["type"] == "greater_than_equal" and one.get("ctx", {})["ge"] == 0
     return one["type"] in _LIMITED and not (negative and not str(one["loc"][-1]).endswith("_ns"))
 

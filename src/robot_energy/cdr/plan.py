@@ -22,7 +22,7 @@ class View:
 
     Attributes:
         offset: First byte in the row.
-        shape: Axes beside the row axis.
+        shape: Axes after the row axis.
         strides: Distance along each of them. [bytes]
         dtype: Type and byte order in the row.
         native: Type handed out.
@@ -73,7 +73,7 @@ def make_plan(value: Any, number: ScalarField, axes: int, order: str) -> Plan:
     Args:
         value: Slot, or nested lists of slots.
         number: Kind of the number.
-        axes: Axes of the field beside the message axis.
+        axes: Axes of the field after the message axis.
         order: Byte order, ``<`` or ``>``.
 
     Returns:

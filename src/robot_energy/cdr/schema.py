@@ -75,7 +75,7 @@ def compile_schema(msgtype: str, store: Typestore) -> StructField:
 
     Args:
         msgtype: Message type, such as ``sensor_msgs/msg/JointState``.
-        store: Type store that knows it.
+        store: Type store that has it.
 
     Returns:
         The tree.
@@ -175,7 +175,7 @@ def _node(description: Any, store: Typestore, inside: tuple[str, ...]) -> Node:
 
 
 def leaf(schema: StructField, path: str, msgtype: str) -> tuple[ScalarField | StringField, int]:
-    """Return what a dotted path names and how many axes it has beside the message axis.
+    """Return what a dotted path names and how many axes it has after the message axis.
 
     Args:
         schema: Tree of the message type.

@@ -87,10 +87,10 @@ class DriveModel(Kind):
         figures: Tagged figures of the entry for tables: attribute, words, unit.
         in_identity: Whether the identity of a model counts an absent entry too, as it does
             for the first kinds there were.
-        fitted: Makes an entry of what identification knows of one axis, a
+        fitted: Makes an entry from what was identified of one axis, a
             `robot_energy.identify.drives.drives.AxisFit` with the samples of the drive, and the
-            source; None where they do not tell it. None for a kind that has no fit. A kind with
-            one takes part in the comparison on held-out data, and is chosen if it is best.
+            source; None where they do not determine it. None for a kind that has no fit. A kind
+            with one takes part in the comparison on held-out data, and is chosen if it is best.
         way: Name of that fit in the comparison; empty: the name of the kind.
     """
 

@@ -1,4 +1,4 @@
-"""What a driver calls effort -> measured motor torque, by a meaning that is always told.
+"""What a driver calls effort -> measured motor torque, by a meaning that is always a setting.
 
 ``sensor_msgs/JointState.effort`` says neither side nor kind: some drivers send motor
 current, some joint torque, some the torque they command. The meaning is therefore a

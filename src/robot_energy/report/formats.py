@@ -51,11 +51,15 @@ class EnergyFormat:
         self.watt_hour_digits = _digits(max(largest, 1.0) / WATT_HOUR)
 
     def joule(self, energy: float | None) -> str:
-        """Return an energy in the report's unit. [J]"""
+        """Return an energy in the report's unit.
+
+        Args:
+            energy: None where it is not known. [J]
+        """
         return NOTHING if energy is None else number(energy / self.factor, self.digits)
 
     def parts(self, energies: Sequence[float], whole: str | None = None) -> list[str]:
-        """Return parts of an energy in the report's unit; as shown they sum to the whole. [J]
+        """Return parts of an energy in the report's unit; as shown they sum to the whole.
 
         Args:
             energies: The parts. [J]
@@ -64,24 +68,40 @@ class EnergyFormat:
         return summing([energy / self.factor for energy in energies], self.digits, whole)
 
     def watt_hour(self, energy: float | None) -> str:
-        """Return an energy in Wh, as precise as those in the report's unit. [J]"""
+        """Return an energy in Wh, as precise as those in the report's unit.
+
+        Args:
+            energy: None where it is not known. [J]
+        """
         if energy is None:
             return NOTHING
         return f"{number(energy / WATT_HOUR, self.watt_hour_digits)} Wh"
 
     def watt_hour_parts(self, energies: Sequence[float]) -> list[str]:
-        """Return parts of an energy in Wh; as shown they sum to the whole. [J]"""
+        """Return parts of an energy in Wh; as shown they sum to the whole.
+
+        Args:
+            energies: The parts. [J]
+        """
         texts = summing([energy / WATT_HOUR for energy in energies], self.watt_hour_digits)
         return [f"{text} Wh" for text in texts]
 
 
 def fixed(digits: int) -> Callable[[float | None], str]:
-    """Return a format with fixed digits after the point."""
+    """Return a format with fixed digits after the point.
+
+    Args:
+        digits: How many.
+    """
     return lambda value: NOTHING if value is None else number(value, digits)
 
 
 def significant(digits: int) -> Callable[[float | None], str]:
-    """Return a format with so many digits in all."""
+    """Return a format with so many digits in all.
+
+    Args:
+        digits: How many.
+    """
     return lambda value: NOTHING if value is None else f"{value:.{digits}g}"
 
 
@@ -89,7 +109,7 @@ def aligned(values: Iterable[float | None], digits: int) -> Callable[[float | No
     """Return a format of one column: the largest value has so many digits, all end alike.
 
     Args:
-        values: Of the column.
+        values: Of the column, in one unit. [-]
         digits: Of the largest, in all.
     """
     known = [abs(value) for value in values if value is not None and math.isfinite(value)]
@@ -98,7 +118,12 @@ def aligned(values: Iterable[float | None], digits: int) -> Callable[[float | No
 
 
 def number(value: float, digits: int) -> str:
-    """Return a number with fixed digits; never ``-0``."""
+    """Return a number with fixed digits; never ``-0``.
+
+    Args:
+        value: Any figure. [-]
+        digits: After the point.
+    """
     text = f"{value:.{digits}f}"
     return text.removeprefix("-") if float(text) == 0 else text
 
@@ -109,7 +134,7 @@ def summing(values: Sequence[float], digits: int, total: str | None = None) -> l
     The numbers that lie nearest to the next digit are rounded to it, so none is off by one or more.
 
     Args:
-        values: Parts of a whole.
+        values: Parts of a whole, in one unit. [-]
         digits: After the point.
         total: What they sum to, as it is shown; None: the rounded sum of the values.
     """
@@ -128,7 +153,11 @@ def _digits(lead: float) -> int:
 
 
 def energy_text(energy: float) -> str:
-    """Return one energy in words, three to four digits. [J]"""
+    """Return one energy in words, three to four digits.
+
+    Args:
+        energy: Any energy. [J]
+    """
     for unit, factor in (("MJ", 1e6), ("kJ", 1e3)):
         if abs(energy) >= factor:
             return f"{energy / factor:.4g} {unit}"
@@ -136,7 +165,12 @@ def energy_text(energy: float) -> str:
 
 
 def percent(ratio: float | None, sign: bool = False) -> str:
-    """Return a ratio in percent."""
+    """Return a ratio in percent.
+
+    Args:
+        ratio: None where it is not known. [-]
+        sign: Whether a positive one has its sign, too.
+    """
     if ratio is None:
         return NOTHING
     text = number(100 * ratio, 1)
@@ -144,12 +178,20 @@ def percent(ratio: float | None, sign: bool = False) -> str:
 
 
 def signed_percent(ratio: float | None) -> str:
-    """Return a ratio in percent, with its sign."""
+    """Return a ratio in percent, with its sign.
+
+    Args:
+        ratio: None where it is not known. [-]
+    """
     return percent(ratio, sign=True)
 
 
 def seconds(time_ns: int) -> str:
-    """Return a time in s. [ns]"""
+    """Return a time in s.
+
+    Args:
+        time_ns: Any span. [ns]
+    """
     return f"{time_ns * 1e-9:.3f} s"
 
 
@@ -157,8 +199,8 @@ def uncertain(value: float, std: float) -> str:
     """Return a value with its standard deviation: that with two digits, both to the same place.
 
     Args:
-        value: Any figure.
-        std: Its standard deviation, same unit; 0 or not finite where it is not known.
+        value: Any figure. [-]
+        std: Its standard deviation, same unit; 0 or not finite where it is not known. [-]
     """
     if not (math.isfinite(value) and math.isfinite(std)) or std <= 0:
         return f"{value:.3g}"
@@ -193,10 +235,33 @@ def _raised(digits: str) -> str:
 
 
 def counted(count: int, one: str, many: str = "") -> str:
-    """Return a count with its noun."""
+    """Return a count with its noun.
+
+    Args:
+        count: How many.
+        one: The noun.
+        many: Its plural; empty for that with an s.
+    """
     return f"{count} {one if count == 1 else many or one + 's'}"
 
 
+def grouped(notes: Sequence[str]) -> list[str]:
+    """Return notes of the form ``name: text`` with one line for all names of the same text.
+
+    Args:
+        notes: One sentence each; those without a name stay as they are.
+    """
+    names: dict[str, list[str]] = {}
+    for note in notes:
+        name, colon, text = note.partition(": ")
+        names.setdefault(text if colon else note, []).append(name if colon else "")
+    return [f"{', '.join(who)}: {text}" if who[0] else text for text, who in names.items()]
+
+
 def tags_text(figures: dict[str, int]) -> str:
-    """Return how many figures of a model are known in which way."""
+    """Return how many figures of a model are known in which way.
+
+    Args:
+        figures: Count by tag.
+    """
     return ", ".join(f"{count} {tag}" for tag, count in figures.items() if count) or "none tagged"

@@ -103,7 +103,7 @@ class Inventory:
         return tuple(entry.name for entry in self.joints if not entry.modelled)
 
     def sentences(self) -> list[str]:
-        """Return one line per joint, and one per thing worth knowing beside them."""
+        """Return one line per joint, then one per remark on the whole robot."""
         wide = max((len(entry.name) for entry in self.joints), default=0)
         lines = [
             f"{entry.name:<{wide}}  {entry.kind:<10}  {entry.state:<11}  {entry.remark}"
