@@ -164,16 +164,17 @@ def energy_text(energy: float) -> str:
     return f"{energy:.4g} J"
 
 
-def percent(ratio: float | None, sign: bool = False) -> str:
+def percent(ratio: float | None, sign: bool = False, digits: int = 1) -> str:
     """Return a ratio in percent.
 
     Args:
         ratio: None where it is not known. [-]
         sign: Whether a positive one has its sign, too.
+        digits: After the point.
     """
     if ratio is None:
         return NOTHING
-    text = number(100 * ratio, 1)
+    text = number(100 * ratio, digits)
     return f"{'+' if sign and not text.startswith('-') else ''}{text} %"
 
 
