@@ -121,9 +121,9 @@ MODULES = {
     """,
     "robot_energy.report": """
         canvas document drives dynamics efficiency_figure energy energy_figure
-        evaluation excitation formats friction_figure held_out html identification identify_all
-        kinds layout model parameters power_figure prediction prediction_figure printing
-        replay series temperature_figure torque_figure
+        evaluation excitation flow_figure formats friction_figure held_out html
+        identification identify_all kinds layout model parameters power_figure
+        prediction prediction_figure printing replay series temperature_figure torque_figure
     """,
     "robot_energy.results": """
         base check drives dynamics energy evaluation excitation identification model

@@ -63,7 +63,8 @@ class NodeWatch:
         elif number != State.PRIMARY_STATE_ACTIVE:
             found.add(WARN, resting, "configure and activate it")
         if pace["busy_share"] > BUSY:
-            found.add(WARN, f"ticks take {pace['busy_share']:.0%} of the time", "lower tick_rate")
+            share = f"{100 * pace['busy_share']:.0f} %"
+            found.add(WARN, f"ticks take {share} of the time", "lower tick_rate")
         if self._node.bad_clocks > self._bad_clocks:
             new, self._bad_clocks = self._node.bad_clocks - self._bad_clocks, self._node.bad_clocks
             found.add(WARN, f"{new} times on /clock were left out: not {RANGE}")
