@@ -18,7 +18,7 @@ from rclpy.executors import SingleThreadedExecutor
 
 from robot_energy.errors import RobotEnergyError
 from ros2_energy_monitor.base.run_node import StopSignal, ros
-from ros2_energy_monitor.demo.demo_page import free_port, keep_page
+from ros2_energy_monitor.demo.demo_page import PAGE, draw_page, free_port, save_page
 from ros2_energy_monitor.demo.demo_replay import show_bags
 from ros2_energy_monitor.demo.processes import NodeProcesses
 from ros2_energy_monitor.nodes.console import Console
@@ -70,11 +70,14 @@ def live(seconds: float, folder: Path, stop: StopSignal) -> bool:
                 if now > (limit if end is None else end):
                     break
             if end is not None and not stop.received:
-                print(keep_page(url, folder), flush=True)
+                print(save_page(url, folder), flush=True)
             console.close()
             executor.shutdown()
             console.destroy_node()
-        return _verdict(children, started=end is not None, stopped=stop.received)
+        well = _verdict(children, started=end is not None, stopped=stop.received)
+    if (folder / PAGE).exists() and not stop.received:
+        print(draw_page(folder), flush=True)
+    return well
 
 
 def _verdict(children: NodeProcesses, *, started: bool, stopped: bool) -> bool:

@@ -21,8 +21,8 @@ def free_port() -> int:
         return int(found.getsockname()[1])
 
 
-def keep_page(url: str, folder: Path) -> str:
-    """Save the page as it stands, and a picture of it where there is a Chromium.
+def save_page(url: str, folder: Path) -> str:
+    """Save the page as it stands.
 
     Args:
         url: Address of the page.
@@ -31,16 +31,28 @@ def keep_page(url: str, folder: Path) -> str:
     Returns:
         A sentence that says what was written.
     """
-    page, picture = folder / PAGE, folder / PICTURE
+    page = folder / PAGE
     try:
         with urllib.request.urlopen(f"{url}saved.html", timeout=PATIENCE) as answer:
             page.write_bytes(answer.read())
     except OSError as error:
         return f"the energy page could not be saved ({error})"
-    said = f"energy page saved to {page}"
+    return f"energy page saved to {page}"
+
+
+def draw_page(folder: Path) -> str:
+    """Make a picture of the saved page where there is a Chromium.
+
+    Args:
+        folder: With the page.
+
+    Returns:
+        A sentence that says what was written.
+    """
+    page, picture = folder / PAGE, folder / PICTURE
     browser = shutil.which("chromium") or shutil.which("chromium-browser")
     if browser is None:
-        return f"{said}; no Chromium for a picture of it"
+        return "no picture of the energy page: there is no Chromium here"
     as_root = ["--no-sandbox"] if os.geteuid() == 0 else []
     command = [
         browser, "--headless", "--disable-gpu", "--hide-scrollbars", *as_root,
@@ -49,5 +61,5 @@ def keep_page(url: str, folder: Path) -> str:
     try:
         subprocess.run(command, check=True, capture_output=True, timeout=PATIENCE)
     except (OSError, subprocess.SubprocessError):
-        return f"{said}; Chromium made no picture of it"
-    return f"{said}, a picture of it to {picture}"
+        return "no picture of the energy page: Chromium made none"
+    return f"picture of the energy page: {picture}"
