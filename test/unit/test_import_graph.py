@@ -42,8 +42,8 @@ MODULES = {
     "robot_energy.cli": """
         check completion export identify identify_all identify_cabinet identify_drives
         identify_dynamics identify_excitation identify_friction identify_inputs
-        import_logs info kinds main memory models numbers predict replay replay_options
-        report robots schema simulate stopping terminal test
+        import_logs info kinds main memory models monitoring numbers page predict replay
+        replay_options report robots schema simulate stopping terminal test
     """,
     "robot_energy.files": """
         output_files output_folder output_streams placement regular_file
@@ -102,6 +102,10 @@ MODULES = {
         planar planned ptp ptp_file ptp_loop sequence tool_corners tool_motion
         tool_path tool_timing trajectory_io
     """,
+    "robot_energy.page": """
+        access alarms energy_flow event_stream history hub job_rows json_numbers messages
+        metrics monitoring recording robot_state saved_page settings web_app web_server
+    """,
     "robot_energy.physics": """
         cabinet derivative drive drivetrain effort effort_check equations friction
         limit_utilisation rigid_body torque transmission
@@ -118,9 +122,9 @@ MODULES = {
     """,
     "robot_energy.report": """
         canvas document drives dynamics efficiency_figure energy energy_figure
-        evaluation excitation formats friction_figure held_out html identification identify_all
-        kinds layout model parameters power_figure prediction prediction_figure printing
-        replay series temperature_figure torque_figure
+        evaluation excitation flow_figure formats friction_figure held_out html
+        identification identify_all kinds layout model parameters power_figure
+        prediction prediction_figure printing replay series temperature_figure torque_figure
     """,
     "robot_energy.results": """
         base check drives dynamics energy evaluation excitation identification model
@@ -158,7 +162,7 @@ LAYERS = (
     ("pipeline", "messages", "store"),
     ("motion",),
     ("bag_replay", "energy_bag", "prediction", "starter"),
-    ("identify", "rig", "check"),
+    ("identify", "rig", "check", "page"),
     ("results",),
     ("report",),
     ("api",),
@@ -166,7 +170,7 @@ LAYERS = (
     ("robot_energy_papers",),
 )
 # Nothing online imports these.
-OFFLINE = ("identify", "report", "rig", "motion", "cli", "starter", "check")
+OFFLINE = ("identify", "report", "rig", "motion", "cli", "starter", "check", "page")
 ONLINE = ("pipeline", "inputs", "messages", "accounting", "store", "timeline", "cdr")
 FOREIGN = {
     "ament_index_python", "builtin_interfaces", "control_msgs", "diagnostic_msgs",

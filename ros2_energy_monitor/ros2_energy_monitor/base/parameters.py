@@ -1,12 +1,14 @@
 """Parameters of the nodes: one frozen dataclass each, declared with type, range and meaning.
 
-All are read-only: a running monitor does not change what its figures mean.
+Those of a node with a life cycle can be changed, see `base.parameter_changes`; all others are
+read-only.
 """
 
 from __future__ import annotations
 
 import difflib
 import sys
+from collections.abc import Collection
 from dataclasses import MISSING, dataclass
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
@@ -192,7 +194,31 @@ class ConsoleParameters:
     )
 
 
-def declare(node: Node, cls: type[P]) -> P:
+@dataclass(frozen=True, kw_only=True)
+class DashboardParameters:
+    """Parameters of the energy dashboard."""
+
+    address: str = parameter(
+        "IP address to listen on; other than 127.0.0.1 needs a token.", "127.0.0.1"
+    )
+    port: int = parameter("TCP port; 0 for any free one.", 8421, 0, 65535)
+    token_file: str = parameter("File with the token of the page; empty for none.", "")
+    allow_control: bool = parameter(
+        "Whether the page has buttons for job intervals and the reset; they need the token.", False
+    )
+    allowed_hosts: tuple[str, ...] = parameter(
+        "Further names in the Host header that are served, such as that of a proxy.", ()
+    )
+    robots: tuple[str, ...] = parameter(
+        "Namespaces of the robots to show; empty shows all whose energy/power is found.", ()
+    )
+    update_rate: float = parameter("How often the page is sent news [1/s].", 10.0, 1.0, 20.0)
+    page_settings: str = parameter(
+        "File with prices, emission factor and length of a shift; empty for none.", ""
+    )
+
+
+def declare(node: Node, cls: type[P], fixed: Collection[str] | None = None) -> P:
     """Declare the parameters of a node and return their values.
 
     Unknown overrides are logged as a warning, with the name that was probably meant, and so
@@ -202,6 +228,7 @@ def declare(node: Node, cls: type[P]) -> P:
     Args:
         node: The node.
         cls: Dataclass of its parameters.
+        fixed: Parameters that are read-only; None for all.
 
     Returns:
         The values.
@@ -218,7 +245,7 @@ def declare(node: Node, cls: type[P]) -> P:
 
     def value_of(entry: Parameter) -> Any:
         names.append(entry.name)
-        return _declare_one(node, entry, given)
+        return _declare_one(node, entry, given, read_only=fixed is None or entry.name in fixed)
 
     values = assemble(cls, value_of, node.get_name())
     refuse_renamed(given, names, node.get_name())
@@ -256,7 +283,9 @@ def parameter_lines(node: Node) -> list[str]:
     return [shown_lines(", ".join(entries)) for entries in groups.values()]
 
 
-def _declare_one(node: Node, entry: Parameter, given: dict[str, RosParameter]) -> Any:
+def _declare_one(
+    node: Node, entry: Parameter, given: dict[str, RosParameter], *, read_only: bool
+) -> Any:
     name, override = entry.name, given.get(entry.name)
     if entry.kind is float and override is not None and override.type_ == TYPES[int]:
         given[name] = RosParameter(name, value=float(cast(int, override.value)))  # 50 for 50.0
@@ -272,7 +301,7 @@ def _declare_one(node: Node, entry: Parameter, given: dict[str, RosParameter]) -
         f"add it to the parameter file or start with -p {name}:=...",
     )
     try:
-        node.declare_parameter(name, _start(entry), _descriptor(entry))
+        node.declare_parameter(name, _start(entry), _descriptor(entry, read_only=read_only))
         value: Any = node.get_parameter(name).value
     except ParameterUninitializedException:
         raise missing from None
@@ -286,6 +315,32 @@ def _declare_one(node: Node, entry: Parameter, given: dict[str, RosParameter]) -
     return entry.check([] if value is None else value, node.get_name())
 
 
+def reread(node: Node, cls: type[P]) -> tuple[P, dict[str, Parameter]]:
+    """Return the values that the parameters of a node have now, those of new groups declared.
+
+    Args:
+        node: The node, which has declared the parameters of the class.
+        cls: Dataclass of its parameters.
+
+    Returns:
+        The values, and every parameter by name.
+
+    Raises:
+        ParameterError: If values do not fit together.
+    """
+    given = cast("dict[str, RosParameter]", getattr(node, "_parameter_overrides", {}))
+    entries: dict[str, Parameter] = {}
+
+    def value_of(entry: Parameter) -> Any:
+        entries[entry.name] = entry
+        if not node.has_parameter(entry.name):
+            return _declare_one(node, entry, given, read_only=False)
+        value: Any = node.get_parameter(entry.name).value
+        return entry.check([] if value is None else value, node.get_name())
+
+    return assemble(cls, value_of, node.get_name()), entries
+
+
 def _start(entry: Parameter) -> Any:
     """What to declare: the default in the type of a ROS parameter, or its type alone."""
     if entry.default is MISSING:
@@ -295,12 +350,12 @@ def _start(entry: Parameter) -> Any:
     return entry.default
 
 
-def _descriptor(entry: Parameter) -> ParameterDescriptor:
+def _descriptor(entry: Parameter, *, read_only: bool) -> ParameterDescriptor:
     descriptor = ParameterDescriptor(
         name=entry.name,
         description=entry.description,
         additional_constraints="one of " + ", ".join(entry.choices) if entry.choices else "",
-        read_only=True,
+        read_only=read_only,
     )
     low, high = entry.low, entry.high
     if low is not None and high is not None and entry.kind is float:

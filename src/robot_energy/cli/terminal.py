@@ -37,6 +37,7 @@ WIDTH = 100  # columns, where there is no terminal
 _FILES: dict[str, tuple[tuple[FileKind, ...], str]] = {
     "json": (JSON, "the JSON report"),
     "report": (HTML, "the HTML report"),
+    "page": (HTML, "the energy page"),
     "plot": (PICTURE, "the figure"),
 }
 
@@ -48,11 +49,13 @@ def console() -> Console:
     """
     from rich.console import Console
 
+    from robot_energy.report.printing import terminal_text
+
     class PipeConsole(Console):
         """Leaves a closed pipe to `main`; the base class would exit with 1."""
 
         def print(self, *objects: Any, **options: Any) -> None:
-            plain = (shown_lines(one) if isinstance(one, str) else one for one in objects)
+            plain = (terminal_text(one, self) if isinstance(one, str) else one for one in objects)
             super().print(*plain, **options)
 
         def on_broken_pipe(self) -> None:
@@ -234,7 +237,23 @@ def present(
     for name, what in names.items():
         path = files[name]
         if path is not None:
-            out.print(f"wrote {shown(path)}: {what}", soft_wrap=True)
+            drawn = plot is not None or name != "plot"
+            wrote(out, path, what if drawn else "no figure, since there is nothing to draw", drawn)
+
+
+def wrote(out: Console, path: str | Path, what: str, done: bool = True) -> None:
+    """Say what was written, the path as it is.
+
+    Args:
+        out: Where to.
+        path: The file or folder.
+        what: It is, and how much.
+        done: Whether it was written.
+    """
+    from rich.text import Text
+
+    verb = "wrote" if done else "did not write"
+    out.print(Text(f"{verb} {shown(str(path))}: {what}"), soft_wrap=True)
 
 
 def sign(args: Namespace, page: Document) -> None:
