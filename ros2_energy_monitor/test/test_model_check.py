@@ -13,6 +13,7 @@ from ros2_energy_msgs.msg import MotorTemperatures, PowerReading
 from sensor_msgs.msg import JointState
 
 from robot_energy.bag import BagReader
+from ros2_energy_monitor.diagnostics import model_check
 from ros2_energy_monitor.nodes.energy_monitor import EnergyMonitor
 
 NAME = "energy_monitor: model check"
@@ -25,6 +26,12 @@ TYPES = {
 SECONDS = 15.0
 BURST = 300
 MOTOR_TORQUE = {"joint_states.effort_meaning": "motor_torque"}
+
+
+@pytest.fixture(autouse=True)
+def at_once(monkeypatch):
+    """A busy machine must not starve the process."""
+    monkeypatch.setattr(model_check, "NICENESS", 0)
 
 
 def play(bench: Any, node: EnergyMonitor, turned: int | None = None) -> None:

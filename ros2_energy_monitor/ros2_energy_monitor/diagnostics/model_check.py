@@ -33,6 +33,7 @@ from ros2_energy_monitor.base.guard import Guard
 from ros2_energy_monitor.diagnostics.reporter import ERROR, WARN, StatusBuilder
 
 MAX_SAMPLES = 20_000  # kept; about 1.2 kB each for six joints
+NICENESS = 19  # of the process: it gives way to all others
 LEVELS = {"error": ERROR, "warning": WARN}
 Answer = dict[str, Any]
 
@@ -110,7 +111,7 @@ class ModelCheck:
 
     def _run(self, outputs: list[Output]) -> Answer:
         """Have a process make the checks; runs in a thread that waits for it."""
-        command = [sys.executable, "-m", "robot_energy.check.process"]
+        command = [sys.executable, "-m", "robot_energy.check.process", str(NICENESS)]
         threads = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
         self._process = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env={**os.environ, **threads}

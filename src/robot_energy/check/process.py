@@ -1,8 +1,8 @@
 """The checks as a process of their own, of low priority, for a monitor that goes on meanwhile.
 
-``python -m robot_energy.check.process`` reads what a monitor saw from its standard input, as
-pickled keyword arguments of `robot_energy.check.evidence.evidence_of`, and writes the findings as
-JSON. Only a parent process on the same machine feeds it.
+``python -m robot_energy.check.process NICENESS`` reads what a monitor saw from its standard input,
+as pickled keyword arguments of `robot_energy.check.evidence.evidence_of`, and writes the findings
+as JSON. Only a parent process on the same machine feeds it.
 """
 
 from __future__ import annotations
@@ -16,13 +16,11 @@ from dataclasses import asdict
 from robot_energy.check.evidence import Remarks, evidence_of
 from robot_energy.check.run import findings_of
 
-NICENESS = 19  # of all levels the one that gives way most
-
 
 def main() -> None:
     """Check what comes on standard input."""
     if hasattr(os, "nice"):
-        os.nice(NICENESS)
+        os.nice(int(sys.argv[1]))
     seen = pickle.load(sys.stdin.buffer)
     findings, checked, skipped = findings_of(
         evidence_of(**{**seen, "remarks": Remarks(**seen["remarks"])})
