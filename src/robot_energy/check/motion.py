@@ -17,6 +17,7 @@ MAX_SCALE_ERROR = 0.15
 DEGREES = 180.0 / np.pi
 MARGIN = 0.2  # rad beyond a limit of the URDF
 MIN_BEYOND = 0.02  # share of samples beyond a limit
+FAR = 4.0  # times a limit: what several turns of a joint do not reach, and degrees do
 MIN_REST = 2.0  # s of a joint, below which its noise may be motion
 NEAR = 0.3  # of the logarithm of a factor
 
@@ -49,9 +50,8 @@ def _degrees_unseen(evidence: Evidence) -> list[Finding]:
     turning = bounded & ~np.asarray(limits.prismatic)
     if not turning.any():
         return []
-    in_degrees = DEGREES * position[:, turning]
-    low, high = limits.lower[turning] - MARGIN, limits.upper[turning] + MARGIN
-    if np.any(np.mean((in_degrees < low) | (in_degrees > high), axis=0) > MIN_BEYOND):
+    limit = np.maximum(np.abs(limits.lower), np.abs(limits.upper))[turning]
+    if np.any(np.max(np.abs(DEGREES * position[:, turning]), axis=0) > FAR * limit):
         return []
     why = "in degrees they would lie inside the limits of the URDF as well"
     return [unjudged("degrees", (), "whether positions are in radians", why)]
@@ -124,7 +124,7 @@ def _limits(evidence: Evidence, joint: int) -> list[Finding]:
     if beyond < MIN_BEYOND:
         return []
     within = np.all((position / DEGREES > low - MARGIN) & (position / DEGREES < high + MARGIN))
-    far = float(np.max(np.abs(position))) > max(2 * np.pi, 2 * max(abs(low), abs(high)))
+    far = float(np.max(np.abs(position))) > FAR * max(abs(low), abs(high))
     degrees = bool(within) and far
     cause = "degrees" if degrees else "position_limit"
     return [
