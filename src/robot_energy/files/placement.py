@@ -113,7 +113,7 @@ class OutputPlacement:
             raise self._failure(error) from error
 
     def sync(self) -> None:
-        """Have the disk know its new place.
+        """Write its new place to the disk.
 
         Raises:
             Exception: As `failure` makes it.
