@@ -27,6 +27,7 @@ from ros2_energy_monitor.base.parameters import (
     TorqueParameters,
     declare,
 )
+from ros2_energy_monitor.exporters.parameters import exporter_parameters
 from ros2_energy_monitor.meters.parameters import MeterDriverParameters
 
 CONFIG = Path(__file__).resolve().parent.parent / "config"
@@ -38,6 +39,7 @@ NODES = {
     "virtual_robot": RobotParameters,
     "console": ConsoleParameters,
     "meter_driver": MeterDriverParameters,
+    "energy_exporter": exporter_parameters(),
 }
 
 

@@ -49,13 +49,13 @@ MODULES = {
         temporary_folder
     """,
     "robot_energy.identify": """
-        bounds plausibility run_all steps
+        bounds causes plausibility run_all steps
     """,
     "robot_energy.identify.cabinet": """
         cabinet dc_link link_readings meter_delay supply
     """,
     "robot_energy.identify.data": """
-        bags log_channels observations recordings signals
+        bags log_channels observations recordings rest signals
     """,
     "robot_energy.identify.drives": """
         all_drives drive_data drive_delay drive_power drives efficiency losses
