@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from robot_energy.cli.memory import keep_freed_memory
+from robot_energy.cli.page import add_page, recorded_page, serve_page, write_page
 from robot_energy.cli.replay_options import BAG, DAMAGED, PAGE_PERIOD, add_replay, options_of
 from robot_energy.cli.robots import model_named
 from robot_energy.cli.terminal import (
@@ -22,6 +23,7 @@ from robot_energy.errors import ReportError
 if TYPE_CHECKING:
     from robot_energy.bag_replay import Replay
     from robot_energy.model import RobotModel
+    from robot_energy.page.recording import RecordedPage
     from robot_energy.time_series import TimeSeries
 
 DESCRIPTION = """\
@@ -41,6 +43,7 @@ examples:
   robot-energy replay bag --model ur3e --compare 20 --temperatures /driver/temperatures
   robot-energy replay bag --model my_robot.yaml --inputs energy_monitor.yaml
   robot-energy replay bag --model kr16 --effort motor_torque
+  robot-energy replay bag --model kr16 --serve
   robot-energy replay bag --robot fr3 --model my_fr3.yaml --json - | jq .comparison
 """
 
@@ -62,6 +65,7 @@ def add_parser(commands: Any) -> None:
     outputs.add_argument(
         "--report", metavar="FILE", help="write tables and figures as one HTML file"
     )
+    add_page(parser)
     add_replay(
         parser,
         "averaging period of /energy/power (default 0.02 s)",
@@ -94,16 +98,23 @@ def run(args: Namespace) -> int:
     inputs = [args.bag, named, args.inputs]
     check_outputs(args, inputs)
     if args.out is not None:
-        check_bag(args.out, args.overwrite, inputs, (args.json, args.plot, args.report))
+        check_bag(args.out, args.overwrite, inputs, (args.json, args.plot, args.report, args.page))
     model, change = load(named), None
     if args.fixed_friction is not None:
         model, change = fixed_friction(model, args.fixed_friction)
+    recorded = recorded_page(args, model)
     runs = [(model, change)]
     if args.compare is not None:
         runs.append(fixed_friction(model, args.compare))
     with all_or_none():
         replayed = [
-            _replay(args, used, "with fixed friction" if number else "replaying", not number)
+            _replay(
+                args,
+                used,
+                "with fixed friction" if number else "replaying",
+                not number,
+                None if number else recorded,
+            )
             for number, (used, _) in enumerate(runs)
         ]
         results, changes = [result for result, _ in replayed], [change for _, change in runs]
@@ -114,30 +125,35 @@ def run(args: Namespace) -> int:
         if table is not None:
             curves = ReplayCurves(curves_of(results, changes), table)
         replay_document(report, page, curves)
+        write_page(args, recorded, results[0])
         present(args, report, page, "bag", lambda path: _plot(path, results, changes))
+    serve_page(args, recorded)
     return DAMAGED if results[0].problems else 0
 
 
 def _replay(
-    args: Namespace, model: RobotModel, label: str, writes: bool
+    args: Namespace, model: RobotModel, label: str, writes: bool, page: RecordedPage | None
 ) -> tuple[Replay, TimeSeries | None]:
-    """Replay; the table over time is for the page alone, and coarse where no bag is written."""
+    """Replay; the table over time is for the report alone, and coarse where no bag is written."""
     from robot_energy.api.replay import replay_over_time, run_replay
 
     options = options_of(args)
     options |= {"out": args.out if writes else None, "overwrite": args.overwrite}
+    reported, take = args.report is not None and writes, None if page is None else page.take
+    period = args.power_period
+    if period is None and args.out is None:
+        period = page.period if page is not None else PAGE_PERIOD if reported else None
     keep_freed_memory()
     with progress(label) as show:
         options["progress"] = show
-        if args.report is not None and writes:
-            period = args.power_period or (None if args.out else PAGE_PERIOD)
+        if reported:
             return replay_over_time(
-                args.bag, model, power_period=period, keep_curves=True, **options
+                args.bag, model, power_period=period, keep_curves=True, on_output=take, **options
             )
         curves = args.plot is not None or args.report is not None
-        period = args.power_period
-        result = run_replay(args.bag, model, power_period=period, keep_curves=curves, **options)
-        return result, None
+        return run_replay(
+            args.bag, model, power_period=period, keep_curves=curves, on_output=take, **options
+        ), None
 
 
 def _plot(path: str, results: list[Replay], changes: list[str | None]) -> None:
