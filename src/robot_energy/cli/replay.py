@@ -98,7 +98,7 @@ def run(args: Namespace) -> int:
     inputs = [args.bag, named, args.inputs]
     check_outputs(args, inputs)
     if args.out is not None:
-        check_bag(args.out, args.overwrite, inputs, (args.json, args.plot, args.report))
+        check_bag(args.out, args.overwrite, inputs, (args.json, args.plot, args.report, args.page))
     model, change = load(named), None
     if args.fixed_friction is not None:
         model, change = fixed_friction(model, args.fixed_friction)
@@ -139,33 +139,21 @@ def _replay(
 
     options = options_of(args)
     options |= {"out": args.out if writes else None, "overwrite": args.overwrite}
-    on_output = None if page is None else page.take
-    tabled = args.report is not None and writes
+    reported, take = args.report is not None and writes, None if page is None else page.take
     period = args.power_period
-    if period is None and args.out is None and (page is not None or tabled):
-        period = PAGE_PERIOD if page is None else page.period
+    if period is None and args.out is None:
+        period = page.period if page is not None else PAGE_PERIOD if reported else None
     keep_freed_memory()
     with progress(label) as show:
         options["progress"] = show
-        if tabled:
+        if reported:
             return replay_over_time(
-                args.bag,
-                model,
-                power_period=period,
-                keep_curves=True,
-                on_output=on_output,
-                **options,
+                args.bag, model, power_period=period, keep_curves=True, on_output=take, **options
             )
         curves = args.plot is not None or args.report is not None
-        result = run_replay(
-            args.bag,
-            model,
-            power_period=period,
-            keep_curves=curves,
-            on_output=on_output,
-            **options,
-        )
-        return result, None
+        return run_replay(
+            args.bag, model, power_period=period, keep_curves=curves, on_output=take, **options
+        ), None
 
 
 def _plot(path: str, results: list[Replay], changes: list[str | None]) -> None:

@@ -217,7 +217,8 @@ def present(
     from robot_energy.report.html import write_page
     from robot_energy.report.printing import print_document
 
-    files = {name: getattr(args, name, None) for name in ("json", "out", "report", "plot")}
+    named = ("json", "out", "report", "page", "plot")
+    files = {name: getattr(args, name, None) for name in named}
     with all_or_none():
         if files["json"] is not None:
             write_json(files["json"], result.to_dict())
@@ -233,8 +234,14 @@ def present(
         return
     out = console()  # last: the reader of a pipe may close it early
     print_document(page, out)
-    names = {"out": made, "json": "all figures as JSON", "report": "report", "plot": "figure"}
-    for name, what in names.items():
+    kinds = {
+        "out": made,
+        "json": "all figures as JSON",
+        "report": "report",
+        "page": "energy page",
+        "plot": "figure",
+    }
+    for name, what in kinds.items():
         path = files[name]
         if path is not None:
             drawn = plot is not None or name != "plot"

@@ -60,7 +60,7 @@ def dynamics_document(
             (
                 "rows",
                 f"{int(result.observations.used.sum())} torques at {result.observations.rate:g} "
-                f"Hz, as good as {result.fit.independent.sum():.0f} independent ones",
+                f"Hz, with the information of {result.fit.independent.sum():.0f} independent ones",
             ),
             (
                 "settings",
@@ -76,7 +76,7 @@ def dynamics_document(
         ]
     )
     errors = {
-        "fitted data: no accuracy": result.in_sample,
+        "data of the fit": result.in_sample,
         "held out, least squares": report.torque_error["held_out"],
         "held out, model file": report.torque_error["held_out_model_file"],
     }
