@@ -100,7 +100,7 @@ def real() -> dict[str, list[str]]:
 def main() -> int:
     """Print the counts; exit code 1 if a sound recording is refused."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--robots", nargs="+", default=["kr16", "ur5e", "mantis"])
+    parser.add_argument("--robots", nargs="+", default=["kr16", "irb4600", "testbed"])
     parser.add_argument("--joint", type=int, default=2, help="with the mistakes, from 0")
     args = parser.parse_args()
     rows: dict[tuple[str, str], list[bool]] = {}

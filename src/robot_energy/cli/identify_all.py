@@ -10,6 +10,7 @@ from robot_energy.cli.identify_inputs import (
     add_bags,
     add_link_voltages,
     add_results,
+    add_share_shape,
     check_results,
     link_voltages,
 )
@@ -63,6 +64,7 @@ def add_parser(commands: Any) -> None:
         "--no-test", action="store_true", help="do not test the energy on held-out recordings"
     )
     add_link_voltages(parser)
+    add_share_shape(parser)
     add_results(parser, "all that was identified")
 
 
@@ -88,6 +90,7 @@ def run(args: Namespace) -> int:
         drive_power=args.drive_power,
         drive_joints=args.drive_joints,
         link_voltages=link_voltages(args),
+        share_shape=args.share_shape,
         inputs=args.inputs,
         progress=progress,
     )
