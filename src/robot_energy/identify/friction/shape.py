@@ -98,7 +98,7 @@ def common_shape(fits: Sequence[FrictionFit]) -> TemperatureShape:
     }
     if len(lent) < MIN_LENDERS:
         raise NotIdentifiableError(
-            f"{len(lent)} axes show an exponential law over {MIN_LENT_RANGE:g} K",
+            f"{len(lent)} of {len(fits)} axes show an exponential law over {MIN_LENT_RANGE:g} K",
             f"at least {MIN_LENDERS}, to lend their temperature shape with its spread",
             "record cold and warm",
         )
