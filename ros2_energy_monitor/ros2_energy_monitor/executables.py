@@ -6,6 +6,7 @@ EXECUTABLES = {
     "power_monitor": "ros2_energy_monitor.nodes.power_monitor",
     "energy_monitor": "ros2_energy_monitor.nodes.energy_monitor",
     "virtual_robot": "ros2_energy_monitor.nodes.virtual_robot",
+    "meter_driver": "ros2_energy_monitor.nodes.meter_driver",
     "console": "ros2_energy_monitor.nodes.console",
     "player": "ros2_energy_monitor.nodes.player",
     "demo": "ros2_energy_monitor.demo.demo",

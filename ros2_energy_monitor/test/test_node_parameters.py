@@ -11,6 +11,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from robot_energy.inputs.inputs_file import read_inputs
+from robot_energy.inputs.joint_states.correction import JointCorrection
 from robot_energy.inputs.parameters import RENAMED, assemble
 from robot_energy.inputs.sources import JointStateSource, TemperatureSource
 from robot_energy.inputs.temperatures.kinds import FLOAT_ARRAY, TEMPERATURE
@@ -26,6 +27,7 @@ from ros2_energy_monitor.base.parameters import (
     TorqueParameters,
     declare,
 )
+from ros2_energy_monitor.meters.parameters import MeterDriverParameters
 
 CONFIG = Path(__file__).resolve().parent.parent / "config"
 NODES = {
@@ -35,6 +37,7 @@ NODES = {
     "energy_monitor": EnergyParameters,
     "virtual_robot": RobotParameters,
     "console": ConsoleParameters,
+    "meter_driver": MeterDriverParameters,
 }
 
 
@@ -281,13 +284,30 @@ def test_strict_parameters_refuse_what_is_unknown(bench):
     "name",
     [
         *(entry.name for entry in fields(TorqueParameters) if entry.name != "joint_states"),
-        *(f"joint_states.{entry.name}" for entry in fields(JointStateSource)),
+        *(
+            f"joint_states.{entry.name}"
+            for entry in fields(JointStateSource)
+            if "group" not in entry.metadata
+        ),
+        *(f"joint_states.effort.{entry.name}" for entry in fields(JointCorrection)),
     ],
 )
 def test_one_wrong_letter_in_any_name_is_noticed(bench, capfd, name):
     wrong = name[:-1] + ("x" if name[-1] != "x" else "y")
     bench.add(Any, **{"model": "kr16", wrong: 1})
     assert f"no parameter '{wrong}'; did you mean '{name}'?" in capfd.readouterr().err
+
+
+def test_corrections_of_joint_states_are_lists_of_numbers_with_or_without_a_point(bench):
+    given = {"joint_states.effort.sign": [1, -1], "joint_states.effort.zero": [0.5, 0.0]}
+    node = bench.add(Any, model="kr16", **given)
+    expected = JointCorrection(sign=(1.0, -1.0), zero=(0.5, 0.0))
+    assert node.values.joint_states == JointStateSource(effort=expected)
+
+
+def test_a_correction_that_is_no_list_of_numbers_stops_the_node(bench):
+    with pytest.raises(ParameterError, match=r"joint_states.effort.sign.*a list of numbers"):
+        bench.add(Any, model="kr16", **{"joint_states.effort.sign": ["a"]})
 
 
 @pytest.mark.parametrize("old", RENAMED)

@@ -17,16 +17,16 @@ import robot_energy
 SOURCES = Path(robot_energy.__file__).parent.parent
 MODULES = {
     "robot_energy": """
-        __main__ bag_replay blocks config_file errors kinds log_formats prediction schema_errors
-        shown_text time_series units
+        __main__ bag_replay blocks config_file energy_bag errors kinds log_formats prediction
+        schema_errors shown_text time_series units
     """,
     "robot_energy.accounting": """
         account account_record averaging comparison energy_curve event_log exact_sum
-        integration job_intervals meter_checks plain_text record record_repair
+        integration job_intervals meter_checks plain_text prediction_errors record record_repair
         registers settings shaft_comparison
     """,
     "robot_energy.api": """
-        identify inputs online_monitor power_table predict replay
+        evaluate identify inputs online_monitor power_table predict replay
     """,
     "robot_energy.bag": """
         mcap_block mcap_file mcap_records mcap_summary metadata ownership packed
@@ -42,7 +42,7 @@ MODULES = {
         check completion export identify identify_all identify_cabinet identify_drives
         identify_dynamics identify_excitation identify_friction identify_inputs
         import_logs info kinds main memory models numbers predict replay replay_options
-        report robots schema simulate stopping terminal
+        report robots schema simulate stopping terminal test
     """,
     "robot_energy.files": """
         output_files output_folder output_streams placement regular_file
@@ -78,7 +78,8 @@ MODULES = {
         bag_topics inputs_file parameters rejection_log sources
     """,
     "robot_energy.inputs.joint_states": """
-        decode joint_states jumps partial_states plausibility publisher_conflicts velocities
+        correction decode joint_states jumps partial_states plausibility publisher_conflicts
+        velocities
     """,
     "robot_energy.inputs.meter": """
         energy_counter kinds meter power_curve source voltage_current_pairs
@@ -87,7 +88,7 @@ MODULES = {
         filter kinds reader stuck temperatures
     """,
     "robot_energy.logs": """
-        mapped_log mapping recording rows table ur_rtde
+        columns mapped_log mapping recording rows table ur_rtde
     """,
     "robot_energy.messages": """
         friction interval model_messages payload power registers torque
@@ -102,7 +103,7 @@ MODULES = {
     """,
     "robot_energy.physics": """
         cabinet derivative drive drivetrain effort effort_check equations friction
-        limit_utilisation rigid_body torque
+        limit_utilisation rigid_body torque transmission
     """,
     "robot_energy.physics.urdf": """
         checks compare parse
@@ -116,16 +117,16 @@ MODULES = {
     """,
     "robot_energy.report": """
         canvas document drives dynamics efficiency_figure energy energy_figure
-        excitation formats friction_figure held_out html identification identify_all
+        evaluation excitation formats friction_figure held_out html identification identify_all
         kinds layout model parameters power_figure prediction prediction_figure printing
         replay series temperature_figure torque_figure
     """,
     "robot_energy.results": """
-        base check drives dynamics energy excitation identification model
+        base check drives dynamics energy evaluation excitation identification model
         prediction replay schema
     """,
     "robot_energy.rig": """
-        config lubricant output plant profile record sensors supply
+        config lubricant output plant profile random_plant record sensors supply
         thermal virtual_rig
     """,
     "robot_energy.starter": """
@@ -155,7 +156,7 @@ LAYERS = (
     ("bag", "inputs", "presets", "accounting", "logs", "log_formats", "time_series"),
     ("pipeline", "messages", "store"),
     ("motion",),
-    ("bag_replay", "prediction", "starter"),
+    ("bag_replay", "energy_bag", "prediction", "starter"),
     ("identify", "rig", "check"),
     ("results",),
     ("report",),

@@ -34,8 +34,10 @@ TYPES: dict[Any, RosParameter.Type] = {
     float: RosParameter.Type.DOUBLE,
     str: RosParameter.Type.STRING,
     tuple[str, ...]: RosParameter.Type.STRING_ARRAY,
+    tuple[float, ...]: RosParameter.Type.DOUBLE_ARRAY,
 }
 # Overrides that rclpy itself declares or reads.
+MAX_ROUNDING = 1e-3  # of a number of ticks, so that 8.333 counts as a third of 25
 OF_RCLPY = ("use_sim_time", "start_type_description_service", "qos_overrides")
 
 if TYPE_CHECKING:
@@ -63,7 +65,7 @@ class Common:
         "Silence of an input beyond which diagnostics call it missing [s].", 1.0, 0.05, 3600.0
     )
     resubscribe_after: float = parameter(
-        "Silence of an input that has publishers after which it is subscribed anew [s].",
+        "Silence of an input that has publishers after which it is subscribed again [s].",
         10.0,
         0.5,
         3600.0,
@@ -101,7 +103,11 @@ class AccountParameters(MeterInputs, Common):
     """What the nodes that keep an energy account share."""
 
     power_rate: float = parameter(
-        "Rate of energy/power, whose powers are means over its period [1/s].", 50.0, 0.1, 1000.0
+        "Rate of energy/power, whose powers are means over its period: tick_rate or a whole "
+        "fraction of it [1/s].",
+        25.0,
+        0.1,
+        1000.0,
     )
     temperature_wait: float = parameter(
         "How long torque waits for a temperature that arrives late [s].", 0.1, 0.0, 10.0
@@ -127,6 +133,10 @@ class PowerParameters(GapInputs, AccountParameters):
         100_000,
     )
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _check_power_rate(self)
+
 
 @dataclass(frozen=True, kw_only=True)
 class EnergyParameters(TorqueParameters, FrictionParameters, AccountParameters):
@@ -135,6 +145,10 @@ class EnergyParameters(TorqueParameters, FrictionParameters, AccountParameters):
     publish_torque: bool = parameter(
         "Whether energy/joint_torque is published, at the full rate of the joint states.", False
     )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _check_power_rate(self)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -148,7 +162,7 @@ class RobotParameters:
     speed: float = parameter("Speed of the program, as a share of the limits [-].", 1.0, 0.05, 1.0)
     rate: float = parameter("Rate of the joint states [1/s].", 250.0, 10.0, 4000.0)
     tick_rate: float = parameter(
-        "How often the samples that are due are published, as a burst [1/s].", 50.0, 1.0, 1000.0
+        "How often the samples that are due are computed [1/s].", 50.0, 1.0, 1000.0
     )
     start_temperature_degc: float = parameter(
         "Temperature of all motors and gears at the start [degC].", 20.0, -20.0, 120.0
@@ -209,8 +223,25 @@ def declare(node: Node, cls: type[P]) -> P:
     return values
 
 
+def _check_power_rate(parameters: AccountParameters) -> None:
+    """Refuse a rate of energy/power that ticks cannot give evenly."""
+    rate, tick_rate = parameters.power_rate, parameters.tick_rate
+    whole = max(1, round(tick_rate / rate))
+    if abs(tick_rate / rate - whole) > MAX_ROUNDING * whole:
+        near = sorted({tick_rate / max(1, whole + step) for step in (-1, 0, 1)})
+        raise ParameterError(
+            f"power_rate is {rate:g} at a tick_rate of {tick_rate:g}",
+            f"tick_rate or a whole fraction of it, such as "
+            f"{' or '.join(f'{value:.6g}' for value in near)}",
+        )
+
+
 def parameter_lines(node: Node) -> list[str]:
-    """Return every parameter of a node with its value, one line for each group."""
+    """Return every parameter of a node with its value, one line for each group.
+
+    Args:
+        node: The node that declared them.
+    """
     declared = cast("dict[str, RosParameter]", node.get_parameters_by_prefix(""))
     groups: dict[str, list[str]] = {}
     for name in sorted(declared):
@@ -222,6 +253,10 @@ def _declare_one(node: Node, entry: Parameter, given: dict[str, RosParameter]) -
     name, override = entry.name, given.get(entry.name)
     if entry.kind is float and override is not None and override.type_ == TYPES[int]:
         given[name] = RosParameter(name, value=float(cast(int, override.value)))  # 50 for 50.0
+    if entry.kind == tuple[float, ...] and override is not None:
+        if override.type_ == RosParameter.Type.INTEGER_ARRAY:  # [1, -1] for [1.0, -1.0]
+            numbers = [float(value) for value in cast("list[int]", override.value)]
+            given[name] = RosParameter(name, value=numbers)
     if entry.kind == tuple[str, ...] and override is not None and not override.value:
         given[name] = RosParameter(name, value=[""])  # an empty list has no type
     missing = ParameterError(

@@ -32,7 +32,7 @@ Names = str | Path | Sequence[str | Path]
 
 @dataclass(frozen=True)
 class IdentificationResult(Generic[Found]):
-    """What recordings tell about a robot.
+    """What recordings say about a robot.
 
     Attributes:
         model: The model with what was identified.
@@ -290,7 +290,7 @@ def _bags(
     drive_power: str | None,
     drive_joints: Sequence[str] | None,
 ) -> tuple[list[Bag], str]:
-    """The bags, and why their effort cannot be used; empty if it can, or was not told."""
+    """The bags, and why their effort cannot be used; empty if it can, or was not stated."""
     from robot_energy.identify.drives.drive_power import read_drive_power
     from robot_energy.identify.run_all import usable_effort
 

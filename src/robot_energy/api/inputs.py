@@ -114,8 +114,8 @@ class BagSource:
         read, notes = driver_inputs(self.inputs, self.robot)
         if notes:
             raise ParameterError(notes[0], remedy=f"change {self.inputs}")
-        told = EffortMeaning.NONE if read is None else read.joint_states.effort_meaning
-        return effort_meaning(self.effort or told), read
+        stated = EffortMeaning.NONE if read is None else read.joint_states.effort_meaning
+        return effort_meaning(self.effort or stated), read
 
     def recordings(self, model: RobotModel) -> list[Recording]:
         """Return the bags as the stages of the monitor read them.

@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from robot_energy.bag_replay import Replay, replay
 from robot_energy.blocks import (
+    DOUBTFUL,
     NANOSECOND,
     EffortMeaning,
     Float,
     Int,
     MeterBlock,
     PowerBlock,
-    Quality,
     TorqueBlock,
 )
 from robot_energy.inputs.sources import Inputs
@@ -26,7 +26,6 @@ from robot_energy.physics.rigid_body import Robot
 from robot_energy.pipeline import Output, Settings
 
 MAX_ROWS = 2500  # of the torque checks
-DOUBTFUL = Quality.ACCELERATION_INCOMPLETE | Quality.AFTER_GAP | Quality.NOT_FINITE
 
 
 @dataclass(frozen=True)

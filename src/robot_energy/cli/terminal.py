@@ -230,7 +230,8 @@ def present(
         return
     out = console()  # last: the reader of a pipe may close it early
     print_document(page, out)
-    for name, what in (("out", made), ("report", "report"), ("plot", "figure")):
+    names = {"out": made, "json": "all figures as JSON", "report": "report", "plot": "figure"}
+    for name, what in names.items():
         path = files[name]
         if path is not None:
             out.print(f"wrote {shown(path)}: {what}", soft_wrap=True)
@@ -240,4 +241,4 @@ def sign(args: Namespace, page: Document) -> None:
     """Add the command line that makes a page, as it was typed."""
     with page.only("page"):
         page.paragraph("This report was made by")
-        page.command(shlex.join(["robot-energy", *getattr(args, "words", ())]))
+        page.command(shlex.join(["robot-energy", *getattr(args, "command", ())]))

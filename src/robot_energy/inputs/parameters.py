@@ -18,7 +18,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import MISSING, dataclass, field, fields
+from dataclasses import MISSING, dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, TypeVar, cast, get_type_hints
 
 from robot_energy.errors import ParameterError
@@ -33,6 +33,7 @@ KINDS: dict[Any, str] = {
     float: "a number",
     str: "a text",
     tuple[str, ...]: "a list of texts",
+    tuple[float, ...]: "a list of numbers",
 }
 HEADER, RECEIVE = "header", "receive"  # sources of stamps, the same words for every input
 RENAMED = {  # parameters of earlier versions, and what they are called now
@@ -92,6 +93,8 @@ class Parameter:
         given = value
         if self.kind is float and isinstance(value, int) and not isinstance(value, bool):
             value = float(value)
+        if self.kind == tuple[float, ...]:
+            return self._numbers(value, owner)
         if self.kind == tuple[str, ...]:
             fits = isinstance(value, list | tuple)
             items = cast("Sequence[Any]", value) if fits else ()
@@ -105,6 +108,18 @@ class Parameter:
         if not fits or (self.choices and value not in self.choices):
             raise ParameterError(f"parameter '{self.name}' of {owner} is {given!r}", self.expected)
         return value
+
+    def _numbers(self, value: Any, owner: str) -> tuple[float, ...]:
+        """Check a list of numbers, each in the range."""
+        items = cast("Sequence[Any]", value) if isinstance(value, list | tuple) else ()
+        one = replace(self, kind=float)
+        try:
+            found = tuple(one.check(item, owner) for item in items)
+        except ParameterError:
+            found = ()
+        if not found:
+            raise ParameterError(f"parameter '{self.name}' of {owner} is {value!r}", self.expected)
+        return found
 
 
 def parameter(

@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 
 from robot_energy.blocks import EffortMeaning
 from robot_energy.errors import ParameterError
+from robot_energy.inputs.joint_states.correction import JointCorrection
 from robot_energy.inputs.meter.source import MeterInputs
 from robot_energy.inputs.parameters import HEADER, RECEIVE, group, named_groups, parameter
 from robot_energy.inputs.temperatures.kinds import (
@@ -64,6 +65,9 @@ class JointStateSource:
         str(EffortMeaning.NONE),
         choices=tuple(str(meaning) for meaning in EffortMeaning),
     )
+    position: JointCorrection = group(JointCorrection)
+    velocity: JointCorrection = group(JointCorrection)
+    effort: JointCorrection = group(JointCorrection)
 
     def __post_init__(self) -> None:
         if not self.topics:
@@ -89,6 +93,20 @@ class JointStateSource:
                 "name all joints in the order of the model, or leave it empty",
             )
         return self.joint_names or tuple(joints)
+
+    def corrections_of(self, joints: Sequence[str]) -> tuple[JointCorrection, ...]:
+        """Return what corrects position, velocity and effort of a model's joints.
+
+        Args:
+            joints: Names of the joints in the model.
+
+        Raises:
+            ParameterError: If there are neither one entry nor as many as joints.
+        """
+        found = {"position": self.position, "velocity": self.velocity, "effort": self.effort}
+        for name, correction in found.items():
+            correction.check(joints, f"joint_states.{name}")
+        return tuple(found.values())
 
 
 @dataclass(frozen=True, kw_only=True)

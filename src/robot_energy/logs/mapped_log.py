@@ -10,15 +10,8 @@ import numpy as np
 
 from robot_energy.blocks import Float, Int, MeterLocation, MeterMeaning
 from robot_energy.errors import LogFormatError
-from robot_energy.logs.mapping import (
-    FACTORS,
-    PLACE,
-    ZEROS,
-    Columns,
-    LogMapping,
-    PositionColumn,
-    Velocity,
-)
+from robot_energy.logs.columns import FACTORS, ZEROS, Columns, PositionColumn, Velocity
+from robot_energy.logs.mapping import PLACE, LogMapping
 from robot_energy.logs.recording import (
     FileAccount,
     ImportReport,
@@ -66,7 +59,7 @@ class MappedLog:
         self._mapping, self._drivetrain = mapping, drivetrain
         self._optional = optional
         folder = path if mapping.in_folder else path.parent
-        first = mapping.joints.position.file
+        first = mapping.joints.first.file
         main = folder / first.replace(PLACE, recording) if first else path
         self.name = recording or main.name
         self.account = FileAccount(path=main)
@@ -97,7 +90,8 @@ class MappedLog:
                 raise LogFormatError(
                     f"{file} has {len(columns)} columns", f"one per joint: {len(joints.names)}"
                 )
-        if not self._optional or key == "position" or set(columns) <= set(table.columns):
+        required = not self._optional or joints.first is group
+        if required or set(columns) <= set(table.columns):
             self._take(f"joints.{key}", file, columns)
 
     def _take(self, owner: str, file: Path, columns: Sequence[str]) -> None:
@@ -118,7 +112,7 @@ class MappedLog:
 
     @property
     def main(self) -> LogTable:
-        """The table with the time and the positions."""
+        """The table with the time and the positions, or velocities without positions."""
         return next(iter(self.tables.values()))
 
     def blocks(
@@ -179,7 +173,6 @@ class MappedLog:
         keys = np.array([key for taken in self._columns.values() for key, _ in taken])
         joints, power = self._mapping.joints, self._mapping.power
         groups = dict(joints.quantities())
-        signs = np.asarray(joints.signs or 1.0, dtype=np.float64)
 
         def quantity(key: str) -> Float:
             """Values of one quantity of all joints, as logged but in SI; NaN without any."""
@@ -191,22 +184,25 @@ class MappedLog:
         def joint_side(key: str, group: PositionColumn | Velocity | None) -> Float:
             """Positions or velocities; both follow the same map from the motors."""
             found = quantity(key)
-            if group is not None and group.side == "motor":
+            if group is None:
+                return found
+            if group.side == "motor":
                 gears = self._drivetrain or self._mapping.drivetrain()
                 found = gears.joint_velocity_from_motor(found)
-            return found * signs
+            return group.correction.apply(found)
 
-        effort = quantity("effort") * signs
-        if joints.effort is not None and joints.effort.torque_constant is not None:
-            effort = effort * np.asarray(joints.effort.torque_constant)
+        effort = quantity("effort")
+        if joints.effort is not None:
+            effort = effort * np.asarray(joints.effort.torque_constant or 1.0)
+            effort = joints.effort.correction.apply(effort)
         reading = np.full(len(values), np.nan)
         if power is not None and all(key in self for key in power.factors()):
-            reading = np.ones(len(values))
+            reading = np.full(len(values), power.factor)
             for key, (_, factor) in power.factors().items():
                 reading = reading * (values[:, keys == key][:, 0] * factor)
         return LogBlock(
             stamp_ns,
-            joint_side("position", joints.position) + np.asarray(joints.position.zero or 0.0),
+            joint_side("position", joints.position),
             joint_side("velocity", joints.velocity),
             effort,
             quantity("temperature"),
@@ -246,7 +242,7 @@ def open_logs(
         )
     names = mapping.recordings or [""]
     logs = [MappedLog(p, mapping, name, drivetrain, optional) for p in found for name in names]
-    if mapping.time.column is not None and mapping.time.run is None:
+    if mapping.time.column is not None and not mapping.in_runs:
         logs.sort(key=lambda log: log.begins)
     return logs
 
@@ -278,6 +274,12 @@ def import_log(
         BagError: If the bag cannot be written.
     """
     files = [paths] if isinstance(paths, str | Path) else paths
+    if mapping.joints.position is None:
+        raise LogFormatError(
+            "the mapping names no positions",
+            "joints.position for a bag of joint states",
+            "`robot-energy identify drives --log` takes this log as it is",
+        )
     logs = open_logs(files, mapping, optional=optional)
     contents, effort = contents_of(logs, mapping), mapping.joints.effort
     names = ", ".join(log.name for log in logs)
@@ -289,6 +291,12 @@ def import_log(
         report.notes.append(
             f"the effort of /joint_states is the log's, in {effort.si_unit.replace('_', ' ')}"
         )
+    for account in accounts:
+        if account.received and account.rejected["not_newer"] == account.received:
+            report.notes.append(
+                f"no row of {account.path.name} is newer than those before it: if each file counts "
+                "from its own zero, set time.each_file_is_a_run: true in the mapping"
+            )
     return report
 
 

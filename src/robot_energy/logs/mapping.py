@@ -6,47 +6,22 @@ from directly. Examples: ``src/examples/mappings`` and ``src/examples/identify``
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated, Any, Generic, Literal, Self, TypeVar, cast
+from typing import Annotated, Any, Literal, cast
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from robot_energy.config_file import parse_yaml, read_text, validated
 from robot_energy.errors import LogFormatError
+from robot_energy.logs.columns import CORRECTED, Joints, MappingEntry, Names, Number, Power, Text
 from robot_energy.physics.drivetrain import Drivetrain
-from robot_energy.units import ENERGY_UNITS, POWER_UNITS
 
-PLACEHOLDER = "{joint}"
 PLACE = "{recording}"  # in the name of a file: the name of a recording
 LATEST_NS = 2**62  # from 1970 on, either way: sums with times of the log stay within 64 bits
 MADE_UP_DATE = datetime(2000, 1, 1, tzinfo=UTC)  # of rows that are counted at a rate
-DEGREE = 0.017453292519943295  # rad
-FACTORS = {
-    **{"rad": 1.0, "deg": DEGREE, "m": 1.0, "mm": 1e-3},
-    **{"rad_per_s": 1.0, "deg_per_s": DEGREE, "m_per_s": 1.0, "mm_per_s": 1e-3},
-    **{"newton_metre": 1.0, "newton": 1.0, "ampere": 1.0, "milliampere": 1e-3},
-    **{"celsius": 1.0, "kelvin": 1.0, "V": 1.0, "mV": 1e-3, "A": 1.0, "mA": 1e-3},
-    **POWER_UNITS,
-    **ENERGY_UNITS,
-}
-"""What one of each unit is in SI or, of temperatures, in degC apart from their zero."""
-ZEROS = {"kelvin": -273.15}  # degC
-
-Text = Annotated[str, Field(min_length=1)]
-Number = Annotated[float, Field(allow_inf_nan=False)]
 Name = Annotated[str, Field(pattern=r"^[\w.-]+$")]
-Names = Annotated[list[Text], Field(min_length=1)]
-Side = Literal["motor", "joint"]
-Unit = TypeVar("Unit")
-
-
-class MappingEntry(BaseModel):
-    """Base of all parts: unknown keys are refused."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
 
 class Time(MappingEntry):
@@ -59,6 +34,8 @@ class Time(MappingEntry):
         start: Added to every time; needed where times count from zero. Without zone: UTC.
             With a rate the default is 2000-01-01.
         run: Column whose change begins another run, where each run counts from zero.
+        each_file_is_a_run: Whether each file counts from its own zero, as after a restart of
+            the controller; its files are then taken in the order in which they are named.
         apart: How long after the end of a run the next one is set. [s]
     """
 
@@ -67,6 +44,7 @@ class Time(MappingEntry):
     rate: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
     start: datetime | None = None
     run: Text | None = None
+    each_file_is_a_run: bool = False
     apart: Annotated[float, Field(gt=1, allow_inf_nan=False)] = 10.0
 
     @model_validator(mode="after")
@@ -93,184 +71,6 @@ def since_1970(instant: datetime) -> int:
     instant = instant if instant.tzinfo else instant.replace(tzinfo=UTC)
     elapsed = instant - datetime(1970, 1, 1, tzinfo=UTC)
     return (elapsed.days * 86400 + elapsed.seconds) * 10**9 + elapsed.microseconds * 1000
-
-
-class Columns(MappingEntry, Generic[Unit]):
-    """Columns of one quantity of every joint.
-
-    Attributes:
-        unit: Of the columns.
-        column: Pattern in which ``{joint}`` stands for the joint's key.
-        columns: One column per joint, in their order.
-        file: Another file with as many rows, beside the log; ``{recording}`` stands for the
-            name of each recording. Without column and columns: its first columns.
-        column_names: Of all columns of that file, if it has no header.
-    """
-
-    unit: Unit
-    column: Text | None = None
-    columns: Names | None = None
-    file: Text | None = None
-    column_names: Names | None = None
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        if self.column is not None and self.columns is not None:
-            raise ValueError("either column or columns, not both")
-        if self.column is None and self.columns is None and self.file is None:
-            raise ValueError("either column or columns, or the file whose first columns they are")
-        if self.column is not None and PLACEHOLDER not in self.column:
-            raise ValueError(f"a pattern with {PLACEHOLDER}, found '{self.column}'")
-        if self.column_names is not None and self.file is None:
-            raise ValueError("column_names at the top of the mapping, or together with file")
-        return self
-
-    def names(self, keys: list[str]) -> list[str] | None:
-        """Return the column of every joint; None for the first columns of the file.
-
-        Args:
-            keys: What stands for ``{joint}`` in a pattern, one per joint.
-        """
-        if self.column is None:
-            return self.columns
-        return [self.column.replace(PLACEHOLDER, key) for key in keys]
-
-
-class PositionColumn(Columns[Literal["rad", "deg", "m", "mm"]]):
-    """Positions of the joints, or of the motors.
-
-    Attributes:
-        side: Whether joints or motors were measured; motors need ``robot`` or a model.
-        zero: Position of each joint in the URDF where the log says 0. [rad] or [m]
-    """
-
-    side: Side = "joint"
-    zero: list[Number] | None = None
-
-
-class Velocity(Columns[Literal["rad_per_s", "deg_per_s", "m_per_s", "mm_per_s"]]):
-    """Velocities of the joints, or of the motors."""
-
-    side: Side = "joint"
-
-
-class EffortColumns(Columns[Literal["newton_metre", "newton", "ampere", "milliampere"]]):
-    """Torque or current; a bag keeps it, and ``effort`` tells the monitor what it means.
-
-    Attributes:
-        side: Whether joints or motors were measured; ``identify dynamics --log`` needs it.
-        torque_constant: Per motor; turns currents into torques. [N m/A]
-    """
-
-    side: Side | None = None
-    torque_constant: list[Number] | None = None
-
-    @model_validator(mode="after")
-    def _check_current(self) -> EffortColumns:
-        if self.torque_constant is not None and (not self.is_current or self.side == "joint"):
-            raise ValueError("torque_constant for ampere or milliampere of motors, and only there")
-        return self
-
-    @property
-    def is_current(self) -> bool:
-        """Whether the column is a current."""
-        return self.unit.endswith("ampere")
-
-    @property
-    def si_unit(self) -> str:
-        """Unit of what is made of it: ``newton_metre``, ``newton`` or ``ampere``."""
-        if self.torque_constant is not None:
-            return "newton_metre"
-        return "ampere" if self.is_current else self.unit
-
-
-class Joints(MappingEntry):
-    """The joints and their columns.
-
-    Attributes:
-        names: As in the model file, from the base on.
-        keys: What stands for ``{joint}`` in patterns; default the names.
-        signs: 1 or -1 per joint, where the log counts the other way than the URDF.
-        temperature: Of the motors.
-        drive_power: Electrical power that each drive takes, positive into the drive.
-    """
-
-    names: Names
-    keys: list[Text] | None = None
-    signs: list[Literal[1, -1]] | None = None
-    position: PositionColumn
-    velocity: Velocity | None = None
-    effort: EffortColumns | None = None
-    temperature: Columns[Literal["celsius", "kelvin"]] | None = None
-    drive_power: Columns[Literal["W", "kW", "mW"]] | None = None
-
-    @model_validator(mode="after")
-    def _check(self) -> Joints:
-        if len(set(self.names)) != len(self.names):
-            raise ValueError("each joint name once")
-        lists: dict[str, list[Any] | None] = {"keys": self.keys, "signs": self.signs}
-        for name, group in self.quantities():
-            lists[f"columns for {name}"] = group.columns
-        lists["zero for position"] = self.position.zero
-        if self.effort is not None:
-            lists["torque_constant for effort"] = self.effort.torque_constant
-        for what, entries in lists.items():
-            if entries is not None and len(entries) != len(self.names):
-                raise ValueError(
-                    f"as many {what} as names: {len(self.names)}, found {len(entries)}"
-                )
-        return self
-
-    def quantities(self) -> Iterator[tuple[str, Columns[Any]]]:
-        """Yield key and columns of every quantity that the log has."""
-        for name in ("position", "velocity", "effort", "temperature", "drive_power"):
-            if (group := getattr(self, name)) is not None:
-                yield name, group
-
-
-class MeterColumn(MappingEntry, Generic[Unit]):
-    """One column of the power meter."""
-
-    column: Text
-    unit: Unit
-
-
-class Power(MappingEntry):
-    """The power meter: one column, or voltage and current of a DC supply.
-
-    Attributes:
-        location: Where the meter sits: ``grid`` or ``dc_bus``.
-        meaning: ``instantaneous``, ``mean_over_interval`` or ``cumulative`` (energy).
-        interval: Length of the interval that ends at each row, for a mean. [s]
-    """
-
-    location: Literal["grid", "dc_bus"]
-    meaning: Literal["instantaneous", "mean_over_interval", "cumulative"]
-    interval: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
-    reading: MeterColumn[Literal["W", "kW", "mW", "J", "kJ", "Wh", "kWh"]] | None = None
-    voltage: MeterColumn[Literal["V", "mV"]] | None = None
-    current: MeterColumn[Literal["A", "mA"]] | None = None
-
-    @model_validator(mode="after")
-    def _check(self) -> Power:
-        pair = [self.voltage is not None, self.current is not None]
-        if (self.reading is not None) == any(pair) or any(pair) != all(pair):
-            raise ValueError("either reading, or both voltage and current")
-        if (self.meaning == "mean_over_interval") != (self.interval is not None):
-            raise ValueError("interval for mean_over_interval, and only for it")
-        energy = self.reading is not None and self.reading.unit in ENERGY_UNITS
-        if energy != (self.meaning == "cumulative"):
-            raise ValueError("an energy unit (J, kJ, Wh, kWh) for cumulative, and only for it")
-        return self
-
-    def factors(self) -> dict[str, tuple[str, float]]:
-        """Return column and factor to SI of all whose product is the reading, by key."""
-        entries = {"reading": self.reading, "voltage": self.voltage, "current": self.current}
-        return {
-            key: (entry.column, FACTORS[entry.unit])
-            for key, entry in entries.items()
-            if entry is not None
-        }
 
 
 class CouplingEntry(MappingEntry):
@@ -357,11 +157,16 @@ class LogMapping(MappingEntry):
     @property
     def in_folder(self) -> bool:
         """Whether the mapping names the files itself, and the log is their folder."""
-        return self.joints.position.file is not None
+        return self.joints.first.file is not None
+
+    @property
+    def in_runs(self) -> bool:
+        """Whether rows are set one run after the other, since each counts its own time."""
+        return self.time.run is not None or self.time.each_file_is_a_run
 
     @property
     def files(self) -> list[str]:
-        """All files that the mapping names, positions first, each once."""
+        """All files that the mapping names, those of the first quantity first, each once."""
         groups = [group.file for _, group in self.joints.quantities() if group.file]
         names = self.recordings or [""]
         return list(dict.fromkeys(f.replace(PLACE, name) for name in names for f in groups))
@@ -403,8 +208,18 @@ def load_mapping(path: str | Path) -> LogMapping:
 
 
 def _in_present_form(data: Any) -> Any:
-    """Move the keys of the former mapping of raw drive logs to their present places."""
-    if not isinstance(data, dict) or not {"position", "torque"} & data.keys():
+    """Move the keys of former mappings to their present places."""
+    if not isinstance(data, dict):
+        return cast("object", data)
+    joints: Any = cast("dict[str, Any]", data).get("joints")
+    if isinstance(joints, dict) and "signs" in joints:
+        of_joints = cast("dict[str, Any]", joints)
+        groups = [of_joints[key] for key in CORRECTED if isinstance(of_joints.get(key), dict)]
+        if not any("sign" in group for group in groups):
+            signs = of_joints.pop("signs")
+            for group in groups:
+                group["sign"] = signs
+    if not {"position", "torque"} & data.keys():
         return cast("object", data)
     former = dict(cast("dict[str, Any]", data))
     places = {

@@ -98,7 +98,7 @@ class Clock:
         else:
             found = nanoseconds(texts.pop(0), self._time.unit)
         placed = found
-        if texts or self._time.rate is not None:
+        if texts or self._time.rate is not None or self._time.each_file_is_a_run:
             labels = texts[0].cast(pl.String).str.strip_chars().to_list() if texts else repeat("")
             placed = [
                 None if instant is None else self._place(instant, label)

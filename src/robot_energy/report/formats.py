@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 NOTHING = "-"
 WATT_HOUR = 3600.0  # J
@@ -36,6 +36,18 @@ def fixed(digits: int) -> Callable[[float | None], str]:
 def significant(digits: int) -> Callable[[float | None], str]:
     """Return a format with so many digits in all."""
     return lambda value: NOTHING if value is None else f"{value:.{digits}g}"
+
+
+def aligned(values: Iterable[float | None], digits: int) -> Callable[[float | None], str]:
+    """Return a format of one column: the largest value has so many digits, all end alike.
+
+    Args:
+        values: Of the column.
+        digits: Of the largest, in all.
+    """
+    known = [abs(value) for value in values if value is not None and math.isfinite(value)]
+    lead = math.floor(math.log10(max(known, default=0.0) or 1.0))
+    return fixed(max(0, digits - 1 - lead))
 
 
 def number(value: float, digits: int) -> str:

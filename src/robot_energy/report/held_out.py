@@ -5,7 +5,7 @@ from __future__ import annotations
 from robot_energy.blocks import MeterLocation
 from robot_energy.identify.stats.held_out_energy import GIVEN, OUTSIDE, HeldOutEnergy, Tested
 from robot_energy.report.document import Column, Document
-from robot_energy.report.energy_figure import energy_errors
+from robot_energy.report.energy_figure import error_bars
 from robot_energy.report.formats import energy_text, fixed, percent, signed_percent, significant
 from robot_energy.report.power_figure import power_and_energy
 from robot_energy.report.series import Role, Series, series_of
@@ -133,7 +133,7 @@ def _energy_tables(test: HeldOutEnergy, stages: list[str], page: Document) -> No
                     LABELS.get(stage, f"+{stage}"),
                     lambda entry, stage=stage: entry.error(stage),
                     signed_percent,
-                    total=lambda _, stage=stage: abs(test.mean_error(stage)),
+                    total=lambda _, stage=stage: percent(abs(test.mean_error(stage))),
                 )
                 for stage in stages
             ),
@@ -177,12 +177,14 @@ def _figures(test: HeldOutEnergy, names: tuple[str, ...], page: Document) -> Non
     worst, last = test.worst, test.stages[-1]
     if worst is not None:
         page.figure(
-            lambda path: energy_errors(
+            lambda path: error_bars(
                 [entry.name for entry in test.metered],
-                [entry.error(GIVEN) for entry in test.metered],
-                [entry.error(last) for entry in test.metered],
+                [
+                    ("model as given", "fixed", [entry.error(GIVEN) for entry in test.metered]),
+                    ("new model", "predicted", [entry.error(last) for entry in test.metered]),
+                ],
                 path,
-                [entry.beyond > OUTSIDE for entry in test.metered],
+                beyond=[entry.beyond > OUTSIDE for entry in test.metered],
             ),
             "Energy error on what was held out."
             + (" Hatched: colder or warmer than the fit has seen." if test.beyond else ""),

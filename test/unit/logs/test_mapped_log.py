@@ -13,7 +13,7 @@ from places import ROOT
 from robot_energy.blocks import MeterLocation, MeterMeaning
 from robot_energy.errors import BagError, LogFormatError
 from robot_energy.identify.drives.drive_power import read_drive_power
-from robot_energy.logs import import_log, load_mapping
+from robot_energy.logs import import_log, load_mapping, open_logs
 
 EXAMPLES = ROOT / "src" / "examples" / "mappings"
 DATA = os.environ.get("ROBOT_ENERGY_DATA", "")
@@ -32,9 +32,8 @@ def test_units_signs_and_meter_reach_the_bag_in_si(tmp_path: Path) -> None:
     joints = {
         "names": ["one", "two"],
         "keys": ["1", "2"],
-        "signs": [1, -1],
-        "position": {"column": "q{joint}", "unit": "deg"},
-        "velocity": {"columns": ["v1", "v2"], "unit": "deg_per_s"},
+        "position": {"column": "q{joint}", "unit": "deg", "sign": [1, -1]},
+        "velocity": {"columns": ["v1", "v2"], "unit": "deg_per_s", "sign": [1, -1]},
         "effort": {"column": "i{joint}", "unit": "milliampere"},
         "temperature": {"column": "k{joint}", "unit": "kelvin"},
     }
@@ -125,7 +124,10 @@ def test_an_existing_bag_is_replaced_only_when_asked(tmp_path: Path) -> None:
         (("joints", "keys"), ["a", "b"], "as many keys as names"),
         (("joints", "names"), [], "joints.names"),
         (("joints", "speed"), {}, r"key 'joints.speed' is unknown"),
-        (("joints", "position"), None, r"key 'joints.position' is missing"),
+        (("joints", "names"), None, r"key 'joints.names' is missing"),
+        (("joints", "position", "sign"), [2], r"joints.position.sign.0"),
+        (("joints", "position", "scale"), [0.0], r"joints.position.scale.0"),
+        (("joints", "position", "zero"), [0.0, 1.0], "position.zero has 2 entries; expected 1 for"),
         (("power", "interval"), 1.0, "interval for mean_over_interval"),
         (("power", "meaning"), "cumulative", "an energy unit"),
         (("power", "voltage"), {"column": "u", "unit": "V"}, "either reading, or both"),
@@ -176,3 +178,76 @@ def test_a_recorded_kr300_is_imported_whole(tmp_path: Path) -> None:
     moved = block.joint_position[-1] - block.joint_position[0]
     np.testing.assert_allclose((mean * elapsed[:, None]).sum(axis=0), moved, atol=2e-3)
     assert (np.ptp(block.joint_position, axis=0) > 0.4).all()
+
+
+def test_scale_and_zero_of_torque_come_after_the_torque_constant(tmp_path: Path) -> None:
+    log = write_csv(tmp_path / "log.csv", "t,q,i", ["0,1,100", "1,1,-200"])
+    joints = {
+        "names": ["axle"],
+        "position": {"columns": ["q"], "unit": "rad", "scale": [2], "zero": [0.5]},
+        "effort": {
+            "columns": ["i"],
+            "unit": "milliampere",
+            "torque_constant": [5],
+            "sign": [-1],
+            "scale": [3],
+            "zero": [0.25],
+        },
+    }
+    (opened,) = open_logs([log], mapping(joints=joints, power=None))
+    rows = opened.whole()
+    assert rows.joint_position.tolist() == [[2.5], [2.5]]
+    np.testing.assert_allclose(rows.effort, [[-1.25], [3.25]])  # -3 * 5 * 0.1 + 0.25 N m
+
+
+def test_the_former_signs_of_joints_are_those_of_each_quantity(tmp_path: Path) -> None:
+    data = {**WHEEL_MAPPING, "joints": {**WHEEL_MAPPING["joints"], "signs": [-1]}}
+    path = tmp_path / "mapping.yaml"
+    path.write_text(yaml.safe_dump(data))
+    joints = load_mapping(path).joints
+    assert joints.position is not None
+    assert joints.velocity is not None
+    assert (joints.position.sign, joints.velocity.sign) == ([-1], [-1])
+    data["joints"]["position"] = {**data["joints"]["position"], "sign": [1]}
+    path.write_text(yaml.safe_dump(data))
+    with pytest.raises(LogFormatError, match=r"joints.signs"):
+        load_mapping(path)
+
+
+def test_sign_and_scale_of_the_meter_have_the_words_of_its_topic(tmp_path: Path) -> None:
+    log = write_csv(tmp_path / "log.csv", "t,q_axle,w_axle,p", ["0,0,0,-2", "1,0,0,1"])
+    meter = {
+        **WHEEL_MAPPING["power"],
+        "sign": "load_negative",
+        "scale": 40,
+        "reading": {"column": "p", "unit": "kW"},
+    }
+    import_log(log, mapping(power=meter), tmp_path / "bag")
+    readings = read_bag(tmp_path / "bag", ("axle",))[2]
+    assert readings is not None
+    assert readings.power.tolist() == [80_000.0, -40_000.0]
+
+
+def test_files_that_count_from_zero_are_runs_with_a_gap_between(tmp_path: Path) -> None:
+    logs = [wheel_csv(tmp_path / name, seconds=1.0) for name in ("b.csv", "a.csv")]
+    report = import_log(logs, mapping(), tmp_path / "lost")
+    assert report.joint_states == 101
+    assert "no row of a.csv is newer" in report.notes[-1]
+    assert "each_file_is_a_run" in report.notes[-1]
+    time = {**WHEEL_MAPPING["time"], "each_file_is_a_run": True, "apart": 20}
+    report = import_log(logs, mapping(time=time), tmp_path / "bag")
+    assert [account.path.name for account in report.files] == ["b.csv", "a.csv"]
+    block, _, _ = read_bag(tmp_path / "bag", ("axle",))
+    step = np.diff(block.stamp_ns)
+    assert step[100] == 20_000_000_000
+    assert (np.delete(step, 100) == 10_000_000).all()
+    assert block.segment.tolist() == [0] * 101 + [1] * 101
+
+
+def test_a_log_without_positions_makes_no_bag(tmp_path: Path) -> None:
+    joints = {key: entry for key, entry in WHEEL_MAPPING["joints"].items() if key != "position"}
+    with pytest.raises(LogFormatError, match=r"names no positions.*identify drives --log"):
+        import_log(wheel_csv(tmp_path / "log.csv"), mapping(joints=joints), tmp_path / "bag")
+    del joints["velocity"]
+    with pytest.raises(ValueError, match="position or velocity, or both"):
+        mapping(joints=joints)

@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from robot_energy.accounting.comparison import Comparison
 from robot_energy.bag_replay import Progress, Replay, Topics, replay
 from robot_energy.blocks import (
+    DOUBTFUL,
     NANOSECOND,
     EffortMeaning,
     Int,
     MeterBlock,
     PowerBlock,
-    Quality,
     TorqueBlock,
 )
 from robot_energy.errors import BagError, NotIdentifiableError
@@ -31,8 +31,6 @@ from robot_energy.inputs.sources import Inputs
 from robot_energy.model import RobotModel
 from robot_energy.pipeline import Output, Settings
 from robot_energy.timeline.pieces import Compared
-
-DOUBTFUL = Quality.ACCELERATION_INCOMPLETE | Quality.AFTER_GAP | Quality.NOT_FINITE
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from robot_energy.accounting.prediction_errors import PowerErrorSums
 from robot_energy.blocks import NANOSECOND, Float, Int, MeterLocation
 from robot_energy.identify.data.bags import EVER, Bag, Span, read_all, temperature_ranges
 from robot_energy.identify.data.recordings import Recording
@@ -352,14 +353,10 @@ def _measured(compared: Sequence[Compared]) -> tuple[float, float]:
 
 def _rms(compared: Sequence[Compared]) -> float:
     """Of the mean power between readings, each reading weighted by its time. [W]"""
-    if not compared:
-        return float("nan")
-    stamp = np.concatenate([part.available_ns for part in compared])
-    first = np.flatnonzero(np.diff(stamp, prepend=stamp[0] - 1))
-    error = np.concatenate([part.predicted - part.measured for part in compared])
-    seconds = np.concatenate([part.duration_ns for part in compared]) * NANOSECOND
-    energy, time = np.add.reduceat(error, first), np.add.reduceat(seconds, first)
-    return float(np.sqrt(np.sum(energy**2 / time) / time.sum()))
+    sums = PowerErrorSums()
+    for part in compared:
+        sums.step(part)
+    return sums.rms
 
 
 def _shaft(recording: Recording, motor_torque: Float, span: Span) -> float:

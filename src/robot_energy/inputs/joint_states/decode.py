@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import Float, Int, JointBlock, in_any_joint
+from robot_energy.blocks import Float, Int, JointBlock
 from robot_energy.cdr.batch import RawBatch
 from robot_energy.cdr.decode import Decoder, Run, stamp_ns
+from robot_energy.inputs.joint_states.correction import JointCorrection
 from robot_energy.inputs.rejection_log import MAX_JOINTS, ByNames, RejectionLog, remember_names
 from robot_energy.timeline.gaps import BACKWARD_JUMP_NS
 from robot_energy.timeline.stamps import BAD_STAMP, SECOND_NS, valid_stamps
@@ -35,6 +36,7 @@ class JointStateReader:
         checked: Leaves out what cannot be used for what it says; None for no such check.
         aliases: What messages call the joints, in model order, where that is not ``joint_names``;
             messages with ``joint_names`` are read as well.
+        corrections: Of position, velocity and effort, in this order; none by default.
 
     Attributes:
         ignored_joints: Joints met that the model does not know.
@@ -50,7 +52,9 @@ class JointStateReader:
         typestore: Typestore | None = None,
         checked: Callable[[JointBlock], JointBlock | None] | None = None,
         aliases: Sequence[str] = (),
+        corrections: Sequence[JointCorrection] = (),
     ) -> None:
+        self._corrections = corrections or (JointCorrection(),) * 3
         self._checked = checked
         self.ignored_joints: set[str] = set()
         self._log = log
@@ -140,7 +144,7 @@ class JointStateReader:
 
         refuse("zero_stamp", stamp == 0)
         refuse(BAD_STAMP, ~valid_stamps(stamp))
-        refuse("not_finite", in_any_joint(np.isinf(position) | np.isinf(velocity)))
+        refuse("not_finite", np.any(np.isinf(position) | np.isinf(velocity), axis=1))
         return None if bool(left.all()) else left
 
     def _place(self, run: Run, batch: RawBatch) -> JointBlock | str:
@@ -168,7 +172,9 @@ class JointStateReader:
             lost = np.isnan(position) & (True if columns.present is None else columns.present)
             position[lost] = np.inf  # which is refused; NaN says that the message lacks the joint
         stamp = batch.log_time_ns[run.rows] if self._receive_time else stamp_ns(run)
-        return _joint_block(stamp, position, *map(columns.place, others))
+        quantities = [position, *map(columns.place, others)]
+        corrected = zip(self._corrections, quantities, strict=False)
+        return _joint_block(stamp, *(each.apply(values) for each, values in corrected))
 
     def _match(self, names: tuple[str, ...]) -> _Columns | str:
         """Where the model's joints are in a message, or why it cannot be used."""

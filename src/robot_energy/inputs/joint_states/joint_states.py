@@ -63,8 +63,8 @@ class JointStateIngest:
         conflicts: What was seen of second publishers.
 
     Raises:
-        ParameterError: If ``max_gap`` cannot be one, or the source names more or fewer joints
-            than the model has.
+        ParameterError: If ``max_gap`` cannot be one, or the source names or corrects more or
+            fewer joints than the model has.
     """
 
     def __init__(
@@ -95,6 +95,7 @@ class JointStateIngest:
             typestore,
             self._velocities.step,
             source.names_of(joint_names),
+            source.corrections_of(joint_names),
         )
         self._stream = StreamSplitter[JointBlock](
             Reach(patient=False), log.reject, round(source.reorder_window / NANOSECOND), _by_joints
