@@ -233,9 +233,9 @@ def identify_all(
     """
     from robot_energy.identify.causes import (
         cause_named,
+        notes_of_test,
         refuse_meter,
         refuse_torque,
-        test_notes,
         torque_evidence,
     )
     from robot_energy.identify.plausibility import check_signs
@@ -261,7 +261,7 @@ def identify_all(
     read = [entry for entry, _ in known[: len(fitted)]]
     fit_parts, test_parts = evidence[: len(fitted)], evidence[len(fitted) :]
     with progress("comparing with the model"):
-        notes = [*refuse_torque(fit_parts), *test_notes(test_parts)]
+        notes = [*refuse_torque(fit_parts), *notes_of_test(test_parts)]
     with progress("identifying") as report, cause_named(lambda: fit_parts):
         whole = identify_everything(
             fitted,

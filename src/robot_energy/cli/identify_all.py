@@ -63,6 +63,9 @@ def add_parser(commands: Any) -> None:
     parser.add_argument(
         "--no-test", action="store_true", help="do not test the energy on held-out recordings"
     )
+    parser.add_argument(
+        "--details", action="store_true", help="print tables and notes of every step"
+    )
     add_link_voltages(parser)
     add_share_shape(parser)
     add_results(parser, "all that was identified")
@@ -96,7 +99,7 @@ def run(args: Namespace) -> int:
     )
     found = result.found
     page = Document(f"Identification of {result.model.robot.type}", identification_lead(found))
-    identification_document(found, page)
+    identification_document(found, page, args.details)
     present(args, found, page, model=result.model)
     return 0
 
