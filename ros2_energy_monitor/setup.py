@@ -26,6 +26,8 @@ setup(
     # Not `tests_require`: with it newer setuptools make colcon find no tests.
     extras_require={
         "test": ["pytest"],
+        "mqtt": ["paho-mqtt>=2.1,<3"],
+        "opcua": ["asyncua>=2.1,<3"],
         "meters": ["paho-mqtt>=2.1,<3", "pymodbus>=3.16,<4", "requests>=2.28"],
     },
     zip_safe=False,

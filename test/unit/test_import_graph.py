@@ -41,8 +41,8 @@ MODULES = {
     "robot_energy.cli": """
         check completion export identify identify_all identify_cabinet identify_drives
         identify_dynamics identify_excitation identify_friction identify_inputs
-        import_logs info kinds main memory models numbers predict replay replay_options
-        report robots schema simulate stopping terminal test
+        import_logs info kinds main memory models numbers page predict replay
+        replay_options report robots schema simulate stopping terminal test
     """,
     "robot_energy.files": """
         output_files output_folder output_streams placement regular_file
@@ -101,6 +101,10 @@ MODULES = {
         planar planned ptp ptp_file ptp_loop sequence tool_corners tool_motion
         tool_path tool_timing trajectory_io
     """,
+    "robot_energy.page": """
+        access alarms energy_flow event_stream history hub job_rows json_numbers messages
+        metrics recording robot_state saved_page settings web_app web_server
+    """,
     "robot_energy.physics": """
         cabinet derivative drive drivetrain effort effort_check equations friction
         limit_utilisation rigid_body torque transmission
@@ -157,7 +161,7 @@ LAYERS = (
     ("pipeline", "messages", "store"),
     ("motion",),
     ("bag_replay", "energy_bag", "prediction", "starter"),
-    ("identify", "rig", "check"),
+    ("identify", "rig", "check", "page"),
     ("results",),
     ("report",),
     ("api",),
@@ -165,7 +169,7 @@ LAYERS = (
     ("robot_energy_papers",),
 )
 # Nothing online imports these.
-OFFLINE = ("identify", "report", "rig", "motion", "cli", "starter", "check")
+OFFLINE = ("identify", "report", "rig", "motion", "cli", "starter", "check", "page")
 ONLINE = ("pipeline", "inputs", "messages", "accounting", "store", "timeline", "cdr")
 FOREIGN = {
     "ament_index_python", "builtin_interfaces", "control_msgs", "diagnostic_msgs",

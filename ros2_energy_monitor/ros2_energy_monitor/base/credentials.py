@@ -47,29 +47,42 @@ def read_credentials(path: str) -> Credentials | None:
     """
     if not path:
         return None
-    full = Path(path).expanduser()
-    _require_private(full)
+    full = require_private(path, "file of credentials")
     found = load(full, _File, CredentialsError, "file of credentials")
     return Credentials(found.username, found.password.get_secret_value())
 
 
-def _require_private(path: Path) -> None:
+def require_private(path: str, what: str) -> Path:
+    """Refuse a file of secrets that others can read or write.
+
+    Args:
+        path: The file; ``~`` is the home folder.
+        what: What it is, for messages.
+
+    Returns:
+        Its path.
+
+    Raises:
+        CredentialsError: If it is missing, belongs to another user, or its group or others have
+            any permission.
+    """
+    full = Path(path).expanduser()
     try:
-        status = path.stat()
+        status = full.stat()
     except OSError as error:
         raise CredentialsError(
-            f"the file of credentials {path} cannot be read ({error.strerror})",
-            "a YAML file with username and password",
+            f"the {what} {full} cannot be read ({error.strerror})", "a file of this user"
         ) from error
     mode = stat.S_IMODE(status.st_mode)
     if mode & 0o077:
         raise CredentialsError(
-            f"the file of credentials {path} has the permissions {mode:04o}",
+            f"the {what} {full} has the permissions {mode:04o}",
             "0600: nobody but its owner reads it",
-            f"chmod 600 {path}",
+            f"chmod 600 {full}",
         )
     if status.st_uid not in (os.getuid(), 0):
         raise CredentialsError(
-            f"the file of credentials {path} belongs to the user {status.st_uid}",
+            f"the {what} {full} belongs to the user {status.st_uid}",
             f"the user of this process, {os.getuid()}",
         )
+    return full

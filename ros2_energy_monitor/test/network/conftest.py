@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import datetime
 import http.server
+import ipaddress
 import os
 import shutil
 import socket
@@ -227,6 +229,59 @@ def broker(tmp_path: Path) -> Iterator[Callable[..., Broker]]:
         one.stop()
 
 
+class Certificates:
+    """An authority and a certificate of 127.0.0.1 that it signed, as PEM files."""
+
+    def __init__(self, folder: Path, uri: str) -> None:
+        from cryptography import x509
+        from cryptography.hazmat.primitives import hashes, serialization
+        from cryptography.hazmat.primitives.asymmetric import rsa
+
+        self.ca, self.certificate, self.key = (
+            folder / name for name in ("ca.pem", "cert.pem", "key.pem")
+        )
+        keys = [rsa.generate_private_key(public_exponent=65537, key_size=2048) for _ in range(2)]
+        names = [
+            x509.Name([x509.NameAttribute(x509.NameOID.COMMON_NAME, text)])
+            for text in ("test authority", "localhost")
+        ]
+        now = datetime.datetime.now(datetime.UTC)
+
+        def made(subject: int, extension: Any) -> Any:
+            builder = (
+                x509.CertificateBuilder()
+                .subject_name(names[subject])
+                .issuer_name(names[0])
+                .public_key(keys[subject].public_key())
+                .serial_number(x509.random_serial_number())
+                .not_valid_before(now - datetime.timedelta(days=1))
+                .not_valid_after(now + datetime.timedelta(days=1))
+                .add_extension(extension, critical=False)
+            )
+            return builder.sign(keys[0], hashes.SHA256())
+
+        pem = serialization.Encoding.PEM
+        authority = made(0, x509.BasicConstraints(ca=True, path_length=None))
+        address = x509.IPAddress(ipaddress.ip_address("127.0.0.1"))
+        both = x509.SubjectAlternativeName([address, x509.UniformResourceIdentifier(uri)])
+        self.ca.write_bytes(authority.public_bytes(pem))
+        self.certificate.write_bytes(made(1, both).public_bytes(pem))
+        private = serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
+        self.key.write_bytes(keys[1].private_bytes(pem, *private))
+        self.key.chmod(0o600)
+
+
+@pytest.fixture
+def certificates(tmp_path: Path) -> Callable[[str], Certificates]:
+    pytest.importorskip("cryptography", reason="cryptography is not installed")
+    return lambda uri: Certificates(tmp_path, uri)
+
+
 @pytest.fixture
 def eventually() -> Callable[[Callable[[], Any], str], Any]:
     return wait_for
+
+
+@pytest.fixture
+def free_port() -> Callable[[], int]:
+    return unused_port
