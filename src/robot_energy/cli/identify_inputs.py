@@ -81,7 +81,11 @@ def add_link_voltages(parser: ArgumentParser) -> None:
 
 
 def add_share_shape(parser: ArgumentParser) -> None:
-    """Add the loan of a temperature shape."""
+    """Add the loan of a temperature shape.
+
+    Args:
+        parser: Of the command.
+    """
     parser.add_argument(
         "--share-shape",
         action="store_true",

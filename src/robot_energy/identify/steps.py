@@ -217,6 +217,10 @@ def friction_step(bags: Sequence[Bag], model: RobotModel, source: str, share: bo
         model: As the steps before left it.
         source: Where the data come from.
         share: Whether axes of too small a range borrow the temperature shape of others.
+
+    Raises:
+        NotIdentifiableError: If no axis shows its friction, or the dynamics have told it.
+        ImplausibleIdentificationError: If it contradicts physics.
     """
     recordings = _measured(bags, model)
     check_signs(recordings, bags[0].effort)
