@@ -69,7 +69,7 @@ MODULES = {
         excitation limits
     """,
     "robot_energy.identify.friction": """
-        friction laws samples temperature_study
+        friction laws samples shape temperature_study
     """,
     "robot_energy.identify.stats": """
         cross_validation held_out_energy lag regression threads
