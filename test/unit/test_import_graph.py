@@ -36,7 +36,8 @@ MODULES = {
         batch decode encode plan schema types walk
     """,
     "robot_energy.check": """
-        coverage evidence finding hypotheses meter motion payload run search torque
+        coverage evidence finding hypotheses meter motion payload process remedies run search
+        torque unseen
     """,
     "robot_energy.cli": """
         check completion export identify identify_all identify_cabinet identify_drives
