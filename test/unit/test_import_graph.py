@@ -45,7 +45,7 @@ MODULES = {
         report robots schema simulate stopping terminal
     """,
     "robot_energy.files": """
-        output_files output_folder output_streams placement regular_file
+        first_bytes output_files output_folder output_streams placement regular_file
         temporary_folder
     """,
     "robot_energy.identify": """
@@ -88,7 +88,7 @@ MODULES = {
         filter kinds reader stuck temperatures
     """,
     "robot_energy.logs": """
-        columns mapped_log mapping recording rows table ur_rtde
+        columns diadem mapped_log mapping recording rows table ur_rtde
     """,
     "robot_energy.messages": """
         friction interval model_messages payload power registers torque

@@ -1,11 +1,12 @@
 """Mapping of a log: which column means what, in which unit. Validated by pydantic.
 
-One form serves every table: CSV, gzip and Parquet, whether it becomes a bag or is identified
-from directly. Examples: ``src/examples/mappings`` and ``src/examples/identify``.
+One form serves every table: CSV, gzip, Parquet and DIAdem, whether it becomes a bag or is
+identified from directly. Examples: ``src/examples/mappings`` and ``src/examples/identify``.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any, Literal, cast
@@ -114,6 +115,7 @@ class LogMapping(MappingEntry):
 
     Attributes:
         delimiter: Between cells of a text; None: taken from its first line.
+        decimal: Decimal sign of a text.
         column_names: Of all columns of the log, if it has no header.
         recordings: Names of several recordings, in files of their own.
     """
@@ -121,6 +123,7 @@ class LogMapping(MappingEntry):
     schema_version: Literal[1]
     description: str = ""
     delimiter: Annotated[str, Field(min_length=1, max_length=1)] | None = None
+    decimal: Literal[".", ","] = "."
     column_names: Names | None = None
     recordings: Annotated[list[Name], Field(min_length=1)] | None = None
     time: Time
@@ -149,7 +152,9 @@ class LogMapping(MappingEntry):
         files = [group.file for _, group in self.joints.quantities() if group.file]
         several = self.recordings is not None
         if any(several != (PLACE in file) for file in files) or (several and not self.in_folder):
-            raise ValueError(f"recordings together with {PLACE} in every file name, or neither")
+            raise ValueError(
+                f"recordings (or --recordings) together with {PLACE} in every file name, or neither"
+            )
         if self.recordings is not None and len(set(self.recordings)) < len(self.recordings):
             raise ValueError("every name of recordings once")
         return self
@@ -189,11 +194,12 @@ class LogMapping(MappingEntry):
         return Drivetrain(matrix, np.zeros(len(names)))
 
 
-def load_mapping(path: str | Path) -> LogMapping:
+def load_mapping(path: str | Path, recordings: Sequence[str] = ()) -> LogMapping:
     """Load the mapping of a log.
 
     Args:
         path: A YAML file.
+        recordings: Names of the recordings, instead of those in the file.
 
     Returns:
         The validated mapping.
@@ -204,6 +210,8 @@ def load_mapping(path: str | Path) -> LogMapping:
     remedy = "see src/examples/mappings and src/examples/identify"
     text = read_text(path, LogFormatError, "mapping", remedy=remedy)
     data = _in_present_form(parse_yaml(text, str(path), LogFormatError))
+    if recordings and isinstance(data, dict):
+        data = {**cast("dict[str, Any]", data), "recordings": list(recordings)}
     return validated(data, LogMapping, str(path), LogFormatError)
 
 
