@@ -1,7 +1,9 @@
 """Every check of the project, in order, ending in one line with the number of tests.
 
 Runs inside the environment of `.venv/env.sh`. All stages run, whatever fails; the exit code
-is 1 if any did. `check.py --lint` stops after format, lint and types.
+is 1 if any did. `check.py --lint` stops after format, lint and types. On two or more processors
+the stages run in two lanes at the same time: the first writes to the terminal, the output of the
+second follows when the first has ended.
 
 The unit tests of the packages that run online measure the coverage of these packages by lines;
 below MIN_COVERAGE they fail. Measuring doubles the time of a test on Python 3.11, so the
@@ -13,10 +15,15 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
+import threading
 import time
 import xml.etree.ElementTree as ET
 from collections import Counter
+from concurrent.futures import ThreadPoolExecutor, wait
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import IO
 
 ROOT = Path(__file__).resolve().parent.parent
 BUILD = ROOT / "build"
@@ -26,6 +33,8 @@ STAGE_LIMIT = 2400.0
 # The coverage of the packages that run online may not fall below this. [%]
 MIN_COVERAGE = 94.0
 COVERAGE = BUILD / "test" / "coverage.json"
+RUNNING: list[subprocess.Popen[bytes]] = []
+STOPPED = threading.Event()
 
 LINT = {
     "format": [["ruff", "format", "--check", "--output-format=concise", *SOURCES]],
@@ -38,6 +47,8 @@ LINT = {
 # The packages that run online; each has a folder of the same name in test/unit.
 ONLINE = ["accounting", "cdr", "inputs", "messages", "physics", "pipeline", "store", "timeline"]
 FOLDERS = [f"test/unit/{name}" for name in ONLINE]
+# The second lane runs these, so that both lanes take about as long.
+APART = ["test/unit/papers", "test/packaging"]
 MEASURE = ["--cov-report=", f"--cov-report=json:{COVERAGE}"]
 TESTS = {
     "online tests": [
@@ -45,27 +56,79 @@ TESTS = {
         *(f"--cov=robot_energy.{name}" for name in ONLINE),
         *MEASURE,
     ],
-    "tests": ["-c", "test/pytest.ini", "test", *(f"--ignore={folder}" for folder in FOLDERS)],
+    "tests": [
+        *("-c", "test/pytest.ini", "test"),
+        *(f"--ignore={folder}" for folder in (*FOLDERS, *APART)),
+    ],
+    "tests of papers and packaging": ["-c", "test/pytest.ini", *APART],
     "node tests": ["-c", "ros2_energy_monitor/setup.cfg", "ros2_energy_monitor/test"],
 }
 WHOLE = {"coverage": ["-c", "test/pytest.ini", "test", "--cov=robot_energy", *MEASURE]}
 
 
+@dataclass
+class Lane:
+    """Stages that run one after the other.
+
+    Attributes:
+        output: Where their output goes; None for the terminal.
+        words: What became of each stage.
+        counts: Tests by outcome.
+    """
+
+    output: IO[str] | None = None
+    words: list[str] = field(default_factory=list)
+    counts: Counter[str] = field(default_factory=Counter)
+
+    def lint(self) -> None:
+        """Check format, lint and types."""
+        for name, commands in LINT.items():
+            codes = [run(name, command, self.output) for command in commands]
+            self.words.append(f"{name} {'FAILED' if any(codes) else 'ok'}")
+
+    def test(self, stages: dict[str, list[str]]) -> None:
+        """Run the test processes with these names and arguments."""
+        for name, paths in stages.items():
+            domain = domain_id([*TESTS, *WHOLE].index(name))
+            code, count = run_pytest(name, paths, domain, self.output)
+            self.words.append(f"{name} {'FAILED' if code else 'ok'}")
+            self.counts += count
+
+
 def main(arguments: list[str]) -> int:
     """Run the stages, print the summary, return the exit code."""
     started = time.monotonic()
-    words = []
-    stages = WHOLE if "--coverage" in arguments else TESTS
-    for name, commands in () if stages is WHOLE else LINT.items():
-        codes = [run(name, command) for command in commands]
-        words.append(f"{name} {'FAILED' if any(codes) else 'ok'}")
-    counts: Counter[str] = Counter()
+    STOPPED.clear()
+    lane = Lane()
+    lanes = [lane]
     if "--lint" not in arguments:
         COVERAGE.unlink(missing_ok=True)
-        for position, (name, paths) in enumerate(stages.items()):
-            code, count = run_pytest(name, paths, domain=domain_id(position))
-            words.append(f"{name} {'FAILED' if code else 'ok'}")
-            counts += count
+    if "--lint" in arguments:
+        lane.lint()
+    elif "--coverage" in arguments:
+        lane.test(WHOLE)
+    elif (os.cpu_count() or 1) == 1:
+        lane.lint()
+        lane.test(TESTS)
+    else:
+        first = {"tests": TESTS["tests"]}
+        others = {name: paths for name, paths in TESTS.items() if name not in first}
+        with tempfile.TemporaryFile("a+", errors="replace") as output, ThreadPoolExecutor() as pool:
+            lanes.append(second := Lane(output))
+            parallel = pool.submit(lambda: (second.lint(), second.test(others)))
+            try:
+                lane.test(first)
+                parallel.result()
+            finally:
+                STOPPED.set()
+                for process in list(RUNNING):
+                    stop(process)
+                wait([parallel])
+                output.seek(0)
+                print(output.read(), flush=True)
+    words = [word for each in reversed(lanes) for word in each.words]
+    counts = sum((each.counts for each in lanes), Counter[str]())
+    if "--lint" not in arguments:
         words.append(coverage(COVERAGE))
     print(f"\n{', '.join(words)} in {time.monotonic() - started:.0f} s")
     if "--lint" not in arguments:
@@ -91,16 +154,19 @@ def coverage(report: Path) -> str:
 
 def domain_id(position: int) -> int:
     """Return a ROS domain of its own, 1 to 100, for each test process of each run."""
-    return (2 * os.getpid() + position) % 100 + 1
+    return (7 * os.getpid() + position) % 100 + 1
 
 
-def run_pytest(name: str, paths: list[str], domain: int) -> tuple[int, Counter[str]]:
+def run_pytest(
+    name: str, paths: list[str], domain: int, output: IO[str] | None = None
+) -> tuple[int, Counter[str]]:
     """Run one pytest process; return its exit code and the counts of its report."""
     report = BUILD / "test" / f"{name.replace(' ', '_')}.xml"
     report.unlink(missing_ok=True)
     code = run(
         name,
         [sys.executable, "-m", "pytest", *paths, f"--junitxml={report}"],
+        output,
         COVERAGE_FILE=str(BUILD / "test" / "coverage"),
         # Python 3.12 counts lines by sys.monitoring, which costs less.
         **({"COVERAGE_CORE": "sysmon"} if sys.version_info >= (3, 12) else {}),
@@ -110,7 +176,7 @@ def run_pytest(name: str, paths: list[str], domain: int) -> tuple[int, Counter[s
     try:
         suites = list(ET.parse(report).getroot().iter("testsuite"))
     except (OSError, ET.ParseError):
-        print(f"check: pytest of the {name} wrote no report; counted as one failure")
+        print(f"check: pytest of the {name} wrote no report; counted as one failure", file=output)
         return code or 1, Counter(failed=1)
     total, failed, skipped = (
         sum(int(suite.get(key, 0)) for suite in suites for key in keys)
@@ -121,26 +187,46 @@ def run_pytest(name: str, paths: list[str], domain: int) -> tuple[int, Counter[s
     return code, Counter(passed=passed, failed=failed or int(code != 0), skipped=skipped)
 
 
-def run(name: str, command: list[str], **settings: str) -> int:
-    """Run one command with its output on the terminal; return its exit code."""
-    print(f"\n=== {name}: {' '.join(command).replace(f'{ROOT}/', '')}", flush=True)
+def run(name: str, command: list[str], output: IO[str] | None = None, **settings: str) -> int:
+    """Run one command; return its exit code.
+
+    Args:
+        name: Of the stage.
+        command: With its arguments.
+        output: Where its output goes; None for the terminal.
+        settings: Environment variables that it has besides those of this process.
+    """
+    if STOPPED.is_set():
+        return 1
+    print(f"\n=== {name}: {' '.join(command).replace(f'{ROOT}/', '')}", file=output, flush=True)
     # A session of its own, so that a hanging stage ends with all its children.
-    process = subprocess.Popen(command, cwd=ROOT, env=os.environ | settings, start_new_session=True)
+    process = subprocess.Popen(
+        command,
+        cwd=ROOT,
+        env=os.environ | settings,
+        stdout=output,
+        stderr=output and subprocess.STDOUT,
+        start_new_session=True,
+    )
+    RUNNING.append(process)
     try:
         return process.wait(timeout=STAGE_LIMIT)
     except subprocess.TimeoutExpired:
-        print(f"check: {name} took longer than {STAGE_LIMIT:.0f} s and was stopped", flush=True)
+        print(f"check: {name} took longer than {STAGE_LIMIT:.0f} s", file=output, flush=True)
         return 1
     finally:
         if process.poll() is None:
             stop(process)
+        RUNNING.remove(process)
 
 
 def stop(process: subprocess.Popen[bytes]) -> None:
     """Interrupt a stage and its children, and kill what is left after a while."""
-    os.killpg(process.pid, signal.SIGINT)
     try:
+        os.killpg(process.pid, signal.SIGINT)
         process.wait(timeout=10.0)
+    except ProcessLookupError:
+        process.wait()
     except subprocess.TimeoutExpired:
         os.killpg(process.pid, signal.SIGKILL)
         process.wait()

@@ -12,6 +12,7 @@ setup(
     name=NAME,
     version="0.1.0",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
+    package_data={NAME: ["meters/profiles/*.yaml"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
@@ -23,7 +24,12 @@ setup(
     },
     install_requires=["setuptools"],
     # Not `tests_require`: with it newer setuptools make colcon find no tests.
-    extras_require={"test": ["pytest"]},
+    extras_require={
+        "test": ["pytest"],
+        "mqtt": ["paho-mqtt>=2.1,<3"],
+        "opcua": ["asyncua>=2.1,<3"],
+        "meters": ["paho-mqtt>=2.1,<3", "pymodbus>=3.16,<4", "requests>=2.28"],
+    },
     zip_safe=False,
     maintainer="Robot energy maintainers",
     maintainer_email="maintainers@robot-energy.invalid",

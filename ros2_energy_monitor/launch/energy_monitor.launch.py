@@ -1,8 +1,12 @@
 """Start the energy monitor: one process, or with `separate:=true` the three nodes.
 
-The nodes configure and activate themselves, so plain node actions are enough. For a life
-cycle manager set `autostart: false` in their configuration. With `respawn:=true` a node that
-ends is started again, also one that refuses its parameters.
+The nodes configure and activate themselves, so plain node actions are enough; with
+`autostart:=false` they wait for a life cycle manager. With `respawn:=true` a node that ends is
+started again, also one that refuses its parameters.
+
+`joint_states`, `motor_temperatures` and `power_meter` name the topics to read, in place of those of
+the parameter files, and `robot_description` is remapped. Every other topic can be remapped by an
+including launch file with `SetRemap`.
 
 With `virtual:=true` a virtual robot is started as well; its model is kr16, and its energy is
 kept in a folder of its own, apart from that of a real robot.
@@ -15,7 +19,6 @@ ros2 launch ros2_energy_monitor energy_monitor.launch.py robot:=ur5e
 """
 
 import sys
-from pathlib import Path
 
 from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription, OpaqueFunction
 from launch.conditions import IfCondition
@@ -25,15 +28,19 @@ from launch_ros.actions import Node
 from launch_ros.substitutions import FindPackageShare
 
 from launch import LaunchDescription
+from robot_energy.blocks import EffortMeaning
 from robot_energy.presets import ROBOTS
+from ros2_energy_monitor.launch_arguments import BOOLEANS, LEVELS, check_arguments, is_true
 
 PACKAGE = "ros2_energy_monitor"
 RESPAWN_DELAY = 2.0  # [s]
 TOGETHER = ("energy_monitor",)
 SEPARATE = ("torque_monitor", "friction_monitor", "power_monitor")
 READERS = ("energy_monitor", "torque_monitor")  # the nodes with joint states
-KEEPERS = ("energy_monitor", "power_monitor")  # the nodes with a state_folder
+WARM = ("energy_monitor", "friction_monitor")  # the nodes with motor temperatures
+KEEPERS = ("energy_monitor", "power_monitor")  # the nodes with a state_folder and a meter
 AS_CONFIGURED = "as_configured"
+DEFAULT_SOURCE = "motors"  # of motor temperatures, in the parameter files of this package
 VIRTUAL_FOLDER = "$ROS_HOME/robot_energy/virtual_robot"
 ARGUMENTS = {  # name: default, what it is
     "model": ("", "Model file of the robot, or name of a shipped model; needed without robot"),
@@ -46,31 +53,28 @@ ARGUMENTS = {  # name: default, what it is
     "separate": ("false", "Whether to start three processes"),
     "respawn": ("false", "Whether to restart what ends"),
     "virtual": ("false", "Whether to start a virtual robot"),
+    "autostart": (AS_CONFIGURED, "Whether the nodes configure and activate themselves"),
     "params_file": ("", "Parameter file that is read after those of this package"),
     "state_folder": (AS_CONFIGURED, "Folder that keeps the registers; empty keeps nothing"),
+    "joint_states": ("", "Topic of the joint states; empty for those of the parameter files"),
+    "motor_temperatures": ("", "Topic of the motor temperatures; empty as joint_states"),
+    "power_meter": ("", "Topic of the power meter; empty as joint_states"),
+    "robot_description": ("", "Topic of the robot description; empty for robot_description"),
     "use_sim_time": ("false", "Whether the nodes take the time from /clock"),
     "log_level": ("info", "debug, info, warn, error or fatal"),
 }
+CHOICES = {  # of those that take no free text
+    **dict.fromkeys(("separate", "respawn", "virtual", "use_sim_time"), BOOLEANS),
+    "autostart": [AS_CONFIGURED, *BOOLEANS],
+    "effort": [AS_CONFIGURED, *(str(meaning) for meaning in EffortMeaning)],
+    "log_level": LEVELS,
+}
+OF_THE_ROBOT = ("namespace", "joint_states", "motor_temperatures", "power_meter", "log_level")
 
 
 def share(*parts: str) -> PathJoinSubstitution:
     """Return the path of an installed file of this package."""
     return PathJoinSubstitution([FindPackageShare(PACKAGE), *parts])
-
-
-def check_arguments(command_line: list[str]) -> None:
-    """Refuse arguments of the command line that this file does not have.
-
-    Only where the file itself was launched: one that includes it has arguments of its own.
-    """
-    if not any(Path(word).name == Path(__file__).name for word in command_line):
-        return
-    given = [word.split(":=")[0] for word in command_line if ":=" in word]
-    unknown = [name for name in given if name not in ARGUMENTS]
-    if unknown:
-        raise RuntimeError(
-            f"unknown launch argument '{unknown[0]}'; expected one of {', '.join(ARGUMENTS)}"
-        )
 
 
 def model_of(robot: str, model: str) -> str:
@@ -93,39 +97,57 @@ def robot_inputs(robot: str, node: str) -> dict:
     return {name: value for name, value in values.items() if name in read.get(node, values)}
 
 
+def topics(robot: str, node: str, joint_states: str, temperatures: str, meter: str) -> dict:
+    """Return the parameters of a node that name the topics it reads, where they are given."""
+    preset = ROBOTS[robot].parameters if robot else {}
+    (source, *others) = preset.get("temperature_sources", [DEFAULT_SOURCE])
+    if temperatures and others:
+        raise RuntimeError(
+            f"{robot} has several sources of motor temperatures; name their topics in params_file"
+        )
+    found = {}
+    if joint_states and node in READERS:
+        found["joint_states"] = {"topics": [joint_states]}
+    if temperatures and node in WARM:
+        found[source] = {"topic": temperatures}
+    if meter and node in KEEPERS:
+        found["meter"] = {"topic": meter}
+    return found
+
+
 def monitors(context) -> list[Node]:
     """Return the nodes for the arguments that were given."""
-
-    def value(name: str) -> str:
-        return LaunchConfiguration(name).perform(context)
-
-    def true(name: str) -> bool:
-        return value(name).lower() in ("true", "1")
-
-    folder = value("state_folder")
-    if folder == AS_CONFIGURED and true("virtual"):
+    value = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
+    folder = value["state_folder"]
+    if folder == AS_CONFIGURED and is_true(value["virtual"]):
         folder = VIRTUAL_FOLDER
-    further = [value("params_file")] if value("params_file") else []
-    robot = value("robot")
-    model = model_of(robot, value("model"))
+    further = [value["params_file"]] if value["params_file"] else []
+    robot = value["robot"]
+    model = model_of(robot, value["model"])
+    read = [value[name] for name in ("joint_states", "motor_temperatures", "power_meter")]
+    described = value["robot_description"]
     nodes = []
-    for name in SEPARATE if true("separate") else TOGETHER:
-        given = {"model": model, "use_sim_time": true("use_sim_time")}
+    for name in SEPARATE if is_true(value["separate"]) else TOGETHER:
+        given = {"model": model, "use_sim_time": is_true(value["use_sim_time"])}
+        given |= topics(robot, name, *read)
         preset = [robot_inputs(robot, name)] if robot_inputs(robot, name) else []
-        if name in READERS and value("effort") != AS_CONFIGURED:
-            given["joint_states"] = {"effort_meaning": value("effort")}
+        if name in READERS and value["effort"] != AS_CONFIGURED:
+            given.setdefault("joint_states", {})["effort_meaning"] = value["effort"]
         if name in KEEPERS and folder != AS_CONFIGURED:
             given["state_folder"] = folder
+        if value["autostart"] != AS_CONFIGURED:
+            given["autostart"] = is_true(value["autostart"])
         nodes.append(
             Node(
                 package=PACKAGE,
                 executable=name,
                 name=name,
-                namespace=value("namespace"),
+                namespace=value["namespace"],
                 parameters=[share("config", f"{name}.yaml"), *preset, *further, given],
-                arguments=["--ros-args", "--log-level", value("log_level")],
+                remappings=[("robot_description", described)] if described else [],
+                arguments=["--ros-args", "--log-level", value["log_level"]],
                 output="screen",
-                respawn=true("respawn"),
+                respawn=is_true(value["respawn"]),
                 respawn_delay=RESPAWN_DELAY,
             )
         )
@@ -134,16 +156,18 @@ def monitors(context) -> list[Node]:
 
 def generate_launch_description() -> LaunchDescription:
     """Return the monitor, in one process or in three, with its configuration files."""
-    check_arguments(sys.argv)
+    check_arguments(sys.argv, __file__, ARGUMENTS)
     robot = IncludeLaunchDescription(
         PythonLaunchDescriptionSource([share("launch", "virtual_robot.launch.py")]),
-        launch_arguments={"namespace": LaunchConfiguration("namespace")}.items(),
+        launch_arguments={name: LaunchConfiguration(name) for name in OF_THE_ROBOT}.items(),
         condition=IfCondition(LaunchConfiguration("virtual")),
     )
     return LaunchDescription(
         [
             *(
-                DeclareLaunchArgument(name, description=text, default_value=default)
+                DeclareLaunchArgument(
+                    name, description=text, default_value=default, choices=CHOICES.get(name)
+                )
                 for name, (default, text) in ARGUMENTS.items()
             ),
             OpaqueFunction(function=monitors),

@@ -3,40 +3,57 @@
 ros2 launch ros2_energy_monitor virtual_robot.launch.py
 """
 
-from launch.actions import DeclareLaunchArgument
+import sys
+
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
 from launch_ros.substitutions import FindPackageShare
 
 from launch import LaunchDescription
+from ros2_energy_monitor.launch_arguments import BOOLEANS, LEVELS, check_arguments, is_true
 
 PACKAGE = "ros2_energy_monitor"
-NODES = ("virtual_robot",)
+NAME = "virtual_robot"
+TOPICS = ("joint_states", "motor_temperatures", "power_meter")
+ARGUMENTS = {  # name: default, what it is, what it can be
+    "namespace": ("", "Namespace of the node", None),
+    "params_file": ("", "Parameter file that is read after that of this package", None),
+    **{name: ("", f"Topic to publish as; empty for {name}", None) for name in TOPICS},
+    "use_sim_time": ("false", "Whether the node takes the time from /clock", BOOLEANS),
+    "log_level": ("info", "debug, info, warn, error or fatal", LEVELS),
+}
 
 
-def share(*parts: str) -> PathJoinSubstitution:
-    """Return the path of an installed file of this package."""
-    return PathJoinSubstitution([FindPackageShare(PACKAGE), *parts])
+def robots(context) -> list[Node]:
+    """Return the node for the arguments that were given."""
+    value = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
+    config = PathJoinSubstitution([FindPackageShare(PACKAGE), "config", f"{NAME}.yaml"])
+    further = [value["params_file"]] if value["params_file"] else []
+    node = Node(
+        package=PACKAGE,
+        executable=NAME,
+        name=NAME,
+        namespace=value["namespace"],
+        parameters=[config, *further, {"use_sim_time": is_true(value["use_sim_time"])}],
+        remappings=[(name, value[name]) for name in TOPICS if value[name]],
+        arguments=["--ros-args", "--log-level", value["log_level"]],
+        output="screen",
+    )
+    return [node]
 
 
 def generate_launch_description() -> LaunchDescription:
     """Return the virtual robot with its configuration file."""
-    nodes = [
-        Node(
-            package=PACKAGE,
-            executable=name,
-            name=name,
-            namespace=LaunchConfiguration("namespace"),
-            parameters=[share("config", f"{name}.yaml")],
-            output="screen",
-        )
-        for name in NODES
-    ]
+    check_arguments(sys.argv, __file__, ARGUMENTS)
     return LaunchDescription(
         [
-            DeclareLaunchArgument(
-                "namespace", default_value="", description="Namespace of the node"
+            *(
+                DeclareLaunchArgument(
+                    name, description=text, default_value=default, choices=choices
+                )
+                for name, (default, text, choices) in ARGUMENTS.items()
             ),
-            *nodes,
+            OpaqueFunction(function=robots),
         ]
     )

@@ -17,6 +17,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
+from ros2_energy_msgs.srv import SetPayload
 
 from robot_energy.bag import BagReader, BagWriter
 from robot_energy.rig.record import RigEncoder
@@ -117,6 +118,17 @@ class Bench:
             message_type, topic, lambda message: received.append(message), best_effort(1000)
         )
         return lambda: received[-1] if received else None
+
+    @staticmethod
+    def payload(link: str = "tool0", m: float = 1.0, stamp: Any = None, **values: Any) -> Any:
+        """Return a request of set_payload; `values` are ``com`` and entries of the inertia."""
+        request = SetPayload.Request()
+        request.payload.header.frame_id, request.payload.inertia.m = link, m
+        if stamp is not None:
+            request.payload.header.stamp = stamp
+        for name, value in values.items():
+            setattr(request.payload.inertia, name, value)
+        return request
 
     def diagnosed(self) -> Diagnosed:
         return Diagnosed(self)

@@ -195,7 +195,7 @@ def test_a_service_with_a_defect_answers(bench):
     Defect(node._pipeline.torque, "set_payload")
     client = bench.tester.create_client(SetPayload, "energy_monitor/set_payload")
     bench.spin_until(client.service_is_ready, "the service")
-    future = client.call_async(SetPayload.Request(link="flange", mass=1.0))
+    future = client.call_async(bench.payload("flange"))
     bench.spin_until(future.done, "an answer")
     assert not future.result().success
     assert "internal error" in future.result().message

@@ -66,10 +66,19 @@ def describe(monkeypatch: pytest.MonkeyPatch):
         }
         for one in [one for one in made if one.kind == "OpaqueFunction"]:
             model = "" if "robot" in given else "kr16"
-            one.options["function"]({**defaults, "model": model, **given})
+            values = {**defaults, "model": model, **given}
+            for name, choices in choices_of(made).items():
+                assert values[name] in choices
+            one.options["function"](values)
         return list(made)
 
     return run
+
+
+def choices_of(made: list[Recorded]) -> dict[str, list[str]]:
+    """What arguments can be, where they take no free text."""
+    declared = [one for one in made if one.kind == "DeclareLaunchArgument"]
+    return {one.args[0]: one.options["choices"] for one in declared if one.options["choices"]}
 
 
 def test_the_launch_files_are_found():
@@ -142,6 +151,53 @@ def test_a_monitor_without_model_or_known_robot_is_refused(describe):
         describe(FILES[0], robot="ur5x")
 
 
+def test_autostart_is_that_of_the_parameter_files_unless_given(describe):
+    for given, expected in (
+        ({}, None),
+        ({"autostart": "false"}, False),
+        ({"autostart": "1"}, True),
+    ):
+        for separate in ("true", "false"):
+            nodes = nodes_of(describe(FILES[0], separate=separate, **given))
+            for node in nodes.values():
+                assert node.options["parameters"][-1].get("autostart") is expected
+
+
+TOPICS = {"joint_states": "/arm/state", "motor_temperatures": "degc", "power_meter": "/grid"}
+
+
+def test_topics_reach_the_nodes_that_read_them_and_the_virtual_robot(describe):
+    """After every parameter file, a robot's own included; relative ones are in the namespace."""
+    expected = {
+        "torque_monitor": {"joint_states": {"topics": ["/arm/state"]}},
+        "friction_monitor": {"motors": {"topic": "degc"}},
+        "power_monitor": {"meter": {"topic": "/grid"}},
+    }
+    expected["energy_monitor"] = {k: v for one in expected.values() for k, v in one.items()}
+    for separate in ("true", "false"):
+        nodes = nodes_of(describe(FILES[0], separate=separate, robot_description="/rd", **TOPICS))
+        for name, node in nodes.items():
+            given = node.options["parameters"][-1]
+            assert {k: v for k, v in given.items() if isinstance(v, dict)} == expected[name]
+            assert node.options["remappings"] == [("robot_description", "/rd")]
+    values = describe(FILES[0], robot="ur5e", effort="joint_torque", **TOPICS)
+    given = nodes_of(values)["energy_monitor"].options["parameters"][-1]
+    assert given["joint_states"] == {"topics": ["/arm/state"], "effort_meaning": "joint_torque"}
+    assert given["rtde"] == {"topic": "degc"}
+    robot = nodes_of(describe(FILES[1], **TOPICS))["virtual_robot"]
+    assert robot.options["remappings"] == list(TOPICS.items())
+    assert nodes_of(describe(FILES[1]))["virtual_robot"].options["remappings"] == []
+
+
+def test_arguments_without_free_text_have_choices(describe):
+    choices = choices_of(describe(FILES[0]))
+    assert set(choices) == {
+        "separate", "respawn", "virtual", "use_sim_time", "autostart", "effort", "log_level",
+    }  # fmt: skip
+    assert "joint_torque" in choices["effort"]
+    assert "yes" not in choices["use_sim_time"]
+
+
 def test_the_virtual_robot_counts_apart_from_a_real_one(describe):
     def folder(**given: str) -> str | None:
         node = nodes_of(describe(FILES[0], **given))["energy_monitor"]
@@ -156,8 +212,11 @@ def test_the_virtual_robot_counts_apart_from_a_real_one(describe):
 def test_an_unknown_argument_is_refused(describe, monkeypatch):
     words = ["ros2", "launch", "ros2_energy_monitor", "energy_monitor.launch.py", "model:=kr16"]
     monkeypatch.setattr(sys, "argv", [*words, "param_file:=a.yaml"])
-    with pytest.raises(RuntimeError, match="unknown launch argument 'param_file'"):
+    with pytest.raises(RuntimeError, match="'param_file'; did you mean 'params_file'"):
         describe(FILES[0])
+    monkeypatch.setattr(sys, "argv", ["ros2", "launch", "virtual_robot.launch.py", "rate:=100"])
+    with pytest.raises(RuntimeError, match="unknown launch argument 'rate'; expected one of"):
+        describe(FILES[1])
     monkeypatch.setattr(sys, "argv", [*words, "params_file:=a.yaml"])
     describe(FILES[0])
     monkeypatch.setattr(sys, "argv", ["ros2", "launch", "cell.launch.py", "colour:=red"])

@@ -168,7 +168,7 @@ def test_energy_monitor_publishes_torque_only_if_asked(bench):
 
 
 def test_energy_monitor_reports_powers_and_registers(bench, messages):
-    node = bench.add(EnergyMonitor, model="kr16", power_rate=10.0)
+    node = bench.add(EnergyMonitor, model="kr16", power_rate=12.5)
     power = bench.latest(PowerState, "energy/power")
     registers = bench.latest(EnergyRegisters, "energy/registers")
     slow = [
@@ -192,7 +192,7 @@ def test_energy_monitor_reports_powers_and_registers(bench, messages):
     bench.spin_until(lambda: power() and np.isfinite(power().measured_power), "measured power")
     state = power()
     assert state.model_id == node.model.model_id
-    assert state.period == pytest.approx(0.1, abs=0.01)
+    assert state.period == pytest.approx(0.08, abs=0.01)
     assert [joint.name for joint in state.joints] == JOINTS
     parts = (
         state.rigid_power + state.friction_power + state.drive_loss + state.loss_dc

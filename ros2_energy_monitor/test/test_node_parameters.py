@@ -19,6 +19,7 @@ from robot_energy.presets import ROBOTS
 from ros2_energy_monitor.base.parameter_files import files_without_section, sections
 from ros2_energy_monitor.base.parameters import (
     ConsoleParameters,
+    DashboardParameters,
     EnergyParameters,
     FrictionParameters,
     ParameterError,
@@ -27,6 +28,8 @@ from ros2_energy_monitor.base.parameters import (
     TorqueParameters,
     declare,
 )
+from ros2_energy_monitor.exporters.parameters import exporter_parameters
+from ros2_energy_monitor.meters.parameters import MeterDriverParameters
 
 CONFIG = Path(__file__).resolve().parent.parent / "config"
 NODES = {
@@ -36,6 +39,9 @@ NODES = {
     "energy_monitor": EnergyParameters,
     "virtual_robot": RobotParameters,
     "console": ConsoleParameters,
+    "energy_dashboard": DashboardParameters,
+    "meter_driver": MeterDriverParameters,
+    "energy_exporter": exporter_parameters(),
 }
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from geometry_msgs.msg import Vector3
 from ros2_energy_msgs.msg import Payload
 from ros2_energy_msgs.srv import SetPayload
 from sensor_msgs.msg import JointState
@@ -21,7 +22,7 @@ from ros2_energy_monitor.nodes.torque_monitor import TorqueMonitor
 def ask(bench, node: str, **request) -> SetPayload.Response:
     client = bench.tester.create_client(SetPayload, f"{node}/set_payload")
     bench.spin_until(client.service_is_ready, "the service")
-    future = client.call_async(SetPayload.Request(**request))
+    future = client.call_async(bench.payload(**request))
     bench.spin_until(future.done, "the answer")
     bench.tester.destroy_client(client)
     return future.result()
@@ -34,7 +35,7 @@ def test_a_payload_changes_the_energy_from_its_stamp_on(bench, messages):
     for row in rows[:200]:
         publisher.publish(row)
     bench.spin_until(lambda: node.ingest.account.accepted == 200, "joint states")
-    answer = ask(bench, "energy_monitor", link="link_6", mass=8.0)
+    answer = ask(bench, "energy_monitor", link="link_6", m=8.0)
     assert answer.success, answer.message
     assert answer.valid_from.sec // 10**6 == 1700
     assert "from 2023-11-14 22:13:2" in answer.message
@@ -61,17 +62,29 @@ def test_a_payload_changes_the_energy_from_its_stamp_on(bench, messages):
     assert energies[0] != energies[1]
 
 
+def stage_of(node):
+    return node.stage if isinstance(node, TorqueMonitor) else node._pipeline.torque
+
+
 @pytest.mark.parametrize("monitor", [TorqueMonitor, EnergyMonitor])
 def test_an_accepted_payload_is_kept_for_those_who_come_late(bench, monitor):
     node = bench.add(monitor, model="kr16")
-    request = {"link": "tool0", "mass": 5.0, "centre_of_mass": [0.0, 0.0, 0.1]}
+    body = {"ixx": 0.05, "ixy": 0.001, "ixz": 0.002, "iyy": 0.06, "iyz": 0.003, "izz": 0.07}
+    request = {"link": "tool0", "m": 5.0, "com": Vector3(z=0.1), **body}
     assert ask(bench, node.get_name(), **request).success
     received: list[Payload] = []
     bench.tester.create_subscription(
         Payload, "energy/payload", lambda message: received.append(message), latched(10)
     )
     (message,) = bench.spin_until(lambda: received, "the payload")
-    assert (message.link, message.mass, message.centre_of_mass[2]) == ("tool0", 5.0, 0.1)
+    assert (message.inertia.m, message.inertia.com.z) == (5.0, 0.1)
+    assert {name: getattr(message.inertia, name) for name in body} == body
+    carried = next(body for body in stage_of(node).next_payload if body.link == "tool0")
+    assert carried.tensor.tolist() == [
+        [0.05, 0.001, 0.002],
+        [0.001, 0.06, 0.003],
+        [0.002, 0.003, 0.07],
+    ]
     assert message.model_id == node.model.model_id
     assert message.header.frame_id == "tool0"  # the frame in which the body is given
 
@@ -79,10 +92,10 @@ def test_an_accepted_payload_is_kept_for_those_who_come_late(bench, monitor):
 @pytest.mark.parametrize(
     ("request_", "words"),
     [
-        ({"link": "hand", "mass": 1.0}, "the link 'hand'"),
-        ({"link": "tool0", "mass": -1.0}, "mass"),
-        ({"link": "tool0", "mass": float("nan")}, "mass"),
-        ({"link": "tool0", "mass": 1.0, "inertia": [1.0, 1e-6, 1e-6, 0.0, 0.0, 0.0]}, "inertia"),
+        ({"link": "hand"}, "the link 'hand'"),
+        ({"link": "tool0", "m": -1.0}, "mass"),
+        ({"link": "tool0", "m": float("nan")}, "mass"),
+        ({"link": "tool0", "ixx": 1.0, "iyy": 1e-6, "izz": 1e-6}, "inertia"),
     ],
 )
 def test_an_impossible_payload_is_refused_in_one_sentence(bench, request_, words):

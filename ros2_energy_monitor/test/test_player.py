@@ -24,6 +24,7 @@ from ros2_energy_monitor.nodes.player import Player
 
 RATE = 8.0
 FLOAT = "std_msgs/msg/Float64"
+PAYLOAD = "ros2_energy_msgs/msg/Payload"
 
 
 def play(bench, bag: Path, topics=None) -> tuple[Player, float]:
@@ -64,14 +65,14 @@ def test_what_cannot_be_played_is_left_out_or_refused(bench, tmp_path):
         Player(bench.tester, reader, 1.0, ["/torque"])
 
 
-def odd_bag(folder: Path, topics: dict[str, str]) -> BagReader:
+def odd_bag(folder: Path, topics: dict[str, str], text: str = "float64 data") -> BagReader:
     """A bag with one message of each topic and of a type that the library need not know."""
     path = folder / "odd.mcap"
     with path.open("wb") as file:
         writer = Writer(file)
         writer.start(profile="ros2")
         for topic, msgtype in topics.items():
-            schema = writer.register_schema(msgtype, "ros2msg", b"float64 value")
+            schema = writer.register_schema(msgtype, "ros2msg", text.encode())
             channel = writer.register_channel(topic, "cdr", schema)
             writer.add_message(channel, 10**18, bytes(12), 10**18)
         writer.finish()
@@ -92,6 +93,14 @@ def test_illegal_topics_and_types_are_left_out_with_a_sentence_each(bench, tmp_p
     assert player.topics == ["/plain"]
     assert len(player.left_out) == len(ILLEGAL) - 1
     assert not [line for line in player.left_out if not line.isprintable()]
+
+
+def test_messages_of_another_definition_are_left_out(bench, tmp_path):
+    """Their bytes would be read wrongly by whoever has the installed definition."""
+    (tmp_path / "other").mkdir()
+    reader = odd_bag(tmp_path / "other", {"/payload": PAYLOAD, "/plain": FLOAT}, "float64 mass")
+    with pytest.raises(MissingTopicError, match=r"of another release.*robot-energy replay"):
+        Player(bench.tester, reader, 1.0)
 
 
 def test_a_bag_of_which_nothing_can_be_played_is_refused(bench, child_environment, tmp_path):
@@ -123,7 +132,8 @@ def test_a_bag_imports_nothing_from_the_working_folder(child_environment, tmp_pa
         (tmp_path / name / "__init__.py").write_text(f"open('{name}_ran', 'w')\n")
         (tmp_path / name / "msg" / "__init__.py").write_text("class Goals: pass\n")
     topics = {"/a": "evil_msgs/msg/Goals", "/b": "nav_msgs/msg/Goals", "/c": "x/msg/T"}
-    reader = odd_bag(tmp_path, topics)
+    text = "std_msgs/Header header\ngeometry_msgs/PoseStamped[] goals"
+    reader = odd_bag(tmp_path, topics, text)
     done = subprocess.run(
         [sys.executable, "-c", PLAY, str(reader.path)], cwd=tmp_path, env=child_environment,
         capture_output=True, text=True, check=False, timeout=120,

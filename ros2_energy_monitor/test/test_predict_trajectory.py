@@ -127,7 +127,7 @@ def test_temperatures_follow_the_names_and_the_fallback_fills(client, tmp_path):
 
 
 def test_the_payload_that_is_carried_counts(bench, client, tmp_path):
-    request = SetPayload.Request(link="tool0", mass=8.0)
+    request = bench.payload("tool0", 8.0)
     setter = bench.tester.create_client(SetPayload, "energy_monitor/set_payload")
     bench.spin_until(setter.service_is_ready, "the service")
     future = setter.call_async(request)

@@ -24,7 +24,7 @@ from ros2_energy_msgs.srv import (
 from sensor_msgs.msg import JointState
 
 from robot_energy.accounting.account import EnergyAccount
-from robot_energy.accounting.record import FORMAT_VERSION, LedgerRecord
+from robot_energy.accounting.record import FORMAT_VERSION, AccountRecord
 from robot_energy.model import load
 from robot_energy.store import load_account
 from robot_energy.store.envelope import unwrap
@@ -93,9 +93,9 @@ def feed(bench, node, publisher, rows) -> None:
     bench.spin_until(lambda: node.joint_states.received >= before + len(rows), "joint states")
 
 
-def newest(folder: Path) -> LedgerRecord:
+def newest(folder: Path) -> AccountRecord:
     states = [unwrap(FORMAT_VERSION, path.read_bytes()) for path in folder.glob("*.state")]
-    return LedgerRecord.from_json(max(states)[1])
+    return AccountRecord.from_json(max(states)[1])
 
 
 def start(bench, folder: Path | str, **parameters: Any) -> EnergyMonitor:
@@ -133,14 +133,14 @@ def test_cleanup_lets_go_and_configure_continues(bench, messages, tmp_path):
     rows = messages["/joint_states"]
     feed(bench, node, publisher, rows[:200])
     node.trigger_deactivate()
-    before = node.ledger.tally()
+    before = node.ledger.totals()
     node.trigger_cleanup()
     other = start(bench, tmp_path, autostart=False)
     other.trigger_configure()  # the lock is free
-    assert other.ledger.tally() == before
+    assert other.ledger.totals() == before
     other.trigger_cleanup()
     node.trigger_configure()
-    assert node.ledger.tally() == before
+    assert node.ledger.totals() == before
     node.trigger_activate()
     bench.spin_until(lambda: node.joint_states.publishers, "the publisher")
     feed(bench, node, publisher, rows[300:400])
@@ -148,7 +148,7 @@ def test_cleanup_lets_go_and_configure_continues(bench, messages, tmp_path):
     time = node.ledger.registers.time
     assert time.gap_count == 1
     assert time.observed_ns + time.gap_ns == time.end_ns - time.start_ns
-    assert node.ledger.tally().observed_ns > before.observed_ns
+    assert node.ledger.totals().observed_ns > before.observed_ns
 
 
 def test_where_the_files_are(monkeypatch, tmp_path):
@@ -165,7 +165,7 @@ def test_intervals_and_reset_by_service(bench, messages, tmp_path):
     rows = messages["/joint_states"]
     early = call(bench, node, OpenInterval, "open_interval", name="job")
     assert (early.success, early.persisted) == (False, False)
-    assert early.message == "no sample has been booked yet; expected a first joint state."
+    assert early.message == "no sample has been counted yet; expected a first joint state."
     publisher = bench.publisher(JointState, "joint_states")
     feed(bench, node, publisher, rows[:200])
     opened = call(bench, node, OpenInterval, "open_interval", name="job")
@@ -297,7 +297,7 @@ def test_files_that_cannot_be_used_are_told(bench, tmp_path):
     for path in tmp_path.glob("*.state"):
         path.write_bytes(b"rubbish")
     start(bench, tmp_path)
-    status = Observer(bench).diagnosed("begin anew")
+    status = Observer(bench).diagnosed("begin at zero")
     assert status.level == DiagnosticStatus.WARN
 
 
@@ -310,25 +310,25 @@ def test_a_barrage_of_strings_and_numbers_changes_nothing(bench, messages, tmp_p
     publisher = bench.publisher(JointState, "joint_states")
     feed(bench, node, publisher, messages["/joint_states"][:300])
     assert call(bench, node, OpenInterval, "open_interval", name="job").persisted
-    before = node.ledger.tally()
+    before = node.ledger.totals()
     answers = []
     for text in HOSTILE:
         answers += [
             call(bench, node, ResetRegisters, "reset_registers", reason=text),
             call(bench, node, OpenInterval, "open_interval", name=text),
             call(bench, node, CloseInterval, "close_interval", name=text),
-            call(bench, node, SetPayload, "set_payload", link=text, mass=1.0),
+            call(bench, node, SetPayload, "set_payload", payload=bench.payload(text).payload),
         ]
     for sec, nanosec in ((2**31 - 1, 2**32 - 1), (2**31 - 1, 0), (0, 10**9)):
-        valid_from = Time(sec=sec, nanosec=nanosec)
-        fields = {"link": "tool0", "mass": 1.0, "valid_from": valid_from}
-        answers.append(call(bench, node, SetPayload, "set_payload", **fields))
+        request = bench.payload(stamp=Time(sec=sec, nanosec=nanosec))
+        answers.append(call(bench, node, SetPayload, "set_payload", payload=request.payload))
     for mass in (1e308, float("nan"), float("inf"), -1.0):
-        answers.append(call(bench, node, SetPayload, "set_payload", link="tool0", mass=mass))
+        request = bench.payload(m=mass)
+        answers.append(call(bench, node, SetPayload, "set_payload", payload=request.payload))
     assert not any(answer.success for answer in answers)
     assert all(answer.message.isprintable() for answer in answers)
     assert max(len(answer.message) for answer in answers) < 5000
-    assert node.ledger.tally() == before
+    assert node.ledger.totals() == before
     widest = "\U0001f916" * 100
     assert call(bench, node, OpenInterval, "open_interval", name=widest).persisted
     assert call(bench, node, ResetRegisters, "reset_registers", reason=2 * widest).persisted

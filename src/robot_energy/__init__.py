@@ -13,6 +13,7 @@ __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from robot_energy import physics
+    from robot_energy.api.evaluate import evaluate
     from robot_energy.api.identify import (
         IdentificationResult,
         identify_all,
@@ -51,6 +52,7 @@ if TYPE_CHECKING:
         MeterComparison,
         PhaseEnergy,
     )
+    from robot_energy.results.evaluation import EvaluationReport
     from robot_energy.results.prediction import PredictionReport
     from robot_energy.results.replay import ReplayReport
     from robot_energy.time_series import TimeSeries
@@ -58,6 +60,7 @@ if TYPE_CHECKING:
 # Public names by their module; `:` where a name is another one there.
 _NAMES = {
     "": ("physics",),
+    "api.evaluate": ("evaluate",),
     "api.identify": (
         "IdentificationResult", "identify_all", "identify_cabinet", "identify_dynamics",
         "identify_friction",
@@ -75,6 +78,7 @@ _NAMES = {
     "model": ("RobotModel", "load_model:load", "save_model:save"),
     "pipeline": ("EnergyPipeline", "PipelineSettings:Settings"),
     "results.energy": ("EnergyBreakdown", "JointEnergy", "MeterComparison", "PhaseEnergy"),
+    "results.evaluation": ("EvaluationReport",),
     "results.prediction": ("PredictionReport",),
     "results.replay": ("ReplayReport",),
     "time_series": ("TimeSeries",),
@@ -85,14 +89,15 @@ _EXPORTS = {
     for public, _, original in (name.partition(":") for name in names)
 }
 __all__ = [
-    "BagError", "EnergyBreakdown", "EnergyPipeline", "IdentificationResult",
+    "BagError", "EnergyBreakdown", "EnergyPipeline", "EvaluationReport", "IdentificationResult",
     "ImplausibleIdentificationError", "JointEnergy", "LogFormatError", "MeterComparison",
-    "MissingTopicError", "ModelFileError", "MotionError", "NotIdentifiableError", "OnlineMonitor",
-    "ParameterError", "PayloadError", "Phase", "PhaseEnergy", "PipelineSettings",
-    "PredictionReport", "PredictionResult", "Quality", "ReplayReport", "ReplayResult",
-    "ReportError", "RobotDescriptionError", "RobotEnergyError", "RobotModel", "ShapeError",
-    "TimeSeries", "UnknownJointError", "identify_all", "identify_cabinet", "identify_dynamics",
-    "identify_friction", "load_model", "physics", "predict", "replay", "save_model",
+    "MissingTopicError", "ModelFileError", "MotionError", "NotIdentifiableError",
+    "OnlineMonitor", "ParameterError", "PayloadError", "Phase", "PhaseEnergy",
+    "PipelineSettings", "PredictionReport", "PredictionResult", "Quality", "ReplayReport",
+    "ReplayResult", "ReportError", "RobotDescriptionError", "RobotEnergyError", "RobotModel",
+    "ShapeError", "TimeSeries", "UnknownJointError", "evaluate", "identify_all",
+    "identify_cabinet", "identify_dynamics", "identify_friction", "load_model", "physics",
+    "predict", "replay", "save_model",
 ]  # fmt: skip
 
 

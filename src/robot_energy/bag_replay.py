@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import ClassVar
 
 import numpy as np
 
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.energy_curve import EnergyCurve, add_compared, add_means
-from robot_energy.bag import DEFAULT_QOS, LATCHED_QOS, BagReader, BagWriter
+from robot_energy.accounting.prediction_errors import PowerErrorSums
+from robot_energy.bag import BagReader
 from robot_energy.bag.ownership import foreign_entries
-from robot_energy.blocks import EffortMeaning, FrictionBlock, JointBlock
+from robot_energy.blocks import EffortMeaning, JointBlock
+from robot_energy.energy_bag import EnergyBagWriter
 from robot_energy.errors import BagError, MissingTopicError, UnknownJointError
 from robot_energy.files.output_folder import check_folder
 from robot_energy.inputs.bag_topics import (
@@ -28,22 +29,10 @@ from robot_energy.inputs.joint_states.joint_states import JOINT_STATE, JointStat
 from robot_energy.inputs.meter.meter import MeterIngest
 from robot_energy.inputs.sources import Inputs, JointStateSource, TemperatureSource
 from robot_energy.inputs.temperatures.temperatures import TemperatureIngest
-from robot_energy.messages import (
-    FrictionWriter,
-    PayloadReader,
-    PayloadWriter,
-    PowerStateWriter,
-    RegistersWriter,
-    TorqueWriter,
-)
-from robot_energy.messages.friction import JOINT_FRICTION
+from robot_energy.messages import PayloadReader
 from robot_energy.messages.payload import PAYLOAD
-from robot_energy.messages.power import POWER_STATE
-from robot_energy.messages.registers import ENERGY_REGISTERS
-from robot_energy.messages.torque import JOINT_TORQUE
 from robot_energy.model import RobotModel
 from robot_energy.pipeline import EnergyPipeline, Output, Settings
-from robot_energy.pipeline.payload_timeline import PayloadChange
 from robot_energy.timeline.pieces import Compared
 
 SECOND_NS = 1_000_000_000
@@ -81,13 +70,14 @@ class Replay:
         meter: Accounting of the meter.
         payload: Accounting of the payloads set at run time, and the changes.
         effort: What the effort in the joint states was taken for.
-        pipeline: The pipeline with its books closed.
+        pipeline: The pipeline after its last step.
         problems: What was wrong with the bag, one sentence each.
         notes: What a user should know of the inputs, one sentence each.
         predicted_curve: Predicted energy from the grid over time, where curves were asked for.
         compared_curve: Measured and predicted energy at the meter over time, likewise; their
             sums are those of the comparison.
         compared: What became comparable with the meter in each step, where that was asked for.
+        power_error: Predicted less measured power at the meter, from reading to reading.
         origin: Where the recording comes from, as its writer said; empty if it did not.
     """
 
@@ -105,6 +95,7 @@ class Replay:
     predicted_curve: EnergyCurve | None = None
     compared_curve: EnergyCurve | None = None
     compared: list[Compared] = field(default_factory=list[Compared])
+    power_error: PowerErrorSums = field(default_factory=PowerErrorSums)
     origin: str = ""
 
     @property
@@ -127,7 +118,7 @@ def find_topics(bag: BagReader, wanted: Topics, inputs: Inputs | None = None) ->
 
     Raises:
         MissingTopicError: If a named topic is absent or of another type, or the joint
-            states cannot be told without a name.
+            states cannot be found without a name.
     """
     joints = wanted.joint_states or ()
     if not joints and inputs is not None:
@@ -213,7 +204,7 @@ def replay(
     Args:
         path: MCAP file or rosbag2 folder.
         model: The robot's model.
-        topics: Topics to use where they cannot be told by type.
+        topics: Topics to use where they cannot be found by type.
         settings: Settings of the pipeline.
         out: Folder of a new bag for the energy topics.
         overwrite: Whether an existing ``out`` may be replaced.
@@ -226,7 +217,7 @@ def replay(
         keep_means: Whether ``on_output`` needs the means over ``power_period``.
 
     Returns:
-        The closed books and the accounting of every input.
+        The energy account and the rejection log of every input.
 
     Raises:
         BagError: If the bag cannot be read or holds no usable joint state.
@@ -274,17 +265,17 @@ def replay(
         result.predicted_curve, result.compared_curve = EnergyCurve(1), EnergyCurve(2)
 
     def take(compared: Compared) -> None:
+        result.power_error.step(compared)
         if keep_compared:
             result.compared.append(compared)
         if result.compared_curve is not None:
             add_compared(result.compared_curve, compared)
 
-    if keep_curves or keep_compared:
-        pipeline.ledger.on_compared = take
+    pipeline.ledger.on_compared = take
     writer = None
     if out is not None:
         check_folder(out, foreign_entries, overwrite, (path,), BagError)
-        writer = _Writer(out, overwrite, model, bag.origin, Path(path))
+        writer = EnergyBagWriter(out, overwrite, model, bag.origin, Path(path))
     try:
         for output in _outputs(bag, result, sliced=writer is not None, progress=progress):
             if writer is not None:
@@ -372,75 +363,3 @@ def _require_samples(result: Replay) -> None:
         "joint states of this robot",
         "look up the reasons in the nomenclature",
     )
-
-
-class _Writer:
-    """Writes the energy topics of a replay into a new bag, made at the first torque."""
-
-    TOPICS: ClassVar = {
-        "/energy/joint_torque": JOINT_TORQUE,
-        "/energy/joint_friction": JOINT_FRICTION,
-        "/energy/power": POWER_STATE,
-        "/energy/registers": ENERGY_REGISTERS,
-        "/energy/payload": PAYLOAD,
-    }
-
-    def __init__(
-        self, path: str | Path, overwrite: bool, model: RobotModel, origin: str, source: Path
-    ) -> None:
-        self._torque = TorqueWriter(model.joint_names, model.model_id)
-        self._friction = FrictionWriter(model)
-        self._power = PowerStateWriter(model.joint_names, model.model_id)
-        self._registers = RegistersWriter(model.joint_names, model.model_id)
-        self._payload = PayloadWriter(model.model_id)
-        self._payloads = 0  # changes written
-        self._booked: int | None = None
-        self._made = (path, overwrite, origin, source)
-        self._bag: BagWriter | None = None
-        self._frictions: list[FrictionBlock] = []
-
-    def write(
-        self, output: Output, ledger: EnergyAccount, payloads: Sequence[PayloadChange]
-    ) -> None:
-        torque, friction, power, registers, payload = self.TOPICS
-        if output.friction is not None:
-            self._frictions.append(output.friction)
-        if self._bag is None and output.torque is None:
-            return  # no joint state was of use yet, and perhaps none will be
-        for block in self._frictions:
-            self._open().write(friction, block.stamp_ns, self._friction.encode(block))
-        self._frictions.clear()
-        if output.torque is not None:
-            now = output.torque.stamp_ns[:1]  # a change from the start has no time of its own
-            for change in payloads[self._payloads :]:
-                time = np.array([change.from_ns]) if change.from_ns else now
-                self._open().write(payload, time, self._payload.encode(change))
-            self._payloads = len(payloads)
-            rows = self._torque.encode(output.torque)
-            self._open().write(torque, output.torque.stamp_ns, rows)
-        if output.means is not None:
-            rows = self._power.encode(output.means, ledger.comparison.location)
-            self._open().write(power, output.means.stamp_ns, rows)
-        now = ledger.registers.time.end_ns
-        if now is not None and now != self._booked:
-            row = self._registers.encode(ledger)
-            if row is not None:
-                self._open().write(registers, np.array([now]), row)
-            self._booked = now
-
-    def close(self) -> None:
-        if self._bag is not None:
-            self._bag.close()
-
-    def discard(self) -> None:
-        if self._bag is not None:
-            self._bag.discard()
-
-    def _open(self) -> BagWriter:
-        if self._bag is None:
-            path, overwrite, origin, source = self._made
-            self._bag = BagWriter(path, overwrite=overwrite, origin=origin, inputs=(source,))
-            for topic, msgtype in self.TOPICS.items():
-                qos = LATCHED_QOS if msgtype in (JOINT_FRICTION, PAYLOAD) else DEFAULT_QOS
-                self._bag.add_topic(topic, msgtype, qos)
-        return self._bag

@@ -21,8 +21,6 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.errors import ShapeError
-
 Float = NDArray[np.floating[Any]]  # float64 throughout; numpy types many results this wide
 Int = NDArray[np.int64]
 Bits = NDArray[np.uint32]
@@ -46,6 +44,10 @@ class Quality(IntFlag):
     NOT_FINITE = 256
     JOINT_STATE_IMPLAUSIBLE = 512
     TEMPERATURE_STUCK = 1024
+
+
+# Bits of samples whose torque says little of a model.
+DOUBTFUL = Quality.ACCELERATION_INCOMPLETE | Quality.AFTER_GAP | Quality.NOT_FINITE
 
 
 class Phase(IntEnum):
@@ -122,12 +124,7 @@ class Block:
 
         Returns:
             One block with all their samples.
-
-        Raises:
-            ShapeError: If there is nothing to join.
         """
-        if not blocks:
-            raise ShapeError("no blocks to join", "at least one")
         first = blocks[0]
         if len(blocks) == 1:
             return first
@@ -354,14 +351,6 @@ class PowerBlock(Block):
         """Shaft power per motor, rigid plus friction, shape (N, n). [W]"""
         return self.rigid_power + self.friction_power
 
-    def power_at(self, location: MeterLocation) -> Float:
-        """Return the predicted power at the place of a meter, shape (N,). [W]
-
-        Args:
-            location: Where the meter sits.
-        """
-        return self.supply.power_at(location)
-
     @property
     def supply(self) -> SupplyBlock:
         """What a meter can see of these samples."""
@@ -397,33 +386,6 @@ def differences(values: Int, before: int) -> Int:
     steps[0] = values[0] - before
     np.subtract(values[1:], values[:-1], out=steps[1:])
     return steps
-
-
-def check_shape(name: str, array: Float, shape: tuple[int, ...]) -> None:
-    """Refuse an array of another shape.
-
-    Args:
-        name: Name of the array, for the message.
-        array: The array, of any shape. [-]
-        shape: The expected shape.
-
-    Raises:
-        ShapeError: Names the array, found and expected shape.
-    """
-    if array.shape != shape:
-        raise ShapeError(f"{name} has shape {array.shape}", f"{shape}")
-
-
-def in_any_joint(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Reduce a mask over joints: which samples have it set for any joint.
-
-    Args:
-        mask: Shape (N, n).
-
-    Returns:
-        Shape (N,).
-    """
-    return np.asarray(mask.any(axis=1), dtype=np.bool_)
 
 
 def mark(quality: Bits, rows: NDArray[np.bool_], bit: Quality) -> None:

@@ -74,6 +74,9 @@ def load(
         what: What the file is, for messages.
         remedy: Where an example of one is.
 
+    Returns:
+        The values of the file, checked.
+
     Raises:
         RobotEnergyError: The error asked for, if the file cannot be read, is no bounded YAML, or
             does not fit the schema.
@@ -100,6 +103,9 @@ def read_text(
         expected: What there should be.
         remedy: What the user can do if it cannot be read.
 
+    Returns:
+        The text.
+
     Raises:
         RobotEnergyError: The error asked for, if it is missing, too large, special or not UTF-8.
     """
@@ -121,11 +127,15 @@ def validated(
         source: Name of the file, for messages.
         error: What to raise.
 
+    Returns:
+        The same values as an instance of the schema.
+
     Raises:
         RobotEnergyError: The error asked for, naming keys, what was found and what was expected.
     """
     if not isinstance(data, dict):
-        keys = [name for name, field in model.model_fields.items() if field.is_required()]
+        fields = model.model_fields
+        keys = [name for name, field in fields.items() if field.is_required()] or list(fields)
         raise error(f"{source} is {described(data)}", f"a mapping with {listed(keys)}")
     try:
         return model.model_validate(data)

@@ -78,6 +78,21 @@ class ShapeError(RobotEnergyError, ValueError):
     """An array has the wrong shape."""
 
 
+def check_shape(name: str, found: tuple[int, ...], expected: tuple[int, ...]) -> None:
+    """Refuse an array of another shape.
+
+    Args:
+        name: Name of the array, for the message.
+        found: Its shape.
+        expected: The shape it must have.
+
+    Raises:
+        ShapeError: If the shapes differ.
+    """
+    if found != expected:
+        raise ShapeError(f"{name} has shape {found}", f"{expected}")
+
+
 class BagError(RobotEnergyError, ValueError):
     """A bag cannot be opened, read or written."""
 
@@ -92,6 +107,26 @@ class MessageTypeError(RobotEnergyError, TypeError):
 
 class ParameterError(RobotEnergyError, ValueError):
     """A parameter of a node or input is missing, of a wrong type, out of range or misfitting."""
+
+
+class CredentialsError(RobotEnergyError, ValueError):
+    """A file of credentials is missing, readable by others, or malformed."""
+
+
+class MeterProfileError(RobotEnergyError, ValueError):
+    """The profile of a network meter is missing or malformed."""
+
+
+class MeterLinkError(RobotEnergyError, OSError):
+    """A network meter cannot be reached, or its connection is lost."""
+
+
+class MeterAnswerError(RobotEnergyError, ValueError):
+    """A network meter refuses a request, or answers with something else."""
+
+
+class ExporterError(RobotEnergyError, ValueError):
+    """An exporter cannot be set up as asked."""
 
 
 class LogFormatError(RobotEnergyError, ValueError):
@@ -124,3 +159,7 @@ class NotIdentifiableError(RobotEnergyError, ValueError):
 
 class ImplausibleIdentificationError(RobotEnergyError, ValueError):
     """What was identified contradicts physics or the URDF grossly, so that it is not written."""
+
+
+class PageError(RobotEnergyError, ValueError):
+    """The energy page cannot be served, set up or saved as asked."""

@@ -139,4 +139,4 @@ example:
 )
 
 register_log_format = LOG_FORMATS.register
-"""Add a format of yours: ``robot-energy import NAME`` knows it from now on."""
+"""Add a format of yours: ``robot-energy import NAME`` reads it from now on."""

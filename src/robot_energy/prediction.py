@@ -1,8 +1,8 @@
 """Prediction: the energy of a motion before it is made, through the stages that run live.
 
 The motion is known, so its accelerations are taken as they are instead of being derived from
-samples (`EnergyPipeline.plan`); torque, friction, drives, cabinet and books are those of live
-operation and replay. Motor temperatures are assumed and held.
+samples (`EnergyPipeline.plan`); torque, friction, drives, cabinet and energy account are those
+of live operation and replay. Motor temperatures are assumed and held.
 """
 
 from __future__ import annotations
@@ -45,11 +45,11 @@ class Prediction:
         one_temperature: Joints whose friction law is the same at every temperature.
         duration: Of all repetitions. [s]
         repeat: How often the motion is made.
-        pipeline: With its books closed.
+        pipeline: After its last step.
         limits: How much of the speed and torque limits is used.
         means: Power over time.
         notes: What a reader should know, one sentence each.
-        payload: What the robot carries beside the payload of its model.
+        payload: What the robot carries besides the payload of its model.
     """
 
     program: str
@@ -96,7 +96,7 @@ def predict(
         max_samples: Of all repetitions; more are refused before the work begins.
 
     Returns:
-        The closed books.
+        The prediction with its energy account.
 
     Raises:
         MotionError: If the motion cannot be made or is too long, or figures make no sense.

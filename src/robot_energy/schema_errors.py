@@ -240,7 +240,7 @@ def _name(place: Sequence[Part], data: object) -> str:
 
 
 def _keys(model: type[BaseModel], place: Sequence[Part]) -> tuple[list[str], list[str]]:
-    """All keys that the schema knows at a place, and those that it needs there."""
+    """All keys of the schema at a place, and those that it needs there."""
     objects = [node for node in _nodes(model, place) if "properties" in node]
     known = dict.fromkeys(key for node in objects for key in node["properties"])
     return list(known), [key for key in known if all(key in n.get("required", ()) for n in objects)]
@@ -263,7 +263,7 @@ def _schema(model: type[BaseModel]) -> dict[str, Any]:
 
 
 def forget_schemas() -> None:
-    """Build schemas anew, after one of them has changed."""
+    """Build schemas again, after one of them has changed."""
     _schema.cache_clear()
 
 

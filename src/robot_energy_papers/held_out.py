@@ -88,12 +88,13 @@ def _row(entry: MotionSet, models: Mapping[str, RobotModel], reference: str) -> 
     measured = compared = extrapolated = 0.0
     for name, model in models.items():
         result = replay(entry.path, model)
-        books = result.ledger.comparison
-        if not books.measured_energy > 0:
+        comparison = result.ledger.comparison
+        if not comparison.measured_energy > 0:
             raise RigError(f"in {entry.path} the meter covers nothing", "readings during the set")
-        predicted[name] = books.predicted_energy
+        predicted[name] = comparison.predicted_energy
         if name == reference:
-            measured, compared = books.measured_energy, books.compared_ns * NANOSECOND
+            measured = comparison.measured_energy
+            compared = comparison.compared_ns * NANOSECOND
             held = result.ledger.quality.get(int(Quality.EXTRAPOLATED), 0)
             extrapolated = held / max(result.ledger.samples, 1)
     truth = entry.recording.motor_temperature_degc.mean(axis=0)

@@ -1,6 +1,6 @@
 """Models identified from recordings, as paper A describes it and beyond.
 
-The start is a model that knows bodies and gears and nothing of friction and cabinet. What
+The start is a model with bodies and gears, without friction and cabinet. What
 is tested is what comes out here; no shipped figure of friction or losses takes part.
 """
 

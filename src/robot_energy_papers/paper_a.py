@@ -344,5 +344,5 @@ def _shaft_curves(
 def _true_friction(entry: MotionSet) -> TrueFriction:
     profile = load_profile("kr16")
     gear = entry.recording.gear_temperature_degc.mean(axis=0)
-    viscous = PlantFriction(profile, RigConfig()).viscous(gear) + profile.eddy_viscous
+    viscous = PlantFriction(profile, RigConfig(), 1.0).viscous(gear) + profile.eddy_viscous
     return TrueFriction(entry.recording.motor_temperature_degc.mean(axis=0), viscous)

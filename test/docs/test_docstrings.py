@@ -5,9 +5,11 @@ fails when one grows, and when one fell and the table still has the old number.
 """
 
 import ast
+import pydoc
 import re
 from collections import Counter
 from collections.abc import Iterator
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -26,6 +28,7 @@ ARRAY = re.compile(r"\b(Float|Int|NDArray|ndarray)\b")
 REAL = re.compile(r"\b(float|Float|np\.float64)\b")
 SHAPE = re.compile(r"\bshape\b|\(n|\(\.\.\.|\(N|\(\d+,|per (joint|sample)|one per|of each")
 UNIT = re.compile(r"\[[^\]]+\]")
+AS_IN = re.compile(r"\bas in `([\w.]+)`")  # the interface that describes arguments and result
 SOURCE = re.compile(r"\bSource:|\beq\.|\[A|\[B|doi|DOI|paper [AB]")
 
 Function = ast.FunctionDef | ast.AsyncFunctionDef
@@ -87,6 +90,9 @@ def gaps_of_function(name: str, function: Function, docstring: str, errors: set[
     if function.name == "_" or any("overload" in ast.unparse(d) for d in function.decorator_list):
         return
     described = entries(section(docstring, "Args", "Attributes") or "")
+    elsewhere = AS_IN.search(docstring)
+    if elsewhere:  # the interface describes them
+        given = []
     for argument in given:
         text = described.get(argument.arg)
         kind = ast.unparse(argument.annotation) if argument.annotation else ""
@@ -106,6 +112,7 @@ def gaps_of_function(name: str, function: Function, docstring: str, errors: set[
     if (
         gives
         and function.name != "__init__"
+        and not elsewhere
         and section(docstring, "Returns", "Yields") is None
         and not (len(given) == 0 or re.match(r"(Return|Yield|Whether|The )", first))
     ):
@@ -158,6 +165,27 @@ def test_docstrings_lack_no_more_than_the_table_says(gaps, capsys):
     assert not fallen, f"lower the numbers in {TABLE.relative_to(ROOT)} to {fallen}"
 
 
+def test_interfaces_that_docstrings_refer_to_exist():
+    """What is described elsewhere is a method in the same module, or one of rclpy."""
+    without_ros = find_spec("rclpy") is None
+    wrong = []
+    for package in PACKAGES:
+        for path in sorted(package.rglob("*.py")):
+            functions = list(public_functions(ast.parse(path.read_text())))
+            described = {name for name, _, docstring in functions if not AS_IN.search(docstring)}
+            for name, _, docstring in functions:
+                found = AS_IN.search(docstring)
+                if found and not (
+                    found[1] in described
+                    or (
+                        found[1].startswith("rclpy.")
+                        and (without_ros or pydoc.locate(found[1]) is not None)
+                    )
+                ):
+                    wrong.append(f"{path.relative_to(ROOT)}: {name} refers to {found[1]}")
+    assert not wrong
+
+
 @pytest.mark.parametrize(
     ("source", "expected"),
     [
@@ -177,6 +205,7 @@ def test_docstrings_lack_no_more_than_the_table_says(gaps, capsys):
             'def f(a: int) -> int:\n    """Do.\n\n    Args:\n        a: Number.\n    """',
             ["returns"],
         ),
+        ('def f(a: int) -> int:\n    """Do; arguments and result as in `A.f`."""', []),
         ('def f() -> None:\n    """Do."""\n    raise BagError("x")', ["raises"]),
         (
             'def f() -> None:\n    """Do.\n\n    Raises:\n        BagError: Always.\n    """\n'

@@ -7,6 +7,7 @@ each restart the state holds what was acknowledged, and no energy that was not c
 import shutil
 import struct
 from dataclasses import dataclass
+from types import SimpleNamespace
 
 from target import scratch
 
@@ -31,15 +32,14 @@ class Stamp:
     nanosec: int
 
 
-@dataclass
-class SetPayloadCall:
+def set_payload_call(
+    stamp: Stamp, link: str, mass: float, x: float, moment: float
+) -> SimpleNamespace:
     """As a request of ``set_payload``."""
-
-    valid_from: Stamp
-    link: str
-    mass: float
-    centre_of_mass: list[float]
-    inertia: list[float]
+    entries = dict.fromkeys(("ixx", "iyy", "izz"), moment) | dict.fromkeys(("ixy", "ixz", "iyz"), 0)
+    inertia = SimpleNamespace(m=mass, com=SimpleNamespace(x=x, y=0.0, z=0.0), **entries)
+    header = SimpleNamespace(stamp=stamp, frame_id=link)
+    return SimpleNamespace(payload=SimpleNamespace(header=header, inertia=inertia))
 
 
 class Monitor:
@@ -68,7 +68,7 @@ class Monitor:
 
     def energy(self) -> int:
         """What the registers hold. [uJ]"""
-        return self.books.ledger.tally().cabinet_energy_microjoule["grid_import"]
+        return self.books.ledger.totals().cabinet_energy_microjoule["grid_import"]
 
     def count(self, value: int) -> None:
         """A few samples at 100 W, at the present time of the clock."""
@@ -132,9 +132,8 @@ class Monitor:
     def payload(self, number: float, text: str, value: int) -> bool:
         """Call set_payload."""
         stamp = Stamp(value % 2**32 - 2**31, value >> 32)
-        where = [number, 0.0, 0.0]
         link = "fore" if value % 3 else text
-        request = SetPayloadCall(stamp, link, number, where, [*([abs(number)] * 3), 0, 0, 0])
+        request = set_payload_call(stamp, link, number, number, abs(number))
         answer = answer_set_payload(self.stage.set_payload, request)
         assert answer.message.isprintable()
         assert len(answer.message) < 1000

@@ -146,8 +146,8 @@ def test_resets_lose_and_add_nothing(seed, resets):
         if start:
             ledger.reset("for the test")
         ledger.step(block[slice(start, stop)])
-    parts = [entry.totals for entry in ledger.trace.entries] + [ledger.tally()]
-    for name, total in whole.tally().cabinet_energy_microjoule.items():
+    parts = [entry.totals for entry in ledger.trace.entries] + [ledger.totals()]
+    for name, total in whole.totals().cabinet_energy_microjoule.items():
         assert sum(part.cabinet_energy_microjoule[name] for part in parts) == total
     for name in ("observed_ns", "gap_ns", "jumps"):
-        assert sum(getattr(part, name) for part in parts) == getattr(whole.tally(), name)
+        assert sum(getattr(part, name) for part in parts) == getattr(whole.totals(), name)

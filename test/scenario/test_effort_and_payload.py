@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rosbags.rosbag2 import Writer
 
 from places import ROOT
 from plants import PROGRAM, two_link_profile
@@ -13,7 +14,7 @@ from robot_energy.bag import BagReader, BagWriter
 from robot_energy.bag_replay import Topics, replay
 from robot_energy.blocks import EffortMeaning
 from robot_energy.cdr import Decoder
-from robot_energy.cdr.types import typestore
+from robot_energy.cdr.types import extended, typestore
 from robot_energy.logs import import_ur_rtde
 from robot_energy.messages import PayloadWriter
 from robot_energy.messages.payload import PAYLOAD
@@ -163,6 +164,60 @@ def test_payload_of_a_bag_counts_from_its_stamp(tmp_path):
     steps = np.flatnonzero(np.diff(mass))
     assert mass[[0, *(steps + 1)]].tolist() == [body.mass, 0.0, body.mass]
     np.testing.assert_allclose(steps / 250, [10, 20], atol=0.1)
+
+
+PAYLOAD_OF_0_1 = """std_msgs/Header header
+string model_id
+string link
+float64 mass
+float64[3] centre_of_mass
+float64[6] inertia
+"""
+
+
+def with_payloads_of_0_1(bag, folder):
+    """The same bag, its payloads as release 0.1 recorded them, by another writer."""
+    known, old = typestore(), extended(typestore(), {PAYLOAD: ("ros2msg", PAYLOAD_OF_0_1)})
+    reader = BagReader(bag)
+    rows = [
+        (time, topic, batch.msgtype, batch.row(index))
+        for part in reader.parts(list(reader.topics))
+        for topic, batch in part.items()
+        for index, time in enumerate(batch.log_time_ns.tolist())
+    ]
+    with Writer(folder, version=9) as writer:
+        connections = {
+            topic: writer.add_connection(topic, info.msgtype, typestore=old)
+            for topic, info in reader.topics.items()
+        }
+        for time, topic, msgtype, row in sorted(rows, key=lambda entry: entry[0]):
+            if msgtype == PAYLOAD:
+                new = known.deserialize_cdr(row, PAYLOAD)
+                body, centre = new.inertia, new.inertia.com
+                entries = (body.ixx, body.iyy, body.izz, body.ixy, body.ixz, body.iyz)
+                fields = (new.header.frame_id, body.m, (centre.x, centre.y, centre.z), entries)
+                link, mass, com, inertia = fields
+                message = old.types[PAYLOAD](
+                    new.header, new.model_id, link, mass, np.array(com), np.array(inertia)
+                )
+                row = bytes(old.serialize_cdr(message, PAYLOAD))
+            writer.write(connections[topic], time, row)
+    return folder
+
+
+def test_payloads_recorded_by_release_0_1_give_the_same_energies(tmp_path):
+    """Then the message had its own fields, and the inertia began with its diagonal."""
+    (body,) = MODEL.payload
+    inertia = (0.2, 0.3, 0.4, 0.01, -0.02, 0.03)
+    carried = body.model_copy(update={"tag": "assumed", "inertia": inertia})
+    bag = copy_of_the_bag(tmp_path, payloads=[(carried, 5.0)])
+    result = replay(bag, MODEL)
+    older = replay(with_payloads_of_0_1(bag, tmp_path / "older"), MODEL)
+    assert older.payload.changes == result.payload.changes
+    assert older.payload.changes[0].payload.inertia == inertia
+    np.testing.assert_array_equal(
+        older.ledger.registers.microjoule, result.ledger.registers.microjoule
+    )
 
 
 def test_impossible_payload_of_a_bag_is_refused_and_named(reference, tmp_path):

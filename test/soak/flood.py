@@ -197,8 +197,9 @@ def _flood(
             message.clock.sec, message.clock.nanosec = at
             clock.publish(message)
         if published % 500 == 0 and client.service_is_ready():
-            request = SetPayload.Request(link="link_6", mass=chance.random())
-            request.valid_from.sec, request.valid_from.nanosec = at
+            request = SetPayload.Request()
+            header, request.payload.inertia.m = request.payload.header, chance.random()
+            header.frame_id, header.stamp.sec, header.stamp.nanosec = "link_6", *at
             client.call_async(request)
     node.destroy_client(client)
     for publisher in (*publishers.values(), clock):

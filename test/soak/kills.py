@@ -41,7 +41,7 @@ from rclpy.serialization import deserialize_message
 from ros2_energy_msgs.msg import EnergyRegisters
 from sensor_msgs.msg import JointState
 
-from robot_energy.accounting.record import FORMAT_VERSION, LedgerRecord
+from robot_energy.accounting.record import FORMAT_VERSION, AccountRecord
 from robot_energy.errors import StateFileError
 from robot_energy.model import save
 from robot_energy.store.envelope import unwrap
@@ -260,7 +260,7 @@ class Harness:
         for path in sorted(self._state.glob("*.state")):
             try:
                 sequence, payload = unwrap(FORMAT_VERSION, path.read_bytes())
-                records.append((sequence, LedgerRecord.from_json(payload)))
+                records.append((sequence, AccountRecord.from_json(payload)))
             except StateFileError:
                 self.found.torn += 1
         kept = self._last_kept()
@@ -322,9 +322,9 @@ class Harness:
             Figure("the same, worst [s]", round(float(births.max()), 2)),
         ]  # fmt: skip
 
-    def _final_record(self) -> LedgerRecord:
+    def _final_record(self) -> AccountRecord:
         states = [unwrap(FORMAT_VERSION, path.read_bytes()) for path in self._state.glob("*.state")]
-        return LedgerRecord.from_json(max(states)[1])
+        return AccountRecord.from_json(max(states)[1])
 
 
 def nanoseconds(stamp: Any) -> int:

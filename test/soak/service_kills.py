@@ -31,7 +31,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from ros2_energy_msgs.srv import CloseInterval, OpenInterval, ResetRegisters, SetPayload
 
-from robot_energy.accounting.record import FORMAT_VERSION, LedgerRecord
+from robot_energy.accounting.record import FORMAT_VERSION, AccountRecord
 from robot_energy.errors import StateFileError
 from robot_energy.store.envelope import is_newer, unwrap
 
@@ -127,8 +127,8 @@ class ServiceHarness(Harness):
         if kind is ResetRegisters:
             request.reason = text
         elif kind is SetPayload:
-            request.link = text if hostile else "disc"
-            request.mass = self._random.choice([1e308, float("nan"), -1.0])
+            request.payload.header.frame_id = text if hostile else "disc"
+            request.payload.inertia.m = self._random.choice([1e308, float("nan"), -1.0])
         else:
             request.name = text
         self._call = (kind, text, self._clients[kind].call_async(request))
@@ -171,7 +171,7 @@ class ServiceHarness(Harness):
         for path in sorted(self._state.glob("*.state")):
             try:
                 sequence, payload = unwrap(FORMAT_VERSION, path.read_bytes())
-                records.append((sequence, LedgerRecord.from_json(payload)))
+                records.append((sequence, AccountRecord.from_json(payload)))
             except StateFileError:
                 self.found.torn += 1
         kept = self._last_kept()
@@ -228,9 +228,9 @@ class ServiceHarness(Harness):
             figures.append(Figure(what, count, "0", not count))
         return figures
 
-    def _final_record(self) -> LedgerRecord:
+    def _final_record(self) -> AccountRecord:
         states = [unwrap(FORMAT_VERSION, path.read_bytes()) for path in self._state.glob("*.state")]
-        return LedgerRecord.from_json(max(states)[1])
+        return AccountRecord.from_json(max(states)[1])
 
 
 def main() -> int:

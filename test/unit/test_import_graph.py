@@ -17,16 +17,16 @@ import robot_energy
 SOURCES = Path(robot_energy.__file__).parent.parent
 MODULES = {
     "robot_energy": """
-        __main__ bag_replay blocks config_file errors kinds log_formats prediction schema_errors
-        shown_text time_series units
+        __main__ bag_replay blocks config_file energy_bag errors kinds log_formats prediction
+        schema_errors shown_text time_series units
     """,
     "robot_energy.accounting": """
         account account_record averaging comparison energy_curve event_log exact_sum
-        integration job_intervals meter_checks plain_text record record_repair
+        integration job_intervals meter_checks plain_text prediction_errors record record_repair
         registers settings shaft_comparison
     """,
     "robot_energy.api": """
-        identify inputs online_monitor power_table predict replay
+        evaluate identify inputs online_monitor power_table predict replay
     """,
     "robot_energy.bag": """
         mcap_block mcap_file mcap_records mcap_summary metadata ownership packed
@@ -41,21 +41,21 @@ MODULES = {
     "robot_energy.cli": """
         check completion export identify identify_all identify_cabinet identify_drives
         identify_dynamics identify_excitation identify_friction identify_inputs
-        import_logs info kinds main memory models numbers predict replay replay_options
-        report robots schema simulate stopping terminal
+        import_logs info kinds main memory models numbers page predict replay
+        replay_options report robots schema simulate stopping terminal test
     """,
     "robot_energy.files": """
         first_bytes output_files output_folder output_streams placement regular_file
         temporary_folder
     """,
     "robot_energy.identify": """
-        bounds plausibility run_all steps
+        bounds causes plausibility run_all steps
     """,
     "robot_energy.identify.cabinet": """
         cabinet dc_link link_readings meter_delay supply
     """,
     "robot_energy.identify.data": """
-        bags log_channels observations recordings signals
+        bags log_channels observations recordings rest signals
     """,
     "robot_energy.identify.drives": """
         all_drives drive_data drive_delay drive_power drives efficiency losses
@@ -101,9 +101,13 @@ MODULES = {
         planar planned ptp ptp_file ptp_loop sequence tool_corners tool_motion
         tool_path tool_timing trajectory_io
     """,
+    "robot_energy.page": """
+        access alarms energy_flow event_stream history hub job_rows json_numbers messages
+        metrics recording robot_state saved_page settings web_app web_server
+    """,
     "robot_energy.physics": """
         cabinet derivative drive drivetrain effort effort_check equations friction
-        limit_utilisation rigid_body torque
+        limit_utilisation rigid_body torque transmission
     """,
     "robot_energy.physics.urdf": """
         checks compare parse
@@ -117,16 +121,16 @@ MODULES = {
     """,
     "robot_energy.report": """
         canvas document drives dynamics efficiency_figure energy energy_figure
-        excitation formats friction_figure held_out html identification identify_all
+        evaluation excitation formats friction_figure held_out html identification identify_all
         kinds layout model parameters power_figure prediction prediction_figure printing
         replay series temperature_figure torque_figure
     """,
     "robot_energy.results": """
-        base check drives dynamics energy excitation identification model
+        base check drives dynamics energy evaluation excitation identification model
         prediction replay schema
     """,
     "robot_energy.rig": """
-        config lubricant output plant profile record sensors supply
+        config lubricant output plant profile random_plant record sensors supply
         thermal virtual_rig
     """,
     "robot_energy.starter": """
@@ -156,8 +160,8 @@ LAYERS = (
     ("bag", "inputs", "presets", "accounting", "logs", "log_formats", "time_series"),
     ("pipeline", "messages", "store"),
     ("motion",),
-    ("bag_replay", "prediction", "starter"),
-    ("identify", "rig", "check"),
+    ("bag_replay", "energy_bag", "prediction", "starter"),
+    ("identify", "rig", "check", "page"),
     ("results",),
     ("report",),
     ("api",),
@@ -165,7 +169,7 @@ LAYERS = (
     ("robot_energy_papers",),
 )
 # Nothing online imports these.
-OFFLINE = ("identify", "report", "rig", "motion", "cli", "starter", "check")
+OFFLINE = ("identify", "report", "rig", "motion", "cli", "starter", "check", "page")
 ONLINE = ("pipeline", "inputs", "messages", "accounting", "store", "timeline", "cdr")
 FOREIGN = {
     "ament_index_python", "builtin_interfaces", "control_msgs", "diagnostic_msgs",

@@ -11,7 +11,7 @@ from robot_energy.messages import PowerStateWriter, RegistersWriter
 from robot_energy.model import RobotModel
 from ros2_energy_monitor.base.checkpoints import CLOSING, Checkpoints, folder_of
 from ros2_energy_monitor.base.parameters import AccountParameters
-from ros2_energy_monitor.base.publishers import RowPublisher, reliable
+from ros2_energy_monitor.base.publishers import PacedPublisher, RowPublisher, reliable
 from ros2_energy_monitor.services.registers import RegisterServices
 
 
@@ -34,7 +34,8 @@ class AccountPublisher:
         self._node, self._ledger, self._joint_names = node, ledger, model.joint_names
         self._power_writer = PowerStateWriter(model.joint_names, model.model_id)
         self._registers_writer = RegistersWriter(model.joint_names, model.model_id)
-        self._power: RowPublisher | None = None
+        self._power: PacedPublisher | None = None
+        self._ticks = round(parameters.tick_rate / parameters.power_rate)
         self._registers: RowPublisher | None = None
         self.checkpoints = Checkpoints(
             node,
@@ -52,7 +53,8 @@ class AccountPublisher:
         Raises:
             RegisterError: If the state files cannot be used.
         """
-        self._power = RowPublisher(self._node, PowerState, "energy/power", reliable(100))
+        power = RowPublisher(self._node, PowerState, "energy/power", reliable(100))
+        self._power = PacedPublisher(power, self._ticks)
         self._registers = RowPublisher(
             self._node, EnergyRegisters, "energy/registers", reliable(10)
         )
@@ -69,11 +71,22 @@ class AccountPublisher:
         self.checkpoints.running = True
 
     def deactivate(self) -> None:
-        """Keep and publish the registers once more, and then no longer."""
+        """Publish what waits, keep the registers once more, and then no longer."""
+        if self._power is not None:
+            self._power.flush()
         self.checkpoints.now(CLOSING)
         self.checkpoints.running = False
 
     def power(self, means: MeanBlock | None) -> None:
-        """Publish the periods that ended."""
+        """Take the periods that ended; `tick` publishes them.
+
+        Args:
+            means: One row per period; None if none ended.
+        """
         if means is not None and self._power is not None:
-            self._power.publish(self._power_writer.encode(means, self._ledger.comparison.location))
+            self._power.add(self._power_writer.encode(means, self._ledger.comparison.location))
+
+    def tick(self) -> None:
+        """Publish the next power state if it is its turn; call every tick."""
+        if self._power is not None:
+            self._power.tick()

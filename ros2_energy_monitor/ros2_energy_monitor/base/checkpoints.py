@@ -1,4 +1,4 @@
-"""Keeps the registers on disk beside the ticks, and publishes them when they are there."""
+"""Writes the registers to disk outside the ticks, and publishes them when they are there."""
 
 from __future__ import annotations
 

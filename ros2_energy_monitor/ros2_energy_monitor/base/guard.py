@@ -115,6 +115,10 @@ class Guard:
     def note(self, path: str, error: Exception) -> None:
         """Count an exception, and log it if it is of a new kind.
 
+        Args:
+            path: Where it was caught, such as ``timer.tick``.
+            error: The exception.
+
         Raises:
             Exception: The same, if ROS is shut down.
         """
@@ -135,7 +139,11 @@ class Guard:
         )
 
     def check(self, found: StatusBuilder) -> None:
-        """Add how many exceptions were caught, which must be none."""
+        """Add how many exceptions were caught, which must be none.
+
+        Args:
+            found: The diagnostic status that is filled.
+        """
         total = self.errors.total()
         found.values["internal_errors"] = total
         found.values |= {f"internal_errors.{path}": count for path, count in self.errors.items()}

@@ -42,15 +42,21 @@ class NeverReady(CallbackGroup):
     """A group whose entities never enter the wait set of an executor."""
 
     def can_execute(self, entity: Any) -> bool:
-        """Refuse, so that the executor neither waits for the entity nor takes from it."""
+        """Refuse, so that the executor neither waits for the entity nor takes from it.
+
+        Arguments and result as in `rclpy.callback_groups.CallbackGroup.can_execute`.
+        """
         return False
 
     def beginning_execution(self, entity: Any) -> bool:
-        """Refuse."""
+        """Refuse; as in `rclpy.callback_groups.CallbackGroup.beginning_execution`."""
         return False
 
     def ending_execution(self, entity: Any) -> None:
-        """Do nothing: nothing of this group is ever executed."""
+        """Do nothing: nothing of this group is ever executed.
+
+        Arguments as in `rclpy.callback_groups.CallbackGroup.ending_execution`.
+        """
 
 
 def event_status(subscription: Any, kind: Event) -> Any:
@@ -80,7 +86,7 @@ class Inbox:
         topic: Name of the topic.
         qos: Quality of service; its depth bounds what can wait between two ticks.
         direct: False to use ordinary callbacks although the internals of rclpy fit.
-        renew_after: Silence after which to subscribe anew although there are publishers,
+        renew_after: Silence after which to subscribe again although there are publishers,
             see `ResubscribePolicy`; None for never, as with topics that are silent by nature. [s]
 
     Attributes:
@@ -89,7 +95,7 @@ class Inbox:
         direct: Whether the queue of the middleware is drained without callbacks.
         received: Messages drained so far.
         overflows: How often the queue was found full, so that messages may be lost.
-        renewals: How often the subscription was made anew.
+        renewals: How often the subscription was made again.
         topic_publishers: Who publishes the topic.
     """
 
@@ -165,7 +171,7 @@ class Inbox:
             account.reject(INACTIVE, len(batch))
 
     def resubscribe_if_silent(self) -> None:
-        """Subscribe anew if it is time for that; called about once a second."""
+        """Subscribe again if it is time for that; called about once a second."""
         if self._revival is None:
             return
         known = self._node.count_publishers(self.topic)
@@ -173,7 +179,7 @@ class Inbox:
             self.renew()
 
     def renew(self) -> None:
-        """Subscribe anew, in case the middleware has lost a publisher that is there."""
+        """Subscribe again, in case the middleware has lost a publisher that is there."""
         ever, now = self._met()
         self._node.destroy_subscription(self._subscription)
         self._met_before = ever - now

@@ -79,6 +79,9 @@ def joint_state_inboxes(node: Node, parameters: TorqueParameters | EnergyParamet
     Args:
         node: The node that subscribes.
         parameters: The topics, and how many of their messages can wait.
+
+    Returns:
+        One inbox per topic.
     """
     return [
         Inbox(
@@ -98,7 +101,10 @@ def temperature_inboxes(node: Node, ingest: TemperatureIngest, renew_after: floa
     Args:
         node: The node that subscribes.
         ingest: What reads the topics.
-        renew_after: Silence after which a topic is subscribed anew. [s]
+        renew_after: Silence after which a topic is subscribed again. [s]
+
+    Returns:
+        One inbox per topic whose message type is installed.
     """
     return [
         Inbox(
@@ -116,10 +122,14 @@ def temperature_inboxes(node: Node, ingest: TemperatureIngest, renew_after: floa
 def temperature_inputs(
     ingest: TemperatureIngest, inboxes: Sequence[Inbox]
 ) -> list[tuple[Inbox, RejectionLog]]:
-    """Return every inbox of values with its account.
+    """Return every inbox of values with its rejection log.
 
     Not those of the keys: keys come once, and what came while the node was inactive is of
     use later.
+
+    Args:
+        ingest: What reads the topics.
+        inboxes: All inboxes of motor temperatures.
     """
     return [
         (inbox, ingest.account_of(inbox.topic))
@@ -138,7 +148,11 @@ def meter_input(
     Args:
         node: The node that subscribes.
         parameters: What the meter is.
-        renew_after: Silence after which a topic is subscribed anew. [s]
+        renew_after: Silence after which a topic is subscribed again. [s]
+
+    Returns:
+        What reads the meter, and one inbox per topic; without messages, a reader of no meter
+        and no inbox.
 
     Raises:
         ParameterError: If the messages lack what the parameters name.
@@ -156,5 +170,9 @@ def meter_input(
 
 
 def messages_in(batches: Sequence[RawBatch]) -> int:
-    """Return the number of messages in some batches."""
+    """Return the number of messages in some batches.
+
+    Args:
+        batches: What was taken from inboxes.
+    """
     return sum(len(batch) for batch in batches)

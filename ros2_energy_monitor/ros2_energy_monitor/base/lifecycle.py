@@ -111,21 +111,27 @@ class ManagedNode(LifecycleNode, ABC):
             self.trigger_deactivate()
 
     def create_timer(self, period: float, callback: Any, *args: Any, **options: Any) -> Any:
-        """Create a timer whose callback no exception leaves."""
+        """Create a timer whose callback no exception leaves.
+
+        Arguments and result as in `rclpy.node.Node.create_timer`.
+        """
         guarded = self.guard.callback(f"timer.{_name(callback)}", callback)
         return super().create_timer(period, guarded, *args, **options)
 
     def create_service(
         self, kind: Any, name: str, callback: Any, *args: Any, **options: Any
     ) -> Any:
-        """Create a service that answers in any case."""
+        """Create a service that answers in any case; as in `rclpy.node.Node.create_service`."""
         guarded = self.guard.callback(f"service.{name.rpartition('/')[2]}", callback)
         return super().create_service(kind, name, guarded, *args, **options)
 
     def create_subscription(
         self, kind: Any, topic: str, callback: Any, *args: Any, **options: Any
     ) -> Any:
-        """Create a subscription whose callback no exception leaves."""
+        """Create a subscription whose callback no exception leaves.
+
+        Arguments and result as in `rclpy.node.Node.create_subscription`.
+        """
         if kind is Clock:
             callback = self._stamped(callback)
         guarded = self.guard.callback(f"topic.{topic}", callback)
@@ -148,7 +154,10 @@ class ManagedNode(LifecycleNode, ABC):
         super().destroy_node()
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Configure the node; if that fails it stays unconfigured, with nothing left behind."""
+        """Configure the node; if that fails it stays unconfigured, with nothing left behind.
+
+        Argument and result as in `rclpy.lifecycle.LifecycleNode.on_configure`.
+        """
 
         def configure() -> None:
             self._is_configured = True
@@ -160,7 +169,7 @@ class ManagedNode(LifecycleNode, ABC):
         return result
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Start to work."""
+        """Start to work; as in `rclpy.lifecycle.LifecycleNode.on_activate`."""
 
         def activate() -> None:
             self.activate()
@@ -169,15 +178,21 @@ class ManagedNode(LifecycleNode, ABC):
         return self._run("activated", activate)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Publish what waits and stop."""
+        """Publish what waits and stop; as in `rclpy.lifecycle.LifecycleNode.on_deactivate`."""
         return self._run("deactivated", self._stop)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Release everything; configure starts anew."""
+        """Release everything, so that the node can be configured again.
+
+        Argument and result as in `rclpy.lifecycle.LifecycleNode.on_cleanup`.
+        """
         return self._run("cleaned up", self._release_all)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Publish what waits and release everything for good."""
+        """Publish what waits and release everything for good.
+
+        Argument and result as in `rclpy.lifecycle.LifecycleNode.on_shutdown`.
+        """
 
         def end() -> None:
             self._stop()
@@ -186,7 +201,10 @@ class ManagedNode(LifecycleNode, ABC):
         return self._run("shut down", end)
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Release everything after an unexpected error."""
+        """Release everything after an error of the program.
+
+        Argument and result as in `rclpy.lifecycle.LifecycleNode.on_error`.
+        """
         return self._run("cleaned up", self._release_all)
 
     def _stop(self) -> None:

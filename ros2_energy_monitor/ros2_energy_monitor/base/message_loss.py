@@ -55,7 +55,11 @@ class MessageLossCounter:
         return min(one.lost for one in self._explanations)
 
     def step(self, numbers: Sequence[int]) -> None:
-        """Take the numbers of messages in order of arrival."""
+        """Take the numbers of messages.
+
+        Args:
+            numbers: In order of arrival.
+        """
         if not numbers:
             return
         first = self._explanations[0]

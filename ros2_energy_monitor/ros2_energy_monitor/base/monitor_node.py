@@ -115,7 +115,11 @@ class MonitorNode(ManagedNode, Generic[P]):
             self._set_up(model)
 
     def activate(self) -> None:
-        """Discard what came before; the time until now is a gap."""
+        """Discard what came before; the time until now is a gap.
+
+        Raises:
+            RobotDescriptionError: If the robot description has not arrived or cannot be used.
+        """
         if not self.ready and self._description is not None:
             raise RobotDescriptionError("; ".join(self._description.sentences()))
         self._discard()
@@ -125,7 +129,11 @@ class MonitorNode(ManagedNode, Generic[P]):
         self.get_logger().info(f"{shown(robot.type)}, model {self._model_id}, is monitored")
 
     def log_inventory(self, robot: Robot) -> None:
-        """Log what of the robot is modelled and what is not, unless it was logged before."""
+        """Log what of the robot is modelled and what is not, unless it was logged before.
+
+        Args:
+            robot: The robot as its URDF describes it.
+        """
         lines = ["the joints:", *robot.inventory.sentences()]
         text = "\n".join(shown(line, MAX_LINE) for line in lines)
         if text != self._inventory:
@@ -187,7 +195,14 @@ class MonitorNode(ManagedNode, Generic[P]):
         self._reporter.publish(statuses, hardware_id(self.model) if self.sources else "")
 
     def drain(self, inboxes: Sequence[Inbox]) -> list[RawBatch]:
-        """Take what waits in each inbox; those with nothing are left out."""
+        """Take the messages that wait.
+
+        Args:
+            inboxes: Where they wait.
+
+        Returns:
+            One batch per inbox; those with nothing are left out.
+        """
         batches = [self.guard.run(f"queue.{inbox.topic}", inbox.drain) for inbox in inboxes]
         return [batch for batch in batches if batch is not None]
 
@@ -197,6 +212,10 @@ class MonitorNode(ManagedNode, Generic[P]):
 
 
 def hardware_id(model: RobotModel) -> str:
-    """Return type and serial number of the robot: what differs between two robots of a type."""
+    """Return type and serial number of the robot: what differs between two robots of a type.
+
+    Args:
+        model: The robot's model.
+    """
     robot = model.robot
     return " ".join(shown(part) for part in (robot.type, robot.serial) if part)

@@ -43,7 +43,11 @@ def files_without_section(arguments: Sequence[str], node_name: str) -> list[str]
 
 
 def sections(path: str) -> Iterator[str]:
-    """Yield the full names of the nodes that a parameter file is for, wildcards as they are."""
+    """Yield the full names of the nodes that a parameter file is for, wildcards as they are.
+
+    Args:
+        path: The file; one that cannot be read gives no names.
+    """
     try:
         document = yaml.safe_load(read_regular_text(path, MAX_BYTES))
     except (OSError, UnicodeDecodeError, yaml.YAMLError):
@@ -62,7 +66,7 @@ def _walk(entry: Any, name: str) -> Iterator[str]:
 
 
 def matches(pattern: str, node_name: str) -> bool:
-    """Tell whether a section is for a node.
+    """Whether a section of a parameter file is for a node.
 
     Args:
         pattern: Full name; ``*`` stands for one part of it, ``**`` for any number.

@@ -37,6 +37,7 @@ TYPES: dict[Any, RosParameter.Type] = {
     tuple[float, ...]: RosParameter.Type.DOUBLE_ARRAY,
 }
 # Overrides that rclpy itself declares or reads.
+MAX_ROUNDING = 1e-3  # of a number of ticks, so that 8.333 counts as a third of 25
 OF_RCLPY = ("use_sim_time", "start_type_description_service", "qos_overrides")
 
 if TYPE_CHECKING:
@@ -64,7 +65,7 @@ class Common:
         "Silence of an input beyond which diagnostics call it missing [s].", 1.0, 0.05, 3600.0
     )
     resubscribe_after: float = parameter(
-        "Silence of an input that has publishers after which it is subscribed anew [s].",
+        "Silence of an input that has publishers after which it is subscribed again [s].",
         10.0,
         0.5,
         3600.0,
@@ -102,7 +103,11 @@ class AccountParameters(MeterInputs, Common):
     """What the nodes that keep an energy account share."""
 
     power_rate: float = parameter(
-        "Rate of energy/power, whose powers are means over its period [1/s].", 50.0, 0.1, 1000.0
+        "Rate of energy/power, whose powers are means over its period: tick_rate or a whole "
+        "fraction of it [1/s].",
+        25.0,
+        0.1,
+        1000.0,
     )
     temperature_wait: float = parameter(
         "How long torque waits for a temperature that arrives late [s].", 0.1, 0.0, 10.0
@@ -128,6 +133,10 @@ class PowerParameters(GapInputs, AccountParameters):
         100_000,
     )
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _check_power_rate(self)
+
 
 @dataclass(frozen=True, kw_only=True)
 class EnergyParameters(TorqueParameters, FrictionParameters, AccountParameters):
@@ -136,6 +145,10 @@ class EnergyParameters(TorqueParameters, FrictionParameters, AccountParameters):
     publish_torque: bool = parameter(
         "Whether energy/joint_torque is published, at the full rate of the joint states.", False
     )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _check_power_rate(self)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -149,7 +162,7 @@ class RobotParameters:
     speed: float = parameter("Speed of the program, as a share of the limits [-].", 1.0, 0.05, 1.0)
     rate: float = parameter("Rate of the joint states [1/s].", 250.0, 10.0, 4000.0)
     tick_rate: float = parameter(
-        "How often the samples that are due are published, as a burst [1/s].", 50.0, 1.0, 1000.0
+        "How often the samples that are due are computed [1/s].", 50.0, 1.0, 1000.0
     )
     start_temperature_degc: float = parameter(
         "Temperature of all motors and gears at the start [degC].", 20.0, -20.0, 120.0
@@ -169,6 +182,30 @@ class ConsoleParameters:
     )
     line_period: float = parameter(
         "How often a line is printed where there is no terminal [s].", 5.0, 0.5, 3600.0
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class DashboardParameters:
+    """Parameters of the energy dashboard."""
+
+    address: str = parameter(
+        "IP address to listen on; other than 127.0.0.1 needs a token.", "127.0.0.1"
+    )
+    port: int = parameter("TCP port; 0 for any free one.", 8421, 0, 65535)
+    token_file: str = parameter("File with the token of the page; empty for none.", "")
+    allow_control: bool = parameter(
+        "Whether the page has buttons for job intervals and the reset; they need the token.", False
+    )
+    allowed_hosts: tuple[str, ...] = parameter(
+        "Further names in the Host header that are served, such as that of a proxy.", ()
+    )
+    robots: tuple[str, ...] = parameter(
+        "Namespaces of the robots to show; empty shows all whose energy/power is found.", ()
+    )
+    update_rate: float = parameter("How often the page is sent news [1/s].", 10.0, 1.0, 20.0)
+    page_settings: str = parameter(
+        "File with prices, emission factor and length of a shift; empty for none.", ""
     )
 
 
@@ -210,8 +247,25 @@ def declare(node: Node, cls: type[P]) -> P:
     return values
 
 
+def _check_power_rate(parameters: AccountParameters) -> None:
+    """Refuse a rate of energy/power that ticks cannot give evenly."""
+    rate, tick_rate = parameters.power_rate, parameters.tick_rate
+    whole = max(1, round(tick_rate / rate))
+    if abs(tick_rate / rate - whole) > MAX_ROUNDING * whole:
+        near = sorted({tick_rate / max(1, whole + step) for step in (-1, 0, 1)})
+        raise ParameterError(
+            f"power_rate is {rate:g} at a tick_rate of {tick_rate:g}",
+            f"tick_rate or a whole fraction of it, such as "
+            f"{' or '.join(f'{value:.6g}' for value in near)}",
+        )
+
+
 def parameter_lines(node: Node) -> list[str]:
-    """Return every parameter of a node with its value, one line for each group."""
+    """Return every parameter of a node with its value, one line for each group.
+
+    Args:
+        node: The node that declared them.
+    """
     declared = cast("dict[str, RosParameter]", node.get_parameters_by_prefix(""))
     groups: dict[str, list[str]] = {}
     for name in sorted(declared):

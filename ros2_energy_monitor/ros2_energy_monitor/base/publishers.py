@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,11 @@ from ros2_energy_msgs.msg import JointFriction, JointTorque
 
 
 def best_effort(depth: int) -> QoSProfile:
-    """Return the quality of service of sensor data, which fits every publisher."""
+    """Return the quality of service of sensor data, which fits every publisher.
+
+    Args:
+        depth: Messages that can wait.
+    """
     return QoSProfile(
         depth=depth,
         history=HistoryPolicy.KEEP_LAST,
@@ -22,7 +27,11 @@ def best_effort(depth: int) -> QoSProfile:
 
 
 def reliable(depth: int) -> QoSProfile:
-    """Return the quality of service of results: nothing is lost, nothing is kept."""
+    """Return the quality of service of results: nothing is lost, nothing is kept.
+
+    Args:
+        depth: Messages that can wait.
+    """
     return QoSProfile(
         depth=depth,
         history=HistoryPolicy.KEEP_LAST,
@@ -32,7 +41,11 @@ def reliable(depth: int) -> QoSProfile:
 
 
 def latched(depth: int) -> QoSProfile:
-    """Return the quality of service of states: a late subscriber gets the last ones."""
+    """Return the quality of service of states: a late subscriber gets the last ones.
+
+    Args:
+        depth: Messages that are kept.
+    """
     return QoSProfile(
         depth=depth,
         history=HistoryPolicy.KEEP_LAST,
@@ -64,13 +77,70 @@ class RowPublisher:
             self._publisher.publish(row.tobytes())
 
 
+class PacedPublisher:
+    """Publishes messages evenly, one every so many ticks, in whatever bursts they come.
+
+    A message waits for its turn, so that a period that ends a little late or early does not
+    give a pair and a pause. Only what exceeds ``max_waiting`` goes out at once, as when stamps run
+    faster than the ticks.
+
+    Args:
+        publisher: Takes the messages.
+        ticks: From one message to the next.
+        max_waiting: Messages that wait at most after a tick.
+    """
+
+    def __init__(self, publisher: RowPublisher, ticks: int = 1, max_waiting: int = 2) -> None:
+        self._publisher, self._ticks, self._max_waiting = publisher, ticks, max_waiting
+        self._rows: deque[NDArray[np.uint8]] = deque()
+        self._since = ticks  # ticks since the last message
+
+    def add(self, rows: NDArray[np.uint8] | None) -> None:
+        """Queue messages in order.
+
+        Args:
+            rows: One message per row, shape (N, size); None for none.
+        """
+        self._rows.extend(() if rows is None else rows)
+
+    def tick(self) -> None:
+        """Publish the next message if it is its turn; call every tick."""
+        self._since += 1
+        due = 1 if self._rows and self._since >= self._ticks else 0
+        self._publish(max(due, len(self._rows) - self._max_waiting))
+
+    def flush(self) -> None:
+        """Publish all that waits."""
+        self._publish(len(self._rows))
+
+    def _publish(self, count: int) -> None:
+        for _ in range(count):
+            self._publisher.publish(self._rows.popleft()[None, :])
+            self._since = 0
+
+
 def torque_publisher(node: Node, depth: int) -> RowPublisher:
-    """Publisher of ``energy/joint_torque``, which must not lose a sample in a burst."""
+    """Make the publisher of ``energy/joint_torque``, which must not lose a sample in a burst.
+
+    Args:
+        node: The node that publishes.
+        depth: Messages that can wait.
+
+    Returns:
+        The publisher.
+    """
     return RowPublisher(node, JointTorque, "energy/joint_torque", reliable(depth))
 
 
 def friction_publisher(node: Node) -> RowPublisher:
-    """Publisher of ``energy/joint_friction``, kept for those who come late."""
+    """Make the publisher of ``energy/joint_friction``, whose last messages late subscribers get.
+
+    Args:
+        node: The node that publishes.
+
+    Returns:
+        The publisher.
+    """
     return RowPublisher(node, JointFriction, "energy/joint_friction", latched(FRICTION_DEPTH))
 
 

@@ -1,4 +1,4 @@
-"""When to subscribe anew although nothing looks wrong: publishers are there, data are not.
+"""When to subscribe again although nothing looks wrong: publishers are there, data are not.
 
 After a network failure the middleware may never hand on data again. A topic may also
 be silent by nature. So the time to wait doubles with every trial, and a silence that ends
@@ -35,7 +35,7 @@ class ResubscribePolicy:
         self._wait, self._tried, self._since = self._after, None, now
 
     def due(self, now: float, publishers: int) -> bool:
-        """Tell whether to subscribe anew now.
+        """Whether to subscribe again now.
 
         Args:
             now: Time on the same clock. [s]

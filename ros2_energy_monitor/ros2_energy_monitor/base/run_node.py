@@ -27,7 +27,7 @@ PATIENCE = 0.2  # longest time until a signal is noticed [s]
 
 
 class Closable(Protocol):
-    """A node that hands out what still waits when it is told to stop."""
+    """A node that hands out what still waits when it is stopped."""
 
     def close(self) -> None:
         """Publish what still waits."""
@@ -78,7 +78,7 @@ def ros(args: Sequence[str] | None = None) -> Iterator[Context]:
 
 
 def spin(node: Node, context: Context, stopped: Callable[[], bool]) -> None:
-    """Execute a node until it is told to stop or its context is shut down.
+    """Execute a node until it is stopped or its context is shut down.
 
     Args:
         node: The node.

@@ -36,7 +36,7 @@ def settings_of(parameters: Common) -> Settings:
         settings = replace(
             settings,
             temperature_wait=parameters.temperature_wait,
-            power_period=1.0 / parameters.power_rate,
+            power_period=round(parameters.tick_rate / parameters.power_rate) / parameters.tick_rate,
             meter_max_gap=parameters.meter_max_gap,
         ).with_meter(*parameters.meter.limits)
     return settings

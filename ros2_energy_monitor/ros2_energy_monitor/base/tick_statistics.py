@@ -39,7 +39,7 @@ class TickStatistics:
         self._ticks += 1
 
     def take(self) -> dict[str, float]:
-        """Return what was collected since the last call, and start anew.
+        """Return what was collected since the last call, and start again.
 
         Returns:
             ``busy_share`` of the time [-], ``tick_rate`` [1/s], ``longest_tick`` [s] and
@@ -60,7 +60,7 @@ class TickStatistics:
 
 
 def resident_memory() -> float:
-    """Memory this process holds, NaN where the system does not tell. [bytes]"""
+    """Memory this process holds, NaN where the system does not say. [bytes]"""
     try:
         pages = int(STATM.read_text().split()[1])
     except (OSError, ValueError, IndexError):

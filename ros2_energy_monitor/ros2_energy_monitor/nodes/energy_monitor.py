@@ -149,6 +149,7 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
             self._meter.restart,
         )
         self._joints(messages_in(states), lambda: self.ingest.step(states))
+        self.guard.run("publish.power", self._account_publisher.tick)
         self.guard.run("registers", self._account_publisher.checkpoints.poll)
 
     def deactivate(self) -> None:

@@ -25,10 +25,12 @@ from rclpy.validate_full_topic_name import validate_full_topic_name
 
 from robot_energy.bag import BagReader
 from robot_energy.cdr.batch import RawBatch
+from robot_energy.cdr.types import extended
 from robot_energy.errors import BagError, MissingTopicError, RobotEnergyError
 from robot_energy.inputs.joint_states.joint_states import JOINT_STATE
 from robot_energy.shown_text import shown, shown_lines
 from ros2_energy_monitor.base.message_classes import message_class
+from ros2_energy_monitor.base.message_definitions import definitions_of
 from ros2_energy_monitor.base.publishers import reliable
 from ros2_energy_monitor.base.run_node import StopSignal, ros
 from ros2_energy_monitor.base.shared_memory import clear_ports
@@ -88,7 +90,8 @@ class Player:
 
         Raises:
             MessageTypeError: If its messages are not installed.
-            BagError: If its name cannot be that of a topic, or is that of another one.
+            BagError: If its name cannot be that of a topic, or is that of another one, or its
+                messages were recorded by another definition than the one installed.
         """
         name = _full(topic)
         try:
@@ -99,6 +102,13 @@ class Player:
         if name in {_full(other) for other in self._publishers}:
             raise BagError(f"another topic is played as {name}", "each topic once")
         kind = message_class(msgtype)
+        recorded = self._bag.typestore
+        if msgtype in recorded.fielddefs and extended(recorded, definitions_of(kind)) != recorded:
+            raise BagError(
+                f"the bag has {msgtype} of another release",
+                "the definition that is installed",
+                "replay it with robot-energy replay, which reads it by the bag's definition",
+            )
         try:
             self._publishers[topic] = self._node.create_publisher(kind, name, reliable(DEPTH))
         except rclpy_implementation.RCLError as error:

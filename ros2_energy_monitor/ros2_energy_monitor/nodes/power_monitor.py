@@ -126,6 +126,7 @@ class PowerMonitor(MonitorNode[PowerParameters]):
         )
         for mean in means or ():
             self._publish(mean)
+        self.guard.run("publish.power", self._account_publisher.tick)
         self.guard.run("registers", self._account_publisher.checkpoints.poll)
 
     def deactivate(self) -> None:

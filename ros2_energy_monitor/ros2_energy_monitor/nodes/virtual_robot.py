@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -15,7 +16,7 @@ from robot_energy.motion import random_program, tool_above
 from robot_energy.rig import RigConfig, VirtualRig, load_profile
 from robot_energy.rig.record import RigEncoder
 from ros2_energy_monitor.base.parameters import RobotParameters, declare
-from ros2_energy_monitor.base.publishers import RowPublisher, best_effort
+from ros2_energy_monitor.base.publishers import PacedPublisher, RowPublisher, reliable
 from ros2_energy_monitor.base.run_node import run
 
 CLEARANCE = 0.3  # height that the flange keeps above the base [m]
@@ -54,9 +55,10 @@ def make_rig(parameters: RobotParameters, start_stamp_ns: int) -> VirtualRig:
 class VirtualRobot(Node):
     """Publishes ``joint_states``, ``motor_temperatures`` and ``power_meter``.
 
-    Every tick publishes, as a burst with exact stamps, the samples that are due. Stamps
-    are those of the node's clock at the start plus the time of the rig. ``effort`` is the
-    motor torque that the drives report.
+    Every tick computes the samples that are due; the joint states among them go out one a period,
+    up to a tick later, so that they come as evenly as those of a driver. Stamps are those of the
+    node's clock at the start plus the time of the rig. ``effort`` is the motor torque that the
+    drives report.
 
     Args:
         options: Options of `rclpy.node.Node`.
@@ -72,20 +74,22 @@ class VirtualRobot(Node):
         self.parameters = declare(self, RobotParameters)
         self.rig = make_rig(self.parameters, self.get_clock().now().nanoseconds)
         self._encoder = RigEncoder(self.rig.joint_names)
-        depth = 2 * round(self.parameters.rate)
-        self._joints = RowPublisher(self, JointState, "joint_states", best_effort(depth))
+        rate, tick_rate = self.parameters.rate, self.parameters.tick_rate
+        joints = RowPublisher(self, JointState, "joint_states", reliable(2 * round(rate)))
+        self._joints = PacedPublisher(joints, max_waiting=math.ceil(rate / tick_rate) + 2)
         self._temperatures = RowPublisher(
-            self, MotorTemperatures, "motor_temperatures", best_effort(10)
+            self, MotorTemperatures, "motor_temperatures", reliable(10)
         )
-        self._meter = RowPublisher(self, PowerReading, "power_meter", best_effort(100))
+        self._meter = RowPublisher(self, PowerReading, "power_meter", reliable(100))
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(1.0 / self.parameters.tick_rate, self.tick, clock=steady)
+        self.create_timer(1.0 / tick_rate, self.tick, clock=steady)
+        self.create_timer(self.rig.period, self._joints.tick, clock=steady)
         self.get_logger().info(
             f"the virtual rig plays a robot of the KR 16 class at {self.parameters.rate:g} Hz"
         )
 
     def tick(self) -> None:
-        """Publish what became due since the last tick."""
+        """Compute what became due since the last tick; `PacedPublisher` sends the joint states."""
         output = self.rig.step_until(self.get_clock().now().nanoseconds)
         if output is None:
             return
@@ -93,7 +97,7 @@ class VirtualRobot(Node):
             self._temperatures.publish(self._encoder.temperatures(output.temperatures))
         if output.meter is not None:
             self._meter.publish(self._encoder.meter(output.meter))
-        self._joints.publish(self._encoder.joint_states(output.joints))
+        self._joints.add(self._encoder.joint_states(output.joints))
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -1,6 +1,6 @@
-"""The books: registers, comparison with the meter, phases and short-term means.
+"""The energy account: registers, comparison with the meter, phases and short-term means.
 
-They outlive a process: `EnergyAccount.state` gives all that must be kept as one record, and
+It outlives a process: `EnergyAccount.state` gives all that must be kept as one record, and
 `EnergyAccount.restore` continues from it. What lies between the last sample of a record and the
 next sample is a gap, or a jump where the stamps went back; it never carries energy.
 """
@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from robot_energy.accounting.account_record import carry_into, record_of, tally_of
+from robot_energy.accounting.account_record import carry_into, record_of, totals_of
 from robot_energy.accounting.averaging import Averager, MeanBlock
 from robot_energy.accounting.comparison import Comparison
 from robot_energy.accounting.event_log import EventLog
@@ -22,7 +22,13 @@ from robot_energy.accounting.exact_sum import ExactSum, add_saturating
 from robot_energy.accounting.job_intervals import JobIntervals
 from robot_energy.accounting.meter_checks import MeterDiagnostics
 from robot_energy.accounting.plain_text import MAX_REASON, plain
-from robot_energy.accounting.record import EnergyInterval, Identity, LedgerRecord, Tally, TraceEntry
+from robot_energy.accounting.record import (
+    AccountRecord,
+    EnergyInterval,
+    Identity,
+    Totals,
+    TraceEntry,
+)
 from robot_energy.accounting.registers import CABINET_REGISTERS, Registers
 from robot_energy.accounting.settings import AccountSettings
 from robot_energy.accounting.shaft_comparison import ShaftEnergySums
@@ -47,7 +53,7 @@ REPEATED_NS = 1_000_000_000  # after a restart, stamps up to this old were count
 
 
 class EnergyAccount:
-    """Integrates power and sets it beside the meter.
+    """Integrates power and compares it with the meter.
 
     Args:
         n_joints: Number of joints.
@@ -66,7 +72,7 @@ class EnergyAccount:
         phase_ns: Observed time by phase, shape (phases,). [ns]
         intervals: Energy of jobs and cycles.
         trace: Resets, restarts, changes of the model.
-        restarts: How often the books were taken over from a record.
+        restarts: How often the account was continued from a record.
         on_compared: Called with what became comparable in each step, for plots.
     """
 
@@ -81,7 +87,7 @@ class EnergyAccount:
         self._begin()
 
     def _begin(self) -> None:
-        """Open empty books."""
+        """Begin with all counters at zero."""
         self.registers = Registers(self._n_joints)
         self.comparison = Comparison(
             self._settings.meter_max_gap,
@@ -98,14 +104,18 @@ class EnergyAccount:
         self.trace = EventLog()
         self.restarts = 0
         self._unplaced: deque[SupplyBlock] = deque()
-        self._resume_ns: int | None = None  # newest sample booked before a restart
+        self._resume_ns: int | None = None  # newest sample counted before a restart
 
     def measure(self, block: MeterBlock) -> None:
-        """Take meter readings."""
+        """Take meter readings.
+
+        Args:
+            block: Readings in order of arrival.
+        """
         self.comparison.measure(block)
 
     def step(self, block: PowerBlock) -> MeanBlock | None:
-        """Book power samples.
+        """Count power samples.
 
         Args:
             block: Power samples in time order.
@@ -114,12 +124,12 @@ class EnergyAccount:
             Means of the periods that ended, or None.
 
         Raises:
-            Exception: Whatever a fault of the program raises; nothing of the block is booked
+            Exception: Whatever a fault of the program raises; nothing of the block is counted
                 then, and its time is a gap.
         """
         before = self._counters()
         try:
-            means, compared = self._booked(block)
+            means, compared = self._counted(block)
         except Exception:
             self._take_back(*before)
             raise
@@ -155,8 +165,8 @@ class EnergyAccount:
         pairs = [array for each in sums for array in (each.microjoule, each.remainder)]
         return [*pairs, self.shaft.compared_ns, self.phase_ns]
 
-    def _booked(self, block: PowerBlock) -> tuple[MeanBlock | None, Compared | None]:
-        """Book a block; return the means and what was compared, None if all was booked before."""
+    def _counted(self, block: PowerBlock) -> tuple[MeanBlock | None, Compared | None]:
+        """Count a block; return the means and what was compared, None if all was counted before."""
         if self._resume_ns is not None:
             fresh = self._without_repeated(block, self._resume_ns)
             if fresh is None:
@@ -166,7 +176,7 @@ class EnergyAccount:
         shaft = self.shaft.step(block, intervals)
         compared = self._compare(block)
         self.judgement.step(compared)
-        self._book(
+        self._count(
             block,
             intervals.energy[:, CABINET_REGISTERS.index("grid_import")],
             intervals.duration_ns,
@@ -197,23 +207,23 @@ class EnergyAccount:
 
     @property
     def end_ns(self) -> int | None:
-        """Newest booked sample, within the range of stamps. [ns]"""
+        """Newest counted sample, within the range of stamps. [ns]"""
         return _in_range(self.registers.time.end_ns)
 
-    def tally(self) -> Tally:
+    def totals(self) -> Totals:
         """Return all counters as they stand."""
-        return tally_of(self)
+        return totals_of(self)
 
-    def state(self, identity: Identity) -> LedgerRecord:
+    def state(self, identity: Identity) -> AccountRecord:
         """Return all that must be kept across a restart.
 
         Args:
-            identity: Whose books these are.
+            identity: Whose account it is.
         """
         return record_of(self, identity)
 
-    def restore(self, record: LedgerRecord) -> None:
-        """Continue from a record; whatever these books have counted is dropped.
+    def restore(self, record: AccountRecord) -> None:
+        """Continue from a record; what this account has counted is dropped.
 
         Args:
             record: Of the same joints in the same order.
@@ -223,13 +233,13 @@ class EnergyAccount:
         self.restarts += 1
         self._resume_ns = record.end_ns
 
-    def precede(self, record: LedgerRecord) -> None:
+    def precede(self, record: AccountRecord) -> None:
         """Put a record before what was counted since: nothing of either is lost.
 
         For state files that can be read only some time after the start.
 
         Args:
-            record: Ends no later than these books begin; same joints in the same order.
+            record: Ends no later than this account begins; same joints in the same order.
         """
         carry_into(self, record)
         self.restarts += 1
@@ -242,7 +252,7 @@ class EnergyAccount:
         self._resume_ns = self.registers.time.end_ns
 
     def reset(self, reason: str) -> None:
-        """Set all counters to zero at the newest booked sample.
+        """Set all counters to zero at the newest counted sample.
 
         Open intervals go on and keep what they have counted. The totals stay in the trace.
 
@@ -251,14 +261,14 @@ class EnergyAccount:
 
         Raises:
             RegisterError: If there is no reason, or one that is too long or not on one
-                line, or nothing was booked yet.
+                line, or nothing was counted yet.
         """
-        before = self.tally()
+        before = self.totals()
         if not reason.strip():
             raise RegisterError("a reset without a reason", "a few words that say why")
         plain("a reason", reason.strip(), MAX_REASON, RegisterError)
         if self.end_ns is None:
-            raise RegisterError("no sample has been booked yet", "registers that have counted")
+            raise RegisterError("no sample has been counted yet", "registers that have counted")
         self.trace.add(
             TraceEntry(
                 kind="reset",
@@ -279,27 +289,40 @@ class EnergyAccount:
         self.samples = 0
 
     def open_interval(self, name: str) -> EnergyInterval:
-        """Begin an interval at the newest booked sample.
+        """Begin a job interval at the newest counted sample.
+
+        Args:
+            name: Unique among the open intervals, 1 to 100 printable characters.
+
+        Returns:
+            The interval, which has counted nothing yet.
 
         Raises:
             RegisterError: See `JobIntervals.open`.
         """
-        return self.intervals.open(name, self.end_ns, self.tally())
+        return self.intervals.open(name, self.end_ns, self.totals())
 
     def close_interval(self, name: str = "", interval_id: int = 0) -> EnergyInterval:
-        """End an interval at the newest booked sample, by its number or else its name.
+        """End a job interval at the newest counted sample.
+
+        Args:
+            name: Its name; used where no number is given.
+            interval_id: Its number; 0 for none.
+
+        Returns:
+            The interval with all that it counted.
 
         Raises:
             RegisterError: If no such interval is open.
         """
-        return self.intervals.close(name, interval_id, self.end_ns or 0, self.tally())
+        return self.intervals.close(name, interval_id, self.end_ns or 0, self.totals())
 
     def list_intervals(self) -> list[EnergyInterval]:
         """Return the latest closed intervals and the open ones as they stand."""
-        return self.intervals.listed(self.end_ns, self.tally())
+        return self.intervals.listed(self.end_ns, self.totals())
 
     def _without_repeated(self, block: PowerBlock, before_ns: int) -> PowerBlock | None:
-        """Leave out the first samples after a restart if their time is in the books.
+        """Leave out the first samples after a restart if their time is counted already.
 
         A stamp that is far older is a jump back, not a repetition.
         """
@@ -317,14 +340,28 @@ class EnergyAccount:
         return None if self._averager is None else self._averager.flush()
 
     def phase_energy(self, phase: Phase) -> float:
-        """Predicted energy drawn from the grid in a phase. [J]"""
+        """Predicted energy drawn from the grid in a phase.
+
+        Args:
+            phase: What the robot did.
+
+        Returns:
+            Energy, >= 0. [J]
+        """
         return float(self.phase_energy_sum.joule[phase])
 
     def phase_time(self, phase: Phase) -> float:
-        """Observed time in a phase. [s]"""
+        """Observed time in a phase.
+
+        Args:
+            phase: What the robot did.
+
+        Returns:
+            Time. [s]
+        """
         return float(self.phase_ns[phase]) * 1e-9
 
-    def _book(self, block: PowerBlock, energy: Float, duration_ns: Int) -> None:
+    def _count(self, block: PowerBlock, energy: Float, duration_ns: Int) -> None:
         self.samples = min(self.samples + len(block), MAX_COUNTER)
         met = int(np.bitwise_or.reduce(block.quality))
         for bit in BITS if met else ():

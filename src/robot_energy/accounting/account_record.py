@@ -1,4 +1,4 @@
-"""The books -> one record that can be kept, and back into books."""
+"""An energy account -> one record that can be kept, and back."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from robot_energy.accounting.exact_sum import add_saturating
 from robot_energy.accounting.record import (
     JOINT_KEYS,
     SHAFT_KEYS,
+    AccountRecord,
     Identity,
-    LedgerRecord,
     Remainders,
-    Tally,
+    Totals,
     saturated,
 )
 from robot_energy.accounting.registers import CABINET_REGISTERS, JOINT_REGISTERS
@@ -26,14 +26,18 @@ if TYPE_CHECKING:
     from robot_energy.accounting.account import EnergyAccount
 
 
-def tally_of(ledger: EnergyAccount) -> Tally:
-    """Return all counters of the books as they stand."""
-    time, comparison = ledger.registers.time, ledger.comparison
-    cabinet, joints = _by_name(ledger.registers.microjoule, ledger.shaft.microjoule)
-    return Tally(
+def totals_of(account: EnergyAccount) -> Totals:
+    """Return all counters of an account as they stand.
+
+    Args:
+        account: The account.
+    """
+    time, comparison = account.registers.time, account.comparison
+    cabinet, joints = _by_name(account.registers.microjoule, account.shaft.microjoule)
+    return Totals(
         cabinet_energy_microjoule=cabinet,
         joint_energy_microjoule=joints,
-        shaft_compared_ns=tuple(ledger.shaft.compared_ns.tolist()),
+        shaft_compared_ns=tuple(account.shaft.compared_ns.tolist()),
         measured_energy_microjoule=int(comparison.microjoule[0]),
         predicted_energy_at_meter_microjoule=int(comparison.microjoule[1]),
         compared_ns=saturated(comparison.compared_ns),
@@ -44,23 +48,23 @@ def tally_of(ledger: EnergyAccount) -> Tally:
     )
 
 
-def record_of(ledger: EnergyAccount, identity: Identity) -> LedgerRecord:
-    """Return all that must be kept of the books.
+def record_of(account: EnergyAccount, identity: Identity) -> AccountRecord:
+    """Return all that must be kept of an account.
 
     Args:
-        ledger: The books.
+        account: The account.
         identity: Whose they are.
     """
-    registers, comparison = ledger.registers, ledger.comparison
-    cabinet, joints = _by_name(registers.remainder, ledger.shaft.remainder)
+    registers, comparison = account.registers, account.comparison
+    cabinet, joints = _by_name(registers.remainder, account.shaft.remainder)
     phases = [phase.name for phase in Phase]
-    phase_energy = ledger.phase_energy_sum
-    entries, closed = ledger.intervals.state()
-    return LedgerRecord(
+    phase_energy = account.phase_energy_sum
+    entries, closed = account.intervals.state()
+    return AccountRecord(
         identity=identity,
-        energy_start_ns=ledger.start_ns,
-        end_ns=ledger.end_ns,
-        totals=tally_of(ledger),
+        energy_start_ns=account.start_ns,
+        end_ns=account.end_ns,
+        totals=totals_of(account),
         remainders=Remainders(
             cabinet=cabinet,
             joints=joints,
@@ -69,29 +73,29 @@ def record_of(ledger: EnergyAccount, identity: Identity) -> LedgerRecord:
             phases=dict(zip(phases, phase_energy.remainder.tolist(), strict=True)),
         ),
         phase_energy_microjoule=dict(zip(phases, phase_energy.microjoule.tolist(), strict=True)),
-        phase_observed_ns=dict(zip(phases, ledger.phase_ns.tolist(), strict=True)),
-        peak_power_watt=ledger.peak_power if np.isfinite(ledger.peak_power) else None,
-        samples=ledger.samples,
+        phase_observed_ns=dict(zip(phases, account.phase_ns.tolist(), strict=True)),
+        peak_power_watt=account.peak_power if np.isfinite(account.peak_power) else None,
+        samples=account.samples,
         quality_counts={
             str(Quality(bit).name): saturated(count)
-            for bit, count in sorted(ledger.quality.items())
+            for bit, count in sorted(account.quality.items())
         },
-        restarts=saturated(ledger.restarts),
-        next_interval_id=ledger.intervals.next_id,
+        restarts=saturated(account.restarts),
+        next_interval_id=account.intervals.next_id,
         open_intervals=entries,
         closed_intervals=closed,
-        trace=ledger.trace.entries,
+        trace=account.trace.entries,
     )
 
 
-def carry_into(ledger: EnergyAccount, record: LedgerRecord) -> None:
-    """Put what a record has counted before what the books have counted.
+def carry_into(account: EnergyAccount, record: AccountRecord) -> None:
+    """Put what a record has counted before what an account has counted.
 
     Args:
-        ledger: The books; empty, or begun no earlier than the record ends.
+        account: The account; empty, or begun no earlier than the record ends.
         record: Of the same joints in the same order, with every register.
     """
-    registers, totals, rest = ledger.registers, record.totals, record.remainders
+    registers, totals, rest = account.registers, record.totals, record.remainders
     empty = registers.time.end_ns is None
     registers.time.precede(
         Coverage(
@@ -110,36 +114,36 @@ def carry_into(ledger: EnergyAccount, record: LedgerRecord) -> None:
         _integers(*_in_order(totals.cabinet_energy_microjoule), *_rows(energy, JOINT_REGISTERS)),
         _integers(*_in_order(rest.cabinet), *_rows(rest.joints, JOINT_REGISTERS)),
     )
-    ledger.shaft.add_sums(
+    account.shaft.add_sums(
         _integers(*_rows(energy, SHAFT_KEYS)),
         _integers(*_rows(rest.joints, SHAFT_KEYS)),
     )
-    add_saturating(ledger.shaft.compared_ns, _integers(*totals.shaft_compared_ns))
-    ledger.comparison.add_sums(
+    add_saturating(account.shaft.compared_ns, _integers(*totals.shaft_compared_ns))
+    account.comparison.add_sums(
         _integers(totals.measured_energy_microjoule, totals.predicted_energy_at_meter_microjoule),
         _integers(rest.measured, rest.predicted_at_meter),
     )
-    ledger.comparison.compared_ns += totals.compared_ns
+    account.comparison.compared_ns += totals.compared_ns
     names = [phase.name for phase in Phase]
-    ledger.phase_energy_sum.add_sums(
+    account.phase_energy_sum.add_sums(
         _integers(*(record.phase_energy_microjoule.get(name, 0) for name in names)),
         _integers(*(rest.phases.get(name, 0) for name in names)),
     )
     add_saturating(
-        ledger.phase_ns, _integers(*(record.phase_observed_ns.get(name, 0) for name in names))
+        account.phase_ns, _integers(*(record.phase_observed_ns.get(name, 0) for name in names))
     )
-    ledger.intervals.restore(
+    account.intervals.restore(
         record.open_intervals, record.closed_intervals, record.next_interval_id
     )
-    ledger.intervals.step(ledger.peak_power)
+    account.intervals.step(account.peak_power)
     stored = np.nan if record.peak_power_watt is None else record.peak_power_watt
-    ledger.peak_power = float(np.fmax(ledger.peak_power, stored))
-    ledger.samples = saturated(ledger.samples + record.samples)
+    account.peak_power = float(np.fmax(account.peak_power, stored))
+    account.samples = saturated(account.samples + record.samples)
     for bit in Quality:
-        ledger.quality[int(bit)] += record.quality_counts.get(str(bit.name), 0)
-    ledger.quality += type(ledger.quality)()  # drop what is zero
-    ledger.restarts += record.restarts
-    ledger.trace = EventLog((*record.trace, *ledger.trace.entries))
+        account.quality[int(bit)] += record.quality_counts.get(str(bit.name), 0)
+    account.quality += type(account.quality)()  # drop what is zero
+    account.restarts += record.restarts
+    account.trace = EventLog((*record.trace, *account.trace.entries))
 
 
 def _by_name(values: Int, shaft: Int) -> tuple[dict[str, int], dict[str, tuple[int, ...]]]:

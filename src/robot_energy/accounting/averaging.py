@@ -67,11 +67,25 @@ class MeanBlock(Block):
     measurement_age: Float
 
     def mean(self, name: str) -> Float:
-        """Return the mean of a cabinet register's power, shape (W,). [W]"""
+        """Return the mean of a cabinet register's power.
+
+        Args:
+            name: One of ``CABINET_REGISTERS``.
+
+        Returns:
+            Shape (W,). [W]
+        """
         return self.cabinet[:, CABINET_REGISTERS.index(name)]
 
     def joint_mean(self, name: str) -> Float:
-        """Return the mean of a joint register's power, shape (W, n). [W]"""
+        """Return the mean of a joint register's power.
+
+        Args:
+            name: One of ``JOINT_REGISTERS``.
+
+        Returns:
+            Shape (W, n). [W]
+        """
         return self.joints[:, JOINT_REGISTERS.index(name)]
 
 

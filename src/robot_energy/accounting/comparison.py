@@ -112,7 +112,7 @@ class Comparison(ExactSum):
         self._measured_epoch = 0
         self._predicted_epoch = 0
         self._last: tuple[int, int, float] | None = None  # stamp, segment, power
-        self._beginning = True  # whether the meter has told its time by a few readings only
+        self._beginning = True  # whether the meter has sent a few readings only
         self._led: tuple[int, int] | None = None  # jump of the prediction alone: stamp, readings
 
     @property
@@ -141,7 +141,11 @@ class Comparison(ExactSum):
             self._last = (self._last[0], NO_SEGMENT, np.nan)
 
     def measure(self, block: MeterBlock) -> None:
-        """Take meter readings; they wait for the prediction to catch up."""
+        """Take meter readings; they wait until power is predicted for their time.
+
+        Args:
+            block: Readings in order of arrival.
+        """
         self.location, self.meaning = block.location, block.meaning
         for number, part in enumerate(self.curve.step(block)):
             if number:

@@ -31,7 +31,14 @@ class EnergyRows(NamedTuple):
     energy: Float
 
     def part(self, chosen: slice) -> EnergyRows:
-        """Return some of them."""
+        """Return some of the rows.
+
+        Args:
+            chosen: Which rows.
+
+        Returns:
+            These rows, as views.
+        """
         return EnergyRows(
             self.begin_ns[chosen],
             self.end_ns[chosen],
@@ -41,7 +48,14 @@ class EnergyRows(NamedTuple):
 
     @classmethod
     def joined(cls, parts: Sequence[EnergyRows]) -> EnergyRows:
-        """Return all rows of several, one after the other."""
+        """Return all rows of several tables, one after the other.
+
+        Args:
+            parts: The tables, at least one.
+
+        Returns:
+            One table.
+        """
         return cls(
             np.concatenate([part.begin_ns for part in parts]),
             np.concatenate([part.end_ns for part in parts]),
@@ -72,12 +86,12 @@ class EnergyCurve:
         self._pieces = [(nothing, none)]  # numbers of the first stretch in each row, and rows
 
     def add(self, stamp_ns: Int, duration_ns: Int, energy: Float) -> None:
-        """Take more.
+        """Add energies.
 
         Args:
-            stamp_ns: In order, shape (K,). [ns]
-            duration_ns: Shape (K,). [ns]
-            energy: Shape (K, columns). [J]
+            stamp_ns: End of each stretch, in order, shape (K,). [ns]
+            duration_ns: Time covered by each stretch, shape (K,). [ns]
+            energy: Energy of each stretch, shape (K, columns). [J]
         """
         if not len(stamp_ns):
             return
@@ -122,13 +136,23 @@ class EnergyCurve:
 
 
 def add_compared(curve: EnergyCurve, compared: Compared) -> None:
-    """Add measured and predicted energy at the meter to a curve."""
+    """Add measured and predicted energy at the meter to a curve.
+
+    Args:
+        curve: A curve of two columns: measured, predicted.
+        compared: What became comparable.
+    """
     energy = np.stack([compared.measured, compared.predicted], axis=1)
     curve.add(compared.available_ns, compared.duration_ns, energy)
 
 
 def add_means(curve: EnergyCurve, means: MeanBlock) -> None:
-    """Add the predicted energy from the grid, where it is known."""
+    """Add the predicted net energy from the grid, where it is known.
+
+    Args:
+        curve: A curve of one column.
+        means: Mean power of the periods that ended.
+    """
     power = means.mean("grid_import") - means.mean("grid_return")
     known = np.isfinite(power) & (means.period > 0)
     period = means.period[known]

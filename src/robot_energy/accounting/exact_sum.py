@@ -95,8 +95,8 @@ class ExactSum:
         """Add sums that were made elsewhere, such as those of a state file.
 
         Args:
-            microjoule: Shape (size,). [uJ]
-            remainder: Shape (size,). [2^-40 uJ]
+            microjoule: Whole microjoules of each sum, shape (size,). [uJ]
+            remainder: What each holds beyond them, shape (size,). [2^-40 uJ]
         """
         add_saturating(self.microjoule, microjoule)
         self.remainder += remainder

@@ -63,9 +63,9 @@ class TrapezoidIntegrator:
         duration = np.where(observed, elapsed, 0) * NANOSECOND
         energy, greatest = interval_energy(power, self._last[2], duration)
         if not greatest <= MAX_ENERGY:
-            bookable = (np.abs(energy) <= MAX_ENERGY).all(axis=1)
-            energy[~bookable] = 0.0
-            observed &= bookable
+            countable = (np.abs(energy) <= MAX_ENERGY).all(axis=1)
+            energy[~countable] = 0.0
+            observed &= countable
         duration_ns = np.where(observed, elapsed, 0)
         self.time.take(elapsed, observed)
         self._last = (int(stamp_ns[-1]), int(segment[-1]), power[-1].copy())

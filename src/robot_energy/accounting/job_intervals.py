@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from robot_energy.accounting.plain_text import MAX_NAME, plain
-from robot_energy.accounting.record import EnergyInterval, OpenInterval, Tally
+from robot_energy.accounting.record import EnergyInterval, OpenInterval, Totals
 from robot_energy.errors import RegisterError
 from robot_energy.shown_text import shown
 from robot_energy.units import MAX_COUNTER
@@ -21,7 +21,7 @@ class JobIntervals:
     """The open intervals and the latest closed ones.
 
     An interval is the difference of two tallies, so adjacent ones add up to the
-    microjoule. Its bounds are stamps of booked samples.
+    microjoule. Its bounds are stamps of counted samples.
 
     Attributes:
         next_id: Number of the next interval.
@@ -38,20 +38,20 @@ class JobIntervals:
         """How many are open."""
         return len(self._open)
 
-    def open(self, name: str, stamp_ns: int | None, tally: Tally) -> EnergyInterval:
-        """Begin an interval at the newest booked sample.
+    def open(self, name: str, stamp_ns: int | None, totals: Totals) -> EnergyInterval:
+        """Begin an interval at the newest counted sample.
 
         Args:
             name: Unique among the open ones, 1 to 100 printable characters.
-            stamp_ns: Newest booked sample. [ns]
-            tally: All counters at that instant.
+            stamp_ns: Newest counted sample. [ns]
+            totals: All counters at that instant.
 
         Returns:
             The interval, still empty.
 
         Raises:
             RegisterError: If the name does not fit or is taken, if too many are open, or
-                if no sample was booked yet.
+                if no sample was counted yet.
         """
         plain("an interval name", name, MAX_NAME, RegisterError)
         if any(entry.name == name for entry in self._open.values()):
@@ -63,28 +63,28 @@ class JobIntervals:
                 f"{MAX_OPEN} intervals are open", f"at most {MAX_OPEN}", "close one first"
             )
         if stamp_ns is None:
-            raise RegisterError("no sample has been booked yet", "a first joint state")
+            raise RegisterError("no sample has been counted yet", "a first joint state")
         if self.next_id >= MAX_COUNTER:
             raise RegisterError("the numbers of intervals are used up", f"below {MAX_COUNTER}")
         entry = OpenInterval(
             interval_id=self.next_id,
             name=name,
             start_ns=stamp_ns,
-            base=tally,
+            base=totals,
             peak_power_watt=None,
         )
         self._open[self.next_id] = entry
         self.next_id += 1
-        return self._report(entry, stamp_ns, tally, is_open=True)
+        return self._report(entry, stamp_ns, totals, is_open=True)
 
-    def close(self, name: str, interval_id: int, stamp_ns: int, tally: Tally) -> EnergyInterval:
-        """End an interval at the newest booked sample.
+    def close(self, name: str, interval_id: int, stamp_ns: int, totals: Totals) -> EnergyInterval:
+        """End an interval at the newest counted sample.
 
         Args:
             name: Its name; used where the number is 0.
             interval_id: Its number, or 0.
-            stamp_ns: Newest booked sample. [ns]
-            tally: All counters at that instant.
+            stamp_ns: Newest counted sample. [ns]
+            totals: All counters at that instant.
 
         Returns:
             What it counted.
@@ -101,21 +101,21 @@ class JobIntervals:
             names = ", ".join(f"'{entry.name}'" for entry in self._open.values())
             what = f"number {interval_id}" if interval_id else f"'{shown(name)}'"
             raise RegisterError(f"no interval {what} is open", names or "an open interval; none is")
-        closed = self._report(found[0], stamp_ns, tally, is_open=False)
+        closed = self._report(found[0], stamp_ns, totals, is_open=False)
         del self._open[closed.interval_id]
         self._peaks.pop(closed.interval_id, None)
         self._closed.append(closed)
         return closed
 
-    def listed(self, stamp_ns: int | None, tally: Tally) -> list[EnergyInterval]:
+    def listed(self, stamp_ns: int | None, totals: Totals) -> list[EnergyInterval]:
         """Return the closed intervals, oldest first, then the open ones as they stand.
 
         Args:
-            stamp_ns: Newest booked sample. [ns]
-            tally: All counters at that instant.
+            stamp_ns: Newest counted sample. [ns]
+            totals: All counters at that instant.
         """
         now = [
-            self._report(entry, entry.start_ns if stamp_ns is None else stamp_ns, tally, True)
+            self._report(entry, entry.start_ns if stamp_ns is None else stamp_ns, totals, True)
             for entry in self._open.values()
         ]
         return [*self._closed, *now]
@@ -129,7 +129,7 @@ class JobIntervals:
         for number in self._open:
             self._peaks[number] = float(np.fmax(self._peaks.get(number, np.nan), peak_power))
 
-    def rebase(self, totals: Tally) -> None:
+    def rebase(self, totals: Totals) -> None:
         """Keep what open intervals have counted while the counters go back to zero.
 
         Args:
@@ -162,7 +162,7 @@ class JobIntervals:
         self.next_id = min(max(next_id, used + 1), MAX_COUNTER)
 
     def _report(
-        self, entry: OpenInterval, stamp_ns: int, tally: Tally, is_open: bool
+        self, entry: OpenInterval, stamp_ns: int, totals: Totals, is_open: bool
     ) -> EnergyInterval:
         return EnergyInterval(
             interval_id=entry.interval_id,
@@ -170,7 +170,7 @@ class JobIntervals:
             start_ns=entry.start_ns,
             end_ns=stamp_ns,
             is_open=is_open,
-            counted=tally - entry.base,
+            counted=totals - entry.base,
             peak_power_watt=self._peak(entry),
         )
 

@@ -1,8 +1,8 @@
 """What is kept of the registers across restarts: plain values with units in their names.
 
-A state file holds one `LedgerRecord` as JSON. It is strict: unknown keys and missing units
+A state file holds one `AccountRecord` as JSON. It is strict: unknown keys and missing units
 are refused as a whole, never adapted. Only where an earlier release let a number or a text
-grow beyond what can be kept, that one is brought to its limit, and `LedgerRecord.repairs`
+grow beyond what can be kept, that one is brought to its limit, and `AccountRecord.repairs`
 says so.
 """
 
@@ -60,21 +60,25 @@ SINGLE = (
     "gap_ns",
     "gap_count",
     "jumps",
-)  # counters of a tally that are one number
+)  # totals that are one number
 
 
 def saturated(value: int) -> int:
-    """Return a counter, at its limit if it is beyond."""
+    """Return a counter, at its limit if it is beyond.
+
+    Args:
+        value: The counter; its limits are plus and minus ``MAX_COUNTER``.
+    """
     return max(-MAX_COUNTER, min(value, MAX_COUNTER))
 
 
-class AccountRecord(BaseModel):
+class RecordPart(BaseModel):
     """Base of all records: frozen, strict, no unknown keys."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
 
-class Tally(AccountRecord):
+class Totals(RecordPart):
     """All counters at an instant, or what they counted between two; exact integers.
 
     Attributes:
@@ -101,13 +105,13 @@ class Tally(AccountRecord):
     gap_count: Integer
     jumps: Integer
 
-    def __sub__(self, earlier: Tally) -> Tally:
-        """Return what was counted since an earlier tally of the same registers.
+    def __sub__(self, earlier: Totals) -> Totals:
+        """Return what was counted since earlier totals of the same registers.
 
         A difference that a counter cannot hold stays at the limit.
         """
         cabinet, joints = earlier.cabinet_energy_microjoule, earlier.joint_energy_microjoule
-        return Tally(
+        return Totals(
             cabinet_energy_microjoule={
                 name: saturated(value - cabinet[name])
                 for name, value in self.cabinet_energy_microjoule.items()
@@ -123,7 +127,7 @@ class Tally(AccountRecord):
             **{name: saturated(getattr(self, name) - getattr(earlier, name)) for name in SINGLE},
         )
 
-    def arranged(self, order: Sequence[int]) -> Tally:
+    def arranged(self, order: Sequence[int]) -> Totals:
         """Return it with joints in another order and registers that are new at zero.
 
         Args:
@@ -137,7 +141,7 @@ class Tally(AccountRecord):
         if unknown:
             raise StateFileError(
                 f"the state has a register '{min(unknown)}'",
-                "registers that this release knows",
+                "registers of this release",
                 "use the release that wrote it",
             )
         rows = [self.shaft_compared_ns, *joints.values()]
@@ -158,7 +162,7 @@ class Tally(AccountRecord):
         )
 
 
-class Remainders(AccountRecord):
+class Remainders(RecordPart):
     """What the totals hold beyond whole microjoules, in units of 2^-40 microjoule."""
 
     cabinet: dict[str, Remainder]
@@ -168,7 +172,11 @@ class Remainders(AccountRecord):
     phases: dict[str, Remainder]
 
     def arranged(self, order: Sequence[int]) -> Remainders:
-        """Return them with joints in another order and new registers at zero."""
+        """Return them with joints in another order and new registers at zero.
+
+        Args:
+            order: Where each joint of the result stands here.
+        """
         zero = (0,) * len(order)
         return self.model_copy(
             update={
@@ -181,13 +189,13 @@ class Remainders(AccountRecord):
         )
 
 
-class OpenInterval(AccountRecord):
+class OpenInterval(RecordPart):
     """An interval that has not been closed.
 
     Attributes:
         interval_id: Unique in the life of the state file.
         name: Unique among the open ones.
-        start_ns: Newest booked sample when it was opened. [ns]
+        start_ns: Newest counted sample when it was opened. [ns]
         base: All counters at that instant.
         peak_power_watt: Highest grid power since; None before the next sample. [W]
     """
@@ -195,18 +203,18 @@ class OpenInterval(AccountRecord):
     interval_id: Count
     name: Name
     start_ns: Stamp
-    base: Tally
+    base: Totals
     peak_power_watt: Power | None
 
 
-class EnergyInterval(AccountRecord):
+class EnergyInterval(RecordPart):
     """What an interval has counted, up to its end or up to now.
 
     Attributes:
         interval_id: Unique in the life of the state file.
         name: As given by who opened it.
-        start_ns: Newest booked sample when it was opened. [ns]
-        end_ns: Newest booked sample when it was closed, or now. [ns]
+        start_ns: Newest counted sample when it was opened. [ns]
+        end_ns: Newest counted sample when it was closed, or now. [ns]
         is_open: Whether it still counts.
         counted: What all counters counted in between.
         peak_power_watt: Highest grid power of the samples after the start. [W]
@@ -217,16 +225,16 @@ class EnergyInterval(AccountRecord):
     start_ns: Stamp
     end_ns: Stamp
     is_open: bool
-    counted: Tally
+    counted: Totals
     peak_power_watt: Power | None
 
 
-class TraceEntry(AccountRecord):
+class TraceEntry(RecordPart):
     """Something that happened to the registers and must be seen later.
 
     Attributes:
         kind: What happened.
-        stamp_ns: Newest booked sample then; None before the first. [ns]
+        stamp_ns: Newest counted sample then; None before the first. [ns]
         text: The reason, in words.
         totals: All counters before, where they were set to zero.
         energy_start_ns: Since when those had counted. [ns]
@@ -235,11 +243,11 @@ class TraceEntry(AccountRecord):
     kind: TraceKind
     stamp_ns: Stamp | None
     text: Text
-    totals: Tally | None = None
+    totals: Totals | None = None
     energy_start_ns: Stamp | None = None
 
 
-class Identity(AccountRecord):
+class Identity(RecordPart):
     """Whose registers they are.
 
     Attributes:
@@ -257,14 +265,14 @@ class Identity(AccountRecord):
     node: str = ""
 
 
-class LedgerRecord(AccountRecord):
-    """All that the books keep across a restart.
+class AccountRecord(RecordPart):
+    """All that an energy account keeps across a restart.
 
     Attributes:
         format_version: Of this record.
         identity: Whose registers they are.
         energy_start_ns: Since when they count; None before the first sample. [ns]
-        end_ns: Newest booked sample. [ns]
+        end_ns: Newest counted sample. [ns]
         totals: All counters.
         remainders: What they hold beyond whole microjoules.
         phase_energy_microjoule: Energy drawn from the grid by phase. [uJ]
@@ -283,7 +291,7 @@ class LedgerRecord(AccountRecord):
     identity: Identity
     energy_start_ns: Stamp | None
     end_ns: Stamp | None
-    totals: Tally
+    totals: Totals
     remainders: Remainders
     phase_energy_microjoule: dict[str, Integer]
     phase_observed_ns: dict[str, Count]
@@ -308,7 +316,7 @@ class LedgerRecord(AccountRecord):
             raise ValueError("energy_start_ns and end_ns must be known together")
         return self
 
-    def arranged(self, joint_names: Sequence[str]) -> LedgerRecord:
+    def arranged(self, joint_names: Sequence[str]) -> AccountRecord:
         """Return the record for the same joints in another order, with every register.
 
         Args:
@@ -339,11 +347,17 @@ class LedgerRecord(AccountRecord):
         return self.model_dump_json().encode()
 
     @classmethod
-    def from_json(cls, text: bytes) -> LedgerRecord:
+    def from_json(cls, text: bytes) -> AccountRecord:
         """Read what `to_json` wrote.
 
+        Args:
+            text: JSON of one record, in UTF-8.
+
+        Returns:
+            The record; values beyond their limits are at them, and `repairs` says which.
+
         Raises:
-            StateFileError: Naming the first key that is wrong.
+            StateFileError: If it is no such record; names the first key that is wrong.
         """
         try:
             return cls.model_validate_json(text)

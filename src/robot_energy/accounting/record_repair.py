@@ -19,7 +19,11 @@ MAX_NAMED = 3  # fields of a record that are named
 
 
 def one_line(limit: int) -> AfterValidator:
-    """Return what refuses a text that is longer or cannot be printed on one line."""
+    """Return a validator that refuses a text that is too long or cannot be printed on one line.
+
+    Args:
+        limit: Characters at most.
+    """
 
     def check(text: str) -> str:
         if len(text) > limit or not text.isprintable():
@@ -58,7 +62,7 @@ def repaired(text: bytes, error: ValidationError) -> tuple[bytes, tuple[str, ...
 
 
 def _grew(one: ErrorDetails) -> bool:
-    """Tell whether a value broke a limit as it may in time; no count falls below zero."""
+    """Whether a value broke a limit as it may in time; no count falls below zero."""
     negative = one["type"] == "greater_than_equal" and one.get("ctx", {})["ge"] == 0
     return one["type"] in _LIMITED and not (negative and not str(one["loc"][-1]).endswith("_ns"))
 

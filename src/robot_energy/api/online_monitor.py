@@ -54,6 +54,7 @@ class OnlineMonitor:
 
     Raises:
         RobotEnergyError: If the model cannot be used.
+        ParameterError: If ``effort`` or ``meter_location`` is none of those above.
     """
 
     def __init__(

@@ -105,7 +105,11 @@ def period_table(
 
 
 def empty_table(joint_names: Sequence[str]) -> TimeSeries:
-    """Return the columns of `sample_table` without a row and without a meter."""
+    """Return the columns of `sample_table` without a row and without a meter.
+
+    Args:
+        joint_names: Joints of the model, in its order.
+    """
     shape = (0, len(joint_names))
     names = [name for name in UNITS if name not in MEASURED]
     first = names.index("joint_shaft_power")

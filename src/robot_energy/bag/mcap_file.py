@@ -26,7 +26,7 @@ _LOOSE_MESSAGES = 8192
 _OTHER_CHANNELS = "the chunk at byte {} holds other channels than the summary says"
 
 MAX_DEFINITIONS = 32 * 2**20
-"""Definitions of messages and channels kept of one file, beside its summary. [bytes]"""
+"""Definitions of messages and channels kept of one file, besides its summary. [bytes]"""
 
 Report = Callable[[str], None]
 

@@ -104,7 +104,17 @@ class _Cursor:
 
 
 def parse_schema(data: memoryview) -> tuple[int, Schema]:
-    """Return the id and content of a Schema record."""
+    """Return the id and content of a Schema record.
+
+    Args:
+        data: Content of the record, without its opcode and length.
+
+    Returns:
+        The id of the schema, and the schema.
+
+    Raises:
+        RecordError: If the record ends too early, or a text of it is not UTF-8.
+    """
     cursor = _Cursor(data)
     schema_id = cursor.number(2)
     name, encoding = cursor.text(), cursor.text()
@@ -112,14 +122,31 @@ def parse_schema(data: memoryview) -> tuple[int, Schema]:
 
 
 def parse_channel(data: memoryview) -> McapChannel:
-    """Return the content of a Channel record."""
+    """Return the content of a Channel record.
+
+    Args:
+        data: Content of the record, without its opcode and length.
+
+    Raises:
+        RecordError: If the record ends too early, or a text of it is not UTF-8.
+    """
     cursor = _Cursor(data)
     channel_id, schema_id = cursor.number(2), cursor.number(2)
     return McapChannel(channel_id, schema_id, cursor.text(), cursor.text())
 
 
 def parse_chunk(data: memoryview) -> Chunk:
-    """Return the content of a Chunk record."""
+    """Return the content of a Chunk record.
+
+    Args:
+        data: Content of the record, without its opcode and length.
+
+    Returns:
+        The chunk, whose records are still compressed.
+
+    Raises:
+        RecordError: If the record ends too early, or a text of it is not UTF-8.
+    """
     cursor = _Cursor(data)
     cursor.take(16)
     size, crc = cursor.number(8), cursor.number(4)
@@ -127,7 +154,17 @@ def parse_chunk(data: memoryview) -> Chunk:
 
 
 def parse_message_index(data: memoryview) -> tuple[int, memoryview]:
-    """Return the channel of a MessageIndex record and its pairs of time and offset (uint64)."""
+    """Return the content of a MessageIndex record.
+
+    Args:
+        data: Content of the record, without its opcode and length.
+
+    Returns:
+        The id of the channel, and its pairs of log time and offset, uint64 each.
+
+    Raises:
+        RecordError: If the record or its last pair ends too early.
+    """
     cursor = _Cursor(data)
     channel, pairs = cursor.number(2), cursor.sized()
     if len(pairs) % 16:
@@ -136,7 +173,14 @@ def parse_message_index(data: memoryview) -> tuple[int, memoryview]:
 
 
 def parse_chunk_index(data: memoryview) -> ChunkIndex:
-    """Return the content of a ChunkIndex record."""
+    """Return the content of a ChunkIndex record.
+
+    Args:
+        data: Content of the record, without its opcode and length.
+
+    Raises:
+        RecordError: If the record ends too early.
+    """
     cursor = _Cursor(data)
     cursor.take(16)
     start, length = cursor.number(8), cursor.number(8)
@@ -148,7 +192,14 @@ def parse_chunk_index(data: memoryview) -> ChunkIndex:
 
 
 def parse_statistics(data: memoryview) -> Statistics:
-    """Return the content of a Statistics record."""
+    """Return the content of a Statistics record.
+
+    Args:
+        data: Content of the record, without its opcode and length.
+
+    Raises:
+        RecordError: If the record ends too early.
+    """
     try:
         count, _, _, _, _, _, start, end = unpack_from("<QHIIIIQQ", data)
     except struct_error:
@@ -161,7 +212,11 @@ def parse_statistics(data: memoryview) -> Statistics:
 
 
 def ros_type(name: str) -> str:
-    """Return a message type with its ``msg`` part, which some writers leave out."""
+    """Return a message type with its ``msg`` part, which some writers leave out.
+
+    Args:
+        name: Such as ``sensor_msgs/JointState`` or ``sensor_msgs/msg/JointState``.
+    """
     parts = name.split("/")
     return f"{parts[0]}/msg/{parts[1]}" if len(parts) == 2 else name
 

@@ -61,7 +61,11 @@ class FolderInfo:
 
 
 def qos_yaml(qos: Qos) -> str:
-    """Return one offered QoS profile in YAML, version 9 of the metadata."""
+    """Return one offered QoS profile in YAML, version 9 of the metadata.
+
+    Args:
+        qos: The profile of a topic.
+    """
     return (
         "- history: keep_last\n"
         f"  depth: {qos.depth}\n"

@@ -31,6 +31,10 @@ Source = McapSource | SqliteSource
 def open_file(path: Path, report: Report) -> Source:
     """Return the source that reads a file.
 
+    Args:
+        path: A file of a bag; ``.db3`` is SQLite, everything else MCAP.
+        report: Takes sentences on what was left out.
+
     Raises:
         BagError: If it is no bag file.
     """

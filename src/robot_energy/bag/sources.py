@@ -48,7 +48,12 @@ class BagContents:
     message_count: int | None = 0
 
     def add(self, other: BagContents, report: Report) -> None:
-        """Add what another file of the same bag holds."""
+        """Add what another file of the same bag holds.
+
+        Args:
+            other: Contents of that file.
+            report: Takes sentences on what was left out.
+        """
         for name, info in other.topics.items():
             self.add_topic(name, info, report)
         self.definitions = {**other.definitions, **self.definitions}
@@ -58,7 +63,13 @@ class BagContents:
         self.message_count = _sum(self.message_count, other.message_count)
 
     def add_topic(self, name: str, info: TopicInfo, report: Report) -> None:
-        """Add a stream on a topic; of two types on one topic the first counts."""
+        """Add a stream on a topic; of two types on one topic the first counts.
+
+        Args:
+            name: The topic.
+            info: Type, encoding and number of messages of the stream.
+            report: Takes sentences on what was left out.
+        """
         have = self.topics.get(name)
         if have is None:
             self.topics[name] = info
@@ -191,7 +202,11 @@ class McapSource:
 
 
 def broken_times(topic: str) -> str:
-    """Return what is said of a topic whose log times are no order of its messages."""
+    """Return the notice on a topic whose log times do not order its messages.
+
+    Args:
+        topic: The topic.
+    """
     return (
         f"the log times of {topic} jump back and forth, so they were not used to sort its "
         "messages; do not date anything by them"

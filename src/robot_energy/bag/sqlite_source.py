@@ -47,7 +47,7 @@ _COLUMNS = {
 class SqliteSource:
     """Messages of one sqlite3 file.
 
-    The file is opened read-only and as one that nobody writes, so that no journal beside it is
+    The file is opened read-only and as one that nobody writes, so that no journal next to it is
     taken up. Only plain tables are read: a view or a computed column would run what the file
     says. sqlite keeps no checksum of messages, so none of them is verified.
 
@@ -174,9 +174,9 @@ class SqliteSource:
             if not self._table(base, name):
                 raise self._unreadable(f"it has no table of {name}")
         for suffix in ("-wal", "-journal"):
-            beside = self._path.with_name(self._path.name + suffix)
-            if beside.is_file() and beside.stat().st_size:
-                self._report(f"{beside.name} was not read: the recording was not closed")
+            journal = self._path.with_name(self._path.name + suffix)
+            if journal.is_file() and journal.stat().st_size:
+                self._report(f"{journal.name} was not read: the recording was not closed")
         if self._whole is None:
             (verdict,) = base.execute("PRAGMA quick_check(1)").fetchone()
             self._whole = verdict == "ok"

@@ -22,7 +22,7 @@ class View:
 
     Attributes:
         offset: First byte in the row.
-        shape: Axes beside the row axis.
+        shape: Axes after the row axis.
         strides: Distance along each of them. [bytes]
         dtype: Type and byte order in the row.
         native: Type handed out.
@@ -37,7 +37,14 @@ class View:
     is_bool: bool
 
     def of(self, rows: NDArray[np.uint8]) -> NDArray[Any]:
-        """Return the view of rows (m, row size), shape (m, ...), with the byte order of the row."""
+        """Return the values of rows, in the byte order of the rows.
+
+        Args:
+            rows: Messages, uint8, shape (m, row size).
+
+        Returns:
+            A view of the rows, shape (m, ...).
+        """
         shape = (len(rows), *self.shape)
         if not rows.size:
             return np.empty(shape, self.dtype)
@@ -66,7 +73,7 @@ def make_plan(value: Any, number: ScalarField, axes: int, order: str) -> Plan:
     Args:
         value: Slot, or nested lists of slots.
         number: Kind of the number.
-        axes: Axes of the field beside the message axis.
+        axes: Axes of the field after the message axis.
         order: Byte order, ``<`` or ``>``.
 
     Returns:
@@ -96,7 +103,14 @@ def make_plan(value: Any, number: ScalarField, axes: int, order: str) -> Plan:
 
 
 def plan_shape(plan: Plan) -> tuple[int, ...] | None:
-    """Return the axes of a column beside the row axis; None if its parts differ in length."""
+    """Return the axes of a column after the row axis.
+
+    Args:
+        plan: Where the values of the column lie.
+
+    Returns:
+        Length of each axis; None if the parts of the column differ in length.
+    """
     if isinstance(plan, View):
         return plan.shape
     shapes = {plan_shape(part) for part in plan.parts}
@@ -129,7 +143,7 @@ def write(plan: Plan, rows: NDArray[np.uint8], values: NDArray[Any]) -> None:
     Args:
         plan: Where the values lie.
         rows: Messages, uint8, shape (m, row size); changed in place.
-        values: Array that broadcasts to (m, ...).
+        values: Array of a shape that broadcasts to (m, ...).
     """
     if isinstance(plan, View):
         plan.of(rows)[...] = values

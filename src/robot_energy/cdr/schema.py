@@ -75,7 +75,7 @@ def compile_schema(msgtype: str, store: Typestore) -> StructField:
 
     Args:
         msgtype: Message type, such as ``sensor_msgs/msg/JointState``.
-        store: Type store that knows it.
+        store: Type store that has it.
 
     Returns:
         The tree.
@@ -175,7 +175,7 @@ def _node(description: Any, store: Typestore, inside: tuple[str, ...]) -> Node:
 
 
 def leaf(schema: StructField, path: str, msgtype: str) -> tuple[ScalarField | StringField, int]:
-    """Return what a dotted path names and how many axes it has beside the message axis.
+    """Return what a dotted path names and how many axes it has after the message axis.
 
     Args:
         schema: Tree of the message type.
@@ -211,7 +211,11 @@ def leaf(schema: StructField, path: str, msgtype: str) -> tuple[ScalarField | St
 
 
 def leaf_paths(schema: StructField) -> list[str]:
-    """Return the dotted paths of all numbers and strings, in order of their bytes."""
+    """Return the dotted paths of all numbers and strings, in order of their bytes.
+
+    Args:
+        schema: A message type.
+    """
     paths: list[str] = []
     for name, node in schema.fields:
         inner = node.item if isinstance(node, ArrayField) else node
@@ -223,7 +227,11 @@ def leaf_paths(schema: StructField) -> list[str]:
 
 
 def tree(paths: Iterable[str]) -> Wanted:
-    """Return dotted paths as a tree of names."""
+    """Return dotted paths as a tree of names.
+
+    Args:
+        paths: Such as ``header.stamp.sec``.
+    """
     root: Wanted = {}
     for path in paths:
         node = root

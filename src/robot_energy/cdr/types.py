@@ -71,7 +71,7 @@ def extended(
     definitions: Mapping[str, tuple[str, str]],
     report: Callable[[str], None] | None = None,
 ) -> Typestore:
-    """Return a store that knows ``definitions`` as well, and prefers them where they differ.
+    """Return a store that has ``definitions`` as well, and prefers them where they differ.
 
     A bag carries the definitions its messages were written with. They decide how the bytes lie,
     so where one differs from the definition known here, the bag's is right for that bag.

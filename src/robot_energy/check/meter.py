@@ -28,7 +28,7 @@ def check_meter(evidence: Evidence) -> tuple[list[Finding], str]:
     Returns:
         The findings, and why there are none where the check cannot be made.
     """
-    if evidence.meter is None or evidence.power is None:
+    if evidence.meter is None or evidence.power is None or evidence.replay is None:
         return [], "the recording has no power meter"
     time, measured = _measured(evidence)
     if len(time) < MIN_INTERVALS:
@@ -92,7 +92,7 @@ def _predicted(evidence: Evidence, time: Float, lag: float) -> Float:
     assert power is not None
     assert meter is not None
     at = (power.stamp_ns - evidence.stamp_ns[0]) * NANOSECOND
-    values = power.power_at(meter.location)
+    values = power.supply.power_at(meter.location)
     good = np.isfinite(values)
     at, values = at[good], values[good]
     energy = np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(at))])

@@ -3,10 +3,18 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import sys
-from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
+from argparse import (
+    Action,
+    ArgumentError,
+    ArgumentParser,
+    Namespace,
+    RawDescriptionHelpFormatter,
+)
 from collections.abc import Callable, Sequence
+from difflib import get_close_matches
 from importlib.metadata import entry_points
 from io import TextIOWrapper
 from typing import Any, NoReturn, cast
@@ -26,10 +34,12 @@ from robot_energy.cli import (
     report,
     schema,
     simulate,
+    test,
 )
 from robot_energy.cli.stopping import Stopped, stoppable
+from robot_energy.cli.terminal import add_command
 from robot_energy.errors import KindError, RobotEnergyError
-from robot_energy.kinds import load_kinds
+from robot_energy.kinds import LIKELY, load_kinds
 from robot_energy.shown_text import shown_lines
 
 DONE, UNEXPECTED, REFUSED, DAMAGED = 0, 1, 2, 3
@@ -40,7 +50,11 @@ EXTRAS = {
     "threadpoolctl": "identify",
     "matplotlib": "report",
     "jinja2": "papers",
+    "starlette": "dashboard",
+    "uvicorn": "dashboard",
+    "prometheus_client": "dashboard",
 }
+FEW = 6  # choices that are all named, even where one of them is near
 COMMANDS = "robot_energy.commands"  # group of entry points: modules with add_parser
 
 EPILOG = """\
@@ -49,6 +63,7 @@ examples:
   robot-energy import ur-rtde log_*.csv --out bag    convert a UR recording to a bag
   robot-energy replay bag --model ur3e --plot p.png  where its energy went
   robot-energy replay bag --model ur3e --compare     compare with friction at one temperature
+  robot-energy test bag --model kr16 --effort motor_torque     how good the model is on it
   robot-energy predict moves.yaml --model kr16 --temperature 20   energy before it is run
 
 exit codes: 0 done; 1 unexpected error; 2 input refused; 3 done, but the bag is damaged
@@ -57,11 +72,53 @@ and was read in part; 130, 143, 129 interrupted by Ctrl-C, SIGTERM, SIGHUP
 
 
 class Parser(ArgumentParser):
-    """Quotes wrong arguments, such as names of files, without what acts on a terminal."""
+    """Says in one line what is wrong with the arguments, and what was probably meant.
+
+    Wrong words, such as names of files, are quoted without what acts on a terminal.
+    """
 
     def error(self, message: str) -> NoReturn:
-        """Print usage and what is wrong, and exit."""
-        super().error(shown_lines(message))
+        """Print what is wrong and where the help is, and exit."""
+        text = message.replace("the following arguments are required:", "missing:")
+        self.exit(REFUSED, shown_lines(f"{self.prog}: {text} (see {self.prog} --help)") + "\n")
+
+    def parse_known_args(  # type: ignore[override]
+        self, args: Sequence[str] | None = None, namespace: Any = None
+    ) -> tuple[Any, list[str]]:
+        """Refuse unknown options first, so that they are not reported as missing ones."""
+        words = list(sys.argv[1:] if args is None else args)
+        for word in words:
+            if word == "--" or (self._subparsers is not None and not word.startswith("-")):
+                break  # what follows is no option, or that of a sub-command
+            name = word.partition("=")[0]
+            known = [option for option in self._option_string_actions if option.startswith("--")]
+            if re.fullmatch("--[a-z][a-z0-9-]*", name) and not any(
+                option.startswith(name) for option in known
+            ):
+                near = _near(name, known)
+                self.error(f"there is no option {name}{near and f'; did you mean {near}?'}")
+        found, rest = super().parse_known_args(words, namespace)
+        if rest:
+            self.error(f"too many arguments: {' '.join(rest)}")
+        return found, rest
+
+    def _check_value(self, action: Action, value: Any) -> None:
+        if action.choices is not None and value not in action.choices:
+            names = [str(choice) for choice in action.choices]
+            what = action.metavar if isinstance(action.metavar, str) else ""
+            place = "/".join(action.option_strings) or what.lower() or action.dest
+            near = _near(str(value), names)
+            parts = [f"there is no {place} '{value}'"]
+            if near:
+                parts.append(f"did you mean {near}?")
+            if not near or len(names) <= FEW:
+                parts.append(f"choose from {', '.join(names)}")
+            raise ArgumentError(None, "; ".join(parts).replace("?;", "?"))
+
+
+def _near(word: str, names: Sequence[str]) -> str:
+    """Return the name that was probably meant; empty where nothing is near."""
+    return next(iter(get_close_matches(word, names, n=1, cutoff=LIKELY)), "")
 
 
 def build_parser() -> ArgumentParser:
@@ -74,16 +131,34 @@ def build_parser() -> ArgumentParser:
         formatter_class=RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"robot-energy {__version__}")
-    parser.set_defaults(debug=False)
-    commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
+    parser.set_defaults(debug=False, run=run_help)
+    commands = parser.add_subparsers(title="commands", metavar="COMMAND")
     for module in (
-        replay, report, export, import_logs, check, identify, predict, models, kinds, info,
+        replay, report, export, import_logs, check, test, identify, predict, models, kinds, info,
         simulate, schema,
         *_further(),
         completion,
     ):  # fmt: skip
         module.add_parser(commands)
+    explained = add_command(commands, "help", run_help, "show the help of a command")
+    explained.add_argument("words", nargs="*", metavar="COMMAND", help="and its subject, if any")
     return parser
+
+
+def run_help(args: Namespace) -> int:
+    """Show the help of the whole or of a command.
+
+    Args:
+        args: Of the command line; without a command: of the whole.
+
+    Returns:
+        Exit code.
+    """
+    try:
+        build_parser().parse_args([*getattr(args, "words", ()), "--help"])
+    except SystemExit as exit_:
+        return exit_.code if isinstance(exit_.code, int) else REFUSED
+    return DONE
 
 
 def _further() -> list[Any]:
@@ -111,7 +186,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _fail(str(error), REFUSED)
     except SystemExit as exit_:  # --help, --version, or a wrong argument
         return exit_.code if isinstance(exit_.code, int) else REFUSED
-    args.words = tuple(sys.argv[1:] if argv is None else argv)  # for reports
+    args.command = tuple(sys.argv[1:] if argv is None else argv)  # for reports
     run = cast("Callable[[Namespace], int]", args.run)
     try:
         with stoppable():

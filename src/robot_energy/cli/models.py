@@ -17,13 +17,19 @@ def add_parser(commands: Any) -> None:
     Args:
         commands: What `ArgumentParser.add_subparsers` returned.
     """
-    parser: ArgumentParser = commands.add_parser(
-        "models",
-        aliases=["model"],
-        help="list the shipped models; check a model file; begin one from a URDF",
-        description="List the models that come with the tool, check one (model check), or begin "
-        "one from a URDF (model init).",
+    _add(commands, "models", "list the shipped models", "List the models that come with the tool.")
+    _add(
+        commands,
+        "model",
+        "check a model file; begin one from a URDF; its schema",
+        "Check a model file (model check), begin one from a URDF (model init), or print the schema "
+        "of model files.",
     )
+
+
+def _add(commands: Any, name: str, text: str, description: str) -> None:
+    """Add one of the two names of the sub-command; both have all actions."""
+    parser: ArgumentParser = commands.add_parser(name, help=text, description=description)
     parser.set_defaults(run=run_list)
     actions = parser.add_subparsers(title="actions", metavar="ACTION")
     listing: ArgumentParser = actions.add_parser("list", help="list shipped models (default)")
@@ -92,14 +98,16 @@ def run_list(args: Namespace) -> int:
     from robot_energy.report.formats import tags_text
     from robot_energy.results.model import count_tags
 
-    out = console()
-    for name, path in shipped_models().items():
+    out, models = console(), shipped_models()
+    for name, path in models.items():
         model = load(path)
         tags = tags_text(count_tags(model))
         out.print(
             f"{name:<8} {model.robot.type}; {len(model.joints)} joints; figures: {tags}",
             soft_wrap=True,
         )
+    for folder in sorted({path.parent for path in models.values()}):
+        out.print(f"files in {folder}", soft_wrap=True)
     return 0
 
 

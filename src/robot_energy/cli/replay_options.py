@@ -81,22 +81,26 @@ SETTINGS: dict[str, dict[str, Any]] = {
 }
 
 
-def add_replay(parser: ArgumentParser, period: str = "", compare: str = "") -> None:
+def add_replay(
+    parser: ArgumentParser, period: str = "", compare: str = "", fixed: bool = True
+) -> None:
     """Add the options; the bags are added by the command itself.
 
     Args:
         parser: Of a command that replays bags.
         period: Help of ``--power-period``; empty for a command without it.
         compare: Help of ``--compare``; empty for a command without it.
+        fixed: Whether friction can be kept fixed instead.
     """
     add_robot(parser)
     group = parser.add_argument_group("friction").add_mutually_exclusive_group()
-    group.add_argument(
-        "--fixed-friction",
-        metavar="DEGC",
-        type=degc,
-        help="keep friction at its value at this temperature, whatever was measured",
-    )
+    if fixed:
+        group.add_argument(
+            "--fixed-friction",
+            metavar="DEGC",
+            type=degc,
+            help="keep friction at its value at this temperature, whatever was measured",
+        )
     if compare:
         group.add_argument(
             "--compare", metavar="DEGC", nargs="?", const=AT_FALLBACK, type=degc, help=compare

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from argparse import Namespace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from robot_energy.cli.numbers import number, whole
@@ -20,6 +21,10 @@ Simulate a robot with its cabinet, motor temperature sensors and grid meter, and
 messages to a bag. The plant knows effects that the model under test does not:
 Stribeck and load-dependent friction, lubricant, copper, iron and inverter loss, sensor
 errors. Nothing is measured on a robot: results on the rig show that the method works.
+With --plant-seed the plant's friction, losses and constants are drawn at random, and any model
+file gives the bodies. With --hard come effects that no model file has a term for: elastic
+joints, presliding, Coulomb friction that falls with temperature, viscous friction of a lower
+power of speed, a fan, and filtered and offset sensors.
 """
 EPILOG = """\
 example:
@@ -32,7 +37,18 @@ def add_parser(commands: Any) -> None:
     """Add the sub-command."""
     text = "record the virtual test rig to a bag"
     parser = add_command(commands, "simulate", run, text, DESCRIPTION, EPILOG)
-    parser.add_argument("--robot", choices=ROBOTS, default="kr16", help="plant (default kr16)")
+    parser.add_argument(
+        "--robot",
+        default="kr16",
+        help=f"plant: {', '.join(ROBOTS)}; with --plant-seed any model (default kr16)",
+    )
+    parser.add_argument(
+        "--plant-seed",
+        type=whole,
+        metavar="N",
+        help="draw friction, losses and constants of the plant at random",
+    )
+    parser.add_argument("--hard", action="store_true", help="effects without a term in models")
     parser.add_argument("--out", required=True, metavar="BAG", help="folder of the new bag")
     parser.add_argument("--duration", type=number, default=60.0, metavar="S", help="default 60 s")
     parser.add_argument(
@@ -88,17 +104,19 @@ def run(args: Namespace) -> int:
         RobotEnergyError: If the rig cannot be set up so, or the bag not be written.
     """
     from robot_energy.errors import RigError
-    from robot_energy.rig import RigConfig, VirtualRig, load_profile
+    from robot_energy.rig import RigConfig, VirtualRig, load_profile, random_profile
     from robot_energy.rig.record import record
 
     if args.seed < 0:
         raise RigError(f"the seed is {args.seed}", "a whole number from 0 on")
     check_bag(args.out, args.overwrite)
-    profile = load_profile(args.robot)
+    drawn = args.plant_seed is not None
+    profile = random_profile(args.robot, args.plant_seed) if drawn else load_profile(args.robot)
+    config = RigConfig.hard() if args.hard else RigConfig()
     rig = VirtualRig(
         profile,
         _program(profile, args),
-        RigConfig(thermal_speedup=args.speedup),
+        replace(config, thermal_speedup=args.speedup),
         args.seed,
         args.start_temperature,
         args.ambient,
@@ -122,10 +140,11 @@ def _program(profile: PlantProfile, args: Namespace) -> Program:
 
     robot, _ = profile.mechanics()
     limits = profile.motion_limits(robot)
+    above = tool_above(robot, TOOL, MIN_HEIGHT) if robot.has_link(TOOL) else None
     return random_program(
         limits,
         args.seed,
         dwell=args.dwell,
         override=args.override,
-        accept=tool_above(robot, TOOL, MIN_HEIGHT),
+        accept=above,
     )

@@ -37,6 +37,7 @@ WIDTH = 100  # columns, where there is no terminal
 _FILES: dict[str, tuple[tuple[FileKind, ...], str]] = {
     "json": (JSON, "the JSON report"),
     "report": (HTML, "the HTML report"),
+    "page": (HTML, "the energy page"),
     "plot": (PICTURE, "the figure"),
 }
 
@@ -230,7 +231,8 @@ def present(
         return
     out = console()  # last: the reader of a pipe may close it early
     print_document(page, out)
-    for name, what in (("out", made), ("report", "report"), ("plot", "figure")):
+    names = {"out": made, "json": "all figures as JSON", "report": "report", "plot": "figure"}
+    for name, what in names.items():
         path = files[name]
         if path is not None:
             out.print(f"wrote {shown(path)}: {what}", soft_wrap=True)
@@ -240,4 +242,4 @@ def sign(args: Namespace, page: Document) -> None:
     """Add the command line that makes a page, as it was typed."""
     with page.only("page"):
         page.paragraph("This report was made by")
-        page.command(shlex.join(["robot-energy", *getattr(args, "words", ())]))
+        page.command(shlex.join(["robot-energy", *getattr(args, "command", ())]))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from robot_energy.accounting.plain_text import MAX_LINK, plain
 from robot_energy.cdr.batch import RawBatch
 from robot_energy.cdr.decode import Decoder, Encoder, Run, stamp_columns
+from robot_energy.cdr.types import typestore as default_typestore
 from robot_energy.errors import PayloadError, RobotEnergyError
 from robot_energy.inputs.rejection_log import RejectionLog
 from robot_energy.model.payload import Payload, payload
@@ -29,6 +30,17 @@ if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
 PAYLOAD = "ros2_energy_msgs/msg/Payload"
+COM = ("x", "y", "z")
+INERTIA = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+"""Entries of `model.payload.Payload.inertia` by their names in ``geometry_msgs/Inertia``."""
+FIELDS = (
+    "header.frame_id",
+    "inertia.m",
+    *(f"inertia.com.{axis}" for axis in COM),
+    *(f"inertia.{entry}" for entry in INERTIA),
+)
+FIELDS_OF_0_1 = ("link", "mass", "centre_of_mass", "inertia")
+"""Fields of the message in release 0.1; its inertia has the order of `INERTIA`."""
 
 SetPayload = Callable[[Payload, int | None], PayloadChange]
 """`TorqueStage.set_payload`."""
@@ -37,11 +49,7 @@ SetPayload = Callable[[Payload, int | None], PayloadChange]
 class SetPayloadRequest(Protocol):
     """The request of ``ros2_energy_msgs/srv/SetPayload``, as any message library has it."""
 
-    valid_from: Any
-    link: str
-    mass: float
-    centre_of_mass: Sequence[float]
-    inertia: Sequence[float]
+    payload: Any
 
 
 @dataclass(frozen=True)
@@ -75,18 +83,22 @@ def answer_set_payload(set_payload: SetPayload, request: SetPayloadRequest) -> S
         The answer. Where ``change`` is not None, publish `PayloadWriter.encode` of it on
         ``energy/payload``, latched.
     """
-    seconds, nanoseconds = int(request.valid_from.sec), int(request.valid_from.nanosec)
+    header, inertia = request.payload.header, request.payload.inertia
+    seconds, nanoseconds = int(header.stamp.sec), int(header.stamp.nanosec)
     from_ns = seconds * SECOND_NS + nanoseconds
     try:
-        _check_link(str(request.link))
+        _check_link(str(header.frame_id))
         if not is_valid_time(max(seconds, 0), nanoseconds):  # before 1970: it has passed
             raise PayloadError(
-                f"valid_from is {seconds} s and {nanoseconds} ns",
+                f"header.stamp is {seconds} s and {nanoseconds} ns",
                 f"a time from 0 to {MAX_STAMP_NS // SECOND_NS} s with less than 1e9 ns",
                 "leave it at zero for the next joint state",
             )
         body = payload(
-            str(request.link), float(request.mass), request.centre_of_mass, request.inertia
+            str(header.frame_id),
+            float(inertia.m),
+            [getattr(inertia.com, axis) for axis in COM],
+            [getattr(inertia, entry) for entry in INERTIA],
         )
         change = set_payload(body, from_ns if from_ns > 0 else None)
     except RobotEnergyError as error:
@@ -110,15 +122,12 @@ class PayloadWriter:
     def encode(self, change: PayloadChange) -> NDArray[np.uint8]:
         """Return one serialised message, shape (1, size)."""
         body = change.payload
-        encoder = Encoder(
-            PAYLOAD, {"header.frame_id": body.link, "model_id": self._model_id, "link": body.link}
-        )
+        values = (body.mass, *body.centre_of_mass, *body.inertia)
+        encoder = Encoder(PAYLOAD, {"header.frame_id": body.link, "model_id": self._model_id})
         return encoder.encode(
             {
                 **stamp_columns(np.array([change.from_ns])),
-                "mass": body.mass,
-                "centre_of_mass": np.array([body.centre_of_mass]),
-                "inertia": np.array([body.inertia]),
+                **dict(zip(FIELDS[1:], values, strict=True)),
             },
             1,
         )
@@ -128,7 +137,8 @@ class PayloadReader:
     """Reads payload messages and puts them into force by their stamps.
 
     The payload is a fact about the robot, not a figure of a model: messages that were
-    written with another model file count as well.
+    written with another model file count as well. Messages of release 0.1 are read where the
+    source has their definition.
 
     Args:
         set_payload: `TorqueStage.set_payload`.
@@ -145,18 +155,11 @@ class PayloadReader:
         self.changes: list[PayloadChange] = []
         self.refused = ""
         self._set_payload = set_payload
-        self._decoder = Decoder(
-            PAYLOAD,
-            (
-                "header.stamp.sec",
-                "header.stamp.nanosec",
-                "link",
-                "mass",
-                "centre_of_mass",
-                "inertia",
-            ),
-            typestore,
-        )
+        store = typestore or default_typestore()
+        names = {name for name, _ in store.fielddefs[PAYLOAD][1]}
+        self._fields = FIELDS_OF_0_1 if names.issuperset(FIELDS_OF_0_1) else FIELDS
+        stamp = ("header.stamp.sec", "header.stamp.nanosec")
+        self._decoder = Decoder(PAYLOAD, (*stamp, *self._fields), store)
 
     def step(self, batch: RawBatch) -> None:
         """Take messages in order of arrival.
@@ -178,26 +181,22 @@ class PayloadReader:
                 self.account.reject(BAD_STAMP)
                 continue
             try:
-                _check_link(str(run.columns["link"]))
                 from_ns = seconds * SECOND_NS + nanoseconds
-                self.changes.append(self._set_payload(_body(run, index), from_ns))
+                self.changes.append(self._set_payload(self._body(run, index), from_ns))
                 self.account.accepted += 1
             except RobotEnergyError as error:
                 self.refused = str(error)
                 self.account.reject("impossible_payload")
+
+    def _body(self, run: Run, index: int) -> Payload:
+        """The payload of one message."""
+        link, *columns = self._fields
+        _check_link(str(run.columns[link]))
+        mass, *rest = np.hstack([run.array(name)[index] for name in columns]).tolist()
+        return payload(str(run.columns[link]), mass, rest[:3], rest[3:])
 
 
 def _check_link(link: str) -> None:
     """Refuse what no link is called; an unknown one is refused by the robot."""
     if link:
         plain("a name of a link", link, MAX_LINK, PayloadError)
-
-
-def _body(run: Run, index: int) -> Payload:
-    """The payload of one message."""
-    return payload(
-        str(run.columns["link"]),
-        float(run.array("mass")[index]),
-        run.array("centre_of_mass")[index].tolist(),
-        run.array("inertia")[index].tolist(),
-    )

@@ -87,10 +87,10 @@ class DriveModel(Kind):
         figures: Tagged figures of the entry for tables: attribute, words, unit.
         in_identity: Whether the identity of a model counts an absent entry too, as it does
             for the first kinds there were.
-        fitted: Makes an entry of what identification knows of one axis, a
+        fitted: Makes an entry from what was identified of one axis, a
             `robot_energy.identify.drives.drives.AxisFit` with the samples of the drive, and the
-            source; None where they do not tell it. None for a kind that has no fit. A kind with
-            one takes part in the comparison on held-out data, and is chosen if it is best.
+            source; None where they do not determine it. None for a kind that has no fit. A kind
+            with one takes part in the comparison on held-out data, and is chosen if it is best.
         way: Name of that fit in the comparison; empty: the name of the kind.
     """
 
@@ -105,11 +105,19 @@ class DriveModel(Kind):
     way: str = ""
 
     def of(self, joint: Joint) -> Any:
-        """Return the entry of a joint; None if it has none."""
+        """Return the entry of a joint; None if it has none.
+
+        Args:
+            joint: A joint of a model file.
+        """
         return getattr(joint, self.key, None) if self.key else None
 
     def entries(self, joints: list[Joint]) -> list[Any]:
-        """Return the entries of the joints that have one, in their order."""
+        """Return the entries of the joints that have one, in their order.
+
+        Args:
+            joints: Joints of a model file.
+        """
         return [entry for joint in joints if (entry := self.of(joint)) is not None]
 
 

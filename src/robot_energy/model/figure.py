@@ -47,5 +47,15 @@ class PositiveFigure(Figure):
 
 
 def without_absent(entries: dict[str, Any], key: str) -> dict[str, Any]:
-    """Leave out a key that came later than the files that lack it, where it says nothing."""
+    """Leave out an optional key that is None.
+
+    Such a key came later than the files that lack it; a file without it keeps its identity.
+
+    Args:
+        entries: A dumped entry of a model file.
+        key: The optional key.
+
+    Returns:
+        The entries, without the key if it is None.
+    """
     return {name: value for name, value in entries.items() if name != key or value is not None}

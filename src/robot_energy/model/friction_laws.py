@@ -49,7 +49,7 @@ class ExponentialLaw(LawEntry):
         c: Temperature scale. [K]
         fitted_degc: Range of temperatures behind the fit; outside, the edge is held.
         std: Greatest standard deviation of fv(T) in that range, where identification gave
-            one; those of a, b and c alone do not tell it, since they go together. [N m s/rad]
+            one; those of a, b and c alone do not give it, since they are correlated. [N m s/rad]
     """
 
     law: Literal["exponential"]

@@ -39,7 +39,7 @@ def validate(data: object, source: str, urdf_xml: str | None = None) -> RobotMod
         raise ModelFileError(
             f"{source} has schema_version {version!r}",
             f"{SCHEMA_VERSION}",
-            "use the release that wrote the file, or write it anew",
+            "use the release that wrote the file, or write it again",
         )
     model = validated(cast("object", data), RobotModel, source)
     if urdf_xml is None:

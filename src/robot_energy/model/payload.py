@@ -86,6 +86,9 @@ def payload(
         inertia: As in `Payload`, 6 values. [kg m^2]
         source: Where the figures come from.
 
+    Returns:
+        The payload, tagged ``assumed``.
+
     Raises:
         PayloadError: If no such body exists.
     """

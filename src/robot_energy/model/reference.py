@@ -16,7 +16,7 @@ _FIGURE = ("Figure", "PositiveFigure")
 _OPENING = """\
 # Reference of the model file
 
-One YAML file per robot. Every key that the schema knows stands here, made from it by
+One YAML file per robot. Every key of the schema stands here, made from it by
 `robot-energy model schema --markdown`; `robot-energy model schema` prints the same as JSON schema
 for editors. An unknown key is refused with the nearest known one.
 

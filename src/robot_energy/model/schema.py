@@ -101,7 +101,7 @@ class RobotType(ModelEntry):
 
     Attributes:
         type: Manufacturer and type, for tables and state files.
-        serial: Tells robots of one type apart; registers belong to type and serial.
+        serial: Distinguishes robots of one type; registers belong to type and serial.
         description: A line for tables.
     """
 
@@ -111,7 +111,7 @@ class RobotType(ModelEntry):
 
 
 class Urdf(ModelEntry):
-    """Where kinematics and inertias come from: a file beside the model, text, or a topic.
+    """Where kinematics and inertias come from: a file next to the model, text, or a topic.
 
     Attributes:
         path: Relative to the model file.
@@ -241,7 +241,12 @@ class RobotModel(ModelEntry):
         return self.model_copy(update=entries).with_urdf(self._urdf_xml, self._source)
 
     def with_urdf(self, xml: str, source: str) -> RobotModel:
-        """Return this model with the URDF text attached."""
+        """Return this model with the URDF text attached.
+
+        Args:
+            xml: The URDF.
+            source: Where the model comes from, for messages; usually its file.
+        """
         self._urdf_xml = xml
         self._source = source
         return self

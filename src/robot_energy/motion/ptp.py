@@ -72,7 +72,7 @@ class MotionLimits:
     def of_robot(
         cls, robot: Robot, acceleration: Float, jerk_time: float = DEFAULT_JERK_TIME
     ) -> MotionLimits:
-        """Take positions and speeds from the URDF, which knows no accelerations.
+        """Take positions and speeds from the URDF, which has no accelerations.
 
         Args:
             robot: Any robot with velocity limits.

@@ -7,13 +7,11 @@ from robot_energy.physics.equations import (
     friction_torque,
     grid_balance,
     loss_model_power,
-    motor_torque,
-    motor_velocity,
-    rotor_torque,
     shaft_power,
     table_viscous,
     trapezoid_energy,
 )
+from robot_energy.physics.transmission import motor_torque, motor_velocity, rotor_torque
 
 __all__ = [
     "Balance",

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from robot_energy.blocks import NANOSECOND, Float, Int, JointBlock, Quality, in_any_joint, mark
+from robot_energy.blocks import NANOSECOND, Float, Int, JointBlock, Quality, mark
 
 
 class Derivative:
@@ -136,7 +136,7 @@ class Derivative:
             )
             velocity = np.where(np.isfinite(velocity[rows]), velocity[rows], slope)
             acceleration = np.where(derived, curvature, acceleration)
-            mark(quality, in_any_joint(derived), Quality.VELOCITY_DERIVED)
+            mark(quality, np.any(derived, axis=1), Quality.VELOCITY_DERIVED)
         else:
             velocity = velocity[rows]
         mark(quality, fit.incomplete, Quality.ACCELERATION_INCOMPLETE)

@@ -54,7 +54,7 @@ class Ideal:
         motor_torque: Float,
         motor_temperature_degc: Float,
     ) -> tuple[Float, NDArray[np.bool_] | None]:
-        """Return the shaft power itself."""
+        """Return the shaft power itself; arguments and result as in `Drive.input_power`."""
         return shaft_power, None
 
 
@@ -79,7 +79,10 @@ class LossModel:
         motor_torque: Float,
         motor_temperature_degc: Float,
     ) -> tuple[Float, NDArray[np.bool_] | None]:
-        """Return shaft power plus losses; the losses are never negative."""
+        """Return shaft power plus losses, which are never negative.
+
+        Arguments and result as in `Drive.input_power`.
+        """
         power = loss_model_power(
             shaft_power,
             motor_velocity,
@@ -126,7 +129,10 @@ class EfficiencyMaps:
         motor_torque: Float,
         motor_temperature_degc: Float,
     ) -> tuple[Float, NDArray[np.bool_] | None]:
-        """Return shaft power over the efficiency of the nearest point of the map."""
+        """Return shaft power over the efficiency of the nearest point of the map.
+
+        Arguments and result as in `Drive.input_power`.
+        """
         power = np.full_like(shaft_power, np.nan)
         extrapolated = np.zeros(shaft_power.shape, dtype=np.bool_)
         for joint, tree in enumerate(self._trees):
@@ -150,6 +156,12 @@ DRIVE_MODELS.complete("efficiency_map", physics=EfficiencyMaps)
 
 def drive_from_model(model: RobotModel) -> Drive:
     """Build the drive model that a model file names.
+
+    Args:
+        model: The robot's model.
+
+    Returns:
+        The drives of all joints, in model order.
 
     Raises:
         ModelFileError: If a joint lacks the figures of that model.

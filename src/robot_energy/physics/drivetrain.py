@@ -1,7 +1,7 @@
 """Motor side <-> joint side: gear ratios, wrist coupling, rotor inertia.
 
 ``motor_velocity = C joint_velocity`` (paper A, eq. 4) with ``C`` the transmission
-matrix: gear ratios on the diagonal, wrist coupling beside it. Power is the same on both
+matrix: gear ratios on the diagonal, wrist coupling off it. Power is the same on both
 sides, ``motor_torque . motor_velocity = joint_torque . joint_velocity``, hence
 ``motor_torque = C^-T joint_torque``.
 """
@@ -13,7 +13,7 @@ import numpy as np
 from robot_energy.blocks import Float
 from robot_energy.errors import ModelFileError, ShapeError
 from robot_energy.model.schema import RobotModel
-from robot_energy.physics.equations import mapped, torque_map
+from robot_energy.physics.transmission import mapped, torque_map
 
 
 class Drivetrain:
@@ -37,7 +37,14 @@ class Drivetrain:
 
     @classmethod
     def from_model(cls, model: RobotModel) -> Drivetrain:
-        """Build the drivetrain that a model file describes."""
+        """Build the drivetrain that a model file describes.
+
+        Args:
+            model: The robot's model.
+
+        Returns:
+            Transmission and rotor inertias, joints in model order.
+        """
         names = model.joint_names
         transmission = np.diag([joint.gear_ratio.value for joint in model.joints])
         for entry in model.coupling:

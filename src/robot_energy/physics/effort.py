@@ -1,4 +1,4 @@
-"""What a driver calls effort -> measured motor torque, by a meaning that is always told.
+"""What a driver calls effort -> measured motor torque, by a meaning that is always a setting.
 
 ``sensor_msgs/JointState.effort`` says neither side nor kind: some drivers send motor
 current, some joint torque, some the torque they command. The meaning is therefore a
@@ -42,6 +42,14 @@ class Effort:
         cls, model: RobotModel, meaning: EffortMeaning, drivetrain: Drivetrain
     ) -> Effort:
         """Take what the meaning needs from a model file.
+
+        Args:
+            model: The robot's model.
+            meaning: What the effort of a joint state is.
+            drivetrain: Motor and joint side of the robot.
+
+        Returns:
+            The conversion from effort to motor torque.
 
         Raises:
             ModelFileError: If the effort is a current and a joint has no torque constant.

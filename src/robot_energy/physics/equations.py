@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from scipy.interpolate import PchipInterpolator
 
 REFERENCE_DEGC = 20.0  # at which copper losses are stated
-MAX_CONDITION = 1e9  # of a transmission matrix
 CACHED = 30_000  # numbers worked on at a time, so few that they stay in the cache
 
 
@@ -182,63 +181,6 @@ def shaft_power(motor_torque: ArrayLike, motor_velocity: ArrayLike) -> Float:
     return _float(motor_torque) * _float(motor_velocity)
 
 
-def motor_velocity(joint_velocity: ArrayLike, transmission: ArrayLike) -> Float:
-    """Return motor velocities, ``motor_velocity = C joint_velocity`` (paper A, eq. 4).
-
-    Args:
-        joint_velocity: Shape (..., n). [rad/s] or [m/s]
-        transmission: C, gear ratios on the diagonal, wrist coupling beside it, shape (n, n).
-            [motor turns per joint turn]
-
-    Returns:
-        Shape (..., n). [rad/s]
-
-    Raises:
-        ShapeError: If C is no square matrix of as many joints.
-    """
-    return mapped(_square(transmission, joint_velocity), _float(joint_velocity))
-
-
-def motor_torque(joint_torque: ArrayLike, transmission: ArrayLike) -> Float:
-    """Return the motor torques that balance joint torques, ``C^-T joint_torque``.
-
-    The power is the same on both sides. Rotor inertia is not in it: see `rotor_torque`.
-
-    Args:
-        joint_torque: Shape (..., n). [N m] or [N]
-        transmission: C, shape (n, n). [motor turns per joint turn]
-
-    Returns:
-        Shape (..., n). [N m]
-
-    Raises:
-        ShapeError: If C is no square matrix of as many joints, or cannot be inverted.
-    """
-    matrix = _square(transmission, joint_torque)
-    return mapped(torque_map(matrix), _float(joint_torque))
-
-
-def rotor_torque(
-    joint_acceleration: ArrayLike, transmission: ArrayLike, rotor_inertia: ArrayLike
-) -> Float:
-    """Return the torque that accelerates the rotors, ``J (C joint_acceleration)``.
-
-    Paper A has no such term.
-
-    Args:
-        joint_acceleration: Shape (..., n). [rad/s^2] or [m/s^2]
-        transmission: C, shape (n, n). [motor turns per joint turn]
-        rotor_inertia: J, motor side, shape (n,). [kg m^2]
-
-    Returns:
-        Motor side, shape (..., n). [N m]
-
-    Raises:
-        ShapeError: If C is no square matrix of as many joints.
-    """
-    return motor_velocity(joint_acceleration, transmission) * _float(rotor_inertia)
-
-
 def loss_model_power(
     shaft_power: ArrayLike,
     motor_velocity: ArrayLike,
@@ -367,50 +309,5 @@ def interval_energy(power: Float, before: Float, duration: Float) -> tuple[Float
     return energy, float(np.max(peaks))
 
 
-def torque_map(transmission: Float) -> Float:
-    """Return ``C^-T``, which maps joint torques to motor torques.
-
-    Args:
-        transmission: C, shape (n, n).
-
-    Raises:
-        ShapeError: If C cannot be inverted.
-    """
-    if not np.linalg.cond(transmission) < MAX_CONDITION:
-        raise ShapeError(
-            "gear ratios and coupling make a matrix that cannot be inverted",
-            "motors that move the joints independently",
-            "check the coupling ratios",
-        )
-    return np.linalg.inv(transmission).T
-
-
-def mapped(matrix: Float, values: Float) -> Float:
-    """Multiply each row by ``matrix`` in a fixed order of operations.
-
-    A matrix product of a library may sum in an order that depends on the number of rows;
-    this one does not, so a sample gives the same bits in every block.
-
-    Args:
-        matrix: Shape (n, n).
-        values: Shape (..., n).
-    """
-    result = values * np.diagonal(matrix)
-    for row, column in zip(*np.nonzero(matrix - np.diag(np.diagonal(matrix))), strict=True):
-        result[..., row] += matrix[row, column] * values[..., column]
-    return result
-
-
 def _float(values: ArrayLike) -> Float:
     return np.asarray(values, dtype=np.float64)
-
-
-def _square(transmission: ArrayLike, values: ArrayLike) -> Float:
-    matrix = _float(transmission)
-    joints = np.shape(values)[-1:]
-    if matrix.shape != (*joints, *joints):
-        raise ShapeError(
-            f"the transmission has the shape {matrix.shape}, the values {np.shape(values)}",
-            "(n, n) and (..., n)",
-        )
-    return matrix

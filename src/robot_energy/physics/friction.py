@@ -108,7 +108,14 @@ class ViscousLaw:
         return float(np.sqrt(spread + (own**2 if np.isfinite(own) else 0.0)))
 
     def extrapolated(self, motor_temperature_degc: Float | float) -> NDArray[np.bool_]:
-        """Tell where the edge of the range is held, same shape."""
+        """Whether a temperature is outside the fitted range; the value at its edge is then used.
+
+        Args:
+            motor_temperature_degc: Any shape (...). [degC]
+
+        Returns:
+            Same shape.
+        """
         values = np.asarray(motor_temperature_degc, dtype=np.float64)
         return (values < self.lower_degc) | (values > self.upper_degc)
 
@@ -181,7 +188,14 @@ class FrictionModel:
 
     @classmethod
     def from_model(cls, model: RobotModel) -> FrictionModel:
-        """Build the friction that a model file describes."""
+        """Build the friction that a model file describes.
+
+        Args:
+            model: The robot's model.
+
+        Returns:
+            The friction of all joints, in model order.
+        """
         return cls([joint.friction for joint in model.joints])
 
     def viscous(self, motor_temperature_degc: Float) -> Float:
@@ -221,7 +235,14 @@ class FrictionModel:
         return np.asarray([law.std_unknown(assumed_degc) for law in self.laws])
 
     def extrapolated(self, motor_temperature_degc: Float) -> NDArray[np.bool_]:
-        """Tell where a law is held at the edge of its range, same shape."""
+        """Whether a law is used outside its fitted range, where it keeps the value at the edge.
+
+        Args:
+            motor_temperature_degc: Shape (..., n). [degC]
+
+        Returns:
+            Shape (..., n).
+        """
         below = motor_temperature_degc < self._lower_degc
         return below | (motor_temperature_degc > self._upper_degc)
 

@@ -41,7 +41,11 @@ class LimitUse:
         self._when = {name: np.zeros(size) for name in ("speed", "torque", "outside")}  # s
 
     def motion(self, block: TorqueBlock) -> None:
-        """Take positions and speeds."""
+        """Take positions and speeds.
+
+        Args:
+            block: Samples of the motion.
+        """
         limits, position = self._limits, block.joint_position
         outside = np.maximum(limits.lower - position, position - limits.upper)
         self._outside = self._greater("outside", self._outside, outside, block.stamp_ns)
@@ -49,7 +53,11 @@ class LimitUse:
         self.speed = self._greater("speed", self.speed, speed, block.stamp_ns)
 
     def drives(self, block: PowerBlock) -> None:
-        """Take torques."""
+        """Take the torques of the drives.
+
+        Args:
+            block: Samples of the motion.
+        """
         torque = np.abs(self._drivetrain.joint_torque_from_motor(block.motor_torque))
         use = torque / self._limits.effort
         self.torque = self._greater("torque", self.torque, use, block.stamp_ns)

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 import numpy as np
 import pinocchio as pin
 
-from robot_energy.blocks import Float, check_shape
-from robot_energy.errors import RobotDescriptionError
+from robot_energy.blocks import Float
+from robot_energy.errors import RobotDescriptionError, check_shape
 from robot_energy.model.payload import Payload
 from robot_energy.model.schema import RobotModel
 from robot_energy.physics.urdf.checks import (
@@ -81,6 +81,12 @@ class Robot:
     @classmethod
     def from_model(cls, model: RobotModel) -> Robot:
         """Build the robot that a model file describes.
+
+        Args:
+            model: The robot's model with its URDF.
+
+        Returns:
+            The robot with the payload of the model.
 
         Raises:
             RobotDescriptionError: If the URDF cannot be used.
@@ -192,13 +198,17 @@ class Robot:
     ) -> tuple[int, int]:
         """Return the common shape (N, n) of a motion."""
         shape = (len(joint_position), self.n_joints)
-        check_shape("joint_position", joint_position, shape)
-        check_shape("joint_velocity", joint_velocity, shape)
-        check_shape("joint_acceleration", joint_acceleration, shape)
+        check_shape("joint_position", joint_position.shape, shape)
+        check_shape("joint_velocity", joint_velocity.shape, shape)
+        check_shape("joint_acceleration", joint_acceleration.shape, shape)
         return shape
 
     def has_link(self, link: str) -> bool:
-        """Tell whether the URDF has a link of that name."""
+        """Whether the URDF has a link of that name.
+
+        Args:
+            link: The name.
+        """
         return bool(self._model.existFrame(_frame_of(link), pin.FrameType.BODY))
 
     def link_position(self, joint_position: Float, link: str) -> Float:

@@ -14,7 +14,7 @@ from robot_energy.physics.rigid_body import Robot
 def rigid_torque(
     block: JointBlock, robot: Robot, drivetrain: Drivetrain, effort: Effort
 ) -> TorqueBlock:
-    """Compute the torque that moves the bodies and rotors, and set the measured one beside it.
+    """Compute the torque that moves the bodies and rotors, and convert the measured one.
 
     ``motor_torque_rigid = C^-T (M qdd + c + g) + rotor_inertia * motor_acceleration``.
 

@@ -41,7 +41,7 @@ class Output:
 
 
 class EnergyPipeline:
-    """Torque, friction, power and the books, wired directly.
+    """Torque, friction, power and the energy account, wired directly.
 
     Any cutting of the same input into steps gives the same output.
 
@@ -93,7 +93,7 @@ class EnergyPipeline:
         return Output(torque, friction, power, means, meter)
 
     def restart(self) -> None:
-        """Drop the samples that wait, as after an error; the books and settings stay."""
+        """Drop the samples that wait, as after an error; the account and the settings stay."""
         self.torque.restart()
         self.power.restart()
 

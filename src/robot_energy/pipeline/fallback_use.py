@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from robot_energy.blocks import NANOSECOND, Float, Int, in_any_joint
+from robot_energy.blocks import NANOSECOND, Float, Int
 from robot_energy.pipeline.friction_timeline import FrictionTimeline
 
 APART_NS = 5_000_000_000  # stamps that far from the torques' are another clock's [ns]
@@ -46,7 +46,7 @@ class FallbackUse:
         self.samples += len(stamp_ns)
         if np.isfinite(temperature_degc.sum()):
             return
-        lacking = in_any_joint(np.isnan(temperature_degc))
+        lacking = np.any(np.isnan(temperature_degc), axis=1)
         count = int(lacking.sum())
         if bool((seen_ns > 0).all()):
             self.stale += count

@@ -13,7 +13,6 @@ from robot_energy.blocks import (
     Int,
     Quality,
     TemperatureBlock,
-    in_any_joint,
     mark,
 )
 from robot_energy.inputs.rejection_log import RejectionLog
@@ -125,8 +124,8 @@ class FrictionStage:
         known = ~np.isnan(temperature)
         extrapolated = known & self._friction.extrapolated(temperature)
         quality = np.zeros(len(states), dtype=np.uint32)
-        mark(quality, in_any_joint(~known), Quality.TEMPERATURE_MISSING)
-        mark(quality, in_any_joint(extrapolated), Quality.EXTRAPOLATED)
+        mark(quality, np.any(~known, axis=1), Quality.TEMPERATURE_MISSING)
+        mark(quality, np.any(extrapolated, axis=1), Quality.EXTRAPOLATED)
         mark(
             quality,
             np.array([state.implausible for state in states]),

@@ -48,7 +48,11 @@ class FrictionTimeline:
         return len(self._line) + (0 if self._before is None else len(self._before))
 
     def add(self, block: FrictionBlock) -> None:
-        """Take rows in order of arrival; what is known from before any temperature is left out."""
+        """Take rows in order of arrival, without those of stamp zero (before any temperature).
+
+        Args:
+            block: Friction, each row valid from its stamp on.
+        """
         block = block[block.stamp_ns != 0]
         if not len(block):
             return
@@ -146,7 +150,14 @@ class FrictionTimeline:
         return FrictionBlock.concatenate([first, line]), np.where(held, 0, row + 1)
 
     def next_ns(self, stamp_ns: int) -> int | None:
-        """Stamp of the first row after a time; None if there is none. [ns]"""
+        """Stamp of the first row after a time.
+
+        Args:
+            stamp_ns: The time. [ns]
+
+        Returns:
+            The stamp; None if there is no later row. [ns]
+        """
         row = int(np.searchsorted(self._line.stamp_ns, stamp_ns, side="right"))
         return int(self._line.stamp_ns[row]) if row < len(self._line) else None
 

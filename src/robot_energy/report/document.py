@@ -31,7 +31,8 @@ class Column:
         value: Attribute of a row, or a function of it.
         form: The value as text; None is a dash.
         unit: Behind the name, in brackets; empty for none.
-        total: Whether the row of sums has the sum of the values, or a function of all rows.
+        total: Whether the row of sums has the sum of the values, or a function of all rows
+            that gives the value or its text.
     """
 
     name: str
@@ -52,7 +53,8 @@ class Column:
     def sum(self, rows: Sequence[Any]) -> str:
         """Return what stands in the row of sums; a dash where a value is not known."""
         if callable(self.total):
-            return self._text(self.total(rows))
+            found = self.total(rows)
+            return found if isinstance(found, str) else self._text(found)
         values = [self._of(row) for row in rows]
         return self._text(None if None in values else sum(values)) if self.total else ""
 

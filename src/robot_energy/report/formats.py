@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 
 NOTHING = "-"
 WATT_HOUR = 3600.0  # J
@@ -36,6 +36,18 @@ def fixed(digits: int) -> Callable[[float | None], str]:
 def significant(digits: int) -> Callable[[float | None], str]:
     """Return a format with so many digits in all."""
     return lambda value: NOTHING if value is None else f"{value:.{digits}g}"
+
+
+def aligned(values: Iterable[float | None], digits: int) -> Callable[[float | None], str]:
+    """Return a format of one column: the largest value has so many digits, all end alike.
+
+    Args:
+        values: Of the column.
+        digits: Of the largest, in all.
+    """
+    known = [abs(value) for value in values if value is not None and math.isfinite(value)]
+    lead = math.floor(math.log10(max(known, default=0.0) or 1.0))
+    return fixed(max(0, digits - 1 - lead))
 
 
 def number(value: float, digits: int) -> str:
@@ -80,6 +92,19 @@ def seconds(time_ns: int) -> str:
 def counted(count: int, one: str, many: str = "") -> str:
     """Return a count with its noun."""
     return f"{count} {one if count == 1 else many or one + 's'}"
+
+
+def grouped(notes: Sequence[str]) -> list[str]:
+    """Return notes of the form ``name: text`` with one line for all names of the same text.
+
+    Args:
+        notes: One sentence each; those without a name stay as they are.
+    """
+    names: dict[str, list[str]] = {}
+    for note in notes:
+        name, colon, text = note.partition(": ")
+        names.setdefault(text if colon else note, []).append(name if colon else "")
+    return [f"{', '.join(who)}: {text}" if who[0] else text for text, who in names.items()]
 
 
 def tags_text(figures: dict[str, int]) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from robot_energy.blocks import MeterLocation
 from robot_energy.identify.stats.held_out_energy import GIVEN, OUTSIDE, HeldOutEnergy, Tested
 from robot_energy.report.document import Column, Document
-from robot_energy.report.energy_figure import energy_errors
+from robot_energy.report.energy_figure import error_bars
 from robot_energy.report.formats import energy_text, fixed, percent, signed_percent, significant
 from robot_energy.report.power_figure import power_and_energy
 from robot_energy.report.series import Role, Series, series_of
@@ -34,11 +34,10 @@ def verdict(test: HeldOutEnergy | None) -> tuple[str, bool]:
     Args:
         test: The test; None if there was none.
     """
-    if test is None or not test.metered:
-        return (
-            "no recording has a power meter, so the energy of the model was not tested; "
-            "record the meter's topic too"
-        ), False
+    if test is None:
+        return "the energy of the model was not tested, as asked (--no-test)", False
+    if not test.metered:
+        return _torque_verdict(test)
     last = test.stages[-1]
     kind = "test recordings" if test.kind == "test" else f"held-out {test.kind}"
     parts: list[str] = []
@@ -67,10 +66,23 @@ def verdict(test: HeldOutEnergy | None) -> tuple[str, bool]:
     return f"{why}: {text}", False
 
 
+def _torque_verdict(test: HeldOutEnergy) -> tuple[str, bool]:
+    """The same by the torque, where no held-out recording has a power meter."""
+    meter = "no held-out recording has a power meter, so the energy was not tested"
+    if not test.with_torque:
+        return f"{meter}; record the meter's topic too", False
+    given, new = (test.torque_error(stage) for stage in (GIVEN, test.stages[-1]))
+    better = new < given
+    return (
+        f"{'' if better else 'the new model is not better: '}motor torque held out, norm of "
+        f"error over norm of torque: {percent(given)} as given, {percent(new)} new; {meter}"
+    ), better
+
+
 def verdict_line(test: HeldOutEnergy | None, page: Document) -> None:
     """Add the verdict; as a note where the new model is not better."""
     text, better = verdict(test)
-    page.paragraph(text, "plain" if better else "note")
+    page.paragraph(text, "strong" if better else "note")
 
 
 def held_out_document(test: HeldOutEnergy, names: tuple[str, ...], page: Document) -> None:
@@ -97,6 +109,15 @@ def held_out_document(test: HeldOutEnergy, names: tuple[str, ...], page: Documen
             ],
             test.with_torque,
         )
+        page.rows(
+            "Motor torque of all axes, norm of error over norm of torque, held out",
+            [
+                Column("recording", "name"),
+                Column("as given", lambda entry: entry.predictions[GIVEN].torque_error, percent),
+                Column("new model", lambda entry: entry.predictions[last].torque_error, percent),
+            ],
+            test.with_torque,
+        )
     _figures(test, names, page)
 
 
@@ -112,7 +133,7 @@ def _energy_tables(test: HeldOutEnergy, stages: list[str], page: Document) -> No
                     LABELS.get(stage, f"+{stage}"),
                     lambda entry, stage=stage: entry.error(stage),
                     signed_percent,
-                    total=lambda _, stage=stage: abs(test.mean_error(stage)),
+                    total=lambda _, stage=stage: percent(abs(test.mean_error(stage))),
                 )
                 for stage in stages
             ),
@@ -156,12 +177,14 @@ def _figures(test: HeldOutEnergy, names: tuple[str, ...], page: Document) -> Non
     worst, last = test.worst, test.stages[-1]
     if worst is not None:
         page.figure(
-            lambda path: energy_errors(
+            lambda path: error_bars(
                 [entry.name for entry in test.metered],
-                [entry.error(GIVEN) for entry in test.metered],
-                [entry.error(last) for entry in test.metered],
+                [
+                    ("model as given", "fixed", [entry.error(GIVEN) for entry in test.metered]),
+                    ("new model", "predicted", [entry.error(last) for entry in test.metered]),
+                ],
                 path,
-                [entry.beyond > OUTSIDE for entry in test.metered],
+                beyond=[entry.beyond > OUTSIDE for entry in test.metered],
             ),
             "Energy error on what was held out."
             + (" Hatched: colder or warmer than the fit has seen." if test.beyond else ""),

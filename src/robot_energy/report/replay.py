@@ -275,7 +275,7 @@ def _comparison(page: Document, report: ReplayReport, scale: EnergyFormat) -> No
         with page.only("page"):
             page.paragraph("Nothing was measured that could be compared.")
         return
-    rows = [("measured", scale.joule(measured), watt_hour(measured), f"{power:.1f} W", "", "")]
+    rows = [("measured", scale.joule(measured), watt_hour(measured), f"{power:.1f} W", "", "", "")]
     for entry in (report, other):
         values = None if entry is None else entry.comparison
         if entry is None or values is None or values.measured_energy is None:
@@ -289,12 +289,21 @@ def _comparison(page: Document, report: ReplayReport, scale: EnergyFormat) -> No
                 f"{fixed(1)(values.predicted_mean_power_at_meter)} W",
                 scale.joule(values.predicted_minus_measured_energy),
                 signed_percent(values.predicted_minus_measured_relative),
+                f"{fixed(1)(values.power_error_rms)} W",
             )
         )
     page.table(
         f"Predicted and measured at {place_of(report)}, over the same "
         f"{seconds(compared.compared_ns)} ({percent(compared.coverage)} of what is predicted)",
-        ("", f"energy [{scale.unit}]", "", "mean power", f"error [{scale.unit}]", ""),
+        (
+            "",
+            f"energy [{scale.unit}]",
+            "",
+            "mean power",
+            f"error [{scale.unit}]",
+            "",
+            "RMS error\nof power",
+        ),
         rows,
     )
 

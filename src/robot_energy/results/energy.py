@@ -9,6 +9,7 @@ from typing import Any
 
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.exact_sum import PER_JOULE
+from robot_energy.accounting.prediction_errors import PowerErrorSums
 from robot_energy.accounting.registers import CABINET_REGISTERS, JOINT_REGISTERS, Registers
 from robot_energy.blocks import NANOSECOND, MeterLocation, Phase, Quality
 from robot_energy.model import RobotModel
@@ -107,6 +108,8 @@ class MeterComparison(Result):
         predicted_energy_beyond_constant: Without them. [J]
         measured_energy_beyond_constant: Without them. [J]
         beyond_constant_relative: The error over the measured energy without them. [-]
+        power_error_rms: Predicted less measured mean power from reading to reading. [W]
+        measured_power_rms: Of the measured power: the error of a prediction of 0 W. [W]
     """
 
     meter_location: str | None
@@ -123,6 +126,8 @@ class MeterComparison(Result):
     predicted_energy_beyond_constant: Number
     measured_energy_beyond_constant: Number
     beyond_constant_relative: Number
+    power_error_rms: Number = None
+    measured_power_rms: Number = None
 
 
 @dataclass(frozen=True)
@@ -276,12 +281,15 @@ def unbalanced(energy: EnergyBreakdown) -> list[str]:
     ]
 
 
-def comparison_of(account: EnergyAccount, model: RobotModel) -> MeterComparison:
+def comparison_of(
+    account: EnergyAccount, model: RobotModel, power_error: PowerErrorSums
+) -> MeterComparison:
     """Return predicted and measured energy over the same intervals.
 
     Args:
         account: Of one robot.
-        model: Which knows the constant losses.
+        model: Which has the constant losses.
+        power_error: Of the same intervals.
     """
     comparison, observed_ns = account.comparison, account.registers.time.observed_ns
     compared_ns = comparison.compared_ns
@@ -306,6 +314,8 @@ def comparison_of(account: EnergyAccount, model: RobotModel) -> MeterComparison:
         predicted_energy_beyond_constant=predicted - constant * seconds,
         measured_energy_beyond_constant=beyond,
         beyond_constant_relative=_ratio(predicted - measured, abs(beyond)),
+        power_error_rms=power_error.rms,
+        measured_power_rms=power_error.measured_rms,
     )
 
 

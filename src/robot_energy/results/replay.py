@@ -170,7 +170,7 @@ def replay_report(
             topics, joint_states=topics.joint_states or (), temperatures=topics.temperatures or ()
         ),
         time=_time(result),
-        comparison=comparison_of(account, result.model),
+        comparison=comparison_of(account, result.model, result.power_error),
         shaft=None if result.effort is EffortMeaning.NONE else _shaft(result),
         payload=_payload(result) if topics.payload else None,
         inputs=inputs,

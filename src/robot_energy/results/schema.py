@@ -23,6 +23,7 @@ from robot_energy.results.base import SCHEMA_VERSION, Result
 from robot_energy.results.check import CheckReport
 from robot_energy.results.drives import DrivesReport
 from robot_energy.results.dynamics import DynamicsReport
+from robot_energy.results.evaluation import EvaluationReport
 from robot_energy.results.excitation import ExcitationReport
 from robot_energy.results.identification import (
     CabinetReport,
@@ -49,6 +50,7 @@ RESULTS: dict[str, type[Result]] = {
         IdentificationReport,
         ModelReport,
         CheckReport,
+        EvaluationReport,
     )
 }
 READABLE = (ReplayReport, PredictionsReport)  # that a page is made from

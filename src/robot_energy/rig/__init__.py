@@ -6,10 +6,12 @@ Whatever is shown on the rig is labelled so; it proves the method, not a robot.
 from robot_energy.rig.config import RigConfig, Sensors
 from robot_energy.rig.lubricant import Lubricant
 from robot_energy.rig.output import RigJoints, RigOutput, Truth
-from robot_energy.rig.profile import PlantProfile, SupplyProfile, load_profile
+from robot_energy.rig.profile import HardEffects, PlantProfile, SupplyProfile, load_profile
+from robot_energy.rig.random_plant import random_profile
 from robot_energy.rig.virtual_rig import VirtualRig
 
 __all__ = [
+    "HardEffects",
     "Lubricant",
     "PlantProfile",
     "RigConfig",
@@ -20,4 +22,5 @@ __all__ = [
     "Truth",
     "VirtualRig",
     "load_profile",
+    "random_profile",
 ]

@@ -8,6 +8,18 @@ from math import isfinite
 from robot_energy.blocks import MeterMeaning
 from robot_energy.errors import RigError
 
+HARD = (
+    "elastic_joints",
+    "presliding",
+    "coulomb_temperature",
+    "viscous_exponent",
+    "fan",
+    "velocity_filter",
+    "meter_filter",
+    "temperature_error",
+)
+"""Effects that neither the model files nor the identification have a term for."""
+
 
 @dataclass(frozen=True)
 class Sensors:
@@ -28,6 +40,10 @@ class Sensors:
         drive_power_class: Gain error of each drive's own power, drawn once within +- this
             share. [-]
         drive_power_noise: Standard deviation of one reading. [W]
+        velocity_filter: Time constant of the low pass behind the velocities. [s]
+        meter_filter: Time constant of the low pass in the power meter. [s]
+        temperature_lag: Time constant of the motor temperature sensors. [s]
+        temperature_offset: Standard deviation of their constant errors. [K]
     """
 
     encoder_counts: int = 16384
@@ -43,6 +59,10 @@ class Sensors:
     meter_noise: float = 0.002
     drive_power_class: float = 0.01
     drive_power_noise: float = 0.5
+    velocity_filter: float = 0.01
+    meter_filter: float = 0.3
+    temperature_lag: float = 60.0
+    temperature_offset: float = 2.0
 
     def __post_init__(self) -> None:
         for name in ("encoder_counts", "temperature_rate", "temperature_resolution", "meter_rate"):
@@ -57,6 +77,10 @@ class Sensors:
             "meter_noise",
             "drive_power_class",
             "drive_power_noise",
+            "velocity_filter",
+            "meter_filter",
+            "temperature_lag",
+            "temperature_offset",
         ):
             if not 0 <= getattr(self, name) < float("inf"):
                 raise RigError(f"the sensors' {name} is {getattr(self, name)}", "a value >= 0")
@@ -67,6 +91,8 @@ class Sensors:
 @dataclass(frozen=True)
 class RigConfig:
     """Every effect beyond rigid bodies, Coulomb and viscous friction, on or off.
+
+    The effects of `HARD` are off by default. No model file has a term for them.
 
     Attributes:
         stribeck: Friction rises towards standstill.
@@ -89,6 +115,15 @@ class RigConfig:
         temperature_sensor: Temperature readings are noisy and rounded.
         meter_error: Meter has gain error and noise.
         drive_power_error: So have the power readings of the drives.
+        elastic_joints: Gears are springs; encoders and drives see the motors.
+        presliding: Coulomb friction reverses over a distance, as a spring that slides
+            (Dahl); at rest it holds.
+        coulomb_temperature: Coulomb friction falls with the temperature of the gear.
+        viscous_exponent: Viscous friction grows with less than the first power of speed.
+        fan: A fan of the cabinet switches with the warmest motor.
+        velocity_filter: The reported velocities are low-passed.
+        meter_filter: So is the power that the meter shows; its energy counter is not.
+        temperature_error: Motor temperature sensors lag and have constant errors.
         thermal_speedup: Factor on the speed of the temperatures alone, motion stays in
             real time; for warming up fast. [-]
         sensors: Figures of the sensors.
@@ -112,12 +147,25 @@ class RigConfig:
     temperature_sensor: bool = True
     meter_error: bool = True
     drive_power_error: bool = True
+    elastic_joints: bool = False
+    presliding: bool = False
+    coulomb_temperature: bool = False
+    viscous_exponent: bool = False
+    fan: bool = False
+    velocity_filter: bool = False
+    meter_filter: bool = False
+    temperature_error: bool = False
     thermal_speedup: float = 1.0
     sensors: Sensors = field(default_factory=Sensors)
 
     def __post_init__(self) -> None:
         if not (self.thermal_speedup > 0 and isfinite(self.thermal_speedup)):
             raise RigError(f"thermal_speedup is {self.thermal_speedup}", "a factor > 0")
+
+    @classmethod
+    def hard(cls) -> RigConfig:
+        """Every effect on, those of `HARD` too."""
+        return cls().having(*HARD)
 
     @classmethod
     def plain(cls) -> RigConfig:

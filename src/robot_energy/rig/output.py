@@ -44,7 +44,7 @@ class Truth(Block):
         motor_temperature_degc: Winding and magnets, shape (N, n). [degC]
         gear_temperature_degc: Oil, shape (N, n). [degC]
         rigid_power: Shape (N, n). [W]
-        friction_power: >= 0, shape (N, n). [W]
+        friction_power: Below 0 only where presliding gives back, shape (N, n). [W]
         iron_loss: Shape (N, n). [W]
         copper_loss: Shape (N, n). [W]
         inverter_loss: Shape (N, n). [W]

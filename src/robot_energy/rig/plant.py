@@ -1,4 +1,4 @@
-"""Friction and drives of the plant, sample by sample; nothing here has state."""
+"""Friction and drives of the plant. Only presliding friction has a state."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ from robot_energy.rig.profile import PlantProfile
 
 REFERENCE_DEGC = 20.0  # of resistances and torque constants
 OIL_DEGC = 60.0  # of the oil while its temperature is switched off
+COULOMB_DEGC = 40.0  # of the gear, at which the Coulomb friction of the profile holds
+MIN_COULOMB_SHARE = 0.4  # of it, however warm the gear is
 
 
 @dataclass(frozen=True)
@@ -34,13 +36,23 @@ class DriveFlows:
 class PlantFriction:
     """Coulomb, load, Stribeck and lubricant friction, motor side.
 
+    With presliding the sign of the velocity in the Coulomb term is the state ``z`` of Dahl's
+    model, ``dz/dx = (sgn(w) - z) / presliding_angle`` over the motor angle x, solved exactly
+    for a speed that is constant over a sample.
+
     Args:
         profile: The plant.
         config: Switches of the terms.
+        period: Between samples. [s]
     """
 
-    def __init__(self, profile: PlantProfile, config: RigConfig) -> None:
+    def __init__(self, profile: PlantProfile, config: RigConfig, period: float) -> None:
         self._profile = profile
+        hard = profile.hard
+        self._fall = hard.coulomb_fall * config.coulomb_temperature
+        self._exponent = hard.viscous_exponent if config.viscous_exponent else 1.0
+        self._slides = period / hard.presliding_angle if config.presliding else None
+        self._sign: Float = np.zeros(profile.n_joints)
         self._load = profile.load_coulomb * config.load_friction
         self._stribeck = profile.stribeck * config.stribeck
         self._follows_oil = config.lubricant_temperature
@@ -68,7 +80,9 @@ class PlantFriction:
     def torque(
         self, motor_velocity: Float, motor_torque_rigid: Float, gear_temperature_degc: Float
     ) -> Float:
-        """Return what the drive must add against friction; none at standstill.
+        """Return what the drive must add against friction, of consecutive samples.
+
+        Without presliding there is none at standstill.
 
         Args:
             motor_velocity: Shape (N, n). [rad/s]
@@ -82,8 +96,29 @@ class PlantFriction:
         dry = self._profile.coulomb + self._load * np.abs(motor_torque_rigid)
         if self._stribeck.any():
             dry = dry + self._stribeck * np.exp(-((speed / self._profile.stribeck_velocity) ** 2))
-        viscous = self.viscous(gear_temperature_degc)
-        return np.sign(motor_velocity) * dry + viscous * motor_velocity
+        if self._fall:
+            colder = 1.0 - self._fall * (gear_temperature_degc - COULOMB_DEGC)
+            dry = dry * np.maximum(colder, MIN_COULOMB_SHARE)
+        if self._exponent < 1.0:
+            reference = self._profile.hard.viscous_speed
+            turning = np.sign(motor_velocity) * reference * (speed / reference) ** self._exponent
+        else:
+            turning = motor_velocity
+        viscous = self.viscous(gear_temperature_degc) * turning
+        return self._direction(motor_velocity) * dry + viscous
+
+    def _direction(self, motor_velocity: Float) -> Float:
+        """Return the sign of the velocity, or what presliding makes of it, shape (N, n)."""
+        sign = np.sign(motor_velocity)
+        if self._slides is None:
+            return sign
+        kept = np.exp(-np.abs(motor_velocity) * self._slides)
+        state = self._sign
+        for row in range(len(sign)):
+            state = sign[row] + (state - sign[row]) * kept[row]
+            sign[row] = state
+        self._sign = state
+        return sign
 
 
 class PlantDrives:

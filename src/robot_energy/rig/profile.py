@@ -9,7 +9,7 @@ neighbouring robots, so a plant is of the class of a robot, not that robot.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from importlib import resources
 from typing import Any
 
@@ -66,6 +66,52 @@ class SupplyProfile:
 
 
 @dataclass(frozen=True)
+class HardEffects:
+    """Figures of the effects that `RigConfig.hard` adds; the same for every axis.
+
+    Attributes:
+        elastic_deflection: Of a joint at the effort limit of the URDF. [rad] or [m]
+        presliding_angle: Motor angle over which Coulomb friction reverses to 63 %. [rad]
+        coulomb_fall: Share of Coulomb friction lost per kelvin above 40 degC of the gear; it
+            never falls below `MIN_COULOMB_SHARE`. [1/K]
+        viscous_exponent: Of speed, in (0, 1]. [-]
+        viscous_speed: Motor speed at which the exponent changes nothing. [rad/s]
+        fan_power: Of the fan, on the grid side. [W]
+        fan_on_degc: It starts when the warmest motor is above. [degC]
+        fan_off_degc: It stops below. [degC]
+    """
+
+    elastic_deflection: float = 1.5e-3
+    presliding_angle: float = 0.3
+    coulomb_fall: float = 0.003
+    viscous_exponent: float = 0.8
+    viscous_speed: float = 150.0
+    fan_power: float = 25.0
+    fan_on_degc: float = 45.0
+    fan_off_degc: float = 40.0
+
+    def __post_init__(self) -> None:
+        if not (self.elastic_deflection >= 0 and self.presliding_angle > 0):
+            raise RigError(
+                f"the deflection is {self.elastic_deflection}, the presliding angle "
+                f"{self.presliding_angle}",
+                "a deflection >= 0 and an angle > 0",
+            )
+        if not (0 < self.viscous_exponent <= 1 and self.viscous_speed > 0):
+            raise RigError(
+                f"the viscous exponent is {self.viscous_exponent} at {self.viscous_speed} rad/s",
+                "an exponent in (0, 1] and a speed > 0",
+            )
+        if not (self.coulomb_fall >= 0 and self.fan_power >= 0):
+            raise RigError("the Coulomb fall or the fan power is negative", "figures >= 0")
+        if not self.fan_off_degc < self.fan_on_degc:
+            raise RigError(
+                f"the fan stops at {self.fan_off_degc} and starts at {self.fan_on_degc} degC",
+                "a start above the stop",
+            )
+
+
+@dataclass(frozen=True)
 class PlantProfile:
     """One robot of the rig, motor side, shape (n,) each.
 
@@ -93,6 +139,7 @@ class PlantProfile:
         friction_to_motor: Share of friction that heats the motor node. [-]
         acceleration: For motion generation, joint side. [rad/s^2]
         supply: The cabinet.
+        hard: Figures of effects that are off by default.
 
     Raises:
         RigError: If shapes differ or a figure is negative.
@@ -120,6 +167,7 @@ class PlantProfile:
     friction_to_motor: Float
     acceleration: Float
     supply: SupplyProfile
+    hard: HardEffects = HardEffects()
 
     def __post_init__(self) -> None:
         n_joints = len(self.lubricant)
@@ -169,7 +217,7 @@ class PlantProfile:
         return Robot.from_model(model), Drivetrain.from_model(model)
 
     def motion_limits(self, robot: Robot, jerk_time: float = 0.05) -> MotionLimits:
-        """Return limits for programs of this robot.
+        """Return limits for programs of this robot; joints without end stay within +-pi.
 
         Args:
             robot: Its rigid bodies, for positions and speeds.
@@ -178,7 +226,11 @@ class PlantProfile:
         Raises:
             MotionError: If the URDF lacks limits.
         """
-        return MotionLimits.of_robot(robot, self.acceleration, jerk_time)
+        limits = MotionLimits.of_robot(robot, self.acceleration, jerk_time)
+        turn = np.where(robot.limits.wraps, np.pi, np.inf)
+        return replace(
+            limits, lower=np.maximum(limits.lower, -turn), upper=np.minimum(limits.upper, turn)
+        )
 
 
 def calibrated_viscous(
@@ -225,7 +277,7 @@ def load_profile(name: str) -> PlantProfile:
     data: dict[str, Any] = yaml.safe_load(files[name].read_text("utf-8"))
     body, supply = data.pop("body"), SupplyProfile(**data.pop("supply"))
     oils = tuple(OILS[oil] for oil in data.pop("lubricant"))
-    figures = {
+    figures: dict[str, Any] = {
         key: np.array(np.broadcast_to(value, len(oils)), dtype=np.float64)
         for key, value in data.items()
     }

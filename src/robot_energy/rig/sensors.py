@@ -8,6 +8,7 @@ from __future__ import annotations
 from enum import IntEnum
 
 import numpy as np
+from scipy.signal import lfilter
 
 from robot_energy.blocks import (
     NANOSECOND,
@@ -35,6 +36,7 @@ class Stream(IntEnum):
     TEMPERATURE = 3
     METER = 4
     DRIVE = 5
+    TEMPERATURE_OFFSET = 6
 
 
 def stream(seed: int, purpose: Stream) -> np.random.Generator:
@@ -47,6 +49,36 @@ def stream(seed: int, purpose: Stream) -> np.random.Generator:
     return np.random.Generator(
         np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(int(purpose),)))
     )
+
+
+class LowPass:
+    """A first-order low pass over consecutive samples; it starts settled at the first one.
+
+    Args:
+        time_constant: [s]
+        period: Between samples. [s]
+    """
+
+    def __init__(self, time_constant: float, period: float) -> None:
+        self._kept = float(np.exp(-period / time_constant)) if time_constant else 0.0
+        self._last: Float | None = None
+
+    def step(self, values: Float) -> Float:
+        """Return the filtered samples.
+
+        Args:
+            values: Shape (N,) or (N, n). [any unit]
+
+        Returns:
+            Same shape and unit.
+        """
+        if not len(values):
+            return values
+        last = values[0] if self._last is None else self._last
+        start = np.asarray(self._kept * last)[None]
+        filtered, _ = lfilter([1 - self._kept], [1, -self._kept], values, axis=0, zi=start)
+        self._last = filtered[-1]
+        return filtered
 
 
 class JointSensors:
@@ -71,6 +103,8 @@ class JointSensors:
         gain = self._drive.uniform(-1.0, 1.0, len(drivetrain.rotor_inertia))
         self._drive_gain = 1.0 + gain * config.sensors.drive_power_class
         self._period_ns = period_ns
+        lag = LowPass(config.sensors.velocity_filter, period_ns * NANOSECOND)
+        self._velocity_filter = lag if config.velocity_filter else None
 
     def stamp(self, stamp_ns: Int) -> Int:
         """Return the stamps that the driver writes, strictly increasing, shape (N,). [ns]
@@ -103,6 +137,8 @@ class JointSensors:
         Args:
             joint_velocity: True velocities, shape (N, n). [rad/s]
         """
+        if self._velocity_filter:
+            joint_velocity = self._velocity_filter.step(joint_velocity)
         if not self._config.velocity_noise:
             return joint_velocity
         noise = self._velocity.standard_normal(joint_velocity.shape)
@@ -139,15 +175,20 @@ class TemperatureSensor:
         config: Switches and figures.
         seed: Seed of the rig.
         start_stamp_ns: Stamp of the first reading. [ns]
+        n_joints: Number of motors.
     """
 
-    def __init__(self, config: RigConfig, seed: int, start_stamp_ns: int) -> None:
+    def __init__(self, config: RigConfig, seed: int, start_stamp_ns: int, n_joints: int) -> None:
         self._noisy = config.temperature_sensor
         self._sensors = config.sensors
         self._random = stream(seed, Stream.TEMPERATURE)
         self._start_ns = start_stamp_ns
         self._period_ns = round(1.0 / (config.sensors.temperature_rate * NANOSECOND))
         self._next = 0
+        lag = LowPass(config.sensors.temperature_lag, self._period_ns * NANOSECOND)
+        self._lag = lag if config.temperature_error else None
+        offset = stream(seed, Stream.TEMPERATURE_OFFSET).standard_normal(n_joints)
+        self._offset = offset * config.sensors.temperature_offset
 
     def read(
         self, begin_ns: int, end_ns: int, begin_degc: Float, end_degc: Float
@@ -168,6 +209,8 @@ class TemperatureSensor:
         self._next += len(since)
         share = ((since - begin_ns) / (end_ns - begin_ns))[:, None]
         degc = begin_degc + share * (end_degc - begin_degc)
+        if self._lag:
+            degc = self._lag.step(degc) + self._offset
         if self._noisy:
             step = self._sensors.temperature_resolution
             degc = degc + self._sensors.temperature_noise * self._random.standard_normal(degc.shape)
@@ -194,6 +237,8 @@ class GridMeter:
         self.gain = 1.0 + gain if config.meter_error else 1.0
         self._noise = sensors.meter_noise if config.meter_error else 0.0
         self._meaning = sensors.meter_meaning
+        filtered = config.meter_filter and self._meaning is not MeterMeaning.CUMULATIVE
+        self._filter = LowPass(sensors.meter_filter, period_ns * NANOSECOND) if filtered else None
         self._start_ns = start_stamp_ns
         self._sample_ns = period_ns
         self._period_ns = round(1.0 / (sensors.meter_rate * NANOSECOND))
@@ -211,6 +256,8 @@ class GridMeter:
         Returns:
             A block, possibly empty.
         """
+        if self._filter:
+            grid_power = self._filter.step(grid_power)
         samples = first + np.arange(len(grid_power) + 1) - 0.5
         edge = samples * self._sample_ns  # ns since the start
         energy = (

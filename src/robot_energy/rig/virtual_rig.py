@@ -1,7 +1,9 @@
 """The virtual test rig: a plant that runs a program.
 
 Independent of the monitored model: both share rigid bodies and drivetrain, nothing else.
-The robot follows its program exactly.
+The robot follows its program exactly. With elastic joints its links do: each motor turns ahead
+by what its gear winds up, quasi-statically (joint torque over stiffness), and the encoders see
+the motors; links do not vibrate.
 
 Inside, the rig works in blocks of a fixed number of samples (about one second, less when
 the temperatures are sped up) and hands them out in any cut, so that the cut changes no
@@ -24,11 +26,12 @@ from robot_energy.blocks import (
     sum_over_joints,
 )
 from robot_energy.errors import RigError
-from robot_energy.motion import JointMotion
+from robot_energy.motion import JointMotion, Trajectory
+from robot_energy.physics.rigid_body import Robot
 from robot_energy.rig.config import RigConfig
 from robot_energy.rig.output import RigJoints, RigOutput, Truth
 from robot_energy.rig.plant import DriveFlows, PlantDrives, PlantFriction
-from robot_energy.rig.profile import PlantProfile
+from robot_energy.rig.profile import HardEffects, PlantProfile
 from robot_energy.rig.sensors import GridMeter, JointSensors, TemperatureSensor
 from robot_energy.rig.supply import Supply
 from robot_energy.rig.thermal import ThermalNetwork, longest_step
@@ -36,6 +39,7 @@ from robot_energy.rig.thermal import ThermalNetwork, longest_step
 BLOCK = 1.0  # s of samples computed at once, at most
 EPOCH_NS = 1_000_000_000 * 1_000_000_000  # an arbitrary instant in 2001
 PLAUSIBLE_DEGC = (-20.0, 150.0)
+DIFFERENCE = 0.004  # s to either side, over which the wind-up of elastic joints is differentiated
 Waiting = TypeVar("Waiting", bound=Block)
 
 
@@ -83,14 +87,16 @@ class VirtualRig:
         self._period_ns = round(1.0 / (rate_hz * NANOSECOND))
         self._block = _block_samples(profile, config, self.period)
         self._warming = config.warming
-        self._friction = PlantFriction(profile, config)
+        self._friction = PlantFriction(profile, config, self.period)
         self._drives = PlantDrives(profile, config)
         self._supply = Supply(profile, config, self.period)
         self._thermal = ThermalNetwork(
             profile, self._block * self.period * config.thermal_speedup, start, start, ambient_degc
         )
         self._joint_sensors = JointSensors(config, self._drivetrain, seed, self._period_ns)
-        self._thermometer = TemperatureSensor(config, seed, self._start_ns)
+        self._thermometer = TemperatureSensor(config, seed, self._start_ns, profile.n_joints)
+        self._compliance = _compliance(profile, self._robot) if config.elastic_joints else None
+        self._fan = Fan(profile.hard) if config.fan else None
         self._meter = GridMeter(config, seed, self._start_ns, self._period_ns)
         self._computed = 0
         self._ready: tuple[RigJoints, Truth] | None = None
@@ -168,7 +174,7 @@ class VirtualRig:
         first, rows = self._computed, self._block
         self._computed += rows
         since_ns = np.arange(first, first + rows, dtype=np.int64) * self._period_ns
-        truth, drives = self._plant(since_ns)
+        truth, drives, encoders = self._plant(since_ns)
         motor_before = self._thermal.motor_temperature_degc
         if self._warming:
             self._heat(truth)
@@ -183,24 +189,26 @@ class VirtualRig:
         sensors = self._joint_sensors
         joints = RigJoints(
             stamp_ns=sensors.stamp(truth.stamp_ns),
-            joint_position=sensors.position(truth.joint_position),
-            joint_velocity=sensors.velocity(truth.joint_velocity),
+            joint_position=sensors.position(encoders.joint_position),
+            joint_velocity=sensors.velocity(encoders.joint_velocity),
             measured_motor_torque=sensors.torque(drives.measured_motor_torque),
             measured_drive_power=sensors.drive_power(truth.drive_power),
         )
         return joints, truth
 
-    def _plant(self, since_ns: Int) -> tuple[Truth, DriveFlows]:
+    def _plant(self, since_ns: Int) -> tuple[Truth, DriveFlows, Trajectory]:
         time: Float = since_ns.astype(np.float64) * NANOSECOND
         motion = self._program.sample(time)
         position, velocity = motion.joint_position, motion.joint_velocity
         acceleration = motion.joint_acceleration
         motor_degc = self._thermal.motor_temperature_degc
         gear_degc = self._thermal.gear_temperature_degc
-        speed = self._drivetrain.motor_velocity_from_joint(velocity)
+        joint_torque = self._robot.joint_torque(position, velocity, acceleration)
+        encoders = self._motors(time, motion, joint_torque)
+        speed = self._drivetrain.motor_velocity_from_joint(encoders.joint_velocity)
         rigid = self._drivetrain.motor_torque_from_joint(
-            self._robot.joint_torque(position, velocity, acceleration)
-        ) + self._drivetrain.rotor_torque(acceleration)
+            joint_torque
+        ) + self._drivetrain.rotor_torque(encoders.joint_acceleration)
         friction = self._friction.torque(speed, rigid, gear_degc)
         torque = rigid + friction
         drives = self._drives.flows(speed, torque, motor_degc)
@@ -208,6 +216,7 @@ class VirtualRig:
         losses = drives.iron_loss + drives.copper_loss + drives.inverter_loss
         supply = self._supply.step(sum_over_joints(rigid_power + friction_power + losses))
         rows = len(since_ns)
+        fan = self._fan.power(motor_degc) if self._fan else 0.0
         truth = Truth(
             stamp_ns=since_ns + self._start_ns,
             joint_position=position,
@@ -224,20 +233,74 @@ class VirtualRig:
             copper_loss=drives.copper_loss,
             inverter_loss=drives.inverter_loss,
             loss_dc=np.full(rows, self.profile.supply.loss_dc),
-            loss_grid=np.full(rows, self.profile.supply.loss_grid),
+            loss_grid=np.full(rows, self.profile.supply.loss_grid + fan),
             rectifier_loss=supply.rectifier_loss,
             brake_power=supply.brake_power,
             capacitor_power=supply.capacitor_power,
             bus_voltage=supply.bus_voltage,
-            grid_power=supply.grid_power,
+            grid_power=supply.grid_power + fan,
         )
-        return truth, drives
+        return truth, drives, encoders
+
+    def _motors(self, time: Float, links: Trajectory, joint_torque: Float) -> Trajectory:
+        """Return the motion of the motors, joint side; that of the links if gears are rigid."""
+        if self._compliance is None:
+            return links
+        before, after = (
+            self._robot.joint_torque(*self._links_at(np.maximum(time + step, 0.0)))
+            for step in (-DIFFERENCE, DIFFERENCE)
+        )
+        slope = (after - before) / (2.0 * DIFFERENCE)
+        curvature = (after - 2.0 * joint_torque + before) / DIFFERENCE**2
+        return Trajectory(
+            links.joint_position + self._compliance * joint_torque,
+            links.joint_velocity + self._compliance * slope,
+            links.joint_acceleration + self._compliance * curvature,
+        )
+
+    def _links_at(self, time: Float) -> tuple[Float, Float, Float]:
+        motion = self._program.sample(time)
+        return motion.joint_position, motion.joint_velocity, motion.joint_acceleration
 
     def _heat(self, truth: Truth) -> None:
         friction = truth.friction_power.mean(axis=0)
         motor = (truth.iron_loss + truth.copper_loss).mean(axis=0)
         share = self.profile.friction_to_motor
         self._thermal.step(motor + share * friction, (1.0 - share) * friction)
+
+
+class Fan:
+    """A fan that switches with the warmest motor.
+
+    Args:
+        effects: Its figures.
+    """
+
+    def __init__(self, effects: HardEffects) -> None:
+        self._effects = effects
+        self._on = False
+
+    def power(self, motor_temperature_degc: Float) -> float:
+        """Return what it takes from the grid. [W]
+
+        Args:
+            motor_temperature_degc: Shape (n,). [degC]
+        """
+        effects = self._effects
+        limit = effects.fan_off_degc if self._on else effects.fan_on_degc
+        self._on = bool(motor_temperature_degc.max() > limit)
+        return effects.fan_power * self._on
+
+
+def _compliance(profile: PlantProfile, robot: Robot) -> Float:
+    """Return the wind-up of each joint by its torque, shape (n,). [rad/(N m)] or [m/N]"""
+    effort = robot.limits.effort
+    if not np.isfinite(effort).all():
+        raise RigError(
+            f"the URDF of '{profile.body}' gives no effort limit of every joint",
+            "effort limits, from which the stiffness of elastic joints follows",
+        )
+    return profile.hard.elastic_deflection / effort
 
 
 def _joined(waiting: Waiting | None, more: Waiting) -> Waiting:

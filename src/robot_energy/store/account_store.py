@@ -1,8 +1,8 @@
-"""Keeps the books of one robot on disk: restores, checkpoints, recovers.
+"""Keeps the energy account of one robot on disk: restores, checkpoints, recovers.
 
 The disk may be full, read-only, gone or held by another monitor, at any time and for any
 time: counting goes on in memory, `AccountStore.trouble` says why, and every checkpoint tries
-again. Work on the disk is handed to ``submit``, so that a node can do it beside its ticks;
+again. Work on the disk is handed to ``submit``, so that a node can do it outside its ticks;
 by default it is done at once.
 """
 
@@ -19,8 +19,8 @@ from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.plain_text import MAX_TEXT
 from robot_energy.accounting.record import (
     FORMAT_VERSION,
+    AccountRecord,
     Identity,
-    LedgerRecord,
     TraceEntry,
     TraceKind,
 )
@@ -50,10 +50,13 @@ def identity_of(model: RobotModel, node: str = "") -> Identity:
 
 
 def file_name_of(identity: Identity) -> str:
-    """Return how the files of registers begin, readable and unique.
+    """Return how the names of the state files of an account begin, readable and unique.
 
     That is the full name of the node with type and serial of the robot; without a node,
     as in earlier releases, type and serial alone.
+
+    Args:
+        identity: Whose account it is.
     """
     parts = [identity.robot_type, identity.robot_serial]
     if identity.node:
@@ -64,7 +67,14 @@ def file_name_of(identity: Identity) -> str:
 
 
 def at_once(job: Callable[[], Any]) -> Future[Any]:
-    """Do a job now and return its finished future."""
+    """Do a job now.
+
+    Args:
+        job: Work on the disk.
+
+    Returns:
+        Its finished future; it holds a `StateFileError` that the job raised.
+    """
     future: Future[Any] = Future()
     try:
         future.set_result(job())
@@ -80,10 +90,10 @@ def load_account(
     submit: Submit = at_once,
     node: str = "",
 ) -> AccountStore:
-    """Return the keeper of a robot's books.
+    """Return the account store of a robot.
 
     Args:
-        ledger: The books.
+        ledger: The energy account.
         model: The robot's model.
         folder: Where the state files lie; None keeps nothing.
         submit: Does work on the disk; jobs must run one after the other.
@@ -94,22 +104,22 @@ def load_account(
     if folder is not None:
         earlier = file_name_of(identity_of(model)) if node else None
         slots = SlotPair(
-            folder, file_name_of(identity), FORMAT_VERSION, LedgerRecord.from_json, earlier, node
+            folder, file_name_of(identity), FORMAT_VERSION, AccountRecord.from_json, earlier, node
         )
     return AccountStore(ledger, identity, slots, submit)
 
 
 class AccountStore:
-    """Brings the books and their state files together.
+    """Keeps an energy account in state files.
 
     Args:
-        ledger: The books.
+        ledger: The energy account.
         identity: Whose they are.
         slots: Their state files; None keeps nothing.
         submit: Does work on the disk.
 
     Attributes:
-        loaded: Whether the state files were read, so that these are the robot's books.
+        loaded: Whether the state files were read, so that this is the robot's account.
         trouble: Why nothing can be kept at present; empty while all is well.
         failures: Checkpoints that failed.
         checkpoints: Checkpoints that reached the disk.
@@ -121,7 +131,7 @@ class AccountStore:
         self,
         ledger: EnergyAccount,
         identity: Identity,
-        slots: SlotPair[LedgerRecord] | None,
+        slots: SlotPair[AccountRecord] | None,
         submit: Submit = at_once,
     ) -> None:
         self.ledger = ledger
@@ -140,7 +150,7 @@ class AccountStore:
 
     @property
     def keeps(self) -> bool:
-        """Whether there is a folder to keep the books in."""
+        """Whether there is a folder to keep the account in."""
         return self._slots is not None
 
     @property
@@ -159,7 +169,7 @@ class AccountStore:
         return None if self._slots is None else self._slots.folder
 
     def begin(self) -> bool:
-        """Begin a checkpoint of the books as they stand, or to open their folder.
+        """Begin a checkpoint of the account as it stands, or try to open its folder.
 
         Returns:
             Whether a checkpoint was begun; False also while the disk is at work.
@@ -179,7 +189,7 @@ class AccountStore:
 
         Returns:
             True if a checkpoint has reached the disk, False if the work failed, None if
-            there is nothing to tell.
+            there is nothing to report.
         """
         if self._pending is None or not self._pending.done():
             return None
@@ -187,7 +197,7 @@ class AccountStore:
         try:
             result = job.result()
             if isinstance(result, Stored):
-                self._adopt(cast("Stored[LedgerRecord]", result))
+                self._adopt(cast("Stored[AccountRecord]", result))
                 return None
         except StateFileError as error:
             self.failures += 1
@@ -211,7 +221,7 @@ class AccountStore:
             self._finish(patience)
 
     def checkpoint(self, patience: float | None = None) -> bool:
-        """Bring the books as they stand to disk.
+        """Write the account as it stands to disk.
 
         Args:
             patience: How long to wait for the disk, twice at most; None for ever. [s]
@@ -225,7 +235,7 @@ class AccountStore:
         return self.begin() and bool(self._finish(patience))
 
     def require(self) -> None:
-        """Refuse changes to books that are not the robot's.
+        """Refuse changes to an account that is not the robot's.
 
         Raises:
             RegisterError: While the state files could not be read.
@@ -244,7 +254,7 @@ class AccountStore:
             patience: How long to wait for the disk, twice at most. [s]
 
         Returns:
-            Whether the books are on disk.
+            Whether the account is on disk.
         """
         done = self.checkpoint(patience)
         if self._slots is not None and self._pending is None:
@@ -260,8 +270,8 @@ class AccountStore:
             return False
         return self.poll()
 
-    def _adopt(self, stored: Stored[LedgerRecord]) -> None:
-        """Continue from what is on disk, unless these books are its continuation."""
+    def _adopt(self, stored: Stored[AccountRecord]) -> None:
+        """Continue from what is on disk, unless this account is its continuation."""
         self.notices += stored.notices
         for notice in stored.notices:
             self._note("file_lost", notice)
@@ -304,7 +314,7 @@ class AccountStore:
             self._note("model_changed", f"model {before} counted until here, {after} from here")
             self.notices.append(f"the registers of model {before} go on with model {after}")
 
-    def _fitting(self, record: LedgerRecord) -> LedgerRecord | None:
+    def _fitting(self, record: AccountRecord) -> AccountRecord | None:
         """Return the record for our joints; None, after moving it aside, if it is of others."""
         assert self._slots is not None
         mine, found = self._identity, record.identity
@@ -319,8 +329,8 @@ class AccountStore:
             )
         else:
             added = (
-                set(self.ledger.tally().cabinet_energy_microjoule)
-                | set(self.ledger.tally().joint_energy_microjoule)
+                set(self.ledger.totals().cabinet_energy_microjoule)
+                | set(self.ledger.totals().joint_energy_microjoule)
             ) - (
                 set(record.totals.cabinet_energy_microjoule)
                 | set(record.totals.joint_energy_microjoule)
@@ -331,14 +341,14 @@ class AccountStore:
         self._began_anew(f"{reason}: {', '.join(self._slots.set_aside())}")
         return None
 
-    def _note_repairs(self, record: LedgerRecord) -> None:
+    def _note_repairs(self, record: AccountRecord) -> None:
         for what in record.repairs:
             self.notices.append(f"the state held more than can be kept; at its limit now: {what}")
             self._note("repaired", self.notices[-1])
 
     def _began_anew(self, reason: str) -> None:
         self._note("began_anew", reason)
-        self.notices.append(f"the registers begin anew: {reason}")
+        self.notices.append(f"the registers begin at zero: {reason}")
 
     def _note(self, kind: TraceKind, text: str) -> None:
         entry = TraceEntry(kind=kind, stamp_ns=self.ledger.end_ns, text=shown(text, MAX_TEXT))

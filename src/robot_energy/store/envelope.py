@@ -41,12 +41,21 @@ def wrap(version: int, sequence: int, payload: bytes) -> bytes:
 
 
 def follows(sequence: int) -> int:
-    """Return the sequence number after one."""
+    """Return the sequence number after one; after the largest comes 1.
+
+    Args:
+        sequence: Of the last write.
+    """
     return sequence % MAX_SEQUENCE + 1
 
 
 def is_newer(sequence: int, other: int) -> bool:
-    """Tell whether a sequence number comes after another, also where they began again."""
+    """Whether a sequence number comes after another, also where the numbers began again at 1.
+
+    Args:
+        sequence: Of one state file.
+        other: Of the other.
+    """
     return sequence != other and (sequence - other) % MAX_SEQUENCE < MAX_SEQUENCE // 2
 
 

@@ -22,7 +22,7 @@ from robot_energy.store.envelope import MAX_BYTES, MAX_READ_BYTES, follows, is_n
 from robot_energy.store.state_files import open_regular, read_regular
 
 T = TypeVar("T")
-MAX_ASIDE = 20  # damaged files kept beside the slots
+MAX_ASIDE = 20  # damaged files kept next to the slots
 
 
 @dataclass(frozen=True)

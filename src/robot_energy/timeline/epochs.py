@@ -9,11 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from robot_energy.blocks import Int, differences
 from robot_energy.timeline.stamps import SECOND_NS
-
-Int = NDArray[np.int64]
 
 STRAY_STAMP = "stray_stamp"  # the reason under which outliers are counted
 HISTORY = 31  # periods behind the median
@@ -200,8 +198,8 @@ class EpochSplitter:
     def flush(self) -> Sorted:
         """Decide on what still waits, as at the end.
 
-        Of a stream that is known, a single message is a stray. Of one that has only begun,
-        nothing says so.
+        In a stream with enough messages, a single message out of reach is an outlier; in one
+        that has only begun, that is undecided and the message counts.
         """
         stamps, self._held = self._held, []
         rows = list(range(len(stamps)))
@@ -214,9 +212,8 @@ class EpochSplitter:
             runs: list[EpochRun] = []
             self._jump(stamps, rows, runs)
             return Sorted(runs)
-        runs = [EpochRun([0])]
-        for row in rows[1:]:
-            runs.append(EpochRun([row], new_epoch=stamps[row] < stamps[row - 1]))
+        back = differences(np.asarray(stamps), stamps[0]) < 0
+        runs = [EpochRun([row], new_epoch=bool(back[row])) for row in rows]
         self._jump_to(stamps[-1])
         return Sorted(runs)
 
@@ -224,9 +221,7 @@ class EpochSplitter:
         """All at once where none is out of reach, as nearly always; else None."""
         assert self.newest_ns is not None
         first = self.newest_ns
-        steps = np.empty(len(stamp), dtype=np.int64)
-        steps[0] = stamp[0] - first
-        np.subtract(stamp[1:], stamp[:-1], out=steps[1:])
+        steps = differences(stamp, first)
         rising = bool((steps > 0).all())
         newest = int(stamp[-1])
         if rising:
@@ -266,8 +261,7 @@ class EpochSplitter:
         reach = self._reach
         if not len(self._periods):
             return reach.max_ahead_ns if not reach.prompt else reach.ahead_ns
-        usual = REACH_PERIODS * self.period_ns
-        return min(max(usual, reach.ahead_ns), reach.max_ahead_ns)
+        return min(max(REACH_PERIODS * self.period_ns, reach.ahead_ns), reach.max_ahead_ns)
 
     def _least_ahead_ns(self, ahead: Int) -> int:
         """How far ahead each of some stamps may lie at least. [ns]

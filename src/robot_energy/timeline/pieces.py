@@ -32,7 +32,11 @@ class CoveredPieces(Block):
         return cls(none, none, nothing, nothing)
 
     def join(self, later: CoveredPieces) -> CoveredPieces:
-        """Return these pieces followed by later ones."""
+        """Return these pieces followed by later ones.
+
+        Args:
+            later: Pieces that begin no earlier than these end.
+        """
         return CoveredPieces.concatenate([self, later]) if len(self) else later
 
     @property
@@ -58,14 +62,31 @@ class CoveredPieces(Block):
         return np.concatenate([self.start_ns[apart != 0], self.end_ns])
 
     def index(self, start_ns: Int, end_ns: Int) -> tuple[Int, NDArray[np.bool_]]:
-        """Return which piece holds each interval, and whether one does."""
+        """Return which piece holds each interval, and whether one does.
+
+        Args:
+            start_ns: Where each interval begins, shape (M,). [ns]
+            end_ns: Where each ends, shape (M,). [ns]
+
+        Returns:
+            Number of the last piece that begins no later than the interval, and whether the
+            interval lies within it; shape (M,) each.
+        """
         if not len(self):
             return np.zeros(len(start_ns), dtype=np.int64), np.zeros(len(start_ns), dtype=np.bool_)
         row = np.maximum(np.searchsorted(self.start_ns, start_ns, side="right") - 1, 0)
         return row, (self.start_ns[row] <= start_ns) & (end_ns <= self.end_ns[row])
 
     def value(self, row: Int, time_ns: Int) -> Float:
-        """Return the power at a time inside the piece ``row``. [W]"""
+        """Return the power at times within pieces.
+
+        Args:
+            row: Number of the piece of each time, shape (M,).
+            time_ns: Within that piece, shape (M,). [ns]
+
+        Returns:
+            Shape (M,). [W]
+        """
         start = self.start_ns[row]
         share = (time_ns - start) / (self.end_ns[row] - start)
         low = self.start_power[row]

@@ -39,7 +39,14 @@ def valid_stamps(stamp_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
 
 
 def bounded(stamp_ns: int) -> int:
-    """Return the nearest stamp within the range, for an output whose stamp is derived. [ns]"""
+    """Return the nearest stamp within the range, for an output whose stamp is derived.
+
+    Args:
+        stamp_ns: Any time. [ns]
+
+    Returns:
+        From ``MIN_STAMP_NS`` to ``MAX_STAMP_NS``. [ns]
+    """
     return min(max(stamp_ns, MIN_STAMP_NS), MAX_STAMP_NS)
 
 

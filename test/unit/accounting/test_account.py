@@ -49,7 +49,7 @@ def test_a_fault_in_the_middle_books_nothing_of_the_block(stage, first, monkeypa
     for account in (ledger, reference):
         for block in blocks[:first]:
             account.step(block)
-    before = ledger.tally()
+    before = ledger.totals()
 
     def fail(*arguments):
         raise ZeroDivisionError
@@ -59,11 +59,11 @@ def test_a_fault_in_the_middle_books_nothing_of_the_block(stage, first, monkeypa
         faulty.setattr(getattr(ledger, owner), name, fail)
         with pytest.raises(ZeroDivisionError):
             ledger.step(blocks[1])
-    assert ledger.tally() == before
+    assert ledger.totals() == before
     reference.interrupt()
     for account in (ledger, reference):
         account.step(blocks[2])
-    assert ledger.tally() == reference.tally()
+    assert ledger.totals() == reference.totals()
     assert ledger.registers.time == reference.registers.time
     assert (ledger.samples, ledger.quality) == (reference.samples, reference.quality)
     assert (ledger.phase_ns == reference.phase_ns).all()

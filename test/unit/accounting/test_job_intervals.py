@@ -76,7 +76,7 @@ def test_refusals(ledger: EnergyAccount) -> None:
     for name in ("", "  ", "x" * 101):
         with pytest.raises(RegisterError, match="expected 1 to 100"):
             ledger.open_interval(name)
-    with pytest.raises(RegisterError, match="no sample has been booked yet"):
+    with pytest.raises(RegisterError, match="no sample has been counted yet"):
         EnergyAccount(2).open_interval("job")
     with pytest.raises(RegisterError, match="'a' is open; expected an open interval; none is"):
         ledger.close_interval("a")

@@ -10,7 +10,7 @@ from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.event_log import KEPT
 from robot_energy.accounting.exact_sum import ExactSum
 from robot_energy.accounting.plain_text import MAX_NAME, MAX_REASON
-from robot_energy.accounting.record import LedgerRecord
+from robot_energy.accounting.record import AccountRecord
 from robot_energy.errors import RegisterError, StateFileError
 from robot_energy.messages import RegistersWriter, interval_fields
 from robot_energy.store import AccountStore, SlotPair
@@ -113,7 +113,7 @@ def full_record() -> dict:
 
 def test_counters_at_their_limits_count_on_and_never_raise():
     ledger = EnergyAccount(2)
-    ledger.restore(LedgerRecord.from_json(json.dumps(full_record()).encode()))
+    ledger.restore(AccountRecord.from_json(json.dumps(full_record()).encode()))
     writer = RegistersWriter(IDENTITY.joint_names, "m1")
     for second in range(3):
         ledger.step(steady(10 * second, 10 * second + 1))
@@ -170,7 +170,7 @@ def test_an_unknown_name_of_any_kind_is_answered_in_one_short_line():
 
 
 def keeper(folder) -> AccountStore:
-    slots = SlotPair(folder, "arm", 2, LedgerRecord.from_json)
+    slots = SlotPair(folder, "arm", 2, AccountRecord.from_json)
     return AccountStore(EnergyAccount(2), IDENTITY, slots)
 
 

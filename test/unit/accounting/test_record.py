@@ -7,7 +7,7 @@ import pytest
 from accounts import IDENTITY, SECOND, counter, power_block, restarted, steady
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.exact_sum import PER_JOULE
-from robot_energy.accounting.record import LedgerRecord
+from robot_energy.accounting.record import AccountRecord
 from robot_energy.errors import StateFileError
 
 
@@ -105,7 +105,7 @@ def test_everything_the_books_show_survives() -> None:
     ledger.reset("new shift")
     ledger.step(steady(10.01, 15, watt=210.0))
     after = restarted(ledger)
-    assert after.tally() == ledger.tally()
+    assert after.totals() == ledger.totals()
     assert after.peak_power == 210.0
     assert after.quality == ledger.quality
     assert (after.phase_ns == ledger.phase_ns).all()
@@ -173,7 +173,7 @@ def test_a_record_without_its_unit_is_refused() -> None:
     data = record_json()
     data["totals"]["measured_energy"] = data["totals"].pop("measured_energy_microjoule")
     with pytest.raises(StateFileError, match="measured_energy_microjoule: Field required"):
-        LedgerRecord.from_json(json.dumps(data).encode())
+        AccountRecord.from_json(json.dumps(data).encode())
 
 
 @pytest.mark.parametrize(
@@ -189,9 +189,9 @@ def test_a_record_without_its_unit_is_refused() -> None:
     ids=str,
 )
 def test_a_record_that_is_not_exactly_right_is_refused(changes: dict[str, object]) -> None:
-    LedgerRecord.from_json(json.dumps(record_json()).encode())
+    AccountRecord.from_json(json.dumps(record_json()).encode())
     with pytest.raises(StateFileError, match="the state cannot be used"):
-        LedgerRecord.from_json(json.dumps(record_json(**changes)).encode())
+        AccountRecord.from_json(json.dumps(record_json(**changes)).encode())
 
 
 def test_every_energy_and_time_of_a_record_names_its_unit() -> None:

@@ -1,14 +1,14 @@
 """The payload service and topic: what is asked, answered, written and read."""
 
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import robots
 from robot_energy.cdr.batch import RawBatch
-from robot_energy.cdr.types import typestore
+from robot_energy.cdr.types import extended, typestore
 from robot_energy.messages import PayloadReader, PayloadWriter, answer_set_payload
 from robot_energy.model.payload import payload
 from robot_energy.pipeline import TorqueStage
@@ -24,15 +24,15 @@ class Time:
     nanosec: int = 0
 
 
-@dataclass
-class Request:
-    """As rclpy has it: numpy arrays for the fixed arrays."""
-
-    valid_from: Time = field(default_factory=Time)
-    link: str = "fore"
-    mass: float = 3.0
-    centre_of_mass: Any = field(default_factory=lambda: np.array([0.25, 0.0, 0.0]))
-    inertia: Any = field(default_factory=lambda: np.zeros(6))
+def request(link="fore", m=3.0, com=(0.25, 0.0, 0.0), stamp=None, **entries):
+    """As rclpy has it."""
+    inertia = SimpleNamespace(
+        m=m,
+        com=SimpleNamespace(**dict(zip("xyz", com, strict=True))),
+        **{**dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), 0.0), **entries},
+    )
+    header = SimpleNamespace(stamp=stamp or Time(), frame_id=link)
+    return SimpleNamespace(payload=SimpleNamespace(header=header, inertia=inertia))
 
 
 def batch(*changes):
@@ -45,9 +45,35 @@ def test_message_says_what_was_set():
     row = PayloadWriter("id").encode(PayloadChange(12 * 10**9 + 34, BODY))
     found = typestore().deserialize_cdr(row.tobytes(), TYPE)
     assert (found.header.stamp.sec, found.header.stamp.nanosec) == (12, 34)
-    assert (found.model_id, found.link, found.mass) == ("id", "fore", 3.0)
-    np.testing.assert_array_equal(found.centre_of_mass, BODY.centre_of_mass)
-    np.testing.assert_array_equal(found.inertia, BODY.inertia)
+    assert (found.model_id, found.header.frame_id, found.inertia.m) == ("id", "fore", 3.0)
+    com, body = found.inertia.com, found.inertia
+    assert (com.x, com.y, com.z) == (0.25, 0.1, -0.2)
+    tensor = [[body.ixx, body.ixy, body.ixz], [body.ixy, body.iyy, body.iyz]]
+    assert tensor == BODY.tensor[:2].tolist()
+    assert body.izz == 0.05
+
+
+OLD = """std_msgs/Header header
+string model_id
+string link
+float64 mass
+float64[3] centre_of_mass
+float64[6] inertia
+"""
+
+
+def test_messages_of_release_0_1_are_read_by_the_definition_of_their_bag():
+    """Its inertia began with the diagonal: Ixx, Iyy, Izz, Ixy, Ixz, Iyz."""
+    store = extended(typestore(), {TYPE: ("ros2msg", OLD)})
+    kinds = store.types
+    header = kinds["std_msgs/msg/Header"](kinds["builtin_interfaces/msg/Time"](0, 5), "fore")
+    numbers = np.array([0.03, 0.04, 0.05, 1e-3, -2e-3, 3e-3])
+    centre = np.array([0.25, 0.1, -0.2])
+    message = kinds[TYPE](header, "id", "fore", 3.0, centre, numbers)
+    row = bytes(store.serialize_cdr(message, TYPE))
+    reader = PayloadReader(TorqueStage(robots.two_link()).set_payload, store)
+    reader.step(RawBatch.from_messages("/energy/payload", TYPE, [0], [row]))
+    assert reader.changes == [PayloadChange(5, BODY)]
 
 
 def test_what_is_read_is_what_was_written_in_order_of_arrival():
@@ -74,12 +100,12 @@ def test_impossible_payload_in_a_bag_is_counted_and_changes_nothing():
 
 def test_request_is_answered_with_what_holds_from_when():
     stage = TorqueStage(robots.two_link())
-    answer = answer_set_payload(stage.set_payload, Request(valid_from=Time(2, 5)))
+    answer = answer_set_payload(stage.set_payload, request(stamp=Time(2, 5)))
     assert answer.success
     assert answer.from_ns == 2 * 10**9 + 5
     assert "2.000 s" in answer.message
     assert [change.from_ns for change in stage.coming_payloads] == [answer.from_ns]
-    taken_off = answer_set_payload(stage.set_payload, Request(mass=0.0))
+    taken_off = answer_set_payload(stage.set_payload, request(m=0.0))
     assert taken_off.message == "the robot carries nothing on 'fore' from the start"
 
 
@@ -88,25 +114,25 @@ def test_request_without_a_stamp_counts_from_the_next_joint_state():
     stamp, zero = 7.0 + np.arange(10) / 100, np.zeros((10, 2))
     stage.step(robots.joint_block(stamp, zero, zero))
     for nothing in (Time(), Time(sec=-5)):
-        answer = answer_set_payload(stage.set_payload, Request(valid_from=nothing))
+        answer = answer_set_payload(stage.set_payload, request(stamp=nothing))
         assert answer.from_ns == 7_090_000_001
 
 
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"mass": -1.0}, "'mass' is -1.0"),
-        ({"mass": float("nan")}, "'mass' is nan"),
+        ({"m": -1.0}, "'mass' is -1.0"),
+        ({"m": float("nan")}, "'mass' is nan"),
         ({"link": "hand"}, "link 'hand'"),
         ({"link": ""}, "link ''"),
-        ({"inertia": np.array([1.0, 1.0, 3.0, 0, 0, 0])}, "sum of the other two"),
-        ({"centre_of_mass": np.array([np.inf, 0, 0])}, "'centre_of_mass.0' is inf"),
+        ({"ixx": 1.0, "iyy": 1.0, "izz": 3.0}, "sum of the other two"),
+        ({"com": (np.inf, 0, 0)}, "'centre_of_mass.0' is inf"),
     ],
 )
 def test_bad_request_is_refused_with_a_sentence_and_the_old_payload_stays(change, words):
     stage = TorqueStage(robots.two_link())
-    answer_set_payload(stage.set_payload, Request())
-    answer = answer_set_payload(stage.set_payload, Request(**change))
+    answer_set_payload(stage.set_payload, request())
+    answer = answer_set_payload(stage.set_payload, request(**change))
     assert not answer.success
     assert words in answer.message
     assert answer.change is None
@@ -117,23 +143,23 @@ def test_bad_request_is_refused_with_a_sentence_and_the_old_payload_stays(change
 @pytest.mark.parametrize(
     "change",
     [
-        {"mass": 1e308},
-        {"mass": 10_001.0},
-        {"centre_of_mass": np.array([0.0, 1e308, 0.0])},
-        {"inertia": np.array([1e308, 1e308, 1e308, 0, 0, 0])},
+        {"m": 1e308},
+        {"m": 10_001.0},
+        {"com": (0.0, 1e308, 0.0)},
+        {"ixx": 1e308, "iyy": 1e308, "izz": 1e308},
         {"link": "fore\n[INFO] all is well"},
         {"link": "fore\x1b[31m"},
         {"link": "f" * 1_000_000},
         {"link": "\ud800"},
-        {"valid_from": Time(2**31 - 1, 0)},
-        {"valid_from": Time(2**31 - 1, 2**32 - 1)},
-        {"valid_from": Time(5, 10**9)},
+        {"stamp": Time(2**31 - 1, 0)},
+        {"stamp": Time(2**31 - 1, 2**32 - 1)},
+        {"stamp": Time(5, 10**9)},
     ],
     ids=repr,
 )
 def test_what_no_robot_carries_is_refused_in_one_short_line(change):
     stage = TorqueStage(robots.two_link())
-    answer = answer_set_payload(stage.set_payload, Request(**change))
+    answer = answer_set_payload(stage.set_payload, request(**change))
     assert (answer.success, answer.from_ns) == (False, 0)
     assert answer.message.isprintable()
     assert len(answer.message) < 1000

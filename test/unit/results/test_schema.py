@@ -32,6 +32,7 @@ COMMANDS = {
     "identification": ["identify", "all", BAG, "--model", "kr16", "--no-test", "--skip", "dynamics",
                        "drives", "capacitor"],
     "check": ["check", BAG, "--model", "kr16", "--effort", "motor_torque"],
+    "test": ["test", BAG, "--model", "kr16", "--effort", "motor_torque"],
     "model": ["models", "check", "kr16"],
 }  # fmt: skip
 TYPES = {

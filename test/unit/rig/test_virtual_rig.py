@@ -371,6 +371,6 @@ def test_config_and_profile_refuse_nonsense(profile):
 
 def test_plain_switches_everything_off_and_having_back_on():
     switches = [f.name for f in fields(RigConfig) if f.type == "bool"]
-    assert len(switches) == 18
+    assert len(switches) == 26
     assert not any(getattr(RigConfig.plain(), name) for name in switches)
-    assert RigConfig.plain().having(*switches) == RigConfig()
+    assert RigConfig.plain().having(*switches) == RigConfig.hard()

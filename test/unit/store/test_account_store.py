@@ -9,7 +9,7 @@ import pytest
 import robots
 from accounts import IDENTITY, SECOND, steady
 from robot_energy.accounting.account import EnergyAccount
-from robot_energy.accounting.record import FORMAT_VERSION, Identity, LedgerRecord
+from robot_energy.accounting.record import FORMAT_VERSION, AccountRecord, Identity
 from robot_energy.errors import RegisterError
 from robot_energy.store import AccountStore, SlotPair, load_account
 from robot_energy.store.account_store import file_name_of
@@ -19,7 +19,7 @@ def keeper(
     folder: Path, ledger: EnergyAccount | None = None, name: str = "arm", **changes
 ) -> AccountStore:
     identity = IDENTITY.model_copy(update=changes)
-    slots = SlotPair(folder, name, FORMAT_VERSION, LedgerRecord.from_json)
+    slots = SlotPair(folder, name, FORMAT_VERSION, AccountRecord.from_json)
     return AccountStore(ledger or EnergyAccount(len(identity.joint_names)), identity, slots)
 
 
@@ -111,7 +111,7 @@ def test_damaged_files_begin_anew_with_a_notice(tmp_path):
     books = keeper(tmp_path)
     books.open()
     assert kinds(books) == ["file_lost", "began_anew"]
-    assert books.notices[-1] == "the registers begin anew: no state file could be used"
+    assert books.notices[-1] == "the registers begin at zero: no state file could be used"
     assert books.ledger.registers.time.start_ns is None
 
 
@@ -133,9 +133,9 @@ def test_a_register_that_is_new_counts_from_here(tmp_path):
     for part in (data["totals"], data["open_intervals"][0]["base"]):
         del part["cabinet_energy_microjoule"]["brake"]
     del data["remainders"]["cabinet"]["brake"]
-    slots = SlotPair(tmp_path, "arm", FORMAT_VERSION, LedgerRecord.from_json)
+    slots = SlotPair(tmp_path, "arm", FORMAT_VERSION, AccountRecord.from_json)
     slots.acquire()
-    slots.write(LedgerRecord.model_validate(data, strict=False).to_json())
+    slots.write(AccountRecord.model_validate(data, strict=False).to_json())
     slots.release()
     books = keeper(tmp_path)
     books.open()

@@ -29,13 +29,13 @@ from pathlib import Path
 sys.path[:0] = [{here!r}, {source!r}]
 from accounts import IDENTITY, steady
 from robot_energy.accounting.account import EnergyAccount
-from robot_energy.accounting.record import FORMAT_VERSION, LedgerRecord
+from robot_energy.accounting.record import FORMAT_VERSION, AccountRecord
 from robot_energy.store import AccountStore, SlotPair
 
 folder = Path({folder!r})
 
 def new_store():
-    slots = SlotPair(folder, "arm", FORMAT_VERSION, LedgerRecord.from_json)
+    slots = SlotPair(folder, "arm", FORMAT_VERSION, AccountRecord.from_json)
     return AccountStore(EnergyAccount(2), IDENTITY, slots)
 
 def command(*words):

@@ -14,14 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.accounting.comparison import Comparison
-from robot_energy.bag_replay import Progress, Topics, replay
+from robot_energy.bag_replay import Progress, Replay, Topics, replay
 from robot_energy.blocks import (
+    DOUBTFUL,
     NANOSECOND,
     EffortMeaning,
     Int,
     MeterBlock,
     PowerBlock,
-    Quality,
     TorqueBlock,
 )
 from robot_energy.errors import BagError, NotIdentifiableError
@@ -31,8 +31,6 @@ from robot_energy.inputs.sources import Inputs
 from robot_energy.model import RobotModel
 from robot_energy.pipeline import Output, Settings
 from robot_energy.timeline.pieces import Compared
-
-DOUBTFUL = Quality.ACCELERATION_INCOMPLETE | Quality.AFTER_GAP | Quality.NOT_FINITE
 
 
 @dataclass(frozen=True)
@@ -50,6 +48,7 @@ class Recording:
         problems: What was wrong with the bag, one sentence each.
         compared: Predicted and measured energy, wherever both are known.
         limits: What the user says of the readings of the meter.
+        replay: The replay that gave it, with its accounting.
     """
 
     path: Path
@@ -61,6 +60,7 @@ class Recording:
     problems: tuple[str, ...]
     compared: tuple[Compared, ...] = ()
     limits: MeterLimits = field(default_factory=MeterLimits)
+    replay: Replay | None = field(default=None, repr=False)
 
     def __len__(self) -> int:
         return len(self.torque)
@@ -221,4 +221,5 @@ def read_recording(
         tuple(result.problems),
         tuple(part for part in result.compared if len(part.duration_ns)),
         MeterLimits(settings.meter_max_gap, max_power, wraps_at),
+        result,
     )

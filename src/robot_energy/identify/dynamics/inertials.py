@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from robot_energy.blocks import Float, check_shape
-from robot_energy.errors import NotIdentifiableError
+from robot_energy.blocks import Float
+from robot_energy.errors import NotIdentifiableError, check_shape
 from robot_energy.identify.dynamics.consistent import second_moments
 from robot_energy.physics.urdf.checks import parse
 
@@ -31,7 +31,7 @@ def with_link_parameters(urdf_xml: str, joint_names: Sequence[str], link_paramet
     Raises:
         NotIdentifiableError: If a body has no mass: only bodies that can exist are written.
     """
-    check_shape("link_parameters", link_parameters, (10 * len(joint_names),))
+    check_shape("link_parameters", link_parameters.shape, (10 * len(joint_names),))
     parse(urdf_xml)  # refuses what cannot be used
     root = ET.fromstring(urdf_xml.strip())
     links = {str(link.get("name")): link for link in root.findall("link")}

@@ -16,8 +16,8 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import Float, Int, check_shape
-from robot_energy.errors import NotIdentifiableError
+from robot_energy.blocks import Float, Int
+from robot_energy.errors import NotIdentifiableError, check_shape
 
 Method = Literal["ols", "wls", "irls"]
 METHODS: tuple[Method, ...] = get_args(Method)
@@ -368,7 +368,7 @@ def regress(
         ShapeError: If shapes do not fit.
         NotIdentifiableError: If the data do not excite a parameter; names it.
     """
-    check_shape("target", target, (len(columns),))
+    check_shape("target", target.shape, (len(columns),))
     _require_excitation(columns, names, what)
     return fit(columns, target, names, jackknife(block), method)
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import Float, Int, JointBlock, in_any_joint
+from robot_energy.blocks import Float, Int, JointBlock
 from robot_energy.cdr.batch import RawBatch
 from robot_energy.cdr.decode import Decoder, Run, stamp_ns
 from robot_energy.inputs.joint_states.correction import JointCorrection
@@ -144,7 +144,7 @@ class JointStateReader:
 
         refuse("zero_stamp", stamp == 0)
         refuse(BAD_STAMP, ~valid_stamps(stamp))
-        refuse("not_finite", in_any_joint(np.isinf(position) | np.isinf(velocity)))
+        refuse("not_finite", np.any(np.isinf(position) | np.isinf(velocity), axis=1))
         return None if bool(left.all()) else left
 
     def _place(self, run: Run, batch: RawBatch) -> JointBlock | str:

@@ -15,7 +15,6 @@ from robot_energy.blocks import (
     JointBlock,
     Quality,
     differences,
-    in_any_joint,
     mark,
 )
 from robot_energy.inputs.joint_states.jumps import shortest
@@ -140,7 +139,7 @@ class Plausibility:
         beyond |= np.abs(velocity) > self._fastest
         if not bool(beyond.any()):
             return
-        rows = in_any_joint(beyond)
+        rows = np.any(beyond, axis=1)
         mark(block.quality, rows, Quality.JOINT_STATE_IMPLAUSIBLE)
         self._note_beyond(block, rows)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from robot_energy.blocks import NANOSECOND, Float, Int, JointBlock, in_any_joint
+from robot_energy.blocks import NANOSECOND, Float, Int, JointBlock
 from robot_energy.inputs.joint_states.decode import Mask
 from robot_energy.inputs.joint_states.jumps import shortest
 from robot_energy.inputs.joint_states.plausibility import Plausibility
@@ -73,7 +73,7 @@ class VelocityCheck:
         if first and len(block) == 1:
             self._held = block
             return None
-        bad = in_any_joint(fast & ~self._supported(block, first))
+        bad = np.any(fast & ~self._supported(block, first), axis=1)
         self._remember(block)
         if not bool(bad.any()):
             return block

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import PLAUSIBLE_DEGC, Float, Int, TemperatureBlock, in_any_joint
+from robot_energy.blocks import PLAUSIBLE_DEGC, Float, Int, TemperatureBlock
 from robot_energy.cdr.batch import RawBatch
 from robot_energy.cdr.decode import Decoder, Run, stamp_ns
 from robot_energy.errors import ParameterError
@@ -115,7 +115,7 @@ class TemperatureReader:
         row = np.arange(len(tenth))[:, None] * np.concatenate([np.ones_like(given[:1]), given])
         last = np.take_along_axis(tenth, np.maximum.accumulate(row, axis=0), axis=0)
         self._newest = last[-1]
-        return in_any_joint(given & (tenth[1:] != last[:-1]))
+        return np.any(given & (tenth[1:] != last[:-1]), axis=1)
 
     def _wanted(self) -> dict[str, int]:
         """Model column of every name that counts."""

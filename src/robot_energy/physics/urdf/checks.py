@@ -48,7 +48,14 @@ class JointLimits:
     wraps: NDArray[np.bool_]
 
     def unit(self, joint: int) -> str:
-        """Unit of a joint's position."""
+        """Unit of a joint's position.
+
+        Args:
+            joint: Number of the joint.
+
+        Returns:
+            ``m`` for a prismatic joint, otherwise ``rad``.
+        """
         return "m" if self.prismatic[joint] else "rad"
 
 
@@ -96,7 +103,7 @@ class Inventory:
         return tuple(entry.name for entry in self.joints if not entry.modelled)
 
     def sentences(self) -> list[str]:
-        """Return one line per joint, and one per thing worth knowing beside them."""
+        """Return one line per joint, then one per remark on the whole robot."""
         wide = max((len(entry.name) for entry in self.joints), default=0)
         lines = [
             f"{entry.name:<{wide}}  {entry.kind:<10}  {entry.state:<11}  {entry.remark}"

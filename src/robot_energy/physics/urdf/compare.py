@@ -1,4 +1,4 @@
-"""Whether two descriptions can be of the same robot, as far as a quick look tells."""
+"""Whether two descriptions can be of the same robot, by a quick comparison."""
 
 from __future__ import annotations
 

@@ -1,0 +1,104 @@
+"""What every exporter does, and the newest messages that it exports."""
+
+from __future__ import annotations
+
+import importlib
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field
+from typing import Any
+
+from robot_energy.errors import ExporterError
+from ros2_energy_monitor.diagnostics.reporter import StatusBuilder
+from ros2_energy_monitor.exporters.values import Topic
+
+LOOPBACK = ("127.0.0.1", "::1", "localhost")
+
+
+@dataclass
+class Newest:
+    """The newest message of each topic.
+
+    Attributes:
+        stale_after: Age from which a message is no longer current. [s]
+    """
+
+    stale_after: float
+    _held: dict[Topic, tuple[Any, float]] = field(default_factory=lambda: {})
+
+    def take(self, topic: Topic, message: Any, now: float) -> None:
+        """Keep a message.
+
+        Args:
+            topic: Its topic.
+            message: PowerState or EnergyRegisters.
+            now: Steady time. [s]
+        """
+        self._held[topic] = (message, now)
+
+    def message(self, topic: Topic) -> Any:
+        """Return the newest message of a topic; None before the first."""
+        return self._held[topic][0] if topic in self._held else None
+
+    def is_current(self, topic: Topic, now: float) -> bool:
+        """Return whether a message of a topic came lately.
+
+        Args:
+            topic: The topic.
+            now: Steady time. [s]
+        """
+        return topic in self._held and now - self._held[topic][1] <= self.stale_after
+
+
+class Exporter(ABC):
+    """Hands the newest values to one system. Its methods never wait for the network."""
+
+    @abstractmethod
+    def start(self) -> None:
+        """Begin to connect or to serve.
+
+        Raises:
+            ExporterError: If it cannot be set up as asked.
+        """
+
+    @abstractmethod
+    def publish(self, newest: Newest, now: float) -> None:
+        """Hand out what is new, or that nothing is current.
+
+        Args:
+            newest: The newest messages.
+            now: Steady time. [s]
+        """
+
+    @abstractmethod
+    def stop(self) -> None:
+        """Say goodbye and disconnect."""
+
+    @abstractmethod
+    def check(self, found: StatusBuilder) -> None:
+        """Add how it goes to the diagnostics.
+
+        Args:
+            found: Status of this exporter.
+        """
+
+
+def require(package: str, distribution: str) -> Any:
+    """Import a package that only one exporter needs.
+
+    Args:
+        package: Name of the module.
+        distribution: Its name for pip.
+
+    Returns:
+        The module.
+
+    Raises:
+        ExporterError: If it is not installed.
+    """
+    try:
+        return importlib.import_module(package)
+    except ModuleNotFoundError as error:
+        raise ExporterError(
+            f"this exporter needs the package {distribution}, which is not installed",
+            remedy=f"install it: pip install {distribution}",
+        ) from error

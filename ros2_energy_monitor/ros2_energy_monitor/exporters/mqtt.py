@@ -1,0 +1,278 @@
+"""MQTT: plain JSON, and discovery messages for Home Assistant.
+
+Topics, below ``<topic>/<robot>``: ``status`` (online or offline, retained, also the last will),
+``power`` (not retained: an old power must not look like one of now) and ``registers``
+(retained: a counter keeps its value, and ``status`` says whether it is current).
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import ssl
+import threading
+from dataclasses import dataclass
+from typing import Any
+
+from robot_energy import __version__
+from robot_energy.errors import ExporterError
+from robot_energy.inputs.parameters import parameter
+from ros2_energy_monitor.base.credentials import read_credentials, require_private
+from ros2_energy_monitor.diagnostics.reporter import ERROR, StatusBuilder
+from ros2_energy_monitor.exporters.exporter import LOOPBACK, Exporter, Newest, require
+from ros2_energy_monitor.exporters.values import (
+    MAX_JOINTS,
+    VALUES,
+    ExportedValue,
+    Topic,
+    exported,
+)
+
+QOS = 1
+KEEP_ALIVE = 15  # the broker says offline after one and a half of it [s]
+MAX_WAITING = 100  # messages that the broker has not acknowledged
+MIN_RECONNECT, MAX_RECONNECT = 1, 60  # [s]
+ONLINE, OFFLINE = "online", "offline"
+NAME = re.compile(r"[A-Za-z0-9_-]+")
+TOPIC = re.compile(r"[^#+\s]+")
+DEVICE_CLASS = {"W": "power", "kWh": "energy", "s": "duration"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class MqttParameters:
+    """Parameters of the MQTT exporter."""
+
+    host: str = parameter("Name or address of the MQTT broker.", "127.0.0.1")
+    port: int = parameter("Port of the broker; 8883 is usual with tls.", 1883, 1, 65535)
+    topic: str = parameter(
+        "Beginning of the topics; the name of the robot follows.", "robot_energy"
+    )
+    period: float = parameter("Time from one message of a topic to the next [s].", 1.0, 0.1, 3600.0)
+    discovery: str = parameter(
+        "Beginning of the discovery topics of Home Assistant; empty for none.", "homeassistant"
+    )
+    credentials_file: str = parameter(
+        "YAML file with username and password that only its owner can read; empty for none.", ""
+    )
+    tls: bool = parameter("Whether the connection to the broker is encrypted.", False)
+    ca_file: str = parameter(
+        "Certificates of the authority that signed the broker's; empty for the system's.", ""
+    )
+    cert_file: str = parameter("Certificate of this client; empty for none.", "")
+    key_file: str = parameter("Its key, a file that only its owner can read; empty for none.", "")
+    allow_plain_password: bool = parameter(
+        "Whether a password may go without tls to a broker that is not on this machine.", False
+    )
+
+
+class MqttExporter(Exporter):
+    """Publishes to one broker; reconnects by itself, with growing pauses.
+
+    Args:
+        parameters: How.
+        robot: Name of the robot in topics.
+
+    Raises:
+        ExporterError: If the parameters contradict each other.
+        CredentialsError: If a file of secrets cannot be used.
+    """
+
+    def __init__(self, parameters: MqttParameters, robot: str) -> None:
+        mqtt = require("paho.mqtt.client", "paho-mqtt")
+        self._given, self._robot = parameters, robot
+        _check(parameters, robot)
+        self._base = f"{parameters.topic}/{robot}"
+        self._connected, self._failure, self._losses = threading.Event(), "", 0
+        self._announced = False
+        self._status, self._joints = "", ()
+        self._sent: dict[Topic, tuple[Any, float]] = {}
+        self._dropped = self._published = 0
+        client = self._client = mqtt.Client(
+            mqtt.CallbackAPIVersion.VERSION2, client_id=f"robot_energy_{robot}"
+        )
+        client.max_inflight_messages_set(20)
+        client.max_queued_messages_set(MAX_WAITING)
+        client.reconnect_delay_set(MIN_RECONNECT, MAX_RECONNECT)
+        client.will_set(f"{self._base}/status", OFFLINE, QOS, retain=True)
+        client.on_connect, client.on_disconnect = self._take_connection, self._take_loss
+        client.on_connect_fail = self._take_failure
+        self._let_in()
+
+    def _let_in(self) -> None:
+        given, client = self._given, self._client
+        secret = read_credentials(given.credentials_file)
+        if secret is not None:
+            if not (given.tls or given.host in LOOPBACK or given.allow_plain_password):
+                raise ExporterError(
+                    f"a password would go to {given.host} in plain text",
+                    "tls: true, a broker on this machine, or allow_plain_password: true",
+                )
+            client.username_pw_set(secret.username, secret.password)
+        if not given.tls:
+            return
+        if given.key_file:
+            require_private(given.key_file, "key of the MQTT client")
+        try:
+            client.tls_set(
+                given.ca_file or None,
+                given.cert_file or None,
+                given.key_file or None,
+                tls_version=ssl.PROTOCOL_TLS_CLIENT,
+            )
+        except (OSError, ValueError) as error:
+            raise ExporterError(
+                f"the certificates of mqtt cannot be used ({error})", "files in the form PEM"
+            ) from error
+
+    def start(self) -> None:
+        """Begin to connect; a broker that is not there yet is tried again."""
+        try:
+            self._client.connect_async(self._given.host, self._given.port, KEEP_ALIVE)
+        except ValueError as error:
+            raise ExporterError(f"mqtt.host is '{self._given.host}'", "a host name") from error
+        self._client.loop_start()
+
+    def publish(self, newest: Newest, now: float) -> None:
+        """Publish what is new while connected; nothing waits for a broker that is away."""
+        if not self._connected.is_set():
+            return
+        if not self._announced:
+            self._announce()
+        for topic in Topic:
+            message = newest.message(topic)
+            last, sent = self._sent.get(topic, (None, -1e9))
+            if message is None or message is last or now - sent < self._given.period:
+                continue
+            self._sent[topic] = (message, now)
+            if topic is Topic.POWER and self._given.discovery:
+                self._announce_joints(message)
+            text = json.dumps(exported(message, topic), allow_nan=False)
+            self._send(f"{self._base}/{topic.value}", text, retain=topic is Topic.REGISTERS)
+        current = any(newest.is_current(topic, now) for topic in Topic)
+        self._tell(ONLINE if current else OFFLINE)
+
+    def stop(self) -> None:
+        """Say offline, as a clean end sends no last will, and disconnect."""
+        if self._connected.is_set():
+            sent = self._client.publish(f"{self._base}/status", OFFLINE, QOS, retain=True)
+            try:
+                sent.wait_for_publish(1.0)
+            except (RuntimeError, ValueError):
+                pass
+        self._client.disconnect()
+        self._client.loop_stop()
+
+    def check(self, found: StatusBuilder) -> None:
+        """Add connection and counts."""
+        connected = self._connected.is_set()
+        found.values |= {
+            "connected": int(connected),
+            "published": self._published,
+            "dropped": self._dropped,
+            "losses": self._losses,
+        }
+        if not connected:
+            where = f"{self._given.host}:{self._given.port}"
+            why = self._failure or "no answer yet"
+            found.add(ERROR, f"no connection to the MQTT broker at {where}: {why}")
+
+    def _tell(self, status: str) -> None:
+        if status != self._status:
+            self._status = status
+            self._send(f"{self._base}/status", status, retain=True)
+
+    def _send(self, topic: str, text: str, retain: bool) -> None:
+        done = self._client.publish(topic, text, QOS, retain)
+        self._published += done.rc == 0
+        self._dropped += done.rc != 0
+
+    # Callbacks of the thread of the client
+
+    def _take_connection(self, _client: Any, _data: Any, _flags: Any, reason: Any, _more: Any):
+        if reason.is_failure:
+            self._failure = str(reason)
+            return
+        self._status, self._announced = "", False
+        self._sent.clear()
+        self._connected.set()
+
+    def _take_loss(self, _client: Any, _data: Any, _flags: Any, reason: Any, _more: Any) -> None:
+        self._losses += self._connected.is_set()
+        self._connected.clear()
+        if not self._failure or not reason.is_failure:
+            self._failure = str(reason)
+
+    def _take_failure(self, _client: Any, _data: Any) -> None:
+        self._failure = "it cannot be reached"
+
+    # Discovery
+
+    def _announce(self) -> None:
+        """Send the discovery messages; anew after each connection, as a broker may forget."""
+        self._announced, self._joints = True, ()
+        if self._given.discovery:
+            for value in VALUES:
+                self._discover(value.name, self._sensor(value))
+
+    def _announce_joints(self, message: Any) -> None:
+        names = tuple(joint.name for joint in message.joints[:MAX_JOINTS])
+        if names == self._joints:
+            return
+        self._joints = names
+        for at, name in enumerate(names):
+            known = re.sub(r"[^A-Za-z0-9_-]", "_", name)
+            self._discover(
+                f"motor_temperature_{known}",
+                {
+                    "name": f"Motor temperature {name}",
+                    "value_template": f"{{{{ value_json.joints[{at}].motor_temperature_degc }}}}",
+                    "unit_of_measurement": "°C",
+                    "device_class": "temperature",
+                    "state_class": "measurement",
+                    **self._of(Topic.POWER),
+                },
+            )
+
+    def _sensor(self, value: ExportedValue) -> dict[str, Any]:
+        counts = value.topic is Topic.REGISTERS
+        kind = ("total_increasing" if value.rises else "total") if counts else "measurement"
+        return {
+            "name": value.title,
+            "value_template": f"{{{{ value_json.{value.name} }}}}",
+            "unit_of_measurement": value.unit,
+            "device_class": DEVICE_CLASS[value.unit],
+            "state_class": kind,
+            **self._of(value.topic),
+        }
+
+    def _of(self, topic: Topic) -> dict[str, Any]:
+        """What all sensors of a topic have; a power expires with its message."""
+        found: dict[str, Any] = {
+            "state_topic": f"{self._base}/{topic.value}",
+            "availability_topic": f"{self._base}/status",
+        }
+        if topic is Topic.POWER:
+            found["expire_after"] = max(3, round(3 * self._given.period))
+        return found
+
+    def _discover(self, name: str, sensor: dict[str, Any]) -> None:
+        node = f"robot_energy_{self._robot}"
+        config = {
+            **sensor,
+            "unique_id": f"{node}_{name}",
+            "qos": QOS,
+            "device": {"identifiers": [node], "name": f"Robot {self._robot}"},
+            "origin": {"name": "robot-energy", "sw_version": __version__},
+        }
+        topic = f"{self._given.discovery}/sensor/{node}/{name}/config"
+        self._send(topic, json.dumps(config), retain=True)
+
+
+def _check(given: MqttParameters, robot: str) -> None:
+    if not NAME.fullmatch(robot):
+        raise ExporterError(f"robot_name is '{robot}'", "letters, digits, _ and -")
+    for name, value in (("topic", given.topic), ("discovery", given.discovery or "-")):
+        if not TOPIC.fullmatch(value):
+            raise ExporterError(f"mqtt.{name} is '{value}'", "a topic without #, + and spaces")
+    if bool(given.cert_file) != bool(given.key_file):
+        raise ExporterError("one of mqtt.cert_file and mqtt.key_file is given", "both, or none")

@@ -1,0 +1,334 @@
+"""OPC UA: a server with active power and imported energy, predicted and measured apart.
+
+Browse names, data types, units and measurement numbers are those of OPC 34100 (Energy Consumption
+Management) 1.00: profile E1, tables 20 and 21 of section 7.1.3.2, and the energies of profiles E2
+and E3. The types are our own, in our own name space, as the standard's NodeSet is not part of this
+project: no conformance is claimed.
+
+Status codes say what is known: BadWaitingForInitialData before the first message,
+BadNoCommunication once messages are missing, BadNotConnected where no meter at the mains measures,
+UncertainSubNormal where a prediction has remarks (`quality`).
+"""
+
+from __future__ import annotations
+
+import asyncio
+import hmac
+import ipaddress
+import logging
+import math
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any
+
+from robot_energy import __version__
+from robot_energy.blocks import MeterLocation
+from robot_energy.errors import ExporterError
+from robot_energy.inputs.parameters import parameter
+from robot_energy.units import ENERGY_UNITS
+from ros2_energy_monitor.base.credentials import read_credentials, require_private
+from ros2_energy_monitor.diagnostics.reporter import ERROR, StatusBuilder
+from ros2_energy_monitor.exporters.exporter import Exporter, Newest, require
+from ros2_energy_monitor.exporters.values import Topic, stamp_of
+
+NAMESPACE = "urn:robot-energy:opcua"
+UNITS = "http://www.opcfoundation.org/UA/units/un/cefact"
+WATT, WATT_HOUR = (5723220, "W", "watt"), (5720146, "W·h", "watt hour")
+NONE, SIGN, ENCRYPT = "none", "sign", "sign_and_encrypt"
+ENDED = 10.0  # longest wait for the end of the server [s]
+
+
+@dataclass(frozen=True, kw_only=True)
+class OpcUaParameters:
+    """Parameters of the OPC UA exporter."""
+
+    address: str = parameter(
+        "Address to serve at; another than that of this machine needs security.", "127.0.0.1"
+    )
+    port: int = parameter("Port to serve at.", 4840, 1, 65535)
+    security: str = parameter(
+        "What connections must do, by the policy Basic256Sha256.",
+        NONE,
+        choices=(NONE, SIGN, ENCRYPT),
+    )
+    certificate_file: str = parameter("Certificate of the server; empty for none.", "")
+    key_file: str = parameter("Its key, a file that only its owner can read; empty for none.", "")
+    credentials_file: str = parameter(
+        "YAML file with the username and password of clients that only its owner can read; empty "
+        "lets in anybody who can connect.",
+        "",
+    )
+    period: float = parameter("Time from one update to the next [s].", 1.0, 0.1, 3600.0)
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """One variable.
+
+    Attributes:
+        origin: predicted or measured.
+        name: Browse name.
+        topic: Of which message.
+        field: Of the message.
+        factor: From the field to the value. [-]
+        double: Whether it is a Double; a Float otherwise.
+        unit: Engineering unit: number, symbol, name.
+        number: MeasurementID; None where no public text states one.
+    """
+
+    origin: str
+    name: str
+    topic: Topic
+    field: str
+    factor: float
+    double: bool
+    unit: tuple[int, str, str]
+    number: int | None = None
+
+
+def _of(origin: str, power: str, energy: str) -> tuple[Measurement, ...]:
+    factor = 1.0 / ENERGY_UNITS["Wh"]
+    low, high = "AcActiveEnergyTotalImportLp", "AcActiveEnergyTotalImportHp"
+    return (
+        Measurement(origin, "AcActivePowerTotal", Topic.POWER, power, 1.0, False, WATT, 1412),
+        Measurement(origin, low, Topic.REGISTERS, energy, factor, False, WATT_HOUR, 1001),
+        Measurement(origin, high, Topic.REGISTERS, energy, factor, True, WATT_HOUR),
+    )
+
+
+PREDICTED, MEASURED = "predicted", "measured"
+OBJECTS = {
+    PREDICTED: ("PredictedEnergy", "computed by a model from joint states and temperatures"),
+    MEASURED: ("MeasuredEnergy", "read from a meter at the mains supply of the cabinet"),
+}
+MEASUREMENTS = (
+    *_of(PREDICTED, "predicted_grid_power", "predicted_import_energy"),
+    *_of(MEASURED, "measured_power", "measured_energy"),
+)
+
+
+class OpcUaExporter(Exporter):
+    """Serves the measurements, read-only, from a thread of its own.
+
+    Args:
+        parameters: How.
+        robot: Name of the robot.
+
+    Raises:
+        ExporterError: If the parameters contradict each other.
+        CredentialsError: If a file of secrets cannot be used.
+    """
+
+    def __init__(self, parameters: OpcUaParameters, robot: str) -> None:
+        self._asyncua = require("asyncua", "asyncua")
+        require("asyncua.server.user_managers", "asyncua")
+        logging.getLogger("asyncua").setLevel(logging.CRITICAL)  # diagnostics say it
+        self._given, self._robot = parameters, robot
+        _check(parameters)
+        self._secret = read_credentials(parameters.credentials_file)
+        self._nodes: dict[Measurement, Any] = {}
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._ready, self._ended = threading.Event(), threading.Event()
+        self._stop: asyncio.Event | None = None
+        self._failure, self._updates, self._last = "", 0, -math.inf
+        self._thread = threading.Thread(target=self._run, name="opcua", daemon=True)
+
+    def start(self) -> None:
+        """Begin to serve."""
+        self._thread.start()
+
+    def publish(self, newest: Newest, now: float) -> None:
+        """Hand the present values to the server."""
+        loop = self._loop
+        if loop is None or not self._ready.is_set() or now - self._last < self._given.period:
+            return
+        self._last = now
+        values = {one: data_value(one, newest, now) for one in MEASUREMENTS}
+        asyncio.run_coroutine_threadsafe(self._write(values), loop)
+
+    def stop(self) -> None:
+        """End the server."""
+        loop, stop = self._loop, self._stop
+        if loop is not None and stop is not None and not self._ended.is_set():
+            loop.call_soon_threadsafe(stop.set)
+        if self._thread.is_alive():
+            self._thread.join(ENDED)
+
+    def check(self, found: StatusBuilder) -> None:
+        """Add whether it serves and how often it was updated."""
+        found.values |= {"serving": int(self._ready.is_set()), "updates": self._updates}
+        if self._failure:
+            found.add(ERROR, f"the OPC UA server does not run: {self._failure}")
+
+    # In the thread of the server
+
+    def _run(self) -> None:
+        try:
+            asyncio.run(self._serve())
+        except Exception as error:  # of the library, the sockets, the certificates
+            self._failure = f"{type(error).__name__}: {error}"
+        finally:
+            self._ready.clear()
+            self._ended.set()
+
+    async def _serve(self) -> None:
+        self._loop, self._stop = asyncio.get_running_loop(), asyncio.Event()
+        server = self._asyncua.Server(user_manager=_ReadOnlyUsers(self._secret, self._user))
+        await server.init()
+        await self._configure(server)
+        await self._build(server)
+        self._server = server
+        async with server:
+            self._ready.set()
+            await self._stop.wait()
+
+    def _user(self) -> Any:
+        rules = require("asyncua.crypto.permission_rules", "asyncua")
+        return rules.User(role=rules.UserRole.User)  # reads; writing is for nobody
+
+    async def _configure(self, server: Any) -> None:
+        ua, given = self._asyncua.ua, self._given
+        host = f"[{given.address}]" if ":" in given.address else given.address
+        server.set_endpoint(f"opc.tcp://{host}:{given.port}/robot_energy")
+        server.set_server_name(f"robot-energy {self._robot}")
+        await server.set_application_uri(f"{NAMESPACE}:{self._robot}")
+        policy = {
+            NONE: ua.SecurityPolicyType.NoSecurity,
+            SIGN: ua.SecurityPolicyType.Basic256Sha256_Sign,
+            ENCRYPT: ua.SecurityPolicyType.Basic256Sha256_SignAndEncrypt,
+        }[given.security]
+        server.set_security_policy([policy])
+        token = ua.AnonymousIdentityToken if self._secret is None else ua.UserNameIdentityToken
+        server.set_identity_tokens([token])
+        if given.certificate_file:
+            await server.load_certificate(given.certificate_file)
+            await server.load_private_key(given.key_file)
+
+    async def _build(self, server: Any) -> None:
+        ua = self._asyncua.ua
+        space = await server.register_namespace(NAMESPACE)
+
+        def name(browse: str) -> Any:
+            return ua.QualifiedName(browse, space)
+
+        kind = await server.nodes.base_object_type.add_object_type(space, "EnergyMeasurement")
+        robot = await server.nodes.objects.add_object(space, self._robot)
+        await robot.add_property(space, "SoftwareVersion", __version__)
+        for origin, (title, text) in OBJECTS.items():
+            place = await robot.add_object(
+                ua.NodeId(f"{self._robot}.{title}", space), name(title), objecttype=kind.nodeid
+            )
+            await place.add_property(space, "ApplicationTag", self._robot)
+            await place.add_property(space, "Origin", text)
+            for one in (one for one in MEASUREMENTS if one.origin == origin):
+                self._nodes[one] = await self._variable(place, space, title, one)
+
+    async def _variable(self, place: Any, space: int, title: str, one: Measurement) -> Any:
+        ua = self._asyncua.ua
+        kind = ua.VariantType.Double if one.double else ua.VariantType.Float
+        node = await place.add_variable(
+            ua.NodeId(f"{self._robot}.{title}.{one.name}", space),
+            ua.QualifiedName(one.name, space),
+            0.0,
+            kind,
+        )
+        await node.write_value(self._value(one, (math.nan, "BadWaitingForInitialData", 0.0)))
+        number, symbol, words = one.unit
+        unit = ua.EUInformation(UNITS, number, ua.LocalizedText(symbol), ua.LocalizedText(words))
+        await node.add_property(ua.NodeId(), ua.QualifiedName("EngineeringUnits", 0), unit)
+        if one.number is not None:
+            await node.add_property(space, "MeasurementID", one.number, ua.VariantType.UInt16)
+        return node
+
+    async def _write(self, values: dict[Measurement, tuple[float, str, float]]) -> None:
+        for one, value in values.items():
+            await self._server.write_attribute_value(
+                self._nodes[one].nodeid, self._value(one, value)
+            )
+        self._updates += 1
+
+    def _value(self, one: Measurement, value: tuple[float, str, float]) -> Any:
+        ua = self._asyncua.ua
+        number, status, stamp = value
+        kind = ua.VariantType.Double if one.double else ua.VariantType.Float
+        bad = status.startswith("Bad")
+        return ua.DataValue(
+            ua.Variant(None if bad else number, ua.VariantType.Null if bad else kind),
+            ua.StatusCode(getattr(ua.StatusCodes, status)),
+            SourceTimestamp=datetime.fromtimestamp(stamp, UTC) if stamp else None,
+            ServerTimestamp=datetime.now(UTC),
+        )
+
+
+def data_value(one: Measurement, newest: Newest, now: float) -> tuple[float, str, float]:
+    """Return value, status and source time [s] of a measurement.
+
+    Args:
+        one: The measurement.
+        newest: The newest messages.
+        now: Steady time. [s]
+    """
+    message = newest.message(one.topic)
+    if message is None:
+        return math.nan, "BadWaitingForInitialData", 0.0
+    stamp = stamp_of(message.header.stamp)
+    if not newest.is_current(one.topic, now):
+        return math.nan, "BadNoCommunication", stamp
+    value = getattr(message, one.field) * one.factor
+    power = newest.message(Topic.POWER)
+    if one.origin is MEASURED and (power is None or power.meter_location != MeterLocation.GRID):
+        return math.nan, "BadNotConnected", stamp
+    if not math.isfinite(value):
+        return math.nan, "BadNotConnected" if one.origin is MEASURED else "BadNoData", stamp
+    doubtful = one.origin is PREDICTED and power is not None and power.quality != 0
+    return value, "UncertainSubNormal" if doubtful else "Good", stamp
+
+
+class _ReadOnlyUsers:
+    """Lets in clients with the right name and password, or all if there is none, to read.
+
+    Args:
+        secret: Name and password; None lets in anybody.
+        user: Makes a user who may read.
+    """
+
+    def __init__(self, secret: Any, user: Callable[[], Any]) -> None:
+        self._secret, self._user = secret, user
+
+    def get_user(
+        self, iserver: Any, username: Any = None, password: Any = None, certificate: Any = None
+    ) -> Any:
+        """Return the user; None refuses."""
+        if self._secret is None:
+            return self._user()
+        pairs = ((username, self._secret.username), (password, self._secret.password))
+        good = [
+            hmac.compare_digest(str(given or "").encode(), expected.encode())
+            for given, expected in pairs
+        ]
+        return self._user() if all(good) else None
+
+
+def _check(given: OpcUaParameters) -> None:
+    try:
+        loopback = ipaddress.ip_address(given.address).is_loopback
+    except ValueError as error:
+        raise ExporterError(f"opcua.address is '{given.address}'", "an IP address") from error
+    if not loopback and given.security == NONE:
+        raise ExporterError(
+            f"opcua.address is {given.address} and opcua.security is none",
+            "127.0.0.1, or sign or sign_and_encrypt",
+            "without it everybody in the network reads power and energy of the robot",
+        )
+    if bool(given.certificate_file) != bool(given.key_file) or (
+        given.security != NONE and not given.certificate_file
+    ):
+        raise ExporterError(
+            f"opcua.security is {given.security}, with certificate_file "
+            f"'{given.certificate_file}' and key_file '{given.key_file}'",
+            "both files, which security needs, or none of them",
+        )
+    if given.key_file:
+        require_private(given.key_file, "key of the OPC UA server")

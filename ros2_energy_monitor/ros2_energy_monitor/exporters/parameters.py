@@ -1,0 +1,33 @@
+"""Parameters of the exporter node: its own, and a group for each kind of the table."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, make_dataclass
+from typing import Any
+
+from robot_energy.inputs.parameters import group, parameter
+from ros2_energy_monitor.exporters.kinds import EXPORTERS
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExporterBase:
+    """Parameters that all exporters share."""
+
+    exporters: tuple[str, ...] = parameter(
+        "Exporters to run: mqtt, opcua, or both; each has a group of parameters.", ("mqtt",)
+    )
+    robot_name: str = parameter("Name of the robot in topics and nodes.", "robot")
+    stale_after: float = parameter(
+        "Age of the newest message from which it is no longer handed out as current [s].",
+        5.0,
+        0.5,
+        3600.0,
+    )
+
+
+def exporter_parameters() -> type[Any]:
+    """Return the dataclass of the parameters, for the kinds that the table has now."""
+    groups = [(kind.name, kind.parameters, group(kind.parameters)) for kind in EXPORTERS.values()]
+    return make_dataclass(
+        "ExporterParameters", groups, bases=(ExporterBase,), frozen=True, kw_only=True
+    )

@@ -1,0 +1,120 @@
+"""What is exported: names, units and what each value is, for every exporter alike."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any
+
+from robot_energy.blocks import NANOSECOND, Phase
+from robot_energy.timeline.stamps import SECOND_NS
+from robot_energy.units import ENERGY_UNITS
+
+MAX_JOINTS = 32  # that an exporter lists one by one
+
+
+class Topic(Enum):
+    """The messages that values are of."""
+
+    POWER = "power"
+    REGISTERS = "registers"
+
+
+@dataclass(frozen=True)
+class ExportedValue:
+    """One number.
+
+    Attributes:
+        name: As a key; also the name of the field of the message, less its unit.
+        title: In words.
+        topic: Of which message.
+        unit: Of the exported number.
+        rises: Whether it never falls but by a reset.
+        field: Of the message.
+        factor: From the field to the exported number. [-]
+    """
+
+    name: str
+    title: str
+    topic: Topic
+    unit: str
+    field: str
+    rises: bool = False
+    factor: float = 1.0
+
+
+def _power(field: str, title: str) -> ExportedValue:
+    return ExportedValue(field, title, Topic.POWER, "W", field)
+
+
+def _energy(field: str, title: str, rises: bool) -> ExportedValue:
+    factor = 1.0 / ENERGY_UNITS["kWh"]
+    return ExportedValue(f"{field}_kwh", title, Topic.REGISTERS, "kWh", field, rises, factor)
+
+
+VALUES = (
+    _power("predicted_grid_power", "Grid power, predicted"),
+    _power("measured_power", "Power, measured"),
+    _power("predicted_power_at_meter", "Power at the meter, predicted"),
+    _power("residual_power", "Predicted less measured power"),
+    _power("friction_power", "Friction, predicted"),
+    _power("drive_loss", "Loss of the drives, predicted"),
+    _power("brake_power", "Brake resistor, predicted"),
+    _power("returned_power", "Power fed back, predicted"),
+    _energy("predicted_import_energy", "Energy from the grid, predicted", True),
+    _energy("predicted_return_energy", "Energy fed back, predicted", True),
+    _energy("brake_energy", "Energy of the brake resistor, predicted", True),
+    _energy("measured_energy", "Energy, measured", False),  # a meter may run backwards
+    _energy("predicted_energy_at_meter", "Energy at the meter, predicted", False),
+    ExportedValue("observed_time", "Observed time", Topic.REGISTERS, "s", "observed_time", True),
+    ExportedValue("gap_time", "Time of gaps", Topic.REGISTERS, "s", "gap_time", True),
+)
+
+
+def number(value: float) -> float | None:
+    """Return a number, or None where it is unknown.
+
+    Args:
+        value: NaN or infinite for unknown.
+    """
+    return float(value) if math.isfinite(value) else None
+
+
+def exported(message: Any, topic: Topic) -> dict[str, Any]:
+    """Return all values of a message by name; None where one is unknown.
+
+    Args:
+        message: PowerState or EnergyRegisters.
+        topic: Which of the two.
+    """
+    found: dict[str, Any] = {"stamp": stamp_of(message.header.stamp), "model_id": message.model_id}
+    for value in VALUES:
+        if value.topic is topic:
+            raw = number(getattr(message, value.field))
+            found[value.name] = None if raw is None else raw * value.factor
+    if topic is Topic.POWER:
+        found["phase"] = Phase(message.phase).name
+        found["quality"] = int(message.quality)
+        found["joints"] = [
+            {
+                "name": joint.name,
+                "motor_temperature_degc": number(joint.motor_temperature_degc),
+                "friction_power": number(joint.friction_power),
+                "drive_power": number(joint.drive_power),
+            }
+            for joint in message.joints[:MAX_JOINTS]
+        ]
+    else:
+        found["energy_start"] = stamp_of(message.energy_start)
+        found["persisted"] = bool(message.persisted)
+    return found
+
+
+def stamp_of(stamp: Any) -> float:
+    """Return a builtin_interfaces/Time as seconds since 1970. [s]
+
+    Args:
+        stamp: The time.
+    """
+    return (stamp.sec * SECOND_NS + stamp.nanosec) * NANOSECOND

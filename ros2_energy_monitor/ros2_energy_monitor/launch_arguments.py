@@ -1,0 +1,47 @@
+"""Arguments of the launch files of this package: names that are known, and their choices."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from difflib import get_close_matches
+from pathlib import Path
+
+BOOLEANS = ["true", "false", "True", "False", "1", "0"]
+LEVELS = ["debug", "info", "warn", "error", "fatal"]
+
+
+def is_true(value: str) -> bool:
+    """Tell whether an argument says true.
+
+    Args:
+        value: One of `BOOLEANS`.
+
+    Returns:
+        Whether it is.
+    """
+    return value.lower() in ("true", "1")
+
+
+def check_arguments(command_line: Sequence[str], file: str, known: Iterable[str]) -> None:
+    """Refuse arguments of the command line that a launch file does not have.
+
+    Only where the file itself was launched: one that includes it has arguments of its own.
+
+    Args:
+        command_line: That of the process.
+        file: The launch file.
+        known: Names of its arguments.
+
+    Raises:
+        RuntimeError: If one is unknown.
+    """
+    if not any(Path(word).name == Path(file).name for word in command_line):
+        return
+    known = tuple(known)
+    for name in (word.partition(":=")[0] for word in command_line if ":=" in word):
+        if name not in known:
+            near = get_close_matches(name, known, n=1)
+            meant = f"did you mean '{near[0]}'? " if near else ""
+            raise RuntimeError(
+                f"unknown launch argument '{name}'; {meant}expected one of {', '.join(known)}"
+            )

@@ -1,0 +1,130 @@
+"""Meters that answer HTTP requests with JSON."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from robot_energy.errors import MeterAnswerError, MeterLinkError
+from ros2_energy_monitor.meters.json_numbers import (
+    MAX_ANSWER,
+    JsonFlag,
+    JsonNumber,
+    is_good,
+    number_at,
+    parse,
+)
+from ros2_energy_monitor.meters.link import Endpoint, MeterLink, require
+from ros2_energy_monitor.meters.profile import MeterProfile
+from ros2_energy_monitor.meters.reading import Exchange, MeterTerm, Quantity
+
+OK = 200
+PIECE = 4096  # bytes taken at once
+
+
+class HttpProfile(MeterProfile[JsonNumber]):
+    """Profile of a meter that is asked by HTTP; one answer holds all numbers.
+
+    Attributes:
+        request: Path and query of the request.
+        auth: How a name and a password are sent, where the user gives them.
+        flags: Faults that make all numbers invalid.
+    """
+
+    port: Annotated[int, Field(ge=1, le=65535)] = 80
+    request: Annotated[str, Field(pattern=r"^/\S*$", max_length=500)]
+    auth: Literal["digest", "basic"]
+    flags: tuple[JsonFlag, ...] = ()
+
+
+class HttpLink(MeterLink):
+    """Asks over one kept connection; redirections and proxies are not followed.
+
+    Args:
+        profile: What to ask for.
+        endpoint: Where the meter is.
+    """
+
+    def __init__(self, profile: HttpProfile, endpoint: Endpoint) -> None:
+        self._requests = require("requests", "requests")
+        self._broken = require("urllib3.exceptions", "urllib3").HTTPError
+        self._profile, self._endpoint = profile, endpoint
+        scheme = "https" if endpoint.tls else "http"
+        self._url = f"{scheme}://{endpoint.host}:{endpoint.port}{profile.request}"
+        self._session: Any = None
+
+    @property
+    def _where(self) -> str:
+        return f"the HTTP meter at {self._endpoint.host}:{self._endpoint.port}"
+
+    def connect(self) -> None:
+        """Make a session; the connection comes with the first request."""
+        self.close()
+        session = self._requests.Session()
+        session.trust_env = False
+        session.headers["Accept-Encoding"] = "identity"  # no answer grows when it is unpacked
+        session.verify = self._endpoint.ca_file or True
+        given = self._endpoint.credentials
+        if given is not None:
+            auth = self._requests.auth
+            kind = {"digest": auth.HTTPDigestAuth, "basic": auth.HTTPBasicAuth}[self._profile.auth]
+            session.auth = kind(given.username, given.password)
+        self._session = session
+
+    def close(self) -> None:
+        """Disconnect."""
+        if self._session is not None:
+            self._session.close()
+            self._session = None
+
+    def read(self) -> Sequence[Exchange]:
+        """Ask once for energy and power."""
+        requested = time.monotonic()
+        text = self._text(requested + self._endpoint.timeout)
+        answered = time.monotonic()
+        document = parse(text, self._where)
+        good = is_good(document, self._profile.flags)
+        exchanges: list[Exchange] = []
+        pairs = ((Quantity.ENERGY, self._profile.energy), (Quantity.POWER, self._profile.power))
+        for quantity, numbers in pairs:
+            if numbers:
+                found = tuple(number_at(document, number, self._where) for number in numbers)
+                terms = found if good else tuple(MeterTerm(math.nan) for _ in found)
+                exchanges.append(Exchange(quantity, terms, requested, answered))
+        return exchanges
+
+    def _text(self, deadline: float) -> str:
+        """Body of the answer, of bounded size and in bounded time."""
+        if self._session is None:
+            raise MeterLinkError(f"{self._where} is not connected", "connect first")
+        timeout = self._endpoint.timeout
+        try:
+            with self._session.get(
+                self._url, timeout=timeout, allow_redirects=False, stream=True
+            ) as answer:
+                if answer.status_code != OK:
+                    raise MeterAnswerError(
+                        f"{self._where} answers {self._profile.request} with status "
+                        f"{answer.status_code}",
+                        f"{OK}; 401 asks for credentials_file",
+                    )
+                # read1 gives what has come; `read` of older versions waits for a whole piece.
+                read = getattr(answer.raw, "read1", answer.raw.read)
+                body = bytearray()
+                while piece := read(PIECE):
+                    body += piece
+                    if len(body) > MAX_ANSWER or time.monotonic() > deadline:
+                        raise MeterLinkError(
+                            f"{self._where} does not end its answer",
+                            f"{MAX_ANSWER} bytes at most, within {timeout:g} s",
+                        )
+        except (self._requests.RequestException, self._broken) as error:
+            raise MeterLinkError(
+                f"{self._where} gives no answer ({type(error).__name__})",
+                f"one within {timeout:g} s",
+            ) from error
+        return body.decode("utf-8", errors="replace")

@@ -1,0 +1,85 @@
+"""Table of the kinds of links, and from a profile to a link."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from robot_energy.errors import KindError, MeterProfileError
+from robot_energy.kinds import Kind, Kinds
+from ros2_energy_monitor.meters.http_link import HttpLink, HttpProfile
+from ros2_energy_monitor.meters.link import Endpoint, MeterLink
+from ros2_energy_monitor.meters.modbus_link import ModbusLink, ModbusProfile
+from ros2_energy_monitor.meters.mqtt_link import MqttLink, MqttProfile
+from ros2_energy_monitor.meters.profile import MeterProfile, checked, read_document
+from ros2_energy_monitor.meters.sunspec_link import SunSpecLink, SunSpecProfile
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeterLinkKind(Kind):
+    """One kind of link.
+
+    Attributes:
+        profile: What a profile of this kind holds.
+        make: Makes the link of a profile.
+    """
+
+    profile: type[MeterProfile[Any]]
+    make: Callable[[Any, Endpoint], MeterLink]
+
+
+METER_LINKS = Kinds(
+    "meter link",
+    MeterLinkKind(
+        name="modbus_tcp",
+        label="Modbus TCP",
+        line="registers whose numbers the profile states",
+        profile=ModbusProfile,
+        make=ModbusLink,
+    ),
+    MeterLinkKind(
+        name="sunspec",
+        label="SunSpec over Modbus TCP",
+        line="meter models 201 to 204 and 211 to 214, found by their headers",
+        profile=SunSpecProfile,
+        make=SunSpecLink,
+    ),
+    MeterLinkKind(
+        name="http_json",
+        label="HTTP with JSON",
+        line="one request, an answer with all numbers",
+        profile=HttpProfile,
+        make=HttpLink,
+    ),
+    MeterLinkKind(
+        name="mqtt_json",
+        label="MQTT with JSON",
+        line="messages that the meter sends to a broker by itself",
+        profile=MqttProfile,
+        make=MqttLink,
+    ),
+)
+
+
+def load_profile(name: str) -> tuple[MeterLinkKind, MeterProfile[Any]]:
+    """Read a profile.
+
+    Args:
+        name: Name of a shipped profile, or path of a file of yours.
+
+    Returns:
+        The kind of its link, and what it holds.
+
+    Raises:
+        MeterProfileError: If it is missing or malformed.
+    """
+    source, document = read_document(name)
+    link = document.get("link") if isinstance(document, dict) else None
+    try:
+        kind = METER_LINKS[str(link)]
+    except KindError as error:
+        raise MeterProfileError(
+            f"{source} has the link '{link}'", METER_LINKS.expected, METER_LINKS.remedy(str(link))
+        ) from error
+    return kind, checked(document, kind.profile, source)

@@ -1,0 +1,232 @@
+"""Meters that speak Modbus TCP."""
+
+from __future__ import annotations
+
+import logging
+import math
+import time
+from collections.abc import Sequence
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from robot_energy.errors import MeterAnswerError, MeterLinkError
+from ros2_energy_monitor.meters.link import Endpoint, MeterLink, require
+from ros2_energy_monitor.meters.profile import MeterProfile, NumberEntry, ProfileEntry
+from ros2_energy_monitor.meters.reading import Exchange, MeterTerm, Quantity
+
+MAX_REGISTERS = 125  # of one request, by the Modbus specification
+FUNCTIONS = {"holding": "read_holding_registers", "input": "read_input_registers"}
+
+NumberType = Literal["int16", "uint16", "int32", "uint32", "int64", "uint64", "float32", "float64"]
+WordOrder = Literal["big", "little"]
+Address = Annotated[int, Field(ge=0, le=65535)]
+
+
+class ModbusNumber(NumberEntry):
+    """A number in registers.
+
+    Attributes:
+        address: Protocol address of its first register, counted from 0.
+        type: Of the number; 16 bits are a register.
+        invalid: Numbers as read that mean: no value.
+    """
+
+    address: Address
+    type: NumberType
+    invalid: tuple[int, ...] = ()
+
+
+class ModbusFlag(ProfileEntry):
+    """Registers that say whether the meter trusts its numbers.
+
+    Attributes:
+        address: As of a number.
+        type: As of a number, without fraction.
+        mask: Bits that matter.
+        good: What these bits are while the numbers are valid.
+    """
+
+    address: Address
+    type: Literal["uint16", "uint32"]
+    mask: int
+    good: int = 0
+
+
+class ModbusProfile(MeterProfile[ModbusNumber]):
+    """Profile of a meter whose register numbers are known.
+
+    Attributes:
+        unit: Unit (slave) identifier.
+        table: Which registers: holding (function 3) or input (function 4).
+        word_order: Which register of a number comes first: that of its high or its low bits.
+        flags: Where the meter says that its numbers are invalid.
+    """
+
+    port: Annotated[int, Field(ge=1, le=65535)] = 502
+    unit: Annotated[int, Field(ge=0, le=255)] = 1
+    table: Literal["holding", "input"]
+    word_order: WordOrder
+    flags: tuple[ModbusFlag, ...] = ()
+
+
+class Registers:
+    """Reads registers over one TCP connection.
+
+    Args:
+        endpoint: Where the meter is.
+        unit: Unit identifier.
+        table: ``holding`` or ``input``.
+
+    Raises:
+        MeterProfileError: If pymodbus is not installed.
+    """
+
+    def __init__(self, endpoint: Endpoint, unit: int, table: str) -> None:
+        self._client_module = require("pymodbus.client", "pymodbus")
+        self._errors = require("pymodbus.exceptions", "pymodbus")
+        logging.getLogger("pymodbus").setLevel(logging.CRITICAL)  # diagnostics say it
+        self._endpoint, self._table = endpoint, table
+        self._unit = unit if endpoint.unit is None else endpoint.unit
+        self._client = None
+
+    @property
+    def where(self) -> str:
+        """The meter, for error texts."""
+        return f"the Modbus meter at {self._endpoint.host}:{self._endpoint.port}"
+
+    def connect(self) -> None:
+        """Connect.
+
+        Raises:
+            MeterLinkError: If the meter does not accept.
+        """
+        self.close()
+        client = self._client_module.ModbusTcpClient(
+            self._endpoint.host,
+            port=self._endpoint.port,
+            timeout=self._endpoint.timeout,
+            retries=0,
+        )
+        if not client.connect():
+            raise MeterLinkError(
+                f"{self.where} does not accept a connection",
+                remedy="check host, port and whether its Modbus TCP server is switched on",
+            )
+        self._client = client
+
+    def close(self) -> None:
+        """Disconnect."""
+        if self._client is not None:
+            self._client.close()
+            self._client = None
+
+    def read(self, address: int, count: int) -> list[int]:
+        """Return registers.
+
+        Args:
+            address: Of the first one.
+            count: How many.
+
+        Raises:
+            MeterLinkError: If no answer comes in time or the connection ends.
+            MeterAnswerError: If the meter answers with an exception or another number of
+                registers.
+        """
+        if self._client is None:
+            raise MeterLinkError(f"{self.where} is not connected", "connect first")
+        ask = getattr(self._client, FUNCTIONS[self._table])
+        try:
+            answer = ask(address, count=count, device_id=self._unit)
+        except (self._errors.ModbusException, OSError) as error:
+            # A late answer must not be taken for that of the next request.
+            self.close()
+            raise MeterLinkError(
+                f"{self.where} gave no answer for register {address}",
+                f"one within {self._endpoint.timeout:g} s",
+            ) from error
+        if answer.isError():
+            raise MeterAnswerError(
+                f"{self.where} refuses {self._table} register {address} with Modbus exception "
+                f"{answer.exception_code}",
+                f"its value from unit {self._unit}",
+                "check unit, profile and firmware",
+            )
+        if len(answer.registers) != count:
+            raise MeterAnswerError(
+                f"{self.where} answers with {len(answer.registers)} registers at {address}",
+                str(count),
+            )
+        return list(answer.registers)
+
+    def length(self, kind: str) -> int:
+        """Return how many registers a type takes.
+
+        Args:
+            kind: Type of a number.
+        """
+        return self._type(kind).value[1]
+
+    def number(self, registers: Sequence[int], kind: str, word_order: WordOrder) -> float:
+        """Return the number in registers.
+
+        Args:
+            registers: As many as the type takes.
+            kind: Type of the number.
+            word_order: Which register comes first.
+        """
+        client = self._client_module.ModbusTcpClient
+        found = client.convert_from_registers(list(registers), self._type(kind), word_order)
+        return found
+
+    def _type(self, kind: str):
+        return self._client_module.ModbusTcpClient.DATATYPE[kind.upper()]
+
+
+class ModbusLink(MeterLink):
+    """Reads the registers that a profile lists, each quantity in requests of its own.
+
+    Args:
+        profile: What to read.
+        endpoint: Where the meter is.
+    """
+
+    def __init__(self, profile: ModbusProfile, endpoint: Endpoint) -> None:
+        self._profile = profile
+        self._registers = Registers(endpoint, profile.unit, profile.table)
+
+    def connect(self) -> None:
+        """Connect to the meter."""
+        self._registers.connect()
+
+    def close(self) -> None:
+        """Disconnect."""
+        self._registers.close()
+
+    def read(self) -> Sequence[Exchange]:
+        """Read flags, energy and power in this order."""
+        valid = all(self._is_good(flag) for flag in self._profile.flags)
+        pairs = ((Quantity.ENERGY, self._profile.energy), (Quantity.POWER, self._profile.power))
+        return [self._exchange(what, numbers, valid) for what, numbers in pairs if numbers]
+
+    def _exchange(
+        self, quantity: Quantity, numbers: Sequence[ModbusNumber], valid: bool
+    ) -> Exchange:
+        requested = time.monotonic()
+        values = [self._raw(number.address, number.type) for number in numbers]
+        answered = time.monotonic()
+        terms = tuple(
+            MeterTerm(
+                math.nan if value in number.invalid or not valid else value * number.factor,
+                number.wraps_at_joule,
+            )
+            for value, number in zip(values, numbers, strict=True)
+        )
+        return Exchange(quantity, terms, requested, answered)
+
+    def _raw(self, address: int, kind: str) -> float:
+        registers = self._registers.read(address, self._registers.length(kind))
+        return self._registers.number(registers, kind, self._profile.word_order)
+
+    def _is_good(self, flag: ModbusFlag) -> bool:
+        return int(self._raw(flag.address, flag.type)) & flag.mask == flag.good

@@ -1,0 +1,163 @@
+"""Meters that publish JSON at an MQTT broker."""
+
+from __future__ import annotations
+
+import math
+import queue
+import ssl
+import threading
+import time
+from collections.abc import Sequence
+from typing import Annotated, Any, Self
+
+from pydantic import Field, model_validator
+
+from robot_energy.errors import MeterLinkError
+from ros2_energy_monitor.meters.json_numbers import JsonFlag, JsonNumber, is_good, number_at, parse
+from ros2_energy_monitor.meters.link import Endpoint, MeterLink, require
+from ros2_energy_monitor.meters.profile import MeterProfile
+from ros2_energy_monitor.meters.reading import Exchange, MeterTerm, Quantity
+
+MAX_WAITING = 1000  # messages
+KEEP_ALIVE = 30  # [s]
+Message = tuple[str, bytes, float]  # topic, payload, time of receipt [s]
+
+
+class MqttNumber(JsonNumber):
+    """A number in the messages of a topic.
+
+    Attributes:
+        topic: The topic; ``{device}`` stands for the name of the meter.
+    """
+
+    topic: Annotated[str, Field(min_length=1, max_length=200, pattern=r"^[^#+\s]+$")]
+
+
+class MqttProfile(MeterProfile[MqttNumber]):
+    """Profile of a meter that sends by itself; numbers that add up are of one topic.
+
+    Attributes:
+        flags: Faults that make the numbers of a message invalid.
+    """
+
+    port: Annotated[int, Field(ge=1, le=65535)] = 1883
+    flags: tuple[JsonFlag, ...] = ()
+
+    @model_validator(mode="after")
+    def _check_topics(self) -> Self:
+        for numbers in (self.energy, self.power):
+            if len({number.topic for number in numbers}) > 1:
+                raise ValueError("numbers that add up are of several topics; expected one topic")
+        return self
+
+
+class MqttLink(MeterLink):
+    """Subscribes a meter's topics. A retained message is left out: nobody knows its age.
+
+    Args:
+        profile: What to subscribe.
+        endpoint: The broker, and the name of the meter.
+    """
+
+    def __init__(self, profile: MqttProfile, endpoint: Endpoint) -> None:
+        self._mqtt = require("paho.mqtt.client", "paho-mqtt")
+        self._endpoint, self._flags = endpoint, profile.flags
+        pairs = ((Quantity.ENERGY, profile.energy), (Quantity.POWER, profile.power))
+        self._numbers = {quantity: numbers for quantity, numbers in pairs if numbers}
+        self._topic = {
+            quantity: numbers[0].topic.replace("{device}", endpoint.device)
+            for quantity, numbers in self._numbers.items()
+        }
+        self._waiting: queue.Queue[Message] = queue.Queue(MAX_WAITING)
+        self._client: Any = None
+        self._subscribed, self._lost = threading.Event(), threading.Event()
+
+    @property
+    def waits(self) -> bool:
+        """The meter sends when it likes."""
+        return True
+
+    @property
+    def _where(self) -> str:
+        return f"the MQTT broker at {self._endpoint.host}:{self._endpoint.port}"
+
+    def connect(self) -> None:
+        """Connect to the broker and subscribe.
+
+        Raises:
+            MeterLinkError: If the broker cannot be reached or does not let us in.
+        """
+        self.close()
+        self._subscribed.clear()
+        self._lost.clear()
+        client = self._mqtt.Client(
+            self._mqtt.CallbackAPIVersion.VERSION2, reconnect_on_failure=False
+        )
+        client.connect_timeout = self._endpoint.timeout
+        if self._endpoint.credentials is not None:
+            given = self._endpoint.credentials
+            client.username_pw_set(given.username, given.password)
+        if self._endpoint.tls:
+            client.tls_set(self._endpoint.ca_file or None, tls_version=ssl.PROTOCOL_TLS_CLIENT)
+        client.on_connect = self._take_connection
+        client.on_subscribe = lambda *_: self._subscribed.set()
+        client.on_disconnect = lambda *_: self._lost.set()
+        client.on_message = self._take_message
+        try:
+            client.connect(self._endpoint.host, self._endpoint.port, KEEP_ALIVE)
+        except (OSError, ValueError) as error:
+            raise MeterLinkError(
+                f"{self._where} cannot be reached ({error})", "a broker there"
+            ) from error
+        self._client = client
+        client.loop_start()
+        if not self._subscribed.wait(self._endpoint.timeout):
+            self.close()
+            raise MeterLinkError(
+                f"{self._where} does not accept us",
+                f"a subscription within {self._endpoint.timeout:g} s",
+                "check credentials_file, tls and the broker's access rules",
+            )
+
+    def close(self) -> None:
+        """Disconnect."""
+        client, self._client = self._client, None
+        if client is not None:
+            client.disconnect()
+            client.loop_stop()
+
+    def read(self) -> Sequence[Exchange]:
+        """Return what the next message says; empty if none comes in time.
+
+        Raises:
+            MeterLinkError: If the connection is lost.
+        """
+        if self._client is None:
+            raise MeterLinkError(f"{self._where} is not connected", "connect first")
+        try:
+            topic, payload, at = self._waiting.get(timeout=self._endpoint.timeout)
+        except queue.Empty:
+            if self._lost.is_set():
+                raise MeterLinkError(
+                    f"{self._where} has ended the connection", "one kept"
+                ) from None
+            return ()
+        document = parse(payload.decode("utf-8", errors="replace"), f"the meter on {topic}")
+        good = is_good(document, self._flags)
+        exchanges: list[Exchange] = []
+        for quantity, numbers in self._numbers.items():
+            if self._topic[quantity] == topic:
+                found = tuple(number_at(document, number, topic) for number in numbers)
+                terms = found if good else tuple(MeterTerm(math.nan) for _ in found)
+                exchanges.append(Exchange(quantity, terms, at, at))
+        return exchanges
+
+    def _take_connection(self, client: Any, _data: Any, _flags: Any, reason: Any, _more: Any):
+        if reason.is_failure:
+            self._lost.set()
+        else:
+            client.subscribe([(topic, 1) for topic in sorted(set(self._topic.values()))])
+
+    def _take_message(self, _client: Any, _data: Any, message: Any) -> None:
+        if not message.retain and not self._waiting.full():
+            self._waiting.put((message.topic, message.payload, time.monotonic()))

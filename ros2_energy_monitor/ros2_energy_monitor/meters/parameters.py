@@ -1,0 +1,68 @@
+"""Parameters of the driver of network meters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from robot_energy.inputs.meter.source import LOAD_NEGATIVE, LOAD_POSITIVE, LOCATIONS
+from robot_energy.inputs.parameters import parameter
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeterDriverParameters:
+    """Parameters of the meter driver."""
+
+    profile: str = parameter(
+        "Profile of the meter: name of a shipped one, such as siemens_pac2200, or a YAML file."
+    )
+    host: str = parameter("Name or address of the meter; for MQTT, of the broker.")
+    port: int = parameter("Its port; 0 for that of the profile.", 0, 0, 65535)
+    unit: int = parameter(
+        "Modbus unit (slave) identifier; -1 for that of the profile.", -1, -1, 255
+    )
+    device: str = parameter("Name of the meter in MQTT topics; unused otherwise.", "")
+    location: str = parameter(
+        "Where the meter sits: mains supply of the cabinet, or DC bus between rectifier "
+        "and drives.",
+        "grid",
+        choices=LOCATIONS,
+    )
+    sign: str = parameter(
+        "Sign of the power while the robot draws some.",
+        LOAD_POSITIVE,
+        choices=(LOAD_POSITIVE, LOAD_NEGATIVE),
+    )
+    scale: float = parameter(
+        "Factor on power and energy, as of a current transformer that the meter does not know [-].",
+        1.0,
+        1e-9,
+        1e9,
+    )
+    max_power: float = parameter(
+        "Power beyond which a reading is refused and a fall of the counter is no wrap [W].",
+        1e6,
+        1.0,
+        1e9,
+    )
+    period: float = parameter(
+        "Time from one request to the next; 0 for that of the profile [s].", 0.0, 0.0, 3600.0
+    )
+    timeout: float = parameter(
+        "Longest wait for a connection and for an answer [s].", 2.0, 0.05, 60.0
+    )
+    max_round_trip: float = parameter(
+        "Longest time from request to answer whose middle is used as a stamp [s].",
+        0.5,
+        0.001,
+        60.0,
+    )
+    max_backoff: float = parameter(
+        "Longest time between two attempts to connect [s].", 30.0, 0.5, 3600.0
+    )
+    credentials_file: str = parameter(
+        "YAML file with username and password that only its owner can read; empty for none.", ""
+    )
+    tls: bool = parameter("Whether the connection is encrypted (HTTP and MQTT).", False)
+    ca_file: str = parameter(
+        "Certificates of the authority that signed the server's; empty for the system's.", ""
+    )

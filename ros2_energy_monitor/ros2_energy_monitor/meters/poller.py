@@ -1,0 +1,161 @@
+"""Reads a meter in a thread of its own: connects, asks, connects again after a loss.
+
+What waits on the network must not hold up the node, and a request must not wait for the node's
+tick: the thread gives readings with times of the steady clock, the node takes them.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import Counter, deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import TypeVar
+
+from robot_energy.errors import MeterAnswerError, MeterLinkError
+from ros2_energy_monitor.meters.link import MeterLink
+from ros2_energy_monitor.meters.reading import NetworkReading, ReadingFilter
+
+T = TypeVar("T")
+Guarded = Callable[[str, Callable[[], None]], object]
+
+MAX_WAITING = 10_000  # readings that the node has not taken yet
+MIN_BACKOFF = 0.5  # after the first loss; doubled with each further one [s]
+MAX_REFUSALS = 10  # in a row, after which a meter is connected anew
+JOINED = 5.0  # longest wait for the end of the thread [s]
+
+
+@dataclass
+class PollerState:
+    """What a poller says of itself. Written by its thread, read by the node.
+
+    Attributes:
+        connected: Whether the last attempt to connect succeeded and no loss came since.
+        connections: Successful attempts.
+        failures: Losses and failed attempts since the last answer; 0 while all is well.
+        refusals: Answers in a row that held no numbers.
+        errors: Losses and refusals in all, by class of error.
+        last_error: What the last one said; empty before the first.
+        backoff: Time until the next attempt to connect. [s]
+        dropped: Readings lost as the node did not take them.
+    """
+
+    connected: bool = False
+    connections: int = 0
+    failures: int = 0
+    refusals: int = 0
+    errors: Counter[str] = field(default_factory=lambda: Counter[str]())
+    last_error: str = ""
+    backoff: float = 0.0
+    dropped: int = 0
+
+
+class Poller:
+    """Polls one meter until it is stopped.
+
+    Args:
+        link: The meter.
+        readings: Makes readings of exchanges.
+        period: Time from one request to the next. [s]
+        max_backoff: Longest time between two attempts to connect. [s]
+        guarded: Runs the work of the thread by name and notes what it raises.
+
+    Attributes:
+        state: How it goes.
+    """
+
+    def __init__(
+        self,
+        link: MeterLink,
+        readings: ReadingFilter,
+        period: float,
+        max_backoff: float,
+        guarded: Guarded,
+    ) -> None:
+        self.state = PollerState()
+        self.readings = readings
+        self._link, self._period, self._max_backoff = link, period, max_backoff
+        self._waiting: deque[NetworkReading] = deque(maxlen=MAX_WAITING)
+        self._stopped = threading.Event()
+        self._guarded = guarded
+        self._thread = threading.Thread(target=self._run, name="meter", daemon=True)
+
+    def start(self) -> None:
+        """Begin to poll."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End the thread and disconnect."""
+        self._stopped.set()
+        if self._thread.is_alive():
+            self._thread.join(JOINED)
+
+    def take(self) -> list[NetworkReading]:
+        """Return the readings that have come, in order."""
+        return [self._waiting.popleft() for _ in range(len(self._waiting))]
+
+    def _run(self) -> None:
+        due = time.monotonic()
+        while not self._stopped.is_set():
+            self._guarded("poll", self._step)
+            due = self._pause(due)
+        self._guarded("close", self._link.close)
+
+    def _pause(self, due: float) -> float:
+        """Wait for the next step and return when it is due."""
+        now = time.monotonic()
+        if self.state.connected and self._link.waits:
+            return now
+        if self.state.connected:
+            due = max(due + self._period, now)  # no burst after a slow answer
+        else:
+            due = now + max(self.state.backoff, MIN_BACKOFF)
+        self._stopped.wait(due - now)
+        return due
+
+    def _step(self) -> None:
+        """Connect if needed and read once."""
+        state = self.state
+        try:
+            if not state.connected:
+                self._link.connect()
+                state.connected = True
+                state.connections += 1
+            exchanges = self._link.read()
+        except MeterLinkError as error:
+            self._lose(error)
+            return
+        except MeterAnswerError as error:
+            self._refuse(error)
+            return
+        except Exception:
+            state.connected = False
+            raise
+        state.failures = state.refusals = 0
+        for exchange in exchanges:
+            reading = self.readings.step(exchange)
+            if reading is not None:
+                state.dropped += len(self._waiting) == MAX_WAITING
+                self._waiting.append(reading)
+
+    def _lose(self, error: MeterLinkError) -> None:
+        state = self.state
+        state.connected = False
+        self._link.close()
+        self._note(error)
+        state.backoff = min(MIN_BACKOFF * 2.0 ** min(state.failures, 30), self._max_backoff)
+        state.failures += 1
+
+    def _refuse(self, error: MeterAnswerError) -> None:
+        state = self.state
+        self._note(error)
+        state.refusals += 1
+        state.connected = state.refusals % MAX_REFUSALS != 0
+        if not state.connected:
+            self._link.close()
+            state.backoff = self._max_backoff
+
+    def _note(self, error: Exception) -> None:
+        self.state.errors[type(error).__name__] += 1
+        self.state.last_error = str(error)

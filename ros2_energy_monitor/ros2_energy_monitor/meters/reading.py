@@ -1,0 +1,158 @@
+"""What a meter has said, from numbers of an exchange to readings with a time."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum
+
+
+class Quantity(Enum):
+    """What a number is of."""
+
+    ENERGY = "energy"
+    POWER = "power"
+
+
+@dataclass(frozen=True)
+class MeterTerm:
+    """One number of a sum.
+
+    Attributes:
+        value: NaN if the meter calls it invalid. [W or J]
+        wraps_at: Where the counter starts again from zero; None if it never does. [J]
+    """
+
+    value: float
+    wraps_at: float | None = None
+
+
+@dataclass(frozen=True)
+class Exchange:
+    """The numbers of one quantity, read together.
+
+    Attributes:
+        quantity: What they add up to.
+        terms: The numbers.
+        requested: When the first one was asked for, by the steady clock; for a meter that sends
+            by itself, when its message arrived. [s]
+        answered: When the last one arrived, likewise. [s]
+    """
+
+    quantity: Quantity
+    terms: tuple[MeterTerm, ...]
+    requested: float
+    answered: float
+
+
+@dataclass(frozen=True)
+class NetworkReading:
+    """A sum with its time.
+
+    Attributes:
+        quantity: What it is.
+        value: [W or J]
+        at: Middle between request and answer, by the steady clock: the number was taken
+            somewhere between the two, so the error is at most half of the round trip. [s]
+    """
+
+    quantity: Quantity
+    value: float
+    at: float
+
+
+class CounterWrap:
+    """Continues a counter that starts again from zero at a known value.
+
+    A fall counts as a wrap if the energy that it then implies is one that `max_power` can
+    deliver in the time since the last reading. Any other fall is passed on: the monitor takes
+    it for a reset or a wrong reading.
+
+    Args:
+        max_power: Highest power that the installation can draw. [W]
+
+    Attributes:
+        wraps: How often the counter started again.
+    """
+
+    def __init__(self, max_power: float) -> None:
+        self.wraps = 0
+        self._max_power = max_power
+        self._offset = 0.0  # [J]
+        self._last: tuple[float, float] | None = None  # count [J], time [s]
+
+    def step(self, count: float, wraps_at: float | None, at: float) -> float:
+        """Return the count as if it never started again. [J]
+
+        Args:
+            count: As read, finite. [J]
+            wraps_at: Where the counter starts again; None if it never does. [J]
+            at: Time of the reading. [s]
+        """
+        last, self._last = self._last, (count, at)
+        if wraps_at is not None and last is not None and count < last[0]:
+            step = count + wraps_at - last[0]
+            if 0 <= step <= self._max_power * (at - last[1]):
+                self._offset += wraps_at
+                self.wraps += 1
+        return self._offset + count
+
+
+class ReadingFilter:
+    """Turns exchanges into readings and counts what it refuses, by reason.
+
+    Args:
+        max_power: Highest power that the installation can draw. [W]
+        max_round_trip: Longest time from request to answer whose middle is still a stamp. [s]
+
+    Attributes:
+        rejected: Refused exchanges by reason: ``not_finite`` (the meter calls a number invalid, or
+            it is none), ``too_high`` (a power beyond `max_power`), ``slow``.
+        accepted: How many exchanges became readings.
+        round_trip: Of the newest exchange. [s]
+    """
+
+    def __init__(self, max_power: float, max_round_trip: float) -> None:
+        self.rejected: Counter[str] = Counter()
+        self.accepted = 0
+        self.round_trip = math.nan
+        self._max_power, self._max_round_trip = max_power, max_round_trip
+        self._counters: list[CounterWrap] = []
+
+    @property
+    def wraps(self) -> int:
+        """How often counters started again."""
+        return sum(counter.wraps for counter in self._counters)
+
+    def step(self, exchange: Exchange) -> NetworkReading | None:
+        """Return the reading of an exchange; None if it is refused.
+
+        Args:
+            exchange: Any.
+        """
+        self.round_trip = exchange.answered - exchange.requested
+        at = (exchange.requested + exchange.answered) / 2
+        values = [term.value for term in exchange.terms]
+        reason = self._reason(exchange.quantity, values)
+        if reason:
+            self.rejected[reason] += 1
+            return None
+        if exchange.quantity is Quantity.ENERGY:
+            values = self._continued(exchange.terms, at)
+        self.accepted += 1
+        return NetworkReading(exchange.quantity, sum(values), at)
+
+    def _reason(self, quantity: Quantity, values: Sequence[float]) -> str:
+        if not all(map(math.isfinite, values)):
+            return "not_finite"
+        if quantity is Quantity.POWER and abs(sum(values)) > self._max_power:
+            return "too_high"
+        return "slow" if self.round_trip > self._max_round_trip else ""
+
+    def _continued(self, terms: Sequence[MeterTerm], at: float) -> list[float]:
+        while len(self._counters) < len(terms):
+            self._counters.append(CounterWrap(self._max_power))
+        pairs = zip(self._counters, terms, strict=False)
+        return [counter.step(term.value, term.wraps_at, at) for counter, term in pairs]

@@ -1,0 +1,118 @@
+"""Node: hands energy and power to the systems of a plant, over MQTT and OPC UA."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
+
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.node import Node
+from ros2_energy_msgs.msg import EnergyRegisters, PowerState
+
+from robot_energy.errors import ParameterError
+from ros2_energy_monitor.base.guard import Guard
+from ros2_energy_monitor.base.parameters import declare
+from ros2_energy_monitor.base.publishers import best_effort
+from ros2_energy_monitor.base.run_node import run
+from ros2_energy_monitor.diagnostics.reporter import WARN, Reporter, StatusBuilder
+from ros2_energy_monitor.exporters.exporter import Exporter, Newest
+from ros2_energy_monitor.exporters.kinds import EXPORTERS
+from ros2_energy_monitor.exporters.parameters import exporter_parameters
+from ros2_energy_monitor.exporters.values import Topic
+
+TICK_PERIOD = 0.1  # [s]
+REPORT_PERIOD = 1.0  # [s]
+
+
+class EnergyExporter(Node):
+    """Subscribes ``energy/power`` and ``energy/registers`` and runs the exporters that are named.
+
+    Args:
+        options: Options of `rclpy.node.Node`.
+
+    Raises:
+        RobotEnergyError: If a parameter or an exporter cannot be used.
+    """
+
+    NAME = "energy_exporter"
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(self.NAME, **options)
+        self.guard = Guard(self.NAME, options.get("context"))
+        self.exporters: dict[str, Exporter] = {}
+        try:
+            self.parameters = declare(self, exporter_parameters())
+            if not self.parameters.exporters:
+                raise ParameterError("exporters is empty", EXPORTERS.expected)
+            for name in self.parameters.exporters:
+                self._add(name)
+        except Exception:
+            self.destroy_node()
+            raise
+        self.newest = Newest(self.parameters.stale_after)
+        self.create_subscription(
+            PowerState, "energy/power", partial(self._take, Topic.POWER), best_effort(10)
+        )
+        self.create_subscription(
+            EnergyRegisters,
+            "energy/registers",
+            partial(self._take, Topic.REGISTERS),
+            best_effort(10),
+        )
+        self._reporter = Reporter(self)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(TICK_PERIOD, self.tick, clock=steady)
+        self.create_timer(REPORT_PERIOD, self.report, clock=steady)
+
+    def _add(self, name: str) -> None:
+        made = EXPORTERS[name].make(getattr(self.parameters, name), self.parameters.robot_name)
+        made.start()
+        self.exporters[name] = made
+        self.get_logger().info(f"exporting over {EXPORTERS[name].label}")
+
+    def _take(self, topic: Topic, message: Any) -> None:
+        self.newest.take(topic, message, time.monotonic())
+
+    def tick(self) -> None:
+        """Hand out what is new."""
+        now = time.monotonic()
+        for name, exporter in self.exporters.items():
+            self.guard.run(name, partial(exporter.publish, self.newest, now))
+
+    def report(self) -> None:
+        """Publish diagnostics."""
+        node = StatusBuilder("node")
+        self.guard.check(node)
+        now = time.monotonic()
+        if not any(self.newest.is_current(topic, now) for topic in Topic):
+            node.add(WARN, "neither energy/power nor energy/registers arrives")
+        statuses = [node]
+        for name, exporter in self.exporters.items():
+            statuses.append(StatusBuilder(name))
+            self.guard.run("diagnostics", partial(exporter.check, statuses[-1]))
+        self._reporter.publish(statuses, "")
+
+    def destroy_node(self) -> None:
+        """Stop the exporters and destroy the node."""
+        for exporter in self.exporters.values():
+            self.guard.run("stop", exporter.stop)
+        super().destroy_node()
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the node until it is interrupted.
+
+    Args:
+        args: Command line without the program; None for that of the process.
+
+    Returns:
+        Exit code of `run`.
+    """
+    return run(EnergyExporter, args)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

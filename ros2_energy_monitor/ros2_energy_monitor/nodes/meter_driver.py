@@ -1,0 +1,172 @@
+"""Node: reads a power meter on the network and publishes what the monitors compare with.
+
+`power_meter` is the imported energy as the meter counts it (`MEANING_CUMULATIVE`); only where it
+counts none, its power. `power_meter/power` is the power. Stamps are the middle between request
+and answer, less the lag that the profile states.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from typing import Any
+
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.node import Node
+from ros2_energy_msgs.msg import PowerReading
+
+from robot_energy.blocks import NANOSECOND, MeterLocation, MeterMeaning
+from robot_energy.errors import ParameterError
+from robot_energy.inputs.meter.source import LOAD_NEGATIVE
+from robot_energy.timeline.stamps import SECOND_NS, bounded
+from ros2_energy_monitor.base.credentials import read_credentials
+from ros2_energy_monitor.base.guard import Guard
+from ros2_energy_monitor.base.parameters import declare
+from ros2_energy_monitor.base.publishers import reliable
+from ros2_energy_monitor.base.run_node import run
+from ros2_energy_monitor.diagnostics.meter_driver import MeterDriverSource
+from ros2_energy_monitor.diagnostics.reporter import Reporter, StatusBuilder
+from ros2_energy_monitor.meters.kinds import MeterLinkKind, load_profile
+from ros2_energy_monitor.meters.link import Endpoint
+from ros2_energy_monitor.meters.parameters import MeterDriverParameters
+from ros2_energy_monitor.meters.poller import Poller
+from ros2_energy_monitor.meters.profile import MeterProfile
+from ros2_energy_monitor.meters.reading import NetworkReading, Quantity, ReadingFilter
+
+TICK_PERIOD = 0.05  # [s]
+REPORT_PERIOD = 1.0  # [s]
+
+
+class MeterDriver(Node):
+    """Publishes ``power_meter`` and ``power_meter/power``.
+
+    Args:
+        options: Options of `rclpy.node.Node`.
+
+    Raises:
+        RobotEnergyError: If a parameter, the profile or the credentials cannot be used.
+    """
+
+    NAME = "meter_driver"
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(self.NAME, **options)
+        self.guard = Guard(self.NAME, options.get("context"))
+        self.poller: Poller | None = None
+        try:
+            self.parameters = declare(self, MeterDriverParameters)
+            kind, self.profile = load_profile(self.parameters.profile)
+            self.poller = self._poller(kind, self.profile)
+        except Exception:
+            self.destroy_node()
+            raise
+        self._outputs = {
+            quantity: self.create_publisher(PowerReading, topic, reliable(100))
+            for quantity, topic in topics(self.profile).items()
+        }
+        self._reporter = Reporter(self)
+        self._source = MeterDriverSource(self.poller, self.profile, self._period)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        tick = self.guard.callback("timer.tick", self.tick)
+        self.create_timer(TICK_PERIOD, tick, clock=steady)
+        self.create_timer(
+            REPORT_PERIOD, self.guard.callback("timer.report", self.report), clock=steady
+        )
+        self.get_logger().info(
+            f"reading {self.profile.label} at {self.parameters.host}, {kind.label}"
+        )
+        self.poller.start()
+
+    @property
+    def _period(self) -> float:
+        return self.parameters.period or self.profile.period
+
+    def _poller(self, kind: MeterLinkKind, profile: MeterProfile[Any]) -> Poller:
+        given = self.parameters
+        if given.max_round_trip > given.timeout:
+            raise ParameterError(
+                f"max_round_trip is {given.max_round_trip:g} s and timeout {given.timeout:g} s",
+                "a max_round_trip up to timeout",
+            )
+        endpoint = Endpoint(
+            host=given.host,
+            port=given.port or profile.port,
+            timeout=given.timeout,
+            unit=None if given.unit < 0 else given.unit,
+            device=given.device,
+            credentials=read_credentials(given.credentials_file),
+            tls=given.tls,
+            ca_file=given.ca_file,
+        )
+        readings = ReadingFilter(given.max_power, given.max_round_trip)
+        link = kind.make(profile, endpoint)
+        return Poller(link, readings, self._period, given.max_backoff, self.guard.run)
+
+    def tick(self) -> None:
+        """Publish what the meter has answered since the last tick."""
+        if self.poller is None:
+            return
+        for reading in self.poller.take():
+            now_ns = self.get_clock().now().nanoseconds
+            age = time.monotonic() - reading.at + self.profile.lag
+            self._outputs[reading.quantity].publish(
+                self._message(reading, bounded(now_ns - round(age / NANOSECOND)))
+            )
+
+    def report(self) -> None:
+        """Publish diagnostics."""
+        node = StatusBuilder("node")
+        self.guard.check(node)
+        self._reporter.publish([node, self._source()], self.profile.label)
+
+    def destroy_node(self) -> None:
+        """Stop to poll and destroy the node."""
+        if self.poller is not None:
+            self.poller.stop()
+        super().destroy_node()
+
+    def _message(self, reading: NetworkReading, stamp_ns: int) -> PowerReading:
+        message = PowerReading(power=math.nan, energy=math.nan, interval=math.nan)
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp_ns, SECOND_NS)
+        message.location = int(MeterLocation[self.parameters.location.upper()])
+        value = reading.value * self.parameters.scale
+        if reading.quantity is Quantity.ENERGY:
+            message.meaning = int(MeterMeaning.CUMULATIVE)
+            message.energy = value
+            return message
+        message.power = -value if self.parameters.sign == LOAD_NEGATIVE else value
+        if self.profile.window > 0:
+            message.meaning = int(MeterMeaning.MEAN_OVER_INTERVAL)
+            message.interval = self.profile.window
+        else:
+            message.meaning = int(MeterMeaning.INSTANTANEOUS)
+        return message
+
+
+def topics(profile: MeterProfile[Any]) -> dict[Quantity, str]:
+    """Return the topic of each quantity: energy is what monitors read by default.
+
+    Args:
+        profile: Of the meter.
+    """
+    if profile.counts_energy:
+        return {Quantity.ENERGY: "power_meter", Quantity.POWER: "power_meter/power"}
+    return {Quantity.POWER: "power_meter"}
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the node until it is interrupted.
+
+    Args:
+        args: Command line without the program; None for that of the process.
+
+    Returns:
+        Exit code of `run`.
+    """
+    return run(MeterDriver, args)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,289 @@
+"""MQTT with a real broker: what a subscriber gets, before, during and after."""
+
+from __future__ import annotations
+
+import json
+import math
+import shutil
+import subprocess
+import sys
+import threading
+import time
+
+import pytest
+from ros2_energy_msgs.msg import EnergyRegisters, JointPower, PowerState
+
+from robot_energy.errors import CredentialsError, ExporterError
+from ros2_energy_monitor.diagnostics.reporter import StatusBuilder
+from ros2_energy_monitor.exporters.exporter import Newest
+from ros2_energy_monitor.exporters.mqtt import MqttExporter, MqttParameters
+from ros2_energy_monitor.exporters.values import VALUES, Topic, exported
+from ros2_energy_monitor.nodes.energy_exporter import EnergyExporter
+
+BASE = "robot_energy/kr16"
+
+
+def power(watt=500.0, measured=math.nan, quality=0):
+    message = PowerState(predicted_grid_power=watt, measured_power=measured, quality=quality)
+    message.header.stamp.sec = 1_700_000_000
+    message.joints = [JointPower(name="joint_a1", motor_temperature_degc=41.5)]
+    return message
+
+
+def registers(joule=7.2e6):
+    message = EnergyRegisters(predicted_import_energy=joule, measured_energy=math.nan)
+    message.energy_start.sec = 1_600_000_000
+    return message
+
+
+class Subscriber:
+    """Every message by topic, with its retain flag and QoS, as a client of its own gets them."""
+
+    def __init__(self, port, **tls):
+        import paho.mqtt.client as mqtt
+
+        self.messages = {}
+        self.client = mqtt.Client(mqtt.CallbackAPIVersion.VERSION2)
+        self.client.on_message = self._take
+        self.client.on_connect = lambda *_: self.client.subscribe("#", 1)
+        ready = threading.Event()
+        self.client.on_subscribe = lambda *_: ready.set()
+        self.client.connect("127.0.0.1", port)
+        self.client.loop_start()
+        assert ready.wait(30)
+
+    def _take(self, _client, _data, message):
+        self.messages.setdefault(message.topic, []).append(message)
+
+    def json(self, topic):
+        found = self.messages.get(topic)
+        return json.loads(found[-1].payload) if found else None
+
+    def text(self, topic):
+        found = self.messages.get(topic)
+        return found[-1].payload.decode() if found else ""
+
+    def close(self):
+        self.client.disconnect()
+        self.client.loop_stop()
+
+
+@pytest.fixture
+def subscriber():
+    made = []
+
+    def make(port):
+        made.append(Subscriber(port))
+        return made[-1]
+
+    yield make
+    for one in made:
+        one.close()
+
+
+@pytest.fixture
+def exporter():
+    made = []
+
+    def make(port, **options):
+        given = {"period": 0.1, **options}
+        made.append(MqttExporter(MqttParameters(port=port, **given), "kr16"))
+        made[-1].start()
+        return made[-1]
+
+    yield make
+    for one in made:
+        one.stop()
+
+
+def feeding(exporter, newest, condition):
+    """A condition that lets the exporter go on."""
+
+    def go_on():
+        exporter.publish(newest, time.monotonic())
+        return condition()
+
+    return go_on
+
+
+def test_values_are_those_of_the_messages_with_null_for_unknown():
+    found = exported(power(measured=math.nan), Topic.POWER)
+    assert found["predicted_grid_power"] == 500.0
+    assert found["measured_power"] is None
+    assert found["stamp"] == 1_700_000_000.0
+    assert found["joints"][0]["motor_temperature_degc"] == 41.5
+    found = exported(registers(), Topic.REGISTERS)
+    assert found["predicted_import_energy_kwh"] == pytest.approx(2.0)
+    assert found["measured_energy_kwh"] is None
+    assert found["energy_start"] == 1_600_000_000.0
+    json.dumps(found, allow_nan=False)
+
+
+def test_messages_retention_and_discovery(broker, subscriber, exporter, eventually):
+    server = broker()
+    early = subscriber(server.port)
+    newest = Newest(5.0)
+    now = time.monotonic()
+    newest.take(Topic.POWER, power(), now)
+    newest.take(Topic.REGISTERS, registers(), now)
+    out = exporter(server.port)
+    eventually(feeding(out, newest, lambda: early.text(f"{BASE}/status") == "online"), "the status")
+    eventually(lambda: early.json(f"{BASE}/registers"), "the registers")
+    assert early.json(f"{BASE}/power")["predicted_grid_power"] == 500.0
+    assert early.messages[f"{BASE}/power"][0].qos == 1
+    # One who comes late gets counters and status, and no old power.
+    late = subscriber(server.port)
+    eventually(lambda: late.json(f"{BASE}/registers"), "the retained registers")
+    eventually(lambda: late.text(f"{BASE}/status") == "online", "the retained status")
+    assert late.messages[f"{BASE}/registers"][0].retain
+    topics = [topic for topic in late.messages if topic.startswith("homeassistant/sensor/")]
+    assert len(topics) == len(VALUES) + 1  # and the temperature of the joint
+    assert f"{BASE}/power" not in late.messages
+    config = late.json("homeassistant/sensor/robot_energy_kr16/predicted_import_energy_kwh/config")
+    assert config["device_class"] == "energy"
+    assert config["state_class"] == "total_increasing"
+    assert config["unit_of_measurement"] == "kWh"
+    key = config["value_template"].removeprefix("{{ value_json.").removesuffix(" }}")
+    assert early.json(config["state_topic"])[key] == pytest.approx(2.0)
+    assert config["availability_topic"] == f"{BASE}/status"
+    assert late.json("homeassistant/sensor/robot_energy_kr16/measured_power/config")["expire_after"]
+    assert "expire_after" not in config
+
+
+def test_stale_data_are_offline_and_nothing_is_said_again(broker, subscriber, exporter, eventually):
+    server = broker()
+    seen = subscriber(server.port)
+    newest = Newest(0.2)
+    newest.take(Topic.POWER, power(), time.monotonic())
+    out = exporter(server.port)
+    status = f"{BASE}/status"
+    eventually(feeding(out, newest, lambda: seen.text(status) == "offline"), "offline")
+    assert len(seen.messages.get(f"{BASE}/power", [])) <= 1
+    newest.take(Topic.POWER, power(600.0), time.monotonic())
+    eventually(feeding(out, newest, lambda: len(seen.messages.get(f"{BASE}/power", []))), "power")
+
+
+def test_a_broker_dies_and_returns(broker, subscriber, exporter, eventually):
+    server = broker()
+    newest = Newest(60.0)
+    newest.take(Topic.REGISTERS, registers(), time.monotonic())
+    out = exporter(server.port)
+    eventually(feeding(out, newest, lambda: out._published > 2), "messages")
+    server.stop()
+    found = StatusBuilder("mqtt")
+    eventually(lambda: not out._connected.is_set(), "the loss")
+    out.check(found)
+    assert "no connection to the MQTT broker" in found.message
+    server.start()
+    seen = subscriber(server.port)  # this broker has kept nothing
+    eventually(feeding(out, newest, lambda: seen.json(f"{BASE}/registers")), "registers again")
+    assert [topic for topic in seen.messages if topic.endswith("/config")]  # and discovery
+
+
+WILL = """
+import sys, time
+from ros2_energy_msgs.msg import PowerState
+from ros2_energy_monitor.exporters.exporter import Newest
+from ros2_energy_monitor.exporters.mqtt import MqttExporter, MqttParameters
+from ros2_energy_monitor.exporters.values import Topic
+out = MqttExporter(MqttParameters(port=int(sys.argv[1])), "kr16")
+out.start()
+newest = Newest(1000.0)
+newest.take(Topic.POWER, PowerState(), time.monotonic())
+while True:
+    out.publish(newest, time.monotonic())
+    time.sleep(0.05)
+"""
+
+
+def test_the_last_will_says_offline_after_kill(broker, subscriber, eventually):
+    server = broker()
+    seen = subscriber(server.port)
+    child = subprocess.Popen([sys.executable, "-c", WILL, str(server.port)])
+    try:
+        eventually(lambda: seen.text(f"{BASE}/status") == "online", "online")
+    finally:
+        child.kill()
+        child.wait()
+    eventually(lambda: seen.text(f"{BASE}/status") == "offline", "the last will")
+
+
+def test_tls_and_password(broker, certificates, exporter, eventually, tmp_path):
+    made = certificates("urn:test")
+    passwords = tmp_path / "passwords"
+    program = shutil.which("mosquitto_passwd")
+    if program is None:
+        pytest.skip("mosquitto_passwd is not installed: apt-get install mosquitto")
+    subprocess.run([program, "-c", "-b", str(passwords), "robot", "secret"], check=True)
+    server = broker(
+        "allow_anonymous false", f"password_file {passwords}", f"cafile {made.ca}",
+        f"certfile {made.certificate}", f"keyfile {made.key}",
+    )  # fmt: skip
+    secret = tmp_path / "mqtt.yaml"
+    secret.write_text("username: robot\npassword: secret\n")
+    secret.chmod(0o600)
+    newest = Newest(60.0)
+    newest.take(Topic.POWER, power(), time.monotonic())
+    good = {"tls": True, "ca_file": str(made.ca), "credentials_file": str(secret)}
+    out = exporter(server.port, **good)
+    eventually(feeding(out, newest, lambda: out._published), "messages over TLS")
+    stranger = exporter(server.port, **{**good, "credentials_file": ""})
+    eventually(lambda: stranger._failure, "a refusal")
+    found = StatusBuilder("mqtt")
+    stranger.check(found)
+    assert "Not authorized" in found.message
+    with pytest.raises(ExporterError, match="cannot be used"):
+        exporter(server.port, **{**good, "ca_file": str(passwords)})
+
+
+def test_secrets_do_not_go_in_plain_text(tmp_path, broker):
+    secret = tmp_path / "mqtt.yaml"
+    secret.write_text("username: robot\npassword: secret\n")
+    secret.chmod(0o644)
+    with pytest.raises(CredentialsError, match="permissions"):
+        MqttExporter(MqttParameters(credentials_file=str(secret)), "kr16")
+    secret.chmod(0o600)
+    given = {"host": "broker.example", "credentials_file": str(secret)}
+    with pytest.raises(ExporterError, match="in plain text"):
+        MqttExporter(MqttParameters(**given), "kr16")
+    MqttExporter(MqttParameters(**given, tls=True), "kr16")
+    MqttExporter(MqttParameters(**given, allow_plain_password=True), "kr16")
+
+
+@pytest.mark.parametrize(
+    ("given", "robot", "words"),
+    [
+        ({}, "a/b", "robot_name"),
+        ({"topic": "a/#"}, "kr16", r"mqtt\.topic"),
+        ({"cert_file": "x"}, "kr16", "both, or none"),
+    ],
+)
+def test_wrong_parameters(given, robot, words):
+    pytest.importorskip("paho.mqtt")
+    with pytest.raises(ExporterError, match=words):
+        MqttExporter(MqttParameters(**given), robot)
+
+
+def test_the_node_exports_what_the_monitors_publish(bench, broker, subscriber):
+    server = broker()
+    seen = subscriber(server.port)
+    publisher = bench.tester.create_publisher(PowerState, "energy/power", 10)
+    node = bench.add(
+        EnergyExporter, robot_name="kr16", **{"mqtt.port": server.port, "mqtt.period": 0.1}
+    )
+
+    def send():
+        publisher.publish(power(750.0))
+        return seen.json(f"{BASE}/power")
+
+    assert bench.spin_until(send, "power")["predicted_grid_power"] == 750.0
+    diagnosed = bench.diagnosed()
+    bench.spin_until(lambda: publisher.publish(power()) or send(), "power")
+    diagnosed.wait("energy_exporter: mqtt", "all is well")
+    bench.remove(node)
+    bench.spin_until(lambda: seen.text(f"{BASE}/status") == "offline", "a clean end")
+
+
+def test_the_node_names_the_exporters_there_are(bench):
+    with pytest.raises(Exception, match="one of 'mqtt', 'opcua'"):
+        bench.add(EnergyExporter, exporters=["sparkplug"])

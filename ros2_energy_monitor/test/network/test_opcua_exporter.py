@@ -1,0 +1,241 @@
+"""OPC UA with a real client: values, units, status codes, and that nobody can write."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import time
+
+import pytest
+from ros2_energy_msgs.msg import EnergyRegisters, PowerState
+
+from robot_energy.errors import CredentialsError, ExporterError
+from ros2_energy_monitor.diagnostics.reporter import StatusBuilder
+from ros2_energy_monitor.exporters.exporter import Newest
+from ros2_energy_monitor.exporters.opcua import NAMESPACE, OpcUaExporter, OpcUaParameters
+from ros2_energy_monitor.exporters.values import Topic
+
+asyncua = pytest.importorskip("asyncua", reason="asyncua is not installed")
+ua = asyncua.ua
+
+POWER, ENERGY = "AcActivePowerTotal", "AcActiveEnergyTotalImportHp"
+
+
+def power(watt=500.25, measured=480.5, location=PowerState.LOCATION_GRID, quality=0):
+    message = PowerState(
+        predicted_grid_power=watt, measured_power=measured, meter_location=location, quality=quality
+    )
+    message.header.stamp.sec = 1_700_000_000
+    return message
+
+
+def registers():
+    message = EnergyRegisters(predicted_import_energy=3.6e9, measured_energy=1.8e9)
+    message.header.stamp.sec = 1_700_000_001
+    return message
+
+
+@pytest.fixture
+def serve(eventually, free_port):
+    made = []
+
+    def start(**options):
+        port = free_port()
+        out = OpcUaExporter(OpcUaParameters(port=port, period=0.1, **options), "kr16")
+        out.start()
+        made.append(out)
+        eventually(lambda: out._ready.is_set() or out._failure, "the server")
+        assert not out._failure, out._failure
+        return out, f"opc.tcp://127.0.0.1:{port}/robot_energy"
+
+    yield start
+    for one in made:
+        one.stop()
+        assert one._ended.is_set()
+
+
+def updated(out, newest, eventually):
+    before = out._updates
+    eventually(
+        lambda: out.publish(newest, time.monotonic()) or out._updates > before + 1, "an update"
+    )
+
+
+async def read(url, *names, **login):
+    """Data values of variables, by object and browse name."""
+    client = asyncua.Client(url)
+    if login:
+        client.set_user(login["username"])
+        client.set_password(login["password"])
+    async with client:
+        space = await client.get_namespace_index(NAMESPACE)
+        found = []
+        for place, name in names:
+            path = [f"{space}:kr16", f"{space}:{place}", f"{space}:{name}"]
+            node = await client.nodes.objects.get_child(path)
+            found.append(await node.read_data_value(raise_on_bad_status=False))
+        return found
+
+
+def test_power_and_energy_with_units_and_numbers(serve, eventually):
+    out, url = serve()
+    newest = Newest(1000.0)
+    newest.take(Topic.POWER, power(), time.monotonic())
+    newest.take(Topic.REGISTERS, registers(), time.monotonic())
+    updated(out, newest, eventually)
+    places = ("PredictedEnergy", "MeasuredEnergy")
+    names = [(place, name) for place in places for name in (POWER, ENERGY)]
+    values = asyncio.run(read(url, *names))
+    assert [one.Value.Value for one in values] == [500.25, 1e6, 480.5, 5e5]
+    assert all(one.StatusCode.is_good() for one in values)
+    assert [one.Value.VariantType for one in values[:2]] == [
+        ua.VariantType.Float, ua.VariantType.Double,
+    ]  # fmt: skip
+    assert values[0].SourceTimestamp.timestamp() == 1_700_000_000
+
+    async def properties():
+        async with asyncua.Client(url) as client:
+            space = await client.get_namespace_index(NAMESPACE)
+            place = await client.nodes.objects.get_child(
+                [f"{space}:kr16", f"{space}:PredictedEnergy"]
+            )
+            node = await place.get_child([f"{space}:{POWER}"])
+            unit = await (await node.get_child(["0:EngineeringUnits"])).read_value()
+            number = await (await node.get_child([f"{space}:MeasurementID"])).read_value()
+            origin = await (await place.get_child([f"{space}:Origin"])).read_value()
+            return unit, number, origin
+
+    unit, number, origin = asyncio.run(properties())
+    assert (unit.UnitId, unit.DisplayName.Text) == (5723220, "W")
+    assert number == 1412
+    assert "model" in origin
+
+
+@pytest.mark.parametrize(
+    ("message", "predicted", "measured"),
+    [
+        (None, "BadWaitingForInitialData", "BadWaitingForInitialData"),
+        (power(measured=math.nan), "Good", "BadNotConnected"),
+        (power(location=PowerState.LOCATION_DC_BUS), "Good", "BadNotConnected"),
+        (power(watt=math.nan), "BadNoData", "Good"),
+        (power(quality=2), "UncertainSubNormal", "Good"),
+    ],
+)
+def test_status_codes_say_what_is_unknown(serve, eventually, message, predicted, measured):
+    out, url = serve()
+    newest = Newest(1000.0)
+    if message is not None:
+        newest.take(Topic.POWER, message, time.monotonic())
+    updated(out, newest, eventually)
+    values = asyncio.run(read(url, ("PredictedEnergy", POWER), ("MeasuredEnergy", POWER)))
+    assert [one.StatusCode.name for one in values] == [predicted, measured]
+    for one in values:
+        assert (one.Value.Value is None) == one.StatusCode.is_bad()
+
+
+def test_silence_is_no_communication(serve, eventually):
+    out, url = serve()
+    newest = Newest(0.5)
+    newest.take(Topic.POWER, power(), time.monotonic() - 1.0)
+    updated(out, newest, eventually)
+    (value,) = asyncio.run(read(url, ("PredictedEnergy", POWER)))
+    assert value.StatusCode.name == "BadNoCommunication"
+    assert value.Value.Value is None
+
+
+def test_nobody_writes_or_adds(serve):
+    _, url = serve()
+
+    async def try_it():
+        async with asyncua.Client(url) as client:
+            space = await client.get_namespace_index(NAMESPACE)
+            robot = await client.nodes.objects.get_child([f"{space}:kr16"])
+            node = await robot.get_child([f"{space}:PredictedEnergy", f"{space}:{POWER}"])
+            with pytest.raises((ua.uaerrors.BadUserAccessDenied, ua.uaerrors.BadNotWritable)):
+                await node.write_value(ua.Variant(1.0, ua.VariantType.Float))
+            with pytest.raises(ua.uaerrors.BadUserAccessDenied):
+                await robot.add_variable(space, "mine", 1.0)
+
+    asyncio.run(try_it())
+
+
+def secret_file(folder, mode=0o600):
+    path = folder / "opcua.yaml"
+    path.write_text("username: plant\npassword: secret\n")
+    path.chmod(mode)
+    return str(path)
+
+
+def test_users_need_their_password(serve, eventually, tmp_path):
+    out, url = serve(credentials_file=secret_file(tmp_path))
+    newest = Newest(1000.0)
+    newest.take(Topic.POWER, power(), time.monotonic())
+    updated(out, newest, eventually)
+    wanted = ("PredictedEnergy", POWER)
+    (value,) = asyncio.run(read(url, wanted, username="plant", password="secret"))
+    assert value.Value.Value == 500.25
+    for login in (
+        {"username": "plant", "password": "wrong"},
+        {"username": "admin", "password": ""},
+    ):
+        with pytest.raises(ua.UaError):
+            asyncio.run(read(url, wanted, **login))
+    with pytest.raises(ua.UaError):
+        asyncio.run(read(url, wanted))
+
+
+def test_signed_and_encrypted(serve, eventually, certificates):
+    made = certificates("urn:robot-energy:opcua:kr16")
+    out, url = serve(
+        security="sign_and_encrypt",
+        certificate_file=str(made.certificate),
+        key_file=str(made.key),
+    )
+    newest = Newest(1000.0)
+    newest.take(Topic.POWER, power(), time.monotonic())
+    updated(out, newest, eventually)
+    with pytest.raises((ua.UaError, ConnectionError, asyncio.TimeoutError)):
+        asyncio.run(read(url, ("PredictedEnergy", POWER)))  # without security
+
+    async def secure():
+        client = asyncua.Client(url)
+        client.application_uri = "urn:robot-energy:opcua:kr16"
+        await client.set_security_string(
+            f"Basic256Sha256,SignAndEncrypt,{made.certificate},{made.key}"
+        )
+        async with client:
+            space = await client.get_namespace_index(NAMESPACE)
+            path = [f"{space}:kr16", f"{space}:PredictedEnergy", f"{space}:{POWER}"]
+            return await (await client.nodes.objects.get_child(path)).read_value()
+
+    assert asyncio.run(secure()) == 500.25
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"address": "0.0.0.0"}, "security is none"),
+        ({"address": "plant"}, "an IP address"),
+        ({"security": "sign"}, "both files"),
+        ({"certificate_file": "x"}, "both files"),
+    ],
+)
+def test_unsafe_settings_are_refused(given, words):
+    with pytest.raises(ExporterError, match=words):
+        OpcUaExporter(OpcUaParameters(**given), "kr16")
+
+
+def test_an_open_file_of_credentials_is_refused(tmp_path):
+    with pytest.raises(CredentialsError, match="0644"):
+        OpcUaExporter(OpcUaParameters(credentials_file=secret_file(tmp_path, 0o644)), "kr16")
+
+
+def test_a_port_in_use_is_in_the_diagnostics(serve, eventually):
+    out, _ = serve()
+    second = OpcUaExporter(out._given, "kr16")
+    second.start()
+    eventually(lambda: second._failure, "the failure")
+    found = StatusBuilder("opcua")
+    second.check(found)
+    assert "the OPC UA server does not run" in found.message
+    second.stop()

@@ -1,0 +1,167 @@
+"""RMS of what a model predicts less what was measured: power at a meter, torque of motors.
+
+Both take blocks as they come, in any cutting, and keep a few sums only.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from robot_energy.blocks import DOUBTFUL, NANOSECOND, Float, Int, PowerBlock, differences
+from robot_energy.model import RobotModel
+from robot_energy.physics.drivetrain import Drivetrain
+from robot_energy.timeline.pieces import Compared
+
+NO_READING = -(2**62)  # ns, before all stamps
+
+
+class PowerErrorSums:
+    """Error of the mean power from reading to reading, each reading weighted by its time.
+
+    ``rms = sqrt(sum(E_i^2 / t_i) / sum(t_i))`` with the energy error ``E_i`` over the time
+    ``t_i`` that reading ``i`` covers.
+    """
+
+    def __init__(self) -> None:
+        self._squares = np.zeros(2)  # of predicted - measured, and of measured [W^2 s]
+        self._time = 0.0  # s
+        self._open_ns = NO_READING
+        self._open = np.zeros(3)  # energy error and energy of the newest reading [J], time [s]
+
+    def step(self, compared: Compared) -> None:
+        """Take what became comparable.
+
+        Args:
+            compared: In the order of time.
+        """
+        if not len(compared):
+            return
+        first = np.flatnonzero(differences(compared.available_ns, self._open_ns))
+        if not len(first) or first[0] > 0:
+            first = np.concatenate([np.zeros(1, dtype=np.int64), first])
+            begun = self._open
+        else:
+            self._close(self._open[:, None])
+            begun = np.zeros(3)
+        values = np.stack(
+            [
+                compared.predicted - compared.measured,
+                compared.measured,
+                compared.duration_ns * NANOSECOND,
+            ]
+        )
+        readings = np.add.reduceat(values, first, axis=1)
+        readings[:, 0] += begun
+        self._close(readings[:, :-1])
+        self._open, self._open_ns = readings[:, -1], int(compared.available_ns[-1])
+
+    def _close(self, readings: Float) -> None:
+        used = readings[:, readings[2] > 0]
+        self._squares += (used[:2] ** 2 / used[2]).sum(axis=1)
+        self._time += float(used[2].sum())
+
+    def add(self, other: PowerErrorSums) -> None:
+        """Take all readings of another recording.
+
+        Args:
+            other: Its sums.
+        """
+        self._close(np.stack([self._open, other._open], axis=1))
+        self._open, self._open_ns = np.zeros(3), NO_READING
+        self._squares += other._squares
+        self._time += other._time
+
+    @property
+    def rms(self) -> float:
+        """Of predicted less measured power; NaN where nothing was compared. [W]"""
+        return self._root(0)
+
+    @property
+    def measured_rms(self) -> float:
+        """Of the measured power: the error of a prediction of 0 W. [W]"""
+        return self._root(1)
+
+    def _root(self, part: int) -> float:
+        time, square = self._time, float(self._squares[part])
+        if self._open[2] > 0:
+            time += float(self._open[2])
+            square += float(self._open[part] ** 2 / self._open[2])
+        return float(np.sqrt(square / time)) if time > 0 else float("nan")
+
+
+class TorqueErrorSums:
+    """Error of the motor torque of each joint, over all samples and while the joint moves.
+
+    A sample counts for a joint where its torque was measured and its acceleration comes from
+    a full window. At rest friction is anything up to its Coulomb value, which no model can
+    predict; therefore the moving samples count once more for themselves.
+
+    Args:
+        model: Drivetrain and standstill velocities of the robot.
+    """
+
+    def __init__(self, model: RobotModel) -> None:
+        self._drivetrain = Drivetrain.from_model(model)
+        self._standstill = np.array([joint.standstill_velocity for joint in model.joints])
+        count = len(model.joints)
+        self._samples: Int = np.zeros((2, count), dtype=np.int64)  # all, moving
+        self._squares = np.zeros((2, 2, count))  # error, measured; all, moving [(N m)^2]
+
+    def step(self, block: PowerBlock) -> None:
+        """Take power samples.
+
+        Args:
+            block: In the order of time.
+        """
+        measured = block.motor_torque_measured
+        error = block.motor_torque - measured
+        sound = (block.quality & np.uint32(DOUBTFUL)) == 0
+        known = np.isfinite(error) & sound[:, None]
+        speed = self._drivetrain.joint_velocity_from_motor(block.motor_velocity)
+        moving = known & (np.abs(speed) > self._standstill)
+        for place, rows in enumerate((known, moving)):
+            self._samples[place] += rows.sum(axis=0)
+            for part, values in enumerate((error, measured)):
+                self._squares[part, place] += (np.where(rows, values, 0.0) ** 2).sum(axis=0)
+
+    def add(self, other: TorqueErrorSums) -> None:
+        """Take all samples of another recording.
+
+        Args:
+            other: Its sums, of the same joints.
+        """
+        self._samples += other._samples
+        self._squares += other._squares
+
+    @property
+    def samples(self) -> Int:
+        """How many counted, all and moving, shape (2, n)."""
+        return self._samples
+
+    @property
+    def rms(self) -> Float:
+        """Of predicted less measured torque, all and moving, shape (2, n). [N m]"""
+        return self._mean_root(0)
+
+    @property
+    def measured_rms(self) -> Float:
+        """Of the measured torque: the error of a prediction of 0 N m, shape (2, n). [N m]"""
+        return self._mean_root(1)
+
+    @property
+    def relative(self) -> Float:
+        """Norm of the error over that of the measured torque, shape (2, n). [-]"""
+        return _ratio(self._squares[0], self._squares[1])
+
+    @property
+    def relative_of_all(self) -> Float:
+        """The same of all joints together, shape (2,). [-]"""
+        return _ratio(self._squares[0].sum(axis=1), self._squares[1].sum(axis=1))
+
+    def _mean_root(self, part: int) -> Float:
+        count = np.where(self._samples > 0, self._samples, 1)
+        return np.where(self._samples > 0, np.sqrt(self._squares[part] / count), np.nan)
+
+
+def _ratio(part: Float, whole: Float) -> Float:
+    return np.where(whole > 0, np.sqrt(part / np.where(whole > 0, whole, 1.0)), np.nan)

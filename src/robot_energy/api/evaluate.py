@@ -1,0 +1,133 @@
+"""How good a model is on recordings, fitted or not."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Literal, Unpack
+
+import numpy as np
+
+from robot_energy.accounting.prediction_errors import TorqueErrorSums
+from robot_energy.api.inputs import ModelName, model_of
+from robot_energy.api.replay import FALLBACK, ReplayOptions, fixed_friction, run_replay
+from robot_energy.errors import BagError
+from robot_energy.identify.data.bags import Bag
+from robot_energy.model import RobotModel
+from robot_energy.pipeline import Output
+from robot_energy.results.evaluation import (
+    FIXED,
+    MODEL,
+    EvaluationReport,
+    RecordingScore,
+    ScoreSums,
+    location_of,
+    meaning_of,
+    seen_in_fit,
+)
+from robot_energy.results.model import model_used
+from robot_energy.results.replay import ReplayReport, replay_report
+
+
+def evaluate(
+    bags: str | Path | Sequence[str | Path],
+    model: ModelName,
+    *,
+    temperature: float | Literal["fallback"] = FALLBACK,
+    **options: Unpack[ReplayOptions],
+) -> EvaluationReport:
+    """Compare a model with what was measured in recordings: torque, shafts, meter.
+
+    The model is run as the monitor runs it. The same model with friction at one temperature,
+    and a prediction of nothing, are compared in the same way, so that the errors have a scale.
+
+    Args:
+        bags: MCAP files or rosbag2 folders, with measured torque, a power meter, or both.
+        model: A model, its file, or the name of a shipped one.
+        temperature: Of the fixed friction; ``fallback``: that which the model assumes without
+            measurement. [degC]
+        **options: What is read and how: see `ReplayOptions`; ``effort`` says what the torque is.
+
+    Returns:
+        Errors of each recording and of all together, and whether each was held out.
+
+    Raises:
+        BagError: If a bag cannot be read, or nothing was measured in any.
+        RobotEnergyError: If the model or an option cannot be used.
+    """
+    used = model_of(model)
+    fixed, change = fixed_friction(used, temperature)
+    paths = [bags] if isinstance(bags, str | Path) else list(bags)
+    variants = ((MODEL, used, None), (FIXED, fixed, change))
+    done, progress = 0, options.get("progress")
+    together: dict[str, ScoreSums] = {}
+    recordings: list[RecordingScore] = []
+    effort = ""
+
+    def show(share: float) -> None:
+        if progress is not None:
+            progress((done + share) / (len(paths) * len(variants)))
+
+    for path in paths:
+        sums: dict[str, ScoreSums] = {}
+        for name, variant, text in variants:
+            report, found, degc = _run(path, variant, text, {**options, "progress": show})
+            done += 1
+            sums[name] = found
+            if name == MODEL:
+                effort = meaning_of(report)
+                recordings.append(_recording(path, used, report, degc))
+        scores = (*(one.score(name) for name, one in sums.items()), sums[MODEL].zero())
+        recordings[-1] = replace(recordings[-1], scores=scores)
+        for name, found in sums.items():
+            together[name] = together[name].plus(found) if name in together else found
+    if not together or all(
+        one.measured_energy is None and one.scores[0].all_joints is None for one in recordings
+    ):
+        raise BagError(
+            f"neither torque nor power was measured in {', '.join(map(str, paths)) or 'nothing'}",
+            "recordings with a power meter, or with torque or current in the joint states",
+            "say with --effort what the effort is",
+        )
+    return EvaluationReport(
+        model_used(used),
+        effort,
+        tuple(recordings),
+        (*(one.score(name) for name, one in together.items()), together[MODEL].zero()),
+    )
+
+
+def _run(
+    path: str | Path, model: RobotModel, change: str | None, options: ReplayOptions
+) -> tuple[ReplayReport, ScoreSums, tuple[float, float]]:
+    """Replay a bag; return the report, the sums of its errors, and the range of temperatures."""
+    torque, degc = TorqueErrorSums(model), [math.inf, -math.inf]
+
+    def take(output: Output) -> None:
+        if output.power is None:
+            return
+        torque.step(output.power)
+        warm = output.power.motor_temperature_degc
+        warm = warm[np.isfinite(warm)]
+        if len(warm):
+            degc[:] = min(degc[0], float(warm.min())), max(degc[1], float(warm.max()))
+
+    result = run_replay(path, model, on_output=take, **options)
+    report = replay_report(result, change)
+    return report, ScoreSums.of(report, torque, result.power_error), (degc[0], degc[1])
+
+
+def _recording(
+    path: str | Path, model: RobotModel, report: ReplayReport, degc: tuple[float, float]
+) -> RecordingScore:
+    bag = Bag(Path(path))
+    sha256 = bag.sha256()
+    seen, reason = seen_in_fit(model, bag.name, sha256)
+    meter = report.comparison
+    return RecordingScore(
+        bag.name, sha256, seen, reason, report.origin, report.time.observed_time, *degc,
+        location_of(meter), meter.compared_time, meter.measured_energy, (), report.problems,
+        report.notes,
+    )  # fmt: skip

@@ -1,0 +1,131 @@
+"""`robot-energy test`: how good a model is on recordings, fitted or not."""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from robot_energy.cli.memory import keep_freed_memory
+from robot_energy.cli.replay_options import AT_FALLBACK, BAG, DAMAGED, add_replay, options_of
+from robot_energy.cli.robots import model_named
+from robot_energy.cli.terminal import add_command, add_json, check_outputs, present, progress
+from robot_energy.errors import ModelFileError
+
+if TYPE_CHECKING:
+    from robot_energy.results.evaluation import EvaluationReport
+
+DESCRIPTION = """\
+Compare a model with what was measured: torque of every motor, shaft energy, power and energy at
+the meter. The same model with friction at one temperature and a prediction of zero are compared
+in the same way. It says of each recording whether the model was identified from it: figures on
+such a recording are not held out, and say little of others.
+"""
+EPILOG = """\
+examples:
+  robot-energy test cold warm --model my_robot.yaml --effort motor_torque
+  robot-energy test bag --model kr16 --compare 60 --json test.json --report test.html
+  robot-energy test --log log.csv --mapping cell.yaml --model my_robot.yaml
+"""
+
+
+def add_parser(commands: Any) -> None:
+    """Add the sub-command.
+
+    Args:
+        commands: What `ArgumentParser.add_subparsers` returned.
+    """
+    text = "how good a model is on recordings: torque, shafts, power and energy at the meter"
+    parser = add_command(commands, "test", run, text, DESCRIPTION, EPILOG)
+    parser.add_argument("bags", nargs="*", metavar="BAG", help=BAG)
+    parser.add_argument(
+        "--log",
+        nargs="+",
+        metavar="LOG",
+        help="instead of bags: tables (CSV, plain or .gz, Parquet), each a recording; or their "
+        "folder, if the mapping names the files",
+    )
+    parser.add_argument("--mapping", metavar="FILE", help="what the columns of the log mean")
+    outputs = parser.add_argument_group("outputs")
+    add_json(outputs)
+    outputs.add_argument(
+        "--report", metavar="FILE", help="write tables and figures as one HTML file"
+    )
+    add_replay(
+        parser,
+        compare="temperature of the fixed friction that the model is compared with (default: the "
+        "model's fallback temperature)",
+        fixed=False,
+    )
+
+
+def run(args: Namespace) -> int:
+    """Compare, and say how good the model is.
+
+    Args:
+        args: Of the command line.
+
+    Returns:
+        0, or 3 if a bag is damaged and was read in part.
+
+    Raises:
+        RobotEnergyError: If a recording, the model or an output cannot be used.
+    """
+    from robot_energy.report.document import Document
+    from robot_energy.report.evaluation import evaluation_document
+    from robot_energy.report.formats import counted
+
+    if bool(args.bags) == bool(args.log):
+        raise ModelFileError("neither bags nor a log, or both", "BAG... or --log")
+    if (args.log is None) != (args.mapping is None):
+        raise ModelFileError("a log without its mapping, or the reverse", "--log and --mapping")
+    named = model_named(args)
+    given = [*args.bags, *(args.log or ()), named, args.inputs, args.mapping]
+    check_outputs(args, given)
+    keep_freed_memory()
+    report = _of_logs(args, named) if args.log else _evaluated(args, args.bags, named)
+    page = Document(
+        f"Test of {report.model.robot}",
+        f"Model {report.model.model_id} on {counted(len(report.recordings), 'recording')}.",
+    )
+    evaluation_document(report, page)
+    present(args, report, page)
+    return DAMAGED if any(one.problems for one in report.recordings) else 0
+
+
+def _evaluated(
+    args: Namespace, bags: list[Any], model: str, effort: str | None = None
+) -> EvaluationReport:
+    from robot_energy.api.evaluate import evaluate
+
+    options = options_of(args)
+    options["effort"] = options["effort"] or effort
+    compare = AT_FALLBACK if args.compare is None else args.compare
+    with progress("testing") as show:
+        return evaluate(bags, model, temperature=compare, progress=show, **options)
+
+
+def _of_logs(args: Namespace, model: str) -> EvaluationReport:
+    """Import every log as a recording of its own, and compare."""
+    from robot_energy.files.temporary_folder import TemporaryFolder
+    from robot_energy.identify.data.bags import Bag
+    from robot_energy.logs import import_log, load_mapping
+
+    mapping = load_mapping(args.mapping)
+    effort = mapping.joints.effort
+    meaning = None
+    if effort is not None and effort.side is not None:
+        current = effort.si_unit == "ampere"
+        meaning = f"{effort.side}_{'current' if current else 'torque'}"
+    with TemporaryFolder() as folder:
+        bags = [
+            import_log(log, mapping, folder.path / str(number) / Path(log).name).bag
+            for number, log in enumerate(args.log)
+        ]
+        report = _evaluated(args, bags, model, meaning)
+    hashes = [Bag(Path(log)).sha256() for log in args.log]
+    recordings = [
+        replace(one, sha256=sha256) for one, sha256 in zip(report.recordings, hashes, strict=True)
+    ]
+    return replace(report, recordings=tuple(recordings))

@@ -1,0 +1,266 @@
+"""How good a model is on recordings: torque, shaft energy, power and energy at the meter."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from robot_energy.report.document import Column, Document
+from robot_energy.report.energy_figure import Bars, error_bars
+from robot_energy.report.formats import (
+    aligned,
+    energy_text,
+    fixed,
+    percent,
+    signed_percent,
+    significant,
+    tags_text,
+)
+from robot_energy.report.replay import LOCATION_NAMES
+from robot_energy.report.series import Role
+from robot_energy.results.evaluation import (
+    FIXED,
+    MODEL,
+    ZERO,
+    EvaluationReport,
+    ModelScore,
+    RecordingScore,
+)
+
+SEEN = {"held_out": "held out", "fitted": "used in the fit", "unknown": "not known"}
+ROLES: dict[str, Role] = {MODEL: "predicted", FIXED: "fixed"}
+SIDES = {
+    "motor_torque": "the motor torque that the driver reports",
+    "motor_current": "reported current x torque_constant of the model file",
+    "joint_torque": "reported joint torque through the gears",
+}
+
+
+def evaluation_document(report: EvaluationReport, page: Document) -> None:
+    """Add all errors, the whole first.
+
+    Args:
+        report: The errors.
+        page: Where to.
+    """
+    model = report.model
+    page.paragraph(verdict(report), "strong")
+    page.paragraph(_seen(report))
+    for one in report.recordings:
+        for problem in one.problems:
+            page.paragraph(f"{one.recording}: {problem}", "problem")
+        page.notes([f"{one.recording}: {note}" for note in one.notes])
+    page.paragraph()
+    page.pairs(
+        [
+            ("model", f"{model.robot}, id {model.model_id}"),
+            ("model file", model.source),
+            ("its figures", tags_text(model.figures)),
+        ]
+    )
+    _recordings(report, page)
+    metered = [one for one in report.recordings if one.measured_energy is not None]
+    if metered:
+        _meter(metered, report, page)
+    if report.together[0].all_joints is not None:
+        _torque(report, page)
+
+
+def verdict(report: EvaluationReport) -> str:
+    """Return the errors of the model over all recordings in one line.
+
+    Args:
+        report: The errors.
+    """
+    parts = [_brief(report.together[0])]
+    fixed_ = _named(report.together, FIXED)
+    if fixed_ is not None:
+        parts.append(f"with {fixed_.change}: {_brief(fixed_)}")
+    return "; ".join(parts)
+
+
+def _brief(score: ModelScore) -> str:
+    parts: list[str] = []
+    if score.energy_relative is not None and score.power_error_rms is not None:
+        parts.append(
+            f"energy at the meter {signed_percent(score.energy_relative)}, power "
+            f"{significant(3)(score.power_error_rms)} W RMS"
+        )
+    whole = score.all_joints
+    if whole is not None:
+        parts.append(f"motor torque {percent(whole.torque_relative_moving)} off while moving")
+    return ", ".join(parts)
+
+
+def _seen(report: EvaluationReport) -> str:
+    """Say whether the figures are held out."""
+    kinds = {one.seen for one in report.recordings}
+    if kinds == {"held_out"}:
+        return "held out: no figure of the model was identified from these recordings"
+    if kinds == {"fitted"}:
+        return "not held out: figures of the model were identified from these recordings"
+    names = {
+        kind: ", ".join(one.recording for one in report.recordings if one.seen == kind)
+        for kind in SEEN
+        if kind in kinds
+    }
+    return "; ".join(f"{SEEN[kind]}: {text}" for kind, text in names.items())
+
+
+def _recordings(report: EvaluationReport, page: Document) -> None:
+    page.rows(
+        "Recordings",
+        [
+            Column("", "recording"),
+            Column("sha256", "sha256"),
+            Column("predicted", "observed_time", fixed(1), "s"),
+            Column("motors", _degc, unit="degC"),
+            Column("figures are", lambda one: SEEN[one.seen]),
+            Column("why", "reason"),
+        ],
+        report.recordings,
+    )
+
+
+def _degc(one: RecordingScore) -> str | None:
+    if one.lowest_degc is None or one.highest_degc is None:
+        return None
+    return f"{one.lowest_degc:.0f} to {one.highest_degc:.0f}"
+
+
+def _meter(metered: Sequence[RecordingScore], report: EvaluationReport, page: Document) -> None:
+    places = {LOCATION_NAMES.get(one.meter_location or "", "the meter") for one in metered}
+    place = places.pop() if len(places) == 1 else "the meter"
+    labels = _labels(report.together)
+
+    def errors(name: str) -> list[float]:
+        return [_known(_energy(one, name)) for one in metered]
+
+    def mean_size(name: str) -> str:
+        return percent(sum(map(abs, errors(name))) / len(metered))
+
+    page.rows(
+        f"Energy at {place}, predicted minus measured",
+        [
+            Column("", "recording"),
+            Column("compared", "compared_time", fixed(1), "s"),
+            Column("measured", "measured_energy", energy_text),
+            *(
+                Column(
+                    label,
+                    lambda one, name=name: _energy(one, name),
+                    signed_percent,
+                    total=lambda _, name=name: mean_size(name),
+                )
+                for name, label in labels.items()
+                if name != ZERO
+            ),
+        ],
+        metered,
+        "mean size" if len(metered) > 1 else "",
+    )
+    watt = aligned([_power(one, name) for one in metered for name in labels], 4)
+    page.rows(
+        f"Power at {place} from reading to reading, RMS error [W]",
+        [
+            Column("", "recording"),
+            *(
+                Column(label, lambda one, name=name: _power(one, name), watt)
+                for name, label in labels.items()
+            ),
+        ],
+        metered,
+    )
+    if len(metered) > 1:
+        bars = [_bar(name, label, errors(name)) for name, label in labels.items() if name in ROLES]
+        page.figure(
+            lambda path: error_bars([one.recording for one in metered], bars, path),
+            "Error of the predicted energy at the meter, by recording.",
+        )
+
+
+def _torque(report: EvaluationReport, page: Document) -> None:
+    labels = _labels(report.together)
+    joints = report.together[0].joints
+
+    def of(name: str, value: str, place: int) -> float | None:
+        score = _named(report.together, name)
+        if score is None or score.all_joints is None:
+            return None
+        return getattr((*score.joints, score.all_joints)[place], value)
+
+    def table(title: str, value: str, form: Callable[[float | None], str], total: bool) -> None:
+        names = [joint.name for joint in joints]
+        page.rows(
+            title,
+            [
+                Column("", names.__getitem__),
+                *(
+                    Column(
+                        label,
+                        lambda place, name=name: of(name, value, place),
+                        form,
+                        total=lambda _, name=name: of(name, value, len(joints)),
+                    )
+                    for name, label in labels.items()
+                    if name != ZERO or form is not percent
+                ),
+            ],
+            range(len(joints)),
+            "all joints" if total else "",
+        )
+
+    page.paragraph(f"Measured torque: {SIDES.get(report.effort, report.effort)}.")
+    for what, suffix in (("while the joint moves", "_moving"), ("all samples", "")):
+        rms, share = f"torque_rms{suffix}", f"torque_relative{suffix}"
+        values = [of(name, rms, place) for name in labels for place in range(len(joints))]
+        title = f"Motor torque, RMS error, {what} [N m]"
+        table(title, rms, aligned(values, 4), total=False)
+        table(f"The same over the measured torque, {what}", share, percent, total=True)
+    shaft = "Shaft energy, predicted minus measured, over measured out + back"
+    table(shaft, "shaft_energy_relative", signed_percent, total=True)
+    samples = report.together[0].all_joints
+    if samples is not None:
+        page.paragraph(
+            f"{samples.samples} torques of {len(joints)} joints, {samples.moving_samples} of them "
+            "in motion. At rest friction is anything up to its Coulomb value, which no model "
+            "predicts."
+        )
+    share = "torque_relative_moving"
+    bars = [
+        _bar(name, label, [_known(of(name, share, place)) for place in range(len(joints))])
+        for name, label in labels.items()
+        if name in ROLES
+    ]
+    page.figure(
+        lambda path: error_bars(
+            [joint.name for joint in joints], bars, path, "torque error over measured torque [%]"
+        ),
+        "Error of the motor torque while the joint moves, by joint.",
+    )
+
+
+def _labels(scores: Sequence[ModelScore]) -> dict[str, str]:
+    names = {MODEL: "model", ZERO: "zero"}
+    return {one.name: names.get(one.name) or (one.change or "fixed") for one in scores}
+
+
+def _bar(name: str, label: str, errors: list[float]) -> Bars:
+    return label, ROLES[name], errors
+
+
+def _named(scores: Sequence[ModelScore], name: str) -> ModelScore | None:
+    return next((one for one in scores if one.name == name), None)
+
+
+def _energy(one: RecordingScore, name: str) -> float | None:
+    score = one.score(name)
+    return None if score is None else score.energy_relative
+
+
+def _power(one: RecordingScore, name: str) -> float | None:
+    score = one.score(name)
+    return None if score is None else score.power_error_rms
+
+
+def _known(value: float | None) -> float:
+    return float("nan") if value is None else value

@@ -1,0 +1,320 @@
+"""How good a model is on recordings: torque, shaft energy, power and energy at the meter."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, ClassVar, Literal, cast
+
+import numpy as np
+
+from robot_energy.accounting.prediction_errors import PowerErrorSums, TorqueErrorSums
+from robot_energy.blocks import EffortMeaning, Float
+from robot_energy.model import RobotModel
+from robot_energy.results.base import Number, Result
+from robot_energy.results.energy import MeterComparison
+from robot_energy.results.model import ModelUsed
+from robot_energy.results.replay import JointShaft, ReplayReport
+
+Seen = Literal["held_out", "fitted", "unknown"]
+MODEL, FIXED, ZERO = "model", "fixed_friction", "zero"
+
+
+@dataclass(frozen=True)
+class JointScore(Result):
+    """Errors at one motor, predicted less measured; None where torque was not measured.
+
+    Attributes:
+        name: Of the joint; of the row of all joints, ``all joints``.
+        samples: That counted.
+        moving_samples: Of them, those in which the joint moved.
+        torque_rms: RMS error of the motor torque; None for all joints. [N m]
+        torque_rms_moving: The same while the joint moved. [N m]
+        torque_relative: Norm of the error over that of the measured torque. [-]
+        torque_relative_moving: The same while the joint moved. [-]
+        shaft_energy_error: Error of the shaft energy. [J]
+        shaft_energy_relative: The same over the measured energy that went either way. [-]
+    """
+
+    name: str
+    samples: int
+    moving_samples: int
+    torque_rms: Number
+    torque_rms_moving: Number
+    torque_relative: Number
+    torque_relative_moving: Number
+    shaft_energy_error: Number
+    shaft_energy_relative: Number
+
+
+@dataclass(frozen=True)
+class ModelScore(Result):
+    """Errors of one prediction.
+
+    Attributes:
+        name: ``model``; ``fixed_friction``, the same with friction at one temperature; or
+            ``zero``, which predicts no torque and no power.
+        change: What was changed about the model.
+        joints: In model order; empty where no torque was measured.
+        all_joints: All of them together; None where no torque was measured.
+        predicted_energy: At the meter, over the compared time. [J]
+        energy_error: Predicted less measured. [J]
+        energy_relative: The same over the measured energy. [-]
+        power_error_rms: Of the mean power from reading to reading. [W]
+    """
+
+    name: str
+    change: str | None
+    joints: tuple[JointScore, ...]
+    all_joints: JointScore | None
+    predicted_energy: Number
+    energy_error: Number
+    energy_relative: Number
+    power_error_rms: Number
+
+
+@dataclass(frozen=True)
+class RecordingScore(Result):
+    """The predictions on one recording.
+
+    Attributes:
+        recording: Its name.
+        sha256: First digits of the hash of its messages.
+        seen: ``held_out`` if no figure of the model was identified from it, ``fitted`` if
+            some were, ``unknown`` if the model does not say what its figures come from.
+        reason: Why, in one sentence.
+        origin: Where the recording comes from, as its writer said.
+        observed_time: Predicted. [s]
+        lowest_degc: Of all motor temperatures; None without any. [degC]
+        highest_degc: Of all motor temperatures. [degC]
+        meter_location: ``grid`` or ``dc_bus``; None without a meter.
+        compared_time: Time that prediction and meter cover. [s]
+        measured_energy: At the meter, over that time. [J]
+        scores: Of the model, of fixed friction if that differs, and of zero.
+        problems: What makes the figures doubtful, one sentence each.
+        notes: What a reader should know, one sentence each.
+    """
+
+    recording: str
+    sha256: str
+    seen: Seen
+    reason: str
+    origin: str | None
+    observed_time: float
+    lowest_degc: Number
+    highest_degc: Number
+    meter_location: str | None
+    compared_time: float
+    measured_energy: Number
+    scores: tuple[ModelScore, ...]
+    problems: tuple[str, ...]
+    notes: tuple[str, ...]
+
+    def score(self, name: str) -> ModelScore | None:
+        """Return one of the scores; None if there is none of this name."""
+        return next((one for one in self.scores if one.name == name), None)
+
+
+@dataclass(frozen=True)
+class EvaluationReport(Result):
+    """How good a model is on recordings.
+
+    Attributes:
+        model: The model.
+        effort: What the effort in the joint states was taken for.
+        recordings: One by one.
+        together: The scores over all recordings: sums of energies, RMS over all samples.
+    """
+
+    NAME: ClassVar[str] = "test"
+
+    model: ModelUsed
+    effort: str
+    recordings: tuple[RecordingScore, ...]
+    together: tuple[ModelScore, ...]
+
+
+@dataclass
+class ScoreSums:
+    """Sums behind the score of one prediction, of one recording or of several.
+
+    Attributes:
+        names: Of the joints.
+        torque: Errors of the motor torque.
+        power: Errors of the power at the meter.
+        change: What was changed about the model.
+        shaft: Measured out, measured back, predicted out, predicted back, shape (4, n). [J]
+        measured: Energy at the meter; NaN without one. [J]
+        predicted: The same, predicted. [J]
+    """
+
+    names: Sequence[str]
+    torque: TorqueErrorSums
+    power: PowerErrorSums
+    change: str | None = None
+    shaft: Float = field(default_factory=lambda: np.full((4, 0), np.nan))
+    measured: float = float("nan")
+    predicted: float = float("nan")
+
+    @classmethod
+    def of(cls, report: ReplayReport, torque: TorqueErrorSums, power: PowerErrorSums) -> ScoreSums:
+        """Return the sums of a replay.
+
+        Args:
+            report: Of the replay.
+            torque: Errors of its motor torque.
+            power: Errors of its power at the meter.
+        """
+        joints = report.shaft.joints if report.shaft is not None else ()
+        rows = [_parts(joint) for joint in joints] or [[np.nan] * 4] * len(report.joints)
+        meter = report.comparison
+        return cls(
+            [joint.name for joint in report.joints],
+            torque,
+            power,
+            report.model.change,
+            np.array(rows).T,
+            _number(meter.measured_energy),
+            _number(meter.predicted_energy_at_meter),
+        )
+
+    def plus(self, other: ScoreSums) -> ScoreSums:
+        """Return the sums of both; what only one of them has counts alone.
+
+        Args:
+            other: Of another recording, same joints.
+        """
+        self.torque.add(other.torque)
+        self.power.add(other.power)
+        measured, predicted = (
+            float(_sum(np.array([getattr(self, name), getattr(other, name)])))
+            for name in ("measured", "predicted")
+        )
+        shaft = _sum(np.stack([self.shaft, other.shaft]))
+        return replace(self, shaft=shaft, measured=measured, predicted=predicted)
+
+    def score(self, name: str) -> ModelScore:
+        """Return the errors.
+
+        Args:
+            name: ``model`` or ``fixed_friction``.
+        """
+        torque = self.torque
+        return self._score(name, self.change, torque.rms, torque.relative, torque.relative_of_all)
+
+    def zero(self) -> ModelScore:
+        """Return the errors of a prediction of no torque and no power."""
+        torque = self.torque
+        known = torque.measured_rms > 0
+        empty = replace(
+            self,
+            shaft=np.where([[True], [True], [False], [False]], self.shaft, 0.0 * self.shaft),
+            predicted=0.0 * self.measured,
+        )
+        one = np.where(known, 1.0, np.nan)
+        of_all = np.where(known.any(axis=1), 1.0, np.nan)
+        found = empty._score(ZERO, "no torque, no power", torque.measured_rms, one, of_all)
+        return replace(found, power_error_rms=self.power.measured_rms)
+
+    def _score(
+        self, name: str, change: str | None, rms: Float, relative: Float, of_all: Float
+    ) -> ModelScore:
+        samples = self.torque.samples
+        out, back, predicted_out, predicted_back = self.shaft
+        error, turnover = predicted_out - predicted_back - (out - back), out + back
+        rows = [
+            JointScore(
+                joint, int(samples[0, j]), int(samples[1, j]), float(rms[0, j]), float(rms[1, j]),
+                float(relative[0, j]), float(relative[1, j]), float(error[j]),
+                _ratio(float(error[j]), float(turnover[j])),
+            )
+            for j, joint in enumerate(self.names)
+        ]  # fmt: skip
+        total, counted = float(_sum(error)), samples.sum(axis=1)
+        whole = JointScore(
+            "all joints", int(counted[0]), int(counted[1]), None, None, float(of_all[0]),
+            float(of_all[1]), total, _ratio(total, float(_sum(turnover))),
+        )  # fmt: skip
+        known = bool(counted[0])
+        off = self.predicted - self.measured
+        return ModelScore(
+            name,
+            change,
+            tuple(rows) if known else (),
+            whole if known else None,
+            self.predicted,
+            off,
+            _ratio(off, self.measured),
+            self.power.rms,
+        )
+
+
+def seen_in_fit(model: RobotModel, name: str, sha256: str) -> tuple[Seen, str]:
+    """Return whether figures of a model were identified from a recording, and why that is said.
+
+    Args:
+        model: The model.
+        name: Of the recording.
+        sha256: First digits of the hash of its messages.
+    """
+    bags = model.provenance.bags
+    if any(f"sha256:{sha256}" in entry for entry in bags):
+        return "fitted", "the model's provenance has the hash of this recording"
+    sources = [*_identified(model.model_dump(exclude_none=True))]
+    if not sources and not bags:
+        return "held_out", "no figure of the model was identified from a recording"
+    stem = re.escape(Path(name).name)
+    if any(re.search(rf"(?<![\w.-]){stem}(?![\w-])", text) for text in (*sources, *bags)):
+        same = [entry for entry in bags if entry.startswith(f"{Path(name).name} sha256:")]
+        if not same:
+            return "fitted", "figures of the model name a recording of this name as their source"
+    if bags and all("sha256:" in entry for entry in bags):
+        return "held_out", "the model's provenance lists other recordings"
+    return "unknown", "the model does not list the hashes of all recordings that it was made from"
+
+
+def _identified(value: object) -> Iterator[str]:
+    """Yield the source of every identified figure below an entry of a model."""
+    if isinstance(value, Mapping):
+        entries = cast("Mapping[str, Any]", value)
+        if entries.get("tag") == "identified":
+            yield str(entries.get("source", ""))
+        for entry in entries.values():
+            yield from _identified(entry)
+    elif isinstance(value, list | tuple):
+        for entry in cast("Sequence[object]", value):
+            yield from _identified(entry)
+
+
+def meaning_of(report: ReplayReport) -> str:
+    """Return what the effort of a replay was taken for."""
+    return report.shaft.effort if report.shaft is not None else EffortMeaning.NONE.value
+
+
+def location_of(meter: MeterComparison) -> str | None:
+    """Return where the meter sits; None where nothing was compared with it."""
+    return meter.meter_location if meter.measured_energy is not None else None
+
+
+def _parts(joint: JointShaft) -> list[float]:
+    return [
+        _number(getattr(joint, f"shaft_energy_{side}_{kind}"))
+        for kind in ("measured", "compared")
+        for side in ("positive", "negative")
+    ]
+
+
+def _number(value: Number) -> float:
+    return float("nan") if value is None else value
+
+
+def _sum(values: Float) -> Float:
+    """Sum along the first axis of what is known; NaN where nothing is."""
+    known = np.isfinite(values)
+    return np.where(known.any(axis=0), np.where(known, values, 0.0).sum(axis=0), np.nan)
+
+
+def _ratio(part: float, whole: float) -> float:
+    return part / whole if whole > 0 else float("nan")

@@ -1,0 +1,126 @@
+"""`robot-energy test` on the wheel, whose figures are worked out by hand.
+
+Motor at 30 rad/s with 1.1 N m, by the model: 33 W at the shaft, 83 W at the grid.
+"""
+
+import json
+
+import pytest
+
+import robot_energy as re
+from logbook import WHEEL_MAPPING, mapping, wheel_bag, wheel_csv, wheel_model, write_csv
+from pages import read
+from robot_energy.cli import main
+from robot_energy.identify.data.bags import Bag
+from robot_energy.logs import import_log
+from robot_energy.model import load
+from robot_energy.results.evaluation import seen_in_fit
+
+
+@pytest.fixture
+def log(tmp_path):
+    """1 N m at the motor and 80 W at the meter for 10 s."""
+    rows = [(f"{n / 100:.6f}", f"{3 * n / 100:.9f}", 3.0, 1.0, 80.0) for n in range(1001)]
+    return write_csv(tmp_path / "wheel.csv", "t,q_axle,w_axle,torque,p", rows)
+
+
+EFFORT = {"columns": ["torque"], "unit": "newton_metre", "side": "motor"}
+
+
+def with_effort():
+    return {**WHEEL_MAPPING, "joints": {**WHEEL_MAPPING["joints"], "effort": EFFORT}}
+
+
+@pytest.fixture
+def bag(tmp_path, log):
+    import_log(log, mapping(**with_effort()), tmp_path / "bag")
+    return tmp_path / "bag"
+
+
+def test_errors_of_model_and_zero(tmp_path, bag, capsys):
+    outputs = [tmp_path / name for name in ("t.json", "t.html")]
+    words = ["test", bag, "--model", wheel_model(tmp_path), "--effort", "motor_torque", "--json",
+             outputs[0], "--report", outputs[1]]  # fmt: skip
+    assert main([str(word) for word in words]) == 0
+    said = capsys.readouterr().out
+    assert said.startswith("energy at the meter +3.8 %, power 3 W RMS, motor torque 10.0 % off")
+    assert f"wrote {outputs[0]}" in said
+    assert f"wrote {outputs[1]}" in said
+    found = json.loads(outputs[0].read_text())
+    (recording,) = found["recordings"]
+    model, fixed, zero = recording["scores"]
+    assert [one["name"] for one in recording["scores"]] == ["model", "fixed_friction", "zero"]
+    assert found["together"] == recording["scores"]
+    assert recording["measured_energy"] == pytest.approx(800.0)
+    assert model["energy_error"] == pytest.approx(30.0)
+    assert (model["power_error_rms"], zero["power_error_rms"]) == pytest.approx((3.0, 80.0))
+    assert zero["energy_relative"] == -1.0
+    (joint,) = model["joints"]
+    assert joint["torque_rms"] == pytest.approx(0.1)
+    assert joint["torque_relative_moving"] == pytest.approx(0.1)
+    assert joint["shaft_energy_error"] == pytest.approx(30.0)
+    assert joint["shaft_energy_relative"] == pytest.approx(0.1)
+    assert zero["joints"][0]["torque_rms"] == pytest.approx(1.0)
+    assert zero["joints"][0]["shaft_energy_relative"] == pytest.approx(-1.0)
+    assert fixed["change"] == "friction fixed at 25 degC"
+    page = read(outputs[1].read_text())
+    assert "+3.8 %" in " ".join(page.cells)
+
+
+def test_two_recordings_together_are_the_sums_of_both(tmp_path, bag):
+    other = tmp_path / "other"
+    import_log(wheel_csv(tmp_path / "o.csv", 40.0, seconds=30.0), mapping(), other)
+    model = wheel_model(tmp_path)
+    report = re.evaluate([bag, other], model, effort="motor_torque")
+    together = report.together[0]
+    errors = [one.scores[0].energy_error for one in report.recordings]
+    assert errors == pytest.approx([10 * 3.0, 30 * 28.0])
+    assert together.energy_error == pytest.approx(sum(errors))
+    assert together.energy_relative == pytest.approx(870.0 / 2000.0)
+    mean_square = (10 * 3.0**2 + 30 * 28.0**2) / 40
+    assert together.power_error_rms == pytest.approx(mean_square**0.5, rel=2e-3)
+    # the second has no torque: that of the first counts alone
+    assert together.joints == report.recordings[0].scores[0].joints
+    assert report.recordings[1].scores[0].all_joints is None
+
+
+def test_a_log_is_tested_as_its_mapping_says(tmp_path, log, capsys):
+    path = tmp_path / "mapping.yaml"
+    path.write_text(json.dumps(with_effort()))
+    words = ["test", "--log", log, "--mapping", path, "--model", wheel_model(tmp_path), "--json",
+             tmp_path / "t.json"]  # fmt: skip
+    assert main([str(word) for word in words]) == 0
+    (recording,) = json.loads((tmp_path / "t.json").read_text())["recordings"]
+    assert recording["recording"] == "wheel.csv"
+    assert recording["sha256"] == Bag(log).sha256()
+    assert recording["scores"][0]["joints"][0]["torque_rms"] == pytest.approx(0.1)
+    assert "motor torque 10.0 % off" in capsys.readouterr().out
+
+
+def test_a_recording_of_the_fit_is_not_held_out(tmp_path, bag):
+    model, sha256 = load(wheel_model(tmp_path)), Bag(bag).sha256()
+
+    def seen(*bags, source=""):
+        joint = model.joints[0]
+        coulomb = joint.friction.coulomb.model_copy(update={"tag": "identified", "source": source})
+        friction = joint.friction.model_copy(update={"coulomb": coulomb})
+        changed = model.changed(
+            joints=[joint.model_copy(update={"friction": friction})],
+            provenance=model.provenance.model_copy(update={"bags": bags}),
+        )
+        return seen_in_fit(changed, "bag", sha256)[0]
+
+    assert seen_in_fit(model, "bag", sha256)[0] == "held_out"
+    assert seen(f"moved sha256:{sha256}") == "fitted"
+    assert seen("bag sha256:000000000000") == "held_out"  # of the same name only
+    assert seen(source="cold, bag, warm") == "fitted"
+    assert seen(source="cold, bag_2, warm") == "unknown"
+    assert seen("cold") == "unknown"
+
+
+def test_what_measures_nothing_is_refused(tmp_path, capsys):
+    bag = wheel_bag(tmp_path, None)
+    assert main(["test", str(bag), "--model", str(wheel_model(tmp_path))]) == 2
+    assert "neither torque nor power was measured" in capsys.readouterr().err
+    assert main(["test", "--model", "kr16"]) == 2
+    assert main(["test", str(bag), "--log", "x", "--mapping", "y", "--model", "kr16"]) == 2

@@ -1,0 +1,50 @@
+"""Wrong arguments: one line says what is wrong, what was probably meant, and where the help is."""
+
+import pytest
+
+from robot_energy.cli import main
+
+
+@pytest.mark.parametrize("words", [[], ["help"], ["--help"]])
+def test_the_command_alone_prints_its_help(words, capsys):
+    assert main(words) == 0
+    out, err = capsys.readouterr()
+    assert "exit codes:" in out
+    assert err == ""
+
+
+def test_help_of_a_subject(capsys):
+    assert main(["help", "identify", "dynamics"]) == 0
+    assert capsys.readouterr().out.startswith("usage: robot-energy identify dynamics ")
+
+
+@pytest.mark.parametrize(
+    ("words", "who", "said"),
+    [
+        (["repaly", "bag"], "robot-energy", "no command 'repaly'; did you mean replay?"),
+        (["help", "repaly"], "robot-energy", "did you mean replay?"),
+        (["fly"], "robot-energy", "no command 'fly'; choose from replay, report,"),
+        (["predict", "p", "--modle", "kr16"], "robot-energy predict", "did you mean --model?"),
+        (["predict", "p", "--modle=kr16"], "robot-energy predict", "no option --modle;"),
+        (["identify", "all", "--efort=x"], "robot-energy identify all", "did you mean --effort?"),
+        (["replay", "b", "--effort", "motor_torqe"], "robot-energy replay", "mean motor_torque?"),
+        (["replay", "a", "b"], "robot-energy replay", "too many arguments: b"),
+        (["replay"], "robot-energy replay", "missing: bag"),
+        (["model", "chek", "kr16"], "robot-energy model", "did you mean check?"),
+        (["--verson"], "robot-energy", "did you mean --version?"),
+        (["replay", "b\x1b[2J", "c\x1b[2J"], "robot-energy replay", r"too many arguments: c\x1b["),
+    ],
+)
+def test_a_wrong_word_is_answered_in_one_line(words, who, said, capsys):
+    assert main(words) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith(f"{who}: ")
+    assert said in err
+    assert err.endswith(f" (see {who} --help)\n")
+    assert err.count("\n") == 1
+
+
+def test_what_begins_like_one_option_is_that_option(capsys):
+    assert main(["replay", "/nothing", "--mod", "kr16"]) == 2
+    assert "/nothing" in capsys.readouterr().err
