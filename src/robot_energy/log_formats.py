@@ -46,10 +46,11 @@ def _ur_arguments(parser: ArgumentParser) -> None:
 
 
 def _run_ur(args: Namespace) -> ImportReport:
-    from robot_energy.logs import UR_JOINTS, import_ur_rtde
+    from robot_energy.logs import UR_JOINTS, UR_LINK, import_ur_rtde
 
     names = [f"{args.prefix}{name}" for name in args.joints or UR_JOINTS]
-    return import_ur_rtde(args.logs, args.out, names, args.overwrite)
+    link = f"{args.prefix}{UR_LINK}"
+    return import_ur_rtde(args.logs, args.out, names, args.overwrite, link)
 
 
 def _ur_recording(log: str, out: Path, joint_names: Sequence[str]) -> ImportReport:
@@ -105,8 +106,9 @@ LOG_FORMATS = Kinds(
 Turn a recording of UR's real-time interface (RTDE, CSV) into a bag.
 
 Needs the columns timestamp and actual_q_0 ... actual_q_5; uses, where they are there,
-actual_qd_*, actual_current_*, joint_temperatures_*, actual_robot_voltage and
-actual_robot_current. Several files of one recording are joined in the order of their time.
+actual_qd_*, actual_current_*, joint_temperatures_*, actual_robot_voltage,
+actual_robot_current, payload, payload_cog_* and payload_inertia_*. Several files of one recording
+are joined in the order of their time.
 """,
         epilog="""\
 example:

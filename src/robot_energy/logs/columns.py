@@ -275,3 +275,20 @@ class Power(MappingEntry):
             for key, entry in entries.items()
             if entry is not None
         }
+
+
+class PayloadColumns(MappingEntry):
+    """What the robot carries, as the controller was told; each change goes into the bag.
+
+    Attributes:
+        link: Link of the URDF in whose frame centre of mass and inertia are.
+        mass: Column of the mass. [kg]
+        centre_of_mass: Columns of x, y and z. [m]
+        inertia: Columns of Ixx, Iyy, Izz, Ixy, Ixz and Iyz about the centre of mass, axes of
+            ``link``; without them a point mass. [kg m^2]
+    """
+
+    link: Text
+    mass: Text
+    centre_of_mass: Annotated[list[Text], Field(min_length=3, max_length=3)]
+    inertia: Annotated[list[Text], Field(min_length=6, max_length=6)] | None = None

@@ -22,6 +22,7 @@ from robot_energy.logs.columns import (
 )
 from robot_energy.logs.mapping import PLACE, LogMapping
 from robot_energy.logs.recording import (
+    BODY,
     FileAccount,
     ImportReport,
     LogBlock,
@@ -87,6 +88,11 @@ class MappedLog:
         for key, (column, _) in (mapping.power.factors() if mapping.power else {}).items():
             if not optional or column in self.tables[main].columns:
                 self._take(f"power.{key}", main, [column])
+        if mapping.payload is not None:
+            body = [mapping.payload.mass, *mapping.payload.centre_of_mass]
+            for part in (body, mapping.payload.inertia or []):
+                if not optional or set(part) <= set(self.tables[main].columns):
+                    self._take("payload.payload", main, part)
         self._texts = [
             self.tables[main].require(column, f"time.{key}")
             for key in ("column", "run")
@@ -235,6 +241,9 @@ class MappedLog:
             reading = np.full(len(values), power.factor)
             for key, (_, factor) in power.factors().items():
                 reading = reading * (values[:, keys == key][:, 0] * factor)
+        body = values[:, keys == "payload"]
+        without = len(BODY) - body.shape[1]  # of a point mass
+        payload = np.hstack([body, np.zeros((len(body), without))]) if body.shape[1] else None
         return LogBlock(
             stamp_ns,
             joint_side("position", joints.position),
@@ -243,6 +252,7 @@ class MappedLog:
             quantity("temperature"),
             reading,
             quantity("drive_power"),
+            payload,
         )
 
 
@@ -373,6 +383,7 @@ def contents_of(logs: Sequence[MappedLog], mapping: LogMapping) -> RecordingCont
         MeterLocation[power.location.upper()] if power and metered else MeterLocation.UNKNOWN,
         power.interval if power and power.interval else float("nan"),
         have("drive_power"),
+        mapping.payload.link if mapping.payload and have("payload") else "",
     )
 
 

@@ -16,7 +16,16 @@ from pydantic import Field, model_validator
 
 from robot_energy.config_file import parse_yaml, read_text, validated
 from robot_energy.errors import LogFormatError
-from robot_energy.logs.columns import CORRECTED, Joints, MappingEntry, Names, Number, Power, Text
+from robot_energy.logs.columns import (
+    CORRECTED,
+    Joints,
+    MappingEntry,
+    Names,
+    Number,
+    PayloadColumns,
+    Power,
+    Text,
+)
 from robot_energy.physics.drivetrain import Drivetrain
 
 PLACE = "{recording}"  # in the name of a file: the name of a recording
@@ -129,6 +138,7 @@ class LogMapping(MappingEntry):
     time: Time
     joints: Joints
     power: Power | None = None
+    payload: PayloadColumns | None = None
     robot: LogRobot | None = None
     reference: ReferenceFriction | None = None
 
