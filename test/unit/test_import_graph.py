@@ -46,7 +46,7 @@ MODULES = {
         replay_options report robots schema simulate stopping terminal test
     """,
     "robot_energy.files": """
-        output_files output_folder output_streams placement regular_file
+        first_bytes output_files output_folder output_streams placement regular_file
         temporary_folder
     """,
     "robot_energy.identify": """
@@ -89,7 +89,7 @@ MODULES = {
         filter kinds reader stuck temperatures
     """,
     "robot_energy.logs": """
-        columns mapped_log mapping recording rows table ur_rtde
+        columns diadem mapped_log mapping recording rows table ur_rtde
     """,
     "robot_energy.messages": """
         friction interval model_messages payload power registers torque
