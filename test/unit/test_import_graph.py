@@ -41,7 +41,7 @@ MODULES = {
     "robot_energy.cli": """
         check completion export identify identify_all identify_cabinet identify_drives
         identify_dynamics identify_excitation identify_friction identify_inputs
-        import_logs info kinds main memory models numbers page predict replay
+        import_logs info kinds main memory models monitoring numbers page predict replay
         replay_options report robots schema simulate stopping terminal test
     """,
     "robot_energy.files": """
@@ -103,7 +103,7 @@ MODULES = {
     """,
     "robot_energy.page": """
         access alarms energy_flow event_stream history hub job_rows json_numbers messages
-        metrics recording robot_state saved_page settings web_app web_server
+        metrics monitoring recording robot_state saved_page settings web_app web_server
     """,
     "robot_energy.physics": """
         cabinet derivative drive drivetrain effort effort_check equations friction

@@ -29,6 +29,7 @@ from robot_energy.cli import (
     info,
     kinds,
     models,
+    monitoring,
     predict,
     replay,
     report,
@@ -147,7 +148,7 @@ def build_parser() -> ArgumentParser:
     commands = parser.add_subparsers(title="commands", metavar="COMMAND")
     for module in (
         replay, report, export, import_logs, check, test, identify, predict, models, kinds, info,
-        simulate, schema,
+        simulate, schema, monitoring,
         *_further(),
         completion,
     ):  # fmt: skip

@@ -139,21 +139,33 @@ def _replay(
 
     options = options_of(args)
     options |= {"out": args.out if writes else None, "overwrite": args.overwrite}
-    reported, take = args.report is not None and writes, None if page is None else page.take
+    on_output = None if page is None else page.take
+    tabled = args.report is not None and writes
     period = args.power_period
-    if period is None and args.out is None:
-        period = page.period if page is not None else PAGE_PERIOD if reported else None
+    if period is None and args.out is None and (page is not None or tabled):
+        period = PAGE_PERIOD if page is None else page.period
     keep_freed_memory()
     with progress(label) as show:
         options["progress"] = show
-        if reported:
+        if tabled:
             return replay_over_time(
-                args.bag, model, power_period=period, keep_curves=True, on_output=take, **options
+                args.bag,
+                model,
+                power_period=period,
+                keep_curves=True,
+                on_output=on_output,
+                **options,
             )
         curves = args.plot is not None or args.report is not None
-        return run_replay(
-            args.bag, model, power_period=period, keep_curves=curves, on_output=take, **options
-        ), None
+        result = run_replay(
+            args.bag,
+            model,
+            power_period=period,
+            keep_curves=curves,
+            on_output=on_output,
+            **options,
+        )
+        return result, None
 
 
 def _plot(path: str, results: list[Replay], changes: list[str | None]) -> None:
