@@ -13,6 +13,9 @@ from robot_energy.config_file import load
 from robot_energy.errors import CredentialsError
 
 
+LOOPBACK = ("127.0.0.1", "::1", "localhost")
+
+
 class _File(BaseModel):
     model_config = ConfigDict(extra="forbid")
     username: str

@@ -11,8 +11,6 @@ from robot_energy.errors import ExporterError
 from ros2_energy_monitor.diagnostics.reporter import StatusBuilder
 from ros2_energy_monitor.exporters.values import Topic
 
-LOOPBACK = ("127.0.0.1", "::1", "localhost")
-
 
 @dataclass
 class Newest:

@@ -17,9 +17,9 @@ from typing import Any
 from robot_energy import __version__
 from robot_energy.errors import ExporterError
 from robot_energy.inputs.parameters import parameter
-from ros2_energy_monitor.base.credentials import read_credentials, require_private
+from ros2_energy_monitor.base.credentials import LOOPBACK, read_credentials, require_private
 from ros2_energy_monitor.diagnostics.reporter import ERROR, StatusBuilder
-from ros2_energy_monitor.exporters.exporter import LOOPBACK, Exporter, Newest, require
+from ros2_energy_monitor.exporters.exporter import Exporter, Newest, require
 from ros2_energy_monitor.exporters.values import (
     MAX_JOINTS,
     VALUES,

@@ -7,13 +7,13 @@ import re
 from collections.abc import Sequence
 from typing import Any
 
-from robot_energy.layouts.plots import DIAGNOSTICS, JOINTS, Curve, Page, Plot
+from robot_energy.layouts.plots import DIAGNOSTICS, JOINTS, PlotCurve, Page, Plot
 
 MARK = {"made_by": "robot-energy"}
 COLUMNS = 2  # of plots on a page
 
 
-def message_path(curve: Curve) -> str:
+def message_path(curve: PlotCurve) -> str:
     """Return the message path of a curve, in the syntax that both viewers share.
 
     Args:

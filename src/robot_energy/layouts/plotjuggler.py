@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from xml.etree import ElementTree
 
-from robot_energy.layouts.plots import JOINTS, Curve, Page, Plot
+from robot_energy.layouts.plots import JOINTS, PlotCurve, Page, Plot
 
 COLOURS = (
     "#1f77b4", "#d62728", "#1ac938", "#ff7f0e", "#f14cc1", "#9467bd", "#17becf", "#bcbd22",
@@ -15,7 +15,7 @@ LOADER = "DataLoad ROS2 bags"
 ROWS = 6  # plots of a column, beyond which there is another
 
 
-def series_name(curve: Curve) -> str:
+def series_name(curve: PlotCurve) -> str:
     """Return the name of a curve as PlotJuggler lists it.
 
     Args:

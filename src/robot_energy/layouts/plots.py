@@ -22,7 +22,7 @@ FIELD = re.compile(r"^(\S+)\s+(\w+)\s*$")
 
 
 @dataclass(frozen=True)
-class Curve:
+class PlotCurve:
     """One line of a plot.
 
     Attributes:
@@ -55,7 +55,7 @@ class Plot:
     """
 
     title: str
-    curves: tuple[Curve, ...]
+    curves: tuple[PlotCurve, ...]
 
 
 @dataclass(frozen=True)
@@ -152,7 +152,7 @@ def _overview() -> Page:
     return Page(
         "Energy",
         tuple(
-            Plot(title, tuple(Curve(topic, name) for name in fields))
+            Plot(title, tuple(PlotCurve(topic, name) for name in fields))
             for title, topic, fields in OVERVIEW
         ),
     )
@@ -164,23 +164,27 @@ def _totals(topic: str, numbers: Sequence[_Number]) -> tuple[Plot, ...]:
     return tuple(
         Plot(
             f"{topic} [{unit}]",
-            tuple(Curve(topic, one.name) for one in numbers if one.unit == unit and not one.array),
+            tuple(
+                PlotCurve(topic, one.name) for one in numbers if one.unit == unit and not one.array
+            ),
         )
         for unit in units
     )
 
 
 def _by_joint(topic: str, number: _Number, joint_names: Sequence[str], nested: bool) -> Plot:
-    curves = (Curve(topic, number.name, at, name, nested) for at, name in enumerate(joint_names))
+    curves = (
+        PlotCurve(topic, number.name, at, name, nested) for at, name in enumerate(joint_names)
+    )
     return Plot(f"{number.name} [{number.unit}]", tuple(curves))
 
 
 def _numbers(kind: str) -> list[_Number]:
     """Every float64 of a message of ours, and arrays of them, in the order of its definition."""
-    msgtype = f"{ENERGY_PACKAGE}/msg/{kind}"
+    fields, msgtype = _fields(kind), f"{ENERGY_PACKAGE}/msg/{kind}"
     schema = compile_schema(msgtype, typestore())
     found: list[_Number] = []
-    for name, (written, unit) in _fields(kind).items():
+    for name, (written, unit) in fields.items():
         if written in ("float64", "float64[]"):
             leaf(schema, name, msgtype)  # as bags have it
             found.append(_Number(name, unit, written.endswith("[]")))
