@@ -27,6 +27,7 @@ CORE = [
 ]
 IDENTIFY = ["clarabel>=0.9,<1", "threadpoolctl>=3.1"]
 REPORT = ["matplotlib>=3.8"]
+DASHBOARD = ["prometheus-client>=0.20", "starlette>=0.37", "uvicorn>=0.30"]
 PAPERS = ["Jinja2>=3.1", *IDENTIFY, *REPORT]
 
 # Files of a colcon workspace; a wheel has its console script and needs none of them.
@@ -50,6 +51,7 @@ setup(
             "models/*.urdf",
             "presets/*.yaml",
             "rig/profiles/*.yaml",
+            "page/static/*",
             # A link to the interface package: one source of truth for the messages.
             "cdr/msg/*.msg",
         ],
@@ -65,8 +67,9 @@ setup(
     extras_require={
         "identify": IDENTIFY,
         "report": REPORT,
+        "dashboard": DASHBOARD,
         "papers": PAPERS,
-        "all": PAPERS,
+        "all": [*PAPERS, *DASHBOARD],
         # Not `tests_require`: with it newer setuptools make colcon find no tests.
         "test": ["pytest", "hypothesis"],
     },

@@ -5,6 +5,7 @@ EXECUTABLES = {
     "friction_monitor": "ros2_energy_monitor.nodes.friction_monitor",
     "power_monitor": "ros2_energy_monitor.nodes.power_monitor",
     "energy_monitor": "ros2_energy_monitor.nodes.energy_monitor",
+    "energy_dashboard": "ros2_energy_monitor.nodes.energy_dashboard",
     "virtual_robot": "ros2_energy_monitor.nodes.virtual_robot",
     "meter_driver": "ros2_energy_monitor.nodes.meter_driver",
     "energy_exporter": "ros2_energy_monitor.nodes.energy_exporter",

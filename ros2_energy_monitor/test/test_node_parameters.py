@@ -19,6 +19,7 @@ from robot_energy.presets import ROBOTS
 from ros2_energy_monitor.base.parameter_files import files_without_section, sections
 from ros2_energy_monitor.base.parameters import (
     ConsoleParameters,
+    DashboardParameters,
     EnergyParameters,
     FrictionParameters,
     ParameterError,
@@ -38,6 +39,7 @@ NODES = {
     "energy_monitor": EnergyParameters,
     "virtual_robot": RobotParameters,
     "console": ConsoleParameters,
+    "energy_dashboard": DashboardParameters,
     "meter_driver": MeterDriverParameters,
     "energy_exporter": exporter_parameters(),
 }

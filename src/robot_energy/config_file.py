@@ -134,7 +134,8 @@ def validated(
         RobotEnergyError: The error asked for, naming keys, what was found and what was expected.
     """
     if not isinstance(data, dict):
-        keys = [name for name, field in model.model_fields.items() if field.is_required()]
+        fields = model.model_fields
+        keys = [name for name, field in fields.items() if field.is_required()] or list(fields)
         raise error(f"{source} is {described(data)}", f"a mapping with {listed(keys)}")
     try:
         return model.model_validate(data)

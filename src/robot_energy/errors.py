@@ -163,3 +163,7 @@ class NotIdentifiableError(RobotEnergyError, ValueError):
 
 class ImplausibleIdentificationError(RobotEnergyError, ValueError):
     """What was identified contradicts physics or the URDF grossly, so that it is not written."""
+
+
+class PageError(RobotEnergyError, ValueError):
+    """The energy page cannot be served, set up or saved as asked."""

@@ -22,13 +22,14 @@ from robot_energy.identify.drives.drives import (
     Way,
     fit_drives,
 )
-from robot_energy.identify.drives.efficiency import processed
+from robot_energy.identify.drives.efficiency import at_efficiency, fitted_efficiency, processed
 from robot_energy.physics.drive import Drive, EfficiencyMaps, LossModel
 from robot_energy_papers.mantis import RATE, PrintRun
 
 WAY_NAMES: dict[Way, str] = {
     "none": "no efficiency",
     "constant": "constant 87.5 %",
+    "constant_fitted": "constant, fitted to all drives",
     "map": "reduced maps",
     "map_processed": "reduced maps, second stage",
     "losses": "loss model (ours)",
@@ -117,10 +118,17 @@ def tested(runs: Mapping[str, PrintRun], fit: DrivesFit) -> dict[str, DriveTest]
         "map": EfficiencyMaps([a.map.entry for a in fit.axes if a.map is not None]),
         "losses": LossModel([a.losses.entry() for a in fit.axes if a.losses is not None]),
     }
-    return {name: _test(name, run, drives, fit.cutoff) for name, run in runs.items()}
+    seen = [axis.samples for axis in fit.axes if axis.samples is not None]
+    constant = fitted_efficiency(
+        np.concatenate([one.motor_velocity * one.motor_torque for one in seen]),
+        np.concatenate([one.drive_power for one in seen]),
+    )
+    return {name: _test(name, run, drives, constant, fit.cutoff) for name, run in runs.items()}
 
 
-def _test(name: str, run: PrintRun, drives: Mapping[Way, Drive], cutoff: float) -> DriveTest:
+def _test(
+    name: str, run: PrintRun, drives: Mapping[Way, Drive], constant: float, cutoff: float
+) -> DriveTest:
     rows = run.rows
     power = run.recording.power
     shaft, velocity = run.shaft_predicted, power.motor_velocity[rows]
@@ -131,10 +139,10 @@ def _test(name: str, run: PrintRun, drives: Mapping[Way, Drive], cutoff: float) 
     smooth = np.stack(
         [processed(column, together, 1.0 / RATE, cutoff) for column in mapped.T], axis=1
     )
-    constant = np.where(shaft > 0, shaft / CONSTANT_EFFICIENCY, shaft * CONSTANT_EFFICIENCY)
     by_way: dict[Way, Float] = {
         "none": shaft,
-        "constant": constant,
+        "constant": at_efficiency(shaft, CONSTANT_EFFICIENCY),
+        "constant_fitted": at_efficiency(shaft, constant),
         "map": mapped,
         "map_processed": np.where(np.isfinite(smooth), smooth, mapped),
         "losses": losses,

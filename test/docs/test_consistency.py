@@ -151,7 +151,12 @@ def test_every_file_that_is_named_exists():
 
 TABLE = (ROOT / "src/doc/dependencies.md").read_text()
 # Import name -> name in the table, where they differ.
-CALLED = {"yaml": "pyyaml", "pinocchio": "pin", "pydantic_core": "pydantic"}
+CALLED = {
+    "yaml": "pyyaml",
+    "pinocchio": "pin",
+    "pydantic_core": "pydantic",
+    "prometheus_client": "prometheus-client",
+}
 # Modules of ROS messages and of rclpy come with one row.
 ROS = re.compile(
     r"^(rclpy|\w+_msgs|\w+_interfaces|ament_index_python|rosidl_\w+|rosgraph_msgs|launch(_ros)?)$"

@@ -85,10 +85,11 @@ def test_a_log_and_its_bag_are_corrected_alike(given_corrections, seed, bounds):
         expected = getattr(by_log, array)
         np.testing.assert_array_equal(getattr(by_bag, array), expected)
         np.testing.assert_array_equal(getattr(in_pieces, array), expected)
-    sign = np.asarray(given_corrections["effort"]["sign"])
-    scale = np.asarray(given_corrections["effort"]["scale"])
-    zero = np.asarray(given_corrections["effort"]["zero"])
-    logged = np.array([row[7:] for row in rows]) * 1e-3  # from mA
-    np.testing.assert_allclose(
-        by_log.joint_effort, sign * scale * logged + zero, rtol=1e-12, atol=1e-12
-    )
+    logged = np.array([row[1:] for row in rows]) * np.repeat([np.pi / 180, np.pi / 180, 1e-3], 3)
+    for place, name in enumerate(GROUPS):
+        words = given_corrections[name]
+        sign, scale, zero = (np.asarray(words[word]) for word in ("sign", "scale", "zero"))
+        expected = sign * scale * logged[:, 3 * place : 3 * place + 3] + zero
+        np.testing.assert_allclose(
+            getattr(by_log, f"joint_{name}"), expected, rtol=1e-12, atol=1e-12
+        )

@@ -28,8 +28,14 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "bag"
 
 
-def model(folder: Path, constants: tuple[float, float], gears: tuple[float, float] = (1, 1)) -> str:
+def model(
+    folder: Path,
+    constants: tuple[float, float],
+    gears: tuple[float, float] = (1, 1),
+    masses: str = "published",
+) -> str:
     data = robots.two_link_data()
+    data["urdf"]["tags"] = {"masses": masses}
     for joint, constant, gear in zip(data["joints"], constants, gears, strict=True):
         joint["torque_constant"] = robots.figure(constant)
         joint["gear_ratio"]["value"] *= gear
@@ -80,6 +86,45 @@ def test_one_gear_sign_wrong(
     assert "urn the sign of gear_ratio of" in said
 
 
+@pytest.mark.parametrize("subject", ["all", "dynamics", "friction", "drives"])
+@pytest.mark.parametrize(
+    ("constants", "gears", "cause"),
+    [
+        ((2**0.5, 2**0.5), (1, 1), "1.41 times what the model expects"),
+        ((1, 1), (0.5, 1), "of a gear ratio 2 times the model's"),
+    ],
+)
+def test_what_a_fit_would_take_up_in_its_bodies_is_refused_with_its_cause(
+    bag: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    subject: str,
+    constants: tuple[float, float],
+    gears: tuple[float, float],
+    cause: str,
+) -> None:
+    words = ["--model", model(tmp_path, constants, gears), "--effort", "motor_current"]
+    said = run(tmp_path, capsys, subject, str(bag), *words)
+    assert cause in said
+    assert "masses: assumed" in said
+
+
+def test_bodies_that_are_a_guess_refuse_no_scale(bag: Path, tmp_path: Path) -> None:
+    path = model(tmp_path, (2**0.5, 2**0.5), masses="assumed")
+    words = ["identify", "friction", str(bag), "--model", path, "--effort", "motor_current"]
+    assert main([*words, "--out", str(tmp_path / "x.yaml")]) == 0
+
+
+def test_a_refusal_behind_a_fit_names_the_cause(
+    bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = model(tmp_path, (8.0, 8.0), masses="assumed")
+    words = ["dynamics", str(bag), "--model", path, "--effort", "motor_current"]
+    said = run(tmp_path, capsys, *words)
+    assert "times the torque that those of the URDF" in said
+    assert "The likeliest cause: the torque of all joints is" in said
+
+
 def test_a_meter_of_the_wrong_sign(
     bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -87,4 +132,5 @@ def test_a_meter_of_the_wrong_sign(
     parameters.write_text("/**:\n  ros__parameters:\n    meter: {sign: load_negative}\n")
     path = model(tmp_path, (SHOULDER, ELBOW))
     said = run(tmp_path, capsys, "cabinet", str(bag), "--model", path, "--inputs", str(parameters))
-    assert "while the robot stands still" in said
+    assert "where the robot takes about" in said
+    assert "its sign is reversed" in said

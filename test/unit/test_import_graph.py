@@ -41,21 +41,21 @@ MODULES = {
     "robot_energy.cli": """
         check completion export identify identify_all identify_cabinet identify_drives
         identify_dynamics identify_excitation identify_friction identify_inputs
-        import_logs info kinds layouts main memory models numbers predict replay replay_options
-        report robots schema simulate stopping terminal test
+        import_logs info kinds layouts main memory models numbers page predict replay
+        replay_options report robots schema simulate stopping terminal test
     """,
     "robot_energy.files": """
         output_files output_folder output_streams placement regular_file
         temporary_folder
     """,
     "robot_energy.identify": """
-        bounds plausibility run_all steps
+        bounds causes plausibility run_all steps
     """,
     "robot_energy.identify.cabinet": """
         cabinet dc_link link_readings meter_delay supply
     """,
     "robot_energy.identify.data": """
-        bags log_channels observations recordings signals
+        bags log_channels observations recordings rest signals
     """,
     "robot_energy.identify.drives": """
         all_drives drive_data drive_delay drive_power drives efficiency losses
@@ -103,6 +103,10 @@ MODULES = {
         fourier gcode gcode_words inverse_kinematics joint_trajectory load_motion
         planar planned ptp ptp_file ptp_loop sequence tool_corners tool_motion
         tool_path tool_timing trajectory_io
+    """,
+    "robot_energy.page": """
+        access alarms energy_flow event_stream history hub job_rows json_numbers messages
+        metrics recording robot_state saved_page settings web_app web_server
     """,
     "robot_energy.physics": """
         cabinet derivative drive drivetrain effort effort_check equations friction
@@ -160,7 +164,7 @@ LAYERS = (
     ("pipeline", "messages", "store"),
     ("motion",),
     ("bag_replay", "energy_bag", "prediction", "starter", "layouts"),
-    ("identify", "rig", "check"),
+    ("identify", "rig", "check", "page"),
     ("results",),
     ("report",),
     ("api",),
@@ -168,7 +172,9 @@ LAYERS = (
     ("robot_energy_papers",),
 )
 # Nothing online imports these.
-OFFLINE = ("layouts", "identify", "report", "rig", "motion", "cli", "starter", "check")
+OFFLINE = (
+    "identify", "report", "rig", "motion", "cli", "starter", "check", "page", "layouts",
+)  # fmt: skip
 ONLINE = ("pipeline", "inputs", "messages", "accounting", "store", "timeline", "cdr")
 FOREIGN = {
     "ament_index_python", "builtin_interfaces", "control_msgs", "diagnostic_msgs",

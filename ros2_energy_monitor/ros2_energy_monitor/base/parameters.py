@@ -185,6 +185,30 @@ class ConsoleParameters:
     )
 
 
+@dataclass(frozen=True, kw_only=True)
+class DashboardParameters:
+    """Parameters of the energy dashboard."""
+
+    address: str = parameter(
+        "IP address to listen on; other than 127.0.0.1 needs a token.", "127.0.0.1"
+    )
+    port: int = parameter("TCP port; 0 for any free one.", 8421, 0, 65535)
+    token_file: str = parameter("File with the token of the page; empty for none.", "")
+    allow_control: bool = parameter(
+        "Whether the page has buttons for job intervals and the reset; they need the token.", False
+    )
+    allowed_hosts: tuple[str, ...] = parameter(
+        "Further names in the Host header that are served, such as that of a proxy.", ()
+    )
+    robots: tuple[str, ...] = parameter(
+        "Namespaces of the robots to show; empty shows all whose energy/power is found.", ()
+    )
+    update_rate: float = parameter("How often the page is sent news [1/s].", 10.0, 1.0, 20.0)
+    page_settings: str = parameter(
+        "File with prices, emission factor and length of a shift; empty for none.", ""
+    )
+
+
 def declare(node: Node, cls: type[P]) -> P:
     """Declare the parameters of a node and return their values.
 

@@ -16,6 +16,7 @@ from robot_energy.model import RobotModel, save
 from robot_energy.results.base import Result
 
 if TYPE_CHECKING:
+    from robot_energy.check.evidence import Evidence
     from robot_energy.identify.dynamics.dynamics import DynamicsSettings
     from robot_energy.identify.run_all import FullIdentification
     from robot_energy.results.dynamics import DynamicsReport
@@ -83,15 +84,20 @@ def identify_friction(
         ImplausibleIdentificationError: If what was found contradicts physics.
         RobotEnergyError: If recordings or model cannot be used.
     """
+    from robot_energy.identify.causes import cause_named, torque_evidence
     from robot_energy.identify.friction.friction import fit_axes, with_friction
+    from robot_energy.identify.friction.samples import friction_data
     from robot_energy.identify.plausibility import check_friction
     from robot_energy.results.identification import FrictionReport
 
     used, paths = model_of(model), _paths(bags)
-    data = BagSource(paths, effort, inputs, progress=progress).friction_data(used)
+    read = BagSource(paths, effort, inputs, progress=progress)
+    recordings, (meaning, _) = read.with_effort(used), read.meaning()
+    data = [friction_data(recordings, joint) for joint in range(len(used.joints))]
     source = _names(paths)
-    fits, refused = fit_axes(data, source)
-    check_friction(fits)
+    with cause_named(lambda: [torque_evidence(part, meaning) for part in recordings]):
+        fits, refused = fit_axes(data, source)
+        check_friction(fits)
     found = FrictionReport(effort or "measured", tuple(fits), tuple(refused))
     return IdentificationResult(with_friction(used, fits, source), found)
 
@@ -122,11 +128,13 @@ def identify_cabinet(
         RobotEnergyError: If recordings or model cannot be used.
     """
     from robot_energy.identify.cabinet.supply import fit_supply
+    from robot_energy.identify.causes import refuse_meter
     from robot_energy.identify.plausibility import check_cabinet
     from robot_energy.results.identification import cabinet_report
 
     used, paths = model_of(model), _paths(bags)
     recordings = BagSource(paths, None, inputs, progress=progress).recordings(used)
+    refuse_meter(recordings, EffortMeaning.NONE)
     found = fit_supply(recordings, _names(paths), link_voltages)
     check_cabinet(found.cabinet)
     return IdentificationResult(found.model, cabinet_report(found))
@@ -160,6 +168,7 @@ def identify_dynamics(
         ImplausibleIdentificationError: If what was found contradicts physics.
         RobotEnergyError: If recordings or model cannot be used.
     """
+    from robot_energy.identify.causes import cause_named, evidence_of_rows
     from robot_energy.identify.dynamics.dynamics import DynamicsSettings, identify_dynamics
     from robot_energy.identify.dynamics.dynamics_model import to_model
     from robot_energy.identify.plausibility import check_dynamics
@@ -171,7 +180,8 @@ def identify_dynamics(
     with progress("identifying"):
         result = identify_dynamics(stretches, used, settings or DynamicsSettings())
     held_out, consistent = result.held_out(), result.held_out_consistent()
-    check_dynamics(result, consistent)
+    with cause_named(lambda: [evidence_of_rows(result)]):
+        check_dynamics(result, consistent)
     written = to_model(result, [path.name for path in paths])
     return IdentificationResult(written, dynamics_report(result, held_out, consistent))
 
@@ -214,6 +224,14 @@ def identify_all(
         NotIdentifiableError: If nothing can be identified, with the reason of every step.
         RobotEnergyError: If recordings or model cannot be used.
     """
+    from robot_energy.identify.causes import (
+        cause_named,
+        refuse_meter,
+        refuse_torque,
+        test_notes,
+        torque_evidence,
+    )
+    from robot_energy.identify.plausibility import check_signs
     from robot_energy.identify.run_all import identify_everything, with_provenance
     from robot_energy.identify.stats.held_out_energy import folds_of, held_out_energy
     from robot_energy.results.identification import identification_report
@@ -224,12 +242,20 @@ def identify_all(
     )
     tests, _ = _bags(BagSource(_paths(test), effort, inputs), given, drive_power, drive_joints)
     known: list[tuple[BagFacts, Span]] = []
+    evidence: list[Evidence] = []
     for bag in (*fitted, *tests):
         with progress(f"reading {bag.name}") as report:
             recording = bag.whole(given, report)
         known.append((facts(bag, recording), recording.span_ns))
+        evidence.append(torque_evidence(recording, bag.effort))
+        if len(known) <= len(fitted):
+            check_signs([recording], bag.effort)
+            refuse_meter([recording], bag.effort)
     read = [entry for entry, _ in known[: len(fitted)]]
-    with progress("identifying") as report:
+    fit_parts, test_parts = evidence[: len(fitted)], evidence[len(fitted) :]
+    with progress("comparing with the model"):
+        notes = [*refuse_torque(fit_parts), *test_notes(test_parts)]
+    with progress("identifying") as report, cause_named(lambda: fit_parts):
         whole = identify_everything(
             fitted, given, skip, lambda _, share: report(share), refused, link_voltages
         )
@@ -241,7 +267,7 @@ def identify_all(
             energy = held_out_energy(kind, folds, whole, skip, lambda _, share: report(share))
     written = with_provenance(whole, read)
     tested = [entry for entry, _ in known[len(fitted) :]]
-    found = identification_report(whole, written, read, tested, energy)
+    found = identification_report(whole, written, read, tested, energy, notes)
     return IdentificationResult(written, found)
 
 

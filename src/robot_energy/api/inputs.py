@@ -143,8 +143,10 @@ class BagSource:
 
         Raises:
             ModelFileError: If it is not said what the effort means.
-            RobotEnergyError: If a bag cannot be used, or a joint turns the other way.
+            ImplausibleIdentificationError: If the torque contradicts the model, naming the cause.
+            RobotEnergyError: If a bag cannot be used.
         """
+        from robot_energy.identify.causes import refuse_torque, torque_evidence
         from robot_energy.identify.plausibility import check_signs
 
         meaning, _ = self.meaning()
@@ -156,6 +158,8 @@ class BagSource:
             )
         found = self.recordings(model)
         check_signs(found, meaning)
+        with self.progress("comparing with the model"):
+            refuse_torque([torque_evidence(part, meaning) for part in found])
         return found
 
     def friction_data(self, model: RobotModel) -> list[FrictionData]:

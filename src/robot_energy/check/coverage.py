@@ -23,8 +23,7 @@ def check_temperatures(evidence: Evidence) -> tuple[list[Finding], str]:
     Returns:
         The findings, and why there are none where the check cannot be made.
     """
-    ingest = evidence.replay.temperatures
-    if not ingest.topics:
+    if evidence.replay is None or not evidence.replay.temperatures.topics:
         return [], "the recording has no motor temperatures"
     findings = [
         Finding("temperature", WARNING, ("temperature",), note, float("nan"), float("nan"))

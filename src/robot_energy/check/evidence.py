@@ -44,7 +44,7 @@ class Evidence:
         acceleration: Shape (N, n). [rad/s^2] or [m/s^2]
         motor_torque: Measured, shape (N, n); NaN where unknown. [N m]
         temperature_degc: Motor temperatures that were used, shape (N, n). [degC]
-        replay: The replay itself, with its accounting and notes.
+        replay: The replay itself, with its accounting and notes; None for rows of a log.
         meter: Readings of the meter; None without one.
         power: Predicted powers of every sample; None without one.
     """
@@ -60,7 +60,7 @@ class Evidence:
     acceleration: Float
     motor_torque: Float
     temperature_degc: Float
-    replay: Replay
+    replay: Replay | None
     meter: MeterBlock | None
     power: PowerBlock | None
 
@@ -77,9 +77,13 @@ class Evidence:
         limit = np.maximum(standstill, 4.0 * np.where(np.isfinite(noise), noise, 0.0))
         return np.asarray(np.abs(self.velocity) > limit)
 
-    def thinned(self) -> Evidence:
-        """Return at most `MAX_ROWS` samples, evenly taken."""
-        step = max(1, -(-len(self.stamp_ns) // MAX_ROWS))
+    def thinned(self, parts: int = 1) -> Evidence:
+        """Return at most `MAX_ROWS` samples, evenly taken.
+
+        Args:
+            parts: Of how many recordings it is one, which share the samples.
+        """
+        step = max(1, -(-len(self.stamp_ns) * parts // MAX_ROWS))
         rows = slice(None, None, step)
         names = ("stamp_ns", "segment", "position", "velocity", "acceleration", "motor_torque",
                  "temperature_degc")  # fmt: skip
@@ -149,7 +153,19 @@ def rest_noise(evidence: Evidence) -> Float:
     Returns:
         Shape (n,), NaN with too few samples. [rad/s] or [m/s]
     """
-    stamps, velocity = evidence.stamp_ns, evidence.velocity
+    return velocity_noise(evidence.stamp_ns, evidence.velocity)
+
+
+def velocity_noise(stamps: Int, velocity: Float) -> Float:
+    """Noise of velocities, as of `rest_noise`.
+
+    Args:
+        stamps: Rising, shape (N,). [ns]
+        velocity: Shape (N, n). [rad/s] or [m/s]
+
+    Returns:
+        Shape (n,), NaN with too few samples. [rad/s] or [m/s]
+    """
     unknown = np.full(velocity.shape[1], np.nan)
     if len(stamps) < 2:
         return unknown

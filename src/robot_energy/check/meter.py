@@ -28,7 +28,7 @@ def check_meter(evidence: Evidence) -> tuple[list[Finding], str]:
     Returns:
         The findings, and why there are none where the check cannot be made.
     """
-    if evidence.meter is None or evidence.power is None:
+    if evidence.meter is None or evidence.power is None or evidence.replay is None:
         return [], "the recording has no power meter"
     time, measured = _measured(evidence)
     if len(time) < MIN_INTERVALS:

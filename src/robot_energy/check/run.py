@@ -48,7 +48,7 @@ def check(
     evidence = gather(path, model, effort, inputs)
     findings = [
         Finding("bag", WARNING, ("bag",), text, float("nan"), float("nan"))
-        for text in evidence.replay.problems
+        for text in (evidence.replay.problems if evidence.replay else ())
     ]
     done: list[str] = []
     skipped: dict[str, str] = {}

@@ -18,9 +18,10 @@ from robot_energy.cli.terminal import add_command, present, progress
 DESCRIPTION = """\
 Identify the constant losses of the cabinet from recordings with a power meter (paper A,
 section II-A): while nothing moves, the meter shows the sum of both sides; while the
-robot brakes hard, it shows the grid side alone. The command finds both phases. After hard
-braking the DC link feeds the drives; how much energy it stores is found from that, with an
-interval, and taken if held-out readings are predicted better with it.
+robot brakes hard, it shows the grid side alone. The command finds both phases, rest by the
+noise of the velocities. After hard braking the DC link feeds the drives; how much energy it
+stores is found from that, with an interval, and taken if held-out readings are predicted
+better with it.
 
 Record at least ten seconds of rest with active drives, and fast motions that stop hard.
 Identify the drives first (or use `identify all`): drive losses that the model lacks can hide

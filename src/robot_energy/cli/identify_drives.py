@@ -157,6 +157,7 @@ def _data(args: Namespace) -> tuple[DriveData, RobotModel | None, str]:
         data = drive_data_of_logs(parts, "" if effort is None else effort.si_unit)
         return data, None, "log"
     from robot_energy.blocks import EffortMeaning
+    from robot_energy.identify.causes import refuse_meter, refuse_torque, torque_evidence
     from robot_energy.identify.drives.drive_power import read_drive_power
     from robot_energy.identify.plausibility import check_signs
     from robot_energy.model import load
@@ -183,4 +184,6 @@ def _data(args: Namespace) -> tuple[DriveData, RobotModel | None, str]:
     measured = effort is not EffortMeaning.NONE
     if measured:
         check_signs(recordings, effort)
+        refuse_torque([torque_evidence(part, effort) for part in recordings])
+    refuse_meter(recordings, effort)
     return drive_data(recordings, powers, measured), model, effort.value if measured else "model"

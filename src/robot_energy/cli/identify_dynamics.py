@@ -105,6 +105,7 @@ def run(args: Namespace) -> int:
         RobotEnergyError: If mapping, files or recording cannot be used, or what they give
             is implausible.
     """
+    from robot_energy.identify.causes import cause_named, evidence_of_rows
     from robot_energy.identify.dynamics.dynamics import identify_dynamics
     from robot_energy.identify.dynamics.dynamics_model import to_model
     from robot_energy.identify.dynamics.leave_one_out import across_recordings
@@ -126,7 +127,8 @@ def run(args: Namespace) -> int:
     done = time.perf_counter()
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
     held_out, consistent = result.held_out(), result.held_out_consistent()
-    check_dynamics(result, consistent)
+    with cause_named(lambda: [evidence_of_rows(result)]):
+        check_dynamics(result, consistent)
     written = to_model(result, sources)
     effort = [
         (

@@ -146,7 +146,7 @@ def _log(args: Namespace) -> list[FrictionData]:
 def _study(axis: FrictionData, args: Namespace) -> AxisStudy:
     """Test unseen temperatures, with the true ones and with shuffled ones."""
     from robot_energy.identify.friction.temperature_study import shuffled, temperature_split
-    from robot_energy.results.identification import axis_study
+    from robot_energy.results.identification import axis_study, exponential_gain
 
     study = temperature_split(axis, args.train, args.test)
     chance: list[float] = []
@@ -155,5 +155,7 @@ def _study(axis: FrictionData, args: Namespace) -> AxisStudy:
             other = temperature_split(shuffled(axis, seed), args.train, args.test)
         except NotIdentifiableError:
             continue
-        chance.append(other.row("exponential", "carried on").rms / other.row("constant").rms)
+        gain = exponential_gain(other)
+        if gain is not None:
+            chance.append(gain)
     return axis_study(axis.name, study, chance)

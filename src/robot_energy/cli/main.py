@@ -51,6 +51,9 @@ EXTRAS = {
     "threadpoolctl": "identify",
     "matplotlib": "report",
     "jinja2": "papers",
+    "starlette": "dashboard",
+    "uvicorn": "dashboard",
+    "prometheus_client": "dashboard",
 }
 FEW = 6  # choices that are all named, even where one of them is near
 COMMANDS = "robot_energy.commands"  # group of entry points: modules with add_parser

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from robot_energy.cli.memory import keep_freed_memory
+from robot_energy.cli.page import add_page, recorded_page, serve_page, write_page
 from robot_energy.cli.replay_options import BAG, DAMAGED, add_replay, options_of
 from robot_energy.cli.robots import model_named
 from robot_energy.cli.terminal import (
@@ -22,6 +23,7 @@ from robot_energy.errors import ReportError
 if TYPE_CHECKING:
     from robot_energy.bag_replay import Replay
     from robot_energy.model import RobotModel
+    from robot_energy.page.recording import RecordedPage
 
 DESCRIPTION = """\
 Run a recorded bag through the model of its robot and print where the energy went:
@@ -40,6 +42,7 @@ examples:
   robot-energy replay bag --model ur3e --compare 20 --temperatures /driver/temperatures
   robot-energy replay bag --model my_robot.yaml --inputs energy_monitor.yaml
   robot-energy replay bag --model kr16 --effort motor_torque
+  robot-energy replay bag --model kr16 --serve
   robot-energy replay bag --robot fr3 --model my_fr3.yaml --json - | jq .comparison
 """
 
@@ -58,6 +61,7 @@ def add_parser(commands: Any) -> None:
     outputs.add_argument(
         "--plot", metavar="FILE", help="draw power and energy over time (.png, .svg, .pdf)"
     )
+    add_page(parser)
     add_replay(
         parser,
         "averaging period of /energy/power (default 0.02 s)",
@@ -93,12 +97,19 @@ def run(args: Namespace) -> int:
     model, change = load(named), None
     if args.fixed_friction is not None:
         model, change = fixed_friction(model, args.fixed_friction)
+    recorded = recorded_page(args, model)
     runs = [(model, change)]
     if args.compare is not None:
         runs.append(fixed_friction(model, args.compare))
     with all_or_none():
         results = [
-            _replay(args, used, "with fixed friction" if number else "replaying", not number)
+            _replay(
+                args,
+                used,
+                "with fixed friction" if number else "replaying",
+                not number,
+                None if number else recorded,
+            )
             for number, (used, _) in enumerate(runs)
         ]
         second = replay_report(results[1], runs[1][1]) if len(runs) > 1 else None
@@ -106,24 +117,32 @@ def run(args: Namespace) -> int:
         page = Document()
         replay_document(report, page)
         changes = [change for _, change in runs]
+        write_page(args, recorded, results[0])
         present(args, report, page, "bag", lambda path: _plot(path, results, changes))
+    serve_page(args, recorded)
     return DAMAGED if results[0].problems else 0
 
 
-def _replay(args: Namespace, model: RobotModel, label: str, writes: bool) -> Replay:
+def _replay(
+    args: Namespace, model: RobotModel, label: str, writes: bool, page: RecordedPage | None
+) -> Replay:
     from robot_energy.api.replay import run_replay
 
+    period = args.power_period
+    if page is not None and period is None and args.out is None:
+        period = page.period
     keep_freed_memory()
     with progress(label) as report:
         return run_replay(
             args.bag,
             model,
             **options_of(args),
-            power_period=args.power_period,
+            power_period=period,
             out=args.out if writes else None,
             overwrite=args.overwrite,
             keep_curves=args.plot is not None,
             progress=report,
+            on_output=None if page is None else page.take,
         )
 
 

@@ -37,6 +37,7 @@ WIDTH = 100  # columns, where there is no terminal
 _FILES: dict[str, tuple[tuple[FileKind, ...], str]] = {
     "json": (JSON, "the JSON report"),
     "report": (HTML, "the HTML report"),
+    "page": (HTML, "the energy page"),
     "plot": (PICTURE, "the figure"),
 }
 

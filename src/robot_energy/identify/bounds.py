@@ -11,6 +11,7 @@ import math
 from robot_energy.model.figure import Figure, PositiveFigure
 
 AT_BOUND = "at the bound 0"
+NOT_TOLD = "not told by the recordings, taken as 0"
 
 
 def at_bound(source: str, value: float = 0.0) -> PositiveFigure:
@@ -31,6 +32,17 @@ def is_at_bound(figure: Figure) -> bool:
         figure: Of a model file.
     """
     return figure.source.startswith(AT_BOUND)
+
+
+def not_identified(figure: Figure) -> str:
+    """Return why a figure that a fit left behind is not identified; empty if it is.
+
+    Args:
+        figure: Of a model file.
+    """
+    if is_at_bound(figure):
+        return "at its bound"
+    return "no information" if figure.source.startswith(NOT_TOLD) else ""
 
 
 def identified(value: float, std: float | None, source: str) -> PositiveFigure:

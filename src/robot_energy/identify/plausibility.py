@@ -16,6 +16,7 @@ from robot_energy.blocks import EffortMeaning, Float
 from robot_energy.errors import ImplausibleIdentificationError
 from robot_energy.identify.cabinet.cabinet import CabinetFit
 from robot_energy.identify.data.recordings import Recording
+from robot_energy.identify.data.rest import still_joints
 from robot_energy.identify.drives.drive_data import DriveData
 from robot_energy.identify.drives.drives import DrivesFit
 from robot_energy.identify.drives.total_sums import Sums
@@ -138,8 +139,7 @@ def check_signs(recordings: Sequence[Recording], effort: EffortMeaning | None = 
     speed = np.concatenate([part.torque.motor_velocity for part in recordings])
     sound = np.concatenate([part.sound for part in recordings])
     model = recordings[0].model
-    joints = np.abs(np.concatenate([part.torque.joint_velocity for part in recordings]))
-    moving = joints > np.array([joint.standstill_velocity for joint in model.joints])
+    moving = ~np.concatenate([still_joints(part) for part in recordings])
     usable = moving & sound[:, None] & np.isfinite(measured) & np.isfinite(rigid)
     found = opposite_joints(model.joint_names, measured, rigid, speed, usable)
     key = REMEDIES.get(effort, TURN) if effort is not None else TURN

@@ -170,6 +170,6 @@ def with_provenance(result: FullIdentification, read: Sequence[BagFacts]) -> Rob
         tool_version=__version__,
         data_date=dates[-1] if dates else before.data_date,
         bags=(*before.bags, *(f"{entry.name} sha256:{entry.sha256}" for entry in read)),
-        notes=" ".join(text for text in (before.notes, done) if text),
+        notes=f"{done} Of the model before: {before.notes}" if before.notes else done,
     )
     return result.model.changed(provenance=provenance)

@@ -26,7 +26,7 @@ from robot_energy.identify.data.recordings import Recording, channels_of
 from robot_energy.identify.drives.all_drives import DrivesFound, TotalFound, find_drives
 from robot_energy.identify.drives.drive_data import drive_data
 from robot_energy.identify.dynamics.dynamics import Dynamics, identify_dynamics
-from robot_energy.identify.dynamics.dynamics_model import to_model
+from robot_energy.identify.dynamics.dynamics_model import SOURCE, to_model
 from robot_energy.identify.dynamics.validation import TorqueError
 from robot_energy.identify.friction.friction import FrictionFit, fit_axes, with_friction
 from robot_energy.identify.friction.samples import friction_data
@@ -211,6 +211,13 @@ def _at_one_temperature(
 def _friction(bags: Sequence[Bag], model: RobotModel, source: str) -> Step:
     recordings = _measured(bags, model)
     check_signs(recordings, bags[0].effort)
+    if not _warm(recordings) and all(
+        SOURCE in joint.friction.coulomb.source for joint in model.joints
+    ):
+        raise NotIdentifiableError(
+            "no motor temperature is known, so the friction stays that of the dynamics, a constant",
+            remedy="record motor temperatures, or name their topic with --inputs",
+        )
     axes = [friction_data(recordings, joint) for joint in range(len(model.joints))]
     fits, refused = fit_axes(axes, source)
     check_friction(fits)

@@ -11,14 +11,15 @@ from robot_energy.identify.stats.lag import Delay
 from robot_energy.model.drive_models import DRIVE_MODELS
 from robot_energy.report.document import Column, Document
 from robot_energy.report.efficiency_figure import efficiency_maps
-from robot_energy.report.formats import fixed, percent, signed_percent, significant
+from robot_energy.report.formats import fixed, grouped, percent, signed_percent, significant
 from robot_energy.report.identification import AT_BOUND, HELD_OUT, delay_text
 from robot_energy.results.base import known
 from robot_energy.results.drives import DrivesReport, LossTerm, TotalPower
 
 WAY_NAMES = {
     "none": "no efficiency",
-    "constant": "constant 87.5 %",
+    "constant": "constant 87.5 %, as in paper B",
+    "constant_fitted": "constant, fitted to all drives",
     "map": "efficiency map, as run",
     "map_processed": "map, power processed",
     "losses": "loss model",
@@ -125,7 +126,7 @@ def _drives(fit: DrivesFit, delay: Delay | None, page: Document) -> None:
             f"power and joint states may be shifted by more than {1e3 * delay.span:.0f} ms: check "
             "that both have one clock"
         )
-    page.notes([note for axis in fit.axes for note in axis.notes])
+    page.notes(grouped([note for axis in fit.axes for note in axis.notes]))
     axes = mapped(fit)
     if axes:
         page.figure(

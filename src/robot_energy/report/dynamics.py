@@ -15,6 +15,7 @@ from robot_energy.identify.dynamics.validation import TorqueError
 from robot_energy.identify.dynamics.work import share_off
 from robot_energy.report.document import Column, Document
 from robot_energy.report.formats import significant
+from robot_energy.report.identification import delay_use
 from robot_energy.results.dynamics import DynamicsReport
 
 
@@ -53,7 +54,6 @@ def dynamics_document(
     """
     result, delay = report.result, report.delay
     settings = result.settings
-    applied = "applied" if delay.applied else "not applied"
     page.pairs(
         [
             ("base parameters", f"{len(result.base)}, {result.n_inertial} of them inertial"),
@@ -70,7 +70,7 @@ def dynamics_document(
             (
                 "torque delay",
                 f"{delay.value * 1e3:+.1f} ms would lower the held-out error by "
-                f"{delay.gain:.1%}: {applied}",
+                f"{delay.gain:.1%}: {delay_use(delay, 'applied')}",
             ),
             *effort,
         ]

@@ -53,7 +53,11 @@ def excitation_document(report: ExcitationReport, page: Document) -> None:
         page.note("no link is kept above a floor; --floor and --tool do")
     silent = report.after.not_excited
     excited = [name for name in report.base_parameters if name not in silent]
-    page.paragraph(f"excited: {', '.join(excited) or NOTHING}")
+    count = len(report.base_parameters)
+    with page.only("terminal"):
+        page.paragraph(f"excited: {len(excited)} of {count} base parameters")
+    with page.only("page"):
+        page.paragraph(f"excited, {len(excited)} of {count}: {', '.join(excited) or NOTHING}")
     page.paragraph(f"not excited: {', '.join(silent) or NOTHING}")
     page.paragraph(f"no torque depends on: {', '.join(report.without_effect) or NOTHING}")
     if report.acceleration_assumed:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 
 NOTHING = "-"
 WATT_HOUR = 3600.0  # J
@@ -92,6 +92,19 @@ def seconds(time_ns: int) -> str:
 def counted(count: int, one: str, many: str = "") -> str:
     """Return a count with its noun."""
     return f"{count} {one if count == 1 else many or one + 's'}"
+
+
+def grouped(notes: Sequence[str]) -> list[str]:
+    """Return notes of the form ``name: text`` with one line for all names of the same text.
+
+    Args:
+        notes: One sentence each; those without a name stay as they are.
+    """
+    names: dict[str, list[str]] = {}
+    for note in notes:
+        name, colon, text = note.partition(": ")
+        names.setdefault(text if colon else note, []).append(name if colon else "")
+    return [f"{', '.join(who)}: {text}" if who[0] else text for text, who in names.items()]
 
 
 def tags_text(figures: dict[str, int]) -> str:

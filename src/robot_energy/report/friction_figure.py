@@ -15,6 +15,7 @@ from robot_energy.report.canvas import COLOURS, Target, canvas, panel_grid, pane
 MILLI = 1e3
 BEYOND = 5.0  # K drawn outside the fitted range, where the edge is held
 LAW_COLOURS = {"constant": COLOURS["fixed"], "exponential": COLOURS["predicted"]}
+UNKNOWN_DEGC = (20.0, 60.0)  # drawn for a constant of an axis without temperatures
 TABLE_COLOUR = "#009e73"
 
 
@@ -48,7 +49,7 @@ def friction_over_temperature(
 
 
 def _axis(axes: Any, fit: FrictionFit) -> None:
-    low, high = fit.range_degc
+    low, high = fit.range_degc if np.isfinite(fit.range_degc).all() else UNKNOWN_DEGC
     degc = np.linspace(low - BEYOND, high + BEYOND, 200)
     for name, law in fit.laws.items():
         chosen = name == fit.chosen

@@ -34,11 +34,10 @@ def verdict(test: HeldOutEnergy | None) -> tuple[str, bool]:
     Args:
         test: The test; None if there was none.
     """
-    if test is None or not test.metered:
-        return (
-            "no recording has a power meter, so the energy of the model was not tested; "
-            "record the meter's topic too"
-        ), False
+    if test is None:
+        return "the energy of the model was not tested, as asked (--no-test)", False
+    if not test.metered:
+        return _torque_verdict(test)
     last = test.stages[-1]
     kind = "test recordings" if test.kind == "test" else f"held-out {test.kind}"
     parts: list[str] = []
@@ -67,10 +66,23 @@ def verdict(test: HeldOutEnergy | None) -> tuple[str, bool]:
     return f"{why}: {text}", False
 
 
+def _torque_verdict(test: HeldOutEnergy) -> tuple[str, bool]:
+    """The same by the torque, where no held-out recording has a power meter."""
+    meter = "no held-out recording has a power meter, so the energy was not tested"
+    if not test.with_torque:
+        return f"{meter}; record the meter's topic too", False
+    given, new = (test.torque_error(stage) for stage in (GIVEN, test.stages[-1]))
+    better = new < given
+    return (
+        f"{'' if better else 'the new model is not better: '}motor torque held out, norm of "
+        f"error over norm of torque: {percent(given)} as given, {percent(new)} new; {meter}"
+    ), better
+
+
 def verdict_line(test: HeldOutEnergy | None, page: Document) -> None:
     """Add the verdict; as a note where the new model is not better."""
     text, better = verdict(test)
-    page.paragraph(text, "plain" if better else "note")
+    page.paragraph(text, "strong" if better else "note")
 
 
 def held_out_document(test: HeldOutEnergy, names: tuple[str, ...], page: Document) -> None:
@@ -94,6 +106,15 @@ def held_out_document(test: HeldOutEnergy, names: tuple[str, ...], page: Documen
                 Column("measured", "shaft", energy_text),
                 Column("as given", lambda entry: entry.shaft_error(GIVEN), signed_percent),
                 Column("new model", lambda entry: entry.shaft_error(last), signed_percent),
+            ],
+            test.with_torque,
+        )
+        page.rows(
+            "Motor torque of all axes, norm of error over norm of torque, held out",
+            [
+                Column("recording", "name"),
+                Column("as given", lambda entry: entry.predictions[GIVEN].torque_error, percent),
+                Column("new model", lambda entry: entry.predictions[last].torque_error, percent),
             ],
             test.with_torque,
         )

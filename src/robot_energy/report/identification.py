@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from robot_energy.identify.cabinet.cabinet import CabinetFit, Level
 from robot_energy.identify.cabinet.dc_link import LinkFit
 from robot_energy.identify.friction.friction import FrictionFit
@@ -10,7 +12,7 @@ from robot_energy.identify.stats.lag import Delay
 from robot_energy.model.friction_laws import FRICTION_LAWS
 from robot_energy.report.canvas import COLOURS, Target, canvas
 from robot_energy.report.document import Column, Document
-from robot_energy.report.formats import fixed, percent, signed_percent, significant
+from robot_energy.report.formats import fixed, grouped, percent, signed_percent, significant
 from robot_energy.report.friction_figure import friction_over_temperature
 from robot_energy.results.identification import CabinetReport, FrictionReport, FrictionStudyReport
 
@@ -48,7 +50,7 @@ def friction_tables(report: FrictionReport, page: Document) -> None:
             Column("axis", "name"),
             Column("Coulomb", _coulomb, unit=unit),
             Column("viscous", _law, unit=f"1e-3 {unit} s/rad"),
-            Column("fitted at", lambda fit: "{:.0f} to {:.0f} degC".format(*fit.range_degc)),
+            Column("fitted at", _fitted_at),
         ],
         report.axes,
     )
@@ -69,11 +71,16 @@ def friction_tables(report: FrictionReport, page: Document) -> None:
         ],
         report.axes,
     )
-    page.notes([*(text for fit in report.axes for text in fit.warnings), *report.refused])
+    page.notes(grouped([*(text for fit in report.axes for text in fit.warnings), *report.refused]))
 
 
 def _coulomb(fit: FrictionFit) -> str:
     return f"{fit.coulomb:.4g} +- {fit.coulomb_std:.2g}" if fit.coulomb > 0.0 else AT_BOUND
+
+
+def _fitted_at(fit: FrictionFit) -> str | None:
+    low, high = fit.range_degc
+    return f"{low:.0f} to {high:.0f} degC" if np.isfinite(low) else None
 
 
 def _law(fit: FrictionFit) -> str:
@@ -101,7 +108,8 @@ def study_document(report: FrictionStudyReport, page: Document) -> None:
             ],
             study.rows,
         )
-        if entry.median_gain is not None:
+        page.notes(study.refused)
+        if entry.gain is not None and entry.median_gain is not None:
             page.paragraph(
                 f"RMS of the exponential law over the constant: {entry.gain:.2f}; with "
                 f"temperatures shuffled between runs {entry.median_gain:.2f} (median of "
@@ -206,8 +214,20 @@ def delay_text(what: str, delay: Delay) -> str:
     return (
         f"delay of {what} behind the joint states: {1e3 * delay.value:+.1f} +- "
         f"{1e3 * delay.std:.1g} ms would lower the held-out error by "
-        f"{percent(delay.gain)}: {'undone' if delay.applied else 'not applied'}"
+        f"{percent(delay.gain)}: {delay_use(delay, 'undone')}"
     )
+
+
+def delay_use(delay: Delay, done: str) -> str:
+    """Return what was done about a delay.
+
+    Args:
+        delay: The estimate.
+        done: Word for a delay that was believed.
+    """
+    if delay.at_edge:
+        return f"not applied, at the limit of the search of {1e3 * delay.span:g} ms"
+    return done if delay.applied else "not applied"
 
 
 def error_over_energy(fit: LinkFit, path: Target) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import isfinite
 from pathlib import Path
 
 from robot_energy import __version__
@@ -53,14 +54,14 @@ def identification_document(report: IdentificationReport, page: Document) -> Non
     """
     page.heading("In short")
     _overview(report, page)
+    if report.energy is not None:
+        page.heading("Energy on what the model has not seen")
+        held_out_document(report.energy, report.model.joint_names, page)
     page.heading("What was read")
     _read(report, page)
     for step in report.steps:
         page.heading(TITLES[step.subject])
         _step(step, report, page)
-    if report.energy is not None:
-        page.heading("Energy on what the model has not seen")
-        held_out_document(report.energy, report.model.joint_names, page)
     page.heading("Model file")
     _model(report, page)
 
@@ -76,6 +77,7 @@ def _overview(report: IdentificationReport, page: Document) -> None:
         report.steps,
     )
     verdict_line(report.energy, page)
+    page.notes(report.notes)
     virtual = [entry.name for entry in report.recordings if VIRTUAL in entry.origin]
     if virtual:
         page.note(
@@ -97,10 +99,10 @@ def _came_of(step: StepReport) -> str:
                 f"{percent(errors['held_out_given_bodies'].total)} with the bodies as given"
             )
         case FrictionReport(_, fits, _):
-            low = min(fit.range_degc[0] for fit in fits)
-            high = max(fit.range_degc[1] for fit in fits)
+            known = [degc for fit in fits for degc in fit.range_degc if isfinite(degc)]
+            where = f"{min(known):.0f} to {max(known):.0f} degC" if known else "no temperatures"
             laws = ", ".join(sorted({fit.chosen for fit in fits}))
-            return f"{counted(len(fits), 'axis', 'axes')}, {low:.0f} to {high:.0f} degC: {laws}"
+            return f"{counted(len(fits), 'axis', 'axes')}, {where}: {laws}"
         case CabinetFit() as fit:
             sides = (("grid", fit.loss_grid), ("DC", fit.loss_dc))
             return ", ".join(

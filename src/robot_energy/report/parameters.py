@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from robot_energy.identify.bounds import is_at_bound
+from robot_energy.identify.bounds import not_identified
 from robot_energy.model import RobotModel
 from robot_energy.model.drive_models import DRIVE_MODELS
 from robot_energy.model.figure import Figure
@@ -33,6 +33,11 @@ class Change:
     unit: str
     before: Figure | None
     after: Figure
+
+    @property
+    def std(self) -> float | None:
+        """Standard deviation of the new value."""
+        return self.after.std
 
     @property
     def weak(self) -> bool:
@@ -88,8 +93,9 @@ def changes_document(before: RobotModel, after: RobotModel, page: Document) -> N
         Column("unit", "unit"),
         Column("as given", lambda one: one.before and one.before.value, significant(4)),
         Column("now", lambda one: one.after.value, significant(4)),
-        Column("std", _std),
+        Column("std", "std", significant(2)),
         Column("known as", lambda one: one.after.tag),
+        Column("not identified", lambda one: not_identified(one.after)),
     ]
     for title, weak in (
         ("New figures of the model file, motor side", False),
@@ -112,11 +118,6 @@ def changes_document(before: RobotModel, after: RobotModel, page: Document) -> N
         )
     if not found and not laws:
         page.paragraph("no figure of the model file changed")
-
-
-def _std(change: Change) -> str | None:
-    std = change.after.std
-    return "at bound" if is_at_bound(change.after) else None if std is None else f"{std:.2g}"
 
 
 def _viscous(joint: Joint) -> str:

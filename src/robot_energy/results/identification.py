@@ -8,6 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from robot_energy.errors import NotIdentifiableError
 from robot_energy.identify.cabinet.cabinet import CabinetFit
 from robot_energy.identify.cabinet.dc_link import LinkFit
 from robot_energy.identify.cabinet.supply import SupplyFound
@@ -54,7 +55,7 @@ class AxisStudy(Result):
     Attributes:
         name: Of the axis.
         study: The test.
-        gain: RMS of the exponential law over that of the constant. [-]
+        gain: RMS of the exponential law over that of the constant; None without such a law. [-]
         shuffles: How often the temperatures were shuffled between the runs.
         median_gain: The same ratio then: its median. [-]
         least_gain: Its least value. [-]
@@ -62,7 +63,7 @@ class AxisStudy(Result):
 
     name: str
     study: Study
-    gain: float
+    gain: Number
     shuffles: int
     median_gain: Number
     least_gain: Number
@@ -89,9 +90,20 @@ def axis_study(name: str, study: Study, chance: Sequence[float]) -> AxisStudy:
         study: The test.
         chance: Gain with temperatures shuffled between the runs, one per shuffle. [-]
     """
-    gain = study.row("exponential", "carried on").rms / study.row("constant").rms
     known = (float(np.median(chance)), float(np.min(chance))) if chance else (None, None)
-    return AxisStudy(name, study, gain, len(chance), *known)
+    return AxisStudy(name, study, exponential_gain(study), len(chance), *known)
+
+
+def exponential_gain(study: Study) -> float | None:
+    """Return the RMS of the exponential law over that of the constant; None without such a law.
+
+    Args:
+        study: The test.
+    """
+    try:
+        return study.row("exponential", "carried on").rms / study.row("constant").rms
+    except NotIdentifiableError:
+        return None
 
 
 @dataclass(frozen=True)
@@ -164,6 +176,7 @@ class IdentificationReport(Result):
         meter_delay: Of the meter behind the joint states; None where it cannot be told.
         energy: Energy on what was held out; None if there was no test.
         mean_error: Mean size of its error at the meter, by stage; empty without a meter. [-]
+        notes: What does not fit the model as given, one sentence each.
     """
 
     NAME: ClassVar[str] = "identification"
@@ -176,6 +189,7 @@ class IdentificationReport(Result):
     meter_delay: Delay | None
     energy: HeldOutEnergy | None
     mean_error: dict[str, float]
+    notes: tuple[str, ...] = ()
 
     def taken(self, subject: str) -> bool:
         """Whether the model has new figures of a subject."""
@@ -188,6 +202,7 @@ def identification_report(
     recordings: Sequence[BagFacts],
     tests: Sequence[BagFacts],
     test: HeldOutEnergy | None,
+    notes: Sequence[str] = (),
 ) -> IdentificationReport:
     """Return all that was identified.
 
@@ -197,6 +212,7 @@ def identification_report(
         recordings: Bags of the fit.
         tests: Bags of the test alone.
         test: Energy on what was held out.
+        notes: What does not fit the model as given, one sentence each.
     """
     return IdentificationReport(
         model=model,
@@ -212,6 +228,7 @@ def identification_report(
         mean_error={stage: test.mean_error(stage) for stage in test.stages}
         if test is not None and test.metered
         else {},
+        notes=tuple(notes),
     )
 
 

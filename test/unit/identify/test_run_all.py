@@ -51,6 +51,10 @@ class Altered(Bag):
             case "temperature":
                 gone = np.full_like(power.motor_temperature_degc, np.nan)
                 power = replace(power, motor_temperature_degc=gone)
+            case "elbow temperature":
+                gone = power.motor_temperature_degc.copy()
+                gone[:, 1] = np.nan
+                power = replace(power, motor_temperature_degc=gone)
             case "meter":
                 meter = None
             case "rest":  # neither rest nor braking, and hardly a reading
@@ -118,7 +122,6 @@ def test_each_step_begins_with_what_the_one_before_left(
     ("missing", "subjects", "sentence"),
     [
         ("effort", ("dynamics", "friction"), "have no effort"),
-        ("temperature", ("friction",), "no motor temperature of shoulder is known"),
         ("meter", ("cabinet",), "no recording has a power meter"),
         ("meter", ("drives",), "neither the power of the drives nor a power meter"),
         ("rest", ("cabinet",), "record at least ten seconds of rest"),
@@ -160,7 +163,22 @@ def test_without_temperatures_dynamics_tells_friction(folder: Path, model: Robot
         bags_in(folder, "temperature"), model, ("cabinet", "drives", "capacitor")
     )
     assert result.taken == ("dynamics",)
+    assert "stays that of the dynamics" in result.step("friction").reason
     assert {joint.friction.viscous.law for joint in result.model.joints} == {"constant"}
+
+
+def test_an_axis_without_temperature_gets_a_constant_and_the_other_its_law(
+    folder: Path, whole: FullIdentification
+) -> None:
+    others = ("dynamics", "cabinet", "drives", "capacitor")
+    bodies = whole.step("dynamics").model
+    result = identify_everything(bags_in(folder, "elbow temperature"), bodies, others)
+    shoulder, elbow = (joint.friction.viscous for joint in result.model.joints)
+    other, _ = (joint.friction.viscous for joint in whole.step("friction").model.joints)
+    assert (elbow.law, elbow.viscous.tag) == ("constant", "identified")
+    assert 0.0 < elbow.viscous.std < 0.5 * elbow.viscous.value
+    assert shoulder == other
+    assert shoulder.law != "constant"
 
 
 def test_bodies_that_are_right_already_stay(folder: Path, whole: FullIdentification) -> None:

@@ -3,8 +3,9 @@
 While nothing moves (HOLD) the grid delivers ``P_l,grid + P_l,DC`` and what the drives
 take at rest. While the drives feed back more than the DC side uses (GENERATING) it
 delivers ``P_l,grid`` alone, because the rectifier cannot return power. So the first tells
-the sum and the second splits it. Both phases are found from the joint states through the
-model, and only readings that lie inside one whole phase count.
+the sum and the second splits it. Rest is found from the noise of the velocities
+(`robot_energy.identify.data.rest`), braking through the model, and only readings that lie
+inside one whole phase count.
 """
 
 from __future__ import annotations
@@ -15,10 +16,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import Float, Int, MeterLocation, Phase, PowerBlock
+from robot_energy.blocks import NANOSECOND, Float, Int, MeterLocation, Phase
 from robot_energy.errors import NotIdentifiableError
 from robot_energy.identify.bounds import identified
 from robot_energy.identify.data.recordings import Recording, with_meter
+from robot_energy.identify.data.rest import rest_of, still_joints, window
 from robot_energy.identify.drives.drive_data import DriveData
 from robot_energy.identify.drives.total_sums import sums
 from robot_energy.model import RobotModel
@@ -28,7 +30,6 @@ from robot_energy.timeline.pieces import CoveredPieces
 MILLISECOND = 1_000_000  # ns
 SETTLED = 500 * MILLISECOND  # after a motion, until the DC link and the drives are at rest
 BEFORE_MOTION = 50 * MILLISECOND
-AROUND = 50 * MILLISECOND  # to each side, in which most samples must hold
 INSIDE = 10 * MILLISECOND  # between a reading and the ends of a generating phase
 LINK_AT_REST = 1.0  # W
 CLEAR = 0.5  # of the DC loss that braking must exceed for a phase to count as generating
@@ -62,8 +63,8 @@ class CabinetFit:
 
     Attributes:
         location: Where the meter sits.
-        hold: ``P_l,grid + P_l,DC``, or ``P_l,DC`` for a meter on the DC bus; None if the
-            robot never stands still.
+        hold: ``P_l,grid + P_l,DC``, or ``P_l,DC`` for a meter on the DC bus; None if too few
+            readings lie inside rest.
         generating: ``P_l,grid``; None if it never brakes hard enough, or not at the grid.
         loss_grid: P_l,grid, None where the data do not tell it. [W]
         loss_grid_std: [W]
@@ -118,7 +119,19 @@ def fit_cabinet(recordings: Sequence[Recording], beside: Beside | None = None) -
         )
     location = locations.pop()
     cabinet = metered[0].model.cabinet
-    held = [_readings(part, _holding(part.power), SETTLED, BEFORE_MOTION) for part in metered]
+    resting = [_holding(part) for part in metered]
+    held = [
+        _readings(part, rest, SETTLED, BEFORE_MOTION)
+        for part, rest in zip(metered, resting, strict=True)
+    ]
+    seen = "; ".join(
+        f"{part.path.name}: {rest_of(part.power.stamp_ns, rest)}"
+        for part, rest in zip(metered, resting, strict=True)
+    )
+    why = (
+        f"fewer than {MIN_READINGS} readings lie inside rest, from {SETTLED * NANOSECOND:g} s "
+        f"after a motion to {BEFORE_MOTION * NANOSECOND:g} s before the next ({seen})"
+    )
     if beside is not None:
         hold: Level | None = beside.level
     else:
@@ -129,11 +142,11 @@ def fit_cabinet(recordings: Sequence[Recording], beside: Beside | None = None) -
         generating = _level([(rows, rows.mean_power) for rows in fed])
     if hold is None and generating is None:
         raise NotIdentifiableError(
-            "the robot neither stands still for a second nor brakes hard while the meter reads",
+            f"{why}, and none inside hard braking",
             "both",
             "record at least ten seconds of rest with active drives, and fast motions",
         )
-    fit = _split(location, hold, generating, metered[0].model)
+    fit = _split(location, hold, generating, metered[0].model, why)
     return fit if beside is None else replace(fit, notes=(*beside.notes, *fit.notes))
 
 
@@ -173,7 +186,11 @@ def beside_drives(data: DriveData, model: RobotModel) -> Beside | None:
 
 
 def _split(
-    location: MeterLocation, hold: Level | None, generating: Level | None, model: RobotModel
+    location: MeterLocation,
+    hold: Level | None,
+    generating: Level | None,
+    model: RobotModel,
+    why: str,
 ) -> CabinetFit:
     before = model.cabinet
     grid = grid_std = loss_dc = dc_std = None
@@ -193,7 +210,7 @@ def _split(
     else:
         grid, grid_std = generating.power, generating.std
         if hold is None:
-            notes.append("the robot never stands still, so the loss on the DC side is kept")
+            notes.append(f"the loss on the DC side is kept: {why}")
         else:
             loss_dc = hold.power - generating.power
             dc_std = float(np.hypot(hold.std, generating.std))
@@ -229,16 +246,16 @@ def with_cabinet(model: RobotModel, fit: CabinetFit, source: str) -> RobotModel:
     return model.changed(cabinet=cabinet)
 
 
-def _holding(power: PowerBlock) -> NDArray[np.bool_]:
-    """Where most samples around are of the phase HOLD: noise of the velocity is no motion.
+def _holding(recording: Recording) -> NDArray[np.bool_]:
+    """Where no joint moves in most samples around, by the noise of the velocities.
 
-    Not while a DC link that the model knows takes or gives.
+    Not while the drives feed back, nor while a DC link that the model knows takes or gives.
     """
-    stamp = power.stamp_ns
-    still = (power.phase == Phase.HOLD) & (np.abs(power.capacitor_power) <= LINK_AT_REST)
-    held = np.concatenate([[0], np.cumsum(still)])
-    first = np.searchsorted(stamp, stamp - AROUND, side="left")
-    last = np.searchsorted(stamp, stamp + AROUND, side="right")
+    power = recording.power
+    resting = still_joints(recording).all(axis=1) & np.isin(power.phase, (Phase.HOLD, Phase.MOTION))
+    resting &= np.abs(power.capacitor_power) <= LINK_AT_REST
+    held = np.concatenate([[0], np.cumsum(resting)])
+    first, last = window(power.stamp_ns)
     return np.asarray(held[last] - held[first] > 0.5 * (last - first))
 
 

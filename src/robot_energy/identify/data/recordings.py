@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.accounting.comparison import Comparison
-from robot_energy.bag_replay import Progress, Topics, replay
+from robot_energy.bag_replay import Progress, Replay, Topics, replay
 from robot_energy.blocks import (
     DOUBTFUL,
     NANOSECOND,
@@ -48,6 +48,7 @@ class Recording:
         problems: What was wrong with the bag, one sentence each.
         compared: Predicted and measured energy, wherever both are known.
         limits: What the user says of the readings of the meter.
+        replay: The replay that gave it, with its accounting.
     """
 
     path: Path
@@ -59,6 +60,7 @@ class Recording:
     problems: tuple[str, ...]
     compared: tuple[Compared, ...] = ()
     limits: MeterLimits = field(default_factory=MeterLimits)
+    replay: Replay | None = field(default=None, repr=False)
 
     def __len__(self) -> int:
         return len(self.torque)
@@ -219,4 +221,5 @@ def read_recording(
         tuple(result.problems),
         tuple(part for part in result.compared if len(part.duration_ns)),
         MeterLimits(settings.meter_max_gap, max_power, wraps_at),
+        result,
     )

@@ -21,6 +21,8 @@ from robot_energy.identify.drives.efficiency import (
     CUTOFF,
     POINTS,
     ReducedMap,
+    at_efficiency,
+    fitted_efficiency,
     processed,
     reduced_map,
 )
@@ -33,7 +35,9 @@ from robot_energy.model.drive_models import DRIVE_MODELS, DriveModel
 Way = str  # one of WAYS, or the name of a drive model of a user
 Fitted = Callable[[Any, str], Any]
 Split = Literal["blocks", "recordings", "beyond"]
-WAYS: tuple[Way, ...] = ("none", "constant", "map", "map_processed", "losses")
+WAYS: tuple[Way, ...] = (
+    "none", "constant", "constant_fitted", "map", "map_processed", "losses",
+)  # fmt: skip
 DEFAULT = "loss_model"  # where held-out data say nothing better
 CONSTANT_EFFICIENCY = 0.875  # paper B, 7.3
 INSIDE = 0.6  # of the greatest speed and torque: what lies beyond is held out
@@ -283,15 +287,20 @@ class _Fitter:
         data, usable = self.data, self.data.usable
         fold = np.where(usable, fold, -1)
         predicted: dict[Way, Float] = {way: np.full(usable.shape, np.nan) for way in WAYS}
+        shaft, power = data.shaft_power, data.drive_power
         for joint, own in enumerate(fold.T):
             for number in np.unique(own[own >= 0]):
                 held = own == number
                 axis = self.axis(joint, usable[:, joint] & ~held)
                 if axis.losses is None or axis.map is None:
                     continue
-                for way, power in self._predict(joint, axis).items():
+                for way, values in self._predict(joint, axis).items():
                     place = predicted.setdefault(way, np.full(usable.shape, np.nan))
-                    place[held, joint] = power[held]
+                    place[held, joint] = values[held]
+        for number in np.unique(fold[fold >= 0]):
+            train, held = usable & (fold != number), fold == number
+            constant = at_efficiency(shaft, fitted_efficiency(shaft[train], power[train]))
+            predicted["constant_fitted"][held] = constant[held]
         tested = usable & np.isfinite(predicted["map"]) & np.isfinite(predicted["losses"])
         if int(tested.sum()) < MIN_HELD_OUT:
             return None
@@ -321,8 +330,7 @@ class _Fitter:
         """Power of one drive at all samples, by every way. [W]"""
         data = self.data
         shaft = data.shaft_power[:, joint]
-        driving = np.where(shaft > 0, shaft / CONSTANT_EFFICIENCY, shaft * CONSTANT_EFFICIENCY)
-        ways = {"none": shaft, "constant": driving}
+        ways = {"none": shaft, "constant": at_efficiency(shaft, CONSTANT_EFFICIENCY)}
         for kind, way, fitted in _fitted_kinds():
             entry = _entry(fitted, axis)
             if entry is not None and kind.physics is not None:

@@ -203,3 +203,28 @@ def _thinned(torque: Float, velocity: Float, eta: Float, points: int) -> tuple[F
     first = np.cumsum(amount) - amount
     median = 0.5 * (ranked[first + (amount - 1) // 2] + ranked[first + amount // 2])
     return mean, median, size
+
+
+def at_efficiency(shaft: Float, efficiency: float) -> Float:
+    """Return the electrical power of drives of constant efficiency, both ways. [W]
+
+    Args:
+        shaft: Shaft power, shape (N,) or (N, n). [W]
+        efficiency: Above 0, at most 1. [-]
+    """
+    return np.where(shaft > 0, shaft / efficiency, shaft * efficiency)
+
+
+def fitted_efficiency(shaft: Float, power: Float) -> float:
+    """Return the constant efficiency of least squared error of the electrical power. [-]
+
+    Args:
+        shaft: Shaft power of one or several drives, shape (N,). [W]
+        power: Measured electrical power, shape (N,). [W]
+    """
+    from scipy.optimize import minimize_scalar
+
+    def cost(efficiency: float) -> float:
+        return float(np.sum((at_efficiency(shaft, efficiency) - power) ** 2))
+
+    return float(minimize_scalar(cost, bounds=(MIN_EFFICIENCY, 1.0), method="bounded").x)

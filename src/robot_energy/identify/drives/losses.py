@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from robot_energy.blocks import Float, Int
 from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.bounds import identified
+from robot_energy.identify.bounds import NOT_TOLD, identified
 from robot_energy.identify.stats.regression import Fit, independent, regress
 from robot_energy.model.drive_models import LossDrive
 from robot_energy.model.figure import PositiveFigure
@@ -24,7 +24,6 @@ COPPER_COEFFICIENT = 0.0039  # 1/K, usual textbook figure
 TERMS = ("constant", "copper", "linear", "quadratic")
 MIN_SHARE = 0.05  # of a column that the columns before it do not explain
 MIN_SAMPLES = 30
-NOT_TOLD = "not told by the recordings, taken as 0"
 
 
 @dataclass(frozen=True)

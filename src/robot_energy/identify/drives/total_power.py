@@ -16,8 +16,8 @@ import numpy as np
 
 from robot_energy.blocks import Float, Int, MeterLocation
 from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.bounds import at_bound, identified
-from robot_energy.identify.drives.losses import NOT_TOLD, Losses, fit_losses
+from robot_energy.identify.bounds import NOT_TOLD, at_bound, identified
+from robot_energy.identify.drives.losses import Losses, fit_losses
 from robot_energy.identify.drives.total_sums import COEFFICIENTS, Sums
 from robot_energy.identify.stats.cross_validation import (
     EnergyScore,

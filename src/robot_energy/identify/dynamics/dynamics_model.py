@@ -16,6 +16,7 @@ from robot_energy.model import RobotModel
 from robot_energy.model.schema import Provenance, Urdf
 from robot_energy.physics.drivetrain import Drivetrain
 
+SOURCE = "identify dynamics"  # of its figures
 IDENTIFIED_TAGS = {"masses": "derived", "centres_of_mass": "derived", "inertias": "derived"}
 
 
@@ -56,9 +57,8 @@ def to_model(result: Dynamics, recordings: Sequence[str] = (), data_date: str = 
         source=f"{model.urdf.source}; bodies: physically consistent fit of {inertial} groups of "
         "inertial parameters",
     )
-    notes = " ".join(
-        text for text in (model.provenance.notes, "Dynamics identified from motor torque.") if text
-    )
+    done, before = "Dynamics identified from motor torque.", model.provenance.notes
+    notes = f"{done} Of the model before: {before}" if before else done
     provenance = Provenance(
         tool_version=__version__,
         data_date=data_date or model.provenance.data_date,
@@ -74,7 +74,7 @@ def _estimate(result: Dynamics, name: str, value: float) -> Estimate:
     base = result.exported_base
     if base.alone(name):
         std = float(result.exported.std[base.labels.index(name)])
-        return Estimate(value, std, "identified", "identify dynamics")
+        return Estimate(value, std, "identified", SOURCE)
     index = base.names.index(name)
     for group, weights in enumerate(base.matrix):
         if abs(float(weights[index])) > SHOWN:

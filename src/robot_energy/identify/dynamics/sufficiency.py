@@ -179,8 +179,9 @@ def remarks(
     found: list[str] = []
     if delay.at_edge:
         found.append(
-            f"torque and positions may be shifted by more than {delay_span * 1e3:g} ms: "
-            "check that both channels have one clock"
+            f"the delay of the torque is at the limit of its search, {delay_span * 1e3:g} ms, and "
+            "is not applied: search further with --delay; if it stays at every limit, it is no "
+            "delay but a filter of the drive or bodies that give: then record faster, or leave it"
         )
     if in_sample.total > POOR:
         found.append(

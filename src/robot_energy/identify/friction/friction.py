@@ -17,7 +17,13 @@ import numpy as np
 from robot_energy.blocks import Float
 from robot_energy.errors import NotIdentifiableError
 from robot_energy.identify.bounds import identified
-from robot_energy.identify.friction.laws import MIN_RANGE, fit_law, fitted_laws, nuisance
+from robot_energy.identify.friction.laws import (
+    MIN_RANGE,
+    fit_law,
+    fitted_laws,
+    nuisance,
+    one_speed,
+)
 from robot_energy.identify.friction.samples import FrictionData
 from robot_energy.identify.stats.cross_validation import (
     HeldOut,
@@ -66,7 +72,7 @@ class FrictionFit:
         errors: Of each law on temperatures it has not seen.
         chosen: The law with the least held-out error.
         samples: Number of samples used.
-        range_degc: Of the motor temperature in them. [degC]
+        range_degc: Of the motor temperature in them, NaN where it is not known. [degC]
         residual: Root mean square of what remains of the chosen law, in sample. [N m]
         warnings: What the data cannot tell, one sentence each.
         viscous: fv of the constant law, also where it is negative. [N m s/rad]
@@ -120,20 +126,16 @@ def fit_friction(data: FrictionData, source: str = "") -> FrictionFit:
 
     Raises:
         NotIdentifiableError: If the axis hardly moves, only in one direction or at one
-            speed, or no temperature is known.
+            speed.
     """
     moving = moving_samples(data)
     degc = moving.motor_temperature_degc
     span = (float(degc.min()), float(degc.max()))
     warnings: list[str] = []
     names = fitted_laws()
-    if span[1] - span[0] < MIN_RANGE:
+    if not span[1] - span[0] >= MIN_RANGE:
         names = tuple(name for name in names if not FRICTION_LAWS[name].follows_temperature)
-        warnings.append(
-            f"{moving.name}: the motor was at {span[0]:.1f} to {span[1]:.1f} degC only, so its "
-            "friction is taken as constant; record it cold and warm, at least "
-            f"{MIN_RANGE:g} K apart"
-        )
+        warnings.append(f"{moving.name}: {_why_constant(span)}")
     laws: dict[str, LawEntry] = {}
     fits: dict[str, Fit] = {}
     errors: dict[str, HeldOut] = {}
@@ -149,6 +151,11 @@ def fit_friction(data: FrictionData, source: str = "") -> FrictionFit:
     chosen = simplest(rms)
     regression = fits[chosen]
     coulomb = float(regression.values[0])
+    if one_speed(moving):
+        warnings.append(
+            f"{moving.name}: it moves at one speed, so that Coulomb and viscous friction cannot be "
+            "separated: their sum holds at that speed alone; record slow and fast motions"
+        )
     if coulomb < 0:
         warnings.append(
             f"{moving.name}: the Coulomb torque is at the bound 0, {coulomb:.3g} otherwise; "
@@ -170,6 +177,18 @@ def fit_friction(data: FrictionData, source: str = "") -> FrictionFit:
         viscous_std=float(fits["constant"].std[1]),
         speed=_rms(moving.motor_velocity),
         torque=_rms(moving.friction_torque),
+    )
+
+
+def _why_constant(span: tuple[float, float]) -> str:
+    if np.isnan(span[0]):
+        return (
+            "no motor temperature is known, so its friction is a constant, that of the "
+            "temperatures at which it was recorded; name their topic with --inputs"
+        )
+    return (
+        f"the range of its motor temperature is below {MIN_RANGE:g} K, so its friction is taken "
+        "as constant; record it cold and warm"
     )
 
 
@@ -221,11 +240,7 @@ def moving_samples(data: FrictionData) -> FrictionData:
         )
     warm = np.isfinite(data.motor_temperature_degc)
     if not (known & warm).any():
-        raise NotIdentifiableError(
-            f"no motor temperature of {data.name} is known",
-            "temperatures as well as joint states",
-            "name their topic with --inputs",
-        )
+        warm = known  # without temperatures there is still a constant
     speed = np.abs(data.motor_velocity)
     fastest = float(np.quantile(speed[known], 0.999))
     rows = known & warm & (speed > SPEED_SHARE * fastest) & (speed > 0)
@@ -262,7 +277,7 @@ def _held_out(name: str, data: FrictionData) -> HeldOut:
     """
     degc = data.motor_temperature_degc
     fold = folds_by_value(degc)
-    if len(np.unique(fold)) < 2 or float(np.ptp(degc)) < MIN_RANGE:
+    if len(np.unique(fold)) < 2 or not float(np.ptp(degc)) >= MIN_RANGE:
         # One thermal state: a fold by temperature would be a few motions, perhaps all one way.
         number = np.unique(data.block, return_inverse=True)[1]
         fold = contiguous_folds(int(number.max()) + 1)[number]

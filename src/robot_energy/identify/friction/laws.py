@@ -29,6 +29,7 @@ NODE_SPACING = 6.0  # K between the nodes of the free curve, at least
 MIN_RANGE = 6.0  # K of motor temperature, below which it cannot be told from a constant
 MIN_SHARE = 0.02  # of the excitation w^2 that a node must see
 SCALES = np.geomspace(4.0, 120.0, 18)  # K, tried for the exponential law
+MIN_SPEED_RATIO = 1.5  # of fast to slow motion, that separates viscous from Coulomb friction
 IMPOSSIBLE = 1e30  # cost of a law with a negative part; finite, for the search
 
 
@@ -65,12 +66,37 @@ def _columns(data: FrictionData, shape: Float) -> Float:
 def _regress(data: FrictionData, shape: Float, names: Sequence[str]) -> Fit:
     """Fit fc, the coefficients of ``shape * w``, an offset and the nuisances."""
     extra = [f"nuisance {number + 1}" for number in range(data.nuisance.shape[1])]
-    return regress(
-        _columns(data, shape),
-        data.friction_torque,
-        data.block,
-        ["Coulomb", *names, "offset", *extra],
-        what=f"the motions of {data.name}",
+    try:
+        return regress(
+            _columns(data, shape),
+            data.friction_torque,
+            data.block,
+            ["Coulomb", *names, "offset", *extra],
+            what=f"the motions of {data.name}",
+        )
+    except NotIdentifiableError as error:
+        if one_speed(data):
+            raise _one_speed(data) from error
+        raise
+
+
+def one_speed(data: FrictionData) -> bool:
+    """Whether an axis moves at nearly one speed, so that ``fc`` and ``fv w`` look alike.
+
+    Args:
+        data: Samples in motion.
+    """
+    slow, fast = np.quantile(np.abs(data.motor_velocity), (0.1, 0.9))
+    return bool(fast < MIN_SPEED_RATIO * slow)
+
+
+def _one_speed(data: FrictionData) -> NotIdentifiableError:
+    speed = float(np.median(np.abs(data.motor_velocity)))
+    return NotIdentifiableError(
+        f"{data.name} moves at one speed, {speed:.3g} rad/s: Coulomb and viscous friction cannot "
+        "be separated",
+        f"speeds that differ by a factor of {MIN_SPEED_RATIO:g} or more",
+        "record slow and fast motions in both directions",
     )
 
 
@@ -115,7 +141,11 @@ def _fit_constant(data: FrictionData, source: str) -> tuple[ConstantLaw, Fit]:
 def _fit_table(data: FrictionData, source: str) -> tuple[TableLaw, Fit]:
     degc, nodes = data.motor_temperature_degc, _nodes(data)
     if len(nodes) < 2:
-        raise NotIdentifiableError("one temperature makes no table", "several")
+        raise NotIdentifiableError(
+            f"its motion at {degc.min():.0f} to {degc.max():.0f} degC lies at one place only, and "
+            f"a table needs two that are {0.5 * NODE_SPACING:g} K apart",
+            "motion spread over the temperatures",
+        )
     fit = _regress(data, _hats(degc, nodes), [f"viscous at {node:.0f} degC" for node in nodes])
     above = fit.values[1 : 1 + len(nodes)] > 0.0
     below = ", ".join(f"{node:.0f}" for node in nodes[~above])
@@ -151,6 +181,8 @@ def _fit_exponential(data: FrictionData, source: str) -> tuple[ExponentialLaw, F
     costs = [cost(float(scale)) for scale in SCALES]
     best = int(np.argmin(costs))
     if costs[best] == IMPOSSIBLE:
+        if one_speed(data):
+            raise _one_speed(data)
         raise NotIdentifiableError(
             "the viscous friction does not fall with temperature towards a limit >= 0",
             "points that do",

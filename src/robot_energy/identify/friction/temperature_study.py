@@ -15,7 +15,7 @@ from robot_energy.errors import NotIdentifiableError
 from robot_energy.identify.friction.friction import moving_samples
 from robot_energy.identify.friction.laws import fit_law, fitted_laws, nuisance
 from robot_energy.identify.friction.samples import FrictionData
-from robot_energy.model.friction_laws import FRICTION_LAWS
+from robot_energy.model.friction_laws import FRICTION_LAWS, LawEntry
 from robot_energy.physics.friction import viscous_law
 
 
@@ -50,6 +50,7 @@ class FrictionStudyRow:
         rms: Of the torque error on the test samples, in the unit of the torque.
         power_bias: Mean predicted friction power over mean measured one, less 1. [-]
         coulomb: fc, in the unit of the torque.
+        viscous: The fitted law, as in a model file.
     """
 
     law: str
@@ -57,6 +58,7 @@ class FrictionStudyRow:
     rms: float
     power_bias: float
     coulomb: float
+    viscous: LawEntry
 
 
 @dataclass(frozen=True)
@@ -69,6 +71,7 @@ class Study:
         trained: Samples of the fit.
         tested: Samples of the test.
         rows: One per law and way to go beyond its range.
+        refused: Why the other laws could not be fitted, one sentence each.
     """
 
     train: Span
@@ -76,6 +79,7 @@ class Study:
     trained: int
     tested: int
     rows: tuple[FrictionStudyRow, ...]
+    refused: tuple[str, ...] = ()
 
     def row(self, law: str, beyond: str = "held") -> FrictionStudyRow:
         """Return one row.
@@ -83,8 +87,14 @@ class Study:
         Args:
             law: Its name.
             beyond: ``held`` or ``carried on``.
+
+        Raises:
+            NotIdentifiableError: If the law could not be fitted.
         """
-        return next(row for row in self.rows if (row.law, row.beyond) == (law, beyond))
+        for row in self.rows:
+            if (row.law, row.beyond) == (law, beyond):
+                return row
+        raise NotIdentifiableError(f"no {law} law was fitted", "; ".join(self.refused))
 
 
 def temperature_split(data: FrictionData, train: Span, test: Span) -> Study:
@@ -99,7 +109,8 @@ def temperature_split(data: FrictionData, train: Span, test: Span) -> Study:
         The errors.
 
     Raises:
-        NotIdentifiableError: If a range holds too few samples in motion.
+        NotIdentifiableError: If a range holds too few samples in motion, or not even a constant
+            can be fitted.
     """
     moving = moving_samples(data)
     degc = moving.motor_temperature_degc
@@ -111,8 +122,15 @@ def temperature_split(data: FrictionData, train: Span, test: Span) -> Study:
                 f"{data.name} moves in {len(part)} samples at {span}", "at least 100"
             )
     rows: list[FrictionStudyRow] = []
+    refused: list[str] = []
     for name in fitted_laws():
-        law, fit = fit_law(name, fitted)
+        try:
+            law, fit = fit_law(name, fitted)
+        except NotIdentifiableError as error:
+            if not FRICTION_LAWS[name].follows_temperature:
+                raise
+            refused.append(f"{data.name}: no {name} law, because {error.found}")
+            continue
         curve = viscous_law(law)
         ways = {"held": curve.viscous(unseen.motor_temperature_degc)}
         if FRICTION_LAWS[name].beyond_range:
@@ -120,21 +138,22 @@ def temperature_split(data: FrictionData, train: Span, test: Span) -> Study:
         rest = nuisance(fit, unseen)
         for beyond, viscous in ways.items():
             torque = fit.values[0] * unseen.sign + viscous * unseen.motor_velocity
-            rows.append(_row(name, beyond, torque, unseen, rest, float(fit.values[0])))
-    return Study(train, test, len(fitted), len(unseen), tuple(rows))
+            rows.append(_row(beyond, torque, unseen, rest, float(fit.values[0]), law))
+    return Study(train, test, len(fitted), len(unseen), tuple(rows), tuple(refused))
 
 
 def _row(
-    law: str, beyond: str, torque: Float, unseen: FrictionData, rest: Float, coulomb: float
+    beyond: str, torque: Float, unseen: FrictionData, rest: Float, coulomb: float, law: LawEntry
 ) -> FrictionStudyRow:
     measured = unseen.friction_torque - rest
     power = float(np.mean(measured * unseen.motor_velocity))
     return FrictionStudyRow(
-        law,
+        law.law,
         beyond,
         float(np.sqrt(np.mean((torque - measured) ** 2))),
         float(np.mean(torque * unseen.motor_velocity)) / power - 1.0,
         coulomb,
+        law,
     )
 
 

@@ -14,13 +14,14 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robot_energy.accounting.prediction_errors import PowerErrorSums
 from robot_energy.blocks import NANOSECOND, Float, Int, MeterLocation
 from robot_energy.identify.data.bags import EVER, Bag, Span, read_all, temperature_ranges
 from robot_energy.identify.data.recordings import Recording
 from robot_energy.identify.run_all import FullIdentification, identify_everything
-from robot_energy.identify.stats.cross_validation import FOLDS
+from robot_energy.identify.stats.cross_validation import FOLDS, relative_error
 from robot_energy.identify.steps import Subject
 from robot_energy.timeline.pieces import Compared
 
@@ -53,6 +54,8 @@ class HeldOutPrediction:
         energy: Predicted, where it was compared. [J]
         rms: Of predicted less measured power, per reading. [W]
         shaft: Shaft energy of all axes from the model's torque. [J]
+        torque_error: Norm of the error of the motor torque over the norm of the measured one,
+            all axes together; NaN without measured torque. [-]
         motor_torque: Of the stretch that is shown, shape (K, n). [N m]
     """
 
@@ -60,6 +63,7 @@ class HeldOutPrediction:
     energy: float
     rms: float
     shaft: float
+    torque_error: float
     motor_torque: Float = field(repr=False)
 
 
@@ -174,6 +178,14 @@ class HeldOutEnergy:
             entries: Of which recordings.
         """
         return float(np.mean([entry.predictions[stage].rms for entry in entries]))
+
+    def torque_error(self, stage: str) -> float:
+        """Return the mean error of the motor torque over its size. [-]
+
+        Args:
+            stage: ``given`` or a subject.
+        """
+        return float(np.mean([part.predictions[stage].torque_error for part in self.with_torque]))
 
     @property
     def judged(self) -> tuple[Tested, ...]:
@@ -316,6 +328,7 @@ def _prediction(recording: Recording, span: Span) -> HeldOutPrediction:
         float(sum(part.predicted.sum() for part in compared)),
         _rms(compared),
         _shaft(recording, recording.power.motor_torque, span),
+        _torque_error(recording, span),
         recording.power.motor_torque[_shown(recording, span)],
     )
 
@@ -346,10 +359,7 @@ def _rms(compared: Sequence[Compared]) -> float:
 
 def _shaft(recording: Recording, motor_torque: Float, span: Span) -> float:
     """Shaft energy of all axes where the torque was measured; NaN if it never was. [J]"""
-    block = recording.torque
-    known = np.isfinite(block.motor_torque_measured).all(axis=1) & recording.sound
-    known &= np.isfinite(recording.power.motor_torque).all(axis=1)
-    known &= (block.stamp_ns >= span[0]) & (block.stamp_ns < span[1])
+    block, known = recording.torque, _known_torque(recording, span)
     known[-1] = False
     known[:-1] &= np.diff(block.segment) == 0
     if not known.any():
@@ -358,6 +368,21 @@ def _shaft(recording: Recording, motor_torque: Float, span: Span) -> float:
     step = (block.stamp_ns[rows + 1] - block.stamp_ns[rows]) * NANOSECOND
     power = (motor_torque[rows] * block.motor_velocity[rows]).sum(axis=1)
     return float(np.sum(power * step))
+
+
+def _known_torque(recording: Recording, span: Span) -> NDArray[np.bool_]:
+    """Samples of a span whose torque was measured and predicted, of every joint."""
+    block = recording.torque
+    known = np.isfinite(block.motor_torque_measured).all(axis=1) & recording.sound
+    known &= np.isfinite(recording.power.motor_torque).all(axis=1)
+    return known & (block.stamp_ns >= span[0]) & (block.stamp_ns < span[1])
+
+
+def _torque_error(recording: Recording, span: Span) -> float:
+    """Norm of the error of the motor torque over that of the measured one; NaN if unknown."""
+    rows = _known_torque(recording, span)
+    measured = recording.torque.motor_torque_measured[rows]
+    return relative_error(recording.power.motor_torque[rows] - measured, measured)
 
 
 def _shown(recording: Recording, span: Span) -> Int:

@@ -1,5 +1,8 @@
 """Constant losses of the cabinet, from a rig whose losses are known."""
 
+import re
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -61,7 +64,8 @@ def test_without_rest_only_the_grid_side_is_told(tmp_path):
     assert fit.hold is None
     assert fit.loss_dc is None
     assert fit.loss_grid == pytest.approx(250.0, rel=0.01)
-    assert "never stands still" in fit.notes[0]
+    assert "fewer than 5 readings lie inside rest" in fit.notes[0]
+    assert re.search(r"the joints rest \d+\.\d s in all, \d+ times, 0\.\d s", fit.notes[0])
     model = with_cabinet(MODEL, fit, "bag")
     assert model.cabinet.loss_dc == MODEL.cabinet.loss_dc
     assert model.cabinet.loss_grid.tag == "identified"
@@ -98,3 +102,19 @@ def test_no_meter_is_refused_with_what_to_record(tmp_path):
     whole = recording(tmp_path / "bag", 0.2, duration=3.0)
     with pytest.raises(NotIdentifiableError, match="no recording has a power meter"):
         fit_cabinet([type(whole)(**{**whole.__dict__, "meter": None})])
+
+
+def test_rest_is_found_under_noise_as_great_as_the_standstill_velocity(tmp_path):
+    """2 mrad/s on every joint, as differentiated encoders give; the phases find hardly any rest."""
+    whole = recording(tmp_path / "bag", 2.0)
+    quiet = fit_cabinet([whole])
+    random = np.random.default_rng(0)
+    noise = random.normal(0.0, 2e-3, whole.torque.joint_velocity.shape)
+    velocity = whole.torque.joint_velocity + noise
+    loud = replace(whole, torque=replace(whole.torque, joint_velocity=velocity))
+    assert MODEL.joints[0].standstill_velocity == 2e-3
+    assert (np.abs(velocity) < 2e-3).all(axis=1).mean() < 0.1
+    fit = fit_cabinet([loud])
+    assert fit.hold.events >= quiet.hold.events - 1
+    assert fit.hold.power == pytest.approx(quiet.hold.power, rel=2e-3)
+    assert fit.loss_dc == pytest.approx(quiet.loss_dc, rel=0.02)

@@ -18,6 +18,7 @@ from robot_energy.errors import LogFormatError, MissingTopicError, NotIdentifiab
 from robot_energy.identify.drives.drive_data import drive_data_of_logs
 from robot_energy.identify.drives.drive_power import read_drive_power
 from robot_energy.identify.drives.drives import fit_drives, with_drives
+from robot_energy.identify.drives.efficiency import fitted_efficiency
 from robot_energy.identify.drives.losses import MIN_SHARE, fit_losses, loss_columns
 from robot_energy.identify.drives.total_power import compare_total, fit_total, with_total
 from robot_energy.identify.drives.total_sums import sums
@@ -278,6 +279,17 @@ def test_a_bag_without_any_power_says_what_to_record(tmp_path, capsys):
     write_bag(bag, RecordingContents(rig.joint_names, True, True, True), [block], [account])
     assert main(["identify", "drives", str(bag), "--model", "kr16"]) == 2
     assert "Name the topic of the drives with --drive-power" in capsys.readouterr().err
+
+
+def test_the_fair_baseline_is_the_constant_that_fits_best():
+    """From power made with an efficiency of 0.6, both ways."""
+    shaft = np.linspace(-40.0, 100.0, 500)
+    power = np.where(shaft > 0.0, shaft / 0.6, shaft * 0.6)
+    assert fitted_efficiency(shaft, power) == pytest.approx(0.6, abs=1e-4)
+    scores = {part.split: part.scores for part in fit_drives(data(0, 1)).comparisons}
+    for split in ("blocks", "recordings"):
+        ways = scores[split]
+        assert ways["constant_fitted"].rms <= 1.001 * ways["constant"].rms
 
 
 def test_a_log_and_a_model_are_refused_together(capsys):

@@ -8,7 +8,9 @@ import pytest
 from robot_energy.errors import NotIdentifiableError
 from robot_energy.identify.friction.friction import fit_friction
 from robot_energy.identify.friction.samples import FrictionData
+from robot_energy.identify.friction.temperature_study import Span, temperature_split
 from robot_energy.physics.friction import viscous_law
+from robot_energy.results.identification import axis_study
 
 COULOMB, A, B, C = 0.4, 2e-3, 9e-3, 21.0
 
@@ -134,8 +136,7 @@ def test_gravity_as_a_nuisance_is_taken_out():
     [
         ({"motor_velocity": 0.0}, "moves in 0 of"),
         ({"friction_torque": np.nan}, "no measured torque"),
-        ({"motor_temperature_degc": np.nan}, "no motor temperature"),
-        ({"motor_velocity": 50.0}, "do not tell apart"),
+        ({"motor_velocity": 50.0}, "one speed, 50 rad/s: Coulomb and viscous"),
     ],
 )
 def test_data_that_cannot_tell_friction_are_refused_with_what_to_record(change, words):
@@ -155,3 +156,45 @@ def test_one_thermal_state_is_held_out_in_time_not_by_temperature():
     assert fit.coulomb == pytest.approx(COULOMB, abs=0.03)
     assert fit.law.viscous.value == pytest.approx(viscous(20.0), rel=0.03)
     assert fit.errors["constant"].rms == pytest.approx(0.05, rel=0.3)  # the noise
+
+
+def test_an_axis_without_temperature_has_a_constant_with_a_deviation():
+    data = measurement(law=lambda degc: np.full_like(degc, 4e-3))
+    unknown = replace(data, motor_temperature_degc=np.full(len(data), np.nan))
+    fit = fit_friction(unknown, "bag")
+    assert (fit.chosen, list(fit.laws)) == ("constant", ["constant"])
+    figure = fit.law.viscous
+    assert figure.value == pytest.approx(4e-3, abs=4 * figure.std)
+    assert (figure.tag, figure.std < 4e-4) == ("identified", True)
+    assert "no motor temperature is known" in fit.warnings[0]
+    assert np.isnan(fit.range_degc).all()
+
+
+def one_speed_measurement():
+    """Back and forth at one speed, as a noisy encoder sees it, over the same temperatures."""
+    data = measurement()
+    random = np.random.default_rng(1)
+    speed = np.sign(data.motor_velocity) * random.normal(100.0, 0.5, len(data))
+    torque = COULOMB * np.sign(speed) + 4e-3 * speed + random.normal(scale=0.05, size=len(data))
+    return replace(data, motor_velocity=speed, friction_torque=torque)
+
+
+def test_one_speed_is_the_reason_where_laws_fail_and_the_constant_row_stays():
+    study = temperature_split(one_speed_measurement(), Span(high=45.0), Span(low=50.0))
+    assert study.row("constant").rms == pytest.approx(0.05, rel=0.05)
+    refused = [text for text in study.refused if "exponential" in text]
+    if refused:
+        assert "Coulomb and viscous friction cannot be separated" in refused[0]
+    warnings = " ".join(fit_friction(one_speed_measurement()).warnings)
+    assert "moves at one speed" in warnings
+
+
+def test_a_law_that_cannot_be_fitted_leaves_the_other_rows():
+    rising = measurement(law=lambda degc: 2e-3 + 1e-4 * (degc - 20.0))
+    study = temperature_split(rising, Span(high=45.0), Span(low=50.0))
+    assert {row.law for row in study.rows} == {"constant", "table"}
+    assert "does not fall with temperature" in study.refused[0]
+    found = axis_study("a", study, ())
+    assert found.gain is None
+    plain = found.to_dict()["study"]["rows"][0]
+    assert plain["viscous"]["viscous"]["value"] == pytest.approx(3.2e-3, rel=0.1)

@@ -1,0 +1,141 @@
+"""Node: the energy page of all robots, and their figures for Prometheus, over HTTP."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from concurrent.futures import Future
+from queue import SimpleQueue
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.node import Node
+
+from robot_energy.page.access import page_access
+from robot_energy.page.hub import PageHub
+from robot_energy.page.settings import load_settings
+from robot_energy.page.web_server import PageServer
+from ros2_energy_monitor.base.guard import Guard
+from ros2_energy_monitor.base.parameters import DashboardParameters, declare
+from ros2_energy_monitor.base.publishers import best_effort
+from ros2_energy_monitor.base.run_node import run
+from ros2_energy_monitor.web.robot_feed import POWER_TOPIC, RobotFeed
+
+LOOK_PERIOD = 1.0  # between two looks for robots, services and job intervals [s]
+POWER_TYPE = "ros2_energy_msgs/msg/PowerState"
+
+
+class EnergyDashboard(Node):
+    """Serves the page.
+
+    Args:
+        options: Options of `rclpy.node.Node`.
+
+    Attributes:
+        hub: The robots of the page.
+        server: The HTTP server.
+
+    Raises:
+        RobotEnergyError: If a parameter cannot be used, or the address.
+    """
+
+    NAME = "energy_dashboard"
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(self.NAME, **options)
+        self.parameters = wanted = declare(self, DashboardParameters)
+        self.guard = Guard(self.NAME, self.context)
+        access = page_access(
+            wanted.address,
+            wanted.port,
+            wanted.token_file,
+            wanted.allow_control,
+            wanted.allowed_hosts,
+        )
+        self.hub = PageHub(
+            "",
+            load_settings(wanted.page_settings),
+            control=self._ask if wanted.allow_control else None,
+        )
+        self._feeds: dict[str, RobotFeed] = {}
+        self._wishes: SimpleQueue[tuple[str, str, str, Future[tuple[bool, str]]]] = SimpleQueue()
+        for namespace in wanted.robots:
+            self._add(namespace)
+        self.create_subscription(
+            DiagnosticArray, "/diagnostics", self._take_diagnostics, best_effort(50)
+        )
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(1.0 / wanted.update_rate, self.tick, clock=steady)
+        self.create_timer(LOOK_PERIOD, self.look, clock=steady)
+        self.server = PageServer(self.hub, access)
+        for sentence in access.sentences(self.server.url):
+            self.get_logger().info(sentence)
+
+    def tick(self) -> None:
+        """Take what has arrived and send it to the pages."""
+        self.guard.run("tick", self._tick)
+
+    def look(self) -> None:
+        """Look for robots that are new, and for job intervals."""
+        self.guard.run("look", self._look)
+
+    def destroy_node(self) -> None:
+        """Close the server, then the node."""
+        if hasattr(self, "server"):
+            self.server.close()
+        super().destroy_node()
+
+    def _tick(self) -> None:
+        now = time.monotonic()
+        with self.hub.lock:
+            for feed in self._feeds.values():
+                feed.drain(now)
+        self.hub.tick(now)
+        while not self._wishes.empty():
+            robot, action, text, answer = self._wishes.get()
+            self._feeds[robot].act(action, text, answer)
+
+    def _look(self) -> None:
+        if not self.parameters.robots:
+            for topic, types in self.get_topic_names_and_types():
+                if topic.endswith(f"/{POWER_TOPIC}") and POWER_TYPE in types:
+                    self._add(topic.removesuffix(POWER_TOPIC))
+        for feed in self._feeds.values():
+            feed.look_after()
+
+    def _add(self, namespace: str) -> None:
+        """Feed a robot, unless it is there already or the page is full."""
+        name = namespace.strip("/") or "robot"
+        with self.hub.lock:
+            state = self.hub.robot(name) if name not in self._feeds else None
+        if state is not None:
+            self._feeds[name] = RobotFeed(self, namespace, state)
+
+    def _ask(self, robot: str, action: str, text: str) -> Future[tuple[bool, str]]:
+        """Take what a button asks for, from the thread of the server; the tick does it."""
+        answer: Future[tuple[bool, str]] = Future()
+        self._wishes.put((robot, action, text, answer))
+        return answer
+
+    def _take_diagnostics(self, message: DiagnosticArray) -> None:
+        with self.hub.lock:
+            for feed in self._feeds.values():
+                feed.take_statuses(list(message.status))
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the node until it is interrupted.
+
+    Args:
+        args: Command line; None for that of the process.
+
+    Returns:
+        The exit code, as of `run`.
+    """
+    return run(EnergyDashboard, args)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

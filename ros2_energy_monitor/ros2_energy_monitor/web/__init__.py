@@ -1,0 +1,1 @@
+"""The energy page of live monitors."""

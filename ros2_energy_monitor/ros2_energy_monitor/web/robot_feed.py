@@ -1,0 +1,154 @@
+"""What the page takes from one robot's monitors: topics, and the services of the registers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import Future
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.client import Client
+from rclpy.node import Node
+from ros2_energy_msgs.msg import EnergyInterval, EnergyRegisters, JointFriction, PowerState
+from ros2_energy_msgs.srv import CloseInterval, ListIntervals, OpenInterval, ResetRegisters
+
+from robot_energy.page.alarms import PageFinding
+from robot_energy.page.robot_state import RobotState
+from robot_energy.timeline.stamps import SECOND_NS
+from ros2_energy_monitor.base.inbox import Inbox
+from ros2_energy_monitor.base.publishers import best_effort, latched
+
+POWER_TOPIC = "energy/power"
+SERVICES: dict[str, Any] = {
+    "list_intervals": ListIntervals,
+    "open_interval": OpenInterval,
+    "close_interval": CloseInterval,
+    "reset_registers": ResetRegisters,
+}
+SILENCE = 10.0  # of a topic with publishers, after which it is subscribed again [s]
+INTERVAL_FIELDS = (
+    "id", "name", "is_open", "predicted_import_energy", "measured_energy",
+    "predicted_energy_at_meter", "observed_time", "gap_time", "coverage", "predicted_peak_power",
+)  # fmt: skip
+
+
+class RobotFeed:
+    """Feeds one robot's state.
+
+    Args:
+        node: The node that subscribes.
+        namespace: Of the robot's monitors, with or without the leading slash.
+        state: What to feed.
+    """
+
+    def __init__(self, node: Node, namespace: str, state: RobotState) -> None:
+        self._node, self.state = node, state
+        self.namespace = namespace.strip("/")
+        self._prefix = f"/{self.namespace}/" if self.namespace else "/"
+        self._power = self._inbox(PowerState, POWER_TOPIC, best_effort(200))
+        self._registers = self._inbox(EnergyRegisters, "energy/registers", best_effort(10))
+        self._friction = Inbox(
+            node, JointFriction, f"{self._prefix}energy/joint_friction", latched(10)
+        )
+        self._clients: dict[str, Client] = {}
+        self._listing: Any = None  # the answer that is awaited
+
+    def drain(self, now: float) -> None:
+        """Take what has arrived.
+
+        Args:
+            now: On a steady clock. [s]
+        """
+        friction, power = self._friction.drain(), self._power.drain()
+        registers = self._registers.drain()
+        if friction is not None:
+            self.state.take_friction(friction)
+        if power is not None:
+            self.state.take_power(power, now)
+        if registers is not None:
+            self.state.take_registers(registers)
+
+    def look_after(self) -> None:
+        """Ask for the job intervals, and subscribe again what is silent; about once a second."""
+        for inbox in (self._power, self._registers):
+            inbox.resubscribe_if_silent()
+        if self._listing is not None and not self._listing.done():
+            self._listing.cancel()
+        client = self._client("list_intervals")
+        if client is not None:
+            self._listing = client.call_async(ListIntervals.Request())
+            self._listing.add_done_callback(self._take_list)
+
+    def act(self, action: str, text: str, answer: Future[tuple[bool, str]]) -> None:
+        """Call a service of the registers.
+
+        Args:
+            action: One of `SERVICES` but the list.
+            text: Name of the job interval, or reason of the reset.
+            answer: Gets success and a sentence.
+        """
+        client = self._client(action)
+        if client is None:
+            answer.set_result((False, f"no monitor of this robot offers {action}"))
+            return
+        request = SERVICES[action].Request()
+        setattr(request, "reason" if action == "reset_registers" else "name", text)
+
+        def done(future: Any) -> None:
+            response = future.result()
+            if response is not None and not answer.done():
+                answer.set_result((bool(response.success), str(response.message)))
+
+        client.call_async(request).add_done_callback(done)
+
+    def take_statuses(self, statuses: Sequence[DiagnosticStatus]) -> None:
+        """Take the diagnostic statuses of this robot's monitors; those of others are left out.
+
+        Args:
+            statuses: Of one message.
+        """
+        self.state.take_findings(
+            [
+                PageFinding.of_status(
+                    int.from_bytes(status.level, "little"),
+                    status.name,
+                    status.message,
+                    {pair.key: pair.value for pair in status.values},
+                )
+                for status in statuses
+                if self._owns(status.name)
+            ]
+        )
+
+    def _owns(self, name: str) -> bool:
+        node, found, _ = name.partition(": ")
+        namespace = node.strip("/").rpartition("/")[0]
+        return bool(found) and node.endswith("_monitor") and namespace == self.namespace
+
+    def _inbox(self, kind: type[Any], topic: str, qos: Any) -> Inbox:
+        return Inbox(self._node, kind, f"{self._prefix}{topic}", qos, renew_after=SILENCE)
+
+    def _client(self, action: str) -> Client | None:
+        """The client of a service, made when a monitor of this robot offers it."""
+        client = self._clients.get(action)
+        if client is None:
+            for name, _ in self._node.get_service_names_and_types():
+                rest = name.removeprefix(self._prefix).split("/")
+                if name.startswith(self._prefix) and len(rest) == 2 and rest[1] == action:
+                    client = self._clients[action] = self._node.create_client(
+                        SERVICES[action], name
+                    )
+        return client if client is not None and client.service_is_ready() else None
+
+    def _take_list(self, future: Any) -> None:
+        response = None if future.cancelled() else future.result()
+        if response is not None:
+            self.state.take_intervals([_fields(one) for one in response.intervals])
+
+
+def _fields(interval: EnergyInterval) -> dict[str, Any]:
+    """The fields of a message as `interval_fields` names them."""
+    return {
+        **{name: getattr(interval, name) for name in INTERVAL_FIELDS},
+        "start_ns": interval.start.sec * SECOND_NS + interval.start.nanosec,
+    }

@@ -1,0 +1,269 @@
+"""The dashboard with real monitors of the virtual robot, as a browser and as programs see it."""
+
+from __future__ import annotations
+
+import json
+import sys
+import threading
+import urllib.request
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from ros2_energy_msgs.msg import EnergyRegisters
+
+from robot_energy.errors import PageError, ParameterError
+from ros2_energy_monitor.base.publishers import best_effort
+from ros2_energy_monitor.demo.processes import NodeProcesses
+from ros2_energy_monitor.nodes.energy_dashboard import EnergyDashboard
+from ros2_energy_monitor.nodes.energy_monitor import EnergyMonitor
+from ros2_energy_monitor.nodes.virtual_robot import VirtualRobot
+
+sys.path.append(str(Path(__file__).resolve().parents[2] / "test"))
+from chromium import Browser, browser, needs_browser
+
+TOKEN = "0123456789abcdef0123"
+READY = (
+    "document.getElementById('status').textContent === 'live' "
+    "&& document.querySelector('#flow rect')"
+)
+DASH = "\u2013"
+RESTARTS = ("ERR_CONNECTION_REFUSED", "ERR_INCOMPLETE_CHUNKED", "ERR_CONNECTION_RESET")
+
+
+@pytest.fixture
+def token_file(tmp_path: Path) -> str:
+    path = tmp_path / "token"
+    path.write_text(TOKEN)
+    return str(path)
+
+
+class Answers:
+    """Requests from a thread, while the nodes run in the thread of the test."""
+
+    def __init__(self, bench: Any, url: str) -> None:
+        self._bench, self._url = bench, url
+
+    def __call__(self, path: str, wish: Any = None) -> Any:
+        found: list[bytes] = []
+
+        def ask() -> None:
+            body = None if wish is None else json.dumps(wish).encode()
+            given = {"Authorization": f"Bearer {TOKEN}"}
+            request = urllib.request.Request(self._url + path, body, given)
+            with urllib.request.urlopen(request, timeout=20) as answer:
+                found.append(answer.read())
+
+        thread = threading.Thread(target=ask)
+        thread.start()
+        self._bench.spin_until(lambda: not thread.is_alive(), path)
+        assert found, path
+        return json.loads(found[0]) if path.startswith("api") else found[0].decode()
+
+    def robot(self, name: str = "robot") -> dict[str, Any]:
+        robots = self("api/state")["robots"]
+        return next((one for one in robots if one["name"] == name), {})
+
+
+def test_figures_job_intervals_and_reset(bench: Any, token_file: str) -> None:
+    bench.add(VirtualRobot)
+    bench.add(EnergyMonitor, model="kr16")
+    page = bench.add(EnergyDashboard, port=0, allow_control=True, token_file=token_file)
+    ask = Answers(bench, page.server.url)
+    bench.spin_until(
+        lambda: page.hub.robots.get("robot") and page.hub.robots["robot"].registers, "registers"
+    )
+    bench.spin_until(lambda: ask.robot()["joints"][0]["temperature_source"] == "MEASURED", "degC")
+    robot = ask.robot()
+    assert robot["power"]["predicted_grid_power"] > 100.0
+    assert [joint["name"] for joint in robot["joints"]] == [f"joint_a{n}" for n in range(1, 7)]
+    assert {one["name"] for one in robot["findings"]} >= {"energy_monitor: energy"}
+    answer = ask("api/control", {"robot": "robot", "action": "open_interval", "text": "part 7"})
+    assert answer["done"], answer
+    bench.spin_until(lambda: (ask.robot()["intervals"] or [{}])[0].get("is_open"), "open interval")
+    answer = ask("api/control", {"robot": "robot", "action": "close_interval", "text": "part 7"})
+    assert answer["done"], answer
+    job = bench.spin_until(lambda: ask.robot()["headline"]["job"], "closed interval")
+    assert job["name"] == "part 7"
+    answer = ask("api/control", {"robot": "robot", "action": "close_interval", "text": "part 7"})
+    assert not answer["done"]
+    start = ask.robot()["registers"]["energy_start"]
+    answer = ask("api/control", {"robot": "robot", "action": "reset_registers", "text": "shift"})
+    assert answer["done"], answer
+    bench.spin_until(lambda: ask.robot()["registers"]["energy_start"] > start, "the reset")
+    assert "robot_energy_joules_total{part=" in ask("metrics")
+
+
+def test_robots_of_several_namespaces_share_a_page(bench: Any) -> None:
+    for name in ("left", "right"):
+        rename = ["--ros-args", "-r", f"__ns:=/{name}"]
+        bench.add(VirtualRobot_in(rename))
+        bench.add(EnergyMonitor_in(rename), model="kr16", state_folder="")
+    page = bench.add(EnergyDashboard, port=0)
+    bench.spin_until(
+        lambda: len(page.hub.robots) == 2 and all(r.registers for r in page.hub.robots.values()),
+        "two robots",
+    )
+    assert set(page.hub.robots) == {"left", "right"}
+    ask = Answers(bench, page.server.url)
+    bench.spin_until(lambda: ask.robot("left").get("findings"), "findings of the left robot")
+    assert all(one["name"].startswith("left/") for one in ask.robot("left")["findings"])
+
+
+def VirtualRobot_in(arguments: list[str]) -> Any:
+    return lambda **options: VirtualRobot(cli_args=arguments, **options)
+
+
+def EnergyMonitor_in(arguments: list[str]) -> Any:
+    return lambda **options: EnergyMonitor(cli_args=arguments, **options)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "words"),
+    [
+        ({"address": "0.0.0.0"}, "without a token"),
+        ({"allow_control": True}, "without a token"),
+        ({"page_settings": "/nowhere.yaml"}, "nowhere.yaml"),
+        ({"port": 70_000}, "port"),
+    ],
+)
+def test_an_unsafe_page_is_refused(bench: Any, parameters: dict[str, Any], words: str) -> None:
+    with pytest.raises((PageError, ParameterError), match=words):
+        bench.add(EnergyDashboard, **({"port": 0} | parameters))
+
+
+@contextmanager
+def live(folder: Path, environment: dict[str, str], port: int) -> Iterator[NodeProcesses]:
+    with NodeProcesses(folder, environment) as nodes:
+        nodes.start("virtual_robot")
+        nodes.start("energy_monitor", model="kr16")
+        nodes.start("energy_dashboard", port=port)
+        yield nodes
+
+
+@pytest.fixture
+def free_port() -> int:
+    import socket
+
+    with socket.socket() as found:
+        found.bind(("127.0.0.1", 0))
+        return int(found.getsockname()[1])
+
+
+def shown_registers(window: Browser) -> tuple[float, dict[str, list[str]]]:
+    """Time and table of the registers, of one instant."""
+    return window.run(
+        "return [+document.getElementById('registers').dataset.time, Object.fromEntries("
+        "[...document.querySelectorAll('#registers tbody tr')].map(r => "
+        "[r.cells[0].textContent, r.cells[2].dataset.value]))]"
+    )
+
+
+@needs_browser
+@pytest.mark.filterwarnings("ignore::ResourceWarning")
+def test_the_page_in_two_browsers(
+    loopback_bench: Any, child_environment: dict[str, str], tmp_path: Path, free_port: int
+) -> None:
+    seen: dict[float, EnergyRegisters] = {}
+
+    def take(message: EnergyRegisters) -> None:
+        stamp = message.header.stamp
+        seen[round(stamp.sec + 1e-9 * stamp.nanosec, 5)] = message
+
+    loopback_bench.tester.create_subscription(
+        EnergyRegisters, "energy/registers", take, best_effort(100)
+    )
+    url = f"http://127.0.0.1:{free_port}/"
+    environment = child_environment | {"ROS_HOME": str(tmp_path / "ros")}
+    with live(tmp_path, environment, free_port) as nodes, browser() as one, browser() as two:
+        for window in (one, two):
+            open_when_served(window, url)
+            window.wait(READY, "live figures")
+        assert all(name.startswith(url) for name in one.requests())
+
+        def equal() -> bool:
+            time, table = shown_registers(one)
+            message = seen.get(round(time, 5))
+            if message is None:
+                return False
+            shown = float(table["from the grid, predicted"])
+            assert shown == message.predicted_import_energy
+            assert float(table["at the meter, measured"]) == message.measured_energy
+            assert float(table["brake resistor"]) == message.brake_energy
+            assert float(table["observed"]) == message.observed_time
+            return True
+
+        loopback_bench.spin_until(equal, "a register message that the page shows")
+        for node in one.flow_nodes():
+            assert not node["inner"] or node["into"] == node["out"], node
+
+        nodes.stop("energy_monitor")
+        for window in (one, two):
+            window.wait("document.getElementById('status').textContent.startsWith('stale')",
+                        "the word stale", 3.0)  # fmt: skip
+            assert window.text("power") == f"{DASH} W"
+            cells = window.run(
+                "return [...document.querySelectorAll('#joints tbody td')].map(c => c.textContent)"
+            )
+            assert set(cells) == {DASH}
+        assert "What to do" in one.text("alarms")
+        nodes.start("energy_monitor", model="kr16")
+        one.wait(READY, "figures after a restart of the monitor")
+
+        nodes.stop("energy_dashboard")
+        two.wait("document.getElementById('status').textContent.startsWith('no connection')", "it")
+        assert two.text("power") == f"{DASH} W"
+        nodes.start("energy_dashboard", port=free_port)
+        for window in (one, two):
+            window.wait(READY, "figures after a restart of the dashboard")
+            window.wait("document.querySelector('#lines path')", "the lines")
+        assert one.faults() == []
+        said = one.complaints()
+        bad = [line for line in said if not any(word in line for word in RESTARTS)]
+        assert bad == []
+
+
+def open_when_served(window: Browser, url: str) -> None:
+    """Open the page as soon as something listens."""
+    from selenium.common.exceptions import WebDriverException
+
+    def opened() -> bool:
+        try:
+            window.open(url)
+        except WebDriverException:
+            return False
+        return True
+
+    for _ in range(200):
+        if opened():
+            return
+    raise AssertionError(f"nothing listens at {url}")
+
+
+@needs_browser
+@pytest.mark.filterwarnings("ignore::ResourceWarning")
+def test_buttons_ask_for_the_token(
+    child_environment: dict[str, str], tmp_path: Path, free_port: int, token_file: str
+) -> None:
+    url = f"http://127.0.0.1:{free_port}/"
+    environment = child_environment | {"ROS_HOME": str(tmp_path / "ros")}
+    with NodeProcesses(tmp_path, environment) as nodes, browser() as window:
+        nodes.start("virtual_robot")
+        nodes.start("energy_monitor", model="kr16")
+        nodes.start("energy_dashboard", port=free_port, allow_control=True, token_file=token_file)
+        open_when_served(window, url)
+        window.wait(READY, "live figures")
+        window.driver.find_element("id", "job-name").send_keys("part 8")
+        window.click("[data-action=open_interval]")
+        window.wait("!document.getElementById('access').hidden", "the question for the token")
+        window.driver.find_element("id", "token").send_keys(TOKEN)
+        window.click("#access button")
+        window.wait(
+            "document.getElementById('intervals').textContent.includes('part 8 (open)')", "job"
+        )
+        window.click("[data-action=close_interval]")
+        window.wait(
+            "document.getElementById('job-note').textContent.startsWith('part 8')", "closed job"
+        )

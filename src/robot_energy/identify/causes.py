@@ -1,0 +1,224 @@
+"""Causes that `robot-energy check` finds, for identification: what is refused before a fit.
+
+A fit takes up a wrong scale or gear ratio in its bodies, so its own errors do not show it. The
+checks compare with the bodies as given. So their causes refuse a recording where the model file
+says where its masses come from; where the masses are assumed, a cause is only named once a gate
+of `robot_energy.identify.plausibility` has refused.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+
+import numpy as np
+
+from robot_energy.blocks import EffortMeaning
+from robot_energy.check.evidence import Evidence
+from robot_energy.check.finding import ERROR, Finding
+from robot_energy.check.meter import check_meter
+from robot_energy.check.torque import check_torque
+from robot_energy.errors import ImplausibleIdentificationError
+from robot_energy.identify.data.recordings import Recording
+from robot_energy.identify.dynamics.dynamics import Dynamics
+from robot_energy.model import RobotModel
+from robot_energy.physics.drivetrain import Drivetrain
+from robot_energy.physics.rigid_body import Robot
+
+# What no identification can mend, whatever the bodies: others, such as a payload, are notes.
+MISTAKES = (
+    "torque_sign", "joint_sign", "joint_order", "torque_scale", "gear_ratio", "effort_meaning",
+)  # fmt: skip
+# A delay is estimated and undone; what the meter reads less than the prediction is the model's.
+METER_MISTAKES = ("meter_sign", "meter_unit", "shafts_exceed_meter")
+MASSES_ASSUMED = "if the masses of the URDF are but a guess, say so: urdf: tags: {masses: assumed}"
+
+
+def bodies_known(model: RobotModel) -> bool:
+    """Whether the model file says where its masses come from.
+
+    Args:
+        model: With tags for its URDF.
+    """
+    return _mass_tag(model) != "assumed"
+
+
+def _mass_tag(model: RobotModel) -> str:
+    return model.urdf.tags.get("masses", "assumed")
+
+
+def evidence_of(recording: Recording, effort: EffortMeaning) -> Evidence:
+    """Return what the checks need of a recording.
+
+    Args:
+        recording: Run with a model.
+        effort: What its effort means.
+    """
+    rows, torque, model = recording.sound, recording.torque, recording.model
+    return Evidence(
+        model=model,
+        robot=Robot.from_model(model),
+        drivetrain=Drivetrain.from_model(model),
+        effort=effort,
+        stamp_ns=torque.stamp_ns[rows],
+        segment=torque.segment[rows],
+        position=torque.joint_position[rows],
+        velocity=torque.joint_velocity[rows],
+        acceleration=torque.joint_acceleration[rows],
+        motor_torque=torque.motor_torque_measured[rows],
+        temperature_degc=recording.power.motor_temperature_degc[rows],
+        replay=recording.replay,
+        meter=recording.meter,
+        power=recording.power,
+    )
+
+
+def torque_evidence(recording: Recording, effort: EffortMeaning) -> Evidence:
+    """Return the few samples of a recording that the checks of its torque need.
+
+    Args:
+        recording: Run with a model.
+        effort: What its effort means.
+    """
+    return replace(evidence_of(recording, effort).thinned(), replay=None, meter=None, power=None)
+
+
+def evidence_of_rows(result: Dynamics) -> Evidence:
+    """Return what the checks need of the rows that dynamics were identified from.
+
+    Args:
+        result: The identification; its rotors are used, those of a log are not known before.
+    """
+    model, rows = result.model, result.observations
+    inertia = Drivetrain.from_model(model).rotor_inertia.copy()
+    squared = np.diagonal(result.torque_model.transmission) ** 2
+    fitted = result.standard[result.torque_model.n_links :]
+    for (column, owner, _), value in zip(result.torque_model.extra, fitted, strict=True):
+        if column.kind == "rotor_inertia":
+            inertia[owner] = max(float(value), 0.0) / squared[owner]
+    drivetrain = Drivetrain(result.torque_model.transmission, inertia)
+    return Evidence(
+        model=model,
+        robot=Robot.from_model(model),
+        drivetrain=drivetrain,
+        effort=EffortMeaning.MOTOR_TORQUE,
+        stamp_ns=np.round(np.arange(len(rows.segment)) / rows.rate * 1e9).astype(np.int64),
+        segment=rows.segment,
+        position=rows.motion.joint_position,
+        velocity=rows.motion.joint_velocity,
+        acceleration=rows.motion.joint_acceleration,
+        motor_torque=drivetrain.motor_torque_from_joint(rows.joint_torque),
+        temperature_degc=np.full(rows.joint_torque.shape, np.nan),
+        replay=None,
+        meter=None,
+        power=None,
+    )
+
+
+def torque_causes(parts: Sequence[Evidence]) -> tuple[Finding, ...]:
+    """Return the causes that make the torque of several recordings differ from the model's.
+
+    Args:
+        parts: Of one model; few samples of each are enough.
+    """
+    names = ("stamp_ns", "segment", "position", "velocity", "acceleration", "motor_torque",
+             "temperature_degc")  # fmt: skip
+    thin = [part.thinned(len(parts)) for part in parts]
+    joined = {name: np.concatenate([getattr(part, name) for part in thin]) for name in names}
+    found, _ = check_torque(replace(thin[0], **joined))
+    return tuple(finding for finding in found if finding.severity == ERROR)
+
+
+def refuse_torque(parts: Sequence[Evidence]) -> tuple[str, ...]:
+    """Refuse recordings whose torque has a cause that a fit would take up in its bodies.
+
+    Args:
+        parts: Of one model; nothing is refused where its masses are assumed.
+
+    Returns:
+        Other causes, one sentence each: they are for the user to look at.
+
+    Raises:
+        ImplausibleIdentificationError: Naming the causes and the lines that mend them.
+    """
+    if not bodies_known(parts[0].model):
+        return ()
+    found = torque_causes(parts)
+    _refuse(
+        [finding for finding in found if finding.cause in MISTAKES],
+        f"torque of the bodies in the model, whose masses are {_mass_tag(parts[0].model)}",
+        MASSES_ASSUMED,
+    )
+    return tuple(_sentence(finding) for finding in found)
+
+
+def test_notes(parts: Sequence[Evidence]) -> tuple[str, ...]:
+    """Return what does not fit the model in recordings for the test, one sentence each.
+
+    Args:
+        parts: Of one model; empty for none.
+    """
+    if not parts or not bodies_known(parts[0].model):
+        return ()
+    return tuple(f"in the test: {_sentence(finding)}" for finding in torque_causes(parts))
+
+
+def refuse_meter(recordings: Sequence[Recording], effort: EffortMeaning) -> None:
+    """Refuse a meter whose sign or unit is wrong, or that shows less than the shafts take.
+
+    Args:
+        recordings: With their meters; those without are passed over.
+        effort: What their effort means.
+
+    Raises:
+        ImplausibleIdentificationError: Naming the cause and the line that mends it.
+    """
+    for recording in recordings:
+        if recording.meter is not None:
+            found, _ = check_meter(evidence_of(recording, effort))
+            _refuse(
+                [finding for finding in found if finding.cause in METER_MISTAKES],
+                "power positive into the robot, in the unit of its parameters",
+            )
+
+
+@contextmanager
+def cause_named(parts: Callable[[], Sequence[Evidence]]) -> Generator[None]:
+    """Add to a refusal the causes that the checks find in the recordings.
+
+    Args:
+        parts: Gives the recordings, if something is refused.
+
+    Yields:
+        Nothing: the work that may be refused stands inside.
+
+    Raises:
+        ImplausibleIdentificationError: That of the work, with the causes.
+    """
+    try:
+        yield
+    except ImplausibleIdentificationError as error:
+        known = [part for part in parts() if np.isfinite(part.motor_torque).any()]
+        found = torque_causes(known) if known else ()
+        if not found:
+            raise
+        causes = "; ".join(_sentence(finding) for finding in found)
+        raise ImplausibleIdentificationError(
+            f"{error.found}. The likeliest cause: {causes}", error.expected, error.remedy
+        ) from error
+
+
+def _sentence(finding: Finding) -> str:
+    return f"{finding.sentence}: {finding.remedy}" if finding.remedy else finding.sentence
+
+
+def _refuse(findings: Sequence[Finding], expected: str, otherwise: str = "") -> None:
+    if not findings:
+        return
+    remedies = [*dict.fromkeys(one.remedy for one in findings if one.remedy), otherwise]
+    raise ImplausibleIdentificationError(
+        "; ".join(finding.sentence for finding in findings),
+        expected,
+        "; ".join(text for text in remedies if text),
+    )

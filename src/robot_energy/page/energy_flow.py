@@ -1,0 +1,206 @@
+"""The energy flow from the grid to where it ends, in whole units that balance at every node."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+MAX_SHOWN = 5  # digits of the largest flow
+GRID, BUS, CABINET, BRAKE = "grid", "bus", "cabinet", "brake"
+FRICTION, DRIVES, MOTION, CAPACITOR = "friction", "drives", "motion", "capacitor"
+LABELS = {
+    GRID: "Grid",
+    BUS: "DC bus",
+    CABINET: "Cabinet",
+    BRAKE: "Brake resistor",
+    FRICTION: "Friction",
+    DRIVES: "Motors and drives",
+    MOTION: "Motion",
+    CAPACITOR: "Capacitor",
+}
+
+
+@dataclass(frozen=True)
+class FlowParts:
+    """What power or energy from the grid is the sum of, signed; all in [W] or all in [J].
+
+    Attributes:
+        joint_names: The axes.
+        rigid: Into motion and height of each axis; negative while it comes back.
+        friction: Into friction of each axis, >= 0.
+        drive_loss: Into motor and drive of each axis, >= 0.
+        loss_dc: Constant loss on the DC bus, >= 0.
+        loss_grid: Constant loss on the grid side, >= 0.
+        brake: Into the brake resistor, >= 0.
+        capacitor: Into the capacitor; negative while it gives back.
+        returned: Fed back into the grid, >= 0; already subtracted from the grid's sum.
+    """
+
+    joint_names: Sequence[str]
+    rigid: Sequence[float]
+    friction: Sequence[float]
+    drive_loss: Sequence[float]
+    loss_dc: float
+    loss_grid: float
+    brake: float
+    capacitor: float
+    returned: float
+
+    @property
+    def terms(self) -> list[float]:
+        """All terms of the balance: net grid = their sum."""
+        return [
+            *self.rigid,
+            *self.friction,
+            *self.drive_loss,
+            self.loss_dc,
+            self.loss_grid,
+            self.brake,
+            self.capacitor,
+        ]
+
+
+@dataclass(frozen=True)
+class Flow:
+    """One band of the picture.
+
+    Attributes:
+        source: Node it comes from.
+        target: Node it goes to.
+        units: Its size in whole units, > 0.
+    """
+
+    source: str
+    target: str
+    units: int
+
+
+@dataclass(frozen=True)
+class FlowPicture:
+    """Flows that balance exactly: at every inner node, what enters leaves.
+
+    Attributes:
+        unit: Size of one unit, in the unit of the parts.
+        net: Net flow from the grid. [units]
+        flows: The bands, sources first.
+        labels: Name of every node.
+    """
+
+    unit: float
+    net: int
+    flows: list[Flow]
+    labels: dict[str, str]
+
+    def plain(self, base: float = 1.0) -> dict[str, Any]:
+        """Return it as plain values; a size in the displayed unit is ``units`` times ``unit``.
+
+        Args:
+            base: What one displayed unit is, in the unit of the parts. [W] or [J]
+        """
+        return {
+            "unit": self.unit / base,
+            "net": self.net,
+            "labels": self.labels,
+            "flows": [[flow.source, flow.target, flow.units] for flow in self.flows],
+        }
+
+
+def rounded_parts(parts: Sequence[float], unit: float) -> list[int]:
+    """Round parts to whole units that sum to the rounded sum (largest remainder).
+
+    Args:
+        parts: Finite terms of a sum, of any sign. [W] or [J]
+        unit: Size of a unit, > 0. [W] or [J]
+
+    Returns:
+        Whole units; each is less than one unit from its part.
+    """
+    scaled = [part / unit for part in parts]
+    whole = [math.floor(part) for part in scaled]
+    missing = round(math.fsum(scaled)) - sum(whole)
+    order = sorted(range(len(parts)), key=lambda place: whole[place] - scaled[place])
+    for place in order[:missing]:
+        whole[place] += 1
+    return whole
+
+
+def unit_for(largest: float, base: float = 1.0) -> float:
+    """Return a unit, a power of ten times ``base``, in which a size has a readable digit count.
+
+    Args:
+        largest: The largest size shown. [W] or [J]
+        base: What one displayed unit is, such as 3600 for a size in J shown in Wh. [W] or [J]
+
+    Returns:
+        The unit: ``MAX_SHOWN`` - 1 or fewer digits, at most three after the point.
+    """
+    if not largest > 0 or not math.isfinite(largest):
+        return base
+    digits = math.floor(math.log10(largest / base)) + 1
+    return base * 10.0 ** min(0, max(-3, digits - MAX_SHOWN + 1))
+
+
+def flow_picture(parts: FlowParts, base: float = 1.0) -> FlowPicture | None:
+    """Return the flows of a balance.
+
+    Only the terms are rounded, so that they sum to the grid's rounded flow; every flow between
+    them is a sum of whole units. An axis that feeds back is a source: of what its motion gives.
+
+    Args:
+        parts: The terms.
+        base: As of `unit_for`. [W] or [J]
+
+    Returns:
+        The flows; None where a term is unknown.
+    """
+    terms = parts.terms
+    if not all(map(math.isfinite, [*terms, parts.returned])):
+        return None
+    unit = unit_for(max(abs(math.fsum(terms)), *map(abs, terms)), base)
+    units = rounded_parts(terms, unit)
+    n = len(parts.joint_names)
+    friction, loss = ([max(u, 0) for u in units[k * n : (k + 1) * n]] for k in (1, 2))
+    # Rounding, or a drive model, may leave a loss below zero: it counts as motion.
+    rigid = [sum(units[place : 3 * n : n]) - friction[place] - loss[place] for place in range(n)]
+    loss_dc, loss_grid, brake, capacitor = units[3 * n :]
+    net = sum(units)
+    returned = max(round(parts.returned / unit), -net, 0)
+    sources: list[Flow] = []
+    middle: list[Flow] = []
+    axes: list[Flow] = []
+    labels: dict[str, str] = {}
+    for place, name in enumerate(parts.joint_names):
+        axis = f"axis{place}"
+        labels[axis] = name
+        drive = rigid[place] + friction[place] + loss[place]
+        if drive < 0:  # its motion feeds friction, losses and the bus
+            labels[axis] = f"{name} brakes"
+            sources.append(Flow(axis, BUS, -drive))
+        else:
+            middle += [Flow(f"{MOTION}{place}", axis, -rigid[place]), Flow(BUS, axis, drive)]
+            labels[f"{MOTION}{place}"] = f"{name} gives back"
+        axes += [
+            Flow(axis, FRICTION, friction[place]),
+            Flow(axis, DRIVES, loss[place]),
+            Flow(axis, MOTION, max(rigid[place], 0)),
+        ]
+    drawn = net + returned
+    at_grid = min(drawn, loss_grid)  # a supply that feeds back covers the rest from the bus
+    flows = [
+        Flow(GRID, BUS, drawn - at_grid),
+        Flow(GRID, CABINET, at_grid),
+        *sources,
+        Flow(CAPACITOR, BUS, -capacitor),
+        *middle,
+        Flow(BUS, CABINET, loss_dc + loss_grid - at_grid),
+        Flow(BUS, BRAKE, brake),
+        Flow(BUS, "capacitor_in", capacitor),
+        Flow(BUS, "grid_back", returned),
+        *axes,
+    ]
+    labels |= LABELS | {"capacitor_in": "Capacitor", "grid_back": "Back to the grid"}
+    kept = [flow for flow in flows if flow.units > 0]
+    used = {node for flow in kept for node in (flow.source, flow.target)}
+    return FlowPicture(unit, net, kept, {node: labels[node] for node in labels if node in used})

@@ -1,0 +1,161 @@
+"""History of powers in bounded memory: mean, minimum and maximum of equal time buckets."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robot_energy.blocks import Float, Int
+
+SECOND_NS = 1_000_000_000
+MAX_BUCKETS = 600  # of one ring; more than most screens have pixels for
+
+
+class HistoryRing:
+    """The newest buckets of one length; older ones are dropped, or all are merged in pairs.
+
+    The minimum and the maximum of every bucket are kept, so that no peak is lost to averaging.
+    A stamp behind the newest bucket by more than the ring is long begins it again, as when a
+    recording is played once more.
+
+    Args:
+        width: Length of a bucket. [s]
+        channels: Number of powers.
+        whole: Whether buckets are merged in pairs when the ring is full, so that all of the time
+            since the first sample stays in it.
+
+    Attributes:
+        width_ns: Length of a bucket. [ns]
+        newest: Number of the newest bucket, its start over ``width_ns``; None before the first.
+    """
+
+    def __init__(self, width: float, channels: int, whole: bool = False) -> None:
+        self._start_width_ns = self.width_ns = round(width * SECOND_NS)
+        self._whole = whole
+        self._channels = channels
+        self._begin()
+
+    def _begin(self) -> None:
+        shape = (MAX_BUCKETS, self._channels)
+        self.width_ns = self._start_width_ns
+        self.newest: int | None = None
+        self._first = 0
+        self._number = np.full(MAX_BUCKETS, -1, dtype=np.int64)
+        self._energy, self._time = np.zeros(shape), np.zeros(shape)
+        self._low, self._high = np.full(shape, np.inf), np.full(shape, -np.inf)
+
+    def add(self, stamp_ns: Int, power: Float, period: Float) -> None:
+        """Take means over periods, in order of their stamps.
+
+        Args:
+            stamp_ns: End of each period, shape (N,). [ns]
+            power: Mean power of each, NaN where unknown, shape (N, channels). [W]
+            period: Length of each, shape (N,). [s]
+        """
+        backward = np.flatnonzero(np.diff(stamp_ns) < 0) + 1
+        cuts = [0, *backward.tolist(), len(stamp_ns)]
+        for start, stop in pairwise(cuts):
+            part = slice(start, stop)
+            self._add(stamp_ns[part], power[part], period[part])
+
+    def _add(self, stamp_ns: Int, power: Float, period: Float) -> None:
+        if not len(stamp_ns):
+            return
+        # A period belongs to the bucket in which it ends: (start, end].
+        if self.newest is not None and int(stamp_ns[0] - 1) // self.width_ns < self.newest:
+            self._begin()
+        if self.newest is None:
+            self._first = int(stamp_ns[0] - 1) // self.width_ns
+        while self._whole and int(stamp_ns[-1] - 1) // self.width_ns - self._first >= MAX_BUCKETS:
+            self._merge()
+        number = (stamp_ns - 1) // self.width_ns
+        starts = np.flatnonzero(np.diff(number, prepend=number[0] - 1))
+        known = np.isfinite(power)
+        seconds = np.where(known, period[:, None], 0.0)
+        energy = np.where(known, power, 0.0) * seconds
+        table = (
+            np.add.reduceat(energy, starts),
+            np.add.reduceat(seconds, starts),
+            np.minimum.reduceat(np.where(known, power, np.inf), starts),
+            np.maximum.reduceat(np.where(known, power, -np.inf), starts),
+        )
+        keep = slice(max(0, len(starts) - MAX_BUCKETS), None)
+        for one, *values in zip(
+            number[starts][keep].tolist(), *(column[keep] for column in table), strict=True
+        ):
+            self._merge_into(one, *values)
+        self.newest = int(number[-1])
+
+    def _merge_into(
+        self, number: int, energy: Float, seconds: Float, low: Float, high: Float
+    ) -> None:
+        slot = number % MAX_BUCKETS
+        if self._number[slot] != number:
+            self._number[slot] = number
+            self._energy[slot], self._time[slot] = 0.0, 0.0
+            self._low[slot], self._high[slot] = np.inf, -np.inf
+        self._energy[slot] += energy
+        self._time[slot] += seconds
+        self._low[slot] = np.minimum(self._low[slot], low)
+        self._high[slot] = np.maximum(self._high[slot], high)
+
+    def _merge(self) -> None:
+        """Double the length of the buckets."""
+        rows = self._rows(MAX_BUCKETS)
+        old = self._number[rows], self._energy[rows], self._time[rows]
+        numbers, energy, seconds = (column.copy() for column in old)
+        low, high = self._low[rows].copy(), self._high[rows].copy()
+        width_ns = 2 * self.width_ns
+        self._begin()
+        self.width_ns = width_ns
+        self._first = int(numbers[0]) // 2
+        for row, number in enumerate(numbers.tolist()):
+            self._merge_into(number // 2, energy[row], seconds[row], low[row], high[row])
+            self.newest = number // 2
+
+    def _rows(self, count: int) -> NDArray[np.int64]:
+        """Slots of the newest buckets that hold something, in order of time."""
+        if self.newest is None:
+            return np.zeros(0, dtype=np.int64)
+        wanted = np.arange(self.newest - min(count, MAX_BUCKETS) + 1, self.newest + 1)
+        wanted = wanted[wanted >= 0]
+        slots = wanted % MAX_BUCKETS
+        return slots[self._number[slots] == wanted]
+
+    def energy(self) -> Float:
+        """Energy of each channel over the time it was known, shape (channels,). [J]"""
+        return np.asarray(self._energy[self._rows(MAX_BUCKETS)].sum(axis=0))
+
+    def seconds(self) -> Float:
+        """Time over which each channel was known, shape (channels,). [s]"""
+        return np.asarray(self._time[self._rows(MAX_BUCKETS)].sum(axis=0))
+
+    def table(self, count: int = MAX_BUCKETS) -> dict[str, Any]:
+        """Return the newest buckets as plain values.
+
+        Args:
+            count: Buckets at most; empty ones count, and are left out.
+
+        Returns:
+            ``width`` [s], ``number`` of each bucket (start over width), and ``mean``, ``low``,
+            ``high`` [W] with one list per channel; None where unknown.
+        """
+        rows = self._rows(count)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            mean = self._energy[rows] / self._time[rows]
+        known = self._time[rows] > 0
+
+        def columns(values: Float) -> list[list[float | None]]:
+            shown = np.where(known, np.round(values, 1), np.nan).T.tolist()
+            return [[None if x != x else x for x in channel] for channel in shown]
+
+        return {
+            "width": self.width_ns / SECOND_NS,
+            "number": self._number[rows].tolist(),
+            "mean": columns(mean),
+            "low": columns(self._low[rows]),
+            "high": columns(self._high[rows]),
+        }

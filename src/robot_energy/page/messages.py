@@ -1,0 +1,147 @@
+"""Serialised messages of the monitors -> plain columns for the page."""
+
+from __future__ import annotations
+
+from typing import Any, cast
+
+import numpy as np
+
+from robot_energy.blocks import NANOSECOND
+from robot_energy.cdr import Decoder, RawBatch, Run, stamp_ns
+from robot_energy.messages.friction import JOINT_FRICTION
+from robot_energy.messages.power import POWER_STATE
+from robot_energy.messages.registers import ENERGY_REGISTERS, JOINT_FIELDS
+from robot_energy.timeline.stamps import valid_stamps
+
+STAMP = ("header.stamp.sec", "header.stamp.nanosec")
+POWERS = (
+    "predicted_grid_power",
+    "measured_power",
+    "predicted_power_at_meter",
+)  # the channels of the history
+TOTALS = ("loss_dc", "loss_grid", "brake_power", "capacitor_power", "returned_power")
+STATE = ("coverage", "measurement_age", "payload_mass")
+JOINT_POWERS = ("rigid_power", "friction_power", "drive_loss")
+JOINT_STATE = ("motor_temperature_degc", "motor_torque", "motor_velocity", "coulomb", "viscous")
+ENERGIES = (
+    "predicted_import_energy",
+    "predicted_return_energy",
+    "measured_energy",
+    "predicted_energy_at_meter",
+    "brake_energy",
+    "loss_dc_energy",
+    "loss_grid_energy",
+    "capacitor_energy",
+)
+TIMES = ("observed_time", "gap_time", "comparison_time", "gap_count")
+JOINT_ENERGIES = tuple(JOINT_FIELDS.values())
+MAX_JOINTS = 100  # of a robot whose messages are taken
+
+
+class PageReaders:
+    """Decoders of the topics that the page shows."""
+
+    def __init__(self) -> None:
+        identity = (*STAMP, "model_id")
+        self._power = Decoder(
+            POWER_STATE,
+            (
+                *identity, "quality", "phase", "period", "meter_location", *POWERS, *TOTALS,
+                *STATE, "joints.name", *(f"joints.{name}" for name in JOINT_POWERS + JOINT_STATE),
+            ),
+        )  # fmt: skip
+        self._registers = Decoder(
+            ENERGY_REGISTERS,
+            (
+                *identity, "energy_start.sec", "energy_start.nanosec", "persisted", *ENERGIES,
+                *TIMES, "joints.name", *(f"joints.{name}" for name in JOINT_ENERGIES),
+            ),
+        )  # fmt: skip
+        self._friction = Decoder(
+            JOINT_FRICTION,
+            (
+                *STAMP, "joint_names", "viscous_std", "temperature_source", "stale_after",
+                "temperature_stamp.sec", "temperature_stamp.nanosec",
+            ),
+        )  # fmt: skip
+
+    def power(self, batch: RawBatch) -> list[Run]:
+        """Return the usable power states of a batch; those of one model and joint list a run.
+
+        Args:
+            batch: The messages.
+        """
+        return _usable(self._power, batch, "joints.name")
+
+    def registers(self, batch: RawBatch) -> dict[str, Any] | None:
+        """Return the fields of the newest usable register message, or None.
+
+        Args:
+            batch: The messages.
+        """
+        runs = _usable(self._registers, batch, "joints.name")
+        if not runs:
+            return None
+        run = runs[-1]
+        names = run.names("joints.name")
+        return {
+            "stamp_ns": int(stamp_ns(run)[-1]),
+            "start_ns": int(stamp_ns(run, "energy_start")[-1]),
+            "persisted": bool(run.array("persisted")[-1]),
+            "model_id": run.columns["model_id"],
+            **{name: float(run.array(name)[-1]) for name in ENERGIES + TIMES},
+            "joints": [
+                {
+                    "name": name,
+                    **{
+                        field: float(run.array(f"joints.{field}")[-1, place])
+                        for field in JOINT_ENERGIES
+                    },
+                }
+                for place, name in enumerate(names)
+            ],
+        }
+
+    def friction(self, batch: RawBatch) -> dict[str, dict[str, Any]] | None:
+        """Return the newest friction of each joint by its name, or None.
+
+        Args:
+            batch: The messages.
+        """
+        runs = _usable(self._friction, batch, "joint_names")
+        if not runs:
+            return None
+        run = runs[-1]
+        names = run.names("joint_names")
+        columns = [run.array("temperature_source"), run.array("viscous_std")]
+        if any(column.ndim != 2 or column.shape[1] != len(names) for column in columns):
+            return None
+        taken = stamp_ns(run, "temperature_stamp")[-1]
+        return {
+            name: {
+                "source": int(columns[0][-1, place]),
+                "viscous_std": float(columns[1][-1, place]),
+                "temperature_time": float(taken[place]) * NANOSECOND if taken[place] > 0 else None,
+                "stale_after": float(run.array("stale_after")[-1]),
+            }
+            for place, name in enumerate(names)
+        }
+
+
+def _usable(decoder: Decoder, batch: RawBatch, names: str) -> list[Run]:
+    """Runs with valid stamps and a bounded number of joints, in order of arrival."""
+    kept: list[Run] = []
+    for run in decoder.decode(batch).runs:
+        joints = cast("tuple[str, ...]", run.columns[names])
+        valid = valid_stamps(stamp_ns(run))
+        if len(joints) > MAX_JOINTS or not valid.any():
+            continue
+        if valid.all():
+            kept.append(run)
+        else:
+            columns = {
+                path: column[valid] if isinstance(column, np.ndarray) else column
+                for path, column in run.columns.items()
+            }
+            kept.append(Run(run.rows[valid], columns))
+    return kept

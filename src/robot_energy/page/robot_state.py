@@ -1,0 +1,386 @@
+"""State of one robot on the page: the newest of every topic, and the history of its power."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, cast
+
+import numpy as np
+
+from robot_energy.blocks import NANOSECOND, Float, MeterLocation, Phase, Quality, TemperatureOrigin
+from robot_energy.cdr import RawBatch, Run, stamp_ns
+from robot_energy.page.alarms import QUALITY_REMEDIES, PageFinding
+from robot_energy.page.energy_flow import FlowParts, flow_picture
+from robot_energy.page.history import HistoryRing
+from robot_energy.page.job_rows import job_rows, last_job
+from robot_energy.page.json_numbers import plain
+from robot_energy.page.messages import (
+    ENERGIES,
+    JOINT_ENERGIES,
+    JOINT_POWERS,
+    JOINT_STATE,
+    POWERS,
+    STATE,
+    TIMES,
+    TOTALS,
+    PageReaders,
+)
+from robot_energy.page.settings import JOULE_PER_KWH, CostCounter, PageSettings
+from robot_energy.shown_text import shown
+
+JOULE_PER_WH = 3600.0
+STALE_AFTER = 2.0  # without power states all live figures are stale [s]
+MEAN_OVER = 1.0  # of the powers in tables and in the flow picture [s]
+MAX_FINDINGS = 64  # statuses kept, so that ever new names cannot fill the memory
+LIVE_WIDTH, HOUR_WIDTH = 0.2, 6.0  # of a bucket [s]; 600 of them: two minutes, one hour
+
+
+@dataclass(frozen=True)
+class _Recent:
+    """Power states of about the last second, in order."""
+
+    stamp_ns: Any
+    period: Float
+    parts: Float  # (N, terms of a flow and the powers)
+
+
+class RobotState:
+    """Keeps the latest of every topic of one robot, and its history.
+
+    Time of receipt comes as an argument, so that live page and recording are one code path.
+
+    Args:
+        name: Namespace of the robot, or the name of a recording.
+        settings: Prices, emissions, length of a shift.
+        live: Whether figures grow stale; those of a recording do not.
+    """
+
+    def __init__(self, name: str, settings: PageSettings, live: bool = True) -> None:
+        self.name = shown(name)
+        self._settings, self._live = settings, live
+        self._readers = PageReaders()
+        n = len(POWERS)
+        shift = settings.shift_hours * 3600.0 / 600.0
+        self.rings = {
+            "live": HistoryRing(LIVE_WIDTH, n),
+            "hour": HistoryRing(HOUR_WIDTH, n),
+            "shift": HistoryRing(shift, n),
+            "all": HistoryRing(LIVE_WIDTH, n, whole=True),
+        }
+        self._newest: dict[str, Any] | None = None
+        self._joint_names: tuple[str, ...] = ()
+        self._recent: _Recent | None = None
+        self._received: float | None = None
+        self._phase_time = np.zeros(len(Phase))
+        self._phase_energy = np.zeros(len(Phase))
+        self._friction: dict[str, dict[str, Any]] = {}
+        self._registers: dict[str, Any] | None = None
+        self._findings: dict[str, PageFinding] = {}
+        self._intervals: list[dict[str, Any]] | None = None
+        self._cost = CostCounter(settings)
+
+    def take_power(self, batch: RawBatch, now: float) -> None:
+        """Take power states.
+
+        Args:
+            batch: The messages.
+            now: Time of receipt on any steady clock. [s]
+        """
+        for run in self._readers.power(batch):
+            self._take_run(run)
+            self._received = now
+
+    def take_registers(self, batch: RawBatch) -> None:
+        """Take energy registers; the newest counts.
+
+        Args:
+            batch: The messages.
+        """
+        found = self._readers.registers(batch)
+        if found is not None:
+            self._registers = found
+            self._cost.add(found["start_ns"], found["stamp_ns"], found["predicted_import_energy"])
+
+    def take_friction(self, batch: RawBatch) -> None:
+        """Take friction coefficients; the newest count.
+
+        Args:
+            batch: The messages.
+        """
+        found = self._readers.friction(batch)
+        if found is not None:
+            self._friction = found
+
+    def take_findings(self, findings: Sequence[PageFinding]) -> None:
+        """Take diagnostic statuses, each in place of the one before it of the same name.
+
+        Args:
+            findings: The statuses.
+        """
+        for finding in findings:
+            if finding.name in self._findings or len(self._findings) < MAX_FINDINGS:
+                self._findings[finding.name] = finding
+
+    def take_intervals(self, intervals: Sequence[dict[str, Any]]) -> None:
+        """Take the list of job intervals.
+
+        Args:
+            intervals: Each with the fields of `interval_fields`, newest last.
+        """
+        self._intervals = list(intervals)
+
+    def stale(self, now: float) -> bool:
+        """Whether no power state has arrived for too long.
+
+        Args:
+            now: As of `take_power`. [s]
+        """
+        return self._live and (self._received is None or now - self._received > STALE_AFTER)
+
+    @property
+    def registers(self) -> dict[str, Any] | None:
+        """Fields of the newest register message, as `PageReaders.registers` returns them."""
+        return self._registers
+
+    def power(self, now: float) -> dict[str, Any]:
+        """Return the few figures that change several times a second, as plain values.
+
+        Args:
+            now: As of `take_power`. [s]
+        """
+        newest = self._newest
+        stale = self.stale(now)
+        if newest is None:
+            return {"stale": stale, "time": None}
+        shown_now = {name: None if stale else plain(newest[name], 5) for name in POWERS}
+        return {
+            "stale": stale,
+            "time": newest["stamp_ns"] * NANOSECOND,
+            "phase": Phase.UNKNOWN.name if stale else Phase(newest["phase"]).name,
+            **shown_now,
+            "live": self.rings["live"].table(2),
+        }
+
+    def history(self) -> dict[str, Any]:
+        """Return all rings as plain values."""
+        return {name: ring.table() for name, ring in self.rings.items()}
+
+    def snapshot(self, now: float) -> dict[str, Any]:
+        """Return everything but the history as plain values; None where unknown or stale.
+
+        Args:
+            now: As of `take_power`. [s]
+        """
+        newest, stale = self._newest, self.stale(now)
+        location = MeterLocation(newest["meter_location"]) if newest else MeterLocation.UNKNOWN
+        seen = newest is not None and not stale
+        return {
+            "name": self.name,
+            "model_id": newest["model_id"] if newest else None,
+            "meter": location.name,
+            "age": None if self._received is None or not self._live else now - self._received,
+            "power": self.power(now),
+            **{name: plain(newest[name], 4) if newest and seen else None for name in STATE},
+            "means": self._means() if seen else None,
+            "joints": self._joints(now),
+            "flow": self._power_flow() if seen else None,
+            "energy_flow": self._energy_flow(),
+            "phases": [
+                {
+                    "name": phase.name,
+                    "seconds": round(float(self._phase_time[phase]), 3),
+                    "energy": round(float(self._phase_energy[phase]), 3),
+                }
+                for phase in Phase
+                if self._phase_time[phase] > 0
+            ],
+            "registers": self._register_values(),
+            "headline": self._headline(),
+            "spans": {
+                name: {
+                    "energy": plain(float(ring.energy()[0])),
+                    "seconds": plain(float(ring.seconds()[0])),
+                }
+                for name, ring in self.rings.items()
+            },
+            "buckets": {name: ring.table(2) for name, ring in self.rings.items() if name != "live"},
+            "alarms": self._alarms(seen),
+            "findings": [finding.plain() for finding in self._findings.values()],
+            "intervals": None if self._intervals is None else job_rows(self._intervals),
+        }
+
+    def _take_run(self, run: Run) -> None:
+        names = run.names("joints.name")
+        stamp, period = stamp_ns(run), run.array("period")
+        if names != self._joint_names or (
+            self._recent is not None and stamp[0] < self._recent.stamp_ns[-1]
+        ):
+            self._recent = None
+        self._joint_names = names
+        powers = np.stack([run.array(name) for name in POWERS], axis=1)
+        joints = [run.array(f"joints.{name}").reshape(len(stamp), -1) for name in JOINT_POWERS]
+        totals = np.stack([run.array(name) for name in TOTALS], axis=1)
+        parts = np.concatenate([*joints, totals, powers], axis=1)
+        recent = _Recent(stamp, period, parts)
+        if self._recent is not None:
+            before = self._recent
+            recent = _Recent(
+                np.concatenate([before.stamp_ns, stamp]),
+                np.concatenate([before.period, period]),
+                np.concatenate([before.parts, parts]),
+            )
+        keep = recent.stamp_ns > stamp[-1] - MEAN_OVER / NANOSECOND
+        self._recent = _Recent(recent.stamp_ns[keep], recent.period[keep], recent.parts[keep])
+        covered = np.where(np.isfinite(period) & (period > 0), period, 0.0)
+        for ring in self.rings.values():
+            ring.add(stamp, powers, covered)
+        phase = np.minimum(run.array("phase"), len(Phase) - 1)
+        known = np.isfinite(powers[:, 0])
+        energy = np.where(known, powers[:, 0], 0.0) * covered
+        self._phase_time += np.bincount(phase, weights=covered, minlength=len(Phase))
+        self._phase_energy += np.bincount(phase, weights=energy, minlength=len(Phase))
+        location = int(run.array("meter_location")[-1])
+        self._newest = {
+            "stamp_ns": int(stamp[-1]),
+            "model_id": shown(str(cast("str", run.columns["model_id"]))),
+            "quality": int(np.bitwise_or.reduce(run.array("quality"))),
+            "phase": int(phase[-1]),
+            "meter_location": location if location < len(MeterLocation) else 0,
+            **{name: float(run.array(name)[-1]) for name in POWERS + TOTALS + STATE},
+            **{
+                name: run.array(f"joints.{name}").reshape(len(stamp), -1)[-1]
+                for name in JOINT_STATE
+            },
+        }
+
+    def _mean(self) -> Float | None:
+        """Means of all parts over the last second; NaN where one is unknown."""
+        recent = self._recent
+        if recent is None or not (recent.period > 0).any():
+            return None
+        weight = np.where(recent.period > 0, recent.period, 0.0)
+        return np.asarray(weight @ recent.parts / weight.sum())
+
+    def _means(self) -> dict[str, Any] | None:
+        mean = self._mean()
+        if mean is None:
+            return None
+        return {
+            name: plain(float(value), 5)
+            for name, value in zip(TOTALS + POWERS, mean[3 * len(self._joint_names) :], strict=True)
+        }
+
+    def _power_flow(self) -> dict[str, Any] | None:
+        mean = self._mean()
+        if mean is None:
+            return None
+        n = len(self._joint_names)
+        rigid, friction, loss = mean[: 3 * n].reshape(3, n).tolist()
+        totals = mean[3 * n :][: len(TOTALS)].tolist()
+        parts = FlowParts(self._shown_names(), rigid, friction, loss, *totals)
+        picture = flow_picture(parts)
+        return None if picture is None else picture.plain()
+
+    def _energy_flow(self) -> dict[str, Any] | None:
+        found = self._registers
+        if found is None:
+            return None
+        joints = found["joints"]
+        parts = FlowParts(
+            [shown(joint["name"]) for joint in joints],
+            [joint["rigid_energy"] for joint in joints],
+            [joint["friction_energy"] for joint in joints],
+            [joint["drive_loss_energy"] for joint in joints],
+            loss_dc=found["loss_dc_energy"],
+            loss_grid=found["loss_grid_energy"],
+            brake=found["brake_energy"],
+            capacitor=found["capacitor_energy"],
+            returned=found["predicted_return_energy"],
+        )
+        picture = flow_picture(parts, JOULE_PER_WH)
+        return None if picture is None else picture.plain(JOULE_PER_WH)
+
+    def _shown_names(self) -> list[str]:
+        return [shown(name) for name in self._joint_names]
+
+    def _joints(self, now: float) -> list[dict[str, Any]]:
+        newest, mean = self._newest, self._mean()
+        if newest is None:
+            return []
+        live, n = not self.stale(now), len(self._joint_names)
+        rows: list[dict[str, Any]] = []
+        for place, (raw, name) in enumerate(
+            zip(self._joint_names, self._shown_names(), strict=True)
+        ):
+            friction = self._friction.get(raw, {})
+            taken, stale_after = friction.get("temperature_time"), friction.get("stale_after")
+            origin = min(friction.get("source", 0), len(TemperatureOrigin) - 1)
+            source = TemperatureOrigin(origin).name
+            old = None if taken is None else newest["stamp_ns"] * NANOSECOND - taken
+            if old is not None and stale_after is not None and old > stale_after:
+                source = TemperatureOrigin.FALLBACK.name
+            values = {key: plain(newest[key][place], 4) if live else None for key in JOINT_STATE}
+            powers = {
+                key: plain(mean[n * row + place], 4) if live and mean is not None else None
+                for row, key in enumerate(JOINT_POWERS)
+            }
+            rows.append(
+                {
+                    "name": name,
+                    **values,
+                    **powers,
+                    "temperature_source": source if live else TemperatureOrigin.UNKNOWN.name,
+                    "temperature_age": plain(old, 3) if live else None,
+                    "viscous_std": plain(friction.get("viscous_std"), 3) if live else None,
+                }
+            )
+        return rows
+
+    def _register_values(self) -> dict[str, Any] | None:
+        found = self._registers
+        if found is None:
+            return None
+        return {
+            "time": found["stamp_ns"] * NANOSECOND,
+            "energy_start": found["start_ns"] * NANOSECOND,
+            "persisted": found["persisted"],
+            **{name: plain(found[name]) for name in ENERGIES + TIMES},
+            "joints": [
+                {
+                    "name": shown(joint["name"]),
+                    **{name: plain(joint[name]) for name in JOINT_ENERGIES},
+                }
+                for joint in found["joints"]
+            ],
+        }
+
+    def _headline(self) -> dict[str, Any]:
+        """Energy, cost and emission since the registers were set to zero."""
+        found = self._registers
+        energy = math.nan if found is None else found["predicted_import_energy"]
+        factor = self._settings.co2_kg_per_kwh
+        since = self._cost.since_ns
+        return {
+            "energy": plain(energy),
+            "cost": self._cost.cost,
+            "cost_since": None if since is None else since * NANOSECOND,
+            "price": self._cost.price,
+            "currency": self._settings.currency,
+            "co2": None if factor is None else plain(energy / JOULE_PER_KWH * factor),
+            "co2_factor": factor,
+            "co2_source": self._settings.co2_source,
+            "job": last_job(self._intervals or ()),
+        }
+
+    def _alarms(self, seen: bool) -> list[dict[str, Any]]:
+        """What is wrong now: findings of the nodes above OK, then the quality bits in force."""
+        alarms = [one.plain() for one in self._findings.values() if one.level != "OK"]
+        if not seen and self._live and self._received is not None:
+            alarms.insert(0, PageFinding.no_power(self.name).plain())
+        quality = Quality(self._newest["quality"]) if seen and self._newest else Quality.OK
+        for bit, (message, remedy) in QUALITY_REMEDIES.items():
+            if bit in quality:
+                alarms.append(PageFinding("WARN", bit.name or "", message, remedy).plain())
+        return alarms

@@ -1,0 +1,101 @@
+"""The files of the page, and the page with its figures as one file."""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import hashlib
+import re
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from typing import Any
+
+from robot_energy.page.json_numbers import json_text
+
+SCRIPTS = ("format.js", "flow.js", "lines.js", "tables.js", "stream.js", "main.js")
+FILES = {
+    "/": "index.html",
+    "/page.css": "page.css",
+    "/icon.svg": "icon.svg",
+    **{f"/{name}": name for name in SCRIPTS},
+}
+KINDS = {
+    "html": "text/html",
+    "css": "text/css",
+    "js": "text/javascript",
+    "svg": "image/svg+xml",
+}
+MODULE_LINE = re.compile(r"^import .*$\n?|^export (?=const|function|class|async)", re.MULTILINE)
+
+
+@dataclass(frozen=True)
+class StaticFile:
+    """One file of the page.
+
+    Attributes:
+        content: Its bytes.
+        packed: The same, compressed.
+        kind: Media type.
+        tag: Changes with the content.
+    """
+
+    content: bytes
+    packed: bytes
+    kind: str
+    tag: str
+
+
+@cache
+def static_file(path: str) -> StaticFile:
+    """Return a file of the page.
+
+    Args:
+        path: One of `FILES`.
+    """
+    name = FILES[path]
+    content = (files("robot_energy.page") / "static" / name).read_bytes()
+    tag = hashlib.sha256(content).hexdigest()[:16]
+    packed = gzip.compress(content, 9, mtime=0)
+    return StaticFile(content, packed, KINDS[name.rpartition(".")[2]], f'"{tag}"')
+
+
+def saved_page(state: dict[str, Any]) -> str:
+    """Return the page with its figures as one HTML file that needs nothing else.
+
+    The scripts are joined into one, and a policy in the file permits this script alone.
+
+    Args:
+        state: What `PageHub.state` returned, with the history.
+    """
+    html = _text("/")
+    style = _text("/page.css")
+    script = "\n".join(MODULE_LINE.sub("", _text(f"/{name}")) for name in SCRIPTS)
+    figures = json_text(state).replace("<", "\\u003c")
+    policy = (
+        f"default-src 'none'; script-src {_hash(script)}; style-src {_hash(style)}; "
+        "img-src data:; base-uri 'none'; form-action 'none'"
+    )
+    icon = base64.b64encode(static_file("/icon.svg").content).decode()
+    parts = {
+        '<link rel="stylesheet" href="page.css">': f"<style>{style}</style>",
+        '<link rel="icon" href="icon.svg">': (
+            f'<meta http-equiv="Content-Security-Policy" content="{policy}">\n'
+            f'<link rel="icon" href="data:image/svg+xml;base64,{icon}">'
+        ),
+        '<script type="module" src="main.js"></script>': (
+            f'<script type="application/json" id="saved">{figures}</script>\n'
+            f'<script type="module">{script}</script>'
+        ),
+    }
+    for found, put in parts.items():
+        html = html.replace(found, put)
+    return html
+
+
+def _text(path: str) -> str:
+    return static_file(path).content.decode()
+
+
+def _hash(text: str) -> str:
+    return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"

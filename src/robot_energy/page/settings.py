@@ -1,0 +1,179 @@
+"""What the page adds to the monitors' figures: prices, emissions, the length of a shift."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Annotated, Literal
+from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
+
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+
+from robot_energy.config_file import load
+from robot_energy.errors import PageError
+
+DAYS = ("mon", "tue", "wed", "thu", "fri", "sat", "sun")
+MAX_PERIODS = 50
+JOULE_PER_KWH = 3.6e6
+SECOND_NS = 1_000_000_000
+
+Price = Annotated[float, Field(ge=0.0, le=100.0, allow_inf_nan=False)]
+Day = Literal["mon", "tue", "wed", "thu", "fri", "sat", "sun"]
+Clock = Annotated[str, Field(pattern=r"^([01][0-9]|2[0-3]):[0-5][0-9]$|^24:00$")]
+Short = Annotated[str, Field(min_length=1, max_length=8, pattern=r"^[^\x00-\x1f\x7f]+$")]
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class PricePeriod(_Strict):
+    """A time of the day with a price of its own.
+
+    Attributes:
+        days: Days of the week on which it begins.
+        begin: Its first minute, local time.
+        end: The minute at which it ends; before ``begin``: on the next day.
+        price_per_kwh: Price. [currency/kWh]
+    """
+
+    days: tuple[Day, ...] = DAYS
+    begin: Clock
+    end: Clock
+    price_per_kwh: Price
+
+    def holds(self, local: datetime) -> bool:
+        """Return whether the period holds at a local time.
+
+        Args:
+            local: The time in the time zone of the settings.
+        """
+        minute = 60 * local.hour + local.minute
+        begin, end = _minute(self.begin), _minute(self.end)
+        today = DAYS[local.weekday()] in self.days
+        if begin < end:
+            return today and begin <= minute < end
+        yesterday = DAYS[local.weekday() - 1] in self.days
+        return (today and minute >= begin) or (yesterday and minute < end)
+
+
+class PageSettings(_Strict):
+    """Settings of the page; all have defaults.
+
+    Attributes:
+        currency: Shown behind costs.
+        price_per_kwh: Price outside all periods; None shows no cost. [currency/kWh]
+        time_of_use: Periods with prices of their own; the first that holds applies.
+        timezone: Time zone of the periods, such as ``Europe/Berlin``.
+        co2_kg_per_kwh: Emission factor of the supply; None shows no emission. [kg/kWh]
+        co2_source: Where the factor comes from, shown with it.
+        shift_hours: Length of the longest live history. [h]
+    """
+
+    currency: Short = "EUR"
+    price_per_kwh: Price | None = None
+    time_of_use: Annotated[tuple[PricePeriod, ...], Field(max_length=MAX_PERIODS)] = ()
+    timezone: Annotated[str, Field(max_length=64)] = "UTC"
+    co2_kg_per_kwh: Annotated[float, Field(ge=0.0, le=10.0, allow_inf_nan=False)] | None = None
+    co2_source: Annotated[str, Field(max_length=200)] = ""
+    shift_hours: Annotated[float, Field(ge=1.0, le=24.0, allow_inf_nan=False)] = 8.0
+
+    @field_validator("timezone")
+    @classmethod
+    def _known_zone(cls, name: str) -> str:
+        try:
+            ZoneInfo(name)
+        except (ZoneInfoNotFoundError, ValueError, OSError):
+            raise ValueError("expected a time zone such as Europe/Berlin") from None
+        return name
+
+    @model_validator(mode="after")
+    def _priced(self) -> PageSettings:
+        if self.time_of_use and self.price_per_kwh is None:
+            raise ValueError("time_of_use needs price_per_kwh, the price outside all periods")
+        return self
+
+    def price_at(self, stamp_ns: int) -> float | None:
+        """Return the price at an instant; None without prices. [currency/kWh]
+
+        Args:
+            stamp_ns: The instant. [ns]
+        """
+        if self.price_per_kwh is None:
+            return None
+        local = datetime.fromtimestamp(stamp_ns / SECOND_NS, ZoneInfo(self.timezone))
+        held = (one.price_per_kwh for one in self.time_of_use if one.holds(local))
+        return next(held, self.price_per_kwh)
+
+
+class CostCounter:
+    """Cost of an energy register under a tariff.
+
+    With one price, the cost of the whole register. With times of use, that of the energy
+    counted since the first register message: when the energy before was used is not known.
+
+    Args:
+        settings: The tariff.
+
+    Attributes:
+        since_ns: Beginning of the energy that is priced; None before the first. [ns]
+    """
+
+    def __init__(self, settings: PageSettings) -> None:
+        self._settings = settings
+        self._sum = 0.0
+        self._last: tuple[int, int, float] | None = None  # start, stamp, energy
+        self.since_ns: int | None = None
+        self._price: float | None = None
+
+    def add(self, start_ns: int, stamp_ns: int, energy: float) -> None:
+        """Take a register.
+
+        Args:
+            start_ns: When it was last set to zero. [ns]
+            stamp_ns: Up to when it has counted. [ns]
+            energy: Its value. [J]
+        """
+        if self._settings.price_per_kwh is None or not energy >= 0.0:
+            return
+        if not self._settings.time_of_use:
+            self._sum = energy / JOULE_PER_KWH * self._settings.price_per_kwh
+            self.since_ns, self._price = start_ns, self._settings.price_per_kwh
+            return
+        if self._last is None or start_ns != self._last[0] or energy < self._last[2]:
+            self._sum, self.since_ns = 0.0, stamp_ns
+        else:
+            _, before_ns, before = self._last
+            price = self._settings.price_at((before_ns + stamp_ns) // 2) or 0.0
+            self._sum += (energy - before) / JOULE_PER_KWH * price
+        self._price = self._settings.price_at(stamp_ns)
+        self._last = (start_ns, stamp_ns, energy)
+
+    @property
+    def cost(self) -> float | None:
+        """Cost since `since_ns`; None before the first register. [currency]"""
+        return None if self.since_ns is None else self._sum
+
+    @property
+    def price(self) -> float | None:
+        """Price in force at the last register. [currency/kWh]"""
+        return self._price
+
+
+def load_settings(path: str) -> PageSettings:
+    """Read the settings of the page.
+
+    Args:
+        path: A YAML file; empty for the defaults.
+
+    Returns:
+        The settings.
+
+    Raises:
+        PageError: If the file cannot be read or used.
+    """
+    return load(path, PageSettings, PageError, "page settings") if path else PageSettings()
+
+
+def _minute(clock: str) -> int:
+    hour, minute = clock.split(":")
+    return 60 * int(hour) + int(minute)

@@ -1,0 +1,165 @@
+// The picture of the energy flow: nodes in four columns, bands as wide as they are large.
+// Sizes are whole units from the monitor, so that what enters a node leaves it.
+import { DASH, drawn, energy, fillRows, number, percent, byId, setText, watts, JOULE_PER_WH } from "./format.js";
+
+const NODE_WIDTH = 13;
+const GAP = 15;
+const TOP = 24;
+const ORDER = ["grid", "capacitor", "bus", "friction", "drives", "motion", "capacitor_in", "grid_back", "brake", "cabinet"];
+
+function kindOf(node) {
+  if (node === "capacitor_in") return "capacitor";
+  if (node === "grid_back") return "grid";
+  return node.replace(/\d+$/, "");
+}
+
+function columnOf(node, enters) {
+  if (node === "bus") return 1;
+  if (node.startsWith("axis")) return enters ? 2 : 0;
+  return enters ? 3 : 0;
+}
+
+function rankOf(id) {
+  return ORDER.includes(id) ? ORDER.indexOf(id) : 20 + Number(/\d+$/.exec(id)?.[0] ?? 0);
+}
+
+// Stops of a band: its nodes, and a place of its own in every column between them, so that no
+// band runs behind a node.
+function layout(picture, width, height) {
+  const nodes = new Map();
+  for (const id of Object.keys(picture.labels)) {
+    const into = picture.flows.filter((flow) => flow[1] === id);
+    const out = picture.flows.filter((flow) => flow[0] === id);
+    const sum = (flows) => flows.reduce((total, flow) => total + flow[2], 0);
+    const node = { id, into: sum(into), out: sum(out), inner: into.length > 0 && out.length > 0, rank: rankOf(id) };
+    node.size = Math.max(node.into, node.out);
+    node.column = columnOf(id, into.length > 0);
+    nodes.set(id, node);
+  }
+  const columns = [0, 1, 2, 3].map((number) => [...nodes.values()].filter((node) => node.column === number));
+  const bands = picture.flows.map(([source, target, units]) => {
+    const from = nodes.get(source);
+    const to = nodes.get(target);
+    const stops = [from];
+    for (let column = from.column + 1; column < to.column; column += 1) {
+      const place = { size: units, column, rank: 100 + to.rank + (from.id === "bus" ? 0 : 50) };
+      columns[column].push(place);
+      stops.push(place);
+    }
+    stops.push(to);
+    return { source, target, units, stops };
+  });
+  const gaps = (column) => column.reduce((total, stop, index) => total + (index ? gapOf(stop) : 0), 0);
+  const scale = Math.min(...columns.filter((column) => column.length).map((column) =>
+    (height - TOP - 8 - gaps(column)) / column.reduce((total, stop) => total + stop.size, 0)));
+  columns.forEach((column, number) => {
+    let y = TOP;
+    column.sort((a, b) => a.rank - b.rank).forEach((stop, index) => {
+      if (index) y += gapOf(stop);
+      stop.x = (number / 3) * (width - NODE_WIDTH);
+      stop.y = stop.left = stop.right = y;
+      stop.height = Math.max(1, stop.size * scale);
+      y += stop.size * scale;
+    });
+  });
+  // Bands leave and enter each node in the order of their other ends, so that few cross.
+  const around = (place, end) => bands.map((band) => ({ band, stop: band.stops.at(place), next: band.stops.at(end) }))
+    .sort((a, b) => a.next.y - b.next.y || a.stop.y - b.stop.y);
+  for (const { band, stop } of around(0, 1)) {
+    band.thick = band.units * scale;
+    band.y0 = stop.right + band.thick / 2;
+    stop.right += band.thick;
+  }
+  for (const { band, stop } of around(-1, -2)) {
+    band.y1 = stop.left + band.thick / 2;
+    stop.left += band.thick;
+  }
+  return { nodes, bands };
+}
+
+const gapOf = (stop) => (stop.id ? GAP : GAP / 2);
+
+function bandPath({ stops, y0, y1, thick }) {
+  const points = stops.map((stop, index) => [
+    stop.x, index === 0 ? y0 : index === stops.length - 1 ? y1 : stop.y + thick / 2]);
+  let text = `M${points[0][0] + NODE_WIDTH},${points[0][1]}`;
+  for (let index = 1; index < points.length; index += 1) {
+    const [x, y] = points[index];
+    const from = points[index - 1];
+    const half = (from[0] + NODE_WIDTH + x) / 2;
+    text += `C${half},${from[1]} ${half},${y} ${x},${y}`;
+    if (index < points.length - 1) text += `H${x + NODE_WIDTH}`;
+  }
+  return text;
+}
+
+export function sizeText(units, unit, isEnergy) {
+  const digits = Math.max(0, Math.round(-Math.log10(unit)));
+  return `${number(units * unit, digits)} ${isEnergy ? "Wh" : "W"}`;
+}
+
+export function drawFlow(host, picture, isEnergy) {
+  const rows = byId("flows");
+  if (!picture || !picture.flows.length) {
+    host.replaceChildren(document.createTextNode(DASH));
+    setText(byId("flow-note"), "no figures to show");
+    fillRows(rows, []);
+    delete host.dataset.net;
+    return;
+  }
+  const width = Math.max(300, host.clientWidth);
+  const narrow = width < 560;
+  const height = narrow ? 470 : 420;
+  const { nodes, bands } = layout(picture, width, height);
+  const total = Math.max(1, nodes.get("grid")?.out ?? 1);
+  const text = (units) => sizeText(units, picture.unit, isEnergy);
+  const label = (id) => picture.labels[id];
+  const main = [...nodes.values()].filter((node) => node.column === 3).map((node) => `${label(node.id)} ${text(node.into)}`);
+  const svg = drawn("svg", {
+    viewBox: `0 0 ${width} ${height}`, role: "img", height,
+    "aria-label": `From the grid ${text(picture.net)}: ${main.join(", ")}`,
+  });
+  for (const band of bands) {
+    const kind = kindOf(band.target).startsWith("axis") || band.target === "bus" ? kindOf(band.source) : kindOf(band.target);
+    svg.append(drawn("path", {
+      class: `link ${kind}`, "stroke-width": Math.max(0.6, band.thick),
+      d: bandPath(band),
+    }, drawn("title", {}, `${label(band.source)} to ${label(band.target)}: ${text(band.units)}`)));
+  }
+  for (const node of nodes.values()) {
+    svg.append(drawn("rect", {
+      class: `node ${kindOf(node.id)}`, x: node.x, y: node.y, width: NODE_WIDTH, height: node.height, rx: 2,
+      "data-node": node.id, "data-in": node.into, "data-out": node.out, "data-inner": node.inner,
+    }));
+    svg.append(...nodeLabel(node, label(node.id), text(node.size), percent(node.size / total, 0), narrow));
+  }
+  host.replaceChildren(svg);
+  host.dataset.net = picture.net;
+  host.dataset.unit = picture.unit;
+  setText(byId("flow-note"), isEnergy
+    ? `Since the registers began at zero: ${energy(picture.net * picture.unit * JOULE_PER_WH)} from the grid, as predicted.`
+    : `Mean over one second: ${watts(picture.net * picture.unit)} from the grid, as predicted.`);
+  fillRows(rows, picture.flows.map(([source, target, units]) => [
+    label(source), label(target), { text: text(units), kind: "n", data: units },
+    { text: percent(units / total, 1), kind: "n" },
+  ]));
+}
+
+function nodeLabel(node, name, size, share, narrow) {
+  const middle = node.y + node.height / 2;
+  if (node.column === 1) {
+    return [drawn("text", { x: node.x + NODE_WIDTH / 2, y: node.y - 6, "text-anchor": "middle" }, narrow ? name : `${name} ${size}`)];
+  }
+  const end = node.column === 3;
+  const x = end ? node.x - 6 : node.x + NODE_WIDTH + 6;
+  const anchor = end ? "end" : "start";
+  if (node.column === 2 && narrow) return [drawn("text", { x: node.x - 4, y: middle + 4, "text-anchor": "end" }, name)];
+  if (node.height >= 30) {
+    return [
+      drawn("text", { x, y: middle - 2, "text-anchor": anchor }, name),
+      drawn("text", { x, y: middle + 13, "text-anchor": anchor, class: "soft" }, narrow ? size : `${size}, ${share}`),
+    ];
+  }
+  return [drawn("text", { x, y: middle + 4, "text-anchor": anchor },
+    ...(narrow ? [name] : [`${name} `, drawn("tspan", { class: "soft" }, `${size}, ${share}`)]))];
+}

@@ -1,0 +1,144 @@
+// Power over time: mean lines, the range from lowest to highest, and a cursor to read values.
+import { clock, drawn, energy, known, number, percent, byId, setText, watts } from "./format.js";
+
+const LEFT = 52;
+const BOTTOM = 24;
+const GRID = 0; // channels: predicted grid power, measured, predicted at the meter
+const MEASURED = 1;
+const AT_METER = 2;
+let cursor = null;
+
+// Add the newest buckets of a message to a ring; false if buckets in between are missing.
+export function append(ring, fresh, most = 600) {
+  if (!fresh.number.length) return true;
+  if (!ring.number.length || fresh.width !== ring.width) return false;
+  const last = ring.number[ring.number.length - 1];
+  if (fresh.number[fresh.number.length - 1] < last) return false;
+  fresh.number.forEach((number, index) => {
+    const place = number === last ? ring.number.length - 1 : number > last ? ring.number.length : -1;
+    if (place < 0) return;
+    ring.number[place] = number;
+    for (const key of ["mean", "low", "high"]) fresh[key].forEach((values, channel) => { ring[key][channel][place] = values[index]; });
+  });
+  const first = ring.number[ring.number.length - 1] - most;
+  let drop = 0;
+  while (ring.number[drop] <= first) drop += 1;
+  if (drop) {
+    ring.number.splice(0, drop);
+    for (const key of ["mean", "low", "high"]) ring[key].forEach((values) => values.splice(0, drop));
+  }
+  return true;
+}
+
+function niceStep(span, count) {
+  const raw = span / count;
+  const power = 10 ** Math.floor(Math.log10(raw));
+  return [1, 2, 2.5, 5, 10].map((factor) => factor * power).find((step) => step >= raw);
+}
+
+export function drawLines(host, ring, meter, span, stale) {
+  const width = Math.max(300, host.clientWidth);
+  const height = width < 560 ? 220 : 260;
+  const main = meter === "DC_BUS" ? AT_METER : GRID;
+  const lows = [...ring.low[main] ?? [], ...ring.mean[MEASURED] ?? []].filter(known);
+  const highs = [...ring.high[main] ?? [], ...ring.mean[MEASURED] ?? []].filter(known);
+  if (!highs.length) {
+    host.replaceChildren(document.createTextNode("no power yet"));
+    setText(byId("lines-note"), "");
+    return;
+  }
+  const bottom = Math.min(0, ...lows);
+  const step = niceStep(Math.max(1, Math.max(...highs) - bottom) * 1.04, height < 240 ? 4 : 5);
+  const floor = Math.floor(bottom / step) * step;
+  const top = Math.ceil(Math.max(...highs, floor + step) / step) * step;
+  const first = ring.number[0];
+  const last = ring.number[ring.number.length - 1];
+  const right = width - 8;
+  const x = (number) => LEFT + ((number - first + 0.5) / Math.max(1, last - first + 1)) * (right - LEFT);
+  const y = (power) => 8 + (1 - (power - floor) / (top - floor)) * (height - BOTTOM - 8);
+  const svg = drawn("svg", { viewBox: `0 0 ${width} ${height}`, height, role: "img", tabindex: "0",
+    "aria-label": `Power over time, ${watts(Math.min(...lows))} to ${watts(Math.max(...highs))}; arrow keys read values` });
+  for (let level = floor; level <= top + step / 2; level += step) {
+    svg.append(drawn("line", { class: "rule", x1: LEFT, x2: right, y1: y(level), y2: y(level) }),
+      drawn("text", { class: "soft", x: LEFT - 7, y: y(level) + 4, "text-anchor": "end" }, number(level, step < 1 ? 1 : 0)));
+  }
+  svg.append(drawn("text", { class: "soft", x: 4, y: height - 7 }, "W"));
+  const ticks = width < 560 ? 3 : 6;
+  for (let tick = 0; tick < ticks; tick += 1) {
+    const at = first + ((last - first + 1) * (tick + 0.5)) / ticks;
+    svg.append(drawn("text", { class: "soft", x: x(at - 0.5), y: height - 7, "text-anchor": "middle" }, clock(at * ring.width)));
+  }
+  svg.append(drawn("path", { class: "area", d: area(ring, main, x, y) }));
+  if (ring.mean[MEASURED]?.some(known)) svg.append(drawn("path", { class: "line measured", d: path(ring, MEASURED, x, y) }));
+  svg.append(drawn("path", { class: "line predicted", d: path(ring, main, x, y) }));
+  host.replaceChildren(svg);
+  const seconds = span ? span.seconds : null;
+  const covered = known(seconds) ? seconds / ((last - first + 1) * ring.width) : null;
+  setText(byId("lines-note"), `In this span ${energy(span?.energy)} from the grid, predicted; ${percent(Math.min(1, covered), 0)} of it covered.${stale ? " No new figures arrive." : ""}`);
+  attachCursor(svg, ring, main, x, { first, last, left: LEFT, right, bottom: height - BOTTOM });
+}
+
+function pieces(ring) {
+  const found = [];
+  ring.number.forEach((number, index) => {
+    if (!index || number !== ring.number[index - 1] + 1) found.push([]);
+    found[found.length - 1].push(index);
+  });
+  return found;
+}
+
+function path(ring, channel, x, y) {
+  let text = "";
+  for (const piece of pieces(ring)) {
+    let pen = "M";
+    for (const index of piece) {
+      const value = ring.mean[channel][index];
+      if (!known(value)) { pen = "M"; continue; }
+      text += `${pen}${x(ring.number[index]).toFixed(1)},${y(value).toFixed(1)}`;
+      pen = "L";
+    }
+  }
+  return text;
+}
+
+function area(ring, channel, x, y) {
+  let text = "";
+  for (const piece of pieces(ring)) {
+    const full = piece.filter((index) => known(ring.low[channel][index]));
+    if (!full.length) continue;
+    const point = (index, key) => `${x(ring.number[index]).toFixed(1)},${y(ring[key][channel][index]).toFixed(1)}`;
+    text += `M${full.map((index) => point(index, "high")).join("L")}L${full.reverse().map((index) => point(index, "low")).join("L")}Z`;
+  }
+  return text;
+}
+
+function attachCursor(svg, ring, main, x, edge) {
+  const line = drawn("line", { class: "cursor", y1: 8, y2: edge.bottom, x1: -9, x2: -9 });
+  const label = drawn("text", { y: 18, x: -999 });
+  svg.append(line, label);
+  const show = () => {
+    const index = cursor === null ? -1 : ring.number.indexOf(cursor);
+    if (index < 0) { label.setAttribute("x", -999); line.setAttribute("x1", -9); line.setAttribute("x2", -9); return; }
+    const at = x(cursor);
+    for (const key of ["x1", "x2"]) line.setAttribute(key, at);
+    const end = at > (edge.left + edge.right) / 2;
+    label.setAttribute("x", at + (end ? -6 : 6));
+    label.setAttribute("text-anchor", end ? "end" : "start");
+    setText(label, `${clock(cursor * ring.width)}: predicted ${watts(ring.mean[main][index])}, measured ${watts(ring.mean[MEASURED][index])}`);
+  };
+  svg.addEventListener("pointermove", (event) => {
+    const box = svg.getBoundingClientRect();
+    const share = ((event.clientX - box.left) * (svg.viewBox.baseVal.width / box.width) - edge.left) / (edge.right - edge.left);
+    cursor = Math.round(edge.first + share * (edge.last - edge.first + 1) - 0.5);
+    show();
+  });
+  svg.addEventListener("pointerleave", () => { cursor = null; show(); });
+  svg.addEventListener("keydown", (event) => {
+    const move = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
+    if (!move) return;
+    event.preventDefault();
+    cursor = Math.min(edge.last, Math.max(edge.first, (cursor ?? edge.last) + move));
+    show();
+  });
+  show();
+}

@@ -1,0 +1,203 @@
+// The page: takes state and events, and shows the chosen robot.
+import { byId, clock, element, setText } from "./format.js";
+import { drawFlow } from "./flow.js";
+import { append, drawLines } from "./lines.js";
+import { showAlarms, showFleet, showHeadline, showMeanPower, showPower, showTables, phaseText } from "./tables.js";
+import { act, fetchSaved, fetchState, follow, setToken } from "./stream.js";
+
+const STALE = 2000; // without powers from the monitor the figures are stale [ms]
+const DRAW = 240; // between two drawings of the lines [ms]
+const view = { state: null, chosen: 0, flow: "energy_flow", span: "live", heard: 0, number: 0, drawn: 0, connected: false };
+
+const robot = () => view.state?.robots[view.chosen];
+const stale = () => view.state?.live && (!view.connected || performance.now() - view.heard > STALE || robot()?.power.stale);
+
+// What the browser itself has not heard of is not shown either.
+function silenced(power) {
+  return stale() ? { ...power, stale: true, phase: "UNKNOWN", predicted_grid_power: null, measured_power: null, predicted_power_at_meter: null } : power;
+}
+
+function withoutLive(shown) {
+  const blank = (row) => Object.fromEntries(Object.keys(row).map((key) => [key, key === "name" ? row.name : key === "temperature_source" ? "UNKNOWN" : null]));
+  const alarm = view.connected
+    ? ["no power state arrives; live figures are not shown", "check that a monitor runs, is active, and receives joint states"]
+    : ["this page has no connection to the monitor; live figures are not shown", "check that the dashboard runs and the network reaches it"];
+  const alarms = [
+    { level: "STALE", name: shown.name, message: alarm[0], remedy: alarm[1] },
+    ...shown.alarms.filter((one) => one.name !== shown.name),
+  ];
+  return { ...shown, alarms, means: null, flow: null, joints: shown.joints.map(blank), power: silenced(shown.power) };
+}
+
+function showStatus() {
+  const status = byId("status");
+  const shown = robot();
+  let text = "live";
+  let kind = "good";
+  if (!view.state) [text, kind] = ["connecting", ""];
+  else if (view.saved) [text, kind] = [`saved page, as of ${clock(shown?.power.time, true)}`, ""];
+  else if (!view.connected) [text, kind] = ["no connection to the monitor", "bad"];
+  else if (!view.state.live) [text, kind] = [`recording, ends at ${clock(shown?.power.time, true)}`, ""];
+  else if (!shown) [text, kind] = ["no robot yet", "bad"];
+  else if (stale()) [text, kind] = [shown.power.time ? `stale since ${clock(shown.power.time)}` : "no figures yet", "bad"];
+  setText(status, text);
+  status.className = `pill ${kind}`;
+  document.body.classList.toggle("stale", kind === "bad");
+  const phase = byId("phase");
+  phase.hidden = !shown || stale() || !view.state.live;
+  if (shown) setText(phase, phaseText(shown.power.phase));
+}
+
+function showLines() {
+  const history = view.state.history?.[view.chosen];
+  if (!history || document.hidden) return;
+  view.drawn = performance.now();
+  drawLines(byId("lines"), history[view.span], robot().meter, robot().spans[view.span], stale());
+}
+
+function showFlow() {
+  const shown = stale() ? withoutLive(robot()) : robot();
+  drawFlow(byId("flow"), shown[view.flow], view.flow === "energy_flow");
+}
+
+function showAll() {
+  view.stale = Boolean(stale());
+  showStatus();
+  if (!view.state) return;
+  byId("content").hidden = !robot();
+  if (!robot()) return;
+  const shown = stale() ? withoutLive(robot()) : robot();
+  setText(byId("title"), view.state.robots.length > 1 || !view.state.title ? shown.name : view.state.title);
+  showHeadline(shown);
+  if (view.state.live) showPower(shown.power); else showMeanPower(shown);
+  showTables(shown);
+  showAlarms(shown);
+  showFleet(view.state.robots, view.chosen, (index) => { view.chosen = index; showAll(); });
+  showFlow();
+  showLines();
+  byId("control").hidden = !view.state.control || Boolean(view.saved);
+  setText(byId("foot"), `Model ${shown.model_id ?? "unknown"}. Predicted powers and energies are those of the model; measured ones those of the meter${shown.meter === "DC_BUS" ? " on the DC bus" : ""}.`);
+}
+
+const handle = {
+  begin(state) {
+    Object.assign(view, { state, connected: true, heard: performance.now(), number: state.number });
+    view.chosen = Math.min(view.chosen, Math.max(0, state.robots.length - 1));
+    byId("access").hidden = true;
+    byId("save").hidden = false;
+    showAll();
+  },
+  state(state) {
+    const known = view.state.history ?? [];
+    view.state = { ...state, history: known };
+    view.heard = performance.now();
+    const whole = known.length === state.robots.length && state.robots.every((one, index) =>
+      Object.entries(one.buckets).every(([name, fresh]) => append(known[index][name], fresh)));
+    if (!whole) refetch();
+    showAll();
+  },
+  power(event) {
+    const missed = event.number > view.number + 1;
+    view.number = event.number;
+    view.heard = performance.now();
+    let whole = !missed;
+    event.robots.forEach((power, index) => {
+      const one = view.state.robots[index];
+      if (!one) return;
+      one.power = power;
+      const ring = view.state.history?.[index]?.live;
+      if (ring && power.live && !append(ring, power.live)) whole = false;
+    });
+    if (!whole) refetch();
+    if (!robot()) return;
+    if (Boolean(stale()) !== view.stale) return showAll();
+    if (view.state.live) showPower(silenced(robot().power));
+    showStatus();
+    if (performance.now() - view.drawn > DRAW && view.span === "live") showLines();
+  },
+  lost() {
+    view.connected = false;
+    if (view.state) showAll(); else showStatus();
+  },
+  refused() {
+    byId("access").hidden = false;
+    byId("token").focus();
+    return new Promise((go) => { byId("access").onsubmit = (event) => {
+      event.preventDefault();
+      setToken(byId("token").value);
+      setText(byId("access-answer"), "");
+      go();
+    }; });
+  },
+};
+
+// Buckets are missing: fetch the history again, at most every five seconds.
+let fetched = 0;
+async function refetch() {
+  if (performance.now() - fetched < 5000) return;
+  fetched = performance.now();
+  try {
+    view.state.history = (await fetchState()).history;
+  } catch { /* the stream notices what is wrong */ }
+}
+
+function choose(attribute, key) {
+  const buttons = [...document.querySelectorAll(`[data-${attribute}]`)];
+  for (const button of buttons) button.addEventListener("click", () => {
+    view[key] = button.dataset[attribute];
+    for (const other of buttons) other.setAttribute("aria-pressed", String(other === button));
+    if (robot()) showAll();
+  });
+}
+
+const THEMES = { auto: ["Auto", "as the system"], light: ["Light", "light"], dark: ["Dark", "dark"] };
+function setTheme(theme) {
+  if (theme === "auto") delete document.documentElement.dataset.theme;
+  else document.documentElement.dataset.theme = theme;
+  byId("theme").textContent = THEMES[theme][0];
+  byId("theme").setAttribute("aria-label", `Colours: ${THEMES[theme][1]}`);
+}
+
+byId("theme").addEventListener("click", () => {
+  const names = Object.keys(THEMES);
+  setTheme(names[(names.indexOf(document.documentElement.dataset.theme ?? "auto") + 1) % names.length]);
+});
+byId("save").addEventListener("click", async () => {
+  const url = URL.createObjectURL(await fetchSaved());
+  element("a", { href: url, download: "robot_energy.html" }).click();
+  setTimeout(() => URL.revokeObjectURL(url), 1000);
+});
+async function control(action) {
+  const name = byId("job-name").value.trim();
+  const answer = byId("control-answer");
+  try {
+    const { message } = await act(robot().name, action, action === "reset_registers" ? name || "reset on the page" : name);
+    setText(answer, message);
+  } catch (error) {
+    setText(answer, error.message === "token" ? "The token is needed." : "The monitor did not answer.");
+    if (error.message !== "token") return;
+    await handle.refused();
+    byId("access").hidden = true;
+    await control(action);
+  }
+}
+for (const button of document.querySelectorAll("[data-action]")) {
+  if (button.type !== "submit") button.addEventListener("click", () => control(button.dataset.action));
+}
+byId("control").addEventListener("submit", (event) => { event.preventDefault(); control("open_interval"); });
+choose("flow", "flow");
+choose("span", "span");
+let width = innerWidth;
+addEventListener("resize", () => { if (innerWidth !== width && robot()) { width = innerWidth; showAll(); } });
+
+const saved = byId("saved");
+if (saved) {
+  view.saved = true;
+  Object.assign(view, { state: JSON.parse(saved.textContent), connected: true });
+  view.state.live = false;
+  showAll();
+} else {
+  setInterval(() => { if (Boolean(stale()) !== view.stale) showAll(); }, 250);
+  follow(handle);
+}
+if (view.state && !view.state.live) document.querySelector('[data-span="all"]').click();

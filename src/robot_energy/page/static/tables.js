@@ -1,0 +1,150 @@
+// Headline, tables, alarms and diagnostics.
+import { byId, clock, duration, element, energy, energyParts, fillRows, known, number, percent, setText, signedPercent, watts, wh, DASH } from "./format.js";
+
+const PHASES = { UNKNOWN: "unknown", HOLD: "holds", MOTION: "moves", GENERATING: "generates" };
+const SOURCES = { MEASURED: "measured", FALLBACK: "fallback", UNKNOWN: DASH };
+const REGISTERS = [
+  ["predicted_import_energy", "from the grid, predicted"],
+  ["predicted_return_energy", "back to the grid, predicted"],
+  ["measured_energy", "at the meter, measured"],
+  ["predicted_energy_at_meter", "at the meter, predicted"],
+  ["brake_energy", "brake resistor"],
+  ["loss_dc_energy", "cabinet, DC side"],
+  ["loss_grid_energy", "cabinet, grid side"],
+  ["capacitor_energy", "capacitor"],
+];
+const TIMES = [["observed_time", "observed"], ["gap_time", "gaps"], ["comparison_time", "compared with the meter"]];
+const n = (text, data) => ({ text, kind: "n", data });
+
+export const phaseText = (phase) => PHASES[phase] ?? "unknown";
+
+function big(id, text, unit = "") {
+  const node = byId(id);
+  if (node.dataset.shown === `${text} ${unit}`) return;
+  node.dataset.shown = `${text} ${unit}`;
+  node.replaceChildren(text, ...(unit ? [" ", element("small", {}, unit)] : []));
+}
+
+export function showPower(power) {
+  const pair = known(power.measured_power) && !power.stale;
+  big("power", known(power.predicted_grid_power) ? number(power.predicted_grid_power) : DASH, "W");
+  setText(byId("power-note"), power.stale ? "stale: no power state arrives"
+    : pair ? `predicted; measured ${watts(power.measured_power)}` : "predicted; no meter");
+  byId("power").dataset.time = power.time ?? "";
+}
+
+// A recording has no now: its mean power.
+export function showMeanPower(robot) {
+  const { energy: joule, seconds } = robot.spans.all;
+  setText(byId("power-title"), "Mean power");
+  big("power", known(joule) && seconds > 0 ? number(joule / seconds) : DASH, "W");
+  setText(byId("power-note"), `predicted, over ${duration(seconds)}`);
+}
+
+export function showHeadline(robot) {
+  const { headline, registers } = robot;
+  big("energy", ...energyParts(headline.energy));
+  const start = registers ? `predicted, since ${clock(registers.energy_start, true)}` : "no register yet";
+  const error = registers?.predicted_energy_at_meter / registers?.measured_energy - 1;
+  setText(byId("energy-note"), known(error) ? `${start}; ${signedPercent(error)} against the meter` : start);
+  const job = headline.job;
+  big("job", ...energyParts(job?.energy));
+  setText(byId("job-note"), job ? `${job.name}; mean of ${job.count}: ${energy(job.mean)}` : "no closed job interval");
+  big("cost", known(headline.cost) ? number(headline.cost, headline.cost < 1 ? 4 : 2) : DASH, known(headline.cost) ? headline.currency : "");
+  setText(byId("cost-note"), known(headline.cost)
+    ? `since ${clock(headline.cost_since, true)}; now ${number(headline.price, 3)} ${headline.currency}/kWh` : "no price is set");
+  const grams = known(headline.co2) && headline.co2 < 1;
+  big("co2", known(headline.co2) ? number(grams ? 1000 * headline.co2 : headline.co2, grams ? 1 : 3) : DASH, known(headline.co2) ? (grams ? "g" : "kg") : "");
+  setText(byId("co2-note"), known(headline.co2)
+    ? `${headline.co2_factor} kg/kWh${headline.co2_source ? `, ${headline.co2_source}` : ""}` : "no factor is set");
+}
+
+export function showTables(robot) {
+  fillRows(byId("joints"), robot.joints.map((joint) => [
+    joint.name,
+    n(number(joint.motor_temperature_degc, 1)),
+    { text: SOURCES[joint.temperature_source], kind: joint.temperature_source === "FALLBACK" ? "warm" : "" },
+    n(number(joint.friction_power, 1)), n(number(joint.drive_loss, 1)), n(number(joint.rigid_power, 1)),
+    n(number(joint.motor_torque, 2)), n(number(joint.motor_velocity, 1)),
+    n(number(joint.coulomb, 3)), n(number(known(joint.viscous) ? 1000 * joint.viscous : null, 3)),
+  ]));
+  const { registers } = robot;
+  fillRows(byId("registers"), registers ? [
+    ...REGISTERS.map(([key, label]) => [label, n(energy(registers[key])), n(number(registers[key], 3), registers[key])]),
+    ...TIMES.map(([key, label]) => [label, n(duration(registers[key])), n(number(registers[key], 3), registers[key])]),
+    ["number of gaps", n(number(registers.gap_count)), n(number(registers.gap_count), registers.gap_count)],
+  ] : []);
+  byId("registers").dataset.time = registers?.time ?? "";
+  setText(byId("registers-note"), registers
+    ? `As of ${clock(registers.time, true)}; ${registers.persisted ? "on disk" : "in memory only"}.` : "No register has arrived.");
+  fillRows(byId("shaft"), (registers?.joints ?? []).map((joint) => [
+    joint.name, n(wh(joint.rigid_energy), joint.rigid_energy), n(wh(joint.friction_energy), joint.friction_energy),
+    n(wh(joint.drive_loss_energy), joint.drive_loss_energy),
+  ]));
+  const total = robot.phases.reduce((sum, phase) => sum + phase.seconds, 0);
+  fillRows(byId("phases"), robot.phases.map((phase) => [
+    phaseText(phase.name), n(duration(phase.seconds)), n(percent(phase.seconds / total)),
+    n(energy(phase.energy)), n(watts(phase.energy / phase.seconds)),
+  ]));
+  showIntervals(robot);
+}
+
+function showIntervals(robot) {
+  const intervals = robot.intervals ?? [];
+  fillRows(byId("intervals"), intervals.map((job) => [
+    job.is_open ? `${job.name} (open)` : job.name, clock(job.start), n(duration(job.seconds)),
+    n(energy(job.predicted_import_energy)), n(energy(job.measured_energy)), n(percent(job.coverage, 1)),
+    n(watts(job.predicted_peak_power)),
+  ]));
+  setText(byId("intervals-note"), robot.intervals === null ? "The monitor offers no list of job intervals here."
+    : intervals.length ? "" : "None yet: open one at the begin of a job, close it at its end.");
+}
+
+export function showAlarms(robot) {
+  byId("alarm-card").hidden = !robot.alarms.length;
+  const key = JSON.stringify(robot.alarms.map(({ level, name, message }) => [level, name, message]));
+  const list = byId("alarms");
+  if (list.dataset.key !== key) {
+    list.dataset.key = key;
+    list.replaceChildren(...robot.alarms.map((alarm) => element("li", {},
+      element("p", {}, element("span", { class: `level ${alarm.level}` }, alarm.level), `${alarm.name}: ${alarm.message}`),
+      element("p", { class: "small" }, `What to do: ${alarm.remedy}`))));
+  }
+  showDiagnostics(robot.findings);
+}
+
+function showDiagnostics(findings) {
+  const host = byId("diagnostics");
+  const names = findings.map((finding) => finding.name).join("\n");
+  if (host.dataset.names !== names || !host.childElementCount) {
+    host.dataset.names = names;
+    host.replaceChildren(...(findings.length ? findings.map(() => element("details", {},
+      element("summary", {}, element("span", { class: "level" }), element("span")), element("dl")))
+      : [element("p", { class: "small" }, "No diagnostic status here.")]));
+  }
+  findings.forEach((finding, index) => {
+    const node = host.children[index];
+    const [level, text] = node.querySelectorAll("span");
+    level.className = `level ${finding.level}`;
+    setText(level, finding.level);
+    setText(text, `${finding.name}: ${finding.message}`);
+    if (!node.open) return;
+    node.querySelector("dl").replaceChildren(...Object.entries(finding.values).map(([key, value]) =>
+      element("div", {}, element("dt", {}, key), element("dd", {}, value))));
+  });
+}
+
+export function showFleet(robots, chosen, choose) {
+  byId("fleet").hidden = robots.length < 2;
+  const table = byId("robots");
+  fillRows(table, robots.map((robot) => [
+    "", robot.power.stale ? "stale" : phaseText(robot.power.phase), n(watts(robot.power.predicted_grid_power)),
+    n(watts(robot.power.measured_power)), n(energy(robot.headline.energy)), n(String(robot.alarms.length)),
+  ]));
+  robots.forEach((robot, index) => {
+    const cell = table.tBodies[0].rows[index].cells[0];
+    const button = element("button", { type: "button", class: "plain", "aria-pressed": String(index === chosen) }, robot.name);
+    button.addEventListener("click", () => choose(index));
+    cell.replaceChildren(button);
+  });
+}

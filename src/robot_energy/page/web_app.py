@@ -1,0 +1,186 @@
+"""The web application: fixed routes, checked headers, one stream of events for each page."""
+
+from __future__ import annotations
+
+import asyncio
+import gzip
+import json
+import time
+from typing import Any, cast
+
+from starlette.applications import Starlette
+from starlette.requests import ClientDisconnect, Request
+from starlette.responses import PlainTextResponse, Response
+from starlette.routing import Route
+from starlette.types import Message, Receive, Scope, Send
+
+from robot_energy.page.access import PageAccess
+from robot_energy.page.event_stream import EventStream
+from robot_energy.page.hub import ACTIONS, PageHub
+from robot_energy.page.json_numbers import json_text
+from robot_energy.page.metrics import OPENMETRICS, metrics_text
+from robot_energy.page.saved_page import FILES, saved_page, static_file
+
+MAX_BODY = 2048  # of a request [bytes]
+MAX_TEXT = 200  # characters of the name of a job or the reason of a reset
+BODY_TIMEOUT = 5.0  # for a body to arrive, and for an action [s]
+POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; "
+    "img-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
+HEADERS = {
+    "content-security-policy": POLICY,
+    "x-content-type-options": "nosniff",
+    "referrer-policy": "no-referrer",
+    "cross-origin-opener-policy": "same-origin",
+    "cross-origin-resource-policy": "same-origin",
+    "permissions-policy": "camera=(), microphone=(), geolocation=()",
+    "cache-control": "no-store",
+}
+OPEN_PATHS = frozenset(FILES)  # hold no figures; everything else needs the token where there is one
+
+
+class PageApp:
+    """ASGI application of one page.
+
+    Args:
+        hub: The robots.
+        access: Who may see them.
+    """
+
+    def __init__(self, hub: PageHub, access: PageAccess) -> None:
+        self._hub, self._access = hub, access
+        self._stream = EventStream(hub)
+        routes = [
+            *(Route(path, self._file, methods=["GET"]) for path in FILES),
+            Route("/api/state", self._state, methods=["GET"]),
+            Route("/api/events", self._stream, methods=["GET"]),
+            Route("/metrics", self._metrics, methods=["GET"]),
+            Route("/saved.html", self._saved, methods=["GET"]),
+        ]
+        if access.allow_control:
+            routes.append(Route("/api/control", self._control, methods=["POST"]))
+        self._app = Starlette(routes=routes)
+        self._app.router.redirect_slashes = False
+
+    def notify(self) -> None:
+        """Say that the hub has news; called in the loop of the server."""
+        self._stream.notify()
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer one request."""
+        if scope["type"] != "http":
+            return
+
+        async def guarded(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                given = dict(message.get("headers", []))  # those of a file may be kept
+                own = {key.encode(): value.encode() for key, value in HEADERS.items()}
+                message = {**message, "headers": list((own | given).items())}
+            await send(message)
+
+        refusal = self._refusal(Request(scope))
+        await (refusal or self._app)(scope, receive, guarded)
+
+    def _refusal(self, request: Request) -> Response | None:
+        """What is wrong with a request before anything is looked up; None if nothing is."""
+        headers = request.headers
+        hosts, host = headers.getlist("host"), headers.get("host")
+        if len(hosts) != 1 or not self._access.knows_host(host):
+            return PlainTextResponse(
+                "this page is not served under that name; name it as the start of the monitor "
+                "states it, or add the name to the hosts of the page\n",
+                403,
+            )
+        if not self._access.same_origin(headers.get("origin"), host):
+            return PlainTextResponse("requests of other pages are refused\n", 403)
+        if headers.get("sec-fetch-site", "none") in ("cross-site", "same-site"):
+            if headers.get("sec-fetch-mode") != "navigate":
+                return PlainTextResponse("requests of other pages are refused\n", 403)
+        if request.method not in ("GET", "HEAD", "POST"):
+            return PlainTextResponse("expected GET\n", 405, {"allow": "GET, HEAD"})
+        writes = request.method == "POST"
+        private = self._access.private and request.url.path not in OPEN_PATHS
+        if (writes and self._access.allow_control) or private:
+            if not self._access.permits(headers.get("authorization")):
+                return PlainTextResponse(
+                    "expected the header 'Authorization: Bearer ...' with the token of this page\n",
+                    401,
+                    {"www-authenticate": "Bearer"},
+                )
+        return None
+
+    async def _file(self, request: Request) -> Response:
+        found = static_file(request.url.path)
+        headers = {"etag": found.tag, "cache-control": "no-cache"}
+        if request.headers.get("if-none-match") == found.tag:
+            return Response(status_code=304, headers=headers)
+        if _takes_gzip(request):
+            headers |= {"content-encoding": "gzip", "vary": "accept-encoding"}
+            return Response(found.packed, media_type=found.kind, headers=headers)
+        return Response(found.content, media_type=found.kind, headers=headers)
+
+    async def _state(self, request: Request) -> Response:
+        text = json_text(self._hub.state(time.monotonic()))
+        return _packed(request, text.encode(), "application/json")
+
+    async def _metrics(self, request: Request) -> Response:
+        return _packed(request, metrics_text(self._hub, time.monotonic()), OPENMETRICS)
+
+    async def _saved(self, request: Request) -> Response:
+        text = saved_page(self._hub.state(time.monotonic()))
+        answer = _packed(request, text.encode(), "text/html")
+        answer.headers["content-disposition"] = 'attachment; filename="robot_energy.html"'
+        return answer
+
+    async def _control(self, request: Request) -> Response:
+        control = self._hub.control
+        found = await _wish(request)
+        if found is None or control is None or found[0] not in self._hub.robots:
+            return PlainTextResponse(
+                f"expected JSON with robot (one of the page), action ({', '.join(ACTIONS)}) and "
+                f"text (up to {MAX_TEXT} characters)\n",
+                400,
+            )
+        try:
+            async with asyncio.timeout(BODY_TIMEOUT):
+                done, sentence = await asyncio.wrap_future(control(*found))
+        except (TimeoutError, asyncio.CancelledError):
+            done, sentence = False, "the monitor did not answer; look at the list of intervals"
+        return Response(
+            json_text({"done": done, "message": sentence}), media_type="application/json"
+        )
+
+
+async def _wish(request: Request) -> tuple[str, str, str] | None:
+    """Robot, action and text of a request for an action; None if it has none."""
+    body = b""
+    try:
+        async with asyncio.timeout(BODY_TIMEOUT):
+            async for chunk in request.stream():
+                body += chunk
+                if len(body) > MAX_BODY:
+                    return None
+        found = json.loads(body)
+    except (TimeoutError, ClientDisconnect, ValueError, RecursionError):
+        return None
+    if not isinstance(found, dict):
+        return None
+    values = cast("dict[str, Any]", found)
+    robot, action, text = (values.get(key) for key in ("robot", "action", "text"))
+    if not (isinstance(robot, str) and isinstance(action, str) and isinstance(text, str)):
+        return None
+    if action not in ACTIONS or len(text) > MAX_TEXT:
+        return None
+    return robot, action, text
+
+
+def _takes_gzip(request: Request) -> bool:
+    return "gzip" in request.headers.get("accept-encoding", "")
+
+
+def _packed(request: Request, content: bytes, kind: str) -> Response:
+    if not _takes_gzip(request):
+        return Response(content, media_type=kind)
+    headers = {"content-encoding": "gzip", "vary": "accept-encoding"}
+    return Response(gzip.compress(content, 5, mtime=0), media_type=kind, headers=headers)

@@ -1,0 +1,162 @@
+"""The page of a recording in a real browser: served, and saved as one file."""
+
+import re
+
+import pytest
+
+from chromium import browser, needs_browser
+from page_messages import power_states, recorded, registers
+from robot_energy.page.access import page_access
+from robot_energy.page.hub import PageHub
+from robot_energy.page.saved_page import saved_page
+from robot_energy.page.settings import PageSettings
+from robot_energy.page.web_server import PageServer
+
+pytestmark = [needs_browser, pytest.mark.filterwarnings("ignore::ResourceWarning")]
+READY = "document.querySelector('#flow rect') && document.querySelector('#lines path')"
+SETTINGS = PageSettings(price_per_kwh=0.3, co2_kg_per_kwh=0.4)
+
+
+@pytest.fixture(scope="module")
+def window():
+    with browser() as found:
+        yield found
+
+
+@pytest.fixture(scope="module")
+def recording():
+    return recorded(settings=SETTINGS)
+
+
+@pytest.fixture(scope="module")
+def url(recording):
+    server = PageServer(recording[0].hub, page_access())
+    yield server.url
+    server.close()
+
+
+@pytest.fixture(scope="module")
+def saved(recording, tmp_path_factory):
+    path = tmp_path_factory.mktemp("saved") / "page.html"
+    path.write_text(saved_page(recording[0].state()), encoding="utf-8")
+    return path.as_uri()
+
+
+@pytest.fixture(params=["url", "saved"])
+def opened(request, window):
+    """The page, served or saved, ready and without complaint of the browser."""
+    address = request.getfixturevalue(request.param)
+    window.dark(False)
+    window.complaints()
+    window.open(address)
+    window.wait(READY, "the figures")
+    return window
+
+
+def test_the_page_needs_nothing_but_its_server(opened, url):
+    assert opened.complaints() == []
+    assert all(name.startswith((url, "data:")) for name in opened.requests())
+    assert "kr16_cold" in opened.text("title")
+
+
+@pytest.mark.parametrize("mode", ["energy_flow", "flow"])
+def test_the_flow_balances_as_it_is_drawn(opened, mode):
+    opened.click(f"[data-flow={mode}]")
+    opened.wait(f"document.querySelector('[data-flow={mode}]').ariaPressed === 'true'", mode)
+    nodes = opened.flow_nodes()
+    assert {"grid", "bus", "axis0", "friction", "cabinet"} <= {node["id"] for node in nodes}
+    for node in nodes:
+        if node["inner"]:
+            assert node["into"] == node["out"], node
+    drawn = {node["id"]: node for node in nodes}
+    net = int(opened.run("return document.getElementById('flow').dataset.net"))
+    assert drawn["grid"]["out"] == net
+    sources = sum(node["out"] for node in nodes if not node["into"])
+    sinks = sum(node["into"] for node in nodes if not node["out"])
+    assert sources == sinks
+    # The digits that are shown, not only the units behind them.
+    texts = [(source, target, float(size.split()[0])) for source, target, size, _ in opened.flows()]
+    into_bus = sum(size for _, target, size in texts if target == "DC bus")
+    out_of_bus = sum(size for source, _, size in texts if source == "DC bus")
+    assert into_bus == pytest.approx(out_of_bus, abs=1e-9)
+
+
+def test_the_table_is_the_registers(opened, recording):
+    ledger = recording[1].ledger
+    shown = opened.values("registers")
+    assert float(shown["from the grid, predicted"][0]) == ledger.registers.cabinet("grid_import")
+    assert float(shown["at the meter, measured"][0]) == ledger.comparison.measured_energy
+    assert float(shown["brake resistor"][0]) == ledger.registers.cabinet("brake")
+    joints = opened.values("shaft")
+    friction = ledger.registers.joints("friction")
+    for place, name in enumerate(recording[1].model.joint_names):
+        assert float(joints[name][1]) == friction[place]
+
+
+def test_the_headline(opened, recording):
+    joule = recording[1].ledger.registers.cabinet("grid_import")
+    assert opened.text("energy") == f"{joule / 3600:.2f} Wh"
+    assert opened.text("cost") == f"{joule / 3.6e6 * 0.3:.4f} EUR"
+    assert opened.text("co2") == f"{joule / 3.6e6 * 400:.1f} g"
+    assert "recording" in opened.text("status") or "saved page" in opened.text("status")
+
+
+@pytest.mark.parametrize(("width", "dark"), [(1400, False), (390, True)])
+def test_no_serious_fault_of_accessibility(opened, width, dark):
+    opened.dark(dark)
+    opened.size(width, 900)
+    opened.run("document.querySelectorAll('details').forEach(one => { one.open = true; })")
+    assert opened.faults() == []
+
+
+def test_nothing_is_wider_than_a_phone(opened):
+    opened.size(390, 844)
+    opened.wait(
+        "document.querySelector('#flow svg').getAttribute('viewBox').split(' ')[2] < 400", ""
+    )
+    assert opened.run("return document.documentElement.scrollWidth") == 390
+
+
+def test_the_lines_are_read_with_the_keyboard(opened):
+    opened.run("document.querySelector('#lines svg').focus()")
+    from selenium.webdriver.common.keys import Keys
+
+    opened.driver.switch_to.active_element.send_keys(Keys.ARROW_LEFT * 3)
+    label = opened.wait(
+        "[...document.querySelectorAll('#lines text')].map(t => t.textContent)"
+        ".find(t => t.includes('measured'))",
+        "the values",
+    )
+    assert re.search(r"predicted \d+ W, measured \d+ W", label)
+
+
+def test_the_keyboard_reaches_every_button(opened):
+    from selenium.webdriver.common.keys import Keys
+
+    seen = set()
+    for _ in range(40):
+        opened.driver.switch_to.active_element.send_keys(Keys.TAB)
+        seen.add(
+            opened.run(
+                "const a = document.activeElement; return a.id || a.dataset.flow || a.dataset.span"
+                " || a.tagName"
+            )
+        )
+    assert {"theme", "energy_flow", "flow", "live", "hour", "shift", "all", "SUMMARY"} <= seen
+
+
+def test_names_from_outside_are_text(window, tmp_path):
+    evil = "<img src=x onerror=window.evil=1></script><script>window.evil=1</script>"
+    hub = PageHub(evil, PageSettings(), live=False)
+    robot = hub.robot(evil)
+    robot.take_power(power_states([1.0, 1.2], [100.0, 200.0], names=(evil, "b")), 0.0)
+    robot.take_registers(registers(7200.0, names=(evil, "b")))
+    hub.tick(0.0)
+    path = tmp_path / "page.html"
+    path.write_text(saved_page(hub.state(0.0)), encoding="utf-8")
+    window.complaints()
+    window.open(path.as_uri())
+    window.wait(READY, "the figures")
+    assert window.run("return window.evil ?? null") is None
+    assert evil in window.text("joints")
+    assert window.complaints() == []

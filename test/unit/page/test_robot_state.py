@@ -1,0 +1,149 @@
+"""The page says what the messages say: stale, unknown, estimated, and never invented."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from page_messages import JOINTS, power_states, recorded, registers
+from robot_energy.blocks import Quality
+from robot_energy.page.alarms import QUALITY_REMEDIES, PageFinding
+from robot_energy.page.hub import MAX_ROBOTS, PageHub
+from robot_energy.page.json_numbers import json_text
+from robot_energy.page.robot_state import STALE_AFTER, RobotState
+from robot_energy.page.settings import PageSettings
+
+
+@pytest.fixture
+def state():
+    return RobotState("robot1", PageSettings(price_per_kwh=0.5, co2_kg_per_kwh=0.4))
+
+
+def test_powers_are_those_of_the_newest_message(state):
+    state.take_power(power_states([1.0, 1.1, 1.2], [100.0, 200.0, 300.0], measured=280.0), 5.0)
+    found = state.power(5.1)
+    assert found["predicted_grid_power"] == 300.0
+    assert found["measured_power"] == 280.0
+    assert not found["stale"]
+    assert state.snapshot(5.1)["means"]["predicted_grid_power"] == 200.0
+    assert state.snapshot(5.1)["joints"][0]["friction_power"] == 200.0
+    assert state.snapshot(5.1)["flow"]["net"] * state.snapshot(5.1)["flow"]["unit"] == 200.0
+
+
+def test_what_is_stale_is_not_shown_as_a_figure(state):
+    state.take_power(power_states([1.0], [100.0]), 5.0)
+    state.take_registers(registers(7200.0))
+    late = 5.0 + STALE_AFTER + 0.01
+    assert not state.stale(late - 0.02)
+    found = state.snapshot(late)
+    assert found["power"]["stale"]
+    live = [
+        found["power"]["predicted_grid_power"],
+        found["flow"],
+        found["means"],
+        found["coverage"],
+    ]
+    assert live == [None] * 4
+    for joint in found["joints"]:
+        assert {joint[name] for name in ("friction_power", "motor_torque", "viscous")} == {None}
+    assert found["registers"]["predicted_import_energy"] == 7200.0  # a counter stays a fact
+    assert found["alarms"][0]["level"] == "STALE"
+    state.take_power(power_states([9.0], [100.0]), late)
+    assert state.snapshot(late)["power"]["predicted_grid_power"] == 100.0
+
+
+def test_unknown_is_none_and_json_has_no_nan(state):
+    state.take_power(power_states([1.0, 1.1], [math.nan, math.inf]), 5.0)
+    found = state.snapshot(5.0)
+    assert found["power"]["measured_power"] is None
+    assert found["flow"] is None
+    json.loads(json_text([found, state.history()]))
+
+
+def test_headline_and_registers(state):
+    state.take_registers(registers(3.6e6))
+    found = state.snapshot(0.0)
+    assert found["headline"]["cost"] == pytest.approx(0.5)
+    assert found["headline"]["co2"] == pytest.approx(0.4)
+    assert found["registers"]["measured_energy"] is None
+    assert [joint["name"] for joint in found["registers"]["joints"]] == list(JOINTS)
+    flow = found["energy_flow"]
+    assert flow["net"] * flow["unit"] == pytest.approx(1000.0)  # Wh
+
+
+def test_quality_bits_become_alarms_with_a_remedy(state):
+    bits = np.uint32(Quality.TEMPERATURE_STALE | Quality.EXTRAPOLATED)
+    state.take_power(power_states([1.0], [100.0], quality=bits), 5.0)
+    alarms = state.snapshot(5.0)["alarms"]
+    assert [alarm["name"] for alarm in alarms] == ["TEMPERATURE_STALE", "EXTRAPOLATED"]
+    assert all(alarm["remedy"] for alarm in alarms)
+
+
+def test_every_quality_bit_that_asks_for_something_has_a_remedy():
+    harmless = {Quality.ACCELERATION_INCOMPLETE}
+    assert set(QUALITY_REMEDIES) == set(Quality) - {Quality.OK} - harmless
+
+
+def test_findings_are_bounded_and_safe(state):
+    state.take_findings(
+        [PageFinding.of_status(2, f"n{k}: x", "\x1b[31m" * 2000, {"k": "\n"}) for k in range(500)]
+    )
+    found = state.snapshot(0.0)["findings"]
+    assert len(found) == 64
+    assert "\x1b" not in json_text(found)
+    assert PageFinding.of_status(99, "a", "b", {}).level == "ERROR"
+
+
+def test_phases_gather_time_and_energy(state):
+    phase = np.array([1, 1, 2, 3, 200], dtype=np.uint8)
+    state.take_power(power_states([0.1, 0.2, 0.3, 0.4, 0.5], 100.0, phase=phase), 0.0)
+    found = {row["name"]: row for row in state.snapshot(0.0)["phases"]}
+    assert found["HOLD"]["seconds"] == pytest.approx(0.2)
+    assert found["GENERATING"]["energy"] == pytest.approx(20.0)
+
+
+def test_malformed_and_huge_messages_change_nothing(state):
+    good = power_states([1.0], [100.0])
+    many = power_states([2.0], [50.0], names=tuple(f"j{k}" for k in range(200)))
+    cut = type(good)(
+        good.topic, good.msgtype, good.log_time_ns, good.buffer[:-40].copy(), good.offset,
+        good.length - 40,
+    )  # fmt: skip
+    state.take_power(good, 1.0)
+    before = state.snapshot(1.0)
+    state.take_power(many, 1.0)
+    state.take_power(cut, 1.0)
+    assert state.snapshot(1.0) == before
+
+
+def test_other_joints_replace_the_old_ones(state):
+    state.take_power(power_states([1.0], [100.0]), 1.0)
+    state.take_power(power_states([1.1], [100.0], names=("x", "y", "z")), 1.0)
+    assert [joint["name"] for joint in state.snapshot(1.0)["joints"]] == ["x", "y", "z"]
+
+
+def test_a_page_has_a_bounded_number_of_robots():
+    hub = PageHub("", PageSettings())
+    for number in range(MAX_ROBOTS + 5):
+        hub.robot(f"r{number}")
+    assert len(hub.robots) == MAX_ROBOTS
+
+
+def test_a_recording_shows_the_totals_of_its_replay():
+    page, result = recorded()
+    robot = page.state()["robots"][0]
+    cabinet = result.ledger.registers.cabinet
+    assert robot["registers"]["predicted_import_energy"] == cabinet("grid_import")
+    assert robot["registers"]["brake_energy"] == cabinet("brake")
+    assert robot["registers"]["measured_energy"] == result.ledger.comparison.measured_energy
+    assert robot["meter"] == "GRID"
+    span = robot["spans"]["all"]
+    assert span["energy"] == pytest.approx(cabinet("grid_import"), rel=1e-9)
+    assert sum(phase["energy"] for phase in robot["phases"]) == pytest.approx(
+        span["energy"], rel=1e-6
+    )
+    assert not robot["power"]["stale"]
+    assert robot["joints"][0]["temperature_source"] == "MEASURED"
+    flow = robot["energy_flow"]
+    assert flow["net"] * flow["unit"] * 3600 == pytest.approx(cabinet("grid_import"), abs=36.0)

@@ -1,0 +1,46 @@
+"""What a report says of a test: by the meter, by torque without one, or not at all."""
+
+import numpy as np
+import pytest
+
+from robot_energy.identify.stats import held_out_energy as parts
+from robot_energy.report.formats import grouped
+from robot_energy.report.held_out import verdict
+
+NONE = np.empty((0, 1))
+
+
+def without_meter(new: float, shaft: float = 10.0) -> parts.HeldOutEnergy:
+    nan = float("nan")
+    predictions = {
+        stage: parts.HeldOutPrediction((), 0.0, nan, 9.0, error, NONE)
+        for stage, error in (("given", 0.3), ("friction", new))
+    }
+    entry = parts.Tested("bag", 0.0, nan, shaft, predictions, 0, None, NONE[:, 0], NONE, (), 0.0)
+    return parts.HeldOutEnergy("test", ("given", "friction"), (entry,))
+
+
+def test_no_test_is_said_as_asked():
+    text, better = verdict(None)
+    assert "--no-test" in text
+    assert "meter" not in text
+    assert not better
+
+
+@pytest.mark.parametrize(("new", "better"), [(0.1, True), (0.4, False)])
+def test_without_a_meter_the_torque_decides(new, better):
+    text, said = verdict(without_meter(new))
+    assert said is better
+    assert f"30.0 % as given, {100 * new:.1f} % new" in text
+    assert ("not better" in text) is not better
+
+
+def test_without_meter_and_torque_nothing_is_claimed():
+    text, better = verdict(without_meter(0.1, shaft=float("nan")))
+    assert "record the meter's topic" in text
+    assert not better
+
+
+def test_notes_of_several_axes_become_one():
+    notes = ["a1: too slow", "a2: too slow", "a2: at the bound", "no meter"]
+    assert grouped(notes) == ["a1, a2: too slow", "a2: at the bound", "no meter"]
