@@ -35,7 +35,7 @@ TYPES = {
     DIAGNOSTICS: "diagnostic_msgs/msg/DiagnosticArray",
     **{topic: f"ros2_energy_msgs/msg/{kind}" for topic, kind, _, _ in TOPICS},
 }
-RATE, POWER_RATE = 50.0, 10.0  # of joint states and of energy/power [1/s]
+RATE, POWER_RATE = 50.0, 12.5  # of joint states and of energy/power [1/s]
 LINK, MASS = "flange", 5.0  # of the payload that is set [kg]
 PATIENCE = 60.0  # for the first message of every topic [s]
 

@@ -106,7 +106,7 @@ def test_every_path_of_every_layout_leads_to_a_number_of_the_bag(folder, message
 def test_the_bag_has_all_topics_and_was_simulated(messages):
     named = {topic for topic, _, _, _ in plots_module.TOPICS}
     assert set(messages) == named | {plots_module.JOINT_STATES, plots_module.DIAGNOSTICS}
-    assert messages["/energy/payload"].mass == 5.0
+    assert messages["/energy/payload"].inertia.m == 5.0
     assert "simulated" in (BAG / "metadata.yaml").read_text()
 
 
