@@ -19,10 +19,10 @@ setup:  ## Python environment with ROS 2 Jazzy, and the three packages built
 demo: prepare  ## a virtual robot with its energy monitor
 	@$(in_environment) python -m ros2_energy_monitor demo
 
-test: prepare  ## format, lint, types, all tests
+test: prepare build/robots/pins  ## format, lint, types, all tests
 	@$(in_environment) python .ci/check.py
 
-coverage: prepare  ## the share of the whole library that its tests run; as long as the tests twice
+coverage: prepare build/robots/pins  ## the share of the whole library that its tests run; as long as the tests twice
 	@$(in_environment) python .ci/check.py --coverage
 
 lint: prepare  ## format, lint and types only
@@ -51,6 +51,10 @@ soak: prepare  ## runs that take long: a simulated month, load, fuzzing, bit rot
 
 clean:  ## remove all that set-up and tests made
 	rm -rf .venv build install log
+
+# URDFs of robots for one test; made again when their pins change.
+build/robots/pins: .ci/requirements-robots.txt | prepare
+	@$(in_environment) pip install --quiet --disable-pip-version-check --no-input --no-deps --require-hashes --upgrade --target build/robots -r $< && cp $< $@
 
 .PHONY: prepare
 prepare:

@@ -1,4 +1,4 @@
-"""What a command prints as tables, to be set again at any width of the terminal."""
+"""What a command prints, to be set again at any width of the terminal."""
 
 from __future__ import annotations
 
@@ -12,8 +12,12 @@ import pytest
 from rich.console import Console, Group
 
 from robot_energy.report import layout, printing
+from robot_energy.report.document import Document, Illustration, Table, Text
+from robot_energy.report.formats import typeset
+from robot_energy.shown_text import shown_lines
 
 WIDTHS = range(20, 201)
+TERMINALS = (60, 80, 200)  # columns
 
 
 @contextmanager
@@ -44,3 +48,38 @@ def lost(
     return (
         Counter(" ".join((*columns, *(c for r in rows for c in r), *(total or ()))).split()) - shown
     )
+
+
+@contextmanager
+def recorded_documents() -> Iterator[list[Document]]:
+    """Collect every document that is printed meanwhile."""
+    found: list[Document] = []
+    print_document = printing.print_document
+
+    def record(document: Document, console: Console) -> None:
+        found.append(document)
+        print_document(document, console)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(printing, "print_document", record)
+        yield found
+
+
+def lost_figures(document: Document, width: int, terminal: bool) -> Counter[str]:
+    """Words with digits that a terminal or a pipe of this width does not show whole."""
+    stream = io.StringIO()
+    console = Console(file=stream, width=width, force_terminal=terminal, color_system=None)
+    printing.print_document(document, console)
+    texts: list[str] = []
+    for part in document.shown("terminal"):
+        match part:
+            case Table(title, columns, rows, total):
+                texts += [title, *columns, *(cell for row in rows for cell in row), *(total or ())]
+            case Text(text, kind) if kind != "command":
+                texts.append(text)
+            case Text() | Illustration():
+                pass
+    sign = typeset if terminal else str
+    wanted = Counter(word for text in texts for word in sign(shown_lines(text)).split())
+    lost = wanted - Counter(stream.getvalue().split())
+    return Counter({word: count for word, count in lost.items() if any(map(str.isdigit, word))})

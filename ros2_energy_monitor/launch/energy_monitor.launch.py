@@ -53,6 +53,7 @@ ARGUMENTS = {  # name: default, what it is
     "separate": ("false", "Whether to start three processes"),
     "respawn": ("false", "Whether to restart what ends"),
     "virtual": ("false", "Whether to start a virtual robot"),
+    "dashboard": ("false", "Whether to serve the energy page of all robots"),
     "autostart": (AS_CONFIGURED, "Whether the nodes configure and activate themselves"),
     "params_file": ("", "Parameter file that is read after those of this package"),
     "state_folder": (AS_CONFIGURED, "Folder that keeps the registers; empty keeps nothing"),
@@ -64,7 +65,7 @@ ARGUMENTS = {  # name: default, what it is
     "log_level": ("info", "debug, info, warn, error or fatal"),
 }
 CHOICES = {  # of those that take no free text
-    **dict.fromkeys(("separate", "respawn", "virtual", "use_sim_time"), BOOLEANS),
+    **dict.fromkeys(("separate", "respawn", "virtual", "dashboard", "use_sim_time"), BOOLEANS),
     "autostart": [AS_CONFIGURED, *BOOLEANS],
     "effort": [AS_CONFIGURED, *(str(meaning) for meaning in EffortMeaning)],
     "log_level": LEVELS,
@@ -149,6 +150,17 @@ def monitors(context) -> list[Node]:
                 output="screen",
                 respawn=is_true(value["respawn"]),
                 respawn_delay=RESPAWN_DELAY,
+            )
+        )
+    if is_true(value["dashboard"]):
+        name = "energy_dashboard"
+        nodes.append(
+            Node(
+                package=PACKAGE,
+                executable=name,
+                name=name,
+                parameters=[share("config", f"{name}.yaml"), *further],
+                output="screen",
             )
         )
     return nodes

@@ -4,6 +4,7 @@ import io
 import math
 
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rich.console import Console
 from ros2_energy_msgs.msg import EnergyRegisters, JointPower, PowerState
 
@@ -88,6 +89,19 @@ def test_without_a_meter_nothing_is_compared():
     board.registers = EnergyRegisters(predicted_energy_at_meter=math.nan, measured_energy=math.nan)
     assert ["power", "[W]", "-", "-", "-", "-"] in words(board)
     assert "measured" not in board.line(0.0)
+
+
+def test_before_the_first_power_a_healthy_start_is_no_trouble():
+    """What monitors miss in their first seconds is shown only when no power follows."""
+    board = ConsoleView()
+    assert board.line(100.0) == "waiting for the first power state"
+    assert "no monitor is heard: start one" in board.line(106.0)
+    name, text = "energy_monitor: joint states", "start the driver: no joint state"
+    status = DiagnosticStatus(name=name, message=text, level=DiagnosticStatus.ERROR)
+    board.take_diagnostics(DiagnosticArray(status=[status]))
+    assert board.line(106.0) == f"no power state yet; {name}: {text}"
+    board.take_power(state(), 107.0)
+    assert board.line(107.0).startswith("from the grid")
 
 
 def test_no_figure_is_cut_at_any_width(board):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -63,6 +64,12 @@ def test_demo_runs_through(child_environment, bags, tmp_path):
     assert "kr16_warm" in output
     for name in ("kr16_cold", "kr16_warm"):
         assert (out / f"{name}.png").read_bytes().startswith(b"\x89PNG")
+    page = (out / "energy_page.html").read_text()
+    assert "<!DOCTYPE html>" in page
+    assert "joint_a1" in page
+    if shutil.which("chromium"):
+        assert (out / "energy_page.png").read_bytes().startswith(b"\x89PNG")
+    assert "Energy page while it runs: http://127.0.0.1:" in output
     assert not processes_of_session(process.pid)
 
 
@@ -73,7 +80,7 @@ def test_interrupted_demo_leaves_nothing_running(child_environment, bags, tmp_pa
         for line in process.stdout:
             if line.startswith("from the grid"):
                 break
-        assert len(processes_of_session(process.pid)) == 5
+        assert len(processes_of_session(process.pid)) == 6
         os.killpg(process.pid, signal.SIGINT)
         output, _ = process.communicate(timeout=LIMIT)
     finally:

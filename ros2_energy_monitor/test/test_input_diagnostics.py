@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+from functools import partial
 
 import pytest
 import rclpy
@@ -11,17 +12,19 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.context import Context
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
-from ros2_energy_msgs.msg import JointFriction, JointTorque
+from ros2_energy_msgs.msg import JointFriction, JointTorque, MotorTemperatures
 from sensor_msgs.msg import JointState, Temperature
 
 from robot_energy.inputs.rejection_log import RejectionLog
 from ros2_energy_monitor.base.inbox import Inbox
 from ros2_energy_monitor.base.publishers import best_effort, latched, reliable
 from ros2_energy_monitor.diagnostics.inputs import ABSENT_REPORTS, InputWatch, accounting
-from ros2_energy_monitor.diagnostics.reporter import StatusBuilder
+from ros2_energy_monitor.diagnostics.reporter import ERROR, WARN, StatusBuilder, _text
+from ros2_energy_monitor.nodes.friction_monitor import FrictionMonitor
 from ros2_energy_monitor.nodes.torque_monitor import TorqueMonitor
 
 NAME = "torque_monitor: joint states"
+JOINTS = [f"joint_a{axis}" for axis in range(1, 7)]
 RELIABLE, BEST_EFFORT = ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT
 VOLATILE, KEPT = DurabilityPolicy.VOLATILE, DurabilityPolicy.TRANSIENT_LOCAL
 NO_RELIABLE = "best effort publisher and reliable subscription"
@@ -44,7 +47,7 @@ def test_quality_of_service_that_does_not_fit_is_named(
     bench, asked, reliability, durability, reason
 ):
     inbox = Inbox(bench.tester, JointState, "states", asked)
-    watch = InputWatch("joint state", inbox, RejectionLog(), 1.0)
+    watch = InputWatch("joint state", inbox, RejectionLog(), lambda: 1.0)
     watch.check(StatusBuilder("before"))  # has looked at the graph: the event must tell it to look
     offered = QoSProfile(depth=5, reliability=reliability, durability=durability)
     publisher = bench.tester.create_publisher(JointState, "states", offered)
@@ -76,7 +79,7 @@ def test_a_topic_of_another_type_is_named(bench, monkeypatch):
     inbox = Inbox(nodes[0], JointState, "states", best_effort(5))
     publisher = nodes[1].create_publisher(Temperature, "states", 5)
     bench.spin_until(lambda: nodes[0].count_publishers("states"), "the publisher")
-    watch = InputWatch("joint state", inbox, RejectionLog(), 1.0)
+    watch = InputWatch("joint state", inbox, RejectionLog(), lambda: 1.0)
 
     def judged() -> StatusBuilder:
         found = StatusBuilder("joint states")
@@ -152,7 +155,7 @@ def test_all_findings_stand_in_one_sentence_the_worst_first():
 
 def test_an_absent_input_that_is_not_needed_is_a_note_and_once_in_the_log(bench):
     inbox = Inbox(bench.tester, JointState, "cell1/meter", best_effort(5))
-    watch = InputWatch("meter reading", inbox, RejectionLog(), 1.0, needed=False)
+    watch = InputWatch("meter reading", inbox, RejectionLog(), lambda: 1.0, needed=False)
     sentence = "no publisher on /cell1/meter: prediction only"
     for number in range(1, ABSENT_REPORTS + 3):
         found = StatusBuilder("energy")
@@ -184,3 +187,37 @@ def test_the_counts_that_are_published_add_up():
     values = accounting(account, "states.")
     assert values.pop("states.received") == sum(values.values()) == 7
     assert values["states.waiting"] == 2
+
+
+def test_a_temperature_topic_without_publisher_is_named_as_it_is_resolved(bench):
+    sources = {
+        "temperature_sources": ["arm", "wrist"],
+        "arm.topic": "arm",
+        "wrist.topic": "wrist/degc",
+        "wrist.joints": ["joint_a6"],
+        "arm.joints": JOINTS[:5],
+    }
+    node = bench.add(partial(FrictionMonitor, namespace="cell"), model="kr16", **sources)
+    diagnosed, name = bench.diagnosed(), "cell/friction_monitor: motor temperatures"
+    diagnosed.wait(name, "no motor temperature has arrived on /cell/arm, /cell/wrist/degc")
+    publisher = bench.publisher(MotorTemperatures, "cell/arm")
+    message = MotorTemperatures(joint_names=JOINTS[:5], temperature_degc=[30.0] * 5)
+    message.header.stamp.sec = 1_700_000_000
+    publisher.publish(message)
+    status = diagnosed.wait(name, "no motor temperature of joint_a6 on /cell/wrist/degc")
+    assert status.level == DiagnosticStatus.WARN
+    assert node.get_namespace() == "/cell"
+
+
+def test_what_to_do_stands_within_what_is_shown_of_a_text():
+    """`ros2 topic echo` cuts texts beyond 128 characters."""
+    found = StatusBuilder("inputs")
+    found.add(WARN, "x" * 500, "look at the network")
+    found.add(ERROR, "y" * 500, "start the driver or set joint_states.topics")
+    assert found.message[:128].startswith("start the driver or set joint_states.topics: yyy")
+
+
+@pytest.mark.parametrize("value", [154_104_832.5, 1.5e6, 0.25, 12_345.678])
+def test_numbers_of_people_have_no_exponent(value):
+    assert "e" not in _text(value)
+    assert float(_text(value)) == pytest.approx(value, rel=1e-5)

@@ -94,6 +94,13 @@ def test_the_monitor_runs_in_one_process_or_in_three(describe):
     ]
 
 
+def test_the_dashboard_is_started_where_it_is_asked_for(describe):
+    made = nodes_of(describe(FILES[0], dashboard="true", namespace="left", params_file="my.yaml"))
+    assert list(made) == ["energy_monitor", "energy_dashboard"]
+    assert made["energy_dashboard"].options["parameters"][1:] == ["my.yaml"]
+    assert "namespace" not in made["energy_dashboard"].options  # one page for all robots
+
+
 def nodes_of(made: list[Recorded]) -> dict[str, Recorded]:
     return {one.options["executable"]: one for one in made if one.kind == "Node"}
 
@@ -192,7 +199,8 @@ def test_topics_reach_the_nodes_that_read_them_and_the_virtual_robot(describe):
 def test_arguments_without_free_text_have_choices(describe):
     choices = choices_of(describe(FILES[0]))
     assert set(choices) == {
-        "separate", "respawn", "virtual", "use_sim_time", "autostart", "effort", "log_level",
+        "separate", "respawn", "virtual", "dashboard", "use_sim_time", "autostart", "effort",
+        "log_level",
     }  # fmt: skip
     assert "joint_torque" in choices["effort"]
     assert "yes" not in choices["use_sim_time"]

@@ -144,7 +144,7 @@ def test_presets_of_robots_are_accepted_and_mean_the_same_as_in_a_replay(bench, 
 def test_descriptors_are_complete_and_read_only(bench):
     node = bench.add(Any, model="kr16")
     descriptor = node.describe_parameter("tick_rate")
-    assert descriptor.read_only
+    assert descriptor.read_only  # as for nodes without a life cycle
     assert "[1/s]" in descriptor.description
     assert descriptor.floating_point_range[0].to_value == 1000.0
     assert not node.set_parameters([Parameter("tick_rate", value=20.0)])[0].successful

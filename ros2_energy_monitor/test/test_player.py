@@ -36,7 +36,9 @@ def play(bench, bag: Path, topics=None) -> tuple[Player, float]:
         return True
 
     begin = time.monotonic()
-    player.play(pause)
+    lines: list[str] = []
+    player.play(pause, lines.append)
+    assert [int(line.split("%")[0]) // 10 for line in lines] == list(range(1, 11))
     return player, time.monotonic() - begin
 
 

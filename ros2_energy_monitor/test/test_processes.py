@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import re
 import signal
 import subprocess
@@ -11,6 +12,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+
+from ros2_energy_monitor.executables import EXECUTABLES
 
 LIMIT = 30.0  # s; then the process is killed and the test fails
 MONITORS = ["torque_monitor", "friction_monitor", "power_monitor", "energy_monitor"]
@@ -60,6 +63,15 @@ def test_a_signal_ends_a_monitor_cleanly(start, name, number):
     output, _ = process.communicate(timeout=LIMIT)
     assert process.returncode == 0, output
     assert "Traceback" not in output
+
+
+@pytest.mark.parametrize("name", [*MONITORS, "virtual_robot", "console"])
+def test_help_says_what_a_node_does_and_starts_nothing(name, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", [name, "--help"])
+    assert importlib.import_module(EXECUTABLES[name]).main() == 0
+    output = capsys.readouterr().out
+    assert f"usage: ros2 run ros2_energy_monitor {name} --ros-args" in output
+    assert output.splitlines()[0].endswith(".")
 
 
 @pytest.mark.parametrize("name", ["energy_monitor", "virtual_robot"])

@@ -304,7 +304,7 @@ def test_files_that_cannot_be_used_are_told(bench, tmp_path):
 HOSTILE = ["x" * 3_000_000, "a\n[ERROR] forged", "\x1b[2J", "", " ", "\U0001f916" * 300, "a\u2028b"]
 
 
-def test_a_barrage_of_strings_and_numbers_changes_nothing(bench, messages, tmp_path):
+def test_a_barrage_of_strings_and_numbers_changes_nothing(bench, messages, tmp_path, capfd):
     """Refused in one short line each; the registers go on and can be read back."""
     node = start(bench, tmp_path)
     publisher = bench.publisher(JointState, "joint_states")
@@ -329,6 +329,8 @@ def test_a_barrage_of_strings_and_numbers_changes_nothing(bench, messages, tmp_p
     assert all(answer.message.isprintable() for answer in answers)
     assert max(len(answer.message) for answer in answers) < 5000
     assert node.ledger.totals() == before
+    logged = capfd.readouterr().err
+    assert logged.count("[WARN]") >= len(answers)  # a refusal is no news of a healthy node
     widest = "\U0001f916" * 100
     assert call(bench, node, OpenInterval, "open_interval", name=widest).persisted
     assert call(bench, node, ResetRegisters, "reset_registers", reason=2 * widest).persisted

@@ -17,7 +17,7 @@ class Steps:
 
     Args:
         count: Number of jobs.
-        progress: Called with the share done, 0 to 1; None: nobody is.
+        progress: Called with the share done, 0 to 1; None for no report.
         share: What all jobs together are of the work. [-]
     """
 
@@ -74,7 +74,7 @@ def job_pool(
 
     try:
         yield later
-    except BaseException:  # nobody waits half a minute for results that nobody wants
+    except BaseException:  # the results of running jobs are not needed any more
         pool.shutdown(wait=False, cancel_futures=True)
         for child in set(active_children()) - others:
             child.terminate()

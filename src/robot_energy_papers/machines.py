@@ -1,7 +1,7 @@
 """The wall of paper B printed by its three machines: energy, and where it goes.
 
-The shipped models predict (nobody has the machines), through the stages of the monitor. One layer
-is played on the virtual rigs as well, whose friction and losses are others.
+The shipped models predict (the machines are not available), through the stages of the monitor.
+One layer is played on the virtual rigs as well, whose friction and losses are others.
 """
 
 from __future__ import annotations

@@ -265,7 +265,7 @@ def _machine(key: str, scale: PaperBStudySize, seed: int) -> MachineResult:
     layer, curve = predicted(model, single)
     rig, _ = played(machine, single, seed)
     heights = (layer,) * len(scale.heights)
-    if scale.layers or key == ARM:  # the other machines do not know the height (full form)
+    if scale.layers or key == ARM:  # heights matter to the arm only (full form)
         heights = tuple(
             predicted(model, wall_motion(machine, height=height))[0] for height in scale.heights
         )

@@ -41,7 +41,7 @@ MODULES = {
     "robot_energy.cli": """
         check completion export identify identify_all identify_cabinet identify_drives
         identify_dynamics identify_excitation identify_friction identify_inputs
-        import_logs info kinds layouts main memory models numbers page predict replay
+        import_logs info kinds layouts main memory models monitoring numbers page predict replay
         replay_options report robots schema simulate stopping terminal test
     """,
     "robot_energy.files": """
@@ -106,7 +106,7 @@ MODULES = {
     """,
     "robot_energy.page": """
         access alarms energy_flow event_stream history hub job_rows json_numbers messages
-        metrics recording robot_state saved_page settings web_app web_server
+        metrics monitoring recording robot_state saved_page settings web_app web_server
     """,
     "robot_energy.physics": """
         cabinet derivative drive drivetrain effort effort_check equations friction
@@ -124,9 +124,9 @@ MODULES = {
     """,
     "robot_energy.report": """
         canvas document drives dynamics efficiency_figure energy energy_figure
-        evaluation excitation formats friction_figure held_out html identification identify_all
-        kinds layout model parameters power_figure prediction prediction_figure printing
-        replay series temperature_figure torque_figure
+        evaluation excitation flow_figure formats friction_figure held_out html
+        identification identify_all kinds layout model parameters power_figure
+        prediction prediction_figure printing replay series temperature_figure torque_figure
     """,
     "robot_energy.results": """
         base check drives dynamics energy evaluation excitation identification model
@@ -172,9 +172,7 @@ LAYERS = (
     ("robot_energy_papers",),
 )
 # Nothing online imports these.
-OFFLINE = (
-    "identify", "report", "rig", "motion", "cli", "starter", "check", "page", "layouts",
-)  # fmt: skip
+OFFLINE = ("identify", "report", "rig", "motion", "cli", "starter", "check", "page", "layouts")
 ONLINE = ("pipeline", "inputs", "messages", "accounting", "store", "timeline", "cdr")
 FOREIGN = {
     "ament_index_python", "builtin_interfaces", "control_msgs", "diagnostic_msgs",

@@ -100,7 +100,16 @@ class Checkpoints:
         self.store.open(OPENING)
         self._log_news()
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._node.create_timer(self._period, self._begin, clock=steady)
+        self._timer = self._node.create_timer(self._period, self._begin, clock=steady)
+
+    def change_period(self, period: float) -> None:
+        """Change how often the registers are kept.
+
+        Args:
+            period: Between two checkpoints. [s]
+        """
+        self._period = period
+        self._timer.timer_period_ns = round(period * 1e9)
 
     def poll(self) -> None:
         """Publish the registers of a checkpoint that has been finished; call every tick."""
@@ -152,20 +161,22 @@ class Checkpoints:
         found.values |= {
             "sequence": store.sequence,
             "checkpoints": store.checkpoints,
-            "checkpoint_age": math.nan if self._done is None else now - self._done,
+            "checkpoint_age_s": math.nan if self._done is None else now - self._done,
             "checkpoint_failures": store.failures,
-            "checkpoint_duration_p50": float(np.quantile(durations, 0.5)),
-            "checkpoint_duration_p99": float(np.quantile(durations, 0.99)),
+            "checkpoint_duration_p50_s": float(np.quantile(durations, 0.5)),
+            "checkpoint_duration_p99_s": float(np.quantile(durations, 0.99)),
             "restarts": self._ledger.restarts,
             "samples_repeated": self._ledger.repeated,
             "intervals_open": self._ledger.intervals.open_count,
         }
         if waiting > LATE_PERIODS * self._period:
             found.add(
-                ERROR, f"a checkpoint in {store.folder} has been under way for {waiting:.1f} s"
+                ERROR,
+                f"a checkpoint in {store.folder} has been under way for {waiting:.1f} s",
+                "look at the disk",
             )
         elif store.trouble:
-            found.add(ERROR, store.trouble.rstrip("."))
+            found.add(ERROR, store.trouble.rstrip("."), store.remedy)
         if self._warning:
             found.add(WARN, self._warning.rstrip("."))
         if store.adopted:

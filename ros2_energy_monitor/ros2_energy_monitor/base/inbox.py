@@ -170,6 +170,15 @@ class Inbox:
             account.received += len(batch)
             account.reject(INACTIVE, len(batch))
 
+    def renew_after(self, seconds: float) -> None:
+        """Change the silence after which to subscribe again, where there is one.
+
+        Args:
+            seconds: The silence. [s]
+        """
+        if self._revival is not None:
+            self._revival = ResubscribePolicy(seconds)
+
     def resubscribe_if_silent(self) -> None:
         """Subscribe again if it is time for that; called about once a second."""
         if self._revival is None:

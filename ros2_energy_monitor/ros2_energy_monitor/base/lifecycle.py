@@ -36,6 +36,8 @@ class ManagedNode(LifecycleNode, ABC):
 
     Attributes:
         active: Whether the node counts and publishes.
+        outdated: Whether parameters have changed since it was configured; activate configures
+            it again then.
         guard: Catches what timers, services, subscriptions and inputs raise.
         bad_clocks: Messages of ``/clock`` left out, as their time is no stamp.
     """
@@ -45,6 +47,7 @@ class ManagedNode(LifecycleNode, ABC):
         self.bad_clocks = 0
         super().__init__(name, **options)
         self.active = False
+        self.outdated = False
         self._is_configured = False
         self._starting = False
         self._autostart_pending = False
@@ -161,6 +164,7 @@ class ManagedNode(LifecycleNode, ABC):
 
         def configure() -> None:
             self._is_configured = True
+            self.outdated = False
             self.configure()
 
         result = self._run("configured", configure)
@@ -172,10 +176,19 @@ class ManagedNode(LifecycleNode, ABC):
         """Start to work; as in `rclpy.lifecycle.LifecycleNode.on_activate`."""
 
         def activate() -> None:
+            if self.outdated:
+                pending = self._autostart_pending
+                self._release_all()
+                self._is_configured = True
+                self.configure()
+                self.outdated, self._autostart_pending = False, pending
             self.activate()
             self.active = True
 
-        return self._run("activated", activate)
+        result = self._run("activated", activate)
+        if result == REFUSED and self.outdated:  # the next activate configures again
+            self._release_all()
+        return result
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Publish what waits and stop; as in `rclpy.lifecycle.LifecycleNode.on_deactivate`."""

@@ -1,4 +1,4 @@
-"""Definitions of messages as they are installed, for types that the library does not know."""
+"""Definitions of messages as they are installed, for types that are unknown to the library."""
 
 from __future__ import annotations
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from functools import partial
 from typing import Any, ClassVar, Generic, TypeVar
 
@@ -12,7 +13,12 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 
 from robot_energy.cdr.batch import RawBatch
-from robot_energy.errors import RobotDescriptionError, RobotEnergyError, UrdfAwaitedError
+from robot_energy.errors import (
+    ParameterError,
+    RobotDescriptionError,
+    RobotEnergyError,
+    UrdfAwaitedError,
+)
 from robot_energy.inputs.rejection_log import RejectionLog
 from robot_energy.model import RobotModel, load
 from robot_energy.physics.rigid_body import Robot
@@ -21,7 +27,8 @@ from robot_energy.timeline.gaps import StampOrder
 from ros2_energy_monitor.base.entities import EntitySnapshot
 from ros2_energy_monitor.base.inbox import Inbox
 from ros2_energy_monitor.base.lifecycle import ManagedNode
-from ros2_energy_monitor.base.parameters import Common, declare, parameter_lines
+from ros2_energy_monitor.base.parameter_changes import AT_START, ParameterChanges
+from ros2_energy_monitor.base.parameters import Common, declare, parameter_lines, reread
 from ros2_energy_monitor.base.robot_description import AwaitedDescription, ComparedDescription
 from ros2_energy_monitor.base.tick_statistics import TickStatistics
 from ros2_energy_monitor.diagnostics.node import NodeWatch
@@ -72,14 +79,17 @@ class MonitorNode(ManagedNode, Generic[P]):
         self.sources: list[Source] = []
         self._description: AwaitedDescription | ComparedDescription | None = None
         self.exit_stack = ExitStack()
-        self._inventory = ""
+        self._inventory: list[str] = []
         try:
-            self.parameters = declare(self, parameters_type)
+            self.parameters = declare(self, parameters_type, AT_START)
+            self._parameters_type = parameters_type
+            _, self._entries = reread(self, parameters_type)
             self._steady = Clock(clock_type=ClockType.STEADY_TIME)
             self._reporter = Reporter(self)
             self._tick_statistics = TickStatistics(1.0 / self.parameters.tick_rate)
             self._watch = NodeWatch(self, self._tick_statistics, self.UNIQUE_TOPIC)
             self.create_timer(REPORT_PERIOD, self._report, clock=self._steady)
+            ParameterChanges(self, lambda: self._entries, self._parameters_changed)
             self.autostart(enabled=self.parameters.autostart)
         except Exception:
             self.destroy_node()
@@ -98,6 +108,7 @@ class MonitorNode(ManagedNode, Generic[P]):
 
     def configure(self) -> None:
         """Read the model, set up and start to drain, as soon as the robot is described."""
+        self.parameters, self._entries = reread(self, self._parameters_type)
         name = self.parameters.model
         try:
             model = load(name)
@@ -128,17 +139,40 @@ class MonitorNode(ManagedNode, Generic[P]):
         robot = self.model.robot
         self.get_logger().info(f"{shown(robot.type)}, model {self._model_id}, is monitored")
 
+    def _parameters_changed(self, names: Sequence[str]) -> None:
+        """Let what can change at once count now, and the rest from the next start on."""
+        if not self.active:
+            self.outdated = True
+            try:  # what a new group has is declared, so that it can be set next
+                _, self._entries = reread(self, self._parameters_type)
+            except ParameterError:
+                return  # said by configure, if it is still so then
+            return
+        values = {name: self.get_parameter(name).value for name in names}
+        self.parameters = replace(self.parameters, **values)
+        self.parameters_changed()
+
+    def parameters_changed(self) -> None:
+        """Use the parameters that can change while active."""
+        for inbox, _ in self.inputs:
+            inbox.renew_after(self.parameters.resubscribe_after)
+
     def log_inventory(self, robot: Robot) -> None:
         """Log what of the robot is modelled and what is not, unless it was logged before.
 
         Args:
             robot: The robot as its URDF describes it.
         """
-        lines = ["the joints:", *robot.inventory.sentences()]
-        text = "\n".join(shown(line, MAX_LINE) for line in lines)
-        if text != self._inventory:
-            self._inventory = text
-            self.get_logger().info(text)
+        lines = [shown(line, MAX_LINE) for line in robot.inventory.sentences()]
+        if lines != self._inventory:
+            self._inventory = lines
+            joints = robot.inventory.joints
+            modelled = ", ".join(joint.name for joint in joints if joint.modelled)
+            locked = ", ".join(joint.name for joint in joints if not joint.modelled)
+            text = f"models {modelled}" + (f"; does not model {locked}" if locked else "")
+            self.get_logger().info(shown(text, MAX_LINE))
+            for line in lines:
+                self.get_logger().debug(line)
 
     def deactivate(self) -> None:
         """Take and publish what still waits."""
@@ -168,6 +202,7 @@ class MonitorNode(ManagedNode, Generic[P]):
 
     def _set_up(self, model: RobotModel) -> None:
         self.model, self._model_id = model, model.model_id
+        self._hardware_id = hardware_id(model, self.get_namespace())
         self.set_up()
         for line in parameter_lines(self):
             self.get_logger().debug(line)
@@ -192,7 +227,7 @@ class MonitorNode(ManagedNode, Generic[P]):
             node = StatusBuilder("node")
             self.guard.check(node)
         statuses = [node, *(found for found in sources if found is not None)]
-        self._reporter.publish(statuses, hardware_id(self.model) if self.sources else "")
+        self._reporter.publish(statuses, self._hardware_id if self.sources else "")
 
     def drain(self, inboxes: Sequence[Inbox]) -> list[RawBatch]:
         """Take the messages that wait.
@@ -211,11 +246,16 @@ class MonitorNode(ManagedNode, Generic[P]):
             self.guard.run(f"queue.{inbox.topic}", partial(inbox.discard, account))
 
 
-def hardware_id(model: RobotModel) -> str:
-    """Return type and serial number of the robot: what differs between two robots of a type.
+def hardware_id(model: RobotModel, namespace: str) -> str:
+    """Return what differs between two robots of a type.
 
     Args:
-        model: The robot's model.
+        model: Model of the robot.
+        namespace: Namespace of the node.
+
+    Returns:
+        Type, serial number and, unless it is the root, the namespace.
     """
     robot = model.robot
-    return " ".join(shown(part) for part in (robot.type, robot.serial) if part)
+    place = f"({namespace})" if namespace.strip("/") else ""
+    return " ".join(shown(part) for part in (robot.type, robot.serial, place) if part)

@@ -1,12 +1,14 @@
 """Parameters of the nodes: one frozen dataclass each, declared with type, range and meaning.
 
-All are read-only: a running monitor does not change what its figures mean.
+Those of a node with a life cycle can be changed, see `base.parameter_changes`; all others are
+read-only.
 """
 
 from __future__ import annotations
 
 import difflib
 import sys
+from collections.abc import Collection
 from dataclasses import MISSING, dataclass
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
@@ -209,7 +211,7 @@ class DashboardParameters:
     )
 
 
-def declare(node: Node, cls: type[P]) -> P:
+def declare(node: Node, cls: type[P], fixed: Collection[str] | None = None) -> P:
     """Declare the parameters of a node and return their values.
 
     Unknown overrides are logged as a warning, with the name that was probably meant, and so
@@ -219,6 +221,7 @@ def declare(node: Node, cls: type[P]) -> P:
     Args:
         node: The node.
         cls: Dataclass of its parameters.
+        fixed: Parameters that are read-only; None for all.
 
     Returns:
         The values.
@@ -235,7 +238,7 @@ def declare(node: Node, cls: type[P]) -> P:
 
     def value_of(entry: Parameter) -> Any:
         names.append(entry.name)
-        return _declare_one(node, entry, given)
+        return _declare_one(node, entry, given, read_only=fixed is None or entry.name in fixed)
 
     values = assemble(cls, value_of, node.get_name())
     refuse_renamed(given, names, node.get_name())
@@ -273,7 +276,9 @@ def parameter_lines(node: Node) -> list[str]:
     return [shown_lines(", ".join(entries)) for entries in groups.values()]
 
 
-def _declare_one(node: Node, entry: Parameter, given: dict[str, RosParameter]) -> Any:
+def _declare_one(
+    node: Node, entry: Parameter, given: dict[str, RosParameter], *, read_only: bool
+) -> Any:
     name, override = entry.name, given.get(entry.name)
     if entry.kind is float and override is not None and override.type_ == TYPES[int]:
         given[name] = RosParameter(name, value=float(cast(int, override.value)))  # 50 for 50.0
@@ -289,7 +294,7 @@ def _declare_one(node: Node, entry: Parameter, given: dict[str, RosParameter]) -
         f"add it to the parameter file or start with -p {name}:=...",
     )
     try:
-        node.declare_parameter(name, _start(entry), _descriptor(entry))
+        node.declare_parameter(name, _start(entry), _descriptor(entry, read_only=read_only))
         value: Any = node.get_parameter(name).value
     except ParameterUninitializedException:
         raise missing from None
@@ -303,6 +308,32 @@ def _declare_one(node: Node, entry: Parameter, given: dict[str, RosParameter]) -
     return entry.check([] if value is None else value, node.get_name())
 
 
+def reread(node: Node, cls: type[P]) -> tuple[P, dict[str, Parameter]]:
+    """Return the values that the parameters of a node have now, those of new groups declared.
+
+    Args:
+        node: The node, which has declared the parameters of the class.
+        cls: Dataclass of its parameters.
+
+    Returns:
+        The values, and every parameter by name.
+
+    Raises:
+        ParameterError: If values do not fit together.
+    """
+    given = cast("dict[str, RosParameter]", getattr(node, "_parameter_overrides", {}))
+    entries: dict[str, Parameter] = {}
+
+    def value_of(entry: Parameter) -> Any:
+        entries[entry.name] = entry
+        if not node.has_parameter(entry.name):
+            return _declare_one(node, entry, given, read_only=False)
+        value: Any = node.get_parameter(entry.name).value
+        return entry.check([] if value is None else value, node.get_name())
+
+    return assemble(cls, value_of, node.get_name()), entries
+
+
 def _start(entry: Parameter) -> Any:
     """What to declare: the default in the type of a ROS parameter, or its type alone."""
     if entry.default is MISSING:
@@ -312,12 +343,12 @@ def _start(entry: Parameter) -> Any:
     return entry.default
 
 
-def _descriptor(entry: Parameter) -> ParameterDescriptor:
+def _descriptor(entry: Parameter, *, read_only: bool) -> ParameterDescriptor:
     descriptor = ParameterDescriptor(
         name=entry.name,
         description=entry.description,
         additional_constraints="one of " + ", ".join(entry.choices) if entry.choices else "",
-        read_only=True,
+        read_only=read_only,
     )
     low, high = entry.low, entry.high
     if low is not None and high is not None and entry.kind is float:

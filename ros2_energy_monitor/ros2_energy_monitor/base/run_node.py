@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import inspect
 import signal
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from types import FrameType
@@ -110,15 +112,18 @@ def run(make_node: Callable[..., Node], args: Sequence[str] | None = None) -> in
 
     Args:
         make_node: Constructor of the node; called with its ``context``.
-        args: Command line; None for that of the process.
+        args: Command line; None for that of the process. ``--help`` prints the usage and
+            starts nothing.
 
     Returns:
-        Exit code: 0 after SIGINT, SIGTERM, a shutdown from outside or that of a managed
-        node; 2 if the node could
-        not be set up, after one sentence in the log.
+        Exit code: 0 after the usage, SIGINT, SIGTERM, a shutdown from outside or that of a
+        managed node; 2 if the node could not be set up, after one sentence in the log.
     """
-    stop = StopSignal()
     name = getattr(make_node, "NAME", "robot_energy")
+    if {"-h", "--help"}.intersection(sys.argv[1:] if args is None else args):
+        print(usage(name, inspect.getdoc(make_node) or ""))
+        return 0
+    stop = StopSignal()
     try:
         with ros(args) as context:
             load_kinds()
@@ -143,6 +148,25 @@ def run(make_node: Callable[..., Node], args: Sequence[str] | None = None) -> in
     finally:
         stop.ignore()
     return 0
+
+
+def usage(name: str, description: str) -> str:
+    """Return the help of an executable.
+
+    Args:
+        name: Of the node.
+        description: Docstring of its class; the first paragraph is shown.
+
+    Returns:
+        What the node does, how to start it and where its parameters are described.
+    """
+    return (
+        f"{' '.join(description.partition('Args:')[0].split())}\n\n"
+        f"usage: ros2 run ros2_energy_monitor {name} --ros-args [--params-file FILE] "
+        "[-p NAME:=VALUE] [-r FROM:=TO]\n\n"
+        f"All parameters with their meaning: config/{name}.yaml of the package, or\n"
+        f"ros2 param describe /{name} NAME"
+    )
 
 
 def _close(node: Node | Closable) -> None:

@@ -42,16 +42,16 @@ class TickStatistics:
         """Return what was collected since the last call, and start again.
 
         Returns:
-            ``busy_share`` of the time [-], ``tick_rate`` [1/s], ``longest_tick`` [s] and
-            ``latest_tick``, the greatest delay of a tick [s].
+            ``busy_share`` of the time [-], ``tick_rate`` [1/s], ``longest_tick_s`` [s] and
+            ``latest_tick_s``, the greatest delay of a tick [s].
         """
         now = time.monotonic()
         elapsed = now - self._since
         found = {
             "busy_share": self._busy / elapsed if elapsed else float("nan"),
             "tick_rate": self._ticks / elapsed if elapsed else float("nan"),
-            "longest_tick": self._longest,
-            "latest_tick": self._latest,
+            "longest_tick_s": self._longest,
+            "latest_tick_s": self._latest,
         }
         self._since = now
         self._busy = self._longest = self._latest = 0.0

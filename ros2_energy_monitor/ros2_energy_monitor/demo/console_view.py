@@ -26,6 +26,7 @@ PARTS = ("rigid", "friction", "drives", "supply", "brake", "capacitor")
 JOULE_PER_WH = 3600.0
 SMOOTHING = 0.5  # time constant of the powers shown [s]
 MAX_STATUSES = 64  # kept, so that a topic of ever new names cannot fill the memory
+STARTING = 5.0  # trouble of monitors that have sent no power yet is shown after this [s]
 STALE_AFTER = 1.5  # without power states the table says so [s]
 
 
@@ -45,6 +46,7 @@ class ConsoleView:
         self._power: PowerState | None = None
         self._powers: dict[str, float] = {}
         self._received = 0.0
+        self._begun: float | None = None  # when it was first shown
         self._status: dict[str, DiagnosticStatus] = {}
 
     def take_power(self, message: PowerState, now: float) -> None:
@@ -77,7 +79,7 @@ class ConsoleView:
         """Return the state in one line."""
         power, registers = self._power, self.registers
         if power is None:
-            return f"no power state yet; {self._trouble()}"
+            return self._waiting(now)
         parts = [
             f"from the grid {self._watts('predicted')} W, friction {self._watts('friction')} W",
             PHASES.get(power.phase, "unknown") if now - self._received < STALE_AFTER else "no news",
@@ -111,7 +113,7 @@ class ConsoleView:
         """
         power = self._power
         if power is None:
-            return Group(Text(f"no power state yet; {self._trouble()}"))
+            return Group(Text(self._waiting(now)))
         silent = now - self._received >= STALE_AFTER
         state = "no news" if silent else f"robot {PHASES.get(power.phase, 'unknown')}"
         trouble = self._trouble()
@@ -179,6 +181,18 @@ class ConsoleView:
             ],
             width,
         )
+
+    def _waiting(self, now: float) -> str:
+        """What to say before the first power; a healthy system is in trouble while it starts."""
+        self._begun = now if self._begun is None else self._begun
+        if now - self._begun < STARTING:
+            return "waiting for the first power state"
+        if not self._status:
+            return (
+                "no monitor is heard: start one, or start the console in its namespace and "
+                "ROS_DOMAIN_ID"
+            )
+        return f"no power state yet; {self._trouble() or self._notes() or ALL_IS_WELL}"
 
     def _watts(self, key: str) -> str:
         return _number(self._powers.get(key, math.nan), 0)

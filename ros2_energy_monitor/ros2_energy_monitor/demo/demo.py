@@ -1,9 +1,9 @@
 """The demonstration behind `make demo`: a virtual robot warms up under its monitors.
 
-First live: the virtual robot and the three monitors run as processes of an own ROS domain
-on this machine, and the console shows predicted and measured power. Then from bags: a
-cold and a warm recording, with friction that knows the temperature and with friction that
-does not. Ends by itself and leaves no process behind.
+First live: the virtual robot, the three monitors and the dashboard run as processes of an own
+ROS domain on this machine; the console and the energy page show predicted and measured power.
+Then from bags: a cold and a warm recording, with friction that knows the temperature and with
+friction that does not. Ends by itself and leaves no process behind.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from rclpy.executors import SingleThreadedExecutor
 
 from robot_energy.errors import RobotEnergyError
 from ros2_energy_monitor.base.run_node import StopSignal, ros
+from ros2_energy_monitor.demo.demo_page import PAGE, draw_page, free_port, save_page
 from ros2_energy_monitor.demo.demo_replay import show_bags
 from ros2_energy_monitor.demo.processes import NodeProcesses
 from ros2_energy_monitor.nodes.console import Console
@@ -51,6 +52,10 @@ def live(seconds: float, folder: Path, stop: StopSignal) -> bool:
         for name in MONITORS:
             keep_nothing = {"state_folder": "''"} if name == "power_monitor" else {}
             children.start(name, model=MODEL, **keep_nothing)
+        port = free_port()
+        url = f"http://127.0.0.1:{port}/"
+        children.start("energy_dashboard", port=port)
+        print(f"Energy page while it runs: {url}", flush=True)
         with ros([]) as context:
             console = Console(context=context)
             executor = SingleThreadedExecutor(context=context)
@@ -64,10 +69,15 @@ def live(seconds: float, folder: Path, stop: StopSignal) -> bool:
                     end = now + seconds
                 if now > (limit if end is None else end):
                     break
+            if end is not None and not stop.received:
+                print(save_page(url, folder), flush=True)
             console.close()
             executor.shutdown()
             console.destroy_node()
-        return _verdict(children, started=end is not None, stopped=stop.received)
+        well = _verdict(children, started=end is not None, stopped=stop.received)
+    if (folder / PAGE).exists() and not stop.received:
+        print(draw_page(folder), flush=True)
+    return well
 
 
 def _verdict(children: NodeProcesses, *, started: bool, stopped: bool) -> bool:

@@ -191,8 +191,15 @@ def main(args: Sequence[str] | None = None) -> int:
     except RobotEnergyError as error:
         print(f"live_study: {error}", flush=True)
         return 2
-    print("nodes and replay agree" if agree else "nodes and replay differ", flush=True)
-    return 0 if agree else 1
+    if agree:
+        print("nodes and replay agree", flush=True)
+        return 0
+    print(
+        "nodes and replay differ: messages are lost where the computer is too busy for this rate; "
+        f"close other programs, or play slower, such as with --rate {options.rate / 4:g}",
+        flush=True,
+    )
+    return 1
 
 
 def _tell(expected: Expected, found: Any) -> bool:
@@ -206,7 +213,9 @@ def _tell(expected: Expected, found: Any) -> bool:
         and abs(found.measured_energy / expected.measured - 1.0) <= SAME
     )
     live = found.predicted_energy_at_meter / found.measured_energy - 1.0
-    print(f"{start}   {live:+11.2%}{'' if same else '   differs'}", flush=True)
+    reached = found.measured_energy / expected.measured
+    why = "" if same else f"   differs: the nodes met {100 * reached:.2f} % of the measured energy"
+    print(f"{start}   {live:+11.2%}{why}", flush=True)
     return same
 
 

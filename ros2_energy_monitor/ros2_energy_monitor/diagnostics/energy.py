@@ -30,18 +30,23 @@ from ros2_energy_monitor.diagnostics.reporter import (
 )
 from ros2_energy_monitor.diagnostics.time import TimeWatch
 
+NO_STATES = "start the driver or set joint_states.topics"
+NO_TEMPERATURE = "start its driver or set the topic of the source"
 RECENT = 10.0  # a finding of joint states that was true this long ago still shows [s]
 
 
 def joint_state_source(
-    inboxes: list[Inbox], ingest: JointStateIngest, timeout: float, stage: TorqueStage
+    inboxes: list[Inbox],
+    ingest: JointStateIngest,
+    timeout: Callable[[], float],
+    stage: TorqueStage,
 ) -> Source:
     """Check joint states; the topics share one account, which is shown with the first.
 
     Args:
         inboxes: One for each topic.
         ingest: What reads them.
-        timeout: Silence beyond which they count as missing. [s]
+        timeout: Gives the silence beyond which they count as missing. [s]
         stage: What compares their effort with the torque of the bodies.
 
     Returns:
@@ -49,7 +54,7 @@ def joint_state_source(
     """
     accounts = [ingest.account, *(RejectionLog() for _ in inboxes[1:])]
     watches = [
-        InputWatch("joint state", inbox, account, timeout)
+        InputWatch("joint state", inbox, account, timeout, remedy=NO_STATES)
         for inbox, account in zip(inboxes, accounts, strict=True)
     ]
     topics = ", ".join(inbox.topic for inbox in inboxes)
@@ -58,7 +63,11 @@ def joint_state_source(
         found = StatusBuilder("joint states")
         missing = ", ".join(sorted(ingest.missing_joints))
         if missing and not ingest.samples:
-            found.add(ERROR, f"the joint names of {topics} lack {missing}")
+            found.add(
+                ERROR,
+                f"the joint names of {topics} lack {missing}",
+                "take the model of this robot or set joint_states.joint_names",
+            )
         for finding in ingest.findings(RECENT):
             found.add(ERROR if finding.severe else WARN, finding.sentence)
         for doubt in stage.effort_check.doubts():
@@ -71,7 +80,7 @@ def joint_state_source(
             "conflicts": ingest.conflicts.count,
             "joints_missing": len(ingest.missing_joints),
             "joints_ignored": len(ingest.ignored_joints),
-            **{f"age.{name}": age for name, age in ingest.ages.items()},
+            **{f"age_s.{name}": age for name, age in ingest.ages.items()},
         }
         found.remarks += unknown_joints(topics, ingest.ignored_joints)
         return found
@@ -117,8 +126,9 @@ def temperature_source(
         latest = stage.latest()
         degc = dict(zip(model.joint_names, latest.motor_temperature_degc[0].tolist(), strict=True))
         unknown = [name for name, value in degc.items() if math.isnan(value)]
+        absent = [inbox for inbox in inboxes if not inbox.received and not inbox.publishers]
         found.values |= {
-            "input_age": min(ages, default=math.nan),
+            "input_age_s": min(ages, default=math.nan),
             "input_publishers": sum(inbox.publishers for inbox in inboxes),
             **accounting(ingest.account),
             **_by_source(ingest),
@@ -133,13 +143,25 @@ def temperature_source(
             worst = ingest.account.rejected.most_common(1)[0][0]
             found.add(WARN, f"every message on {topics} is rejected as {worst}; {fallback}")
         elif len(unknown) == len(model.joint_names):
-            found.add(WARN, f"no motor temperature has arrived on {topics}; {fallback}")
+            have = ", which has no publisher" if absent == inboxes and len(inboxes) == 1 else ""
+            remedy = NO_TEMPERATURE if absent else ""
+            found.add(
+                WARN, f"no motor temperature has arrived on {topics}{have}; {fallback}", remedy
+            )
         elif silent:
             age = min(inbox.age for inbox in silent)
             topics = ", ".join(inbox.topic for inbox in silent)
             found.add(STALE, f"no motor temperature for {age:.1f} s on {topics}; {fallback}")
         elif unknown:
-            found.add(WARN, f"no motor temperature of {', '.join(unknown)}; there {fallback}")
+            where = f" on {', '.join(inbox.topic for inbox in absent)}" if absent else ""
+            remedy = NO_TEMPERATURE if absent else ""
+            found.add(
+                WARN,
+                f"no motor temperature of {', '.join(unknown)}{where}; there {fallback}",
+                remedy,
+            )
+        if absent and not unknown:
+            found.notes.append(f"no publisher on {', '.join(inbox.topic for inbox in absent)}")
         quality = Quality(int(latest.quality[0]))
         if quality & Quality.TEMPERATURE_IMPLAUSIBLE:
             found.add(WARN, "the last reading of a motor temperature is implausible")
@@ -208,7 +230,12 @@ def energy_source(
     """
     names = ("meter_voltage_", "meter_current_") if len(meter) > 1 else ("meter_",)
     watches = [
-        (name, InputWatch("meter reading", inbox, readings.account, meter_timeout, needed=False))
+        (
+            name,
+            InputWatch(
+                "meter reading", inbox, readings.account, lambda: meter_timeout, needed=False
+            ),
+        )
         for name, inbox in zip(names, meter, strict=False)
     ]
 
@@ -228,11 +255,11 @@ def energy_source(
         measured = comparison.measured_energy
         found.values |= {
             "coverage": time.coverage,
-            "observed_time": time.observed_ns * 1e-9,
-            "gap_time": time.gap_ns * 1e-9,
+            "observed_time_s": time.observed_ns * 1e-9,
+            "gap_time_s": time.gap_ns * 1e-9,
             "gaps": time.gap_count,
-            "comparison_time": comparison.compared_ns * 1e-9,
-            "residual_energy": residual if comparison.compared_ns else math.nan,
+            "comparison_time_s": comparison.compared_ns * 1e-9,
+            "residual_energy_j": residual if comparison.compared_ns else math.nan,
             "residual_share": residual / abs(measured) if measured else math.nan,
             "residual_share_last_minute": ledger.judgement.residual_share,
             "meter_counter_resets": comparison.curve.counter.resets,

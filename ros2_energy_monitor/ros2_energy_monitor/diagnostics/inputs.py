@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from robot_energy.inputs.rejection_log import RejectionLog
@@ -32,14 +32,22 @@ class InputWatch:
         what: What the input brings, such as ``joint state``.
         inbox: Where it arrives.
         account: What became of it.
-        timeout: Silence beyond which it counts as missing. [s]
+        timeout: Gives the silence beyond which it counts as missing. [s]
         needed: Whether its absence from the start is an error; else it is a note.
+        remedy: What to do where nobody publishes it.
     """
 
     def __init__(
-        self, what: str, inbox: Inbox, account: RejectionLog, timeout: float, needed: bool = True
+        self,
+        what: str,
+        inbox: Inbox,
+        account: RejectionLog,
+        timeout: Callable[[], float],
+        needed: bool = True,
+        remedy: str = "",
     ) -> None:
         self._what, self._inbox, self._account = what, inbox, account
+        self._remedy = remedy
         self._timeout, self._needed = timeout, needed
         self._before = _Counts()
         self._absent = 0  # reports since the start without a publisher
@@ -56,7 +64,7 @@ class InputWatch:
         )
         self._before = after
         found.values |= {
-            f"{prefix}input_age": inbox.age,
+            f"{prefix}input_age_s": inbox.age,
             f"{prefix}input_publishers": inbox.publishers,
             **accounting(account, prefix),
             f"{prefix}lost_in_transport": inbox.lost,
@@ -72,20 +80,18 @@ class InputWatch:
                 WARN,
                 f"{after.lost - before.lost} messages on {inbox.topic} were lost in transport in "
                 f"the last second{full}",
+                "raise the depth of the queue or tick_rate" if full else "look at the network",
             )
 
     def _presence(self, found: StatusBuilder) -> None:
         inbox = self._inbox
-        if inbox.received and inbox.age > self._timeout:
+        if inbox.received and inbox.age > self._timeout():
             found.add(STALE, f"no {self._what} for {inbox.age:.1f} s on {inbox.topic}")
         elif not inbox.received:
             publishers = inbox.publishers
-            missing = (
-                f"no {self._what} has arrived on {inbox.topic}, which has "
-                f"{publishers or 'no'} publisher{'s' if publishers > 1 else ''}"
-            )
+            missing = f"no {self._what} has arrived on {inbox.topic}, which has {counted(inbox)}"
             if self._needed:
-                found.add(ERROR, missing)
+                found.add(ERROR, missing, "" if publishers else self._remedy)
             elif publishers:
                 found.notes.append(f"{missing}: {ALONE}")
             else:
@@ -108,7 +114,8 @@ class InputWatch:
                 f"{prefix}publisher.{name}": n for name, n in topic_publishers.names.items()
             }
         for complaint in topic_publishers.complaints:
-            found.add(WARN if self._inbox.publishers else ERROR, complaint)
+            level = WARN if self._inbox.publishers else ERROR
+            found.add(level, complaint, "change that publisher or the topic")
 
     def _rejected(self, found: StatusBuilder, before: _Counts, after: _Counts) -> None:
         new = after.received - before.received
@@ -124,6 +131,19 @@ class InputWatch:
                 f"{sum(reasons.values())} of {new} messages on {self._inbox.topic} rejected in "
                 f"the last second, most as {worst}",
             )
+
+
+def counted(inbox: Inbox) -> str:
+    """Return how many publishers a topic has, in words.
+
+    Args:
+        inbox: Where it arrives.
+
+    Returns:
+        Such as ``no publisher``.
+    """
+    number = inbox.publishers
+    return f"{number or 'no'} publisher{'s' if number > 1 else ''}"
 
 
 def accounting(account: RejectionLog, prefix: str = "") -> dict[str, Number]:

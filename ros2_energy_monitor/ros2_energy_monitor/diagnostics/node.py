@@ -61,16 +61,21 @@ class NodeWatch:
         if number == State.PRIMARY_STATE_INACTIVE:  # as asked for
             found.notes.append(resting)
         elif number != State.PRIMARY_STATE_ACTIVE:
-            found.add(WARN, resting)
+            found.add(WARN, resting, "configure and activate it")
         if pace["busy_share"] > BUSY:
-            found.add(WARN, f"ticks take {pace['busy_share']:.0%} of the time")
+            share = f"{100 * pace['busy_share']:.0f} %"
+            found.add(WARN, f"ticks take {share} of the time", "lower tick_rate")
         if self._node.bad_clocks > self._bad_clocks:
             new, self._bad_clocks = self._node.bad_clocks - self._bad_clocks, self._node.bad_clocks
             found.add(WARN, f"{new} times on /clock were left out: not {RANGE}")
         if not self._node.get_clock().now().nanoseconds:
-            found.add(WARN, "use_sim_time is on and /clock is silent: waiting for clock")
+            found.add(
+                WARN,
+                "use_sim_time is on and /clock is silent: waiting for clock",
+                "start the simulation",
+            )
         for sentence in self._look():
-            found.add(WARN, sentence)
+            found.add(WARN, sentence, "stop one of them")
         return found
 
     def _look(self) -> list[str]:

@@ -1,8 +1,9 @@
 """What the monitors say about themselves on ``/diagnostics``, once a second.
 
-Every status has key values, most of them numbers, and one sentence that says all that is wrong, the
-worst first; else what is worth knowing though nothing is wrong, or that all is well. The
-worst finding decides the level.
+Every status has key values, most of them numbers, whose keys end with the unit where there is
+one (``_s``, ``_j``, ``_mb``, ``_degc``), and one sentence. It says all that is wrong, the worst
+first and what to do before what was found; else what is worth knowing though nothing is wrong,
+or that all is well. The worst finding decides the level.
 """
 
 from __future__ import annotations
@@ -46,9 +47,17 @@ class StatusBuilder:
     notes: list[str] = field(default_factory=lambda: list[str]())
     _found: list[tuple[bytes, str]] = field(default_factory=lambda: list[tuple[bytes, str]]())
 
-    def add(self, level: bytes, message: str) -> None:
-        """Note something wrong."""
-        self._found.append((level, message))
+    def add(self, level: bytes, message: str, remedy: str = "") -> None:
+        """Note something wrong.
+
+        Args:
+            level: How bad it is.
+            message: What it is.
+            remedy: What to do about it, a few words without a full stop. It goes before
+                the message: what shows only the beginning of a text, as `ros2 topic echo`
+                does, shows it then.
+        """
+        self._found.append((level, f"{remedy}: {message}" if remedy else message))
 
     @property
     def level(self) -> bytes:
@@ -87,7 +96,7 @@ class Reporter:
 
         Args:
             statuses: What was found, by subject.
-            hardware_id: Type and serial number of the robot; empty for none.
+            hardware_id: Type, serial number and namespace of the robot; empty for none.
         """
         message = DiagnosticArray()
         now = bounded(self._node.get_clock().now().nanoseconds)
@@ -113,4 +122,6 @@ class Reporter:
 
 
 def _text(value: Value) -> str:
-    return shown(str(value)) if isinstance(value, int | str) else f"{value:.6g}"
+    if isinstance(value, int | str):
+        return shown(str(value))
+    return f"{value:.0f}" if 1e6 <= abs(value) < 1e15 else f"{value:.6g}"

@@ -34,7 +34,11 @@ class Newest:
         self._held[topic] = (message, now)
 
     def message(self, topic: Topic) -> Any:
-        """Return the newest message of a topic; None before the first."""
+        """Return the newest message of a topic; None before the first.
+
+        Args:
+            topic: The topic.
+        """
         return self._held[topic][0] if topic in self._held else None
 
     def is_current(self, topic: Topic, now: float) -> bool:

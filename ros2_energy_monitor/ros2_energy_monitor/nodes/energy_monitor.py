@@ -95,7 +95,10 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
         self.orders = [self.ingest.order]
         self.sources = [
             joint_state_source(
-                states, self.ingest, self.parameters.input_timeout, self._pipeline.torque
+                states,
+                self.ingest,
+                lambda: self.parameters.input_timeout,
+                self._pipeline.torque,
             ),
             temperature_source(
                 self.temperatures,
@@ -125,6 +128,11 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
     def ledger(self) -> EnergyAccount:
         """The energy account."""
         return self._pipeline.ledger
+
+    def parameters_changed(self) -> None:
+        """Use the parameters that can change while active."""
+        super().parameters_changed()
+        self._account_publisher.checkpoints.change_period(self.parameters.checkpoint_period)
 
     def tick(self) -> None:
         """Drain all inputs, run the pipeline once and publish.

@@ -40,6 +40,7 @@ LEAD = 0.5  # s of the clock by which slow topics are early, at most ...
 MAX_LEAD = 5.0  # s of the recording: from 10 s on a stream counts as having another clock
 MATCHING = 10.0  # s until every topic that has a subscriber has met it
 LISTENING = 1.0  # s after the first subscriber, for the others
+REPORTS = 10  # lines about the progress
 MAX_SENTENCES = 20  # about topics left out
 SECOND_NS = 1_000_000_000
 
@@ -127,13 +128,17 @@ class Player:
             if publisher.get_subscription_count()
         ]
 
-    def play(self, pause: Callable[[float], bool]) -> None:
+    def play(
+        self, pause: Callable[[float], bool], report: Callable[[str], None] = lambda text: None
+    ) -> None:
         """Publish all of it.
 
         Args:
             pause: Waits some seconds; tells whether to go on.
+            report: Takes a line about how far it is, ten times at most.
         """
-        begin, first = time.monotonic(), None
+        begin, first, reported = time.monotonic(), None, 0
+        end_ns = self._bag.end_ns or 0
         for due_ns, topic, message in self._messages():
             first = due_ns if first is None else first
             wait = begin + (due_ns - first) / SECOND_NS / self._rate - time.monotonic()
@@ -141,6 +146,11 @@ class Player:
                 return
             self._publishers[topic].publish(message)
             self.played[topic] += 1
+            played = due_ns - first
+            share = played / (end_ns - first) if end_ns > first else 0.0
+            if share * REPORTS >= reported + 1:
+                reported = int(share * REPORTS)
+                report(f"{share:4.0%} played, {played / SECOND_NS:.1f} s of the recording")
 
     def _messages(self) -> Iterator[tuple[int, str, bytes]]:
         """All messages in the order in which they are due; the bag is never held whole."""
@@ -233,7 +243,7 @@ def _play(
             print(shown_lines(f"nobody listens to {', '.join(player.topics)}"), flush=True)
             return 1
         if pause(LISTENING):
-            player.play(pause)
+            player.play(pause, lambda text: print(text, flush=True))
         for topic, count in player.played.items():
             print(f"{count:8d} {shown(topic)}", flush=True)
         pause(LEAD)  # until what was sent last has been taken

@@ -75,10 +75,21 @@ class PowerMonitor(MonitorNode[PowerParameters]):
             *((inbox, self._meter.account) for inbox in self.readings),
         ]
         self.orders = [self._torque.order]
-        timeout = self.parameters.input_timeout
-        torque = InputWatch("joint torque", self.torques, self._torque.account, timeout)
+        torque = InputWatch(
+            "joint torque",
+            self.torques,
+            self._torque.account,
+            lambda: self.parameters.input_timeout,
+            remedy="start torque_monitor",
+        )
         # Friction comes with temperatures only, and latched: silence is no fault, absence is.
-        friction = InputWatch("joint friction", self.frictions, self._friction.account, math.inf)
+        friction = InputWatch(
+            "joint friction",
+            self.frictions,
+            self._friction.account,
+            lambda: math.inf,
+            remedy="start friction_monitor",
+        )
         self.sources = [
             energy_source(
                 self.ledger,
@@ -98,6 +109,11 @@ class PowerMonitor(MonitorNode[PowerParameters]):
         """Keep and publish the registers from now on."""
         super().activate()
         self._account_publisher.activate()
+
+    def parameters_changed(self) -> None:
+        """Use the parameters that can change while active."""
+        super().parameters_changed()
+        self._account_publisher.checkpoints.change_period(self.parameters.checkpoint_period)
 
     def tick(self) -> None:
         """Drain all inputs and publish the periods that ended.

@@ -54,8 +54,11 @@ class TorqueMonitor(MonitorNode[TorqueParameters]):
         self.joint_states, *self._further = inboxes
         self.inputs = [(inbox, self.ingest.account) for inbox in inboxes]
         self.orders = [self.ingest.order]
-        timeout = self.parameters.input_timeout
-        self.sources = [joint_state_source(inboxes, self.ingest, timeout, self.stage)]
+        self.sources = [
+            joint_state_source(
+                inboxes, self.ingest, lambda: self.parameters.input_timeout, self.stage
+            )
+        ]
 
     def tick(self) -> None:
         """Drain the joint states and publish the torques that became complete."""

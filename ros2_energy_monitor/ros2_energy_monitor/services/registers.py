@@ -87,6 +87,7 @@ class RegisterServices:
             response.message = change()
         except RegisterError as error:
             response.success, response.message = False, str(error)
+            self._node.get_logger().warning(f"refused: {error}")
             return response
         response.success = True
         response.persisted = self._checkpoints.now()

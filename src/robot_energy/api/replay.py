@@ -162,6 +162,7 @@ def replay_over_time(
     *,
     power_period: float | None = None,
     keep_curves: bool = False,
+    on_output: Callable[[Output], None] | None = None,
     **options: Unpack[ReplayOptions],
 ) -> tuple[Replay, TimeSeries]:
     """Replay a bag and keep its power over time.
@@ -171,6 +172,7 @@ def replay_over_time(
         model: The robot's model.
         power_period: Averaging period of the table; None: one row per sample. [s]
         keep_curves: Whether to keep energies over time for figures.
+        on_output: Called with what each step of the pipeline gave.
         **options: What is read and how.
 
     Returns:
@@ -187,6 +189,8 @@ def replay_over_time(
             blocks.append(output.power)
         if power_period is not None and output.means is not None:
             means.append(output.means)
+        if on_output is not None:
+            on_output(output)
 
     result = run_replay(
         bag, model, **options, power_period=power_period, on_output=take, keep_compared=True,

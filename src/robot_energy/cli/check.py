@@ -7,7 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 from robot_energy.cli.identify_inputs import add_bags, bags_of
 from robot_energy.cli.robots import model_named
-from robot_energy.cli.terminal import add_command, add_json, check_outputs, console, write_json
+from robot_energy.cli.terminal import (
+    add_command,
+    add_json,
+    check_outputs,
+    console,
+    write_json,
+    wrote,
+)
 
 if TYPE_CHECKING:
     from robot_energy.check import CheckResult, Finding
@@ -67,6 +74,8 @@ def run(args: Namespace) -> int:
             _show(result)
     if args.json is not None:
         write_json(args.json, CheckReport(tuple(results)).to_dict())
+    if args.json not in (None, "-"):
+        wrote(console(), args.json, "all figures as JSON")
     return MISTAKES if any(result.errors for result in results) else 0
 
 

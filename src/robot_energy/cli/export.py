@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from robot_energy.cli.memory import keep_freed_memory
 from robot_energy.cli.replay_options import BAG, DAMAGED, add_replay, options_of
 from robot_energy.cli.robots import model_named
-from robot_energy.cli.terminal import add_command, console, progress
+from robot_energy.cli.terminal import add_command, console, progress, wrote
 from robot_energy.errors import ReportError
 from robot_energy.files.output_files import CSV, PARQUET, FileKind, check_file, write_file
 from robot_energy.shown_text import shown
@@ -80,7 +80,7 @@ def run(args: Namespace) -> int:
     out = console()
     for sentence in (*result.problems, *result.notes):
         out.print(sentence, soft_wrap=True)
-    out.print(f"wrote {shown(args.out)}: {len(result.power)} rows", soft_wrap=True)
+    wrote(out, args.out, f"{len(result.power)} rows")
     return DAMAGED if result.replay.problems else 0
 
 

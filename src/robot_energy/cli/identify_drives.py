@@ -115,11 +115,12 @@ def run(args: Namespace) -> int:
     report = drives_report(found, torque, notes)
     page = Document("Electrical power of the drives", f"Identified from {source}.")
     drives_document(report, page)
+    maps = mapped(found.drives)
     present(
         args,
         report,
         page,
-        plot=lambda path: efficiency_maps(mapped(found.drives), path, source),
+        plot=(lambda path: efficiency_maps(maps, path, source)) if maps else None,
         model=written,
     )
     return 0

@@ -5,7 +5,7 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 from typing import TYPE_CHECKING, Any
 
-from robot_energy.cli.terminal import add_command, console
+from robot_energy.cli.terminal import add_command, console, wrote
 from robot_energy.log_formats import LOG_FORMATS
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ def _print(report: ImportReport) -> None:
     start, end = report.start_ns or 0, report.end_ns or 0
     rate = (report.joint_states - 1) / ((end - start) * 1e-9) if end > start else float("nan")
     span = f"{(end - start) * 1e-9:.3f} s, {rate:.4g} joint states a second on average"
-    out.print(f"wrote {report.bag}: {span}", soft_wrap=True)
+    wrote(out, report.bag, span)
     topics = [
         ("/joint_states", report.joint_states),
         ("/motor_temperatures", report.temperatures),

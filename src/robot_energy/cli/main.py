@@ -30,6 +30,7 @@ from robot_energy.cli import (
     kinds,
     layouts,
     models,
+    monitoring,
     predict,
     replay,
     report,
@@ -79,14 +80,26 @@ class Parser(ArgumentParser):
     """
 
     def error(self, message: str) -> NoReturn:
-        """Print what is wrong and where the help is, and exit."""
-        text = message.replace("the following arguments are required:", "missing:")
+        """Print what is wrong and where the help is, and exit.
+
+        Args:
+            message: What is wrong.
+        """
+        text = message.replace("the following arguments are required:", "required:")
         self.exit(REFUSED, shown_lines(f"{self.prog}: {text} (see {self.prog} --help)") + "\n")
 
     def parse_known_args(  # type: ignore[override]
         self, args: Sequence[str] | None = None, namespace: Any = None
     ) -> tuple[Any, list[str]]:
-        """Refuse unknown options first, so that they are not reported as missing ones."""
+        """Refuse unknown options first, so that they are not reported as missing ones.
+
+        Args:
+            args: Words of the command line; None for those of the process.
+            namespace: Where the values go; None for a new one.
+
+        Returns:
+            The values, and no words that are left.
+        """
         words = list(sys.argv[1:] if args is None else args)
         for word in words:
             if word == "--" or (self._subparsers is not None and not word.startswith("-")):
@@ -136,7 +149,7 @@ def build_parser() -> ArgumentParser:
     commands = parser.add_subparsers(title="commands", metavar="COMMAND")
     for module in (
         replay, report, export, import_logs, check, test, identify, predict, models, kinds, info,
-        simulate, schema, layouts,
+        simulate, schema, layouts, monitoring,
         *_further(),
         completion,
     ):  # fmt: skip

@@ -8,7 +8,7 @@ from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import Any
 
-from robot_energy.cli.terminal import add_command, add_json, check_outputs, console, present
+from robot_energy.cli.terminal import add_command, add_json, check_outputs, console, present, wrote
 
 
 def add_parser(commands: Any) -> None:
@@ -201,7 +201,7 @@ def run_init(args: Namespace) -> int:
         show(f"- not modelled: {name} ({why})", soft_wrap=True, highlight=False)
     for remark in arm.remarks:
         show(f"- {remark}", soft_wrap=True, highlight=False)
-    show(f"wrote {out}", soft_wrap=True, highlight=False)
+    wrote(console(), out, "model file")
     show(
         "All figures that the URDF does not give are assumed. Next:\n"
         f"  robot-energy replay BAG --model {out}\n"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from argparse import Namespace
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from robot_energy.cli.numbers import number, whole
@@ -21,6 +22,10 @@ MAX_RUNS = 100
 MIN_PROGRESS_SAMPLES = 200_000  # samples of a prediction that takes more than a moment
 MAX_SAMPLES_OPTION = 1_000_000_000
 PAYLOAD_LINK = "tool0"
+AT_ORIGIN = (
+    "--base was not given: the base of the robot was taken to stand at the origin of the program, "
+    "not turned"
+)
 
 DESCRIPTION = """\
 Predict the energy of motion programs before they are run, for one or several robots, at
@@ -166,6 +171,8 @@ def _predictions(args: Namespace) -> list[tuple[Prediction, LoadedMotion]]:
         for model, base, start in zip(models, bases, starts, strict=True):
             robot = Robot.from_model(model)
             motion = load_motion(program, robot, _tool_options(args, base, start), args.topic)
+            if motion.length is not None and base is None:
+                motion = replace(motion, notes=(*motion.notes, AT_ORIGIN))
             repeat = motion.repeat if args.repeat is None else args.repeat
             for text in args.temperature:
                 degc = joint_list(text, "--temperature", sorted({1, robot.n_joints}))
@@ -215,7 +222,6 @@ def _per_model(values: Sequence[str] | None, count: int, option: str) -> list[st
 
 def _tool_options(args: Namespace, base: str | None, start: str | None) -> ToolOptions:
     import math
-    from dataclasses import replace
 
     from robot_energy.motion.load_motion import ToolOptions, joint_list
     from robot_energy.motion.tool_motion import ToolPlacement

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from robot_energy.cli.memory import keep_freed_memory
 from robot_energy.cli.page import add_page, recorded_page, serve_page, write_page
-from robot_energy.cli.replay_options import BAG, DAMAGED, add_replay, options_of
+from robot_energy.cli.replay_options import BAG, DAMAGED, PAGE_PERIOD, add_replay, options_of
 from robot_energy.cli.robots import model_named
 from robot_energy.cli.terminal import (
     add_command,
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from robot_energy.bag_replay import Replay
     from robot_energy.model import RobotModel
     from robot_energy.page.recording import RecordedPage
+    from robot_energy.time_series import TimeSeries
 
 DESCRIPTION = """\
 Run a recorded bag through the model of its robot and print where the energy went:
@@ -38,7 +39,7 @@ EPILOG = """\
 examples:
   robot-energy replay bag --model kr16
   robot-energy replay bag --model my_robot.yaml --out bag_energy --json energy.json
-  robot-energy replay bag --robot ur5e --compare --plot power.png
+  robot-energy replay bag --robot ur5e --compare --plot power.png --report page.html
   robot-energy replay bag --model ur3e --compare 20 --temperatures /driver/temperatures
   robot-energy replay bag --model my_robot.yaml --inputs energy_monitor.yaml
   robot-energy replay bag --model kr16 --effort motor_torque
@@ -60,6 +61,9 @@ def add_parser(commands: Any) -> None:
     add_json(outputs)
     outputs.add_argument(
         "--plot", metavar="FILE", help="draw power and energy over time (.png, .svg, .pdf)"
+    )
+    outputs.add_argument(
+        "--report", metavar="FILE", help="write tables and figures as one HTML file"
     )
     add_page(parser)
     add_replay(
@@ -86,14 +90,15 @@ def run(args: Namespace) -> int:
     from robot_energy.files.placement import all_or_none
     from robot_energy.model import load
     from robot_energy.report.document import Document
-    from robot_energy.report.replay import replay_document
+    from robot_energy.report.replay import ReplayCurves, replay_document
+    from robot_energy.report.series import curves_of
     from robot_energy.results.replay import replay_report
 
     named = model_named(args)
     inputs = [args.bag, named, args.inputs]
     check_outputs(args, inputs)
     if args.out is not None:
-        check_bag(args.out, args.overwrite, inputs, (args.json, args.plot))
+        check_bag(args.out, args.overwrite, inputs, (args.json, args.plot, args.report, args.page))
     model, change = load(named), None
     if args.fixed_friction is not None:
         model, change = fixed_friction(model, args.fixed_friction)
@@ -102,7 +107,7 @@ def run(args: Namespace) -> int:
     if args.compare is not None:
         runs.append(fixed_friction(model, args.compare))
     with all_or_none():
-        results = [
+        replayed = [
             _replay(
                 args,
                 used,
@@ -112,11 +117,14 @@ def run(args: Namespace) -> int:
             )
             for number, (used, _) in enumerate(runs)
         ]
-        second = replay_report(results[1], runs[1][1]) if len(runs) > 1 else None
+        results, changes = [result for result, _ in replayed], [change for _, change in runs]
+        second = replay_report(results[1], changes[1]) if len(runs) > 1 else None
         report = replay_report(results[0], change, second)
-        page = Document()
-        replay_document(report, page)
-        changes = [change for _, change in runs]
+        page, curves = Document(f"Where the energy went: {report.model.robot}"), None
+        table = replayed[0][1]
+        if table is not None:
+            curves = ReplayCurves(curves_of(results, changes), table)
+        replay_document(report, page, curves)
         write_page(args, recorded, results[0])
         present(args, report, page, "bag", lambda path: _plot(path, results, changes))
     serve_page(args, recorded)
@@ -125,25 +133,27 @@ def run(args: Namespace) -> int:
 
 def _replay(
     args: Namespace, model: RobotModel, label: str, writes: bool, page: RecordedPage | None
-) -> Replay:
-    from robot_energy.api.replay import run_replay
+) -> tuple[Replay, TimeSeries | None]:
+    """Replay; the table over time is for the report alone, and coarse where no bag is written."""
+    from robot_energy.api.replay import replay_over_time, run_replay
 
+    options = options_of(args)
+    options |= {"out": args.out if writes else None, "overwrite": args.overwrite}
+    reported, take = args.report is not None and writes, None if page is None else page.take
     period = args.power_period
-    if page is not None and period is None and args.out is None:
-        period = page.period
+    if period is None and args.out is None:
+        period = page.period if page is not None else PAGE_PERIOD if reported else None
     keep_freed_memory()
-    with progress(label) as report:
+    with progress(label) as show:
+        options["progress"] = show
+        if reported:
+            return replay_over_time(
+                args.bag, model, power_period=period, keep_curves=True, on_output=take, **options
+            )
+        curves = args.plot is not None or args.report is not None
         return run_replay(
-            args.bag,
-            model,
-            **options_of(args),
-            power_period=period,
-            out=args.out if writes else None,
-            overwrite=args.overwrite,
-            keep_curves=args.plot is not None,
-            progress=report,
-            on_output=None if page is None else page.take,
-        )
+            args.bag, model, power_period=period, keep_curves=curves, on_output=take, **options
+        ), None
 
 
 def _plot(path: str, results: list[Replay], changes: list[str | None]) -> None:

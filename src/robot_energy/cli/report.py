@@ -7,17 +7,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from robot_energy.cli.memory import keep_freed_memory
-from robot_energy.cli.replay_options import BAG, DAMAGED, add_replay, options_of
+from robot_energy.cli.replay_options import BAG, DAMAGED, PAGE_PERIOD, add_replay, options_of
 from robot_energy.cli.robots import model_named
-from robot_energy.cli.terminal import add_command, console, progress, sign
+from robot_energy.cli.terminal import add_command, console, progress, sign, wrote
 from robot_energy.files.output_files import HTML, check_file
-from robot_energy.shown_text import shown
 
 if TYPE_CHECKING:
     from robot_energy.report.replay import ReplayCurves
     from robot_energy.results.replay import ReplayReport
-
-PERIOD = 0.5  # of temperature and friction on the page [s]
 
 DESCRIPTION = """\
 Write one page, a single HTML file: where the energy went, predicted against measured, joints,
@@ -86,7 +83,7 @@ def run(args: Namespace) -> int:
     out = console()
     for report, _ in replays:
         out.print(f"{report.bag}: {headline(report)}", soft_wrap=True)
-    out.print(f"wrote {shown(args.out)}: report", soft_wrap=True)
+    wrote(out, args.out, "report")
     return DAMAGED if damaged else 0
 
 
@@ -103,7 +100,12 @@ def _replayed(args: Namespace, bag: str) -> tuple[ReplayReport, ReplayCurves, bo
     keep_freed_memory()
     with progress(f"replaying {Path(bag).name}") as show:
         result, power = replay_over_time(
-            bag, model, power_period=PERIOD, keep_curves=True, progress=show, **options_of(args)
+            bag,
+            model,
+            power_period=PAGE_PERIOD,
+            keep_curves=True,
+            progress=show,
+            **options_of(args),
         )
     curves = ReplayCurves(curves_of([result], [change]), power)
     return replay_report(result, change), curves, bool(result.problems)

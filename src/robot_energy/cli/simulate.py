@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from robot_energy.cli.numbers import number, whole
-from robot_energy.cli.terminal import add_command, check_bag, console
+from robot_energy.cli.terminal import add_command, check_bag, console, wrote
 
 if TYPE_CHECKING:
     from robot_energy.motion import Program
@@ -125,10 +125,11 @@ def run(args: Namespace) -> int:
         rig, args.duration, args.out, overwrite=args.overwrite, drive_power=args.drive_power
     )
     out = console()
-    out.print(
-        f"wrote {recording.path}: {args.duration:g} s of the virtual rig ({args.robot}), "
-        f"{recording.energy / 1e3:.4g} kJ truly drawn from its grid",
-        soft_wrap=True,
+    drawn_energy = f"{recording.energy / 1e3:.4g} kJ truly drawn from its grid"
+    wrote(
+        out,
+        recording.path,
+        f"{args.duration:g} s of the virtual rig ({args.robot}), {drawn_energy}",
     )
     for topic, count in recording.messages.items():
         out.print(f"  {topic:<20} {count}", soft_wrap=True)

@@ -49,11 +49,13 @@ def console() -> Console:
     """
     from rich.console import Console
 
+    from robot_energy.report.printing import terminal_text
+
     class PipeConsole(Console):
         """Leaves a closed pipe to `main`; the base class would exit with 1."""
 
         def print(self, *objects: Any, **options: Any) -> None:
-            plain = (shown_lines(one) if isinstance(one, str) else one for one in objects)
+            plain = (terminal_text(one, self) if isinstance(one, str) else one for one in objects)
             super().print(*plain, **options)
 
         def on_broken_pipe(self) -> None:
@@ -215,7 +217,8 @@ def present(
     from robot_energy.report.html import write_page
     from robot_energy.report.printing import print_document
 
-    files = {name: getattr(args, name, None) for name in ("json", "out", "report", "plot")}
+    named = ("json", "out", "report", "page", "plot")
+    files = {name: getattr(args, name, None) for name in named}
     with all_or_none():
         if files["json"] is not None:
             write_json(files["json"], result.to_dict())
@@ -231,11 +234,33 @@ def present(
         return
     out = console()  # last: the reader of a pipe may close it early
     print_document(page, out)
-    names = {"out": made, "json": "all figures as JSON", "report": "report", "plot": "figure"}
-    for name, what in names.items():
+    kinds = {
+        "out": made,
+        "json": "all figures as JSON",
+        "report": "report",
+        "page": "energy page",
+        "plot": "figure",
+    }
+    for name, what in kinds.items():
         path = files[name]
         if path is not None:
-            out.print(f"wrote {shown(path)}: {what}", soft_wrap=True)
+            drawn = plot is not None or name != "plot"
+            wrote(out, path, what if drawn else "no figure, since there is nothing to draw", drawn)
+
+
+def wrote(out: Console, path: str | Path, what: str, done: bool = True) -> None:
+    """Say what was written, the path as it is.
+
+    Args:
+        out: Where to.
+        path: The file or folder.
+        what: It is, and how much.
+        done: Whether it was written.
+    """
+    from rich.text import Text
+
+    verb = "wrote" if done else "did not write"
+    out.print(Text(f"{verb} {shown(str(path))}: {what}"), soft_wrap=True)
 
 
 def sign(args: Namespace, page: Document) -> None:

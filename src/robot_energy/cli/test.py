@@ -70,6 +70,7 @@ def run(args: Namespace) -> int:
         0, or 3 if a bag is damaged and was read in part.
 
     Raises:
+        ModelFileError: If neither bags nor a log with its mapping are named.
         RobotEnergyError: If a recording, the model or an output cannot be used.
     """
     from robot_energy.report.document import Document

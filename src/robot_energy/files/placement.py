@@ -113,7 +113,7 @@ class OutputPlacement:
             raise self._failure(error) from error
 
     def sync(self) -> None:
-        """Have the disk know its new place.
+        """Write its new place to the disk.
 
         Raises:
             Exception: As `failure` makes it.
@@ -267,7 +267,7 @@ def remove_remains(target: Path) -> None:
         names = [entry.name for entry in entries if entry.name.startswith(beginning)]
         for name in names:
             match, path = _NAME.fullmatch(name), folder / name
-            if match is None or _is_running(int(match[2])) or is_locked(path):
+            if match is None or is_running(int(match[2])) or is_locked(path):
                 continue
             if match[3] == "old" and not os.path.lexists(target):
                 os.rename(path, target)
@@ -300,7 +300,12 @@ def is_locked(path: Path) -> bool:
     return False
 
 
-def _is_running(pid: int) -> bool:
+def is_running(pid: int) -> bool:
+    """Whether a process exists.
+
+    Args:
+        pid: Its number.
+    """
     try:
         os.kill(pid, 0)
     except ProcessLookupError:

@@ -7,17 +7,15 @@ import os
 import shutil
 import tempfile
 import weakref
-from contextlib import suppress
+from contextlib import AbstractContextManager, suppress
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
-from robot_energy.files.placement import is_locked
+from robot_energy.files.placement import is_locked, is_running
 
 PREFIX = "robot_energy_work_"
 
 
-class TemporaryFolder:
+class TemporaryFolder(AbstractContextManager["TemporaryFolder"]):
     """A folder that goes with this object, its process, or, after a kill, the next one made.
 
     A process keeps its folders locked, so that others know which are in use.
@@ -31,16 +29,7 @@ class TemporaryFolder:
         with suppress(OSError):  # not every file system has locks
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
-    def __enter__(self) -> Self:
-        """Return the folder."""
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         """Remove the folder."""
         self.remove()
 
@@ -59,7 +48,7 @@ def remove_abandoned(parent: Path) -> None:
             with suppress(OSError):
                 mine = entry.stat(follow_symlinks=False).st_uid == os.getuid()
                 folder = entry.is_dir(follow_symlinks=False)
-                running = pid.isdecimal() and Path(f"/proc/{pid}").exists()
+                running = pid.isdecimal() and is_running(int(pid))
                 if mine and folder and not running and not is_locked(Path(entry.path)):
                     shutil.rmtree(entry.path)
 

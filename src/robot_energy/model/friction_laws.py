@@ -28,7 +28,7 @@ class LawEntry(ModelEntry):
 
 
 class ConstantLaw(LawEntry):
-    """Viscous friction that does not know temperature.
+    """Viscous friction that does not depend on temperature.
 
     Attributes:
         law: Name of the law.

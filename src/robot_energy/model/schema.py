@@ -1,7 +1,7 @@
 """Schema of a model file: what one robot's model holds, validated by pydantic.
 
-Every figure carries a tag that says how it is known, so that a reader can tell a
-published number from an assumed one. Motor side unless the name says ``joint_``.
+Every figure carries a tag that says how it is known, so that a
+published number is never taken for an assumed one. Motor side unless the name says ``joint_``.
 """
 
 from __future__ import annotations

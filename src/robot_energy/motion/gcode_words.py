@@ -2,7 +2,7 @@
 
 A word is a letter and a number. Comments stand in ``( )`` or after ``;``; ``N`` numbers a
 line; ``*`` ends it with the checksum of the bytes before it (exclusive or), which is
-verified. What is neither is refused: readers that skip what they do not know turn
+verified. What is neither is refused: readers that skip unknown text turn
 ``X1.2.3`` into another number and move a robot somewhere else.
 """
 

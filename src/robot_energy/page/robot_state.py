@@ -32,6 +32,7 @@ from robot_energy.shown_text import shown
 
 JOULE_PER_WH = 3600.0
 STALE_AFTER = 2.0  # without power states all live figures are stale [s]
+STALE_PERIODS = 3.0  # the same, where a power state covers more time [periods]
 MEAN_OVER = 1.0  # of the powers in tables and in the flow picture [s]
 MAX_FINDINGS = 64  # statuses kept, so that ever new names cannot fill the memory
 LIVE_WIDTH, HOUR_WIDTH = 0.2, 6.0  # of a bucket [s]; 600 of them: two minutes, one hour
@@ -137,7 +138,11 @@ class RobotState:
         Args:
             now: As of `take_power`. [s]
         """
-        return self._live and (self._received is None or now - self._received > STALE_AFTER)
+        if not self._live:
+            return False
+        if self._received is None or self._newest is None:
+            return True
+        return now - self._received > max(STALE_AFTER, STALE_PERIODS * self._newest["period"])
 
     @property
     def registers(self) -> dict[str, Any] | None:
@@ -245,6 +250,7 @@ class RobotState:
         self._newest = {
             "stamp_ns": int(stamp[-1]),
             "model_id": shown(str(cast("str", run.columns["model_id"]))),
+            "period": float(covered[-1]),
             "quality": int(np.bitwise_or.reduce(run.array("quality"))),
             "phase": int(phase[-1]),
             "meter_location": location if location < len(MeterLocation) else 0,

@@ -136,7 +136,7 @@ class Derivative:
             )
             velocity = np.where(np.isfinite(velocity[rows]), velocity[rows], slope)
             acceleration = np.where(derived, curvature, acceleration)
-            mark(quality, np.any(derived, axis=1), Quality.VELOCITY_DERIVED)
+            mark(quality, np.logical_or.reduce(derived, axis=1), Quality.VELOCITY_DERIVED)
         else:
             velocity = velocity[rows]
         mark(quality, fit.incomplete, Quality.ACCELERATION_INCOMPLETE)

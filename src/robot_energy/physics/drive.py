@@ -170,7 +170,10 @@ def drive_from_model(model: RobotModel) -> Drive:
     kind = DRIVE_MODELS[model.drive]
     entries = kind.entries(model.joints)
     if kind.entry is not None and len(entries) < len(model.joints):
-        raise ModelFileError(f"a joint lacks the figures of the drive model '{model.drive}'")
+        raise ModelFileError(
+            f"{len(entries)} of {len(model.joints)} joints have the key '{kind.key}'",
+            f"it at every joint, as the drive model '{model.drive}' needs it",
+        )
     if kind.physics is None:
         raise KindError(f"the drive model '{kind.name}' has no physics", "a `Drive`")
     return kind.physics(entries)

@@ -107,7 +107,7 @@ class EffortCheck:
             ]
         if abs(factor) < 1.0 / MAX_FACTOR:
             return [
-                f"the effort holds {factor:.0%} of the torque that the bodies need: if the "
+                f"the effort holds {100 * factor:.0f} % of the torque that the bodies need: if the "
                 "driver takes gravity out of it, set joint_states.effort_meaning to none"
             ]
         return []

@@ -1,7 +1,7 @@
 """Friction laws over speed, load and temperature, motor side.
 
 ``motor_torque_friction = fc sgn(w) + fv(T) w`` (paper A, eq. 3 and 8): Coulomb friction
-does not know temperature, viscous friction follows it. Friction torque is what the
+does not depend on temperature, viscous friction does. Friction torque is what the
 drive must add, so it has the sign of the velocity and its power is never negative.
 
 Optional terms, off unless the model file has them: the smooth sign ``tanh(w/w0)``,

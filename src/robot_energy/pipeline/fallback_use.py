@@ -46,7 +46,7 @@ class FallbackUse:
         self.samples += len(stamp_ns)
         if np.isfinite(temperature_degc.sum()):
             return
-        lacking = np.any(np.isnan(temperature_degc), axis=1)
+        lacking = np.logical_or.reduce(np.isnan(temperature_degc), axis=1)
         count = int(lacking.sum())
         if bool((seen_ns > 0).all()):
             self.stale += count

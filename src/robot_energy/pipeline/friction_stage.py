@@ -124,8 +124,8 @@ class FrictionStage:
         known = ~np.isnan(temperature)
         extrapolated = known & self._friction.extrapolated(temperature)
         quality = np.zeros(len(states), dtype=np.uint32)
-        mark(quality, np.any(~known, axis=1), Quality.TEMPERATURE_MISSING)
-        mark(quality, np.any(extrapolated, axis=1), Quality.EXTRAPOLATED)
+        mark(quality, np.logical_or.reduce(~known, axis=1), Quality.TEMPERATURE_MISSING)
+        mark(quality, np.logical_or.reduce(extrapolated, axis=1), Quality.EXTRAPOLATED)
         mark(
             quality,
             np.array([state.implausible for state in states]),

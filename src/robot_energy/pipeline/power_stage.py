@@ -140,7 +140,7 @@ class PowerStage:
         winding = np.where(np.isnan(measured_degc), self._fallback_degc, measured_degc)
         electrical, extrapolated = self._drive.input_power(shaft, speed, torque, winding)
         if extrapolated is not None:
-            mark(quality, np.any(extrapolated, axis=1), Quality.DRIVE_EXTRAPOLATED)
+            mark(quality, np.logical_or.reduce(extrapolated, axis=1), Quality.DRIVE_EXTRAPOLATED)
         drive_loss = electrical - shaft
         stuck = self.watch.step(
             block.stamp_ns,
@@ -197,6 +197,6 @@ class PowerStage:
             stale = stamp_ns[:, None] > deadline[row]
             viscous = np.where(stale, line.viscous_fallback[row], viscous)
             temperature = np.where(stale, np.nan, temperature)
-            mark(quality, np.any(stale, axis=1), Quality.TEMPERATURE_STALE)
+            mark(quality, np.logical_or.reduce(stale, axis=1), Quality.TEMPERATURE_STALE)
         self.fallback_use.note(stamp_ns, temperature, seen[row[-1]], self._timeline)
         return coulomb, viscous, temperature

@@ -14,6 +14,7 @@ from typing import Any
 
 from robot_energy.errors import ReportError
 from robot_energy.files.output_files import GENERATOR, PICTURE, write_file
+from robot_energy.report.formats import typeset
 from robot_energy.shown_text import shown, shown_lines
 
 Axes = Any  # the annotations of matplotlib are partly unknown
@@ -69,7 +70,7 @@ def canvas(path: Target, size: tuple[float, float], title: str = "") -> Generato
         if title:
             figure.suptitle(title, fontsize=10, x=0.02, ha="left")
         for text in figure.findobj(Text):
-            text.set_text(shown_lines(text.get_text()))
+            text.set_text(typeset(shown_lines(text.get_text())))
         _save(figure, path)
 
 
@@ -93,7 +94,7 @@ def panels(figure: Any, count: int, columns: int = 3) -> Any:
 
 def named_ticks(axis: Any, places: Any, names: Iterable[str]) -> None:
     """Put names from outside beside the places of an axis, made safe to show."""
-    axis.set_ticks(places, [shown(name, MAX_TICK) for name in names])
+    axis.set_ticks(places, [typeset(shown(name, MAX_TICK)) for name in names])
 
 
 def panel_grid(count: int, columns: int = 3) -> tuple[int, int]:

@@ -11,7 +11,14 @@ from robot_energy.identify.stats.lag import Delay
 from robot_energy.model.drive_models import DRIVE_MODELS
 from robot_energy.report.document import Column, Document
 from robot_energy.report.efficiency_figure import efficiency_maps
-from robot_energy.report.formats import fixed, grouped, percent, signed_percent, significant
+from robot_energy.report.formats import (
+    fixed,
+    grouped,
+    percent,
+    signed_percent,
+    significant,
+    uncertain,
+)
 from robot_energy.report.identification import AT_BOUND, HELD_OUT, delay_text
 from robot_energy.results.base import known
 from robot_energy.results.drives import DrivesReport, LossTerm, TotalPower
@@ -144,8 +151,8 @@ def _figure(value: float, std: float | None, at_bound: bool = False) -> str:
     if at_bound:
         return AT_BOUND
     if std is None:
-        return "not told"
-    return f"{value:.3g} +- {std:.1g}" if std > 0 else f"{value:.3g}"
+        return "not determined"
+    return uncertain(value, std)
 
 
 def _total(total: TotalPower, page: Document) -> None:

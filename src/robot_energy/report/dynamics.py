@@ -14,7 +14,7 @@ from robot_energy.identify.dynamics.sufficiency import temperature_remark
 from robot_energy.identify.dynamics.validation import TorqueError
 from robot_energy.identify.dynamics.work import share_off
 from robot_energy.report.document import Column, Document
-from robot_energy.report.formats import significant
+from robot_energy.report.formats import percent, signed_percent, significant, uncertain
 from robot_energy.report.identification import delay_use
 from robot_energy.results.dynamics import DynamicsReport
 
@@ -60,7 +60,7 @@ def dynamics_document(
             (
                 "rows",
                 f"{int(result.observations.used.sum())} torques at {result.observations.rate:g} "
-                f"Hz, as good as {result.fit.independent.sum():.0f} independent ones",
+                f"Hz, with the information of {result.fit.independent.sum():.0f} independent ones",
             ),
             (
                 "settings",
@@ -70,13 +70,13 @@ def dynamics_document(
             (
                 "torque delay",
                 f"{delay.value * 1e3:+.1f} ms would lower the held-out error by "
-                f"{delay.gain:.1%}: {delay_use(delay, 'applied')}",
+                f"{percent(delay.gain)}: {delay_use(delay, 'applied')}",
             ),
             *effort,
         ]
     )
     errors = {
-        "fitted data: no accuracy": result.in_sample,
+        "data of the fit": result.in_sample,
         "held out, least squares": report.torque_error["held_out"],
         "held out, model file": report.torque_error["held_out_model_file"],
     }
@@ -109,11 +109,13 @@ def _torque_errors(
     more: Sequence[Sequence[str]] = (),
 ) -> None:
     rows = [
-        [name, *(f"{error.joint[joint]:.1%}" for error in errors)]
+        [name, *(percent(error.joint[joint]) for error in errors)]
         for joint, name in enumerate(names)
     ]
-    rows.append(["all, standstill too", *(f"{error.with_standstill:.2%}" for error in errors)])
-    total = ["all, moving", *(f"{error.total:.2%}" for error in errors)]
+    rows.append(
+        ["all, standstill too", *(percent(error.with_standstill, digits=2) for error in errors)]
+    )
+    total = ["all, moving", *(percent(error.total, digits=2) for error in errors)]
     page.table(title, ["joint, moving", *heads], [*rows, *more], total)
 
 
@@ -128,12 +130,12 @@ def _friction(page: Document, result: Dynamics, reference: ReferenceValues | Non
         row = [name]
         for kind in ("viscous", "coulomb"):
             value, std = (float(part[joint]) for part in friction[kind])
-            row.append(f"{value:.3f} +- {std:.3f}")
+            row.append(uncertain(value, std))
             if reference is not None:
                 known = float(getattr(reference, kind)[joint])
                 share = value / known - 1.0 if known else float("nan")
                 worst = max(worst, abs(share))
-                row += [f"{known:.3g}", f"{share:+.1%}"]
+                row += [f"{known:.3g}", signed_percent(share)]
         rows.append(row)
     labels = result.fit.names
     for name in result.model.joint_names:
@@ -141,7 +143,7 @@ def _friction(page: Document, result: Dynamics, reference: ReferenceValues | Non
             row = [f"{name}, motor"]
             for kind in ("viscous", "coulomb"):
                 place = labels.index(f"{kind} {name}")
-                row.append(f"{result.fit.values[place]:.3f} +- {result.fit.std[place]:.3f}")
+                row.append(uncertain(float(result.fit.values[place]), float(result.fit.std[place])))
                 row += ["", ""] if reference is not None else []
             rows.append(row)
     page.table(
@@ -151,7 +153,7 @@ def _friction(page: Document, result: Dynamics, reference: ReferenceValues | Non
     )
     if reference is not None:
         source = f" ({reference.source})" if reference.source else ""
-        page.paragraph(f"largest deviation from the reference{source}: {worst:.1%}")
+        page.paragraph(f"largest deviation from the reference{source}: {percent(worst)}")
 
 
 def _weak(page: Document, report: DynamicsReport) -> None:
@@ -192,7 +194,12 @@ def _across(page: Document, across: LeaveOneOut, joint_names: Sequence[str]) -> 
         heads,
         [each.torque for each in judgements],
         joint_names,
-        [["all, least squares", *(f"{each.least_squares.total:.2%}" for each in judgements)]],
+        [
+            [
+                "all, least squares",
+                *(percent(each.least_squares.total, digits=2) for each in judgements),
+            ]
+        ],
     )
     work: list[list[str]] = []
     for kind, name in (("net", "net"), ("positive", "given")):
@@ -203,7 +210,7 @@ def _across(page: Document, across: LeaveOneOut, joint_names: Sequence[str]) -> 
         work.append([f"{name}, measured [J]", *(f"{measured:.0f}" for measured, _ in sums)])
         work.append([f"{name}, predicted [J]", *(f"{said:.0f}" for _, said in sums)])
         off = (share_off(said, measured) for measured, said in sums)
-        work.append([f"{name}, off by", *(f"{share:+.1%}" for share in off)])
+        work.append([f"{name}, off by", *(signed_percent(share) for share in off)])
     work.append(["worst axis", *(_worst(each, joint_names) for each in judgements)])
     page.table(
         "work of the motors, torque times speed: net; given (braking left out); worst axis: error "
@@ -218,7 +225,7 @@ def _across(page: Document, across: LeaveOneOut, joint_names: Sequence[str]) -> 
 def _worst(judgement: HoldOutResult, joint_names: Sequence[str]) -> str:
     off = np.abs(judgement.predicted.net - judgement.measured.net)
     share = off / np.maximum(judgement.measured.positive, 1e-12)
-    return f"{share.max():.1%} {joint_names[int(np.argmax(share))]}"
+    return f"{percent(share.max())} {joint_names[int(np.argmax(share))]}"
 
 
 def _split(judgement: HoldOutResult) -> str:

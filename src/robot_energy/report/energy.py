@@ -7,7 +7,7 @@ from dataclasses import fields
 
 from robot_energy.model.drive_models import DRIVE_MODELS
 from robot_energy.report.document import Column, Document
-from robot_energy.report.formats import EnergyFormat, fixed, percent, watt_hour
+from robot_energy.report.formats import EnergyFormat, fixed, percent
 from robot_energy.results.energy import EnergyBreakdown, EnergyReport, JointEnergy
 
 QUALITY_NAMES = {
@@ -66,11 +66,6 @@ def energy_table(
     energy = report.energy
     net = energy.net
 
-    def row(name: str, value: float, second: float | None) -> list[str]:
-        share = percent(value / net if net > 0 else None)
-        cells = [name, scale.joule(value), watt_hour(value), share]
-        return [*cells, scale.joule(second)] if other is not None else cells
-
     columns = ["", f"energy [{scale.unit}]", "", "share"]
     second: dict[str, float] = {}
     if other is not None:
@@ -78,12 +73,24 @@ def energy_table(
         columns.append(f"{change}\n[{scale.unit}]")
         second = {entry.name: getattr(other[1], entry.name) for entry in fields(other[1])}
         second["net"] = other[1].net
-    rows = [
-        row(text, getattr(energy, key), second.get(key))
+    names = {
+        key: text
         for key, text in part_names(report.model.drive).items()
-        if getattr(energy, key) or key not in ("brake", "capacitor")
-    ]
-    page.table(title, columns, rows, row("from the grid", net, second.get("net")))
+        if getattr(energy, key) or second.get(key) or key not in ("brake", "capacitor")
+    }
+    values = [getattr(energy, key) for key in names]
+    one = 1.0 if net > 0 else None
+    cells = [[*names.values(), "from the grid"]]
+    for texts, whole in (
+        (scale.parts(values), scale.joule(net)),
+        (scale.watt_hour_parts(values), scale.watt_hour(net)),
+        ([percent(value / net if net > 0 else None) for value in values], percent(one)),
+    ):
+        cells.append([*texts, whole])
+    if other is not None:
+        cells.append([*scale.parts([second[key] for key in names]), scale.joule(second["net"])])
+    *rows, total = zip(*cells, strict=True)
+    page.table(title, columns, rows, total)
 
 
 def joint_table(page: Document, joints: Sequence[JointEnergy], scale: EnergyFormat) -> None:

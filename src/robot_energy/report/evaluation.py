@@ -57,12 +57,21 @@ def evaluation_document(report: EvaluationReport, page: Document) -> None:
             ("its figures", tags_text(model.figures)),
         ]
     )
+    _section(page, "Recordings")
     _recordings(report, page)
     metered = [one for one in report.recordings if one.measured_energy is not None]
     if metered:
+        _section(page, "Energy and power at the meter")
         _meter(metered, report, page)
     if report.together[0].all_joints is not None:
+        _section(page, "Torque and shaft energy")
         _torque(report, page)
+
+
+def _section(page: Document, title: str) -> None:
+    """A heading for pages; the tables of a terminal have titles enough."""
+    with page.only("page"):
+        page.heading(title)
 
 
 def verdict(report: EvaluationReport) -> str:
@@ -108,7 +117,7 @@ def _seen(report: EvaluationReport) -> str:
 
 def _recordings(report: EvaluationReport, page: Document) -> None:
     page.rows(
-        "Recordings",
+        "",
         [
             Column("", "recording"),
             Column("sha256", "sha256"),

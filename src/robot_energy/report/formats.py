@@ -1,12 +1,39 @@
-"""Figures as text: one way for the terminal and for pages; what is not known is a dash."""
+"""Figures as text: one way for the terminal and for pages; what is not known is a dash.
+
+Text is written in ASCII everywhere. `typeset` turns it into true signs and units where it is
+shown: on pages, in figures, and on terminals that can show them.
+"""
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Iterable, Sequence
 
 NOTHING = "-"
 WATT_HOUR = 3600.0  # J
+SMALL = 1e-3  # below it figures with a standard deviation have a power of ten
+RAISED = str.maketrans(
+    "0123456789+-", "\u2070\u00b9\u00b2\u00b3\u2074\u2075\u2076\u2077\u2078\u2079\u207a\u207b"
+)
+SIGNS: tuple[tuple[str, str | Callable[[re.Match[str]], str]], ...] = (
+    (r"(?<![\w/.])degC(?![\w/])", "\u00b0C"),
+    (r"(?<![^\s\[(])1e(-?\d{1,2})(?= [A-Za-z])", lambda m: f"10{_raised(m[1])}"),
+    (
+        r"((?<![\w.,:/-])\d(?:\.\d+)?|\))e([+-]\d{1,3})(?![\w.])",
+        lambda m: _powers_of_ten(*m.groups()),
+    ),
+    (r"(?<![^\s(\[])\+-(?=\s|\d|$)", "\u00b1"),
+    (r"(?<=[A-Za-z)])\^(-?\d)(?!\d)", lambda m: _raised(m[1])),
+    (r"\b(N|kg) m(?=\u00b2|\b)", "\\1\u00b7m"),
+    (r"(?<=N\u00b7m) s\b", "\u00b7s"),
+    (r"(?<![\w/])(s|rad)2\b(?=/|\])", "\\1\u00b2"),
+    (r"(?<=/)(s|rad)2(?=\]|\)|$)", "\\1\u00b2"),
+    (r"\buJ\b", "\u00b5J"),
+    (r"(?<![^\s(\[=])-(?=\.?\d)", "\u2212"),
+    (r"(?<=[\w\])][ \n])-(?=[ \n][\w\[(])", "\u2212"),
+    (r"\A-\Z", "\u2013"),
+)
 
 
 class EnergyFormat:
@@ -20,21 +47,61 @@ class EnergyFormat:
         units = (("MJ", 1e6), ("kJ", 1e3), ("J", 1.0))
         self.unit, self.factor = next((u for u in units if largest >= u[1]), units[-1])
         lead = largest / self.factor if largest > 0 else 1.0
-        self.digits = max(0, 3 - math.floor(math.log10(lead)))
-        self.digits = min(self.digits, 3)
+        self.digits = _digits(lead)
+        self.watt_hour_digits = _digits(max(largest, 1.0) / WATT_HOUR)
 
     def joule(self, energy: float | None) -> str:
-        """Return an energy in the report's unit. [J]"""
+        """Return an energy in the report's unit.
+
+        Args:
+            energy: None where it is not known. [J]
+        """
         return NOTHING if energy is None else number(energy / self.factor, self.digits)
+
+    def parts(self, energies: Sequence[float], whole: str | None = None) -> list[str]:
+        """Return parts of an energy in the report's unit; as shown they sum to the whole.
+
+        Args:
+            energies: The parts. [J]
+            whole: As it is shown; None: the rounded sum of the parts.
+        """
+        return summing([energy / self.factor for energy in energies], self.digits, whole)
+
+    def watt_hour(self, energy: float | None) -> str:
+        """Return an energy in Wh, as precise as those in the report's unit.
+
+        Args:
+            energy: None where it is not known. [J]
+        """
+        if energy is None:
+            return NOTHING
+        return f"{number(energy / WATT_HOUR, self.watt_hour_digits)} Wh"
+
+    def watt_hour_parts(self, energies: Sequence[float]) -> list[str]:
+        """Return parts of an energy in Wh; as shown they sum to the whole.
+
+        Args:
+            energies: The parts. [J]
+        """
+        texts = summing([energy / WATT_HOUR for energy in energies], self.watt_hour_digits)
+        return [f"{text} Wh" for text in texts]
 
 
 def fixed(digits: int) -> Callable[[float | None], str]:
-    """Return a format with fixed digits after the point."""
+    """Return a format with fixed digits after the point.
+
+    Args:
+        digits: How many.
+    """
     return lambda value: NOTHING if value is None else number(value, digits)
 
 
 def significant(digits: int) -> Callable[[float | None], str]:
-    """Return a format with so many digits in all."""
+    """Return a format with so many digits in all.
+
+    Args:
+        digits: How many.
+    """
     return lambda value: NOTHING if value is None else f"{value:.{digits}g}"
 
 
@@ -42,7 +109,7 @@ def aligned(values: Iterable[float | None], digits: int) -> Callable[[float | No
     """Return a format of one column: the largest value has so many digits, all end alike.
 
     Args:
-        values: Of the column.
+        values: Of the column, in one unit. [-]
         digits: Of the largest, in all.
     """
     known = [abs(value) for value in values if value is not None and math.isfinite(value)]
@@ -51,46 +118,131 @@ def aligned(values: Iterable[float | None], digits: int) -> Callable[[float | No
 
 
 def number(value: float, digits: int) -> str:
-    """Return a number with fixed digits; never ``-0``."""
+    """Return a number with fixed digits; never ``-0``.
+
+    Args:
+        value: Any figure. [-]
+        digits: After the point.
+    """
     text = f"{value:.{digits}f}"
     return text.removeprefix("-") if float(text) == 0 else text
 
 
-def watt_hour(energy: float | None) -> str:
-    """Return an energy in Wh, with one digit above 10 kWh. [J]"""
-    if energy is None:
-        return NOTHING
-    return f"{number(energy / WATT_HOUR, 3 if abs(energy) < 10 * WATT_HOUR else 1)} Wh"
+def summing(values: Sequence[float], digits: int, total: str | None = None) -> list[str]:
+    """Return numbers with fixed digits whose sum, as shown, is the rounded sum of the values.
+
+    The numbers that lie nearest to the next digit are rounded to it, so none is off by one or more.
+
+    Args:
+        values: Parts of a whole, in one unit. [-]
+        digits: After the point.
+        total: What they sum to, as it is shown; None: the rounded sum of the values.
+    """
+    exact = [value * 10.0**digits for value in values]
+    whole = [math.floor(value) for value in exact]
+    order = sorted(range(len(values)), key=lambda place: whole[place] - exact[place])
+    aim = sum(exact) if total is None else float(total) * 10.0**digits
+    for place in order[: round(aim) - sum(whole)]:
+        whole[place] += 1
+    return [number(value * 10.0**-digits, digits) for value in whole]
+
+
+def _digits(lead: float) -> int:
+    """Digits after the point with which a number of this size has four in all, at most three."""
+    return min(3, max(0, 3 - math.floor(math.log10(lead)))) if lead > 0 else 3
 
 
 def energy_text(energy: float) -> str:
-    """Return one energy in words, three to four digits. [J]"""
+    """Return one energy in words, three to four digits.
+
+    Args:
+        energy: Any energy. [J]
+    """
     for unit, factor in (("MJ", 1e6), ("kJ", 1e3)):
         if abs(energy) >= factor:
             return f"{energy / factor:.4g} {unit}"
     return f"{energy:.4g} J"
 
 
-def percent(ratio: float | None, sign: bool = False) -> str:
-    """Return a ratio in percent."""
+def percent(ratio: float | None, sign: bool = False, digits: int = 1) -> str:
+    """Return a ratio in percent.
+
+    Args:
+        ratio: None where it is not known. [-]
+        sign: Whether a positive one has its sign, too.
+        digits: After the point.
+    """
     if ratio is None:
         return NOTHING
-    text = number(100 * ratio, 1)
+    text = number(100 * ratio, digits)
     return f"{'+' if sign and not text.startswith('-') else ''}{text} %"
 
 
 def signed_percent(ratio: float | None) -> str:
-    """Return a ratio in percent, with its sign."""
+    """Return a ratio in percent, with its sign.
+
+    Args:
+        ratio: None where it is not known. [-]
+    """
     return percent(ratio, sign=True)
 
 
 def seconds(time_ns: int) -> str:
-    """Return a time in s. [ns]"""
+    """Return a time in s.
+
+    Args:
+        time_ns: Any span. [ns]
+    """
     return f"{time_ns * 1e-9:.3f} s"
 
 
+def uncertain(value: float, std: float) -> str:
+    """Return a value with its standard deviation: that with two digits, both to the same place.
+
+    Args:
+        value: Any figure. [-]
+        std: Its standard deviation, same unit; 0 or not finite where it is not known. [-]
+    """
+    if not (math.isfinite(value) and math.isfinite(std)) or std <= 0:
+        return f"{value:.3g}"
+    size = max(abs(value), std)
+    if size < SMALL:
+        power = math.floor(math.log10(size))
+        return f"({uncertain(value / 10.0**power, std / 10.0**power)})e{power:+03d}"
+    place = 1 - math.floor(math.log10(std))
+    place = 1 - math.floor(math.log10(round(std, place)))  # 0.0996 is 0.10
+    return " +- ".join(number(round(each, place), max(0, place)) for each in (value, std))
+
+
+def typeset(text: str) -> str:
+    """Return a text with true signs and units: minus, plus-minus, degrees, dots and powers.
+
+    It changes numbers and units only: a ``-`` before a digit, not one inside of a name.
+
+    Args:
+        text: In ASCII, such as ``-0.5 degC``, ``29 +- 30 N m s/rad`` or ``3.2e-05 kg m^2``.
+    """
+    for pattern, sign in SIGNS:
+        text = re.sub(pattern, sign, text)
+    return text
+
+
+def _powers_of_ten(lead: str, power: str) -> str:
+    return f"{lead}\u00b710{_raised(str(int(power)))}"
+
+
+def _raised(digits: str) -> str:
+    return digits.translate(RAISED)
+
+
 def counted(count: int, one: str, many: str = "") -> str:
-    """Return a count with its noun."""
+    """Return a count with its noun.
+
+    Args:
+        count: How many.
+        one: The noun.
+        many: Its plural; empty for that with an s.
+    """
     return f"{count} {one if count == 1 else many or one + 's'}"
 
 
@@ -108,5 +260,9 @@ def grouped(notes: Sequence[str]) -> list[str]:
 
 
 def tags_text(figures: dict[str, int]) -> str:
-    """Return how many figures of a model are known in which way."""
+    """Return how many figures of a model are known in which way.
+
+    Args:
+        figures: Count by tag.
+    """
     return ", ".join(f"{count} {tag}" for tag, count in figures.items() if count) or "none tagged"

@@ -51,7 +51,7 @@ def verdict(test: HeldOutEnergy | None) -> tuple[str, bool]:
             parts.append(f"{' '.join((what, where)).strip()}: {given} as given, {new} new")
     given, new = (test.mean_rms(stage, test.judged) for stage in (GIVEN, last))
     text = (
-        f"energy error at the meter, mean size; {'; '.join(parts)}; RMS error of power "
+        f"mean energy error at the meter, without its sign; {'; '.join(parts)}; RMS error of power "
         f"{given:.3g} W as given, {new:.3g} W new"
     )
     match test.less_energy_error, test.less_power_error:

@@ -15,6 +15,7 @@ from pathlib import Path
 
 from robot_energy.files.output_files import HTML, HTML_MARK, write_file
 from robot_energy.report.document import HEADINGS, Document, Illustration, Part, Table, Text
+from robot_energy.report.formats import typeset
 from robot_energy.shown_text import shown_lines
 
 LEFT = ' class="text"'
@@ -22,7 +23,12 @@ PROSE = 24  # characters from which a cell is read as a sentence
 STYLE = """
 :root { color-scheme: light; }
 body { font: 15px/1.5 system-ui, "Segoe UI", "DejaVu Sans", sans-serif; color: #1a1a1a;
-  max-width: 62rem; margin: 0 auto; padding: 1.5rem 1rem 4rem; background: #fff; }
+  max-width: 104rem; margin: 0 auto; padding: 1.5rem 1.5rem 4rem; background: #fff; }
+main { display: flex; flex-wrap: wrap; align-items: flex-start; column-gap: 3rem; }
+main > * { flex: 0 0 100%; box-sizing: border-box; }
+main > p { max-width: none; padding-right: max(.8rem, calc(100% - 52rem)); }
+main > figure { flex: 1 1 34rem; max-width: 60rem; min-width: 0; }
+main > .wide { flex: 0 1 auto; min-width: 0; max-width: 100%; }
 h1 { font-size: 1.7rem; line-height: 1.25; margin: 0 0 .2rem; }
 h2 { font-size: 1.25rem; margin: 2.6rem 0 .6rem; padding-top: .8rem;
   border-top: 1px solid #dcdcdc; }
@@ -45,12 +51,13 @@ td { border-bottom: 1px solid #ececec; }
 th.text, td.text { text-align: left; }
 tr.total td { border-top: 1px solid #1a1a1a; font-weight: 600; }
 figure { margin: 1rem 0 1.4rem; }
-figure img { max-width: 100%; height: auto; }
+figure img { width: 100%; height: auto; }
 figcaption { font-size: .9rem; color: #444; max-width: 48rem; }
 code { font-family: ui-monospace, "DejaVu Sans Mono", monospace; font-size: .9em; }
-pre { background: #f5f5f5; padding: .6rem .8rem; overflow-x: auto; font-size: .88rem; }
+pre { background: #f5f5f5; padding: .6rem .8rem; white-space: pre-wrap;
+  overflow-wrap: anywhere; font-size: .88rem; }
 @media print { h2 { break-after: avoid; } figure, tr { break-inside: avoid; }
-  body { max-width: none; } }
+  body { max-width: none; } main { display: block; } }
 """
 
 
@@ -91,7 +98,7 @@ def page_html(document: Document) -> str:
         f"{HTML_MARK}"
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         f"<title>{_escape(document.title)}</title><style>{STYLE}</style></head><body>\n"
-        f"<h1>{_escape(document.title)}</h1>\n{lead}\n{contents}\n{body}\n</body></html>\n"
+        f"<h1>{_escape(document.title)}</h1>\n{lead}\n{contents}\n<main>\n{body}\n</main></body></html>\n"
     )
 
 
@@ -104,7 +111,7 @@ def _part(part: Part, anchor: str) -> str:
         case Text("", _):
             return ""
         case Text(text, "command"):
-            return f"<pre><code>{_escape(text)}</code></pre>"
+            return f"<pre><code>{_literal(text)}</code></pre>"
         case Text(text, kind) if kind in HEADINGS.values():
             place = f' id="{anchor}"' if anchor else ""
             return f"<{kind}{place}>{_escape(text)}</{kind}>"
@@ -147,10 +154,20 @@ def _figure(figure: Illustration) -> str:
     )
 
 
-def _escape(text: str) -> str:
+def _literal(text: str) -> str:
     """Return text as HTML, without characters that reorder or hide what is shown."""
     return escaped(shown_lines(text))
 
 
+def _escape(text: str) -> str:
+    """The same with true signs and units."""
+    return escaped(typeset(shown_lines(text)))
+
+
 def _prose(text: str) -> str:
-    return re.sub(r"`([^`]+)`", r"<code>\1</code>", _escape(text))
+    """The same; what stands between backticks is code, and stays as it is."""
+    parts = re.split(r"`([^`]+)`", text)
+    return "".join(
+        f"<code>{_literal(part)}</code>" if number % 2 else _escape(part)
+        for number, part in enumerate(parts)
+    )

@@ -12,7 +12,14 @@ from robot_energy.identify.stats.lag import Delay
 from robot_energy.model.friction_laws import FRICTION_LAWS
 from robot_energy.report.canvas import COLOURS, Target, canvas
 from robot_energy.report.document import Column, Document
-from robot_energy.report.formats import fixed, grouped, percent, signed_percent, significant
+from robot_energy.report.formats import (
+    fixed,
+    grouped,
+    percent,
+    signed_percent,
+    significant,
+    uncertain,
+)
 from robot_energy.report.friction_figure import friction_over_temperature
 from robot_energy.results.identification import CabinetReport, FrictionReport, FrictionStudyReport
 
@@ -75,7 +82,7 @@ def friction_tables(report: FrictionReport, page: Document) -> None:
 
 
 def _coulomb(fit: FrictionFit) -> str:
-    return f"{fit.coulomb:.4g} +- {fit.coulomb_std:.2g}" if fit.coulomb > 0.0 else AT_BOUND
+    return uncertain(fit.coulomb, fit.coulomb_std) if fit.coulomb > 0.0 else AT_BOUND
 
 
 def _fitted_at(fit: FrictionFit) -> str | None:
@@ -146,13 +153,13 @@ def losses_section(fit: CabinetFit, page: Document) -> None:
     def row(name: str, found: Level | None) -> tuple[str, ...]:
         if found is None:
             return name, "-", "0", "0", "-"
-        power = f"{found.power:.1f} +- {found.std:.1g}"
+        power = uncertain(found.power, found.std)
         return name, power, str(found.readings), str(found.events), f"{found.spread:.1f}"
 
     def loss(value: float | None, std: float | None) -> str:
         if value is None:
             return "-"
-        return f"{value:.1f} +- {std:.1g}" if value > 0.0 else AT_BOUND
+        return uncertain(value, std or 0.0) if value > 0.0 else AT_BOUND
 
     page.table(
         "Measured power while it is constant, less what the drives take [W]",
@@ -179,9 +186,10 @@ def link_section(fit: LinkFit, page: Document) -> None:
         page: Where to.
     """
     page.paragraph(
-        f"energy of the DC link between rectified and chopper voltage: {fit.energy:.1f} +- "
-        f"{fit.std:.2g} J, 95 % interval {fit.interval[0]:.0f} to {fit.interval[1]:.0f} J; full "
-        f"{fit.events} times, empty again {fit.emptying:.2g} s after it begins to fill (median)"
+        "energy of the DC link between rectified and chopper voltage: "
+        f"{uncertain(fit.energy, fit.std)} J, 95 % interval {fit.interval[0]:.0f} to "
+        f"{fit.interval[1]:.0f} J; full {fit.events} times, empty again "
+        f"{fit.emptying:.2g} s after it begins to fill (median)"
     )
     page.rows(
         f"Power at the grid, {fit.readings} readings of {fit.spacing:.2g} s; "
@@ -195,7 +203,7 @@ def link_section(fit: LinkFit, page: Document) -> None:
     )
     page.paragraph(
         "if the constant of the DC side were free as well, it would change by "
-        f"{fit.loss_dc_shift:+.1f} +- {fit.loss_dc_shift_std:.1g} W; it stays"
+        f"{uncertain(fit.loss_dc_shift, fit.loss_dc_shift_std)} W; it stays"
     )
     page.figure(
         lambda path: error_over_energy(fit, path),
@@ -212,8 +220,8 @@ def delay_text(what: str, delay: Delay) -> str:
         delay: The estimate.
     """
     return (
-        f"delay of {what} behind the joint states: {1e3 * delay.value:+.1f} +- "
-        f"{1e3 * delay.std:.1g} ms would lower the held-out error by "
+        f"delay of {what} behind the joint states: "
+        f"{uncertain(1e3 * delay.value, 1e3 * delay.std)} ms would lower the held-out error by "
         f"{percent(delay.gain)}: {delay_use(delay, 'undone')}"
     )
 

@@ -95,7 +95,7 @@ def _came_of(step: StepReport) -> str:
             errors = found.torque_error
             return (
                 f"{len(found.base_parameters)} base parameters, {weak} of them weakly excited; "
-                f"torque {percent(errors['held_out_model_file'].total)} off held out, "
+                f"held-out torque {percent(errors['held_out_model_file'].total)} off, "
                 f"{percent(errors['held_out_given_bodies'].total)} with the bodies as given"
             )
         case FrictionReport(_, fits, _):

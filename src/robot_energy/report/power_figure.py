@@ -10,6 +10,7 @@ import numpy as np
 from robot_energy.blocks import Float
 from robot_energy.errors import ShapeError
 from robot_energy.report.canvas import COLOURS, LINES, Axes, Target, canvas
+from robot_energy.report.formats import EnergyFormat
 from robot_energy.report.series import Series
 
 MINUTE = 60.0  # s
@@ -95,18 +96,16 @@ def _at(measured: Series, time: Float) -> Float:
 
 
 def _energy(axes: Axes, series: Sequence[Series], second: float, place: str) -> None:
-    last = max(abs(float(curve.energy[-1])) for curve in series)
-    unit, joule = next(((u, f) for u, f in (("MJ", 1e6), ("kJ", 1e3)) if last >= f), ("J", 1.0))
+    scale = EnergyFormat(max(abs(float(curve.energy[-1])) for curve in series))
     for curve in series:
-        end = float(curve.energy[-1]) / joule
         axes.plot(
             curve.energy_time / second,
-            curve.energy / joule,
+            curve.energy / scale.factor,
             LINES[curve.role],
             color=COLOURS[curve.role],
-            label=f"{end:.4g} {unit}",
+            label=f"{curve.label}: {scale.joule(float(curve.energy[-1]))} {scale.unit}",
         )
     axes.legend(loc="upper left")
-    axes.set_ylabel(f"energy at {place} [{unit}]")
+    axes.set_ylabel(f"energy at {place} [{scale.unit}]")
     if all(float(curve.energy.min()) >= 0 for curve in series):
         axes.set_ylim(bottom=0.0)

@@ -14,6 +14,7 @@ from robot_energy.report.energy import (
     quality_table,
     scale_of,
 )
+from robot_energy.report.flow_figure import energy_flow
 from robot_energy.report.formats import energy_text, fixed, percent, significant, tags_text
 from robot_energy.report.prediction_figure import energy_bars, power_curves
 from robot_energy.results.prediction import PredictionReport, PredictionsReport
@@ -57,10 +58,17 @@ def prediction_document(
         with page.only("page"):
             page.heading("Side by side")
         _side_by_side(page, runs, names)
-    page.figure(
-        lambda path: energy_bars([run.energy for run in runs], names, path),
-        "Predicted energy from the grid and where it goes.",
-    )
+    if len(runs) == 1:
+        page.figure(
+            lambda path: energy_flow(runs[0], path),
+            "Where the energy from the grid goes: to the axes, cabinet and brake. Each row begins "
+            "where the one above ended, and their figures sum to the first. Hatched: given back.",
+        )
+    else:
+        page.figure(
+            lambda path: energy_bars([run.energy for run in runs], names, path),
+            "Predicted energy from the grid and where it goes.",
+        )
     if results:
         page.figure(
             lambda path: power_curves(results, names, path),

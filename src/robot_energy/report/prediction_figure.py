@@ -13,7 +13,7 @@ from robot_energy.report.energy import scale_of
 from robot_energy.results.energy import EnergyBreakdown
 
 PARTS = {
-    "rigid, net": ("rigid",),
+    "lifting and accelerating, net": ("rigid",),
     "friction": ("friction",),
     "drive losses": ("drive_loss",),
     "constant losses": ("loss_dc", "loss_grid"),

@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.text import Text as Line
 
 from robot_energy.report.document import HEADINGS, Document, Illustration, Part, Table, Text
+from robot_energy.report.formats import typeset
 from robot_energy.report.layout import MIN_PROSE_WIDTH, fitted_table
 from robot_energy.shown_text import shown_lines
 
@@ -51,8 +52,8 @@ def table(
     total: Sequence[str] | None = None,
 ) -> None:
     """First column left, the others right; a last row of sums below a rule; nothing is cut."""
-    columns, *rows = (_cells(row) for row in (columns, *rows))
-    total = None if total is None else _cells(total)
+    columns, *rows = (_cells(row, console) for row in (columns, *rows))
+    total = None if total is None else _cells(total, console)
     if title:
         _line(console, title, "bold")
     console.print(fitted_table(columns, rows, console.width, total), crop=False)
@@ -60,7 +61,7 @@ def table(
 
 def _pairs(console: Console, rows: Sequence[Sequence[str]]) -> None:
     """Names and values, then an empty line; long values wrap between words."""
-    shown = [(shown_lines(name), shown_lines(value)) for name, value in rows]
+    shown = [_cells(row, console) for row in rows]
     lead = max((cell_len(name) for name, _ in shown), default=0)
     room = max(console.width - lead - 1, MIN_PROSE_WIDTH)
     for name, value in shown:
@@ -73,8 +74,22 @@ def _pairs(console: Console, rows: Sequence[Sequence[str]]) -> None:
 
 def _line(console: Console, text: str, style: str = "") -> None:
     """One line as it is, without wrapping or markup."""
-    console.print(Line(shown_lines(text), style=style), soft_wrap=True)
+    console.print(Line(terminal_text(text, console), style=style), soft_wrap=True)
 
 
-def _cells(row: Sequence[str]) -> list[str]:
-    return [shown_lines(cell) for cell in row]
+def _cells(row: Sequence[str], console: Console) -> list[str]:
+    return [terminal_text(cell, console) for cell in row]
+
+
+def terminal_text(text: str, console: Console) -> str:
+    """Return a text as a terminal or a pipe shows it.
+
+    A terminal has true signs and units if its encoding has them; a pipe, whose reader may be
+    a program, stays ASCII.
+
+    Args:
+        text: Of ours.
+        console: Where it goes.
+    """
+    true = console.is_terminal and console.encoding.lower().startswith("utf")
+    return typeset(shown_lines(text)) if true else shown_lines(text)

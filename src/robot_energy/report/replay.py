@@ -16,6 +16,7 @@ from robot_energy.report.energy import (
     quality_table,
     scale_of,
 )
+from robot_energy.report.flow_figure import energy_flow
 from robot_energy.report.formats import (
     EnergyFormat,
     counted,
@@ -25,7 +26,6 @@ from robot_energy.report.formats import (
     seconds,
     signed_percent,
     tags_text,
-    watt_hour,
 )
 from robot_energy.report.power_figure import power_and_energy
 from robot_energy.report.prediction_figure import energy_bars
@@ -243,15 +243,20 @@ def _recording(report: ReplayReport) -> list[tuple[str, str]]:
 
 def _energy(page: Document, report: ReplayReport, scale: EnergyFormat) -> None:
     energy, power, other = report.energy, report.power, report.compared_with
-    runs = {"predicted": energy}
+    page.figure(
+        lambda path: energy_flow(report, path),
+        "Where the energy from the grid went, as predicted: to the axes, cabinet and brake. Each "
+        "row begins where the one above ended, and their figures sum to the first. Hatched: "
+        "given back.",
+    )
     second = None
     if other is not None:
         second = str(other.model.change), other.energy
         runs = {"predicted": energy, f"predicted, {second[0]}": other.energy}
-    page.figure(
-        lambda path: energy_bars(list(runs.values()), list(runs), path),
-        "Predicted energy from the grid and where it went.",
-    )
+        page.figure(
+            lambda path: energy_bars(list(runs.values()), list(runs), path),
+            "The same with friction at measured and at one temperature.",
+        )
     over = seconds(report.time.observed_ns)
     energy_table(page, f"Where the energy went, predicted, over {over}", report, scale, second)
     if energy.grid_return:
@@ -275,7 +280,7 @@ def _comparison(page: Document, report: ReplayReport, scale: EnergyFormat) -> No
         with page.only("page"):
             page.paragraph("Nothing was measured that could be compared.")
         return
-    rows = [("measured", scale.joule(measured), watt_hour(measured), f"{power:.1f} W", "", "", "")]
+    rows = [("measured", scale.joule(measured), f"{power:.1f} W", "", "", "")]
     for entry in (report, other):
         values = None if entry is None else entry.comparison
         if entry is None or values is None or values.measured_energy is None:
@@ -285,7 +290,6 @@ def _comparison(page: Document, report: ReplayReport, scale: EnergyFormat) -> No
             (
                 f"predicted, {change}" if other is not None else "predicted",
                 scale.joule(values.predicted_energy_at_meter),
-                watt_hour(values.predicted_energy_at_meter),
                 f"{fixed(1)(values.predicted_mean_power_at_meter)} W",
                 scale.joule(values.predicted_minus_measured_energy),
                 signed_percent(values.predicted_minus_measured_relative),
@@ -298,7 +302,6 @@ def _comparison(page: Document, report: ReplayReport, scale: EnergyFormat) -> No
         (
             "",
             f"energy [{scale.unit}]",
-            "",
             "mean power",
             f"error [{scale.unit}]",
             "",

@@ -113,7 +113,11 @@ class RecordingScore(Result):
     notes: tuple[str, ...]
 
     def score(self, name: str) -> ModelScore | None:
-        """Return one of the scores; None if there is none of this name."""
+        """Return one of the scores; None if there is none of this name.
+
+        Args:
+            name: ``model``, ``fixed_friction`` or ``zero``.
+        """
         return next((one for one in self.scores if one.name == name), None)
 
 
@@ -289,12 +293,20 @@ def _identified(value: object) -> Iterator[str]:
 
 
 def meaning_of(report: ReplayReport) -> str:
-    """Return what the effort of a replay was taken for."""
+    """Return what the effort of a replay was taken for.
+
+    Args:
+        report: Of the replay.
+    """
     return report.shaft.effort if report.shaft is not None else EffortMeaning.NONE.value
 
 
 def location_of(meter: MeterComparison) -> str | None:
-    """Return where the meter sits; None where nothing was compared with it."""
+    """Return where the meter sits; None where nothing was compared with it.
+
+    Args:
+        meter: The comparison with it.
+    """
     return meter.meter_location if meter.measured_energy is not None else None
 
 

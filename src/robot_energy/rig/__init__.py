@@ -1,4 +1,4 @@
-"""The virtual test rig: a plant that the monitored model does not know.
+"""The virtual test rig: a plant with other friction and losses than the model has.
 
 Whatever is shown on the rig is labelled so; it proves the method, not a robot.
 """

@@ -1,4 +1,4 @@
-"""The plant's own parameters: what the monitored model does not know.
+"""The plant's own parameters: what is independent of the monitored model.
 
 A plant shares rigid bodies, gear ratios and rotor inertias with the model under test, nothing
 else. Friction and losses have terms that the models do not have (Stribeck, load, lubricant,

@@ -1,8 +1,8 @@
 """Plants whose friction, losses and constants are drawn at random.
 
 A drawn plant shares bodies, gear ratios and rotor inertias with a model file, and the limits of
-its URDF set the scale. Every other figure comes from the distributions below, which know
-nothing of the friction and losses of that file or of the shipped plants. They are wide: the
+its URDF set the scale. Every other figure comes from the distributions below, which do not
+use the friction and losses of that file or of the shipped plants. They are wide: the
 middle 90 % of a log-normal with a spread of 0.4 lie between 0.52 and 1.93 times its median.
 """
 

@@ -121,6 +121,7 @@ class AccountStore:
     Attributes:
         loaded: Whether the state files were read, so that this is the robot's account.
         trouble: Why nothing can be kept at present; empty while all is well.
+        remedy: What to do about it, where that is known.
         failures: Checkpoints that failed.
         checkpoints: Checkpoints that reached the disk.
         notices: What the user should know, oldest first; take them out.
@@ -136,7 +137,7 @@ class AccountStore:
     ) -> None:
         self.ledger = ledger
         self.loaded = slots is None
-        self.trouble = ""
+        self.trouble = self.remedy = ""
         self.failures = 0
         self.checkpoints = 0
         self.notices: list[str] = []
@@ -201,12 +202,12 @@ class AccountStore:
                 return None
         except StateFileError as error:
             self.failures += 1
-            self.trouble = str(error)
+            self.trouble, self.remedy = str(error), error.remedy
             return False
         assert self._slots is not None
         self._written = self._slots.sequence
         self.checkpoints += 1
-        self.trouble = ""
+        self.trouble = self.remedy = ""
         return True
 
     def open(self, patience: float | None = None) -> None:

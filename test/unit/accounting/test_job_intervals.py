@@ -3,6 +3,7 @@
 import pytest
 
 from accounts import SECOND, restarted, steady
+from refusals import refused
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.job_intervals import MAX_CLOSED, MAX_OPEN
 from robot_energy.errors import RegisterError
@@ -74,24 +75,24 @@ def test_an_open_interval_survives_restarts_with_the_gap_inside(ledger: EnergyAc
 
 def test_refusals(ledger: EnergyAccount) -> None:
     for name in ("", "  ", "x" * 101):
-        with pytest.raises(RegisterError, match="expected 1 to 100"):
+        with refused(RegisterError, expected="1 to 100"):
             ledger.open_interval(name)
-    with pytest.raises(RegisterError, match="no sample has been counted yet"):
+    with refused(RegisterError, found="sample", expected="joint state"):
         EnergyAccount(2).open_interval("job")
-    with pytest.raises(RegisterError, match="'a' is open; expected an open interval; none is"):
+    with refused(RegisterError, found="'a'", expected="none"):
         ledger.close_interval("a")
     ledger.open_interval("a")
-    with pytest.raises(RegisterError, match="'a' is open already"):
+    with refused(RegisterError, found="'a'", remedy="close"):
         ledger.open_interval("a")
-    with pytest.raises(RegisterError, match="number 7 is open; expected 'a'"):
+    with refused(RegisterError, found="7", expected="'a'"):
         ledger.close_interval("a", 7)
     for number in range(MAX_OPEN - 1):
         ledger.open_interval(f"more {number}")
-    with pytest.raises(RegisterError, match=f"{MAX_OPEN} intervals are open"):
+    with refused(RegisterError, found=str(MAX_OPEN), remedy="close"):
         ledger.open_interval("one too many")
-    with pytest.raises(RegisterError, match="without a reason"):
+    with refused(RegisterError, found="reason"):
         ledger.reset(" ")
-    with pytest.raises(RegisterError, match="no sample"):
+    with refused(RegisterError, found="sample"):
         EnergyAccount(2).reset("fresh")
 
 

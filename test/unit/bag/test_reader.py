@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
+from refusals import refused
 from robot_energy.bag import BagReader
 from robot_energy.cdr import Decoder, typestore
 from robot_energy.errors import BagError, MissingTopicError
@@ -164,7 +165,7 @@ def test_topics_not_serialized_as_cdr_are_refused(tmp_path, bags):
     with bags.foreign_mcap(path) as writer:
         channel = writer.register_channel("/text", "json", 2)
         writer.add_message(channel, 0, b"{}", 0)
-    with pytest.raises(MissingTopicError, match=r"/text as .* \(json\)"):
+    with refused(MissingTopicError, found=("/text", "json")):
         BagReader(path).parts(["/text"])
 
 
@@ -307,13 +308,13 @@ def test_a_required_topic_is_found_or_named_in_the_error(tmp_path, bags):
     reader = BagReader(tmp_path / "bag")
     assert reader.require("/heat", bags.TEMPERATURE).message_count == 1
     assert reader.require("/heat", [bags.JOINT_STATE, bags.TEMPERATURE]).message_count == 1
-    with pytest.raises(MissingTopicError, match=r"no /joint_states; .* bag: /joints"):
+    with refused(MissingTopicError, found="/joint_states", remedy="/joints"):
         reader.require("/joint_states", bags.JOINT_STATE)
-    with pytest.raises(MissingTopicError, match="has /heat as sensor_msgs/msg/Temperature"):
+    with refused(MissingTopicError, found=("/heat", bags.TEMPERATURE)):
         reader.require("/heat", bags.JOINT_STATE)
-    with pytest.raises(MissingTopicError, match="The bag has no topic of that type"):
+    with refused(MissingTopicError, expected="std_msgs/msg/String"):
         reader.require("/heat", "std_msgs/msg/String")
-    with pytest.raises(MissingTopicError, match="has no /power; expected one of /heat, /joints"):
+    with refused(MissingTopicError, found="/power", expected="/heat, /joints"):
         reader.parts(["/joints", "/power"])
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from refusals import refused
 from robot_energy.cdr import Decoder, Encoder, stamp_columns
 from robot_energy.cdr.schema import compile_schema, leaf_paths
 from robot_energy.errors import MessageTypeError, ShapeError
@@ -95,15 +96,15 @@ def test_constant_numbers_may_be_arrays():
 def test_a_missing_or_unknown_column_is_refused():
     columns = joint_state_columns(2)
     velocity = columns.pop("velocity")
-    with pytest.raises(MessageTypeError, match=r"lack \['velocity'\]"):
+    with refused(MessageTypeError, found="lack ['velocity']"):
         joint_state_encoder().encode(columns, 2)
-    with pytest.raises(MessageTypeError, match=r"unknown \['speed'\]"):
+    with refused(MessageTypeError, found="unknown ['speed']"):
         joint_state_encoder().encode({**columns, "velocity": velocity, "speed": velocity}, 2)
 
 
 @pytest.mark.parametrize("shape", [(2, 4), (3, 3), (2,), (3,), (1, 3), (2, 3, 1)])
 def test_a_column_of_another_shape_is_refused(shape):
-    with pytest.raises(ShapeError, match=r"velocity of .*expected \(2, 3\)"):
+    with refused(ShapeError, found="velocity", expected="(2, 3)"):
         joint_state_encoder().encode(joint_state_columns(2) | {"velocity": np.zeros(shape)}, 2)
 
 
@@ -121,12 +122,12 @@ def test_values_that_do_not_fit_are_refused(value, text):
 
 
 def test_a_sequence_without_length_is_refused():
-    with pytest.raises(ShapeError, match=r"length of velocity .* is not given"):
+    with refused(ShapeError, found=("length", "velocity"), expected="length"):
         Encoder(JOINT_STATE, {"name": NAMES}, {"position": 3, "effort": 3})
 
 
 def test_lengths_that_contradict_are_refused():
-    with pytest.raises(ShapeError, match=r"name of .* lengths \[2, 3\]"):
+    with refused(ShapeError, found=("name", "[2, 3]")):
         Encoder(JOINT_STATE, {"name": NAMES}, {"name": 2})
 
 

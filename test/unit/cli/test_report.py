@@ -46,7 +46,7 @@ def test_several_bags_stand_side_by_side_first(tmp_path, capsys):
     page = page_of(tmp_path, BAG, WARM, "--model", "kr16", "--fixed-friction", "40")
     assert headings(page, 2) == ["Side by side", "kr16_cold", "kr16_warm"]
     assert headings(page, 3) == [*SECTIONS, *SECTIONS]
-    assert "friction fixed at 40 degC" in page
+    assert "friction fixed at 40 °C" in page
 
 
 def test_a_page_of_json_says_the_same_without_curves(tmp_path, capsys):
@@ -54,11 +54,11 @@ def test_a_page_of_json_says_the_same_without_curves(tmp_path, capsys):
     assert main([*words, "--json", str(tmp_path / "x.json")]) == 0
     page = page_of(tmp_path, str(tmp_path / "x.json"))
     assert headings(page, 2) == SECTIONS
-    assert page.count("<figure>") == 1
+    assert page.count("<figure>") == 2  # the pieces, and both models next to each other
     plain = page_of(tmp_path, BAG, "--model", "kr16")
     own = set(read(page).cells)
     assert {cell for cell in read(plain).cells if cell.startswith("joint_")} <= own
-    assert any("fixed at 60 degC" in cell for cell in own)
+    assert any("fixed at 60 °C" in cell for cell in own)
 
 
 def test_a_page_of_predictions_in_json(tmp_path, capsys):

@@ -29,7 +29,7 @@ def test_help_of_a_subject(capsys):
         (["identify", "all", "--efort=x"], "robot-energy identify all", "did you mean --effort?"),
         (["replay", "b", "--effort", "motor_torqe"], "robot-energy replay", "mean motor_torque?"),
         (["replay", "a", "b"], "robot-energy replay", "too many arguments: b"),
-        (["replay"], "robot-energy replay", "missing: bag"),
+        (["replay"], "robot-energy replay", "required: bag"),
         (["model", "chek", "kr16"], "robot-energy model", "did you mean check?"),
         (["--verson"], "robot-energy", "did you mean --version?"),
         (["replay", "b\x1b[2J", "c\x1b[2J"], "robot-energy replay", r"too many arguments: c\x1b["),

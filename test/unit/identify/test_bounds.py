@@ -132,4 +132,4 @@ def test_the_report_shows_the_bound_instead_of_a_deviation():
     rows = [tuple(row) for _, part, _ in tables for row in part]
     assert ("DC side constant loss", "W", "150", "0", "-", "assumed", "at its bound") in rows
     assert ("DC", "0, at bound") in rows
-    assert ("grid", "250.0 +- 1") in rows
+    assert ("grid", "250.0 +- 1.0") in rows

@@ -2,6 +2,7 @@ import pytest
 import yaml
 
 import robots
+from refusals import refused
 from robot_energy.errors import ModelFileError, RobotEnergyError
 from robot_energy.model import load, parse_yaml, save, validate
 from robots import figure
@@ -65,7 +66,7 @@ def test_hostile_yaml_is_refused(text, words):
 
 
 def test_missing_file_names_the_shipped_models():
-    with pytest.raises(RobotEnergyError, match=r"Shipped models: .*kr16"):
+    with refused(RobotEnergyError, found="'no_such_robot'", remedy="kr16"):
         load("no_such_robot")
 
 

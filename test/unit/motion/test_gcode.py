@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from refusals import refused
 from robot_energy.errors import MotionError
 from robot_energy.motion.gcode import load_gcode, read_gcode
 from robot_energy.motion.gcode_words import words_of
@@ -118,7 +119,7 @@ def test_line_numbers_and_checksums():
     for byte in text.encode():
         checksum ^= byte
     assert len(moves(f"{HEAD}{text}*{checksum}\n")) == 1
-    with pytest.raises(MotionError, match=rf"line 3 has the checksum '{checksum ^ 1}'.*{checksum}"):
+    with refused(MotionError, ("line 3", f"'{checksum ^ 1}'"), str(checksum)):
         read_gcode(f"{HEAD}{text}*{checksum ^ 1}\n")
 
 
@@ -159,12 +160,12 @@ def test_what_could_change_the_motion_is_refused_with_its_line(line, text):
 
 
 def test_a_program_without_a_move_is_refused():
-    with pytest.raises(MotionError, match="moves nothing"):
+    with refused(MotionError, expected="G1"):
         read_gcode("G21\nG0 X5 Y5 Z0\nM2\n")
 
 
 def test_an_arc_from_nowhere_is_refused():
-    with pytest.raises(MotionError, match="unknown place"):
+    with refused(MotionError, found="line 1", expected="G0 or G1"):
         read_gcode("G2 X10 Y0 I5 F60\n")
 
 
@@ -181,7 +182,7 @@ def test_a_path_with_a_hole_is_refused():
         Dwell(1.0),
         LineSegment((1, 0, 0.1), (2, 0, 0), 0.1, 7),
     ]
-    with pytest.raises(MotionError, match="line 7: the move begins at"):
+    with refused(MotionError, found=("line 7", "[1, 0, 0.1]"), expected="[1, 0, 0]"):
         ToolPath(lines)
 
 

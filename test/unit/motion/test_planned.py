@@ -7,6 +7,7 @@ import pytest
 import yaml
 
 from moves import PointToPoint
+from refusals import refused
 from robot_energy.bag import BagReader, BagWriter
 from robot_energy.errors import BagError, MissingTopicError, MotionError
 from robot_energy.motion import FourierBasis, FourierMotion
@@ -107,7 +108,7 @@ def test_wrong_program_files_are_refused_by_key(tmp_path, changes, text):
 def test_files_that_are_no_program(tmp_path):
     path = tmp_path / "list.yaml"
     path.write_text("- 1\n")
-    with pytest.raises(MotionError, match="is a list"):
+    with refused(MotionError, found="list", expected="schema_version"):
         read_program(path)
     with pytest.raises(MotionError, match="cannot be read"):
         read_program(tmp_path / "none.yaml")
@@ -138,7 +139,7 @@ def test_programs_of_another_robot_are_refused(tmp_path, changes, text):
 
 
 def test_a_robot_without_speeds_is_refused(tmp_path):
-    with pytest.raises(MotionError, match="no velocity limit for joint 'elbow'"):
+    with refused(MotionError, found=("velocity", "'elbow'")):
         load_motion(written(tmp_path), Robot.from_model(two_link()))
 
 
@@ -231,15 +232,15 @@ def test_unused_bytes_behind_a_message_are_ignored(tmp_path):
         found.sample(TIME).joint_position, motion.sample(TIME).joint_position, atol=1e-7
     )
     for data in (b"", b"\x00\x07\x00\x00", b"\x00\x01\x00\x00\xff\xff"):
-        with pytest.raises(MotionError, match="cannot be decoded"):
+        with refused(MotionError, expected="trajectory_msgs/msg/JointTrajectory"):
             decode_trajectory(reader.typestore, data, "it")
 
 
 def test_bags_and_tables_without_a_trajectory_are_refused(tmp_path):
     excitation(tmp_path)
-    with pytest.raises(MissingTopicError, match="has no /other"):
+    with refused(MissingTopicError, found="/other", remedy="/joint_trajectory"):
         read_bag_trajectory(tmp_path / "bag", "/other")
-    with pytest.raises(BagError, match="holds no bag"):
+    with refused(BagError, expected=".mcap"):
         load_motion(tmp_path, robot())
     table = tmp_path / "t.csv"
     for text, why in (
@@ -270,12 +271,12 @@ def test_repetition_needs_an_end_at_the_start():
     assert (np.diff(time) > 0).all()
     assert time[-1] == pytest.approx(4.5)
     away = JointTrajectory(("a",), TIME, np.array([[0.0], [1.0], [1.0], [0.5]]))
-    with pytest.raises(MotionError, match=r"joint 'a' ends 0\.5"):
+    with refused(MotionError, found=("'a'", "0.5")):
         list(repeated(SampledMotion(away, ("a",), 1.5, 0.01), 2))
 
 
 def test_lists_of_numbers():
     np.testing.assert_array_equal(joint_list("1,-2.5", "--x", (2,)), [1.0, -2.5])
     for text in ("1,a", "1", "nan,1", ""):
-        with pytest.raises(MotionError, match="--x is"):
+        with refused(MotionError, found="--x"):
             joint_list(text, "--x", (2,))

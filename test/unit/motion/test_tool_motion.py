@@ -1,10 +1,12 @@
 """Tool motion -> joint motion, with an arm whose kinematics are known in closed form."""
 
 import math
+import re
 
 import numpy as np
 import pytest
 
+from refusals import refused
 from robot_energy.errors import MotionError
 from robot_energy.model import load
 from robot_energy.motion import tool_motion
@@ -118,28 +120,22 @@ def test_the_base_is_placed_and_turned():
 
 
 def test_speed_beyond_a_limit_names_joint_time_and_line():
-    with pytest.raises(
-        MotionError, match=r"part\.gcode, line 3: joint '\w+' moves at -?0\.\d+ rad/s at \d\.\d+ s"
-    ) as error:
+    with refused(MotionError, ("part.gcode, line 3", "joint '"), "0.2 rad/s") as error:
         together(motion(limits=limits(velocity=0.2)))
-    assert "at most 0.2 rad/s" in str(error.value)
+    assert re.search(r"-?0\.\d+ rad/s at \d\.\d+ s", error.value.found)
 
 
 def test_position_beyond_a_limit_names_joint_time_and_line():
-    with pytest.raises(
-        MotionError, match=r"line 3: joint 'shoulder' is at -1\.\d+ rad at 0\.000 s.*-0\.5 to 3"
-    ):
+    with refused(MotionError, ("line 3", "'shoulder'", "0.000 s"), "-0.5 to 3 rad"):
         together(motion(limits=limits(lower=-0.5)))
 
 
-def test_what_is_out_of_reach_is_told_with_its_line_and_time():
+def test_what_is_out_of_reach_has_its_line_and_time():
     """The arm of 1.1 m leaves its reach on the second line, from (0.7, -0.2) along x at
     x = sqrt(1.1^2 - 0.2^2) = 1.0817 m: some 3.1 s later at 125 mm/s."""
-    with pytest.raises(
-        MotionError, match=r"line 4, at (\d+\.\d+) s: a point lies out of r"
-    ) as found:
+    with refused(MotionError, "line 4", "1.1 m") as caught:
         together(motion("G1 X700 F7500\nG1 X2000\n"))
-    time = float(str(found.value).split(", at ")[1].split(" s:")[0])
+    time = float(re.findall(r"at (\d+\.\d+) s", caught.value.found)[0])
     assert time == pytest.approx((1.0817 - 0.5) / 0.125 + 0.0625 / 2 + 0.01, abs=0.02)
 
 
@@ -152,14 +148,14 @@ def test_a_jump_between_solutions_is_refused():
 
     path = TimedPath(ToolPath([LineSegment((0.5, 0, 0), (0.7, 0, 0), 0.1, 12)]))
     planned = ToolMotion(path, Jumps(), np.zeros(2), limits())
-    with pytest.raises(MotionError, match=r"line 12: joint 'elbow' jumps by"):
+    with refused(MotionError, found=("line 12", "'elbow'"), expected="0.5 rad"):
         together(planned)
 
 
 def test_too_many_steps_are_refused():
-    with pytest.raises(MotionError, match="more than"):
+    with refused(MotionError, found=("8.279 s", "1e-08 s")):
         motion(step=1e-8)
-    with pytest.raises(MotionError, match="the step is 0"):
+    with refused(MotionError, found="0.0 s"):
         motion(step=0.0)
 
 

@@ -53,6 +53,12 @@ def test_what_is_stale_is_not_shown_as_a_figure(state):
     assert state.snapshot(late)["power"]["predicted_grid_power"] == 100.0
 
 
+def test_a_monitor_that_publishes_seldom_is_not_stale_in_between(state):
+    state.take_power(power_states([10.0], [100.0], period=10.0), 5.0)
+    assert not state.stale(20.0)
+    assert state.stale(36.0)
+
+
 def test_unknown_is_none_and_json_has_no_nan(state):
     state.take_power(power_states([1.0, 1.1], [math.nan, math.inf]), 5.0)
     found = state.snapshot(5.0)

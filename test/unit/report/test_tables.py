@@ -9,7 +9,14 @@ from rich.console import Console
 from logbook import wheel_bag
 from robot_energy.bag_replay import replay
 from robot_energy.report.document import Document
-from robot_energy.report.formats import EnergyFormat, energy_text, percent, watt_hour
+from robot_energy.report.formats import (
+    EnergyFormat,
+    energy_text,
+    percent,
+    summing,
+    typeset,
+    uncertain,
+)
 from robot_energy.report.printing import print_document
 from robot_energy.report.replay import replay_document
 from robot_energy.results.replay import ReplayReport, replay_report
@@ -67,11 +74,84 @@ def test_energies_in_words(joule: float, text: str) -> None:
 def test_one_unit_and_precision_for_a_whole_report() -> None:
     scale = EnergyFormat(12_345.0)
     assert (scale.unit, scale.joule(12_345.0), scale.joule(-4.0)) == ("kJ", "12.35", "0.00")
-    assert scale.joule(None) == watt_hour(None) == "-"
-    assert watt_hour(3600.0) == "1.000 Wh"
+    assert scale.joule(None) == scale.watt_hour(None) == "-"
+    assert scale.watt_hour(3600.0) == "1.000 Wh"
     assert EnergyFormat(0.0).joule(0.0) == "0.000"
 
 
 def test_a_ratio_is_never_minus_zero() -> None:
     assert (percent(-1e-5), percent(-1e-5, sign=True), percent(None)) == ("0.0 %", "+0.0 %", "-")
     assert (percent(-0.021, sign=True), percent(0.5, sign=True)) == ("-2.1 %", "+50.0 %")
+
+
+@pytest.mark.parametrize("digits", [0, 1, 2, 3])
+def test_parts_as_shown_sum_to_the_whole_as_shown(digits: int) -> None:
+    values = [-0.1949, 16.2749, 5.3949, 8.9949, 5.5749, 0.0049]  # rounded alone: 0.02 less
+    texts = summing(values, digits)
+    assert sum(map(float, texts)) == pytest.approx(round(sum(values), digits))
+    for value, text in zip(values, texts, strict=True):
+        assert abs(float(text) - value) < 10.0**-digits
+    assert summing([1.25, 1.25], 1, "2.6") == ["1.3", "1.3"]
+
+
+@pytest.mark.parametrize(
+    ("value", "std", "text"),
+    [
+        (29.41, 31.2, "29 +- 31"),
+        (323.7, 321.0, "320 +- 320"),
+        (0.00742, 0.0071, "0.0074 +- 0.0071"),
+        (0.5, 0.0996, "0.50 +- 0.10"),
+        (-0.004, 0.2, "0.00 +- 0.20"),
+        (1.2e-5, 3.04e-6, "(1.20 +- 0.30)e-05"),
+        (12.34, 0.0, "12.3"),
+        (12.34, float("nan"), "12.3"),
+    ],
+)
+def test_a_standard_deviation_has_two_digits_and_the_value_ends_there(
+    value: float, std: float, text: str
+) -> None:
+    assert uncertain(value, std) == text
+
+
+@pytest.mark.parametrize(
+    ("text", "true"),
+    [
+        ("-0.5 degC", "\u22120.5 \u00b0C"),
+        ("29 +- 30 N m s/rad", "29 \u00b1 30 N\u00b7m\u00b7s/rad"),
+        ("[1e-3 N m s/rad]", "[10\u207b\u00b3 N\u00b7m\u00b7s/rad]"),
+        ("3.2e-05 kg m^2", "3.2\u00b710\u207b\u2075 kg\u00b7m\u00b2"),
+        ("(1.2 +- 0.3)e-05", "(1.2 \u00b1 0.3)\u00b710\u207b\u2075"),
+        ("W/(N m)^2", "W/(N\u00b7m)\u00b2"),
+        ("[W s2/rad2]", "[W s\u00b2/rad\u00b2]"),
+        ("predicted\n- measured", "predicted\n\u2212 measured"),
+        ("8 uJ", "8 \u00b5J"),
+        ("-", "\u2013"),
+        *((name, name) for name in (
+            "2001-09-09 01:46:40", "run-5/x.mcap", "/motor_degC", "identify-all", "2c5f0b20342e",
+            "joint_1-2", "ISO 9001-2", "a-1",
+        )),
+    ],
+)  # fmt: skip
+def test_true_signs_and_units(text: str, true: str) -> None:
+    assert typeset(text) == true
+    assert typeset(true) == true
+
+
+def test_a_terminal_has_true_signs_where_its_encoding_can_and_a_pipe_is_ascii() -> None:
+    page = Document()
+    page.paragraph("-0.5 degC")
+    page.table("", ("", "[N m]"), [("a", "-1.0")])
+    said: dict[tuple[bool, str], bytes] = {}
+    for terminal in (True, False):
+        for encoding in ("utf-8", "latin-1", "ascii"):
+            raw = io.BytesIO()
+            stream = io.TextIOWrapper(raw, encoding, "backslashreplace")
+            print_document(page, Console(file=stream, width=80, force_terminal=terminal,
+                                         color_system=None))  # fmt: skip
+            stream.flush()
+            said[terminal, encoding] = raw.getvalue()
+    assert "\u22120.5 \u00b0C" in said[True, "utf-8"].decode()
+    assert "N\u00b7m" in said[True, "utf-8"].decode()
+    for key in ((True, "latin-1"), (True, "ascii"), (False, "utf-8"), (False, "ascii")):
+        assert b"-0.5 degC" in said[key]
+        assert b"[N m]" in said[key]

@@ -3,6 +3,7 @@
 import json
 import re
 from dataclasses import fields
+from itertools import product
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from robot_energy.cli.main import main
 from robot_energy.errors import ReportError
 from robot_energy.results.base import SCHEMA_VERSION, plain
 from robot_energy.results.schema import READABLE, RESULTS, read_result, schema_of
+from terminal_tables import TERMINALS, lost_figures, recorded_documents
 
 SHIPPED = ROOT / "src/doc/results.schema.json"
 BAG, MOVES = ROOT / "bags/kr16_cold", ROOT / "src/examples/programs/kr16_pick_and_place.yaml"
@@ -111,12 +113,17 @@ def misfit(value, schema, definitions, where="$"):
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_the_json_of_a_command_fits_the_schema(name, tmp_path, monkeypatch, capsys):
+def test_a_command_fits_the_schema_and_the_terminal(name, tmp_path, monkeypatch, capsys):
+    """Its JSON is as the schema says; no digit of what it prints is lost at usual widths."""
     monkeypatch.chdir(tmp_path)
     wheel_bag(tmp_path, power=None).rename("wheel")
     wheel_model(tmp_path)
     runs(tmp_path)
-    assert main([*map(str, COMMANDS[name]), "--json", "x.json"]) == 0
+    with recorded_documents() as documents:
+        assert main([*map(str, COMMANDS[name]), "--json", "x.json"]) == 0
+    assert documents or name == "check"  # whose findings are lines without tables
+    for document, width, terminal in product(documents, TERMINALS, (True, False)):
+        assert not lost_figures(document, width, terminal), (width, terminal)
     data = json.loads((tmp_path / "x.json").read_text())
     for schema in (schema_of(data["result"]), schema_of()):
         assert not misfit(data, schema, schema["$defs"])

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from refusals import refused
 from robot_energy.errors import RigError
 from robot_energy.rig import Lubricant
 
@@ -46,5 +47,5 @@ def test_friction_follows_the_square_root():
 
 
 def test_an_oil_that_does_not_thin_is_refused():
-    with pytest.raises(RigError, match="viscosity_100 < viscosity_40"):
+    with refused(RigError, expected="viscosity_100 < viscosity_40"):
         Lubricant(100.0, 120.0)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from plants import joint_block
+from refusals import refused
 from robot_energy.errors import RigError
 from robot_energy.model import load
 from robot_energy.motion import Program, random_program, tool_above
@@ -24,7 +25,7 @@ def drag(degc):
 
 
 def test_an_unknown_plant_is_refused_with_those_that_exist():
-    with pytest.raises(RigError, match="no plant 'kr99'; expected irb4600, kr16, mantis, testbed"):
+    with refused(RigError, found="'kr99'", expected="irb4600, kr16, mantis, testbed"):
         load_profile("kr99")
 
 

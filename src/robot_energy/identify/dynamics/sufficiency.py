@@ -185,8 +185,8 @@ def remarks(
         )
     if in_sample.total > POOR:
         found.append(
-            f"the fit leaves {in_sample.total:.0%} of the torque: check units, gear ratios, signs "
-            "and zero offsets"
+            f"the fit leaves {100 * in_sample.total:.0f} % of the torque: check units, gear "
+            "ratios, signs and zero offsets"
         )
     if poor:
         found.append(

@@ -144,7 +144,7 @@ class JointStateReader:
 
         refuse("zero_stamp", stamp == 0)
         refuse(BAD_STAMP, ~valid_stamps(stamp))
-        refuse("not_finite", np.any(np.isinf(position) | np.isinf(velocity), axis=1))
+        refuse("not_finite", np.logical_or.reduce(np.isinf(position) | np.isinf(velocity), axis=1))
         return None if bool(left.all()) else left
 
     def _place(self, run: Run, batch: RawBatch) -> JointBlock | str:

@@ -139,7 +139,7 @@ class Plausibility:
         beyond |= np.abs(velocity) > self._fastest
         if not bool(beyond.any()):
             return
-        rows = np.any(beyond, axis=1)
+        rows = np.logical_or.reduce(beyond, axis=1)
         mark(block.quality, rows, Quality.JOINT_STATE_IMPLAUSIBLE)
         self._note_beyond(block, rows)
 

@@ -73,7 +73,7 @@ class VelocityCheck:
         if first and len(block) == 1:
             self._held = block
             return None
-        bad = np.any(fast & ~self._supported(block, first), axis=1)
+        bad = np.logical_or.reduce(fast & ~self._supported(block, first), axis=1)
         self._remember(block)
         if not bool(bad.any()):
             return block

@@ -115,7 +115,7 @@ class TemperatureReader:
         row = np.arange(len(tenth))[:, None] * np.concatenate([np.ones_like(given[:1]), given])
         last = np.take_along_axis(tenth, np.maximum.accumulate(row, axis=0), axis=0)
         self._newest = last[-1]
-        return np.any(given & (tenth[1:] != last[:-1]), axis=1)
+        return np.logical_or.reduce(given & (tenth[1:] != last[:-1]), axis=1)
 
     def _wanted(self) -> dict[str, int]:
         """Model column of every name that counts."""

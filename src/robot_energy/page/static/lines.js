@@ -60,9 +60,8 @@ export function drawLines(host, ring, meter, span, stale) {
     "aria-label": `Power over time, ${watts(Math.min(...lows))} to ${watts(Math.max(...highs))}; arrow keys read values` });
   for (let level = floor; level <= top + step / 2; level += step) {
     svg.append(drawn("line", { class: "rule", x1: LEFT, x2: right, y1: y(level), y2: y(level) }),
-      drawn("text", { class: "soft", x: LEFT - 7, y: y(level) + 4, "text-anchor": "end" }, number(level, step < 1 ? 1 : 0)));
+      drawn("text", { class: "soft", x: LEFT - 7, y: y(level) + 4, "text-anchor": "end" }, `${number(level, step < 1 ? 1 : 0)}${level + step > top + step / 2 ? " W" : ""}`));
   }
-  svg.append(drawn("text", { class: "soft", x: 4, y: height - 7 }, "W"));
   const ticks = width < 560 ? 3 : 6;
   for (let tick = 0; tick < ticks; tick += 1) {
     const at = first + ((last - first + 1) * (tick + 0.5)) / ticks;

@@ -52,11 +52,11 @@ export function showHeadline(robot) {
   setText(byId("job-note"), job ? `${job.name}; mean of ${job.count}: ${energy(job.mean)}` : "no closed job interval");
   big("cost", known(headline.cost) ? number(headline.cost, headline.cost < 1 ? 4 : 2) : DASH, known(headline.cost) ? headline.currency : "");
   setText(byId("cost-note"), known(headline.cost)
-    ? `since ${clock(headline.cost_since, true)}; now ${number(headline.price, 3)} ${headline.currency}/kWh` : "no price is set");
+    ? `since ${clock(headline.cost_since, true)}; now ${number(headline.price, 3)} ${headline.currency}/kWh` : "no price in the page settings");
   const grams = known(headline.co2) && headline.co2 < 1;
   big("co2", known(headline.co2) ? number(grams ? 1000 * headline.co2 : headline.co2, grams ? 1 : 3) : DASH, known(headline.co2) ? (grams ? "g" : "kg") : "");
   setText(byId("co2-note"), known(headline.co2)
-    ? `${headline.co2_factor} kg/kWh${headline.co2_source ? `, ${headline.co2_source}` : ""}` : "no factor is set");
+    ? `${headline.co2_factor} kg/kWh${headline.co2_source ? `, ${headline.co2_source}` : ""}` : "no factor in the page settings");
 }
 
 export function showTables(robot) {

@@ -231,7 +231,7 @@ def joint_limits(root: ET.Element, joint_names: Sequence[str]) -> JointLimits:
     """Return the limits of the modelled joints.
 
     Velocity and effort limits of 0 or less, and ranges without extent, are what exporters
-    write where they know nothing: they count as none.
+    write where no limit is known: they count as none.
 
     Args:
         root: From `parse`.

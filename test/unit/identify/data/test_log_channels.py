@@ -215,7 +215,7 @@ def test_command_turns_raw_files_into_a_model_that_loads(folder, capsys):
     text = capsys.readouterr().out
     assert "11, 6 of them inertial" in text.replace("13,", "11,") or "6 of them inertial" in text
     assert "held out" in text
-    assert "no accuracy" in text  # the fitted data are marked as such
+    assert "data of the fit" in text  # marked as such, next to what was held out
     assert "MB at most" in text
     assert f"wrote {out}" in text
     model = load(out)

@@ -1,0 +1,76 @@
+"""`robot-energy monitoring`: files with which Prometheus and Grafana read the energy page."""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from pathlib import Path
+from typing import Any
+
+from robot_energy.cli.terminal import add_command
+from robot_energy.errors import PageError
+from robot_energy.files.output_files import JSON, TEXT, check_file, json_bytes, write_file
+from robot_energy.files.placement import all_or_none
+from robot_energy.shown_text import shown
+
+DESCRIPTION = """\
+Write prometheus.yaml, alert_rules.yaml and grafana.json into a folder: a configuration of
+Prometheus that reads /metrics of the energy page, alert rules, and a dashboard to import into
+Grafana.
+"""
+EPILOG = """\
+examples:
+  robot-energy monitoring --out monitoring
+  robot-energy monitoring --out monitoring --target robot-cell:8421 --token-file /etc/token
+"""
+
+
+def add_parser(commands: Any) -> None:
+    """Add the sub-command.
+
+    Args:
+        commands: Sub-commands that it joins.
+    """
+    text = "files for Prometheus and Grafana"
+    parser = add_command(commands, "monitoring", run, text, DESCRIPTION, EPILOG)
+    parser.add_argument("--out", required=True, metavar="FOLDER", help="folder for the three files")
+    parser.add_argument("--target", metavar="HOST:PORT", help="the energy page")
+    parser.add_argument(
+        "--token-file", default="", metavar="FILE", help="file with its token, for Prometheus"
+    )
+
+
+def run(args: Namespace) -> int:
+    """Write the files.
+
+    Args:
+        args: Of the sub-command.
+
+    Returns:
+        0.
+
+    Raises:
+        RobotEnergyError: If a file cannot be written.
+    """
+    from robot_energy.page.monitoring import (
+        DEFAULT_TARGET,
+        alert_rules,
+        grafana_dashboard,
+        scrape_config,
+    )
+
+    folder = Path(args.out)
+    if folder.exists() and not folder.is_dir():
+        raise PageError(f"'{shown(args.out)}' is no folder", "a folder, which may be new")
+    folder.mkdir(exist_ok=True)
+    texts = {
+        "prometheus.yaml": scrape_config(args.target or DEFAULT_TARGET, args.token_file),
+        "alert_rules.yaml": alert_rules(),
+    }
+    with all_or_none():
+        for name, text in texts.items():
+            check_file(folder / name, TEXT, name)
+            write_file(folder / name, text.encode(), TEXT, name)
+        check_file(folder / "grafana.json", JSON, "grafana.json")
+        write_file(folder / "grafana.json", json_bytes(grafana_dashboard()), JSON, "grafana.json")
+    print(f"written to {shown(args.out)}: {', '.join([*texts, 'grafana.json'])}")
+    return 0
