@@ -42,7 +42,7 @@ MODULES = {
     "robot_energy.cli": """
         check completion export identify identify_all identify_cabinet identify_drives
         identify_dynamics identify_excitation identify_friction identify_inputs
-        import_logs info kinds main memory models monitoring numbers page predict replay
+        import_logs info kinds layouts main memory models monitoring numbers page predict replay
         replay_options report robots schema simulate stopping terminal test
     """,
     "robot_energy.files": """
@@ -87,6 +87,9 @@ MODULES = {
     """,
     "robot_energy.inputs.temperatures": """
         filter kinds reader stuck temperatures
+    """,
+    "robot_energy.layouts": """
+        foxglove plotjuggler plots rqt viewers
     """,
     "robot_energy.logs": """
         columns diadem mapped_log mapping recording rows table ur_rtde
@@ -161,7 +164,7 @@ LAYERS = (
     ("bag", "inputs", "presets", "accounting", "logs", "log_formats", "time_series"),
     ("pipeline", "messages", "store"),
     ("motion",),
-    ("bag_replay", "energy_bag", "prediction", "starter"),
+    ("bag_replay", "energy_bag", "prediction", "starter", "layouts"),
     ("identify", "rig", "check", "page"),
     ("results",),
     ("report",),
@@ -170,7 +173,7 @@ LAYERS = (
     ("robot_energy_papers",),
 )
 # Nothing online imports these.
-OFFLINE = ("identify", "report", "rig", "motion", "cli", "starter", "check", "page")
+OFFLINE = ("identify", "report", "rig", "motion", "cli", "starter", "check", "page", "layouts")
 ONLINE = ("pipeline", "inputs", "messages", "accounting", "store", "timeline", "cdr")
 FOREIGN = {
     "ament_index_python", "builtin_interfaces", "control_msgs", "diagnostic_msgs",
