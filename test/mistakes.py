@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ def rewrite(
     states: Change | None,
     meter: Change | None = None,
     seconds: float = 1e9,
+    others: dict[str, Change] | None = None,
 ) -> Path:
     """Copy a bag with its joint states or its meter changed message by message.
 
@@ -30,9 +32,10 @@ def rewrite(
         states: Changes a joint state in place.
         meter: Changes a meter reading in place.
         seconds: Length of the copy, from the start. [s]
+        others: Changes of messages of other types.
     """
     bag = BagReader(source)
-    changes = {STATES: states, METER: meter}
+    changes = {STATES: states, METER: meter, **(others or {})}
     with BagWriter(out) as writer:
         for topic, info in bag.topics.items():
             writer.add_topic(topic, info.msgtype)
@@ -55,8 +58,9 @@ def turned(field: str, joints: list[int]) -> Change:
 
     def change(message: Any) -> None:
         values = getattr(message, field).copy()
-        values[joints] *= -1.0
-        setattr(message, field, values)
+        if len(values):
+            values[joints] *= -1.0
+            setattr(message, field, values)
 
     return change
 
@@ -128,28 +132,42 @@ def delayed(seconds: float) -> Change:
     return change
 
 
-def mistakes(
-    joint: int, other: int, all_joints: int
-) -> dict[str, tuple[str, Change | None, Change | None]]:
-    """Ten mistakes: the cause to be named, and what to change in joint states and meter.
+@dataclass(frozen=True)
+class Mistake:
+    """A deliberate mistake.
+
+    Attributes:
+        cause: To be named.
+        joints: Which have it; empty for all, or for the meter.
+        states: What it changes in the joint states.
+        meter: What it changes in the readings of the meter.
+    """
+
+    cause: str
+    joints: tuple[int, ...] = ()
+    states: Change | None = None
+    meter: Change | None = None
+
+
+def mistakes(joint: int, other: int, all_joints: int) -> dict[str, Mistake]:
+    """Ten mistakes.
 
     Args:
         joint: The joint with the mistake.
         other: Exchanged with it.
         all_joints: How many there are.
     """
-    every = list(range(all_joints))
+    every, degrees = list(range(all_joints)), 180 / np.pi
+    backwards = both(turned("position", [joint]), turned("velocity", [joint]))
     return {
-        "sign of one torque": ("torque_sign", turned("effort", [joint]), None),
-        "sign of one joint": (
-            "joint_sign", both(turned("position", [joint]), turned("velocity", [joint])), None
-        ),
-        "sign of all torques": ("torque_sign", turned("effort", every), None),
-        "degrees": ("degrees", scaled(("position", "velocity"), 180 / np.pi), None),
-        "zero offset 0.1 rad": ("zero_offset", shifted(joint, 0.1), None),
-        "torque scale sqrt 2": ("torque_scale", scaled(("effort",), 2**0.5), None),
-        "two joints exchanged": ("joint_order", swapped(joint, other), None),
-        "meter sign": ("meter_sign", None, metered("power", -1.0)),
-        "meter in kW": ("meter_unit", None, metered("power", 1e-3)),
-        "meter clock 0.3 s": ("meter_clock", None, delayed(0.3)),
-    }  # fmt: skip
+        "sign of one torque": Mistake("torque_sign", (joint,), turned("effort", [joint])),
+        "sign of one joint": Mistake("joint_sign", (joint,), backwards),
+        "sign of all torques": Mistake("torque_sign", (), turned("effort", every)),
+        "degrees": Mistake("degrees", (), scaled(("position", "velocity"), degrees)),
+        "zero offset 0.1 rad": Mistake("zero_offset", (joint,), shifted(joint, 0.1)),
+        "torque scale sqrt 2": Mistake("torque_scale", (), scaled(("effort",), 2**0.5)),
+        "two joints exchanged": Mistake("joint_order", (joint, other), swapped(joint, other)),
+        "meter sign": Mistake("meter_sign", meter=metered("power", -1.0)),
+        "meter in kW": Mistake("meter_unit", meter=metered("power", 1e-3)),
+        "meter clock 0.3 s": Mistake("meter_clock", meter=delayed(0.3)),
+    }

@@ -36,7 +36,8 @@ MODULES = {
         batch decode encode plan schema types walk
     """,
     "robot_energy.check": """
-        coverage evidence finding hypotheses meter motion payload run search torque
+        coverage evidence finding hypotheses meter motion payload process remedies run search
+        torque unseen
     """,
     "robot_energy.cli": """
         check completion export identify identify_all identify_cabinet identify_drives
@@ -45,7 +46,7 @@ MODULES = {
         replay_options report robots schema simulate stopping terminal test
     """,
     "robot_energy.files": """
-        output_files output_folder output_streams placement regular_file
+        first_bytes output_files output_folder output_streams placement regular_file
         temporary_folder
     """,
     "robot_energy.identify": """
@@ -69,7 +70,7 @@ MODULES = {
         excitation limits
     """,
     "robot_energy.identify.friction": """
-        friction laws samples temperature_study
+        friction laws samples shape temperature_study
     """,
     "robot_energy.identify.stats": """
         cross_validation held_out_energy lag regression threads
@@ -88,7 +89,7 @@ MODULES = {
         filter kinds reader stuck temperatures
     """,
     "robot_energy.logs": """
-        columns mapped_log mapping recording rows table ur_rtde
+        columns diadem mapped_log mapping recording rows table ur_rtde
     """,
     "robot_energy.messages": """
         friction interval model_messages payload power registers torque

@@ -147,6 +147,13 @@ class EnergyParameters(TorqueParameters, FrictionParameters, AccountParameters):
     publish_torque: bool = parameter(
         "Whether energy/joint_torque is published, at the full rate of the joint states.", False
     )
+    model_check: float = parameter(
+        "Time in motion after which the model is checked once against what the robot did, in a "
+        "process of low priority; 0 for never [s].",
+        20.0,
+        0.0,
+        600.0,
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -31,6 +31,7 @@ from ros2_energy_monitor.diagnostics.energy import (
     stuck_temperatures,
     temperature_source,
 )
+from ros2_energy_monitor.diagnostics.model_check import ModelCheck
 from ros2_energy_monitor.services.payload import PayloadService
 from ros2_energy_monitor.services.predict_trajectory import PredictionService
 
@@ -86,6 +87,16 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
         )
         self.exit_stack.callback(prediction.close)
         prediction.open()
+        self._model_check = ModelCheck(
+            self.parameters.model_check,
+            self.model,
+            settings.effort,
+            self.parameters,
+            self._pipeline,
+            self._temperature,
+            self.guard,
+        )
+        self.exit_stack.callback(self._model_check.close)
         self.log_inventory(self._pipeline.torque.robot)
         self.inputs = [
             *((inbox, self.ingest.account) for inbox in states),
@@ -116,6 +127,7 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
                 fallback_temperatures(self._pipeline.power.fallback_use),
             ),
             self._account_publisher.checkpoints.findings,
+            self._model_check.findings,
         ]
 
     def activate(self) -> None:
@@ -150,11 +162,13 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
                 self._temperature.restart,
             )
         )
-        self.guard.feed(
-            "meter",
-            [(self._meter.account, messages_in(readings))],
-            lambda: self._pipeline.step(meter=self._meter.step(readings)),
-            self._meter.restart,
+        self._check_model(
+            self.guard.feed(
+                "meter",
+                [(self._meter.account, messages_in(readings))],
+                lambda: self._pipeline.step(meter=self._meter.step(readings)),
+                self._meter.restart,
+            )
         )
         self._joints(messages_in(states), lambda: self.ingest.step(states))
         self.guard.run("publish.power", self._account_publisher.tick)
@@ -185,6 +199,10 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
             )
         )
 
+    def _check_model(self, output: Output | None) -> None:
+        if output is not None:
+            self.guard.run("model_check", lambda: self._model_check.take(output))
+
     def _restart(self) -> None:
         self.ingest.restart()
         self._pipeline.restart()
@@ -192,6 +210,7 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
     def _publish(self, output: Output | None) -> None:
         if output is None:
             return
+        self._check_model(output)
         torque, friction, means = output.torque, output.friction, output.means
         if torque is not None and self._torque is not None:
             publish, encode = self._torque.publish, self._torque_writer.encode

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from robot_energy.blocks import EffortMeaning
@@ -14,34 +16,61 @@ MIN_MOVING = 10.0  # s of motion of a joint
 MIN_REST = 1.0  # s of rest, for the constant losses
 
 
-def check_temperatures(evidence: Evidence) -> tuple[list[Finding], str]:
+def check_temperatures(evidence: Evidence, wrong: Sequence[str] = ()) -> tuple[list[Finding], str]:
     """Say which joints have a temperature, and whether it makes sense.
 
     Args:
         evidence: The recording.
+        wrong: Causes found so far; not used.
 
     Returns:
         The findings, and why there are none where the check cannot be made.
     """
-    if evidence.replay is None or not evidence.replay.temperatures.topics:
+    del wrong
+    remarks = evidence.remarks
+    if remarks.temperatures is None:
         return [], "the recording has no motor temperatures"
     findings = [
         Finding("temperature", WARNING, ("temperature",), note, float("nan"), float("nan"))
-        for note in evidence.replay.notes
-        if "temperature" in note
+        for note in remarks.temperatures
     ]
+    if remarks.stuck:
+        findings.append(
+            Finding(
+                "temperature_stuck", WARNING, remarks.stuck,
+                f"the motor temperature of {', '.join(remarks.stuck)} stands still although the "
+                "losses must have warmed it",
+                float(len(remarks.stuck)), float("nan"), "check these sensors",
+            )
+        )  # fmt: skip
+    without = [
+        name
+        for name, degc in zip(evidence.names, evidence.temperature_degc.T, strict=True)
+        if not np.isfinite(degc).any()
+    ]
+    if without:
+        findings.append(
+            Finding(
+                "temperature_missing", WARNING, tuple(without),
+                f"no motor temperature of {', '.join(without)}: friction is taken at "
+                f"{evidence.model.temperature.fallback_degc:g} degC",
+                float(len(without)), float("nan"), "add their source to temperature_sources",
+            )
+        )  # fmt: skip
     return findings, ""
 
 
-def check_excitation(evidence: Evidence) -> tuple[list[Finding], str]:
+def check_excitation(evidence: Evidence, wrong: Sequence[str] = ()) -> tuple[list[Finding], str]:
     """Say what identification can learn from this recording, and what it cannot.
 
     Args:
         evidence: The recording.
+        wrong: Causes found so far; not used.
 
     Returns:
         The findings; a recording that lacks something is no mistake, so they are notes.
     """
+    del wrong
     if len(evidence.stamp_ns) < 2:
         return [], "too few samples"
     period = float(np.median(np.diff(evidence.stamp_ns))) * 1e-9

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,15 +18,39 @@ from robot_energy.blocks import (
     Int,
     MeterBlock,
     PowerBlock,
+    SupplyBlock,
     TorqueBlock,
 )
 from robot_energy.inputs.sources import Inputs
 from robot_energy.model import RobotModel
+from robot_energy.model.payload import Payload
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.pipeline import Output, Settings
 
 MAX_ROWS = 2500  # of the torque checks
+
+
+@dataclass(frozen=True)
+class Remarks:
+    """What the stages of the monitor noticed while the recording ran through them.
+
+    Attributes:
+        problems: Of the bag, one sentence each.
+        temperatures: Of the motor temperatures; None where no topic brings any.
+        stuck: Joints whose temperature stood still while their losses must have warmed it.
+        meter: Of the meter.
+        effort_factors: Factor of measured over body torque and their correlation, for each
+            meaning of the effort; see `EffortCheck.factors`.
+    """
+
+    problems: tuple[str, ...] = ()
+    temperatures: tuple[str, ...] | None = None
+    stuck: tuple[str, ...] = ()
+    meter: tuple[str, ...] = ()
+    effort_factors: Mapping[EffortMeaning, tuple[float, float]] = field(
+        default_factory=dict[EffortMeaning, tuple[float, float]]
+    )
 
 
 @dataclass(frozen=True)
@@ -37,16 +62,19 @@ class Evidence:
         robot: Its rigid bodies, with its payload.
         drivetrain: Its gears and rotors.
         effort: What the effort of the recording was said to mean.
-        stamp_ns: Of the samples with a full derivative window, shape (N,). [ns]
+        stamp_ns: Of the samples with position and velocity, shape (N,). [ns]
         segment: Stretches without gaps, shape (N,).
         position: Shape (N, n). [rad] or [m]
         velocity: Shape (N, n). [rad/s] or [m/s]
-        acceleration: Shape (N, n). [rad/s^2] or [m/s^2]
+        acceleration: Shape (N, n); NaN without a full derivative window. [rad/s^2] or [m/s^2]
         motor_torque: Measured, shape (N, n); NaN where unknown. [N m]
         temperature_degc: Motor temperatures that were used, shape (N, n). [degC]
-        replay: The replay itself, with its accounting and notes; None for rows of a log.
+        supply: Predicted powers of every sample; None without any.
+        shaft_power: Measured torque times motor velocity of every sample of ``supply``, shape
+            (M, n); NaN where unknown. [W]
         meter: Readings of the meter; None without one.
-        power: Predicted powers of every sample; None without one.
+        remarks: What the stages of the monitor noticed.
+        inputs: How the recording was read.
     """
 
     model: RobotModel
@@ -60,9 +88,11 @@ class Evidence:
     acceleration: Float
     motor_torque: Float
     temperature_degc: Float
-    replay: Replay | None
-    meter: MeterBlock | None
-    power: PowerBlock | None
+    supply: SupplyBlock | None = None
+    shaft_power: Float | None = None
+    meter: MeterBlock | None = None
+    remarks: Remarks = field(default_factory=Remarks)
+    inputs: Inputs = field(default_factory=Inputs)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -76,6 +106,12 @@ class Evidence:
         noise = rest_noise(self)
         limit = np.maximum(standstill, 4.0 * np.where(np.isfinite(noise), noise, 0.0))
         return np.asarray(np.abs(self.velocity) > limit)
+
+    @property
+    def durations(self) -> Float:
+        """Time that each sample stands for, shape (N,); gaps do not count. [s]"""
+        step = np.diff(self.stamp_ns, append=self.stamp_ns[-1:]) * NANOSECOND
+        return np.asarray(np.clip(step, 0.0, 5.0 * np.median(step)))
 
     def thinned(self, parts: int = 1) -> Evidence:
         """Return at most `MAX_ROWS` samples, evenly taken.
@@ -111,33 +147,101 @@ def gather(
         RobotEnergyError: If the bag cannot be read, or gives no sample with this model.
     """
     outputs: list[Output] = []
-    settings = Settings(effort=effort, power_period=None)
+    # Without a stated meaning the effort is read as well, to say which meaning would fit.
+    read_as = EffortMeaning.MOTOR_TORQUE if effort is EffortMeaning.NONE else effort
+    settings = Settings(effort=read_as, power_period=None)
     if inputs is not None:
         settings = replace(settings, meter_max_gap=inputs.meter_max_gap)
     result = replay(path, model, None, settings, inputs=inputs, on_output=outputs.append)
-    torque = TorqueBlock.concatenate([part.torque for part in outputs if part.torque is not None])
     power = [part.power for part in outputs if part.power is not None]
     meter = [part.meter for part in outputs if part.meter is not None]
-    block = PowerBlock.concatenate(power) if power else None
-    sound = (torque.quality & np.uint32(DOUBTFUL)) == 0
+    return evidence_of(
+        model,
+        effort,
+        TorqueBlock.concatenate([part.torque for part in outputs if part.torque is not None]),
+        PowerBlock.concatenate(power) if power else None,
+        MeterBlock.concatenate(meter) if meter else None,
+        remarks_of(result),
+        inputs,
+        result.pipeline.torque.robot.payload,
+    )
+
+
+def remarks_of(result: Replay) -> Remarks:
+    """Return what the stages noticed in a replay.
+
+    Args:
+        result: The replay, at its end.
+    """
+    stuck = zip(result.model.joint_names, result.pipeline.power.watch.stuck, strict=True)
+    return Remarks(
+        tuple(result.problems),
+        tuple(note for note in result.notes if "temperature" in note)
+        if result.temperatures.topics
+        else None,
+        tuple(name for name, is_so in stuck if is_so),
+        tuple(result.ledger.judgement.findings(result.ledger.comparison)),
+        result.pipeline.torque.effort_check.factors(),
+    )
+
+
+def evidence_of(
+    model: RobotModel,
+    effort: EffortMeaning,
+    torque: TorqueBlock,
+    power: PowerBlock | None,
+    meter: MeterBlock | None,
+    remarks: Remarks,
+    inputs: Inputs | None = None,
+    carried: Sequence[Payload] | None = None,
+) -> Evidence:
+    """Return the evidence in what the stages of the monitor gave.
+
+    Args:
+        model: The model to check against.
+        effort: What the effort in the joint states means.
+        torque: Of every sample.
+        power: Of the same samples, of some of them, or None.
+        meter: Readings; None without a meter.
+        remarks: What the stages noticed.
+        inputs: How the recording was read; None: as the types of its topics say.
+        carried: Payload in force at the end; None: that of the model.
+    """
+    torque = torque[torque.payload_mass == torque.payload_mass[-1]]
+    doubtful = (torque.quality & np.uint32(DOUBTFUL)) != 0
+    torque = replace(
+        torque,
+        joint_acceleration=np.where(doubtful[:, None], np.nan, torque.joint_acceleration),
+        motor_torque_measured=torque.motor_torque_measured
+        if effort is not EffortMeaning.NONE
+        else np.full(torque.joint_position.shape, np.nan),
+    )
+    known = np.isfinite(torque.joint_position).all(axis=1)
+    torque = torque[known & np.isfinite(torque.joint_velocity).all(axis=1)]
     temperature = np.full(torque.joint_position.shape, np.nan)
-    if block is not None and len(block) == len(torque):
-        temperature = block.motor_temperature_degc
+    supply = shafts = None
+    if power is not None:
+        _, ours, theirs = np.intersect1d(torque.stamp_ns, power.stamp_ns, return_indices=True)
+        temperature[ours] = power.motor_temperature_degc[theirs]
+        supply, shafts = power.supply, power.shaft_power_measured
+    robot = Robot.from_model(model)
     return Evidence(
         model=model,
-        robot=Robot.from_model(model),
+        robot=robot if carried is None else robot.with_payload(carried),
         drivetrain=Drivetrain.from_model(model),
         effort=effort,
-        stamp_ns=torque.stamp_ns[sound],
-        segment=torque.segment[sound],
-        position=torque.joint_position[sound],
-        velocity=torque.joint_velocity[sound],
-        acceleration=torque.joint_acceleration[sound],
-        motor_torque=torque.motor_torque_measured[sound],
-        temperature_degc=temperature[sound],
-        replay=result,
-        meter=MeterBlock.concatenate(meter) if meter else None,
-        power=block,
+        stamp_ns=torque.stamp_ns,
+        segment=torque.segment,
+        position=torque.joint_position,
+        velocity=torque.joint_velocity,
+        acceleration=torque.joint_acceleration,
+        motor_torque=torque.motor_torque_measured,
+        temperature_degc=temperature,
+        supply=supply,
+        shaft_power=shafts,
+        meter=meter,
+        remarks=remarks,
+        inputs=inputs or Inputs(),
     )
 
 

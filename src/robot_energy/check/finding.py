@@ -8,6 +8,9 @@ ERROR = "error"
 WARNING = "warning"
 NOTE = "note"
 SEVERITIES = (ERROR, WARNING, NOTE)
+UNJUDGED = "unjudged."  # begins the cause of a note on what a recording cannot show
+PARAMETERS = "parameter file (--inputs)"
+MODEL = "model file"
 
 
 @dataclass(frozen=True)
@@ -15,14 +18,17 @@ class Finding:
     """One thing that does not fit, or that cannot be known from the recording.
 
     Attributes:
-        cause: Name of the cause, such as ``torque_sign``; stable, for programs.
+        cause: Name of the cause, such as ``torque_sign``; stable, for programs. That of a note
+            on what cannot be judged begins with ``unjudged.``.
         severity: ``error``: figures are wrong; ``warning``: they may be; ``note``: for reading.
         subject: Joint names, ``meter``, ``temperature`` or ``payload``.
         sentence: What was found, with the evidence in numbers.
         evidence: The number behind it, in the unit that the sentence states.
         certainty: How sure, 0 to 1: the share of the unexplained variance that this cause
             alone explains. NaN where the evidence is a plain count.
-        remedy: The line of YAML, or the action, that mends it; may be empty.
+        remedy: The line of YAML that mends it, or the action; may be empty.
+        remedy_in: The file that the line of YAML belongs to; empty where ``remedy`` is an action.
+        alternatives: Other causes that explain the recording as well.
     """
 
     cause: str
@@ -32,6 +38,8 @@ class Finding:
     evidence: float
     certainty: float
     remedy: str = ""
+    remedy_in: str = ""
+    alternatives: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -56,3 +64,19 @@ class CheckResult:
     def errors(self) -> tuple[Finding, ...]:
         """The findings that make figures wrong."""
         return tuple(entry for entry in self.findings if entry.severity == ERROR)
+
+
+def unjudged(cause: str, subject: tuple[str, ...], what: str, why: str) -> Finding:
+    """Say that a recording cannot show a mistake.
+
+    Args:
+        cause: Of the mistake.
+        subject: Joint names; empty for all.
+        what: The quantity that cannot be judged.
+        why: The reason, with its number.
+
+    Returns:
+        A note.
+    """
+    sentence = f"cannot be judged from this recording: {what} ({why})"
+    return Finding(UNJUDGED + cause, NOTE, subject, sentence, float(len(subject)), float("nan"))

@@ -11,7 +11,7 @@ again, and friction of any size but never of the wrong sign is fitted for each j
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +19,10 @@ from numpy.typing import NDArray
 from robot_energy.blocks import EffortMeaning, Float
 from robot_energy.check.evidence import Evidence
 from robot_energy.physics.drivetrain import Drivetrain
+from robot_energy.physics.effort import Effort
 
 MIN_SAMPLES = 80  # moving samples of a joint, below which nothing is said of its torque
+MIN_MOTION = 6.0  # s of it: 24 independent samples of what a model leaves unexplained
 FLOOR = 1e-3  # share of a joint's torque variance that no model explains
 OFFSETS = np.array([-np.pi / 2, -0.8, -0.4, -0.2, -0.1, 0.1, 0.2, 0.4, 0.8, np.pi / 2])  # [rad]
 SCALES = {
@@ -39,11 +41,15 @@ class Trial:
         evidence: The corrected recording.
         unexplained: Share of each joint's torque variance, shape (n,); NaN where unknown.
         rigid: Motor side with rotors, shape (N, n). [N m]
+        joint: Of the bodies, joint side, shape (N, n). [N m] or [N]
+        moving: Which samples of which joint move, shape (N, n).
     """
 
     evidence: Evidence
     unexplained: Float
     rigid: Float
+    joint: Float
+    moving: NDArray[np.bool_]
 
     def cost(self) -> float:
         """Sum over the joints of the logarithm of the unexplained share."""
@@ -61,6 +67,8 @@ class Cause:
         correct: Gives the recording without it.
         least_gain: By which it must lower the cost to be named.
         std: Standard deviation of ``value``; NaN where it is a choice.
+        choice: What it should be instead, in words; empty where ``value`` says it.
+        moment: Of a payload, mass times centre in the frame of the last link, shape (3,). [kg m]
     """
 
     name: str
@@ -69,36 +77,45 @@ class Cause:
     correct: Callable[[Evidence], Evidence]
     least_gain: float
     std: float = float("nan")
+    choice: str = ""
+    moment: Float = field(default_factory=lambda: np.zeros(3))
 
 
-def attempt(evidence: Evidence) -> Trial:
+def attempt(evidence: Evidence, like: Trial | None = None) -> Trial:
     """Return how much torque the model leaves unexplained.
 
     Args:
         evidence: The recording, thinned.
+        like: A trial whose torque of the bodies is used, if the motion is the same.
+
+    Returns:
+        The trial.
     """
-    rigid = rigid_motor_torque(evidence)
-    moving = evidence.moving
+    same = like is not None and all(
+        getattr(evidence, name) is getattr(like.evidence, name)
+        for name in ("position", "velocity", "acceleration", "robot")
+    )
+    if like is not None and same:
+        joint, moving = like.joint, like.moving
+    else:
+        motion = (evidence.position, evidence.velocity, evidence.acceleration)
+        joint = evidence.robot.joint_torque(*map(np.ascontiguousarray, motion))
+        moving = evidence.moving
+    rigid = _rigid_motor_torque(evidence, joint)
     speed = evidence.drivetrain.motor_velocity_from_joint(evidence.velocity)
+    usable = moving & np.isfinite(evidence.motor_torque) & np.isfinite(rigid)
+    enough = evidence.durations @ usable >= MIN_MOTION
     shares = [
-        _unexplained(evidence.motor_torque[:, j], rigid[:, j], speed[:, j], moving[:, j])
+        _unexplained(evidence.motor_torque[:, j], rigid[:, j], speed[:, j], usable[:, j])
+        if enough[j]
+        else float("nan")
         for j in range(rigid.shape[1])
     ]
-    return Trial(evidence, np.array(shares), rigid)
+    return Trial(evidence, np.array(shares), rigid, joint, moving)
 
 
-def rigid_motor_torque(evidence: Evidence) -> Float:
-    """Return rigid-body and rotor torque, motor side, shape (N, n). [N m]
-
-    A sensor behind the gear (effort ``joint_torque``) sees no rotor.
-
-    Args:
-        evidence: The recording.
-    """
-    joint = evidence.robot.joint_torque(
-        *(np.ascontiguousarray(values) for values in
-          (evidence.position, evidence.velocity, evidence.acceleration))
-    )  # fmt: skip
+def _rigid_motor_torque(evidence: Evidence, joint: Float) -> Float:
+    """Rigid-body and rotor torque, motor side; a sensor behind the gear sees no rotor. [N m]"""
     motor = evidence.drivetrain.motor_torque_from_joint(joint)
     if evidence.effort is EffortMeaning.JOINT_TORQUE:
         return motor
@@ -106,23 +123,26 @@ def rigid_motor_torque(evidence: Evidence) -> Float:
     return motor + evidence.drivetrain.rotor_inertia * acceleration
 
 
-def _unexplained(measured: Float, rigid: Float, speed: Float, moving: NDArray[np.bool_]) -> float:
+def _unexplained(measured: Float, rigid: Float, speed: Float, rows: NDArray[np.bool_]) -> float:
     """Share of one joint's variance that neither bodies nor friction explain; NaN if unknown."""
-    from scipy.optimize import nnls
-
-    rows = moving & np.isfinite(measured) & np.isfinite(rigid)
     if int(rows.sum()) < MIN_SAMPLES:
         return float("nan")
-    target = measured[rows]
+    target, speed = measured[rows], speed[rows]
     total = float(np.var(target))
     if not total > 0.0:
         return float("nan")
-    columns = np.column_stack([np.sign(speed[rows]), speed[rows]])
-    rest = target - rigid[rows]
-    columns, rest = columns - columns.mean(axis=0), rest - rest.mean()
-    size = np.linalg.norm(columns, axis=0)
-    left = float(nnls(columns / np.where(size > 0.0, size, 1.0), rest)[1])
-    return left**2 / (len(rest) * total)
+    columns = np.stack([np.sign(speed), speed, target - rigid[rows]])
+    columns -= columns.mean(axis=1, keepdims=True)
+    product = columns @ columns.T
+    (cc, cv, ct), (_, vv, vt), left = product[0], product[1], float(product[2, 2])
+    gains = [0.0]  # of coefficients that are not negative: none, one of them, both
+    gains += [float(t * t / own) for own, t in ((cc, ct), (vv, vt)) if own > 0.0 and t > 0.0]
+    det = cc * vv - cv * cv
+    if det > 1e-9 * cc * vv:
+        coulomb, viscous = (vv * ct - cv * vt) / det, (cc * vt - cv * ct) / det
+        if coulomb >= 0.0 and viscous >= 0.0:
+            gains.append(float(coulomb * ct + viscous * vt))
+    return max(left - max(gains), 0.0) / (len(target) * total)
 
 
 def torque_factor(name: str, joints: tuple[int, ...], factor: float, least_gain: float) -> Cause:
@@ -164,30 +184,27 @@ def gear_ratio(joint: int, factor: float) -> Cause:
     return Cause("gear_ratio", (joint,), factor, correct, 0.85 + 0.1 * abs(np.log(factor)))
 
 
-def effort_meaning(evidence: Evidence) -> Cause:
-    """The effort is motor torque where joint torque was stated, or the reverse.
+def effort_meaning(evidence: Evidence, meaning: EffortMeaning) -> Cause:
+    """The effort means something else than was stated.
 
     Args:
         evidence: The recording, whose stated meaning is doubted.
+        meaning: What it would be instead.
     """
-    joint = evidence.effort is EffortMeaning.JOINT_TORQUE
+    stated, joints = evidence.effort, range(len(evidence.names))
 
     def correct(evidence: Evidence) -> Evidence:
-        drivetrain, torque = evidence.drivetrain, evidence.motor_torque
-        if evidence.effort is EffortMeaning.JOINT_TORQUE:
-            return replace(
-                evidence,
-                motor_torque=torque @ drivetrain.transmission,
-                effort=EffortMeaning.MOTOR_TORQUE,
+        maps = [
+            Effort.from_model(evidence.model, one, evidence.drivetrain).motor_torque(
+                np.eye(len(joints))
             )
-        return replace(
-            evidence,
-            motor_torque=drivetrain.motor_torque_from_joint(torque),
-            effort=EffortMeaning.JOINT_TORQUE,
-        )
+            for one in (stated, meaning)
+        ]
+        torque = evidence.motor_torque @ np.linalg.inv(maps[0]) @ maps[1]
+        return replace(evidence, motor_torque=torque, effort=meaning)
 
-    everything = tuple(range(len(evidence.names)))
-    return Cause("effort_meaning", everything, 1.0 if joint else -1.0, correct, 0.3)
+    factor, _ = evidence.remarks.effort_factors.get(stated, (float("nan"), 0.0))
+    return Cause("effort_meaning", tuple(joints), factor, correct, 0.3, choice=str(meaning))
 
 
 def joint_sign(joint: int) -> Cause:
@@ -225,23 +242,38 @@ def joint_order(first: int, second: int) -> Cause:
     def correct(evidence: Evidence) -> Evidence:
         order = list(range(evidence.position.shape[1]))
         order[first], order[second] = second, first
-        ratio = np.abs(np.diag(evidence.drivetrain.transmission))
-        torque = evidence.motor_torque[:, order]
-        if evidence.effort is EffortMeaning.JOINT_TORQUE:  # it was divided by the other's ratio
-            torque = torque * (ratio[order] / ratio)
+        unit = _motor_torque_of_effort(evidence)  # each effort was taken for the other joint's
         return replace(
             evidence,
             position=evidence.position[:, order],
             velocity=evidence.velocity[:, order],
             acceleration=evidence.acceleration[:, order],
-            motor_torque=torque,
+            motor_torque=evidence.motor_torque[:, order] * (unit / unit[order]),
         )
 
     return Cause("joint_order", (first, second), 1.0, correct, 1.0)
 
 
-def _offset(joint: int, value: float) -> Cause:
-    """The zero of a joint is off by ``value``."""
+def _motor_torque_of_effort(evidence: Evidence) -> Float:
+    """Motor torque of an effort of 1 of each joint, without coupling, shape (n,)."""
+    if evidence.effort is EffortMeaning.JOINT_TORQUE:
+        return np.asarray(1.0 / np.diag(evidence.drivetrain.transmission))
+    constants = [joint.torque_constant for joint in evidence.model.joints]
+    if evidence.effort is not EffortMeaning.MOTOR_CURRENT or None in constants:
+        return np.ones(len(constants))
+    return np.array([constant.value for constant in constants if constant is not None])
+
+
+def offset(joint: int, value: float) -> Cause:
+    """The zero of a joint is off by ``value``.
+
+    Args:
+        joint: Index in model order.
+        value: Recorded less true position. [rad]
+
+    Returns:
+        The cause.
+    """
 
     def correct(evidence: Evidence) -> Evidence:
         position = evidence.position.copy()
@@ -286,7 +318,7 @@ def best_offset(evidence: Evidence, joint: int) -> Cause | None:
     base = attempt(few).cost()
 
     def cost(value: float) -> float:
-        return attempt(_offset(joint, float(value)).correct(few)).cost()
+        return attempt(offset(joint, float(value)).correct(few)).cost()
 
     costs = np.array([cost(value) for value in OFFSETS])
     place = int(np.argmin(costs))
@@ -295,7 +327,7 @@ def best_offset(evidence: Evidence, joint: int) -> Cause | None:
     low = OFFSETS[place] - 0.5 * abs(OFFSETS[place])
     high = OFFSETS[place] + 0.5 * abs(OFFSETS[place])
     found = minimize_scalar(cost, bounds=(low, high), method="bounded", options={"xatol": 2e-3})
-    return _offset(joint, float(found.x))
+    return offset(joint, float(found.x))
 
 
 def _rows(evidence: Evidence, rows: slice) -> Evidence:

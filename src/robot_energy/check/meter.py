@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from robot_energy.blocks import NANOSECOND, Float, MeterMeaning
+from robot_energy.blocks import NANOSECOND, EffortMeaning, Float, MeterMeaning
+from robot_energy.check import remedies
 from robot_energy.check.evidence import Evidence
-from robot_energy.check.finding import ERROR, WARNING, Finding
+from robot_energy.check.finding import ERROR, WARNING, Finding, unjudged
 
 MIN_INTERVALS = 20
 MIN_CORRELATION = 0.4
@@ -16,60 +19,62 @@ NEAR = 0.7  # of the logarithm of a factor: a factor of two
 MAX_LAG = 2.0  # s
 MIN_SPAN = 10.0  # s of recording, below which no delay is told from the motion
 MIN_LAG = 0.15  # s, below which a delay is the meter's own averaging
+LEAST_LAG = 0.3  # s: the least delay that is to be found
+LAG_STEP = 0.02  # s
+MAX_EXCESS = 2.0  # of the meter over the prediction
+BODIES = ("joint_sign", "zero_offset", "joint_order", "payload", "gear_ratio")  # spoil predictions
+TORQUES = (*BODIES, "torque_sign", "torque_scale", "effort_meaning")  # spoil shaft powers
 MIN_LAG_GAIN = 0.25  # share of the unexplained variance that a lag must take away
 
 
-def check_meter(evidence: Evidence) -> tuple[list[Finding], str]:
+def check_meter(evidence: Evidence, wrong: Sequence[str] = ()) -> tuple[list[Finding], str]:
     """Compare the meter with the predicted power at its place.
 
     Args:
         evidence: The recording.
+        wrong: Causes found so far.
 
     Returns:
         The findings, and why there are none where the check cannot be made.
     """
-    if evidence.meter is None or evidence.power is None or evidence.replay is None:
+    if evidence.meter is None or evidence.supply is None:
         return [], "the recording has no power meter"
     time, measured = _measured(evidence)
-    if len(time) < MIN_INTERVALS:
-        return [], f"the meter has {len(time)} readings; {MIN_INTERVALS} are needed"
-    ledger = evidence.replay.ledger
-    notes = ledger.judgement.findings(ledger.comparison)
     findings = [
-        Finding("meter", WARNING, ("meter",), note, float("nan"), float("nan")) for note in notes
+        Finding("meter", WARNING, ("meter",), note, float("nan"), float("nan"))
+        for note in evidence.remarks.meter
     ]
     predicted = _predicted(evidence, time, 0.0)
     both = np.isfinite(measured) & np.isfinite(predicted)
     if int(both.sum()) < MIN_INTERVALS:
-        return findings, ""
+        why = f"{int(both.sum())} readings have a prediction; {MIN_INTERVALS} are needed"
+        return findings, why
     measured_mean, predicted_mean = float(measured[both].mean()), float(predicted[both].mean())
     if measured_mean < 0.0 < predicted_mean:
         findings.append(
             Finding(
                 "meter_sign", ERROR, ("meter",),
-                f"the meter reads {measured_mean:.0f} W on average where the robot takes about "
-                f"{predicted_mean:.0f} W: its sign is reversed",
-                measured_mean, 0.95, "meter: {sign: load_negative}",
+                f"the meter reads {measured_mean:.3g} W on average where the robot takes about "
+                f"{predicted_mean:.3g} W: its sign is reversed",
+                measured_mean, 0.95, *remedies.meter(evidence, sign=True),
             )
         )  # fmt: skip
-        measured = -measured
-        measured_mean = -measured_mean
+        measured, measured_mean = -measured, -measured_mean
     ratio = measured_mean / predicted_mean if predicted_mean > 0.0 else float("nan")
     for words, factor in UNITS.items():
         if ratio > 0.0 and abs(np.log(ratio / factor)) < NEAR:
-            unit = "kW" if factor < 1 else "W"
             findings.append(
                 Finding(
                     "meter_unit", ERROR, ("meter",),
                     f"the meter reads {ratio:.2g} times the prediction, as with {words}",
-                    ratio, 0.9, f"meter: {{unit: {unit}}} (or scale: {1 / factor:g})",
+                    ratio, 0.9, *remedies.meter(evidence, scale=1.0 / factor),
                 )
             )  # fmt: skip
             measured = measured / factor
-            ratio /= factor
             break
-    findings += _lag(evidence, time, measured)
-    findings += _shafts(evidence, measured[both])
+    findings += _lag(evidence, time, measured, [one for one in wrong if one in BODIES])
+    if not any(one in TORQUES for one in wrong):
+        findings += _balance(evidence, measured[both], predicted[both])
     return findings, ""
 
 
@@ -88,11 +93,11 @@ def _measured(evidence: Evidence) -> tuple[Float, Float]:
 
 def _predicted(evidence: Evidence, time: Float, lag: float) -> Float:
     """Predicted power at the meter, averaged over the spacing of the readings. [W]"""
-    power, meter = evidence.power, evidence.meter
+    power, meter = evidence.supply, evidence.meter
     assert power is not None
     assert meter is not None
     at = (power.stamp_ns - evidence.stamp_ns[0]) * NANOSECOND
-    values = power.supply.power_at(meter.location)
+    values = power.power_at(meter.location)
     good = np.isfinite(values)
     at, values = at[good], values[good]
     energy = np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(at))])
@@ -115,40 +120,47 @@ def _unexplained(measured: Float, predicted: Float) -> float:
     return 1.0 - float(x @ y) ** 2 / (float(x @ x) * float(y @ y))
 
 
-def _lag(evidence: Evidence, time: Float, measured: Float) -> list[Finding]:
+def _lag(evidence: Evidence, time: Float, measured: Float, wrong: list[str]) -> list[Finding]:
+    """Whether the readings are behind or ahead, or why that cannot be judged."""
+
+    def unknown(why: str) -> list[Finding]:
+        return [unjudged("meter_clock", ("meter",), "the clock of the meter", why)]
+
+    if wrong:
+        return unknown(f"mend {wrong[0]} first")
     if time[-1] - time[0] < MIN_SPAN:
-        return []
-    lags = np.arange(-MAX_LAG, MAX_LAG + 1e-9, 0.02)
+        return unknown(f"{time[-1] - time[0]:.1f} s of readings, {MIN_SPAN:.0f} s are needed")
+    lags = np.arange(-MAX_LAG, MAX_LAG + 1e-9, LAG_STEP)
     left = np.array([_unexplained(measured, _predicted(evidence, time, lag)) for lag in lags])
     best = int(np.argmin(left))
+    if left[best] > 1.0 - MIN_CORRELATION**2 or best in (0, len(lags) - 1):
+        return unknown(f"the prediction explains {100 * (1 - left[best]):.0f} % of its readings")
+    away = round(LEAST_LAG / LAG_STEP)
+    near = [left[place] for place in (best - away, best + away) if 0 <= place < len(lags)]
+    if 1.0 - float(left[best]) / min(near) < MIN_LAG_GAIN:
+        return unknown(f"{LEAST_LAG:g} s change too little of what the prediction explains")
     now = float(left[int(np.argmin(np.abs(lags)))])
     lag, gain = float(lags[best]), 1.0 - float(left[best]) / now if now > 0.0 else 0.0
-    if (
-        best in (0, len(lags) - 1)
-        or abs(lag) < MIN_LAG
-        or gain < MIN_LAG_GAIN
-        or left[best] > 1.0 - MIN_CORRELATION**2
-    ):
+    if abs(lag) < MIN_LAG or gain < MIN_LAG_GAIN:
         return []
     return [
         Finding(
             "meter_clock", ERROR, ("meter",),
             f"the meter is {abs(lag):.2f} s {'behind' if lag > 0 else 'ahead of'} the joint states "
             f"(shifted, the prediction explains {100 * gain:.0f} % of what is left unexplained)",
-            lag, gain, f"meter: {{stamp_offset: {-lag:.2f}}}",
+            lag, gain, *remedies.meter(evidence, delay=lag),
         )
     ]  # fmt: skip
 
 
-def _shafts(evidence: Evidence, measured: Float) -> list[Finding]:
-    """Whether the meter shows less than the measured shafts alone take."""
-    power = evidence.power
-    assert power is not None
-    shaft = power.shaft_power_measured
-    if not bool(np.isfinite(shaft).any()):
-        return []
-    taken = float(np.nansum(np.nanmean(shaft, axis=0)))
-    mean = float(np.nanmean(measured))
+def _balance(evidence: Evidence, measured: Float, predicted: Float) -> list[Finding]:
+    """Whether the meter shows less than the shafts take, or far more than the model explains."""
+    mean, expected = float(measured.mean()), float(predicted.mean())
+    shaft = evidence.shaft_power
+    taken = 0.0
+    if evidence.effort is not EffortMeaning.NONE and shaft is not None:
+        known = shaft[:, np.isfinite(shaft).any(axis=0)]
+        taken = float(np.nanmean(known, axis=0).sum())
     if taken > 1.1 * mean and taken > 5.0:
         return [
             Finding(
@@ -157,6 +169,17 @@ def _shafts(evidence: Evidence, measured: Float) -> list[Finding]:
                 f"{mean:.0f} W of the meter",
                 taken / mean if mean else float("inf"), float("nan"),
                 "check the scale of the torque, the unit of the meter, and its place",
+            )
+        ]  # fmt: skip
+    if mean > MAX_EXCESS * expected > 0.0:
+        return [
+            Finding(
+                "meter_exceeds", WARNING, ("meter",),
+                f"the meter reads {mean:.0f} W on average, {mean / expected:.2g} times the "
+                f"{expected:.0f} W that shafts, friction and losses of the model explain",
+                mean / expected, float("nan"),
+                "identify the constant losses (robot-energy identify cabinet), or look for another "
+                "load on the meter",
             )
         ]  # fmt: skip
     return []

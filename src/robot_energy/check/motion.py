@@ -2,28 +2,37 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from robot_energy.blocks import NANOSECOND, Float
+from robot_energy.check import remedies
 from robot_energy.check.evidence import Evidence, rest_noise
-from robot_energy.check.finding import ERROR, WARNING, Finding
+from robot_energy.check.finding import ERROR, WARNING, Finding, unjudged
 
 MIN_SAMPLES = 50
 MIN_FIT = 0.5  # correlation of velocity with the change of position, below which they differ
 MAX_SCALE_ERROR = 0.15
 DEGREES = 180.0 / np.pi
+MARGIN = 0.2  # rad beyond a limit of the URDF
+MIN_BEYOND = 0.02  # share of samples beyond a limit
+FAR = 4.0  # times a limit: what several turns of a joint do not reach, and degrees do
+MIN_REST = 2.0  # s of a joint, below which its noise may be motion
 NEAR = 0.3  # of the logarithm of a factor
 
 
-def check_motion(evidence: Evidence) -> tuple[list[Finding], str]:
+def check_motion(evidence: Evidence, wrong: Sequence[str] = ()) -> tuple[list[Finding], str]:
     """Compare velocity with the change of position, and both with the limits.
 
     Args:
         evidence: The recording.
+        wrong: Causes found so far; not used.
 
     Returns:
         The findings, and why there are none where the check cannot be made.
     """
+    del wrong
     if len(evidence.stamp_ns) < MIN_SAMPLES:
         return [], f"{len(evidence.stamp_ns)} samples with a full derivative window"
     findings = [
@@ -31,7 +40,21 @@ def check_motion(evidence: Evidence) -> tuple[list[Finding], str]:
         for joint in range(len(evidence.names))
         for finding in (*_slope(evidence, joint), *_limits(evidence, joint))
     ]
-    return findings + _rest(evidence), ""
+    return [*findings, *_rest(evidence), *_degrees_unseen(evidence)], ""
+
+
+def _degrees_unseen(evidence: Evidence) -> list[Finding]:
+    """Say so if positions in degrees would not leave the limits either."""
+    limits, position = evidence.robot.limits, evidence.position
+    bounded = np.isfinite(limits.lower) & np.isfinite(limits.upper)
+    turning = bounded & ~np.asarray(limits.prismatic)
+    if not turning.any():
+        return []
+    limit = np.maximum(np.abs(limits.lower), np.abs(limits.upper))[turning]
+    if np.any(np.max(np.abs(DEGREES * position[:, turning]), axis=0) > FAR * limit):
+        return []
+    why = "in degrees they would lie inside the limits of the URDF as well"
+    return [unjudged("degrees", (), "whether positions are in radians", why)]
 
 
 def _change(evidence: Evidence, joint: int) -> tuple[Float, Float]:
@@ -57,7 +80,7 @@ def _slope(evidence: Evidence, joint: int) -> list[Finding]:
                 f"the velocity of {name} has the opposite sign of the change of its position "
                 f"(correlation {correlation:.2f})",
                 correlation, correlation**2,
-                "turn its sign where the recording is imported, or leave the velocity out",
+                *remedies.corrected(evidence, "velocity", (joint,), sign=-1.0),
             )
         ]  # fmt: skip
     if correlation < MIN_FIT:
@@ -79,11 +102,16 @@ def _slope(evidence: Evidence, joint: int) -> list[Finding]:
                 f"the velocity of {name} is {slope:.3g} times the change of its position"
                 + (": one of them is in degrees" if unit else ""),
                 slope, correlation**2,
-                "give both in rad and rad/s" if unit
-                else "check the unit and the gear ratio of the velocity",
+                *remedies.corrected(evidence, "velocity", (joint,), scale=1.0 / _exact(slope)),
             )
         ]  # fmt: skip
     return []
+
+
+def _exact(slope: float) -> float:
+    """The factor of degrees where one is near, else the slope itself."""
+    factors = [factor for factor in (DEGREES, 1.0 / DEGREES) if abs(np.log(slope / factor)) < NEAR]
+    return factors[0] if factors else slope
 
 
 def _limits(evidence: Evidence, joint: int) -> list[Finding]:
@@ -92,11 +120,12 @@ def _limits(evidence: Evidence, joint: int) -> list[Finding]:
     low, high = float(limits.lower[joint]), float(limits.upper[joint])
     if limits.prismatic[joint] or not np.isfinite(low + high):
         return []
-    beyond = float(np.mean((position < low - 0.2) | (position > high + 0.2)))
-    if beyond < 0.02:
+    beyond = float(np.mean((position < low - MARGIN) | (position > high + MARGIN)))
+    if beyond < MIN_BEYOND:
         return []
-    within = np.all((position / DEGREES > low - 0.2) & (position / DEGREES < high + 0.2))
-    degrees = bool(within) and float(np.max(np.abs(position))) > 2 * np.pi
+    within = np.all((position / DEGREES > low - MARGIN) & (position / DEGREES < high + MARGIN))
+    far = float(np.max(np.abs(position))) > FAR * max(abs(low), abs(high))
+    degrees = bool(within) and far
     cause = "degrees" if degrees else "position_limit"
     return [
         Finding(
@@ -105,8 +134,9 @@ def _limits(evidence: Evidence, joint: int) -> list[Finding]:
             f"({low:.3g} to {high:.3g} rad; recorded {position.min():.3g} to {position.max():.3g})"
             + (", and inside them as degrees" if degrees else ""),
             beyond, beyond,
-            "convert position and velocity to rad" if degrees
-            else "check the zero and the sign of the joint, or the limits of the URDF",
+            *(remedies.both(evidence, tuple(range(len(evidence.names))), scale=1.0 / DEGREES)
+              if degrees
+              else ("check the zero and the sign of the joint, or the limits of the URDF",)),
         )
     ]  # fmt: skip
 
@@ -114,6 +144,8 @@ def _limits(evidence: Evidence, joint: int) -> list[Finding]:
 def _rest(evidence: Evidence) -> list[Finding]:
     """Joints whose noise at rest exceeds the model's standstill velocity."""
     noise = rest_noise(evidence)
+    rested = evidence.durations @ (np.abs(evidence.velocity) < 4.0 * noise) >= MIN_REST
+    noise = np.where(rested, noise, np.nan)
     noisy = [
         (name, float(value), joint.standstill_velocity)
         for name, value, joint in zip(evidence.names, noise, evidence.model.joints, strict=True)
@@ -130,6 +162,6 @@ def _rest(evidence: Evidence) -> list[Finding]:
             f"at rest the velocity of {names} still varies by up to {1e3 * worst:.2g} mrad/s, "
             f"near or above standstill_velocity: rest is hardly found",
             worst, float("nan"),
-            f"standstill_velocity: {suggested:g} for these joints in the model file",
+            *remedies.standstill(tuple(name for name, _, _ in noisy), suggested),
         )
     ]  # fmt: skip

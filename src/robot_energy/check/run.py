@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from robot_energy.blocks import EffortMeaning
 from robot_energy.check.coverage import check_excitation, check_temperatures
 from robot_energy.check.evidence import Evidence, gather
-from robot_energy.check.finding import SEVERITIES, WARNING, CheckResult, Finding
+from robot_energy.check.finding import ERROR, SEVERITIES, WARNING, CheckResult, Finding
 from robot_energy.check.meter import check_meter
 from robot_energy.check.motion import check_motion
 from robot_energy.check.torque import check_torque
 from robot_energy.inputs.sources import Inputs
 from robot_energy.model import RobotModel
 
-Check = Callable[[Evidence], tuple[list[Finding], str]]
+Check = Callable[[Evidence, Sequence[str]], tuple[list[Finding], str]]
 CHECKS: dict[str, Check] = {
     "positions and velocities": check_motion,
     "torque": check_torque,
@@ -23,6 +23,8 @@ CHECKS: dict[str, Check] = {
     "temperatures": check_temperatures,
     "excitation": check_excitation,
 }
+MOTION_CAUSES = ("degrees", "velocity_sign", "velocity_scale")  # that spoil all torques
+AFTERWARDS: dict[Check, tuple[str, ...]] = {check_torque: MOTION_CAUSES, check_meter: MOTION_CAUSES}
 
 
 def check(
@@ -45,25 +47,40 @@ def check(
     Raises:
         RobotEnergyError: If the bag cannot be read, or gives no sample with this model.
     """
-    evidence = gather(path, model, effort, inputs)
+    findings, done, skipped = findings_of(gather(path, model, effort, inputs))
+    return CheckResult(
+        str(path), f"{model.robot.type}, id {model.model_id}", findings, done, skipped
+    )
+
+
+def findings_of(
+    evidence: Evidence,
+) -> tuple[tuple[Finding, ...], tuple[str, ...], dict[str, str]]:
+    """Make all checks, of a recording or of what a live monitor saw.
+
+    Args:
+        evidence: What was seen.
+
+    Returns:
+        The findings, errors first; the checks made; those not made, with what they lack.
+    """
     findings = [
         Finding("bag", WARNING, ("bag",), text, float("nan"), float("nan"))
-        for text in (evidence.replay.problems if evidence.replay else ())
+        for text in evidence.remarks.problems
     ]
     done: list[str] = []
     skipped: dict[str, str] = {}
     for name, one in CHECKS.items():
-        degrees = any(entry.cause == "degrees" for entry in findings)
-        if degrees and one in (check_torque, check_meter):
-            found, why = [], "the positions are in degrees"
-        else:
-            found, why = one(evidence)
+        wrong = [entry.cause for entry in findings if entry.severity == ERROR]
+        mended = next((cause for cause in wrong if cause in AFTERWARDS.get(one, ())), None)
+        if mended is not None:
+            skipped[name] = f"mend {mended} first"
+            continue
+        found, why = one(evidence, wrong)
         findings += found
         if why:
             skipped[name] = why
         else:
             done.append(name)
     findings.sort(key=lambda entry: SEVERITIES.index(entry.severity))
-    return CheckResult(
-        str(path), f"{model.robot.type}, id {model.model_id}", tuple(findings), tuple(done), skipped
-    )
+    return tuple(findings), tuple(done), skipped

@@ -2,105 +2,142 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from robot_energy.blocks import EffortMeaning
+from robot_energy.check import remedies
 from robot_energy.check.evidence import Evidence
-from robot_energy.check.finding import ERROR, NOTE, WARNING, Finding
-from robot_energy.check.hypotheses import Cause, Trial, attempt, scale_words
-from robot_energy.check.search import search
+from robot_energy.check.finding import ERROR, NOTE, WARNING, Finding, unjudged
+from robot_energy.check.hypotheses import (
+    MIN_MOTION,
+    MIN_SAMPLES,
+    Cause,
+    Trial,
+    attempt,
+    scale_words,
+)
+from robot_energy.check.search import MAX_FACTOR, search
+from robot_energy.check.unseen import unseen_findings
 
 WIDE = 0.1  # of a gear ratio: a deviation from which it is a prior
+MIN_CORRELATION = 0.6  # of measured and body torque, below which a factor means nothing
+LEAST = f"{MIN_MOTION:g} s and {MIN_SAMPLES} samples in motion"
 POOR = 0.5  # share of unexplained torque from which a model does not fit
 
 
-def check_torque(evidence: Evidence) -> tuple[list[Finding], str]:
+def check_torque(evidence: Evidence, wrong: Sequence[str] = ()) -> tuple[list[Finding], str]:
     """Compare the recorded torque with the model.
 
     Args:
         evidence: The recording.
+        wrong: Causes found so far; not used.
 
     Returns:
         The findings, and why there are none where the check cannot be made.
     """
+    del wrong
     if evidence.effort is EffortMeaning.NONE:
-        return [], "the meaning of the effort is not stated (--effort)"
+        return _fitting_meanings(evidence), "the meaning of the effort is not stated (--effort)"
     if not bool(np.isfinite(evidence.motor_torque).any()):
         return [], "the joint states carry no effort"
     thin = evidence.thinned()
     if not bool(np.isfinite(attempt(thin).unexplained).any()):
-        return [], "no joint moves long enough"
-    causes, first, last = search(thin)
-    findings = [_finding(evidence, cause, share, first) for cause, share in causes]
-    findings += _poor(evidence, last)
-    unknown = [name for name, share in zip(evidence.names, last.unexplained, strict=True)
+        return [], f"no joint has {LEAST} with an acceleration"
+    result = search(thin)
+    findings = [
+        _finding(evidence, cause, share, alike, result.first)
+        for cause, share, alike in result.causes
+    ]
+    findings += _poor(evidence, result.last)
+    findings += unseen_findings(evidence, result)
+    unknown = [name for name, share in zip(evidence.names, result.last.unexplained, strict=True)
                if not np.isfinite(share)]  # fmt: skip
     if unknown:
+        why = f"less than {LEAST}"
         findings.append(
-            Finding(
-                "torque_unknown", NOTE, tuple(unknown),
-                f"{', '.join(unknown)}: too little motion to check the torque",
-                float(len(unknown)), float("nan"),
-            )
-        )  # fmt: skip
+            unjudged("torque", tuple(unknown), f"the torque of {', '.join(unknown)}", why)
+        )
     return findings, ""
 
 
-def _finding(evidence: Evidence, cause: Cause, share: float, first: Trial) -> Finding:
+def _fitting_meanings(evidence: Evidence) -> list[Finding]:
+    """What the effort seems to be, where nobody said it."""
+    fitting = [
+        (meaning, factor)
+        for meaning, (factor, correlation) in evidence.remarks.effort_factors.items()
+        if 1 / MAX_FACTOR < factor < MAX_FACTOR and correlation > MIN_CORRELATION
+    ]
+    if not fitting:
+        return []
+    meaning, factor = min(fitting, key=lambda one: abs(np.log(one[1])))
+    return [
+        Finding(
+            "effort_not_stated", NOTE, tuple(evidence.names),
+            f"taken for {meaning}, the effort is {factor:.2g} times the torque of the bodies",
+            factor, float("nan"), *remedies.effort_meaning(str(meaning)),
+        )
+    ]  # fmt: skip
+
+
+def _finding(
+    evidence: Evidence, cause: Cause, share: float, alike: tuple[str, ...], first: Trial
+) -> Finding:
     names = tuple(evidence.names[j] for j in cause.joints) or (cause.name,)
     which = "all joints" if len(names) == len(evidence.names) > 1 else ", ".join(names)
     proof = f"as it is, the model explains {_explained(first, cause.joints)} of its torque"
-    ratios = [evidence.model.joints[j].gear_ratio.value / cause.value for j in cause.joints]
-    ratio = ratios[0] if ratios else float("nan")
+    value, joints = cause.value, cause.joints
     words = {
-        "torque_sign": (
+        "torque_sign": lambda: (
             f"the torque of {which} has the opposite sign ({proof})",
-            _torque_remedy(evidence, names, "sign: -1"),
+            remedies.corrected(evidence, "effort", joints, sign=-1.0),
         ),
-        "joint_sign": (
+        "joint_sign": lambda: (
             f"position and velocity of {which} have the opposite sign of the URDF ({proof})",
-            f"turn the axis of {which} in the URDF, or its sign where the recording is imported",
+            remedies.both(evidence, joints, sign=-1.0),
         ),
-        "torque_scale": (
-            f"the torque of {which} is {cause.value:.3g} times what the model expects: "
-            f"{scale_words(cause.value)} ({proof})",
-            _torque_remedy(evidence, names, f"scale: {1 / cause.value:.4g}"),
+        "torque_scale": lambda: (
+            f"the torque of {which} is {value:.3g} times what the model expects: "
+            f"{scale_words(value)} ({proof})",
+            remedies.corrected(evidence, "effort", joints, scale=1.0 / value),
         ),
-        "gear_ratio": (
-            f"the motor torque of {which} is that of a gear ratio {1 / cause.value:.3g} times the "
+        "gear_ratio": lambda: (
+            f"the motor torque of {which} is that of a gear ratio {1 / value:.3g} times the "
             f"model's ({proof})",
-            f"joints: {names[0]}: gear_ratio: {ratio:.5g} if that is the true ratio, else check "
-            "its torque_constant",
+            remedies.gear_ratio(evidence, joints[0], value),
         ),
-        "effort_meaning": (
-            f"the effort has the size of {'motor' if cause.value > 0 else 'joint'} torque, but "
-            f"{'joint' if cause.value > 0 else 'motor'}_torque is stated ({proof})",
-            f"effort: {'motor' if cause.value > 0 else 'joint'}_torque",
+        "effort_meaning": lambda: (
+            f"the effort is no {evidence.effort} but {cause.choice}: taken for the former it "
+            f"is {value:.2g} times the torque that the bodies need, taken for {cause.choice} "
+            f"{evidence.remarks.effort_factors[EffortMeaning(cause.choice)][0]:.2g} times",
+            remedies.effort_meaning(cause.choice),
         ),
-        "payload": (
-            f"the robot carries {abs(cause.value):.2f} +- {cause.std:.2f} kg "
-            f"{'more' if cause.value > 0 else 'less'} than the model's payload of "
+        "payload": lambda: (
+            f"the robot carries {abs(value):.2f} +- {cause.std:.2f} kg "
+            f"{'more' if value > 0 else 'less'} than the model's payload of "
             f"{evidence.robot.payload_mass:.2f} kg",
-            f"payload: mass: {max(evidence.robot.payload_mass + cause.value, 0.0):.2f}",
+            remedies.payload(evidence, value, cause.moment),
         ),
-        "joint_order": (
+        "joint_order": lambda: (
             f"{' and '.join(names)} have each other's values ({proof})",
-            f"exchange {' and '.join(names)} in the names of the joint states or in the mapping",
+            remedies.joint_order(evidence, *joints),
         ),
-        "zero_offset": (
-            f"the zero of {names[0]} is off by {cause.value:+.3f} rad"
-            + (f", that of {names[1]} by {-cause.value:+.3f} rad" if len(names) > 1 else "")
+        "zero_offset": lambda: (
+            f"the zero of {names[0]} is off by {value:+.3f} rad"
+            + (f", that of {names[1]} by {-value:+.3f} rad" if len(names) > 1 else "")
             + f" ({proof})",
-            "take it off the recorded positions (zero, where the recording is imported), or turn "
-            "the origin of the joint in the URDF",
+            remedies.zero(evidence, joints, value),
         ),
     }
-    sentence, remedy = words[cause.name]
+    sentence, (remedy, place) = words[cause.name]()
+    if alike:
+        sentence += f"; as well explained by {', '.join(alike)}"
     severity = ERROR
     if cause.name in ("gear_ratio", "torque_scale") and _ratio_is_a_guess(evidence, cause.joints):
         severity = WARNING
-        remedy = f"the gear ratio is a prior: {remedy}"
-    return Finding(cause.name, severity, names, sentence, cause.value, share, remedy)
+        sentence += "; the gear ratio is a prior"
+    return Finding(cause.name, severity, names, sentence, value, share, remedy, place, alike)
 
 
 def _ratio_is_a_guess(evidence: Evidence, joints: tuple[int, ...]) -> bool:
@@ -115,12 +152,6 @@ def _explained(trial: Trial, joints: tuple[int, ...]) -> str:
     """Least share of torque variance that the model explains, of some joints."""
     shares = [1.0 - trial.unexplained[j] for j in joints if np.isfinite(trial.unexplained[j])]
     return f"{100 * max(min(shares), 0.0):.0f} %" if shares else "nothing"
-
-
-def _torque_remedy(evidence: Evidence, names: tuple[str, ...], entry: str) -> str:
-    if evidence.effort is EffortMeaning.MOTOR_CURRENT:
-        return f"torque_constant of {', '.join(names)} in the model file ({entry})"
-    return f"{entry} of the effort of {', '.join(names)}, where the recording is imported"
 
 
 def _poor(evidence: Evidence, trial: Trial) -> list[Finding]:

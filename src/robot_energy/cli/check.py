@@ -95,7 +95,8 @@ def _show(result: CheckResult) -> None:
         show(f"{finding.severity}: {finding.sentence}{_certainty(finding)}",
              STYLES[finding.severity])  # fmt: skip
         if finding.remedy:
-            show(f"    remedy: {finding.remedy}")
+            place = f"   # {finding.remedy_in}" if finding.remedy_in else ""
+            show(f"    remedy: {finding.remedy}{place}")
     for name, why in result.skipped.items():
         show(f"not checked: {name} ({why})", STYLES["note"])
     show("")

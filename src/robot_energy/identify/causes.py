@@ -15,7 +15,8 @@ from dataclasses import replace
 import numpy as np
 
 from robot_energy.blocks import EffortMeaning
-from robot_energy.check.evidence import Evidence
+from robot_energy.check.evidence import Evidence, Remarks, remarks_of
+from robot_energy.check.evidence import evidence_of as evidence_in
 from robot_energy.check.finding import ERROR, Finding
 from robot_energy.check.meter import check_meter
 from robot_energy.check.torque import check_torque
@@ -55,22 +56,9 @@ def evidence_of(recording: Recording, effort: EffortMeaning) -> Evidence:
         recording: Run with a model.
         effort: What its effort means.
     """
-    rows, torque, model = recording.sound, recording.torque, recording.model
-    return Evidence(
-        model=model,
-        robot=Robot.from_model(model),
-        drivetrain=Drivetrain.from_model(model),
-        effort=effort,
-        stamp_ns=torque.stamp_ns[rows],
-        segment=torque.segment[rows],
-        position=torque.joint_position[rows],
-        velocity=torque.joint_velocity[rows],
-        acceleration=torque.joint_acceleration[rows],
-        motor_torque=torque.motor_torque_measured[rows],
-        temperature_degc=recording.power.motor_temperature_degc[rows],
-        replay=recording.replay,
-        meter=recording.meter,
-        power=recording.power,
+    remarks = Remarks() if recording.replay is None else remarks_of(recording.replay)
+    return evidence_in(
+        recording.model, effort, recording.torque, recording.power, recording.meter, remarks
     )
 
 
@@ -81,7 +69,9 @@ def torque_evidence(recording: Recording, effort: EffortMeaning) -> Evidence:
         recording: Run with a model.
         effort: What its effort means.
     """
-    return replace(evidence_of(recording, effort).thinned(), replay=None, meter=None, power=None)
+    return replace(
+        evidence_of(recording, effort).thinned(), supply=None, shaft_power=None, meter=None
+    )
 
 
 def evidence_of_rows(result: Dynamics) -> Evidence:
@@ -110,9 +100,6 @@ def evidence_of_rows(result: Dynamics) -> Evidence:
         acceleration=rows.motion.joint_acceleration,
         motor_torque=drivetrain.motor_torque_from_joint(rows.joint_torque),
         temperature_degc=np.full(rows.joint_torque.shape, np.nan),
-        replay=None,
-        meter=None,
-        power=None,
     )
 
 
@@ -153,7 +140,7 @@ def refuse_torque(parts: Sequence[Evidence]) -> tuple[str, ...]:
     return tuple(_sentence(finding) for finding in found)
 
 
-def test_notes(parts: Sequence[Evidence]) -> tuple[str, ...]:
+def notes_of_test(parts: Sequence[Evidence]) -> tuple[str, ...]:
     """Return what does not fit the model in recordings for the test, one sentence each.
 
     Args:

@@ -1,0 +1,191 @@
+"""Checks once after the start whether the robot fits its model, as `robot-energy check` does.
+
+What the pipeline gave is kept until the robot has moved long enough; then a process of low
+priority makes the checks, so that a tick only keeps references to blocks that exist anyway.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import pickle
+import subprocess
+import sys
+from collections import deque
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+
+from robot_energy.blocks import (
+    NANOSECOND,
+    EffortMeaning,
+    MeterBlock,
+    PowerBlock,
+    TorqueBlock,
+)
+from robot_energy.inputs.sources import Inputs
+from robot_energy.inputs.temperatures.temperatures import TemperatureIngest
+from robot_energy.model import RobotModel
+from robot_energy.pipeline import EnergyPipeline, Output
+from ros2_energy_monitor.base.guard import Guard
+from ros2_energy_monitor.diagnostics.reporter import ERROR, WARN, StatusBuilder
+
+MAX_SAMPLES = 20_000  # kept; about 1.2 kB each for six joints
+NICENESS = 19  # of the process: it gives way to all others
+LEVELS = {"error": ERROR, "warning": WARN}
+Answer = dict[str, Any]
+
+
+class ModelCheck:
+    """Keeps what the checks need, has them made once, and reports what they found.
+
+    Args:
+        motion: Time in motion after which the checks are made; 0 for never. [s]
+        model: The robot's model.
+        effort: What the effort of the joint states means.
+        parameters: How the inputs are read.
+        pipeline: Whose outputs `take` gets.
+        temperatures: What became of the motor temperatures.
+        guard: Counts failures.
+    """
+
+    def __init__(
+        self,
+        motion: float,
+        model: RobotModel,
+        effort: EffortMeaning,
+        parameters: Inputs,
+        pipeline: EnergyPipeline,
+        temperatures: TemperatureIngest,
+        guard: Guard,
+    ) -> None:
+        self._needed_ns, self._guard = round(motion / NANOSECOND), guard
+        self._model, self._effort = model, effort
+        self._inputs = Inputs(**{one.name: getattr(parameters, one.name) for one in fields(Inputs)})
+        self._pipeline, self._temperatures = pipeline, temperatures
+        self._standstill = np.array([joint.standstill_velocity for joint in model.joints])
+        self._outputs: deque[tuple[Output, int, int]] = deque()  # with samples, time in motion
+        self._samples = self._moving_ns = self._last_ns = 0
+        self._thread: ThreadPoolExecutor | None = None
+        self._process: subprocess.Popen[bytes] | None = None
+        self._work: Future[Answer] | None = None
+        self._closed = self._failed = False
+
+    def take(self, output: Output) -> None:
+        """Keep what one step gave, and begin the checks once the robot moved enough.
+
+        Args:
+            output: Of the pipeline.
+        """
+        if not self._needed_ns or self._work is not None or self._closed:
+            return
+        torque = output.torque
+        if torque is None and output.power is None and output.meter is None:
+            return
+        count, moving_ns = (0, 0) if torque is None else (len(torque), self._motion_of(torque))
+        self._outputs.append((output, count, moving_ns))
+        self._samples += count
+        self._moving_ns += moving_ns
+        while self._samples > MAX_SAMPLES:  # the oldest go
+            _, fewer, less_ns = self._outputs.popleft()
+            self._samples -= fewer
+            self._moving_ns -= less_ns
+        full = self._samples > 0.9 * MAX_SAMPLES and 2 * self._moving_ns > self._needed_ns
+        if full or self._moving_ns >= self._needed_ns:
+            self._begin()
+
+    def _motion_of(self, torque: TorqueBlock) -> int:
+        """Time in which some joint moved. [ns]"""
+        step = np.diff(torque.stamp_ns, prepend=self._last_ns or torque.stamp_ns[0])
+        self._last_ns = int(torque.stamp_ns[-1])
+        moving = (np.abs(torque.joint_velocity) > self._standstill).any(axis=1)
+        return int(step[moving & (step > 0) & (step < 1 / NANOSECOND)].sum())
+
+    def _begin(self) -> None:
+        outputs = [output for output, _, _ in self._outputs]
+        self._outputs.clear()
+        self._thread = ThreadPoolExecutor(1, thread_name_prefix="model_check")
+        self._work = self._thread.submit(self._run, outputs)
+
+    def _run(self, outputs: list[Output]) -> Answer:
+        """Have a process make the checks; runs in a thread that waits for it."""
+        command = [sys.executable, "-m", "robot_energy.check.process", str(NICENESS)]
+        threads = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
+        self._process = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env={**os.environ, **threads}
+        )
+        if self._closed:
+            self._process.kill()
+        answer, _ = self._process.communicate(pickle.dumps(self._seen(outputs)))
+        return json.loads(answer)
+
+    def _seen(self, outputs: list[Output]) -> dict[str, Any]:
+        torque = [one.torque for one in outputs if one.torque is not None]
+        power = [one.power for one in outputs if one.power is not None]
+        meter = [one.meter for one in outputs if one.meter is not None]
+        stage, ledger = self._pipeline.torque, self._pipeline.ledger
+        stuck = zip(self._model.joint_names, self._pipeline.power.watch.stuck, strict=True)
+        return {
+            "model": self._model,
+            "effort": self._effort,
+            "torque": TorqueBlock.concatenate(torque),
+            "power": PowerBlock.concatenate(power) if power else None,
+            "meter": MeterBlock.concatenate(meter) if meter else None,
+            "inputs": self._inputs,
+            "carried": stage.robot.payload,
+            "remarks": {
+                "temperatures": tuple(self._temperatures.doubts)
+                if self._temperatures.account.accepted
+                else None,
+                "stuck": tuple(name for name, is_so in stuck if is_so),
+                "meter": tuple(ledger.judgement.findings(ledger.comparison)),
+                "effort_factors": stage.effort_check.factors(),
+            },
+        }
+
+    def close(self) -> None:
+        """Give up what runs."""
+        self._closed = True
+        self._outputs.clear()
+        if self._process is not None and self._process.poll() is None:
+            self._process.kill()
+        if self._thread is not None:
+            self._thread.shutdown(wait=False, cancel_futures=True)
+
+    def findings(self) -> StatusBuilder:
+        """Make the status: the remedy first, as some tools cut a message at 128 characters."""
+        found = StatusBuilder("model check")
+        found.values["moving_time"] = self._moving_ns * NANOSECOND
+        if not self._needed_ns:
+            found.notes.append("off (parameter model_check)")
+        elif self._work is None:
+            found.notes.append(
+                f"waits for {self._needed_ns * NANOSECOND:g} s of motion, "
+                f"{self._moving_ns * NANOSECOND:.0f} s seen"
+            )
+        elif not self._work.done():
+            found.notes.append("the model is being checked")
+        elif self._closed or self._work.exception() is not None:
+            found.notes.append("the check was given up")
+            if not self._closed and not self._failed:
+                self._failed = True
+                self._guard.note("model_check", Exception(repr(self._work.exception())))
+        else:
+            self._report(self._work.result(), found)
+        return found
+
+    def _report(self, answer: Answer, found: StatusBuilder) -> None:
+        for one in answer["findings"]:
+            text = one["sentence"]
+            if one["remedy"]:
+                place = f" in the {one['remedy_in']}" if one["remedy_in"] else ""
+                text = f"{one['remedy']}{place}: {text}"
+            key = ".".join((one["cause"], *one["subject"][:1]))
+            found.values[key] = one["evidence"]
+            if one["severity"] in LEVELS:
+                found.add(LEVELS[one["severity"]], text)
+        checked = ", ".join(answer["checked"]) or "nothing"
+        found.notes.append(f"no mistake found; checked: {checked}")
+        found.remarks += [f"{name} not checked: {why}" for name, why in answer["skipped"].items()]

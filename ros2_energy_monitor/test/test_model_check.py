@@ -1,0 +1,93 @@
+"""The monitor checks its model once after the start, with the findings of `robot-energy check`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.serialization import deserialize_message
+from ros2_energy_msgs.msg import MotorTemperatures, PowerReading
+from sensor_msgs.msg import JointState
+
+from robot_energy.bag import BagReader
+from ros2_energy_monitor.diagnostics import model_check
+from ros2_energy_monitor.nodes.energy_monitor import EnergyMonitor
+
+NAME = "energy_monitor: model check"
+BAG = Path(__file__).resolve().parents[2] / "bags/kr16_cold"
+TYPES = {
+    "/motor_temperatures": MotorTemperatures,
+    "/power_meter": PowerReading,
+    "/joint_states": JointState,
+}
+SECONDS = 15.0
+BURST = 300
+MOTOR_TORQUE = {"joint_states.effort_meaning": "motor_torque"}
+
+
+@pytest.fixture(autouse=True)
+def at_once(monkeypatch):
+    """A busy machine must not starve the process."""
+    monkeypatch.setattr(model_check, "NICENESS", 0)
+
+
+def play(bench: Any, node: EnergyMonitor, turned: int | None = None) -> None:
+    """Publish the beginning of a recording; the sign of one torque may be turned."""
+    publishers = {topic: bench.publisher(kind, topic[1:]) for topic, kind in TYPES.items()}
+    bag, sent = BagReader(BAG), 0
+    until = (bag.start_ns or 0) + round(SECONDS * 1e9)
+    for part in bag.parts(TYPES):
+        for topic in TYPES:  # those without a place of their own wait in the queue of the node
+            batch = part.get(topic)
+            for row in range(int(np.searchsorted(batch.log_time_ns, until)) if batch else 0):
+                message = deserialize_message(batch.row(row), TYPES[topic])
+                if topic == "/joint_states":
+                    sent += 1
+                    if turned is not None:
+                        message.effort[turned] *= -1.0
+                publishers[topic].publish(message)
+                if sent % BURST == 1:
+                    least = sent - BURST
+                    bench.spin_until(
+                        lambda least=least: node.ingest.account.received >= least, "joint states"
+                    )
+
+
+def test_a_sound_robot_is_said_to_fit(bench):
+    node = bench.add(EnergyMonitor, model="kr16", model_check=8.0, **MOTOR_TORQUE)
+    diagnosed = bench.diagnosed()
+    diagnosed.wait(NAME, "waits for 8 s of motion")
+    play(bench, node)
+    status = diagnosed.wait(NAME, "no mistake found")
+    assert status.level == DiagnosticStatus.OK
+    assert "torque" in status.message
+    assert "power meter" in status.message
+    assert diagnosed.values(status)["moving_time"] == pytest.approx(8.0, abs=2.0)
+
+
+def test_a_torque_of_the_wrong_sign_is_named_with_its_remedy_first(bench):
+    node = bench.add(EnergyMonitor, model="kr16", model_check=8.0, **MOTOR_TORQUE)
+    diagnosed = bench.diagnosed()
+    play(bench, node, turned=2)
+    status = diagnosed.wait(NAME, "opposite sign")
+    assert status.level == DiagnosticStatus.ERROR
+    assert "joint_states: {effort: {sign: [1, 1, -1, 1, 1, 1]}}" in status.message[:128]
+    assert diagnosed.values(status)["torque_sign.joint_a3"] == -1.0
+
+
+def test_it_can_be_switched_off(bench):
+    bench.add(EnergyMonitor, model="kr16", model_check=0.0, **MOTOR_TORQUE)
+    assert bench.diagnosed().wait(NAME, "off").level == DiagnosticStatus.OK
+
+
+def test_a_node_that_stops_gives_the_check_up(bench):
+    node = bench.add(EnergyMonitor, model="kr16", model_check=3.0, **MOTOR_TORQUE)
+    diagnosed = bench.diagnosed()
+    play(bench, node)
+    diagnosed.wait(NAME, "")
+    process = bench.spin_until(lambda: node._model_check._process, "the process")
+    bench.remove(node)
+    assert process.wait(timeout=30.0) is not None

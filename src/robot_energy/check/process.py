@@ -1,0 +1,35 @@
+"""The checks as a process of their own, of low priority, for a monitor that goes on meanwhile.
+
+``python -m robot_energy.check.process NICENESS`` reads what a monitor saw from its standard input,
+as pickled keyword arguments of `robot_energy.check.evidence.evidence_of`, and writes the findings
+as JSON. Only a parent process on the same machine feeds it.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import pickle
+import sys
+from dataclasses import asdict
+
+from robot_energy.check.evidence import Remarks, evidence_of
+from robot_energy.check.run import findings_of
+
+
+def main() -> None:
+    """Check what comes on standard input."""
+    if hasattr(os, "nice"):
+        os.nice(int(sys.argv[1]))
+    seen = pickle.load(sys.stdin.buffer)
+    findings, checked, skipped = findings_of(
+        evidence_of(**{**seen, "remarks": Remarks(**seen["remarks"])})
+    )
+    json.dump(
+        {"findings": [asdict(one) for one in findings], "checked": checked, "skipped": skipped},
+        sys.stdout,
+    )
+
+
+if __name__ == "__main__":
+    main()

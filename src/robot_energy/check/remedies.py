@@ -1,0 +1,204 @@
+"""The line of YAML that mends a mistake, and the file it belongs to.
+
+What the recording was read with is taken into account: a line replaces the entry that is there.
+"""
+
+from __future__ import annotations
+
+from xml.etree import ElementTree
+
+import numpy as np
+
+from robot_energy.blocks import Float
+from robot_energy.check.evidence import Evidence
+from robot_energy.check.finding import MODEL, PARAMETERS
+from robot_energy.inputs.joint_states.correction import JointCorrection
+from robot_energy.inputs.meter.source import LOAD_NEGATIVE, LOAD_POSITIVE
+
+Remedy = tuple[str, str]  # line of YAML, file
+
+
+def corrected(
+    evidence: Evidence,
+    quantity: str,
+    joints: tuple[int, ...],
+    sign: float = 1.0,
+    scale: float = 1.0,
+    zero: float = 0.0,
+) -> Remedy:
+    """Return the line that corrects a quantity of some joints.
+
+    Args:
+        evidence: The recording.
+        quantity: ``position``, ``velocity`` or ``effort``.
+        joints: Indices in model order.
+        sign: 1 or -1. [-]
+        scale: Factor. [-]
+        zero: Added last. [of the quantity]
+    """
+    return _below_joint_states(_line(evidence, quantity, joints, sign, scale, zero))
+
+
+def both(
+    evidence: Evidence, joints: tuple[int, ...], sign: float = 1.0, scale: float = 1.0
+) -> Remedy:
+    """Return the line that corrects position and velocity alike.
+
+    Args:
+        evidence: The recording.
+        joints: Indices in model order.
+        sign: 1 or -1. [-]
+        scale: Factor. [-]
+    """
+    lines = [_line(evidence, one, joints, sign, scale) for one in ("position", "velocity")]
+    return _below_joint_states(", ".join(lines))
+
+
+def zero(evidence: Evidence, joints: tuple[int, ...], value: float) -> Remedy:
+    """Return the line that takes a zero off.
+
+    Args:
+        evidence: The recording.
+        joints: One joint, or two of which the second is off by ``-value``.
+        value: Recorded less true position. [rad]
+    """
+    found = [0.0] * len(evidence.names)
+    for joint, sign in zip(joints, (-1.0, 1.0), strict=False):
+        found[joint] = round(sign * value, 4)
+    other = JointCorrection(zero=tuple(found))
+    return _below_joint_states(_present(evidence, "position").followed_by(other).line("position"))
+
+
+def _line(
+    evidence: Evidence,
+    quantity: str,
+    joints: tuple[int, ...],
+    sign: float = 1.0,
+    scale: float = 1.0,
+    zero: float = 0.0,
+) -> str:
+    def each(value: float, default: float) -> tuple[float, ...]:
+        return tuple(value if j in joints else default for j in range(len(evidence.names)))
+
+    other = JointCorrection(
+        sign=each(sign, 1.0), scale=each(float(f"{scale:.6g}"), 1.0), zero=each(zero, 0.0)
+    )
+    return _present(evidence, quantity).followed_by(other).line(quantity)
+
+
+def _present(evidence: Evidence, quantity: str) -> JointCorrection:
+    """What the recording was read with."""
+    present: JointCorrection = getattr(evidence.inputs.joint_states, quantity)
+    return present
+
+
+def _below_joint_states(line: str) -> Remedy:
+    return f"joint_states: {{{line}}}", PARAMETERS
+
+
+def effort_meaning(meaning: str) -> Remedy:
+    """Return the line that states the meaning of the effort.
+
+    Args:
+        meaning: A value of `EffortMeaning`.
+    """
+    return f"joint_states: {{effort_meaning: {meaning}}}", PARAMETERS
+
+
+def joint_order(evidence: Evidence, first: int, second: int) -> Remedy:
+    """Return the line that exchanges two joints.
+
+    Args:
+        evidence: The recording.
+        first: Index in model order.
+        second: Index in model order.
+    """
+    names = list(evidence.inputs.joint_states.names_of(evidence.names))
+    names[first], names[second] = names[second], names[first]
+    return f"joint_states: {{joint_names: [{', '.join(names)}]}}", PARAMETERS
+
+
+def gear_ratio(evidence: Evidence, joint: int, factor: float) -> Remedy:
+    """Return the line that gives a joint its gear ratio.
+
+    Args:
+        evidence: The recording.
+        joint: Index in model order.
+        factor: Ratio of the model over the true one. [-]
+    """
+    entry = evidence.model.joints[joint]
+    ratio = f"{{value: {entry.gear_ratio.value / factor:.6g}, tag: assumed}}"
+    return f"joints: [{{name: {entry.name}, gear_ratio: {ratio}}}]", MODEL
+
+
+def payload(evidence: Evidence, mass: float, moment: Float) -> Remedy:
+    """Return the line that gives the robot its payload, all of it at one link.
+
+    Args:
+        evidence: The recording.
+        mass: More than in the model. [kg]
+        moment: Its mass times its centre, in the frame of the last link, shape (3,). [kg m]
+    """
+    robot, carried = evidence.robot, evidence.robot.payload
+    root = ElementTree.fromstring(evidence.model.urdf_xml)
+    child = root.find(f"joint[@name='{evidence.names[-1]}']/child")
+    last = "" if child is None else child.get("link", "")
+    link = carried[-1].link if carried else last
+    rest = np.zeros(len(evidence.names))
+    at, turn = robot.link_pose(rest, link)
+    last_at, last_turn = robot.link_pose(rest, last)
+    sum_moment = turn.T @ (last_turn @ moment + (last_at - at) * mass)
+    total = mass
+    if carried:
+        total += carried[-1].mass
+        sum_moment = sum_moment + carried[-1].mass * np.asarray(carried[-1].centre_of_mass)
+    others = [body for body in carried[:-1] if body.link != link]
+    entries = [body.model_dump_json(exclude_none=True) for body in others]
+    if total > 0.0:
+        centre = ", ".join(f"{value:.3f}" for value in sum_moment / total)
+        inertia = f", inertia: {list(carried[-1].inertia)}" if carried else ""
+        body = f"mass: {total:.2f}, centre_of_mass: [{centre}]{inertia}, tag: assumed"
+        entries.append(f"{{link: {link}, {body}}}")
+    return f"payload: [{', '.join(entries)}]", MODEL
+
+
+def standstill(names: tuple[str, ...], value: float) -> Remedy:
+    """Return the line that gives joints their velocity of rest.
+
+    Args:
+        names: Of the joints.
+        value: Highest velocity that counts as rest. [rad/s] or [m/s]
+    """
+    entries = ", ".join(f"{{name: {name}, standstill_velocity: {value:g}}}" for name in names)
+    return f"joints: [{entries}]", MODEL
+
+
+def meter(evidence: Evidence, sign: bool = False, scale: float = 1.0, delay: float = 0.0) -> Remedy:
+    """Return the line that corrects the meter.
+
+    Args:
+        evidence: The recording.
+        sign: Whether the sign is reversed.
+        scale: Factor that the readings lack. [-]
+        delay: How far the readings are behind the joint states. [s]
+    """
+    source = evidence.inputs.meter
+    entries: list[str] = []
+    if sign:
+        other = LOAD_POSITIVE if source.sign == LOAD_NEGATIVE else LOAD_NEGATIVE
+        entries.append(f"sign: {other}")
+    if scale != 1.0:
+        entries.append(f"scale: {source.scale * scale:.9g}")
+    if delay:
+        entries.append(f"stamp_offset: {source.stamp_offset - delay:.2f}")
+    return f"meter: {{{', '.join(entries)}}}", PARAMETERS
+
+
+def temperature_unit(source: str, unit: str) -> Remedy:
+    """Return the line that states the unit of a source of temperatures.
+
+    Args:
+        source: Name of the source.
+        unit: ``degc`` or ``kelvin``.
+    """
+    return f"{source}: {{unit: {unit}}}", PARAMETERS
