@@ -22,9 +22,8 @@ def main() -> None:
     if hasattr(os, "nice"):
         os.nice(int(sys.argv[1]))
     seen = pickle.load(sys.stdin.buffer)
-    findings, checked, skipped = findings_of(
-        evidence_of(**{**seen, "remarks": Remarks(**seen["remarks"])})
-    )
+    remarks = Remarks(**seen.pop("remarks"))
+    findings, checked, skipped = findings_of(evidence_of(**seen, remarks=remarks))
     json.dump(
         {"findings": [asdict(one) for one in findings], "checked": checked, "skipped": skipped},
         sys.stdout,
