@@ -98,7 +98,8 @@ def table_rows(
     values, instants = [], []
     for rows in LogTable(path, **of_table).rows(numbers, texts):
         instant, known = clock.instants(rows)
-        used, last_ns = usable_rows(rows, instant, known, required, last_ns, account)
+        needed = np.arange(rows.values.shape[1]) < required
+        used, last_ns = usable_rows(rows, instant, known, needed, last_ns, account)
         values.append(rows.values[used])
         instants.append(instant[used])
     return np.concatenate(values), np.concatenate(instants), account

@@ -1,5 +1,6 @@
 """Messages of the monitors, and the page of a bundled bag, for the tests of the energy page."""
 
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,11 @@ JOINTS = ("joint_a1", "joint_a2")
 START_NS = 1_700_000_000_000_000_000
 
 
+@cache
+def encoder_of(msgtype, names):
+    return Encoder(msgtype, {"model_id": "abc", "joints.name": names})
+
+
 def batch(msgtype, rows):
     return RawBatch.from_messages(
         "topic", msgtype, [0] * len(rows), [row.tobytes() for row in rows]
@@ -27,7 +33,7 @@ def power_states(seconds, power, names=JOINTS, period=0.1, measured=None, **valu
     """Power states at the ends of their periods, all of it friction of the first joint."""
     ends = START_NS + (np.asarray(seconds) * 1e9).astype(np.int64)
     n, power = len(ends), np.broadcast_to(np.asarray(power, dtype=float), len(ends))
-    encoder = Encoder(POWER_STATE, {"model_id": "abc", "joints.name": tuple(names)})
+    encoder = encoder_of(POWER_STATE, tuple(names))
     columns = dict.fromkeys(encoder.fields, 0.0)
     columns |= {
         name: np.uint8(0) if name in ("phase", "meter_location") else np.uint32(0)
@@ -48,7 +54,7 @@ def power_states(seconds, power, names=JOINTS, period=0.1, measured=None, **valu
 
 def registers(energy, stamp=10.0, start=0.0, names=JOINTS, **values):
     """One register message; all of the energy is friction of the first joint."""
-    encoder = Encoder(ENERGY_REGISTERS, {"model_id": "abc", "joints.name": tuple(names)})
+    encoder = encoder_of(ENERGY_REGISTERS, tuple(names))
     columns = dict.fromkeys(encoder.fields, 0.0)
     friction = np.zeros((1, len(names)))
     friction[0, 0] = energy

@@ -12,5 +12,6 @@ EXECUTABLES = {
     "console": "ros2_energy_monitor.nodes.console",
     "player": "ros2_energy_monitor.nodes.player",
     "demo": "ros2_energy_monitor.demo.demo",
+    "all_topics": "ros2_energy_monitor.demo.all_topics",
     "live_study": "ros2_energy_monitor.demo.live_study",
 }

@@ -125,6 +125,10 @@ class MeterAnswerError(RobotEnergyError, ValueError):
     """A network meter refuses a request, or answers with something else."""
 
 
+class LayoutError(RobotEnergyError, ValueError):
+    """Layouts of viewers cannot be made of the message definitions, or not be written."""
+
+
 class ExporterError(RobotEnergyError, ValueError):
     """An exporter cannot be set up as asked."""
 

@@ -46,10 +46,11 @@ def _ur_arguments(parser: ArgumentParser) -> None:
 
 
 def _run_ur(args: Namespace) -> ImportReport:
-    from robot_energy.logs import UR_JOINTS, import_ur_rtde
+    from robot_energy.logs import UR_JOINTS, UR_LINK, import_ur_rtde
 
     names = [f"{args.prefix}{name}" for name in args.joints or UR_JOINTS]
-    return import_ur_rtde(args.logs, args.out, names, args.overwrite)
+    link = f"{args.prefix}{UR_LINK}"
+    return import_ur_rtde(args.logs, args.out, names, args.overwrite, link)
 
 
 def _ur_recording(log: str, out: Path, joint_names: Sequence[str]) -> ImportReport:
@@ -61,20 +62,28 @@ def _ur_recording(log: str, out: Path, joint_names: Sequence[str]) -> ImportRepo
 def _table_arguments(parser: ArgumentParser) -> None:
     parser.add_argument("log", nargs="+", metavar="LOG", help="tables of one recording")
     parser.add_argument("--mapping", required=True, metavar="FILE", help="YAML file")
+    parser.add_argument(
+        "--recordings",
+        nargs="+",
+        default=[],
+        metavar="NAME",
+        help="what stands for {recording} in the names of files, instead of the mapping's own",
+    )
 
 
 def _run_table(args: Namespace) -> ImportReport:
     from robot_energy.logs import import_log, load_mapping
 
-    return import_log(args.log, load_mapping(args.mapping), args.out, args.overwrite)
+    mapping = load_mapping(args.mapping, args.recordings)
+    return import_log(args.log, mapping, args.out, args.overwrite)
 
 
 _TABLE = LogFormat(
     name="table",
     label="tables",
-    line="any table (CSV, gzip, Parquet), by a mapping of its columns",
+    line="any table (CSV, gzip, Parquet, DIAdem), by a mapping of its columns",
     description="""\
-Turn any table (CSV, plain or .gz, or Parquet) into a bag, by a small YAML file that says
+Turn any table (CSV, plain or .gz, Parquet, or DIAdem) into a bag, by a small YAML file that says
 which column means what, in which unit. Several files become one recording, in the order of
 their time. If the mapping names the files, LOG is their folder. Commented examples:
 src/examples/mappings.
@@ -97,8 +106,9 @@ LOG_FORMATS = Kinds(
 Turn a recording of UR's real-time interface (RTDE, CSV) into a bag.
 
 Needs the columns timestamp and actual_q_0 ... actual_q_5; uses, where they are there,
-actual_qd_*, actual_current_*, joint_temperatures_*, actual_robot_voltage and
-actual_robot_current. Several files of one recording are joined in the order of their time.
+actual_qd_*, actual_current_*, joint_temperatures_*, actual_robot_voltage,
+actual_robot_current, payload, payload_cog_* and payload_inertia_*. Several files of one recording
+are joined in the order of their time.
 """,
         epilog="""\
 example:
@@ -108,6 +118,23 @@ example:
         add_arguments=_ur_arguments,
         run=_run_ur,
         recording=_ur_recording,
+    ),
+    replace(
+        _TABLE,
+        name="kuka-trace",
+        label="KUKA's trace",
+        line="traces of KUKA controllers (.dat with .r64), by a mapping",
+        description="""\
+Turn a trace of a KUKA controller into a bag. LOG is the folder with the files of all axes:
+NAME_NextGenDrive#1.dat with NAME_NextGenDrive#1.r64, and so on. The names of the channels depend on
+the language and the units on the trace, so a mapping states both; commented example:
+src/examples/mappings/kuka_trace.yaml. Where a file itself says another unit, it is refused.
+Made from public descriptions of the form; not tried on a file of a controller.
+""",
+        epilog="""\
+example:
+  robot-energy import kuka-trace FOLDER --recordings NAME --mapping kuka_trace.yaml --out kr_bag
+""",
     ),
     _TABLE,
     replace(_TABLE, name="csv", label="CSV", line="the same as `table`"),

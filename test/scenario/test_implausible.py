@@ -9,8 +9,13 @@ import pytest
 import yaml
 
 import robots
+from places import ROOT
 from plants import LIMITS, two_link_profile
+from robot_energy.blocks import EffortMeaning
 from robot_energy.cli.main import main
+from robot_energy.identify.causes import notes_of_test, torque_evidence
+from robot_energy.identify.data.recordings import read_recording
+from robot_energy.model import load
 from robot_energy.motion import Program
 from robot_energy.rig import RigConfig, VirtualRig
 from robot_energy.rig.record import record
@@ -123,6 +128,27 @@ def test_a_refusal_behind_a_fit_names_the_cause(
     said = run(tmp_path, capsys, *words)
     assert "times the torque that those of the URDF" in said
     assert "The likeliest cause: the torque of all joints is" in said
+
+
+def test_what_does_not_fit_in_a_test_recording_is_a_note(bag: Path, tmp_path: Path) -> None:
+    def notes(factor: float, masses: str = "published") -> tuple[str, ...]:
+        used = load(model(tmp_path, (factor, factor), masses=masses))
+        effort = EffortMeaning.MOTOR_CURRENT
+        return notes_of_test([torque_evidence(read_recording(bag, used, effort), effort)])
+
+    assert notes(1.0) == ()
+    assert "in the test: the torque of all joints is 1.41 times" in notes(2**0.5)[0]
+    assert notes(2**0.5, "assumed") == ()
+
+
+def test_a_meter_that_shows_less_than_the_shafts_take(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    parameters = tmp_path / "inputs.yaml"
+    parameters.write_text("/**:\n  ros__parameters:\n    meter: {scale: 0.3}\n")
+    words = ["--model", "kr16", "--inputs", str(parameters), "--effort", "motor_torque"]
+    said = run(tmp_path, capsys, "all", str(ROOT / "bags/kr16_cold"), *words)
+    assert "by the recorded torque, more than the" in said
 
 
 def test_a_meter_of_the_wrong_sign(

@@ -26,6 +26,7 @@ import kills
 import load
 import month
 import network
+import page_day
 import service_kills
 from figure import Figure, LongRun
 from rich.console import Console
@@ -42,6 +43,7 @@ RUNS: dict[str, LongRun] = {
     "flips": flips,
     "flood": flood,
     "network": network,
+    "page_day": page_day,
 }
 BUILD = Path(__file__).resolve().parents[2] / "build"
 

@@ -42,11 +42,11 @@ MODULES = {
     "robot_energy.cli": """
         check completion export identify identify_all identify_cabinet identify_drives
         identify_dynamics identify_excitation identify_friction identify_inputs
-        import_logs info kinds main memory models monitoring numbers page predict replay
+        import_logs info kinds layouts main memory models monitoring numbers page predict replay
         replay_options report robots schema simulate stopping terminal test
     """,
     "robot_energy.files": """
-        output_files output_folder output_streams placement regular_file
+        first_bytes output_files output_folder output_streams placement regular_file
         temporary_folder
     """,
     "robot_energy.identify": """
@@ -70,7 +70,7 @@ MODULES = {
         excitation limits
     """,
     "robot_energy.identify.friction": """
-        friction laws samples temperature_study
+        friction laws samples shape temperature_study
     """,
     "robot_energy.identify.stats": """
         cross_validation held_out_energy lag regression threads
@@ -88,8 +88,11 @@ MODULES = {
     "robot_energy.inputs.temperatures": """
         filter kinds reader stuck temperatures
     """,
+    "robot_energy.layouts": """
+        foxglove plotjuggler plots rqt viewers
+    """,
     "robot_energy.logs": """
-        columns mapped_log mapping recording rows table ur_rtde
+        columns diadem mapped_log mapping recording rows table ur_rtde
     """,
     "robot_energy.messages": """
         friction interval model_messages payload power registers torque
@@ -161,7 +164,7 @@ LAYERS = (
     ("bag", "inputs", "presets", "accounting", "logs", "log_formats", "time_series"),
     ("pipeline", "messages", "store"),
     ("motion",),
-    ("bag_replay", "energy_bag", "prediction", "starter"),
+    ("bag_replay", "energy_bag", "prediction", "starter", "layouts"),
     ("identify", "rig", "check", "page"),
     ("results",),
     ("report",),
@@ -170,7 +173,7 @@ LAYERS = (
     ("robot_energy_papers",),
 )
 # Nothing online imports these.
-OFFLINE = ("identify", "report", "rig", "motion", "cli", "starter", "check", "page")
+OFFLINE = ("identify", "report", "rig", "motion", "cli", "starter", "check", "page", "layouts")
 ONLINE = ("pipeline", "inputs", "messages", "accounting", "store", "timeline", "cdr")
 FOREIGN = {
     "ament_index_python", "builtin_interfaces", "control_msgs", "diagnostic_msgs",

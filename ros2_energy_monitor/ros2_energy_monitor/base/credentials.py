@@ -12,6 +12,8 @@ from pydantic import BaseModel, ConfigDict, SecretStr
 from robot_energy.config_file import load
 from robot_energy.errors import CredentialsError
 
+LOOPBACK = ("127.0.0.1", "::1", "localhost")
+
 
 class _File(BaseModel):
     model_config = ConfigDict(extra="forbid")

@@ -11,6 +11,7 @@ from rich.console import Group
 from rich.text import Text
 from ros2_energy_msgs.msg import EnergyRegisters, JointFriction, PowerState
 
+from robot_energy.report.formats import summing
 from robot_energy.report.layout import fitted_table, width_of
 from robot_energy.shown_text import MAX_LINE, shown
 from ros2_energy_monitor.diagnostics.reporter import ALL_IS_WELL
@@ -227,10 +228,7 @@ def _rounded(parts: Sequence[float]) -> list[str]:
     """Round parts to whole watts that sum to the rounded sum, each off by less than 1 W."""
     if not all(math.isfinite(part) for part in parts):
         return [_number(part, 0) for part in parts]
-    whole = [math.floor(part) for part in parts]
-    missing = round(sum(parts)) - sum(whole)
-    up = sorted(range(len(parts)), key=lambda place: whole[place] - parts[place])[:missing]
-    return [str(value + (place in up)) for place, value in enumerate(whole)]
+    return summing(parts, 0)
 
 
 def _number(value: float, digits: int) -> str:

@@ -11,8 +11,6 @@ from robot_energy.errors import ExporterError
 from ros2_energy_monitor.diagnostics.reporter import StatusBuilder
 from ros2_energy_monitor.exporters.values import Topic
 
-LOOPBACK = ("127.0.0.1", "::1", "localhost")
-
 
 @dataclass
 class Newest:
@@ -36,7 +34,11 @@ class Newest:
         self._held[topic] = (message, now)
 
     def message(self, topic: Topic) -> Any:
-        """Return the newest message of a topic; None before the first."""
+        """Return the newest message of a topic; None before the first.
+
+        Args:
+            topic: The topic.
+        """
         return self._held[topic][0] if topic in self._held else None
 
     def is_current(self, topic: Topic, now: float) -> bool:

@@ -17,9 +17,9 @@ from typing import Any
 from robot_energy import __version__
 from robot_energy.errors import ExporterError
 from robot_energy.inputs.parameters import parameter
-from ros2_energy_monitor.base.credentials import read_credentials, require_private
+from ros2_energy_monitor.base.credentials import LOOPBACK, read_credentials, require_private
 from ros2_energy_monitor.diagnostics.reporter import ERROR, StatusBuilder
-from ros2_energy_monitor.exporters.exporter import LOOPBACK, Exporter, Newest, require
+from ros2_energy_monitor.exporters.exporter import Exporter, Newest, require
 from ros2_energy_monitor.exporters.values import (
     MAX_JOINTS,
     VALUES,
@@ -125,7 +125,11 @@ class MqttExporter(Exporter):
             ) from error
 
     def start(self) -> None:
-        """Begin to connect; a broker that is not there yet is tried again."""
+        """Begin to connect; a broker that is not there yet is tried again.
+
+        Raises:
+            ExporterError: If the host is no name.
+        """
         try:
             self._client.connect_async(self._given.host, self._given.port, KEEP_ALIVE)
         except ValueError as error:
@@ -133,7 +137,12 @@ class MqttExporter(Exporter):
         self._client.loop_start()
 
     def publish(self, newest: Newest, now: float) -> None:
-        """Publish what is new while connected; nothing waits for a broker that is away."""
+        """Publish what is new while connected; nothing waits for a broker that is away.
+
+        Args:
+            newest: The newest messages.
+            now: Steady time. [s]
+        """
         if not self._connected.is_set():
             return
         if not self._announced:
@@ -163,7 +172,11 @@ class MqttExporter(Exporter):
         self._client.loop_stop()
 
     def check(self, found: StatusBuilder) -> None:
-        """Add connection and counts."""
+        """Add connection and counts.
+
+        Args:
+            found: Status of this exporter.
+        """
         connected = self._connected.is_set()
         found.values |= {
             "connected": int(connected),

@@ -140,7 +140,12 @@ class OpcUaExporter(Exporter):
         self._thread.start()
 
     def publish(self, newest: Newest, now: float) -> None:
-        """Hand the present values to the server."""
+        """Hand the present values to the server.
+
+        Args:
+            newest: The newest messages.
+            now: Steady time. [s]
+        """
         loop = self._loop
         if loop is None or not self._ready.is_set() or now - self._last < self._given.period:
             return
@@ -157,7 +162,11 @@ class OpcUaExporter(Exporter):
             self._thread.join(ENDED)
 
     def check(self, found: StatusBuilder) -> None:
-        """Add whether it serves and how often it was updated."""
+        """Add whether it serves and how often it was updated.
+
+        Args:
+            found: Status of this exporter.
+        """
         found.values |= {"serving": int(self._ready.is_set()), "updates": self._updates}
         if self._failure:
             found.add(ERROR, f"the OPC UA server does not run: {self._failure}")

@@ -76,7 +76,7 @@ def number(value: float) -> float | None:
     """Return a number, or None where it is unknown.
 
     Args:
-        value: NaN or infinite for unknown.
+        value: In any unit; NaN or infinite for unknown. [any]
     """
     return float(value) if math.isfinite(value) else None
 

@@ -40,6 +40,11 @@ class HttpProfile(MeterProfile[JsonNumber]):
     auth: Literal["digest", "basic"]
     flags: tuple[JsonFlag, ...] = ()
 
+    @property
+    def hides_password(self) -> bool:
+        """Digest authentication sends a hash."""
+        return self.auth == "digest"
+
 
 class HttpLink(MeterLink):
     """Asks over one kept connection; redirections and proxies are not followed.

@@ -62,6 +62,9 @@ class MeterDriverParameters:
     credentials_file: str = parameter(
         "YAML file with username and password that only its owner can read; empty for none.", ""
     )
+    allow_plain_password: bool = parameter(
+        "Whether a password may go readable to a host that is not this machine.", False
+    )
     tls: bool = parameter("Whether the connection is encrypted (HTTP and MQTT).", False)
     ca_file: str = parameter(
         "Certificates of the authority that signed the server's; empty for the system's.", ""

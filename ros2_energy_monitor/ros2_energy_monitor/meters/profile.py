@@ -120,6 +120,11 @@ class MeterProfile(ProfileEntry, Generic[N]):
         return self
 
     @property
+    def hides_password(self) -> bool:
+        """Whether a password is unreadable on the network even without TLS."""
+        return False
+
+    @property
     def counts_energy(self) -> bool:
         """Whether the meter counts energy."""
         return self.DESCRIBES_ITSELF or bool(self.energy)

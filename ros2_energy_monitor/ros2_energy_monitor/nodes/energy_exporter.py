@@ -34,7 +34,8 @@ class EnergyExporter(Node):
         options: Options of `rclpy.node.Node`.
 
     Raises:
-        RobotEnergyError: If a parameter or an exporter cannot be used.
+        ParameterError: If no exporter is named, or a parameter cannot be used.
+        RobotEnergyError: If an exporter cannot be used.
     """
 
     NAME = "energy_exporter"

@@ -21,7 +21,7 @@ from robot_energy.blocks import NANOSECOND, MeterLocation, MeterMeaning
 from robot_energy.errors import ParameterError
 from robot_energy.inputs.meter.source import LOAD_NEGATIVE
 from robot_energy.timeline.stamps import SECOND_NS, bounded
-from ros2_energy_monitor.base.credentials import read_credentials
+from ros2_energy_monitor.base.credentials import LOOPBACK, read_credentials
 from ros2_energy_monitor.base.guard import Guard
 from ros2_energy_monitor.base.parameters import declare
 from ros2_energy_monitor.base.publishers import reliable
@@ -90,13 +90,20 @@ class MeterDriver(Node):
                 f"max_round_trip is {given.max_round_trip:g} s and timeout {given.timeout:g} s",
                 "a max_round_trip up to timeout",
             )
+        credentials = read_credentials(given.credentials_file)
+        hidden = given.tls or profile.hides_password or given.host in LOOPBACK
+        if credentials is not None and not (hidden or given.allow_plain_password):
+            raise ParameterError(
+                f"the password for {given.host} would go over the network readable",
+                "tls, or allow_plain_password: true",
+            )
         endpoint = Endpoint(
             host=given.host,
             port=given.port or profile.port,
             timeout=given.timeout,
             unit=None if given.unit < 0 else given.unit,
             device=given.device,
-            credentials=read_credentials(given.credentials_file),
+            credentials=credentials,
             tls=given.tls,
             ca_file=given.ca_file,
         )

@@ -99,6 +99,17 @@ def test_refusals_are_in_the_diagnostics(bench, modbus):
     diagnosed.wait("meter_driver: meter", "refuses input register 801 with Modbus exception 2")
 
 
+def test_a_password_goes_readable_only_where_that_was_said(bench, tmp_path):
+    secret = tmp_path / "meter.yaml"
+    secret.write_text("username: admin\npassword: secret\n")
+    secret.chmod(0o600)
+    given = {"profile": "tasmota_http", "host": "192.0.2.1", "credentials_file": str(secret)}
+    with pytest.raises(ParameterError, match="would go over the network readable"):
+        bench.add(MeterDriver, **given)
+    bench.remove(bench.add(MeterDriver, **given, allow_plain_password=True))
+    bench.remove(bench.add(MeterDriver, **{**given, "profile": "shelly_pro_3em_http"}))
+
+
 @pytest.mark.parametrize(
     ("given", "error", "words"),
     [

@@ -63,6 +63,7 @@ def identify_friction(
     model: ModelName,
     effort: str | None = None,
     *,
+    share_shape: bool = False,
     inputs: str | Path | None = None,
     progress: Stages = silent,
 ) -> IdentificationResult[FrictionReport]:
@@ -73,6 +74,7 @@ def identify_friction(
         model: Model to begin with: the model, its file, or the name of a shipped one.
         effort: What the effort in the joint states is: ``motor_torque``, ``joint_torque`` or
             ``motor_current``; None: as ``inputs`` says.
+        share_shape: Whether axes of too small a range borrow the temperature shape of others.
         inputs: Parameter file of a monitor: read the bags as that node reads its topics.
         progress: Called with what is going on; gives a function of the share done.
 
@@ -87,6 +89,7 @@ def identify_friction(
     from robot_energy.identify.causes import cause_named, torque_evidence
     from robot_energy.identify.friction.friction import fit_axes, with_friction
     from robot_energy.identify.friction.samples import friction_data
+    from robot_energy.identify.friction.shape import share_shape as lend
     from robot_energy.identify.plausibility import check_friction
     from robot_energy.results.identification import FrictionReport
 
@@ -97,6 +100,8 @@ def identify_friction(
     source = _names(paths)
     with cause_named(lambda: [torque_evidence(part, meaning) for part in recordings]):
         fits, refused = fit_axes(data, source)
+        if share_shape:
+            fits = lend(fits, data, source)
         check_friction(fits)
     found = FrictionReport(effort or "measured", tuple(fits), tuple(refused))
     return IdentificationResult(with_friction(used, fits, source), found)
@@ -197,6 +202,7 @@ def identify_all(
     drive_power: str | None = None,
     drive_joints: Sequence[str] | None = None,
     link_voltages: tuple[float, float] | None = None,
+    share_shape: bool = False,
     inputs: str | Path | None = None,
     progress: Stages = silent,
 ) -> IdentificationResult[IdentificationReport]:
@@ -214,6 +220,7 @@ def identify_all(
         drive_power: Topic of an array with the power of each drive. [W]
         drive_joints: Joints in the order of that array; None: of the model.
         link_voltages: Of the DC link: rectified mains, start of the brake chopper. [V]
+        share_shape: Whether axes of too small a range borrow the temperature shape of others.
         inputs: Parameter file of a monitor: read the bags as that node reads its topics.
         progress: Called with what is going on; gives a function of the share done.
 
@@ -226,9 +233,9 @@ def identify_all(
     """
     from robot_energy.identify.causes import (
         cause_named,
+        notes_of_test,
         refuse_meter,
         refuse_torque,
-        test_notes,
         torque_evidence,
     )
     from robot_energy.identify.plausibility import check_signs
@@ -254,10 +261,16 @@ def identify_all(
     read = [entry for entry, _ in known[: len(fitted)]]
     fit_parts, test_parts = evidence[: len(fitted)], evidence[len(fitted) :]
     with progress("comparing with the model"):
-        notes = [*refuse_torque(fit_parts), *test_notes(test_parts)]
+        notes = [*refuse_torque(fit_parts), *notes_of_test(test_parts)]
     with progress("identifying") as report, cause_named(lambda: fit_parts):
         whole = identify_everything(
-            fitted, given, skip, lambda _, share: report(share), refused, link_voltages
+            fitted,
+            given,
+            skip,
+            lambda _, share: report(share),
+            refused,
+            link_voltages,
+            share_shape=share_shape,
         )
     _require_something(whole)
     energy = None

@@ -17,6 +17,7 @@ from robot_energy.bag.mcap_block import McapChunk, indexed_block, walked_block
 from robot_energy.bag.mcap_records import FRAME, RecordError
 from robot_energy.bag.mcap_summary import read_closing
 from robot_energy.errors import BagError
+from robot_energy.files.first_bytes import MAX_MAGIC, named
 from robot_energy.files.regular_file import open_regular
 
 _MIN_LOOSE_BYTES, _LOOSE_BYTES = 2**12, 2**20
@@ -57,14 +58,14 @@ class McapFile:
             with open_regular(path) as file:
                 self.size = file.seek(0, SEEK_END)
                 file.seek(0)
-                magic = file.read(len(records.MAGIC))
-                if magic == records.MAGIC:
+                head = file.read(MAX_MAGIC)
+                if head.startswith(records.MAGIC):
                     self._closing = read_closing(file, self.size, self._report)
         except OSError as error:
             raise BagError(f"{path} cannot be read ({error.strerror})", "an MCAP file") from error
-        if magic != records.MAGIC:
-            found = "is empty" if not magic else f"begins with {magic!r}"
-            raise BagError(f"{path} {found}", f"an MCAP file, which begins with {records.MAGIC!r}")
+        if not head.startswith(records.MAGIC):
+            found, remedy = named(path, head)
+            raise BagError(found, "an MCAP file or a rosbag2 folder", remedy)
         self.summary = self._closing.summary
         self._starts = sorted(self.summary.chunks) if self.summary else []
         self._room = MAX_DEFINITIONS

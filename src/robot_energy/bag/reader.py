@@ -178,6 +178,8 @@ class BagReader:
             found = self._distinct([file for file in listed if file.is_file()])
             if found:
                 return [open_file(file, self._report) for file in found]
+        for file in sorted(self.path.glob("*.bag")):  # of ROS 1, which says what to do
+            open_file(file, self._report)
         raise BagError(
             f"{self.path} holds no bag", "a folder with .mcap or .db3 files", "check the path"
         )

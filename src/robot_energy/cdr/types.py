@@ -66,6 +66,22 @@ def typestore() -> Typestore:
     return store
 
 
+def definition(name: str) -> str:
+    """Return the text of a message of ours, with its comments.
+
+    Args:
+        name: Without the package, such as ``PowerState``.
+
+    Raises:
+        MessageTypeError: If there is none of this name.
+    """
+    path = _MSG_FOLDER / f"{name}.msg"
+    if not path.is_file():
+        known = ", ".join(sorted(each.stem for each in _MSG_FOLDER.glob("*.msg")))
+        raise MessageTypeError(f"{ENERGY_PACKAGE} has no message {name}", f"one of {known}")
+    return path.read_text(encoding="utf-8")
+
+
 def extended(
     base: Typestore,
     definitions: Mapping[str, tuple[str, str]],

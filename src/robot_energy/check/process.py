@@ -12,7 +12,6 @@ import os
 import pickle
 import sys
 from dataclasses import asdict
-from typing import Any
 
 from robot_energy.check.evidence import Remarks, evidence_of
 from robot_energy.check.run import findings_of
@@ -22,9 +21,9 @@ def main() -> None:
     """Check what comes on standard input."""
     if hasattr(os, "nice"):
         os.nice(int(sys.argv[1]))
-    seen: dict[str, Any] = pickle.load(sys.stdin.buffer)
-    seen["remarks"] = Remarks(**seen["remarks"])
-    findings, checked, skipped = findings_of(evidence_of(**seen))
+    seen = pickle.load(sys.stdin.buffer)
+    remarks = Remarks(**seen.pop("remarks"))
+    findings, checked, skipped = findings_of(evidence_of(**seen, remarks=remarks))
     json.dump(
         {"findings": [asdict(one) for one in findings], "checked": checked, "skipped": skipped},
         sys.stdout,

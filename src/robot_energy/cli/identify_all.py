@@ -10,6 +10,7 @@ from robot_energy.cli.identify_inputs import (
     add_bags,
     add_link_voltages,
     add_results,
+    add_share_shape,
     check_results,
     link_voltages,
 )
@@ -62,7 +63,11 @@ def add_parser(commands: Any) -> None:
     parser.add_argument(
         "--no-test", action="store_true", help="do not test the energy on held-out recordings"
     )
+    parser.add_argument(
+        "--details", action="store_true", help="print tables and notes of every step"
+    )
     add_link_voltages(parser)
+    add_share_shape(parser)
     add_results(parser, "all that was identified")
 
 
@@ -88,12 +93,13 @@ def run(args: Namespace) -> int:
         drive_power=args.drive_power,
         drive_joints=args.drive_joints,
         link_voltages=link_voltages(args),
+        share_shape=args.share_shape,
         inputs=args.inputs,
         progress=progress,
     )
     found = result.found
     page = Document(f"Identification of {result.model.robot.type}", identification_lead(found))
-    identification_document(found, page)
+    identification_document(found, page, args.details)
     present(args, found, page, model=result.model)
     return 0
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from robot_energy.cli.identify_inputs import (
     add_bags,
     add_results,
+    add_share_shape,
     bags_of,
     check_results,
     check_source,
@@ -46,6 +47,7 @@ def add_parser(commands: Any) -> None:
     text = "friction over motor temperature"
     parser = add_command(commands, "friction", run, text, DESCRIPTION, EPILOG)
     add_bags(parser, required=False)
+    add_share_shape(parser)
     add_results(parser, "this friction", "draw points and laws (.png, .svg, .pdf)")
     log = parser.add_argument_group(
         "from a log of single-joint motions, without a model (relative figures)"
@@ -96,16 +98,25 @@ def run(args: Namespace) -> int:
     model = None
     if args.log:
         from robot_energy.identify.friction.friction import fit_axes
+        from robot_energy.identify.friction.shape import share_shape
         from robot_energy.identify.plausibility import check_friction
 
-        fits, refused = fit_axes(_log(args))
+        axes = _log(args)
+        fits, refused = fit_axes(axes)
+        if args.share_shape:
+            fits = share_shape(fits, axes)
         check_friction(fits)
         report = FrictionReport("log", tuple(fits), tuple(refused))
     else:
         from robot_energy.api.identify import identify_friction
 
         result = identify_friction(
-            args.bags, args.model, args.effort, inputs=args.inputs, progress=progress
+            args.bags,
+            args.model,
+            args.effort,
+            share_shape=args.share_shape,
+            inputs=args.inputs,
+            progress=progress,
         )
         report, model = result.found, result.model
     page = Document("Friction over motor temperature", f"Identified from {source}.")

@@ -80,6 +80,20 @@ def add_link_voltages(parser: ArgumentParser) -> None:
     )
 
 
+def add_share_shape(parser: ArgumentParser) -> None:
+    """Add the loan of a temperature shape.
+
+    Args:
+        parser: Of the command.
+    """
+    parser.add_argument(
+        "--share-shape",
+        action="store_true",
+        help="axes whose range of temperature or speed is too small take the temperature shape of "
+        "the others; only its size is fitted",
+    )
+
+
 def link_voltages(args: Namespace) -> tuple[float, float] | None:
     """Return the voltages of the DC link, None if they were not given.
 

@@ -50,6 +50,7 @@ def _print(report: ImportReport) -> None:
         ("/motor_temperatures", report.temperatures),
         ("/power_meter", report.readings),
         ("/drive_power", report.drive_powers),
+        ("/energy/payload", report.payloads),
     ]
     for topic, count in topics:
         out.print(f"  {topic:<20} {count or 'none'}", soft_wrap=True)

@@ -28,6 +28,7 @@ from robot_energy.cli import (
     import_logs,
     info,
     kinds,
+    layouts,
     models,
     monitoring,
     predict,
@@ -148,7 +149,7 @@ def build_parser() -> ArgumentParser:
     commands = parser.add_subparsers(title="commands", metavar="COMMAND")
     for module in (
         replay, report, export, import_logs, check, test, identify, predict, models, kinds, info,
-        simulate, schema, monitoring,
+        simulate, schema, layouts, monitoring,
         *_further(),
         completion,
     ):  # fmt: skip

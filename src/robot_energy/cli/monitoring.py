@@ -49,6 +49,7 @@ def run(args: Namespace) -> int:
         0.
 
     Raises:
+        PageError: If the folder is none.
         RobotEnergyError: If a file cannot be written.
     """
     from robot_energy.page.monitoring import (

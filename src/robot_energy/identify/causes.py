@@ -140,7 +140,7 @@ def refuse_torque(parts: Sequence[Evidence]) -> tuple[str, ...]:
     return tuple(_sentence(finding) for finding in found)
 
 
-def test_notes(parts: Sequence[Evidence]) -> tuple[str, ...]:
+def notes_of_test(parts: Sequence[Evidence]) -> tuple[str, ...]:
     """Return what does not fit the model in recordings for the test, one sentence each.
 
     Args:

@@ -44,7 +44,11 @@ MAX_BODY_FACTOR = 3.0
 # One link's mass over that of the URDF: torque tells single masses only in sums, so one link
 # may take what is of its neighbours.
 MAX_LINK_FACTOR = 10.0
+# Shift of a link's centre of mass over the link's size in the URDF, which is the radius of gyration
+# about its joint: torque tells first moments only in sums, so neighbours exchange some.
+MAX_CENTRE_FACTOR = 3.0
 MIN_LINK_SHARE = 0.1  # of the moving mass, below which a link's factor says nothing
+DIAGONAL = [4, 6, 9]  # of the inertia about the joint, among the parameters of a link
 MIN_POWER_CORRELATION = -0.5  # of a drive's power with its shaft power; it is near 1
 
 REMEDIES = {
@@ -259,6 +263,21 @@ def _refuse_mass(result: Dynamics, given: Float) -> None:
                 f"a factor of at most {MAX_LINK_FACTOR:g}",
                 "check signs and sizes of the gear ratios, zero positions, and the masses of "
                 "the URDF",
+            )
+    for name, old, new in zip(
+        result.model.joint_names, given.reshape(-1, 10), found.reshape(-1, 10), strict=True
+    ):
+        if not (old[0] > 0.0 and new[0] > MIN_LINK_SHARE * total):
+            continue
+        size = float(np.sqrt(old[DIAGONAL].sum() / (2.0 * old[0])))
+        shift = float(np.linalg.norm(new[1:4] / new[0] - old[1:4] / old[0]))
+        if shift > MAX_CENTRE_FACTOR * size:
+            raise ImplausibleIdentificationError(
+                f"the identified centre of mass of the link behind {name} is {shift:.2g} m off "
+                f"that of the URDF, {shift / size:.2g} times the size of the link, {size:.2g} m",
+                f"a shift of at most {MAX_CENTRE_FACTOR:g} times its size",
+                "check signs and sizes of the gear ratios, zero positions, and the centres of mass "
+                "of the URDF",
             )
 
 

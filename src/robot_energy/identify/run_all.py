@@ -26,7 +26,14 @@ from robot_energy.identify.cabinet.dc_link import Voltages
 from robot_energy.identify.cabinet.meter_delay import meter_delay_of
 from robot_energy.identify.data.bags import Bag, BagFacts, powers_of
 from robot_energy.identify.stats.lag import Delay
-from robot_energy.identify.steps import STEPS, SUBJECTS, Step, Subject, capacitor_step
+from robot_energy.identify.steps import (
+    STEPS,
+    SUBJECTS,
+    Step,
+    Subject,
+    capacitor_step,
+    friction_step,
+)
 from robot_energy.model import RobotModel
 from robot_energy.model.schema import Provenance
 from robot_energy.physics.drivetrain import Drivetrain
@@ -45,11 +52,13 @@ class FullIdentification:
         steps: In the order in which they were done.
         meter_delay: Of the power meter behind the joint states; undone where it is sure. None
             where it cannot be told.
+        share_shape: Whether axes of too small a range borrowed the temperature shape of others.
     """
 
     given: RobotModel
     steps: tuple[Step, ...]
     meter_delay: Delay | None = None
+    share_shape: bool = False
 
     @property
     def model(self) -> RobotModel:
@@ -78,6 +87,7 @@ def identify_everything(
     effort_refused: str = "",
     voltages: Voltages | None = None,
     strict: bool = True,
+    share_shape: bool = False,
 ) -> FullIdentification:
     """Identify what the bags allow.
 
@@ -89,6 +99,7 @@ def identify_everything(
         effort_refused: Why the effort of the bags cannot be used, from `usable_effort`.
         voltages: Of the DC link, rectified and of the chopper; None if they are not known. [V]
         strict: Whether a step that comes out implausible ends it all; else it is left out.
+        share_shape: Whether axes of too small a range borrow the temperature shape of others.
 
     Returns:
         Every subject with what was found or why not.
@@ -117,6 +128,8 @@ def identify_everything(
             try:
                 if subject == "capacitor":
                     step = capacitor_step(bags, now, source, voltages)
+                elif subject == "friction":
+                    step = friction_step(bags, now, source, share_shape)
                 else:
                     step = STEPS[subject](bags, now, source)
             except (NotIdentifiableError, ImplausibleIdentificationError) as error:
@@ -125,7 +138,7 @@ def identify_everything(
                 step = Step(subject, None, str(error), now)
         steps.append(step)
         now = step.model
-    return FullIdentification(model, tuple(steps), delay)
+    return FullIdentification(model, tuple(steps), delay, share_shape)
 
 
 def order_of(bags: Sequence[Bag]) -> tuple[Subject, ...]:

@@ -30,6 +30,7 @@ from robot_energy.identify.dynamics.dynamics_model import SOURCE, to_model
 from robot_energy.identify.dynamics.validation import TorqueError
 from robot_energy.identify.friction.friction import FrictionFit, fit_axes, with_friction
 from robot_energy.identify.friction.samples import friction_data
+from robot_energy.identify.friction.shape import share_shape
 from robot_energy.identify.plausibility import (
     check_cabinet,
     check_drives,
@@ -208,7 +209,19 @@ def _at_one_temperature(
     )
 
 
-def _friction(bags: Sequence[Bag], model: RobotModel, source: str) -> Step:
+def friction_step(bags: Sequence[Bag], model: RobotModel, source: str, share: bool = False) -> Step:
+    """Return the friction over temperature of every axis.
+
+    Args:
+        bags: Of the fit.
+        model: As the steps before left it.
+        source: Where the data come from.
+        share: Whether axes of too small a range borrow the temperature shape of others.
+
+    Raises:
+        NotIdentifiableError: If no axis shows its friction, or the dynamics have told it.
+        ImplausibleIdentificationError: If it contradicts physics.
+    """
     recordings = _measured(bags, model)
     check_signs(recordings, bags[0].effort)
     if not _warm(recordings) and all(
@@ -220,6 +233,8 @@ def _friction(bags: Sequence[Bag], model: RobotModel, source: str) -> Step:
         )
     axes = [friction_data(recordings, joint) for joint in range(len(model.joints))]
     fits, refused = fit_axes(axes, source)
+    if share:
+        fits = share_shape(fits, axes, source)
     check_friction(fits)
     found = FrictionFound(tuple(fits), tuple(refused))
     notes: tuple[str, ...] = ()
@@ -307,7 +322,7 @@ def capacitor_step(
 
 STEPS: dict[Subject, Callable[[Sequence[Bag], RobotModel, str], Step]] = {
     "dynamics": _dynamics,
-    "friction": _friction,
+    "friction": friction_step,
     "cabinet": _cabinet,
     "drives": _drives,
     "capacitor": capacitor_step,

@@ -3,10 +3,11 @@
 from robot_energy.logs.mapped_log import MappedLog, contents_of, import_log, open_logs
 from robot_energy.logs.mapping import LogMapping, load_mapping
 from robot_energy.logs.recording import FileAccount, ImportReport
-from robot_energy.logs.ur_rtde import UR_JOINTS, import_ur_rtde
+from robot_energy.logs.ur_rtde import UR_JOINTS, UR_LINK, import_ur_rtde
 
 __all__ = [
     "UR_JOINTS",
+    "UR_LINK",
     "FileAccount",
     "ImportReport",
     "LogMapping",

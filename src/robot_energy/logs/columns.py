@@ -19,6 +19,7 @@ DEGREE = 0.017453292519943295  # rad
 FACTORS = {
     **{"rad": 1.0, "deg": DEGREE, "m": 1.0, "mm": 1e-3},
     **{"rad_per_s": 1.0, "deg_per_s": DEGREE, "m_per_s": 1.0, "mm_per_s": 1e-3},
+    "rpm": 0.10471975511965977,
     **{"newton_metre": 1.0, "newton": 1.0, "ampere": 1.0, "milliampere": 1e-3},
     **{"degc": 1.0, "celsius": 1.0, "kelvin": 1.0, "V": 1.0, "mV": 1e-3, "A": 1.0, "mA": 1e-3},
     **POWER_UNITS,
@@ -26,6 +27,16 @@ FACTORS = {
 }
 """What one of each unit is in SI or, of temperatures, in degC apart from their zero."""
 ZEROS = {"kelvin": -273.15}  # degC
+SPELLINGS = {
+    **{"rad": "rad", "deg": "deg", "\N{DEGREE SIGN}": "deg", "grad": "deg", "m": "m", "mm": "mm"},
+    **{"rad/s": "rad_per_s", "deg/s": "deg_per_s", "\N{DEGREE SIGN}/s": "deg_per_s"},
+    **{"grad/s": "deg_per_s", "m/s": "m_per_s", "mm/s": "mm_per_s"},
+    **{"rpm": "rpm", "1/min": "rpm", "u/min": "rpm"},
+    **{"nm": "newton_metre", "n m": "newton_metre", "n": "newton"},
+    **{"a": "ampere", "ma": "milliampere", "w": "W", "kw": "kW"},
+    **{"k": "kelvin", "kelvin": "kelvin", "c": "degc", "\N{DEGREE SIGN}c": "degc", "degc": "degc"},
+}
+"""Units in the words of files, small letters, and in those of a mapping. Grad is German."""
 CORRECTED = ("position", "velocity", "effort")
 
 Text = Annotated[str, Field(min_length=1)]
@@ -49,8 +60,9 @@ class Columns(MappingEntry, Generic[Unit]):
         unit: Of the columns.
         column: Pattern in which ``{joint}`` stands for the joint's key.
         columns: One column per joint, in their order.
-        file: Another file with as many rows, beside the log; ``{recording}`` stands for the
-            name of each recording. Without column and columns: its first columns.
+        file: Another file with as many rows, in the folder of the log; ``{recording}`` stands
+            for the name of each recording, and ``{joint}`` for the joint's key where each joint
+            has a file of its own. Without column and columns: its first columns.
         column_names: Of all columns of that file, if it has no header.
     """
 
@@ -66,11 +78,18 @@ class Columns(MappingEntry, Generic[Unit]):
             raise ValueError("either column or columns, not both")
         if self.column is None and self.columns is None and self.file is None:
             raise ValueError("either column or columns, or the file whose first columns they are")
-        if self.column is not None and PLACEHOLDER not in self.column:
+        if self.column is None and self.files_of_joints:
+            raise ValueError(f"column, with {PLACEHOLDER} in the name of the file")
+        if self.column is not None and PLACEHOLDER not in f"{self.column}{self.file}":
             raise ValueError(f"a pattern with {PLACEHOLDER}, found '{self.column}'")
         if self.column_names is not None and self.file is None:
             raise ValueError("column_names at the top of the mapping, or together with file")
         return self
+
+    @property
+    def files_of_joints(self) -> bool:
+        """Whether each joint has a file of its own."""
+        return PLACEHOLDER in (self.file or "")
 
     def names(self, keys: list[str]) -> list[str] | None:
         """Return the column of every joint; None for the first columns of the file.
@@ -117,7 +136,7 @@ class PositionColumn(JointColumns[Literal["rad", "deg", "m", "mm"]]):
     side: Side = "joint"
 
 
-class Velocity(JointColumns[Literal["rad_per_s", "deg_per_s", "m_per_s", "mm_per_s"]]):
+class Velocity(JointColumns[Literal["rad_per_s", "deg_per_s", "m_per_s", "mm_per_s", "rpm"]]):
     """Velocities of the joints, or of the motors."""
 
     side: Side = "joint"
@@ -256,3 +275,20 @@ class Power(MappingEntry):
             for key, entry in entries.items()
             if entry is not None
         }
+
+
+class PayloadColumns(MappingEntry):
+    """What the robot carries, as the controller was told; each change goes into the bag.
+
+    Attributes:
+        link: Link of the URDF in whose frame centre of mass and inertia are.
+        mass: Column of the mass. [kg]
+        centre_of_mass: Columns of x, y and z. [m]
+        inertia: Columns of Ixx, Iyy, Izz, Ixy, Ixz and Iyz about the centre of mass, axes of
+            ``link``; without them a point mass. [kg m^2]
+    """
+
+    link: Text
+    mass: Text
+    centre_of_mass: Annotated[list[Text], Field(min_length=3, max_length=3)]
+    inertia: Annotated[list[Text], Field(min_length=6, max_length=6)] | None = None

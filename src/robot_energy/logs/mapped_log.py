@@ -7,12 +7,22 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robot_energy.blocks import Float, Int, MeterLocation, MeterMeaning
 from robot_energy.errors import LogFormatError
-from robot_energy.logs.columns import FACTORS, ZEROS, Columns, PositionColumn, Velocity
+from robot_energy.logs.columns import (
+    FACTORS,
+    PLACEHOLDER,
+    SPELLINGS,
+    ZEROS,
+    Columns,
+    PositionColumn,
+    Velocity,
+)
 from robot_energy.logs.mapping import PLACE, LogMapping
 from robot_energy.logs.recording import (
+    BODY,
     FileAccount,
     ImportReport,
     LogBlock,
@@ -59,7 +69,8 @@ class MappedLog:
         self._mapping, self._drivetrain = mapping, drivetrain
         self._optional = optional
         folder = path if mapping.in_folder else path.parent
-        first = mapping.joints.first.file
+        joint_keys = mapping.joints.keys or mapping.joints.names
+        first = (mapping.joints.first.file or "").replace(PLACEHOLDER, joint_keys[0])
         main = folder / first.replace(PLACE, recording) if first else path
         self.name = recording or main.name
         self.account = FileAccount(path=main)
@@ -68,31 +79,50 @@ class MappedLog:
         for key, group in mapping.joints.quantities():
             file = folder / group.file.replace(PLACE, recording) if group.file else main
             owner = mapping if file == main and group.column_names is None else group
-            self._add(key, file, owner.column_names, group)
+            if group.files_of_joints:
+                for joint_key in joint_keys:
+                    own = file.with_name(file.name.replace(PLACEHOLDER, joint_key))
+                    self._add(key, own, owner.column_names, group, [joint_key])
+            else:
+                self._add(key, file, owner.column_names, group, joint_keys)
         for key, (column, _) in (mapping.power.factors() if mapping.power else {}).items():
             if not optional or column in self.tables[main].columns:
                 self._take(f"power.{key}", main, [column])
+        if mapping.payload is not None:
+            body = [mapping.payload.mass, *mapping.payload.centre_of_mass]
+            for part in (body, mapping.payload.inertia or []):
+                if not optional or set(part) <= set(self.tables[main].columns):
+                    self._take("payload.payload", main, part)
         self._texts = [
             self.tables[main].require(column, f"time.{key}")
             for key in ("column", "run")
             if (column := getattr(mapping.time, key)) is not None
         ]
 
-    def _add(self, key: str, file: Path, names: Sequence[str] | None, group: Columns[Any]) -> None:
-        joints = self._mapping.joints
+    def _add(
+        self,
+        key: str,
+        file: Path,
+        names: Sequence[str] | None,
+        group: Columns[Any],
+        joint_keys: Sequence[str],
+    ) -> None:
         if file not in self.tables:
-            self.tables[file] = LogTable(file, self._mapping.delimiter, names)
+            self.tables[file] = LogTable(
+                file, self._mapping.delimiter, names, self._mapping.decimal
+            )
         table = self.tables[file]
-        columns = group.names(joints.keys or joints.names)
+        columns = group.names(list(joint_keys))
         if columns is None:
-            columns = list(table.columns[: len(joints.names)])
-            if len(columns) < len(joints.names):
+            columns = list(table.columns[: len(joint_keys)])
+            if len(columns) < len(joint_keys):
                 raise LogFormatError(
-                    f"{file} has {len(columns)} columns", f"one per joint: {len(joints.names)}"
+                    f"{file} has {len(columns)} columns", f"one per joint: {len(joint_keys)}"
                 )
-        required = not self._optional or joints.first is group
+        required = not self._optional or self._mapping.joints.first is group
         if required or set(columns) <= set(table.columns):
             self._take(f"joints.{key}", file, columns)
+            _check_units(f"joints.{key}", table, columns, group.unit)
 
     def _take(self, owner: str, file: Path, columns: Sequence[str]) -> None:
         taken = self._columns.setdefault(file, [])
@@ -143,9 +173,20 @@ class MappedLog:
         clock.begin_table()
         for rows in self._joined(kept):
             instants, known = clock.instants(rows)
-            required = len(self._mapping.joints.names)
-            used, last = usable_rows(rows, instants, known, required, last, self.account, start)
+            used, last = usable_rows(
+                rows, instants, known, self._required, last, self.account, start
+            )
             yield self._block(instants[used] + start, rows.values[used])
+
+    @property
+    def _keys(self) -> NDArray[np.str_]:
+        """Quantity of every column that is read, in their order."""
+        return np.array([key for taken in self._columns.values() for key, _ in taken])
+
+    @property
+    def _required(self) -> NDArray[np.bool_]:
+        """Columns that every row must have: positions, or velocities without positions."""
+        return np.asarray(self._keys == next(self._mapping.joints.quantities())[0])
 
     def whole(self) -> LogBlock:
         """Return all usable rows at once.
@@ -170,7 +211,7 @@ class MappedLog:
         return side_by_side(list(self.tables.values()), streams)
 
     def _block(self, stamp_ns: Int, values: Float) -> LogBlock:
-        keys = np.array([key for taken in self._columns.values() for key, _ in taken])
+        keys = self._keys
         joints, power = self._mapping.joints, self._mapping.power
         groups = dict(joints.quantities())
 
@@ -200,6 +241,9 @@ class MappedLog:
             reading = np.full(len(values), power.factor)
             for key, (_, factor) in power.factors().items():
                 reading = reading * (values[:, keys == key][:, 0] * factor)
+        body = values[:, keys == "payload"]
+        without = len(BODY) - body.shape[1]  # of a point mass
+        payload = np.hstack([body, np.zeros((len(body), without))]) if body.shape[1] else None
         return LogBlock(
             stamp_ns,
             joint_side("position", joints.position),
@@ -208,7 +252,21 @@ class MappedLog:
             quantity("temperature"),
             reading,
             quantity("drive_power"),
+            payload,
         )
+
+
+def _check_units(owner: str, table: LogTable, columns: Sequence[str], unit: str) -> None:
+    """Refuse a unit that contradicts the one that the file itself says of a column."""
+    for column in columns:
+        said = table.units.get(column, "")
+        known = SPELLINGS.get(said.lower())
+        if known is not None and known != {"celsius": "degc"}.get(unit, unit):
+            raise LogFormatError(
+                f"{table.path} says that '{column}' is in '{said}', and the mapping {unit}",
+                f"{owner}.unit: {known}",
+                "correct the mapping",
+            )
 
 
 def open_logs(
@@ -325,6 +383,7 @@ def contents_of(logs: Sequence[MappedLog], mapping: LogMapping) -> RecordingCont
         MeterLocation[power.location.upper()] if power and metered else MeterLocation.UNKNOWN,
         power.interval if power and power.interval else float("nan"),
         have("drive_power"),
+        mapping.payload.link if mapping.payload and have("payload") else "",
     )
 
 

@@ -1,11 +1,12 @@
 """Mapping of a log: which column means what, in which unit. Validated by pydantic.
 
-One form serves every table: CSV, gzip and Parquet, whether it becomes a bag or is identified
-from directly. Examples: ``src/examples/mappings`` and ``src/examples/identify``.
+One form serves every table: CSV, gzip, Parquet and DIAdem, whether it becomes a bag or is
+identified from directly. Examples: ``src/examples/mappings`` and ``src/examples/identify``.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any, Literal, cast
@@ -15,7 +16,16 @@ from pydantic import Field, model_validator
 
 from robot_energy.config_file import parse_yaml, read_text, validated
 from robot_energy.errors import LogFormatError
-from robot_energy.logs.columns import CORRECTED, Joints, MappingEntry, Names, Number, Power, Text
+from robot_energy.logs.columns import (
+    CORRECTED,
+    Joints,
+    MappingEntry,
+    Names,
+    Number,
+    PayloadColumns,
+    Power,
+    Text,
+)
 from robot_energy.physics.drivetrain import Drivetrain
 
 PLACE = "{recording}"  # in the name of a file: the name of a recording
@@ -114,6 +124,7 @@ class LogMapping(MappingEntry):
 
     Attributes:
         delimiter: Between cells of a text; None: taken from its first line.
+        decimal: Decimal sign of a text.
         column_names: Of all columns of the log, if it has no header.
         recordings: Names of several recordings, in files of their own.
     """
@@ -121,11 +132,13 @@ class LogMapping(MappingEntry):
     schema_version: Literal[1]
     description: str = ""
     delimiter: Annotated[str, Field(min_length=1, max_length=1)] | None = None
+    decimal: Literal[".", ","] = "."
     column_names: Names | None = None
     recordings: Annotated[list[Name], Field(min_length=1)] | None = None
     time: Time
     joints: Joints
     power: Power | None = None
+    payload: PayloadColumns | None = None
     robot: LogRobot | None = None
     reference: ReferenceFriction | None = None
 
@@ -149,7 +162,9 @@ class LogMapping(MappingEntry):
         files = [group.file for _, group in self.joints.quantities() if group.file]
         several = self.recordings is not None
         if any(several != (PLACE in file) for file in files) or (several and not self.in_folder):
-            raise ValueError(f"recordings together with {PLACE} in every file name, or neither")
+            raise ValueError(
+                f"recordings (or --recordings) together with {PLACE} in every file name, or neither"
+            )
         if self.recordings is not None and len(set(self.recordings)) < len(self.recordings):
             raise ValueError("every name of recordings once")
         return self
@@ -189,11 +204,12 @@ class LogMapping(MappingEntry):
         return Drivetrain(matrix, np.zeros(len(names)))
 
 
-def load_mapping(path: str | Path) -> LogMapping:
+def load_mapping(path: str | Path, recordings: Sequence[str] = ()) -> LogMapping:
     """Load the mapping of a log.
 
     Args:
         path: A YAML file.
+        recordings: Names of the recordings, instead of those in the file.
 
     Returns:
         The validated mapping.
@@ -204,6 +220,8 @@ def load_mapping(path: str | Path) -> LogMapping:
     remedy = "see src/examples/mappings and src/examples/identify"
     text = read_text(path, LogFormatError, "mapping", remedy=remedy)
     data = _in_present_form(parse_yaml(text, str(path), LogFormatError))
+    if recordings and isinstance(data, dict):
+        data = {**cast("dict[str, Any]", data), "recordings": list(recordings)}
     return validated(data, LogMapping, str(path), LogFormatError)
 
 

@@ -26,6 +26,12 @@ JOINT_STATES_TOPIC = "/joint_states"
 TEMPERATURES_TOPIC = "/motor_temperatures"
 METER_TOPIC = "/power_meter"
 DRIVE_POWER_TOPIC = "/drive_power"
+PAYLOAD_TOPIC, PAYLOAD = "/energy/payload", "ros2_energy_msgs/msg/Payload"
+BODY = tuple(
+    f"inertia.{key}"
+    for key in ("m", "com.x", "com.y", "com.z", "ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+)
+"""Fields of a message, in the order of the figures of a payload."""
 NO_TIMES = (
     "check the unit of time, and give the start of the recording where its times count from zero"
 )
@@ -43,6 +49,8 @@ class LogBlock(Block):
         motor_temperature_degc: Shape (N, n). [degC]
         reading: Power or, of a counter, energy, shape (N,). [W] or [J]
         drive_power: Electrical input of each drive, shape (N, n). [W]
+        payload: Mass, centre of mass (3) and inertia (6) of what the robot carries, shape
+            (N, 10); None where the log says nothing of it. [kg], [m], [kg m^2]
     """
 
     joint_position: Float
@@ -51,6 +59,7 @@ class LogBlock(Block):
     motor_temperature_degc: Float
     reading: Float
     drive_power: Float
+    payload: Float | None = None
 
 
 @dataclass(frozen=True)
@@ -66,6 +75,7 @@ class RecordingContents:
         location: Where the meter sits.
         interval: Length of a mean's interval; NaN for other meanings. [s]
         drive_power: Whether it has the electrical power of each drive.
+        payload_link: Link that carries the payload; empty where the log says nothing of it.
     """
 
     joint_names: tuple[str, ...]
@@ -76,6 +86,7 @@ class RecordingContents:
     location: MeterLocation = MeterLocation.UNKNOWN
     interval: float = float("nan")
     drive_power: bool = False
+    payload_link: str = ""
 
 
 @dataclass
@@ -125,6 +136,7 @@ class ImportReport:
         readings: Meter readings written; rows without one give none.
         drive_powers: Messages written, stamped by their log time alone; rows without any
             power of a drive give none.
+        payloads: Changes of the payload written.
         notes: What a reader of the bag should know, one sentence each.
     """
 
@@ -137,6 +149,7 @@ class ImportReport:
     temperatures: int = 0
     readings: int = 0
     drive_powers: int = 0
+    payloads: int = 0
     notes: list[str] = field(default_factory=list[str])
 
 
@@ -148,6 +161,29 @@ class _Stream:
     encoder: Encoder
     given: Callable[[LogBlock], NDArray[np.bool_]]
     fields: Callable[[LogBlock], dict[str, Any]]
+
+
+class _PayloadChanges:
+    """Rows from which on the robot carries something else."""
+
+    def __init__(self) -> None:
+        self._last: Float = np.full(len(BODY), np.nan)
+
+    def __call__(self, block: LogBlock) -> NDArray[np.bool_]:
+        changed = np.zeros(len(block), dtype=np.bool_)
+        if block.payload is None:
+            return changed
+        known = np.flatnonzero(np.isfinite(block.payload).all(axis=1))
+        if len(known):
+            found = np.vstack([self._last[None], block.payload[known]])
+            changed[known] = (found[1:] != found[:-1]).any(axis=1)
+            self._last = found[-1]
+        return changed
+
+
+def _payload_fields(block: LogBlock) -> dict[str, Any]:
+    body = np.zeros((len(block), len(BODY))) if block.payload is None else block.payload
+    return {**stamp_columns(block.stamp_ns), **dict(zip(BODY, body.T, strict=True))}
 
 
 def _streams(contents: RecordingContents) -> list[_Stream]:
@@ -210,7 +246,15 @@ def _streams(contents: RecordingContents) -> list[_Stream]:
             "effort": b.effort[:, : states["effort"]],
         },
     )
+    link = contents.payload_link
+    payload = _Stream(
+        PAYLOAD_TOPIC,
+        Encoder(PAYLOAD, {"header.frame_id": link, "model_id": ""}),
+        _PayloadChanges(),
+        _payload_fields,
+    )
     return [
+        *([payload] if link else []),
         *([temperature] if contents.temperatures else []),
         *([reading] if contents.meaning is not MeterMeaning.UNKNOWN else []),
         *([drive_power] if contents.drive_power else []),
@@ -271,6 +315,7 @@ def write_bag(
         counts[TEMPERATURES_TOPIC],
     )
     report.readings, report.drive_powers = counts[METER_TOPIC], counts[DRIVE_POWER_TOPIC]
+    report.payloads = counts[PAYLOAD_TOPIC]
     if not report.readings and contents.meaning is not MeterMeaning.UNKNOWN:
         report.notes.append("no row has a meter reading")
     if not report.temperatures and contents.temperatures:

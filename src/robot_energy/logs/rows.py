@@ -146,7 +146,7 @@ def usable_rows(
     rows: TableRows,
     instants: Int,
     known: Mask,
-    required: int,
+    required: Mask,
     last_ns: int | None,
     account: FileAccount,
     start_ns: int = 0,
@@ -161,7 +161,7 @@ def usable_rows(
         rows: The rows.
         instants: From `Clock.instants`, shape (N,). [ns]
         known: From `Clock.instants`, shape (N,).
-        required: How many of the numbers, from the first, must be there.
+        required: Which of the numbers must be there, shape (K,).
         last_ns: Time of the last row used, None before the first. [ns]
         account: Where to count.
         start_ns: What instants are added to to become stamps. [ns]
@@ -169,7 +169,7 @@ def usable_rows(
     Returns:
         Which rows are used, shape (N,), and the time of the last of them. [ns]
     """
-    finite = np.isfinite(rows.values[:, :required]).all(axis=1)
+    finite = np.isfinite(rows.values[:, required]).all(axis=1)
     finite &= ~np.isinf(rows.values).any(axis=1)
     used = np.ones(len(rows), dtype=np.bool_)
     account.received += len(rows)

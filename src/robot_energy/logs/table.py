@@ -1,4 +1,4 @@
-"""One table, CSV or Parquet -> numbers of the columns asked for, row by row as they stand there.
+"""One table (CSV, Parquet, DIAdem) -> numbers of the columns asked for, row by row as they stand.
 
 A text is cut into lines and cells here, not by the CSV reader of polars: that one leaves out
 blank lines and fills up short rows, and then nobody can say which row was refused and why.
@@ -26,8 +26,11 @@ from numpy.typing import NDArray
 
 from robot_energy.blocks import Float, Int
 from robot_energy.errors import LogFormatError
+from robot_energy.files.first_bytes import FIRST_BYTES, MAX_MAGIC, named
 from robot_energy.files.regular_file import open_regular
 from robot_energy.files.temporary_folder import TemporaryFolder
+from robot_energy.logs.diadem import MAGIC as DIADEM
+from robot_energy.logs.diadem import read_diadem
 
 BLOCK_ROWS = 8192
 MAX_NUMBERS = 24_000_000
@@ -39,7 +42,9 @@ MAX_RATIO = 200
 """How many times larger a packed log may become; numbers shrink to a tenth."""
 MIN_UNPACKED = 16 * 2**20
 """Characters or bytes that any packed log may become."""
-EXPECTED = "a table: CSV, plain or gzip, or Parquet"
+EXPECTED = "a table: CSV, plain or gzip, Parquet, or the header of a DIAdem recording (.dat)"
+PARQUET, GZIP = b"PAR1", b"\x1f\x8b"
+TABLES = (PARQUET, GZIP, DIADEM)
 Mask = NDArray[np.bool_]
 _Cells = tuple[Int, pl.DataFrame, Mask]  # line of each row, cells, whether it is whole
 _NO_TEXT = (csv.Error, OSError, EOFError, UnicodeDecodeError, zlib.error)
@@ -59,7 +64,7 @@ class TableRows:
     """Rows of a table as numbers.
 
     Attributes:
-        line: Line of a text, or row of a Parquet file, where each stands, shape (N,).
+        line: Line of a text, or row of another file, where each stands, shape (N,).
         values: Of the columns asked for, NaN where a cell is empty, shape (N, K).
         whole: Whether a row has as many cells as there are columns, shape (N,).
         numeric: Whether no cell asked for holds anything but a number, shape (N,).
@@ -77,15 +82,18 @@ class TableRows:
 
 
 class LogTable:
-    """One file: CSV, plain or gzip, or Parquet; which one, its first bytes say.
+    """One file: CSV, plain or gzip, Parquet, or a header of DIAdem; which one, its first bytes say.
 
     Args:
         path: The file.
-        delimiter: Between cells of a text; None: the likeliest in its first line.
+        delimiter: Between cells of a text; None: the likeliest in its first line, spaces only
+            where there is no other.
         column_names: Names of all columns of a text without a header.
+        decimal: The decimal sign of a text.
 
     Attributes:
         columns: Names of the columns.
+        units: Of the columns, in the words of the file, as far as it says them.
 
     Raises:
         LogFormatError: If the file cannot be read or names no columns.
@@ -96,17 +104,36 @@ class LogTable:
         path: str | Path,
         delimiter: str | None = None,
         column_names: Sequence[str] | None = None,
+        decimal: str = ".",
     ) -> None:
-        self.path = Path(path)
+        self.path, self._decimal = Path(path), decimal
         self._headed = column_names is None
+        self.units: dict[str, str] = {}
         try:
             with open_regular(self.path) as file:
-                self._parquet = file.read(4) == b"PAR1"
+                head = file.read(MAX_MAGIC)
                 self._size = file.seek(0, io.SEEK_END)
-            names = self._unpack().columns if self._parquet else self._header(delimiter)
+            if not head.startswith(TABLES) and head.startswith(tuple(FIRST_BYTES)):
+                found, remedy = named(self.path, head)
+                raise LogFormatError(found, EXPECTED, remedy)
+            self._framed = head.startswith((PARQUET, DIADEM))
+            if head.startswith(PARQUET):
+                names = self._unpack().columns
+            elif self._framed:
+                names = self._diadem()
+            else:
+                names = self._header(delimiter)
         except _NO_TEXT as error:
             raise self._unreadable(error) from error
-        self.columns = tuple(names if column_names is None or self._parquet else column_names)
+        self.columns = tuple(names if column_names is None or self._framed else column_names)
+
+    def _diadem(self) -> list[str]:
+        """Names of the channels; their values become the frame."""
+        channels = read_diadem(self.path)
+        self.units = {channel.name: channel.unit for channel in channels if channel.unit}
+        columns = {str(place): channel.values for place, channel in enumerate(channels)}
+        self._frame = pl.DataFrame(columns).fill_nan(None)
+        return [channel.name for channel in channels]
 
     def _unpack(self) -> pl.DataFrame:
         """Content of a Parquet file, in a file that only takes up address space."""
@@ -126,7 +153,8 @@ class LogTable:
             first = next(self._lines(file), "")
         if not first.strip():
             raise LogFormatError(f"{self.path} is empty", "a line with the names of the columns")
-        self.delimiter = delimiter or max(",;\t ", key=first.count)
+        likely = max(";\t" if self._decimal == "," else ",;\t", key=first.count)
+        self.delimiter = delimiter or (likely if likely in first else " ")
         names = next(csv.reader([first], delimiter=self.delimiter, skipinitialspace=True))
         return [name.strip() for name in names]
 
@@ -188,7 +216,7 @@ class LogTable:
         """
         pick = [self.columns.index(name) for name in (*numbers, *texts)]
         count, most = 0, MAX_NUMBERS // max(len(numbers), 1)
-        for line, cells, whole in self._parquet_rows(pick) if self._parquet else self._text(pick):
+        for line, cells, whole in self._frame_rows(pick) if self._framed else self._text(pick):
             count += len(line)
             if kept and count > most:
                 raise LogFormatError(
@@ -196,9 +224,11 @@ class LogTable:
                     f"at most {MAX_NUMBERS} numbers",
                     "cut it, or import it as a bag",
                 )
+            if self._decimal != "." and not self._framed:
+                cells = cells.with_columns(pl.all().str.replace(self._decimal, ".", literal=True))
             yield _as_numbers(line, cells, whole, len(numbers))
 
-    def _parquet_rows(self, pick: Sequence[int]) -> Iterator[_Cells]:
+    def _frame_rows(self, pick: Sequence[int]) -> Iterator[_Cells]:
         for column in pick:
             kind = self._frame.dtypes[column]
             if kind.is_nested() or kind == pl.Binary:
@@ -257,7 +287,7 @@ class LogTable:
     @contextmanager
     def _open(self) -> Generator[TextIO, None, None]:
         with open_regular(self.path) as raw:
-            packed = raw.read(2) == b"\x1f\x8b"
+            packed = raw.read(2) == GZIP
             raw.seek(0)
             self._most = max(self._size * MAX_RATIO, MIN_UNPACKED) if packed else self._size
             binary = gzip.GzipFile(fileobj=raw, mode="rb") if packed else raw

@@ -34,6 +34,12 @@ SUPPLY: dict[str, Any] = {  # of the 48 V bus
     "voltage": {"column": "actual_robot_voltage", "unit": "V"},
     "current": {"column": "actual_robot_current", "unit": "A"},
 }
+UR_LINK = "tool0"  # of the URDF: the tool flange, with the axes that the controller uses
+PAYLOAD: dict[str, Any] = {  # as set on the controller
+    "mass": "payload",
+    "centre_of_mass": [f"payload_cog_{axis}" for axis in range(3)],
+    "inertia": [f"payload_inertia_{entry}" for entry in range(6)],  # Ixx Iyy Izz Ixy Ixz Iyz
+}
 WALLS = ("time", "_id")  # recorders differ in where they note the wall clock
 WALL_FORMATS = ("%Y:%m:%d:%H:%M:%S.%f", "%Y-%m-%dT%H:%M:%S.%f", "%Y-%m-%d %H:%M:%S.%f")
 
@@ -43,6 +49,7 @@ def import_ur_rtde(
     out: str | Path,
     joint_names: Sequence[str] = UR_JOINTS,
     overwrite: bool = False,
+    link: str = UR_LINK,
 ) -> ImportReport:
     """Turn UR RTDE recordings into one bag.
 
@@ -57,6 +64,8 @@ def import_ur_rtde(
         out: Folder of the bag.
         joint_names: Names of the six joints from the base on.
         overwrite: Whether an existing bag may be replaced.
+        link: Link of the URDF that is the tool flange, whose payload becomes
+            ``/energy/payload`` at each change.
 
     Returns:
         What was written, and the account of every row.
@@ -76,6 +85,7 @@ def import_ur_rtde(
             "time": {"column": CLOCK},
             "joints": {"names": names, "keys": keys, **COLUMNS},
             "power": SUPPLY,
+            "payload": {**PAYLOAD, "link": link},
         }
     )
     for table in map(LogTable, logs):
@@ -90,6 +100,7 @@ def import_ur_rtde(
         (contents.effort, "motor currents"),
         (contents.temperatures, "joint temperatures"),
         (contents.meaning, "supply voltage and current"),
+        (contents.payload_link, "payload"),
     ):
         if not present:
             report.notes.append(f"the recording has no {what}")

@@ -107,19 +107,20 @@ class FlowPicture:
         }
 
 
-def rounded_parts(parts: Sequence[float], unit: float) -> list[int]:
+def rounded_parts(parts: Sequence[float], unit: float, total: int | None = None) -> list[int]:
     """Round parts to whole units that sum to the rounded sum (largest remainder).
 
     Args:
         parts: Finite terms of a sum, of any sign. [W] or [J]
         unit: Size of a unit, > 0. [W] or [J]
+        total: What they sum to, less than one unit a part from it; None: their rounded sum. [units]
 
     Returns:
         Whole units; each is less than one unit from its part.
     """
     scaled = [part / unit for part in parts]
     whole = [math.floor(part) for part in scaled]
-    missing = round(math.fsum(scaled)) - sum(whole)
+    missing = (round(math.fsum(scaled)) if total is None else total) - sum(whole)
     order = sorted(range(len(parts)), key=lambda place: whole[place] - scaled[place])
     for place in order[:missing]:
         whole[place] += 1

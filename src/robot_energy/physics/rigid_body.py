@@ -209,7 +209,7 @@ class Robot:
         Args:
             link: The name.
         """
-        return bool(self._model.existFrame(link, pin.FrameType.BODY))
+        return bool(self._model.existFrame(_frame_of(link), pin.FrameType.BODY))
 
     def link_position(self, joint_position: Float, link: str) -> Float:
         """Position of a link's frame in the base frame at one configuration.
@@ -288,18 +288,27 @@ class Robot:
             pin.computeJointJacobians(self._model, data, q)
         else:
             pin.forwardKinematics(self._model, data, q)
-        frame = int(self._model.getFrameId(link, pin.FrameType.BODY))
+        frame = int(self._model.getFrameId(_frame_of(link), pin.FrameType.BODY))
         pin.updateFramePlacement(self._model, data, frame)
         return data, frame
 
 
 def _build(urdf_xml: str) -> pin.Model:
     try:
-        return pin.buildModelFromXML(urdf_xml)
+        model = pin.buildModelFromXML(urdf_xml)
+        for frame in model.frames:  # a link and a joint may have one name, frames may not
+            if frame.type == pin.FrameType.BODY:
+                frame.name = _frame_of(frame.name)
+        return model
     except (ValueError, RuntimeError, IndexError) as error:
         raise RobotDescriptionError(
             f"the URDF is not accepted: {error}", "a URDF that Pinocchio reads"
         ) from error
+
+
+def _frame_of(link: str) -> str:
+    """Name of the frame of a link, which no joint can have: XML holds no such character."""
+    return f"\x1f{link}"
 
 
 def _reduce(full: pin.Model, locked_joints: Sequence[str]) -> pin.Model:
@@ -328,11 +337,11 @@ def _check_mass(model: pin.Model, joint_names: Sequence[str], mass: Sequence[flo
 
 def _attach(model: pin.Model, body: Payload) -> None:
     """Add a rigid body to the joint that carries a link."""
-    if not model.existFrame(body.link, pin.FrameType.BODY):
+    if not model.existFrame(_frame_of(body.link), pin.FrameType.BODY):
         raise RobotDescriptionError(
             f"the payload sits on the link '{body.link}' that the URDF lacks", "a link of the URDF"
         )
-    frame = model.frames[model.getFrameId(body.link, pin.FrameType.BODY)]
+    frame = model.frames[model.getFrameId(_frame_of(body.link), pin.FrameType.BODY)]
     inertia = pin.Inertia.Zero()  # its constructor refuses moments a rounding below zero
     inertia.mass, inertia.lever = body.mass, np.asarray(body.centre_of_mass)
     inertia.inertia = body.tensor

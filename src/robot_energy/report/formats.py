@@ -10,6 +10,8 @@ import math
 import re
 from collections.abc import Callable, Iterable, Sequence
 
+from robot_energy.page.energy_flow import rounded_parts
+
 NOTHING = "-"
 WATT_HOUR = 3600.0  # J
 SMALL = 1e-3  # below it figures with a standard deviation have a power of ten
@@ -138,12 +140,8 @@ def summing(values: Sequence[float], digits: int, total: str | None = None) -> l
         digits: After the point.
         total: What they sum to, as it is shown; None: the rounded sum of the values.
     """
-    exact = [value * 10.0**digits for value in values]
-    whole = [math.floor(value) for value in exact]
-    order = sorted(range(len(values)), key=lambda place: whole[place] - exact[place])
-    aim = sum(exact) if total is None else float(total) * 10.0**digits
-    for place in order[: round(aim) - sum(whole)]:
-        whole[place] += 1
+    aim = None if total is None else round(float(total) * 10.0**digits)
+    whole = rounded_parts(values, 10.0**-digits, aim)
     return [number(value * 10.0**-digits, digits) for value in whole]
 
 

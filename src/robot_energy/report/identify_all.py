@@ -45,12 +45,15 @@ def identification_lead(report: IdentificationReport) -> str:
     return ". ".join([f"{report.model.robot.type}, identified from {count}", *origins]) + "."
 
 
-def identification_document(report: IdentificationReport, page: Document) -> None:
+def identification_document(
+    report: IdentificationReport, page: Document, details: bool = False
+) -> None:
     """Add everything.
 
     Args:
         report: What was found.
-        page: Where to.
+        page: Where to; a page always shows every step in detail.
+        details: Whether the terminal shows that as well.
     """
     page.heading("In short")
     _overview(report, page)
@@ -59,9 +62,18 @@ def identification_document(report: IdentificationReport, page: Document) -> Non
         held_out_document(report.energy, report.model.joint_names, page)
     page.heading("What was read")
     _read(report, page)
+    steps = Document()
     for step in report.steps:
-        page.heading(TITLES[step.subject])
-        _step(step, report, page)
+        steps.heading(TITLES[step.subject])
+        _step(step, report, steps)
+    if details:
+        page.parts += steps.parts
+    else:
+        with page.only("page"):
+            for part in steps.shown("page"):
+                page.add(part)
+        with page.only("terminal"):
+            page.paragraph("tables and notes of every step: --details, or --report FILE")
     page.heading("Model file")
     _model(report, page)
 

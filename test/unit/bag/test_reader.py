@@ -295,7 +295,7 @@ def test_what_is_no_bag_is_refused(tmp_path):
     for name, text in [
         ("none.mcap", "does not exist"),
         ("folder", "holds no bag"),
-        ("text.mcap", "begins with b'Hello, w'"),
+        ("text.mcap", "is a text that begins with 'Hello, w"),
         ("empty.mcap", "is empty"),
         ("bad.db3", "cannot be read"),
     ]:

@@ -10,6 +10,7 @@ import pytest
 from excited import recorded
 from robot_energy.blocks import MeterLocation
 from robot_energy.errors import ImplausibleIdentificationError
+from robot_energy.identify import plausibility
 from robot_energy.identify.cabinet.cabinet import CabinetFit, Level
 from robot_energy.identify.data.signals import Channels
 from robot_energy.identify.drives.drives import fit_drives
@@ -59,6 +60,25 @@ def test_torque_of_the_wrong_sign_is_refused_by_joint_and_remedy(factors, joints
 def test_a_scale_that_no_urdf_explains_is_refused_with_the_factor():
     with pytest.raises(ImplausibleIdentificationError, match=r"take 8\.. times .* URDF 6 kg"):
         gate(spoiled([8.0, 8.0]), arm())
+
+
+def test_a_centre_of_mass_far_from_its_link_is_refused():
+    result = identify_dynamics([spoiled([1.0, 1.0])], arm(), QUICK)
+    error = result.held_out_consistent()
+    check_dynamics(result, error)
+    moved = result.standard.copy()
+    moved[11] += 5.0 * moved[10]  # first moment of the elbow: its centre 5 m away
+    with pytest.raises(ImplausibleIdentificationError) as refused:
+        _refuse_mass_of(replace(result, standard=moved))
+    assert "centre of mass of the link behind elbow is" in refused.value.found
+    assert "times the size of the link" in refused.value.found
+
+
+def _refuse_mass_of(result):
+    """The gate of the bodies alone, with a wide limit for the torque they take."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(plausibility, "MAX_BODY_FACTOR", 1e6)
+        check_dynamics(result, result.held_out_consistent())
 
 
 def test_friction_that_drives_is_refused_by_name():

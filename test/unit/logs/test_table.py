@@ -107,3 +107,18 @@ def test_runs_that_count_from_zero_are_set_one_after_the_other(tmp_path: Path) -
     expected = np.array([0.0, 0.5, 10.5, 11.0, 21.0])
     np.testing.assert_array_equal(instants, np.rint(expected * 1e9))
     assert values[:, 0].tolist() == [1, 2, 3, 4, 5]
+
+
+def test_spaces_in_names_of_columns_are_no_delimiters(tmp_path: Path) -> None:
+    log = write_csv(tmp_path / "log.csv", "Speed (1 / min),Torque of it (N m)", ["1,2"])
+    assert LogTable(log).columns == ("Speed (1 / min)", "Torque of it (N m)")
+
+
+def test_decimal_commas_are_read_where_they_are_stated(tmp_path: Path) -> None:
+    log = write_csv(tmp_path / "log.csv", "0,5;1,25;-2,5e-1", ["0,6;1;3,0", "0,7;1.5;1"])
+    names = ["t", "a", "b"]
+    values, instants, _ = table_rows(log, ["a", "b"], column_names=names, decimal=",")
+    assert values.tolist() == [[1.25, -0.25], [1.0, 3.0], [1.5, 1.0]]
+    assert instants.tolist() == [500_000_000, 600_000_000, 700_000_000]
+    _, _, account = table_rows(log, ["a", "b"], column_names=names, delimiter=";")
+    assert account.rejected["not_numeric"] == 2  # never guessed

@@ -85,6 +85,20 @@ def test_payload_adds_its_weight_at_its_lever():
     assert loaded.moving_mass == pytest.approx(bare.moving_mass + 3.0)
 
 
+def test_links_and_joints_may_share_a_name():
+    """As in the URDF of the Unitree Z1; torque, payload and place are those of other names."""
+    urdf = robots.TWO_LINK_URDF
+    shared = urdf.replace('"upper"', '"shoulder"').replace('"fore"', '"elbow"')
+    body = {"mass": 3.0, "centre_of_mass": (0.25, 0, 0), "tag": "assumed"}
+    joints, q = ("shoulder", "elbow"), np.array([[0.3, -0.7]])
+    one = Robot(urdf, joints, payload=[Payload(link="fore", **body)])
+    two = Robot(shared, joints, payload=[Payload(link="elbow", **body)])
+    np.testing.assert_array_equal(two.joint_torque(q, q, q), one.joint_torque(q, q, q))
+    np.testing.assert_array_equal(two.link_position(q[0], "elbow"), one.link_position(q[0], "fore"))
+    assert two.has_link("elbow")
+    assert not one.has_link("elbow")
+
+
 @pytest.mark.parametrize(
     ("urdf", "error", "words"),
     [
@@ -92,6 +106,12 @@ def test_payload_adds_its_weight_at_its_lever():
         ("<!DOCTYPE x><robot/>", RobotDescriptionError, "DOCTYPE"),
         ("<sdf/>", RobotDescriptionError, "root 'sdf'"),
         ("<robot name='r'><link name='base'/></robot>", UnknownJointError, "shoulder"),
+        (
+            '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arm/></robot>',
+            RobotDescriptionError,
+            "^the URDF is a xacro file.*xacro FILE > robot.urdf.*model init FILE",
+        ),
+        ("<robot><xacro:arm/></robot>", RobotDescriptionError, "^the URDF is a xacro file"),
         (
             robots.TWO_LINK_URDF.replace('<mass value="2.0"/>', '<mass value="0"/>'),
             RobotDescriptionError,

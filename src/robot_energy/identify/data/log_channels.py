@@ -97,6 +97,12 @@ def read_channels(
             "the mapping names no torque of motors or joints",
             "joints.effort with side, and torque_constant for a current",
         )
+    if mapping.joints.position is None:
+        raise LogFormatError(
+            "the mapping names no positions",
+            "joints.position: the dynamics follow from where the joints are",
+            "`robot-energy identify drives --log` takes a log of speeds, torques and powers",
+        )
     drivetrain = Drivetrain.from_model(model)
     found: dict[str, list[Channels]] = {}
     rate = mapping.time.rate

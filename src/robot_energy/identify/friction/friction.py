@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robot_energy.blocks import Float
+from robot_energy.blocks import Float, Int
 from robot_energy.errors import NotIdentifiableError
 from robot_energy.identify.bounds import identified
 from robot_energy.identify.friction.laws import (
@@ -188,7 +188,7 @@ def _why_constant(span: tuple[float, float]) -> str:
         )
     return (
         f"the range of its motor temperature is below {MIN_RANGE:g} K, so its friction is taken "
-        "as constant; record it cold and warm"
+        "as constant; record it cold and warm, or lend it the shape of others (--share-shape)"
     )
 
 
@@ -275,12 +275,6 @@ def _held_out(name: str, data: FrictionData) -> HeldOut:
 
     The nuisances and the offset of the test samples come from the training samples too.
     """
-    degc = data.motor_temperature_degc
-    fold = folds_by_value(degc)
-    if len(np.unique(fold)) < 2 or not float(np.ptp(degc)) >= MIN_RANGE:
-        # One thermal state: a fold by temperature would be a few motions, perhaps all one way.
-        number = np.unique(data.block, return_inverse=True)[1]
-        fold = contiguous_folds(int(number.max()) + 1)[number]
 
     def predict(train: Mask, test: Mask) -> Float:
         law, fit = fit_law(name, data.rows(train))
@@ -288,7 +282,25 @@ def _held_out(name: str, data: FrictionData) -> HeldOut:
         viscous = viscous_law(law).viscous(seen.motor_temperature_degc)
         return fit.values[0] * seen.sign + viscous * seen.motor_velocity + nuisance(fit, seen)
 
-    return held_out(data.friction_torque, fold, predict)
+    return held_out(data.friction_torque, folds_of_axis(data), predict)
+
+
+def folds_of_axis(data: FrictionData) -> Int:
+    """Return the fold of each sample: by temperature, or in time where there is but one.
+
+    Args:
+        data: Samples in motion.
+
+    Returns:
+        Shape (N,).
+    """
+    degc = data.motor_temperature_degc
+    fold = folds_by_value(degc)
+    if len(np.unique(fold)) < 2 or not float(np.ptp(degc)) >= MIN_RANGE:
+        # One thermal state: a fold by temperature would be a few motions, perhaps all one way.
+        number = np.unique(data.block, return_inverse=True)[1]
+        fold = contiguous_folds(int(number.max()) + 1)[number]
+    return fold
 
 
 def with_friction(model: RobotModel, fits: Sequence[FrictionFit], source: str) -> RobotModel:

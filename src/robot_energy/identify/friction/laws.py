@@ -63,8 +63,17 @@ def _columns(data: FrictionData, shape: Float) -> Float:
     return np.hstack([data.sign[:, None], viscous, ones, data.nuisance])
 
 
-def _regress(data: FrictionData, shape: Float, names: Sequence[str]) -> Fit:
-    """Fit fc, the coefficients of ``shape * w``, an offset and the nuisances."""
+def regress_friction(data: FrictionData, shape: Float, names: Sequence[str]) -> Fit:
+    """Return the fit of fc, of the coefficients of ``shape * w``, of an offset and the nuisances.
+
+    Args:
+        data: Samples in motion.
+        shape: Shape (N, K). [-]
+        names: Of its coefficients.
+
+    Raises:
+        NotIdentifiableError: If the motion does not tell them apart.
+    """
     extra = [f"nuisance {number + 1}" for number in range(data.nuisance.shape[1])]
     try:
         return regress(
@@ -133,7 +142,7 @@ def fit_law(name: str, data: FrictionData, source: str = "") -> tuple[LawEntry, 
 
 
 def _fit_constant(data: FrictionData, source: str) -> tuple[ConstantLaw, Fit]:
-    fit = _regress(data, np.ones((len(data), 1)), ["viscous"])
+    fit = regress_friction(data, np.ones((len(data), 1)), ["viscous"])
     value, std = float(fit.values[1]), float(fit.std[1])
     return ConstantLaw(law="constant", viscous=identified(value, std, source)), fit
 
@@ -146,7 +155,9 @@ def _fit_table(data: FrictionData, source: str) -> tuple[TableLaw, Fit]:
             f"a table needs two that are {0.5 * NODE_SPACING:g} K apart",
             "motion spread over the temperatures",
         )
-    fit = _regress(data, _hats(degc, nodes), [f"viscous at {node:.0f} degC" for node in nodes])
+    fit = regress_friction(
+        data, _hats(degc, nodes), [f"viscous at {node:.0f} degC" for node in nodes]
+    )
     above = fit.values[1 : 1 + len(nodes)] > 0.0
     below = ", ".join(f"{node:.0f}" for node in nodes[~above])
     table = TableLaw(
@@ -193,7 +204,7 @@ def _fit_exponential(data: FrictionData, source: str) -> tuple[ExponentialLaw, F
     refined = float(minimize_scalar(cost, bounds=(low, high), method="bounded").x)
     scale = refined if cost(refined) <= costs[best] else float(SCALES[best])
     shape = np.stack([np.ones(len(degc)), decay(scale)], axis=1)
-    found = _regress(data, shape, ["hot viscous", "cold viscous"])
+    found = regress_friction(data, shape, ["hot viscous", "cold viscous"])
     hot, cold = (max(float(value), 0.0) for value in found.values[1:3])
     std = _exponential_std(data, found, cold, scale, middle)
     lift = float(np.exp(middle / scale))
@@ -219,7 +230,7 @@ def _exponential_std(
     decay = np.exp(-(degc - middle) / scale)
     shape = np.stack([np.ones(len(degc)), decay, cold * decay * (degc - middle) / scale**2], axis=1)
     try:
-        tangent = _regress(
+        tangent = regress_friction(
             replace(data, friction_torque=fit.residual), shape, ["hot", "cold", "scale"]
         )
     except NotIdentifiableError:

@@ -269,7 +269,9 @@ def held_out_energy(
         fitted = (
             whole
             if kind == "test"
-            else identify_everything(fold.train, whole.given, skip, strict=False)
+            else identify_everything(
+                fold.train, whole.given, skip, strict=False, share_shape=whole.share_shape
+            )
         )
         seen = temperature_ranges(read_all(fold.train, whole.given))
         tested += [

@@ -22,6 +22,13 @@ MIN_AXIS_LENGTH = 1e-6  # length of an axis that still has a direction
 INERTIA_TOLERANCE = 1e-5  # kg m^2 by which a principal moment may be negative: digits cut off
 RESERVED_NAMES = ("universe", "root_joint")  # of the dynamics library
 
+XACRO = (
+    "the URDF is a xacro file that was not expanded",
+    "a URDF",
+    "write one with `xacro FILE > robot.urdf` (pip install xacro); `robot-energy model init FILE` "
+    "expands it by itself",
+)
+
 INERTIA = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _ENDLESS = re.compile(r"[+-]?inf(inity)?", re.IGNORECASE)
@@ -35,7 +42,8 @@ def read_elements(urdf_xml: str) -> ET.Element:
         urdf_xml: Text of the URDF.
 
     Raises:
-        RobotDescriptionError: If it is too large or too deep, declares a DOCTYPE or is no XML.
+        RobotDescriptionError: If it is too large or too deep, declares a DOCTYPE, is no XML, or
+            is a xacro file.
     """
     if len(urdf_xml) > MAX_URDF_BYTES:
         raise RobotDescriptionError(
@@ -47,7 +55,11 @@ def read_elements(urdf_xml: str) -> ET.Element:
         parser = ET.XMLParser(target=_Builder())
         parser.feed(urdf_xml.strip())
         return parser.close()
+    except RobotDescriptionError:
+        raise
     except (ET.ParseError, ValueError) as error:
+        if "<xacro:" in urdf_xml and "unbound prefix" in str(error):
+            raise RobotDescriptionError(*XACRO) from error
         raise RobotDescriptionError(
             f"the URDF is not well-formed XML ({error})", "a URDF"
         ) from error
@@ -69,6 +81,8 @@ class _Builder(ET.TreeBuilder):
             raise RobotDescriptionError(
                 f"the URDF nests elements more than {MAX_DEPTH} deep", "a robot"
             )
+        if tag.startswith("{") and "/xacro}" in tag:
+            raise RobotDescriptionError(*XACRO)
         if self._count > MAX_ELEMENTS:
             raise RobotDescriptionError(f"the URDF has over {MAX_ELEMENTS} elements", "a robot")
         if len(attrs) > MAX_ATTRIBUTES:

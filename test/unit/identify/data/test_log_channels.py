@@ -140,7 +140,7 @@ def test_the_former_mapping_of_drive_logs_still_loads(tmp_path):
         == LogMapping.model_validate(mapping(effort={"columns": None})).model_dump()
     )
     path.write_text(yaml.safe_dump({k: v for k, v in former.items() if k != "position"}))
-    with pytest.raises(LogFormatError, match=r"key 'joints.position' is missing"):
+    with pytest.raises(LogFormatError, match="joints: position or velocity, or both"):
         load_mapping(path)
 
 
@@ -244,12 +244,15 @@ def test_command_prints_reference_and_groups(folder, capsys):
             "2 entries of robot.gear_ratio, as many as joints; found 1",
         ),
         ({"robot": {"gear_ratio": [100, 50]}}, "key 'robot.urdf' is missing"),
-        ({"recordings": ["A"]}, "recordings together with {recording} in every file name"),
-        ({"position": {"file": "{recording}.csv"}}, "recordings together with {recording}"),
+        ({"recordings": ["A"]}, "together with {recording} in every file name"),
+        ({"position": {"file": "{recording}.csv"}}, "together with {recording}"),
         ({"recordings": ["../A"]}, "'recordings.0' is '../A'; expected text that matches"),
         (several(["A", "A"]), "every name of recordings once"),
         ({"effort": {"torque_constant": [1, 1]}}, "torque_constant for ampere"),
-        ({"position": {"zero": [1]}}, "as many zero for position as names"),
+        (
+            {"position": {"zero": [1, 2, 3]}},
+            "position.zero has 3 entries; expected 1 for all",
+        ),
         ({"position": {"column_names": ["a"], "file": None}}, "either column or columns"),
         ({"position": {"unit": "turns"}}, "position.unit.*'rad', 'deg', 'm' or 'mm'"),
     ],

@@ -298,6 +298,32 @@ def test_a_log_and_a_model_are_refused_together(capsys):
     assert "a log is used without a model" in capsys.readouterr().err
 
 
+def test_a_test_bench_without_positions_and_times_is_enough(tmp_path):
+    """Speed, torque and power of one drive, row after row at a rate: the loss model behind them is
+    found, P = tau w + 4 + 0.02 |w| + 0.7 tau^2 (copper and friction of the drive)."""
+    rng = np.random.default_rng(5)
+    rows = []
+    for _ in range(40):  # steady points, half a second each
+        speed, torque = rng.uniform(-200, 200), rng.uniform(-5, 5)
+        power = torque * speed + 4 + 0.02 * abs(speed) + 0.7 * torque**2
+        rows += [f"{speed:.6f};{torque:.6f};{power:.6f}"] * 50
+    log, mapping = tmp_path / "bench.csv", tmp_path / "bench.yaml"
+    log.write_text("\n".join(rows))
+    mapping.write_text(
+        "schema_version: 1\ncolumn_names: [w, tau, p]\ntime: {rate: 100}\njoints:\n"
+        "  names: [drive]\n  velocity: {columns: [w], unit: rad_per_s}\n"
+        "  effort: {columns: [tau], unit: newton_metre}\n"
+        "  drive_power: {columns: [p], unit: W}\n"
+    )
+    report = tmp_path / "report.json"
+    words = ["identify", "drives", "--log", str(log), "--mapping", str(mapping)]
+    assert main([*words, "--json", str(report)]) == 0
+    (axis,) = json.loads(report.read_text())["drives"]["axes"]
+    expected = {"constant": 4.0, "linear": 0.02, "quadratic": 0.0, "copper": 0.7}
+    assert axis["losses"]["values"] == pytest.approx(expected, rel=1e-5, abs=1e-9)
+    assert main(["identify", "dynamics", *words[2:]]) == 2
+
+
 DATA = os.environ.get("ROBOT_ENERGY_DATA", "")
 
 
@@ -312,6 +338,20 @@ def test_a_real_ur3e_is_predicted_better_than_by_shaft_power_and_a_constant(tmp_
     assert ways["identified"]["rms"] < 0.7 * ways["shaft"]["rms"] < 0.7 * ways["constant"]["rms"]
     assert abs(ways["identified"]["worst"]) < 0.03
     assert load(out).cabinet.loss_dc.tag == "identified"
+
+
+@pytest.mark.skipif(not DATA, reason="skipped: no data folder (ROBOT_ENERGY_DATA)")
+def test_the_curves_of_a_real_motor_on_a_test_bench_are_predicted(tmp_path):
+    """Each voltage predicted from the four others, without positions and times."""
+    folder = Path(DATA) / "drive_efficiency" / "frc_motors" / "motors" / "dc" / "rev-neo"
+    logs, report = sorted(map(str, folder.glob("measured/*.csv"))), tmp_path / "report.json"
+    mapping = ROOT / "src" / "examples" / "mappings" / "rev_neo_bench.yaml"
+    words = ["identify", "drives", "--log", *logs, "--mapping", str(mapping)]
+    assert main([*words, "--json", str(report)]) == 0
+    comparisons = json.loads(report.read_text())["drives"]["comparisons"]
+    scores = next(c for c in comparisons if c["split"] == "recordings")["scores"]
+    assert scores["losses"]["accuracy"] > 0.98
+    assert scores["losses"]["rms"] < 0.3 * min(scores["none"]["rms"], scores["constant"]["rms"])
 
 
 @pytest.mark.skipif(not DATA, reason="skipped: no data folder (ROBOT_ENERGY_DATA)")

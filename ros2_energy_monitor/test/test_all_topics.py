@@ -1,0 +1,24 @@
+"""The bag of all topics: every topic comes, and what is written can be replayed."""
+
+from __future__ import annotations
+
+from rclpy.context import Context
+
+from robot_energy.bag import BagReader
+from robot_energy.bag_replay import replay
+from robot_energy.model import load
+from ros2_energy_monitor.demo.all_topics import TYPES, record, write
+
+
+def test_a_short_recording_has_every_topic(bench, tmp_path):
+    context: Context = bench.context
+    recorder = record(context, 0.2)
+    write(recorder, str(tmp_path / "bag"), overwrite=False)
+    reader = BagReader(tmp_path / "bag")
+    assert set(reader.topics) == set(TYPES)
+    for topic, info in reader.topics.items():
+        assert info.msgtype == TYPES[topic]
+    times = [time_ns for _, time_ns, _ in recorder.taken]
+    assert times == sorted(times)
+    done = replay(tmp_path / "bag", load("kr16"))
+    assert done.joint_states.account.accepted == recorder.counts["/joint_states"]

@@ -1,0 +1,252 @@
+"""One shape of viscous friction over temperature for several axes, lent where an axis shows none.
+
+An axis that was recorded at one temperature has a constant, and at one speed its Coulomb and
+viscous friction look alike. Where lubricants are alike, the ratio ``g(T) = fv(T) / fv(T0)`` is,
+too. So g is taken from the axes that show it,
+
+``g(T) = h + (1 - h) exp(-(T - T0) / c)``,
+
+and of the other axis only its size is fitted: ``torque = fc sgn(w) + fv(T0) g(T) w + offset``. This
+is a prior, stated with its spread over the axes that it comes from; no law is lent unasked.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from robot_energy.blocks import Float
+from robot_energy.errors import NotIdentifiableError
+from robot_energy.identify.friction.friction import FrictionFit, folds_of_axis, moving_samples
+from robot_energy.identify.friction.laws import MIN_RANGE, nuisance, one_speed, regress_friction
+from robot_energy.identify.friction.samples import FrictionData
+from robot_energy.identify.stats.cross_validation import GAIN, Mask, held_out
+from robot_energy.identify.stats.regression import Fit
+from robot_energy.model.figure import PositiveFigure
+from robot_energy.model.friction_laws import ExponentialLaw
+from robot_energy.physics.friction import viscous_law
+
+MIN_LENDERS = 2  # axes: one has no spread
+MIN_LENT_RANGE = 15.0  # K of motor temperature behind a shape that is lent
+MAX_SPREAD = 0.25  # of g over its lenders: beyond it they have no common shape
+GRID = 25
+
+
+@dataclass(frozen=True)
+class TemperatureShape:
+    """The common shape of several axes.
+
+    Attributes:
+        hot: h, share of the hot limit in the friction at ``reference_degc``. [-]
+        scale: c. [K]
+        scale_std: Standard deviation of c over the axes. [K]
+        ratio: a / b of the exponential law. [-]
+        ratio_std: Standard deviation of a / b over the axes. [-]
+        reference_degc: T0. [degC]
+        range_degc: Temperatures behind it. [degC]
+        spread: Root mean square by which the axes differ from g, relative. [-]
+        lenders: The axes that it comes from.
+    """
+
+    hot: float
+    scale: float
+    scale_std: float
+    ratio: float
+    ratio_std: float
+    reference_degc: float
+    range_degc: tuple[float, float]
+    spread: float
+    lenders: tuple[str, ...]
+
+    def at(self, degc: Float) -> Float:
+        """Return g.
+
+        Args:
+            degc: Of the motor, any shape. [degC]
+        """
+        return _curve(self.hot, self.scale, degc - self.reference_degc)
+
+    def __str__(self) -> str:
+        return (
+            f"the temperature shape of {', '.join(self.lenders)} (c {self.scale:.3g} +- "
+            f"{self.scale_std:.1g} K, a/b {self.ratio:.2g} +- {self.ratio_std:.1g}; they differ "
+            f"from it by {100 * self.spread:.0f} %)"
+        )
+
+
+def _curve(hot: float, scale: float, above: Float) -> Float:
+    return hot + (1.0 - hot) * np.exp(-above / scale)
+
+
+def common_shape(fits: Sequence[FrictionFit]) -> TemperatureShape:
+    """Return the shape that axes with a law of their own have in common.
+
+    Args:
+        fits: Of all axes.
+
+    Raises:
+        NotIdentifiableError: If fewer than two axes show a law over 15 K, or they differ.
+    """
+    lent = {
+        fit.name: fit.law
+        for fit in fits
+        if isinstance(fit.law, ExponentialLaw)
+        and np.ptp(fit.law.fitted_degc) >= MIN_LENT_RANGE
+        and fit.law.b.value > 0.0
+    }
+    if len(lent) < MIN_LENDERS:
+        raise NotIdentifiableError(
+            f"{len(lent)} of {len(fits)} axes show an exponential law over {MIN_LENT_RANGE:g} K",
+            f"at least {MIN_LENDERS}, to lend their temperature shape with its spread",
+            "record cold and warm",
+        )
+    laws = list(lent.values())
+    degc = np.array([np.linspace(*law.fitted_degc, GRID) for law in laws])
+    reference = float(degc.mean())
+    curves = [viscous_law(law) for law in laws]
+    sizes = np.array([float(curve.viscous(np.array(reference))) for curve in curves])
+    values = np.array([curve.viscous(row) for curve, row in zip(curves, degc, strict=True)])
+    relative = np.log(values / sizes[:, None])
+    hot, scale = _fitted(degc - reference, relative)
+    left = relative - np.log(_curve(hot, scale, degc - reference))
+    spread = float(np.sqrt(np.mean(left**2) * len(laws) / (len(laws) - 1)))
+    if spread > MAX_SPREAD:
+        raise NotIdentifiableError(
+            f"the temperature shapes of {', '.join(lent)} differ by {100 * spread:.0f} %",
+            f"at most {100 * MAX_SPREAD:.0f} %, to lend one",
+        )
+    scales = np.array([law.c.value for law in laws])
+    ratios = np.array([law.a.value / law.b.value for law in laws])
+    return TemperatureShape(
+        hot,
+        scale,
+        float(scales.std(ddof=1)),
+        hot / ((1.0 - hot) * float(np.exp(reference / scale))),
+        float(ratios.std(ddof=1)),
+        reference,
+        (float(degc.min()), float(degc.max())),
+        spread,
+        tuple(lent),
+    )
+
+
+def _fitted(above: Float, relative: Float) -> tuple[float, float]:
+    """H and c of least squared error of ln g; every axis is 0 at the reference already."""
+    from scipy.optimize import least_squares
+
+    def error(x: Float) -> Float:
+        return (np.log(_curve(float(x[0]), float(np.exp(x[1])), above)) - relative).ravel()
+
+    found = least_squares(error, [0.2, np.log(20.0)], bounds=([0.0, np.log(2.0)], [0.99, 6.0]))
+    return float(found.x[0]), float(np.exp(found.x[1]))
+
+
+def fit_shared(
+    data: FrictionData, shape: TemperatureShape, source: str = ""
+) -> tuple[ExponentialLaw, Fit]:
+    """Fit the size of a lent shape to an axis.
+
+    Args:
+        data: Samples in motion, with temperatures.
+        shape: The shape.
+        source: Where the samples come from, for the model file.
+
+    Returns:
+        The law, of figures that are derived, and the regression behind it.
+
+    Raises:
+        NotIdentifiableError: If the samples do not tell the size, or it is not above 0.
+    """
+    degc = data.motor_temperature_degc
+    fit = regress_friction(data, shape.at(degc)[:, None], ["viscous"])
+    size, std = float(fit.values[1]), float(fit.std[1])
+    if not size > 0.0:
+        raise NotIdentifiableError(f"the viscous friction of {data.name} is not above 0", "above")
+    own = std / size if np.isfinite(std) else 0.0
+    relative = float(np.hypot(own, shape.spread))
+    lift = float(np.exp(shape.reference_degc / shape.scale))
+    words = f"{shape}; size fitted: {source}" if source else f"{shape}; size fitted"
+
+    def figure(value: float, deviation: float) -> PositiveFigure:
+        return PositiveFigure(value=value, tag="derived", std=deviation, source=words)
+
+    low = min(shape.range_degc[0], float(degc.min()))
+    high = max(shape.range_degc[1], float(degc.max()))
+    a, b = size * shape.hot, size * (1.0 - shape.hot) * lift
+    law = ExponentialLaw(
+        law="exponential",
+        a=figure(a, relative * a),
+        b=figure(b, relative * b),
+        c=figure(shape.scale, shape.scale_std),
+        fitted_degc=(low, high),
+        std=relative * size * float(shape.at(np.array(low))),
+    )
+    return law, fit
+
+
+def share_shape(
+    fits: Sequence[FrictionFit], axes: Sequence[FrictionData], source: str = ""
+) -> list[FrictionFit]:
+    """Lend the common shape to axes whose own range of temperature or speed is too small.
+
+    Args:
+        fits: Of the axes that could be identified.
+        axes: Samples of all axes.
+        source: Where they come from, for the model file.
+
+    Returns:
+        The fits; those that borrowed, or why they did not, say so in their warnings.
+    """
+    samples = {axis.name: axis for axis in axes}
+    poor = {fit.name: moving_samples(samples[fit.name]) for fit in fits}
+    poor = {name: data for name, data in poor.items() if _borrows(data)}
+    if not poor:
+        return list(fits)
+    try:
+        shape = common_shape([fit for fit in fits if fit.name not in poor])
+    except NotIdentifiableError as error:
+        return [
+            _said(fit, f"no shape is lent: {error}") if fit.name in poor else fit for fit in fits
+        ]
+    return [
+        _borrowed(fit, poor[fit.name], shape, source) if fit.name in poor else fit for fit in fits
+    ]
+
+
+def _borrows(data: FrictionData) -> bool:
+    degc = data.motor_temperature_degc
+    return bool(np.isfinite(degc).all() and (np.ptp(degc) < MIN_RANGE or one_speed(data)))
+
+
+def _said(fit: FrictionFit, text: str) -> FrictionFit:
+    return replace(fit, warnings=(*fit.warnings, f"{fit.name}: {text}"))
+
+
+def _borrowed(
+    fit: FrictionFit, data: FrictionData, shape: TemperatureShape, source: str
+) -> FrictionFit:
+    def predict(train: Mask, test: Mask) -> Float:
+        law, part = fit_shared(data.rows(train), shape)
+        seen = data.rows(test)
+        viscous = viscous_law(law).viscous(seen.motor_temperature_degc)
+        return part.values[0] * seen.sign + viscous * seen.motor_velocity + nuisance(part, seen)
+
+    try:
+        law, found = fit_shared(data, shape, source)
+        error = held_out(data.friction_torque, folds_of_axis(data), predict)
+    except NotIdentifiableError as problem:
+        return _said(fit, f"no shape is lent: {problem.found}")
+    if error.rms > fit.errors[fit.chosen].rms / GAIN:
+        return _said(fit, "no shape is lent: it predicts held-out torque worse than its own law")
+    return replace(
+        fit,
+        coulomb=float(found.values[0]),
+        coulomb_std=float(found.std[0]),
+        laws={**fit.laws, "exponential": law},
+        errors={**fit.errors, "exponential": error},
+        chosen="exponential",
+        residual=float(np.sqrt(np.mean(found.residual**2))),
+        warnings=(f"{fit.name}: its own range is too small; its law has {shape}",),
+    )

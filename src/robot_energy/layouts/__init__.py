@@ -1,0 +1,5 @@
+"""Layouts of viewers, made from the message definitions."""
+
+from robot_energy.layouts.viewers import LAYOUTS, Layout, write_layouts
+
+__all__ = ["LAYOUTS", "Layout", "write_layouts"]

@@ -1,0 +1,102 @@
+"""Table of the layouts, and the files of all of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from robot_energy.errors import LayoutError
+from robot_energy.files.output_files import FileKind, check_file, write_file
+from robot_energy.kinds import Kind, Kinds
+from robot_energy.layouts.foxglove import foxglove, lichtblick
+from robot_energy.layouts.plotjuggler import plotjuggler
+from robot_energy.layouts.plots import Page, pages
+from robot_energy.layouts.rqt import rqt
+
+MARK = b"robot-energy"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Layout(Kind):
+    """A layout for one viewer.
+
+    Attributes:
+        file: Its file name.
+        start: First bytes of the file.
+        make: Makes its text.
+    """
+
+    file: str
+    start: bytes
+    make: Callable[[Sequence[Page]], str]
+
+
+LAYOUTS = Kinds(
+    "viewer",
+    Layout(
+        name="foxglove",
+        label="Foxglove",
+        line="layout of version 1",
+        file="foxglove.json",
+        start=b"{",
+        make=foxglove,
+    ),
+    Layout(
+        name="lichtblick",
+        label="Lichtblick",
+        line="layout of the older form",
+        file="lichtblick.json",
+        start=b"{",
+        make=lichtblick,
+    ),
+    Layout(
+        name="plotjuggler",
+        label="PlotJuggler 3",
+        line="layout with a ROS 2 streamer",
+        file="plotjuggler.xml",
+        start=b"<?xml",
+        make=plotjuggler,
+    ),
+    Layout(
+        name="rqt",
+        label="rqt",
+        line="perspective with the first page and the diagnostics",
+        file="rqt.perspective",
+        start=b"{",
+        make=rqt,
+    ),
+)
+
+
+def write_layouts(folder: str | Path, joint_names: Sequence[str]) -> list[Path]:
+    """Write the layouts of all viewers; earlier ones of this tool are replaced.
+
+    Args:
+        folder: Folder of the files; made if it is missing.
+        joint_names: In the order of the model.
+
+    Returns:
+        The files.
+
+    Raises:
+        LayoutError: If a file cannot be written, or is another's.
+    """
+    place = Path(folder)
+    try:
+        place.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise LayoutError(
+            f"the folder '{place}' cannot be made ({error.strerror})", "a place for one"
+        ) from error
+    made = pages(joint_names)
+    files = [(place / one.file, one) for one in LAYOUTS.values()]
+    for path, one in files:
+        check_file(path, _kinds(one), "the layout", error=LayoutError)
+    for path, one in files:
+        write_file(path, one.make(made).encode(), _kinds(one), "the layout", LayoutError)
+    return [path for path, _ in files]
+
+
+def _kinds(one: Layout) -> tuple[FileKind, ...]:
+    return (FileKind(f"a layout for {one.label}", one.start, MARK),)
