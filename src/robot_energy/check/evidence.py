@@ -207,7 +207,7 @@ def evidence_of(
         inputs: How the recording was read; None: as the types of its topics say.
         carried: Payload in force at the end; None: that of the model.
     """
-    torque = torque[torque.payload_mass == torque.payload_mass[-1]]
+    torque = torque[np.asarray(torque.payload_mass == torque.payload_mass[-1])]
     doubtful = (torque.quality & np.uint32(DOUBTFUL)) != 0
     torque = replace(
         torque,
@@ -217,7 +217,7 @@ def evidence_of(
         else np.full(torque.joint_position.shape, np.nan),
     )
     known = np.isfinite(torque.joint_position).all(axis=1)
-    torque = torque[known & np.isfinite(torque.joint_velocity).all(axis=1)]
+    torque = torque[np.asarray(known & np.isfinite(torque.joint_velocity).all(axis=1))]
     temperature = np.full(torque.joint_position.shape, np.nan)
     supply = shafts = None
     if power is not None:

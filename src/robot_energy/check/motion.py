@@ -127,6 +127,10 @@ def _limits(evidence: Evidence, joint: int) -> list[Finding]:
     far = float(np.max(np.abs(position))) > FAR * max(abs(low), abs(high))
     degrees = bool(within) and far
     cause = "degrees" if degrees else "position_limit"
+    remedy, place = "check the zero and the sign of the joint, or the limits of the URDF", ""
+    if degrees:
+        everything = tuple(range(len(evidence.names)))
+        remedy, place = remedies.both(evidence, everything, scale=1.0 / DEGREES)
     return [
         Finding(
             cause, ERROR if degrees else WARNING, (name,),
@@ -134,9 +138,7 @@ def _limits(evidence: Evidence, joint: int) -> list[Finding]:
             f"({low:.3g} to {high:.3g} rad; recorded {position.min():.3g} to {position.max():.3g})"
             + (", and inside them as degrees" if degrees else ""),
             beyond, beyond,
-            *(remedies.both(evidence, tuple(range(len(evidence.names))), scale=1.0 / DEGREES)
-              if degrees
-              else ("check the zero and the sign of the joint, or the limits of the URDF",)),
+            remedy, place,
         )
     ]  # fmt: skip
 
