@@ -44,6 +44,7 @@ MEASURED, OURS, OTHER = COLOURS["measured"], COLOURS["predicted"], COLOURS["fixe
 SHOWN: dict[Way, str] = {
     "none": "none",
     "constant": "87.5 %",
+    "constant_fitted": "constant",
     "map": "maps",
     "map_processed": "maps, 2nd",
     "losses": "losses",

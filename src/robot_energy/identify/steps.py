@@ -120,7 +120,7 @@ def _measured(bags: Sequence[Bag], model: RobotModel) -> list[Recording]:
     told = [bag for bag in bags if bag.effort is not EffortMeaning.NONE]
     if not told:
         raise NotIdentifiableError(
-            "what the effort in the joint states means was not told",
+            "the meaning of the effort in the joint states is not stated",
             "measured torque or current",
             "say it with --effort, or record a driver that sends torque or current",
         )

@@ -25,8 +25,12 @@ OTHER_WORDS = {
     ("robot_energy/model/open_schema.py", "efficiency_map"),  # key of an entry
     ("robot_energy_papers/models.py", "table"),  # the law that paper A asks for
 }
-# The free curve of identified friction is a table or a constant, by definition.
-BY_CLASS = {"robot_energy/identify/friction/friction.py"}
+BY_CLASS = {
+    # The free curve of identified friction is a table or a constant, by definition.
+    "robot_energy/identify/friction/friction.py",
+    # A temperature shape that is lent is that of an exponential law.
+    "robot_energy/identify/friction/shape.py",
+}
 
 
 def values(node, module):

@@ -46,10 +46,16 @@ def replayed(folder: Path, bag: Path, robot: str, *more: object) -> dict[str, An
     return json.loads(out.read_text())
 
 
-def ur(folder: Path, effort: EffortMeaning, robot: str = "ur5e", names: list[str] = UR) -> Path:
+def ur(
+    folder: Path,
+    effort: EffortMeaning,
+    robot: str = "ur5e",
+    names: list[str] = UR,
+    seconds: float = SECONDS,
+) -> Path:
     """ur_robot_driver at 500 Hz, its RTDE publisher at 125 Hz."""
     model, driver = load(robot), Driver(names)
-    block = motion(6, 500.0, SECONDS, UR_POSE)
+    block = motion(6, 500.0, seconds, UR_POSE)
     block = replaced(block, joint_effort=effort_of(model, block, effort))
     messages = list(driver.joint_states(block, "/joint_states"))
     number = "example_interfaces/msg/Float64"
@@ -94,7 +100,7 @@ def test_the_two_meanings_of_effort_of_universal_robots(tmp_path, sent, taken_fo
 
 def test_check_takes_the_robot_too(tmp_path, capsys):
     """The torque of newer releases, taken for the current of older ones."""
-    bag = str(ur(tmp_path, EffortMeaning.JOINT_TORQUE))
+    bag = str(ur(tmp_path, EffortMeaning.JOINT_TORQUE, seconds=12.0))
     out = tmp_path / "check.json"
     assert main(["check", bag, "--robot", "ur5e", "--json", str(out)]) == 2
     assert "torque" in capsys.readouterr().out

@@ -188,16 +188,16 @@ def with_link(
             PositiveFigure(value=value, tag="published", source="as the user says")
             for value in voltages
         )
-        told = "as given"
+        origin = "as given"
     elif before is not None:
-        low, high, told = before.nominal_voltage, before.chopper_voltage, "as in the model file"
+        low, high, origin = before.nominal_voltage, before.chopper_voltage, "as in the model file"
     else:
         text = "usual for 3 x 400 V; only the energy between the voltages is identified"
         low, high = (
             PositiveFigure(value=value, tag="assumed", source=text)
             for value in (NOMINAL_VOLTAGE, CHOPPER_VOLTAGE)
         )
-        told = "assumed, usual for 3 x 400 V"
+        origin = "assumed, usual for 3 x 400 V"
     half = 0.5 * (high.value**2 - low.value**2)
     capacitor = Capacitor(
         capacitance=PositiveFigure(
@@ -211,8 +211,8 @@ def with_link(
     )
     cabinet = model.cabinet.model_copy(update={"capacitor": capacitor})
     return model.changed(cabinet=cabinet), (
-        f"the grid tells the energy of the DC link; its {1e3 * fit.energy / half:.3g} mF follow "
-        f"from {low.value:g} and {high.value:g} V, {told}"
+        f"the energy of the DC link is identified; its {1e3 * fit.energy / half:.3g} mF follow "
+        f"from {low.value:g} and {high.value:g} V, {origin}"
     )
 
 
@@ -246,9 +246,9 @@ def _require_told(
     energy: float, half: float, events: int, top: float, spacing: float, braking: float
 ) -> None:
     """Refuse an energy that the readings do not tell."""
-    told = half <= MAX_HALF_WIDTH * energy
-    found = f"the energy of the DC link is only told to {energy:.3g} +- {half:.2g} J"
-    if not told and spacing > braking:
+    known = half <= MAX_HALF_WIDTH * energy
+    found = f"the energy of the DC link is known only as {energy:.3g} +- {half:.2g} J"
+    if not known and spacing > braking:
         raise NotIdentifiableError(
             f"{found}: a reading stands for {spacing:.2g} s, and the robot brakes for "
             f"{braking:.2g} s",
@@ -261,7 +261,7 @@ def _require_told(
             f"braking that fills it, at least {MIN_EVENTS} times",
             "record fast motions with load that stop hard, with rest or motion in between",
         )
-    if not told:
+    if not known:
         raise NotIdentifiableError(
             found,
             f"a 95 % interval within {100 * MAX_HALF_WIDTH:.0f} % of it",

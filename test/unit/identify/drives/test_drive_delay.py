@@ -91,14 +91,18 @@ def test_noise_alone_has_no_delay(runs):
 
 def test_too_few_samples_tell_no_delay(runs):
     names, block = runs[0]
-    parts = {name: value[:150] for name, value in block.__dict__.items()}
+    parts = {
+        name: value if value is None else value[:150] for name, value in block.__dict__.items()
+    }
     data = drive_data_of_logs([(contents(names), [LogBlock(**parts)])], "newton_metre")
     assert estimate_power_delay(data) is None
 
 
 def test_seconds_of_motion_are_not_asked_for_long_delays(runs):
     names, block = runs[0]
-    parts = {name: value[:1000] for name, value in block.__dict__.items()}
+    parts = {
+        name: value if value is None else value[:1000] for name, value in block.__dict__.items()
+    }
     data = drive_data_of_logs([(contents(names), [LogBlock(**parts)])], "newton_metre")
     assert estimate_power_delay(data).span == pytest.approx(0.04, rel=0.01)  # of 4 s
 

@@ -200,7 +200,7 @@ def test_a_drive_that_stands_in_the_rest_is_left_out_of_the_comparison():
         columns = {
             name: np.hstack([value, value if number == 2 else np.zeros_like(value)])
             for name, value in block.__dict__.items()
-            if value.ndim == 2
+            if value is not None and value.ndim == 2
         }
         blocks[number] = replace(block, **columns)
     held = contents(("axle", "lazy"))

@@ -135,7 +135,7 @@ def test_channels_far_apart_in_time_are_noted():
         [recorded(arm(), delay=0.05)], arm(), DynamicsSettings(columns=COLUMNS)
     )
     assert result.delay.at_edge
-    assert any("one clock" in note for note in result.notes)
+    assert any("--delay" in note for note in result.notes)
 
 
 def test_stretches_of_a_recording_count_together():
