@@ -7,6 +7,7 @@ import json
 import os
 import shutil
 from pathlib import Path
+from unittest import mock
 
 from target import scratch
 
@@ -19,7 +20,6 @@ from robot_energy.files import output_files, output_streams
 from robot_energy.files.placement import PREFIX
 from robot_energy.model import save
 
-output_streams.MAX_READER_ATTEMPTS = 1  # nobody reads the pipes
 OWN = ("own_bag", "own.json", "own.svg", "own.yaml", "empty")  # may be replaced, as wholes
 NAMES = (
     "new", "new.json", "new.svg", "new.png", "no/new", "deep/new", *OWN, "own_bag/x.json",
@@ -52,6 +52,7 @@ def file_arguments(data: bytes) -> bool:
         contextlib.chdir(folder),  # a name such as "-" is a place here
         contextlib.redirect_stdout(io.StringIO()),
         contextlib.redirect_stderr(io.StringIO()) as said,
+        mock.patch.object(output_streams, "MAX_READER_ATTEMPTS", 1),  # nobody reads the pipes
     ):
         code = main(words)
     after = inventory(folder)

@@ -33,7 +33,7 @@ from robot_energy.messages.payload import PAYLOAD, PayloadReader
 from robot_energy.messages.torque import JOINT_TORQUE
 from robot_energy.pipeline import EnergyPipeline
 
-NAMED = {"link": "fore", "key": "temperature", "value": "35.5 degC"}
+NAMED = {"key": "temperature", "value": "35.5 degC"}
 KEYS = ["shoulder/temperature", "elbow/temperature"]
 MESSAGES = (
     JOINT_STATE,
@@ -146,8 +146,13 @@ def example(kind: str, value: float = 1.0) -> bytes:
         if node == Nodetype.NAME:
             return record(detail)
         if node == Nodetype.BASE:
-            text = robots.two_link().model_id if name == "model_id" else NAMED.get(name, JOINTS[0])
-            return text if detail[0] == "string" else value if "float" in detail[0] else 1
+            if detail[0] == "string":
+                named = {**NAMED, "model_id": robots.two_link().model_id}
+                if kind == PAYLOAD:
+                    named["frame_id"] = "fore"  # the link that carries it
+                return named.get(name, JOINTS[0])
+            product = name in ("ixy", "ixz", "iyz")  # of inertia
+            return 0.0 if product else value if "float" in detail[0] else 1
         count = detail[1] if node == Nodetype.ARRAY else 2
         if detail[0][0] == Nodetype.NAME:
             return [record(detail[0][1])] * count
@@ -155,9 +160,7 @@ def example(kind: str, value: float = 1.0) -> bytes:
         if base == "string":
             names = {"keys": KEYS, "interface_names": ["temperature", "position"]}
             return names.get(name, list(JOINTS))
-        array = np.full(count, value, dtype=base.replace("byte", "uint8"))
-        array[3:] = 0  # products of inertia
-        return array
+        return np.full(count, value, dtype=base.replace("byte", "uint8"))
 
     def record(name: str) -> Any:
         return store.types[name](*(field(d, n) for n, d in store.fielddefs[name][1]))

@@ -87,7 +87,12 @@ def lichtblick(pages: Sequence[Page]) -> str:
         }
         for page in pages
     ]
-    config = {"topicToRender": DIAGNOSTICS, "sortByLevel": True, "minLevel": 0, "pinnedIds": []}
+    config: dict[str, Any] = {
+        "topicToRender": DIAGNOSTICS,
+        "sortByLevel": True,
+        "minLevel": 0,
+        "pinnedIds": [],
+    }
     summary = add("DiagnosticSummary", "diagnostics", config)
     tabs.append({"title": "Diagnostics", "layout": summary})
     root = add("Tab", "pages", {"activeTabIdx": 0, "tabs": tabs})
