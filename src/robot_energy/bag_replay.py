@@ -31,7 +31,7 @@ from robot_energy.inputs.sources import Inputs, JointStateSource, TemperatureSou
 from robot_energy.inputs.temperatures.temperatures import TemperatureIngest
 from robot_energy.messages import PayloadReader
 from robot_energy.messages.payload import PAYLOAD
-from robot_energy.model import RobotModel
+from robot_energy.model import RobotModel, load, shipped_models
 from robot_energy.pipeline import EnergyPipeline, Output, Settings
 from robot_energy.timeline.pieces import Compared
 
@@ -348,11 +348,17 @@ def _require_samples(result: Replay) -> None:
         return
     topic = ", ".join(result.topics.joint_states or ())
     if ingest.missing_joints:
+        named = ingest.ignored_joints
+        fitting = [name for name in shipped_models() if {*load(name).joint_names} <= {*named}]
         raise UnknownJointError(
             f"no message of {topic} has the joint(s) {', '.join(sorted(ingest.missing_joints))}",
             f"the joints of the model, {' or '.join(', '.join(one) for one in ingest.known_names)}",
-            f"the messages name {', '.join(sorted(ingest.ignored_joints)) or 'fewer joints'}; "
-            "use the model of this robot",
+            f"the messages name {', '.join(sorted(named)) or 'fewer joints'}; "
+            + (
+                f"these are the joints of the shipped model {' and '.join(fitting)}: use it"
+                if fitting
+                else "use the model of this robot"
+            ),
         )
     if not ingest.account.received:
         why = f"; {result.problems[0]}" if result.problems else ""

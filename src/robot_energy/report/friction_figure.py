@@ -40,7 +40,7 @@ def friction_over_temperature(
     with canvas(path, (3.2 * columns + 0.8, 2.6 * rows + 0.6), title) as figure:
         grid = panels(figure, len(fits))
         for axes, fit in zip(grid.flat, fits, strict=False):
-            _axis(axes, fit)
+            _axis(axes, fit, unit)
         for axes in grid[:, 0]:
             axes.set_ylabel(f"viscous [1e-3 {unit} s/rad]")
         for axes in grid[-1]:
@@ -48,7 +48,7 @@ def friction_over_temperature(
         grid.flat[0].legend(loc="best")
 
 
-def _axis(axes: Any, fit: FrictionFit) -> None:
+def _axis(axes: Any, fit: FrictionFit, unit: str) -> None:
     low, high = fit.range_degc if np.isfinite(fit.range_degc).all() else UNKNOWN_DEGC
     degc = np.linspace(low - BEYOND, high + BEYOND, 200)
     for name, law in fit.laws.items():
@@ -73,4 +73,4 @@ def _axis(axes: Any, fit: FrictionFit) -> None:
     )
     axes.margins(y=0.15)
     axes.set_ylim(bottom=0.0)
-    axes.set_title(f"{fit.name}: Coulomb {fit.coulomb:.3g}", fontsize=9, loc="left")
+    axes.set_title(f"{fit.name}: Coulomb {fit.coulomb:.3g} {unit}", fontsize=9, loc="left")

@@ -389,3 +389,8 @@ def test_a_missing_extra_is_named(
 
     monkeypatch.setattr(cli_models, "run_list", lacking)
     assert f"robot_energy[{EXTRAS[library]}]" in refused(capsys, "models")
+
+
+def test_joint_states_of_a_shipped_model_name_it(capsys):
+    assert main(["replay", str(ROOT / "bags/kr16_cold"), "--model", "ur5e"]) == 2
+    assert "kr16" in capsys.readouterr().err
