@@ -118,10 +118,11 @@ def test_nothing_is_wider_than_a_phone(opened):
 
 
 def test_the_lines_are_read_with_the_keyboard(opened):
-    opened.run("document.querySelector('#lines svg').focus()")
+    from selenium.webdriver import ActionChains
     from selenium.webdriver.common.keys import Keys
 
-    opened.driver.switch_to.active_element.send_keys(Keys.ARROW_LEFT * 3)
+    opened.run("document.querySelector('#lines svg').focus()")
+    ActionChains(opened.driver).send_keys(Keys.ARROW_LEFT * 3).perform()
     label = opened.wait(
         "[...document.querySelectorAll('#lines text')].map(t => t.textContent)"
         ".find(t => t.includes('measured'))",

@@ -70,7 +70,9 @@ export function drawLines(host, ring, meter, span, stale) {
   svg.append(drawn("path", { class: "area", d: area(ring, main, x, y) }));
   if (ring.mean[MEASURED]?.some(known)) svg.append(drawn("path", { class: "line measured", d: path(ring, MEASURED, x, y) }));
   svg.append(drawn("path", { class: "line predicted", d: path(ring, main, x, y) }));
+  const focused = host.contains(document.activeElement);
   host.replaceChildren(svg);
+  if (focused) svg.focus({ preventScroll: true });
   const seconds = span ? span.seconds : null;
   const covered = known(seconds) ? seconds / ((last - first + 1) * ring.width) : null;
   setText(byId("lines-note"), `In this span ${energy(span?.energy)} from the grid, predicted; ${percent(Math.min(1, covered), 0)} of it covered.${stale ? " No new figures arrive." : ""}`);
