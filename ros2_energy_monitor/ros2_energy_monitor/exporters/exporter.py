@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import importlib
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from typing import Any
 
-from robot_energy.errors import ExporterError
 from ros2_energy_monitor.diagnostics.reporter import StatusBuilder
 from ros2_energy_monitor.exporters.values import Topic
 
@@ -82,25 +80,3 @@ class Exporter(ABC):
         Args:
             found: Status of this exporter.
         """
-
-
-def require(package: str, distribution: str) -> Any:
-    """Import a package that only one exporter needs.
-
-    Args:
-        package: Name of the module.
-        distribution: Its name for pip.
-
-    Returns:
-        The module.
-
-    Raises:
-        ExporterError: If it is not installed.
-    """
-    try:
-        return importlib.import_module(package)
-    except ModuleNotFoundError as error:
-        raise ExporterError(
-            f"this exporter needs the package {distribution}, which is not installed",
-            remedy=f"install it: pip install {distribution}",
-        ) from error

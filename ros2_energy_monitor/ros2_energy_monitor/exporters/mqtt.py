@@ -18,8 +18,9 @@ from robot_energy import __version__
 from robot_energy.errors import ExporterError
 from robot_energy.inputs.parameters import parameter
 from ros2_energy_monitor.base.credentials import LOOPBACK, read_credentials, require_private
+from ros2_energy_monitor.base.optional_packages import require
 from ros2_energy_monitor.diagnostics.reporter import ERROR, StatusBuilder
-from ros2_energy_monitor.exporters.exporter import Exporter, Newest, require
+from ros2_energy_monitor.exporters.exporter import Exporter, Newest
 from ros2_energy_monitor.exporters.values import (
     MAX_JOINTS,
     VALUES,
@@ -78,7 +79,7 @@ class MqttExporter(Exporter):
     """
 
     def __init__(self, parameters: MqttParameters, robot: str) -> None:
-        mqtt = require("paho.mqtt.client", "paho-mqtt")
+        mqtt = require("paho.mqtt.client", "paho-mqtt", "this exporter", ExporterError)
         self._given, self._robot = parameters, robot
         _check(parameters, robot)
         self._base = f"{parameters.topic}/{robot}"
@@ -221,7 +222,7 @@ class MqttExporter(Exporter):
     # Discovery
 
     def _announce(self) -> None:
-        """Send the discovery messages; anew after each connection, as a broker may forget."""
+        """Send the discovery messages; once more after each connection, as a broker may forget."""
         self._announced, self._joints = True, ()
         if self._given.discovery:
             for value in VALUES:

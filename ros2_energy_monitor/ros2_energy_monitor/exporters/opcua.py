@@ -29,8 +29,9 @@ from robot_energy.errors import ExporterError
 from robot_energy.inputs.parameters import parameter
 from robot_energy.units import ENERGY_UNITS
 from ros2_energy_monitor.base.credentials import read_credentials, require_private
+from ros2_energy_monitor.base.optional_packages import require
 from ros2_energy_monitor.diagnostics.reporter import ERROR, StatusBuilder
-from ros2_energy_monitor.exporters.exporter import Exporter, Newest, require
+from ros2_energy_monitor.exporters.exporter import Exporter, Newest
 from ros2_energy_monitor.exporters.values import Topic, stamp_of
 
 NAMESPACE = "urn:robot-energy:opcua"
@@ -122,8 +123,8 @@ class OpcUaExporter(Exporter):
     """
 
     def __init__(self, parameters: OpcUaParameters, robot: str) -> None:
-        self._asyncua = require("asyncua", "asyncua")
-        require("asyncua.server.user_managers", "asyncua")
+        self._asyncua = require("asyncua", "asyncua", "this exporter", ExporterError)
+        require("asyncua.server.user_managers", "asyncua", "this exporter", ExporterError)
         logging.getLogger("asyncua").setLevel(logging.CRITICAL)  # diagnostics say it
         self._given, self._robot = parameters, robot
         _check(parameters)
@@ -194,7 +195,9 @@ class OpcUaExporter(Exporter):
             await self._stop.wait()
 
     def _user(self) -> Any:
-        rules = require("asyncua.crypto.permission_rules", "asyncua")
+        rules = require(
+            "asyncua.crypto.permission_rules", "asyncua", "this exporter", ExporterError
+        )
         return rules.User(role=rules.UserRole.User)  # reads; writing is for nobody
 
     async def _configure(self, server: Any) -> None:

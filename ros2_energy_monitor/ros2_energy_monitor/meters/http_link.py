@@ -9,7 +9,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from robot_energy.errors import MeterAnswerError, MeterLinkError
+from robot_energy.errors import MeterAnswerError, MeterLinkError, MeterProfileError
+from ros2_energy_monitor.base.optional_packages import require
 from ros2_energy_monitor.meters.json_numbers import (
     MAX_ANSWER,
     JsonFlag,
@@ -18,7 +19,7 @@ from ros2_energy_monitor.meters.json_numbers import (
     number_at,
     parse,
 )
-from ros2_energy_monitor.meters.link import Endpoint, MeterLink, require
+from ros2_energy_monitor.meters.link import Endpoint, MeterLink
 from ros2_energy_monitor.meters.profile import MeterProfile
 from ros2_energy_monitor.meters.reading import Exchange, MeterTerm, Quantity
 
@@ -55,8 +56,10 @@ class HttpLink(MeterLink):
     """
 
     def __init__(self, profile: HttpProfile, endpoint: Endpoint) -> None:
-        self._requests = require("requests", "requests")
-        self._broken = require("urllib3.exceptions", "urllib3").HTTPError
+        self._requests = require("requests", "requests", "this meter", MeterProfileError)
+        self._broken = require(
+            "urllib3.exceptions", "urllib3", "this meter", MeterProfileError
+        ).HTTPError
         self._profile, self._endpoint = profile, endpoint
         scheme = "https" if endpoint.tls else "http"
         self._url = f"{scheme}://{endpoint.host}:{endpoint.port}{profile.request}"

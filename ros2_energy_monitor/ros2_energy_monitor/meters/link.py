@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import importlib
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
-from robot_energy.errors import MeterProfileError
 from ros2_energy_monitor.base.credentials import Credentials
 from ros2_energy_monitor.meters.reading import Exchange
 
@@ -66,25 +63,3 @@ class MeterLink(ABC):
     def waits(self) -> bool:
         """Whether `read` waits for the meter by itself, so that nothing paces it."""
         return False
-
-
-def require(package: str, distribution: str) -> Any:
-    """Import a package that only some links need.
-
-    Args:
-        package: Name of the module.
-        distribution: Its name for pip.
-
-    Returns:
-        The module.
-
-    Raises:
-        MeterProfileError: If it is not installed.
-    """
-    try:
-        return importlib.import_module(package)
-    except ModuleNotFoundError as error:
-        raise MeterProfileError(
-            f"this meter needs the package {distribution}, which is not installed",
-            remedy=f"install it: pip install {distribution}",
-        ) from error

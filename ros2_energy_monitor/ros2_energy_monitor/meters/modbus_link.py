@@ -10,8 +10,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from robot_energy.errors import MeterAnswerError, MeterLinkError
-from ros2_energy_monitor.meters.link import Endpoint, MeterLink, require
+from robot_energy.errors import MeterAnswerError, MeterLinkError, MeterProfileError
+from ros2_energy_monitor.base.optional_packages import require
+from ros2_energy_monitor.meters.link import Endpoint, MeterLink
 from ros2_energy_monitor.meters.profile import MeterProfile, NumberEntry, ProfileEntry
 from ros2_energy_monitor.meters.reading import Exchange, MeterTerm, Quantity
 
@@ -83,8 +84,10 @@ class Registers:
     """
 
     def __init__(self, endpoint: Endpoint, unit: int, table: str) -> None:
-        self._client_module = require("pymodbus.client", "pymodbus")
-        self._errors = require("pymodbus.exceptions", "pymodbus")
+        self._client_module = require(
+            "pymodbus.client", "pymodbus", "this meter", MeterProfileError
+        )
+        self._errors = require("pymodbus.exceptions", "pymodbus", "this meter", MeterProfileError)
         logging.getLogger("pymodbus").setLevel(logging.CRITICAL)  # diagnostics say it
         self._endpoint, self._table = endpoint, table
         self._unit = unit if endpoint.unit is None else endpoint.unit

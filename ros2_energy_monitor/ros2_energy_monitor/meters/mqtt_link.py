@@ -12,9 +12,10 @@ from typing import Annotated, Any, Self
 
 from pydantic import Field, model_validator
 
-from robot_energy.errors import MeterLinkError
+from robot_energy.errors import MeterLinkError, MeterProfileError
+from ros2_energy_monitor.base.optional_packages import require
 from ros2_energy_monitor.meters.json_numbers import JsonFlag, JsonNumber, is_good, number_at, parse
-from ros2_energy_monitor.meters.link import Endpoint, MeterLink, require
+from ros2_energy_monitor.meters.link import Endpoint, MeterLink
 from ros2_energy_monitor.meters.profile import MeterProfile
 from ros2_energy_monitor.meters.reading import Exchange, MeterTerm, Quantity
 
@@ -60,7 +61,7 @@ class MqttLink(MeterLink):
     """
 
     def __init__(self, profile: MqttProfile, endpoint: Endpoint) -> None:
-        self._mqtt = require("paho.mqtt.client", "paho-mqtt")
+        self._mqtt = require("paho.mqtt.client", "paho-mqtt", "this meter", MeterProfileError)
         self._endpoint, self._flags = endpoint, profile.flags
         pairs = ((Quantity.ENERGY, profile.energy), (Quantity.POWER, profile.power))
         self._numbers = {quantity: numbers for quantity, numbers in pairs if numbers}
