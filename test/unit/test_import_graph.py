@@ -67,7 +67,7 @@ MODULES = {
         leave_one_out sufficiency torque_delay torque_model validation work
     """,
     "robot_energy.identify.excitation": """
-        excitation limits
+        criterion excitation limits
     """,
     "robot_energy.identify.friction": """
         friction laws samples shape temperature_study

@@ -1,34 +1,29 @@
-"""Motions that tell a robot's parameters: optimised finite Fourier series (paper B, 4.3.2).
-
-Judged is the observation matrix of the base parameters, links and everything else that
-`identify dynamics` fits. Rows are divided by the joint's RMS torque and columns by their
-RMS, both over states drawn evenly within the limits. These scales belong to the robot and
-not to a motion, so figures of different motions compare, and a small motion is worse than
-a large one. (Columns scaled to unit length by the motion itself would hide its size.)
-"""
+"""Motions that identify a robot's parameters: optimised finite Fourier series (paper B, 4.3.2)."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, Literal, get_args
+from typing import Any, get_args
 
 import numpy as np
 
 from robot_energy.blocks import Float
 from robot_energy.errors import MotionError
 from robot_energy.identify.data.signals import Motion
-from robot_energy.identify.dynamics.base_parameters import BaseParameters, not_excited
+from robot_energy.identify.dynamics.base_parameters import BaseParameters
 from robot_energy.identify.dynamics.columns import ParameterColumn, standard_columns
-from robot_energy.identify.dynamics.torque_model import TorqueModel
-from robot_energy.identify.excitation.limits import ExcitationLimits, slopes
+from robot_energy.identify.excitation.criterion import (
+    Criterion,
+    ExcitationCriterion,
+    ExcitationScore,
+    sampled,
+)
+from robot_energy.identify.excitation.limits import ExcitationLimits
 from robot_energy.identify.stats.threads import one_thread
 from robot_energy.model import RobotModel
-from robot_energy.motion import FourierBasis, FourierMotion, JointMotion
+from robot_energy.motion import FourierBasis, FourierMotion
 
-Criterion = Literal["condition", "determinant"]
-
-STATES = 400  # drawn for the scales
 SAMPLES_PER_HARMONIC = 20  # of one period, in the optimisation
 CHECKED_RATE = 1000.0  # Hz at which limits are checked in the end
 FIRST_USE = 0.5  # of the limits, by a start
@@ -71,22 +66,6 @@ class ExcitationSettings:
 
 
 @dataclass(frozen=True)
-class ExcitationScore:
-    """How well a motion tells the base parameters.
-
-    Attributes:
-        condition: Condition number of the scaled observation matrix.
-        log_determinant: Of the scaled information matrix per row, over the number of base
-            parameters: one more means deviations smaller by ``exp(0.5)`` on average.
-        not_excited: Base parameters that the motion does not tell.
-    """
-
-    condition: float
-    log_determinant: float
-    not_excited: tuple[str, ...]
-
-
-@dataclass(frozen=True)
 class Excitation:
     """An optimised motion.
 
@@ -109,112 +88,6 @@ class Excitation:
     quality: ExcitationScore
     use: dict[str, Float]
     height: float
-
-
-class Judge:
-    """Scaled observation matrix of the base parameters of one robot.
-
-    Args:
-        model: The robot.
-        limits: Within which it moves.
-        columns: What is fitted beside the links.
-        seed: Of the states behind the scales.
-    """
-
-    def __init__(
-        self,
-        model: RobotModel,
-        limits: ExcitationLimits,
-        columns: tuple[ParameterColumn, ...],
-        seed: int = 0,
-    ) -> None:
-        self.limits = limits
-        self._torque_model = TorqueModel.from_model(model, columns)
-        self.base = self._torque_model.structure()
-        random = np.random.default_rng(seed)
-        shape = (STATES, limits.robot.n_joints)
-        draw = [random.uniform(-1.0, 1.0, shape) for _ in range(3)]
-        states = Motion(
-            limits.middle + limits.reach * draw[0],
-            limits.velocity * draw[1],
-            limits.acceleration * draw[2],
-        )
-        torque = np.sqrt((limits.joint_torque(states) ** 2).mean(axis=0))
-        rows = self._raw(states) / torque[:, None]
-        size = np.sqrt((rows**2).mean(axis=(0, 1)))
-        self._scale = 1.0 / (torque[:, None] * size)
-
-    def _raw(self, motion: Motion) -> Float:
-        return self._torque_model.regressor(motion)[:, :, self.base.independent]
-
-    def rows(self, motion: Motion) -> Float:
-        """Return the scaled observation matrix over the root of its number of rows, (N, n, B).
-
-        Args:
-            motion: Samples of it, evenly in time.
-        """
-        rows = self._raw(motion) * self._scale
-        return rows / np.sqrt(rows.shape[0] * rows.shape[1])
-
-    def quality(self, motion: Motion) -> ExcitationScore:
-        """Return how well a motion tells the base parameters.
-
-        Args:
-            motion: Samples of it, evenly in time.
-        """
-        rows = self.rows(motion).reshape(-1, len(self.base))
-        size = np.linalg.svd(rows, compute_uv=False)
-        with np.errstate(divide="ignore"):
-            condition = float(size[0] / size[-1]) if len(rows) >= rows.shape[1] else np.inf
-            determinant = float(2.0 * np.log(size).mean())
-        return ExcitationScore(condition, determinant, not_excited(rows, self.base.labels))
-
-    def cost(self, motion: Motion, criterion: Criterion) -> float:
-        """Return the logarithm of the condition number, or less that of the determinant.
-
-        Args:
-            motion: Samples of it, evenly in time.
-            criterion: Which of both.
-        """
-        rows = self.rows(motion)
-        size = np.linalg.svd(rows.reshape(-1, rows.shape[2]), compute_uv=False)
-        size = np.maximum(size, np.finfo(np.float64).tiny)
-        if criterion == "condition":
-            return float(np.log(size[0] / size[-1]))
-        return float(-2.0 * np.log(size).mean())
-
-    def slopes(self, motion: Motion, criterion: Criterion) -> Float:
-        """Return cost per position, velocity and acceleration of every sample, shape (3, N, n).
-
-        Args:
-            motion: Samples of it, evenly in time.
-            criterion: As of `cost`.
-        """
-        rows = self.rows(motion)
-        flat = rows.reshape(-1, rows.shape[2])
-        left, size, right = np.linalg.svd(flat, full_matrices=False)
-        size = np.maximum(size, np.finfo(np.float64).tiny)
-        if criterion == "condition":
-            slope = np.outer(left[:, 0], right[0]) / size[0]
-            slope -= np.outer(left[:, -1], right[-1]) / size[-1]
-        else:
-            slope = (left / size) @ right * (-2.0 / len(size))
-        slope = slope.reshape(rows.shape)
-        found = slopes(
-            motion, self.limits, lambda moved: (slope * (self.rows(moved) - rows)).sum(axis=(1, 2))
-        )
-        return found.swapaxes(1, 2)
-
-
-def sampled(motion: JointMotion, time: Float) -> Motion:
-    """Return samples of a motion.
-
-    Args:
-        motion: The motion.
-        time: Instants, shape (N,). [s]
-    """
-    path = motion.sample(time)
-    return Motion(path.joint_position, path.joint_velocity, path.joint_acceleration)
 
 
 @one_thread
@@ -240,9 +113,9 @@ def optimise_excitation(
     """
     settings = settings or ExcitationSettings()
     basis = FourierBasis(settings.harmonics, settings.period)
-    judge = Judge(model, limits, settings.columns)
+    scorer = ExcitationCriterion(model, limits, settings.columns)
     random = np.random.default_rng(settings.seed)
-    problem = _Problem(basis, judge, settings.criterion)
+    problem = _Problem(basis, scorer, settings.criterion)
     starts: list[tuple[float, Float]] = []
     ends: list[tuple[float, Float]] = []
     for number in range(settings.starts):
@@ -261,9 +134,9 @@ def optimise_excitation(
         motion,
         settings,
         limits,
-        judge.base,
-        judge.quality(problem.motion(start)),
-        judge.quality(problem.motion(weights)),
+        scorer.base,
+        scorer.quality(problem.motion(start)),
+        scorer.quality(problem.motion(weights)),
         limits.largest(fine),
         float(limits.height(fine.joint_position[::10]).min()),
     )
@@ -325,13 +198,15 @@ def _shrunk(basis: FourierBasis, limits: ExcitationLimits, weights: Float) -> Fl
 class _Problem:
     """Cost and limits as functions of free weights, each of the size of its limit."""
 
-    def __init__(self, basis: FourierBasis, judge: Judge, criterion: Criterion) -> None:
-        self._judge, self._limits = judge, judge.limits
+    def __init__(
+        self, basis: FourierBasis, scorer: ExcitationCriterion, criterion: Criterion
+    ) -> None:
+        self._scorer, self._limits = scorer, scorer.limits
         self._criterion: Criterion = criterion
         count = SAMPLES_PER_HARMONIC * basis.harmonics
         self._matrices = basis.sample(np.arange(count) * (basis.period / count))
-        self._unit = np.tile(judge.limits.velocity, (basis.size, 1))
-        self._unit[0] = judge.limits.reach
+        self._unit = np.tile(scorer.limits.velocity, (basis.size, 1))
+        self._unit[0] = scorer.limits.reach
 
     def motion(self, weights: Float) -> Motion:
         """Samples of the motion with some weights."""
@@ -339,7 +214,7 @@ class _Problem:
 
     def cost_of(self, weights: Float) -> float:
         """Cost of the motion with some weights; inf where it is none."""
-        return self._judge.cost(self.motion(weights), self._criterion)
+        return self._scorer.cost(self.motion(weights), self._criterion)
 
     def solve(self, start: Float, iterations: int) -> Float:
         """Return better weights.
@@ -365,10 +240,10 @@ class _Problem:
         return self.motion(free.reshape(self._unit.shape) * self._unit)
 
     def _cost(self, free: Float) -> float:
-        return self._judge.cost(self._at(free), self._criterion)
+        return self._scorer.cost(self._at(free), self._criterion)
 
     def _cost_slope(self, free: Float) -> Float:
-        return self._pulled(self._judge.slopes(self._at(free), self._criterion))
+        return self._pulled(self._scorer.slopes(self._at(free), self._criterion))
 
     def _room(self, free: Float) -> Float:
         return 1.0 - self._limits.smooth(self._at(free))[0]

@@ -12,12 +12,8 @@ from robot_energy.errors import MotionError, RobotDescriptionError
 from robot_energy.identify.data.signals import Motion, stretches
 from robot_energy.identify.dynamics.columns import standard_columns
 from robot_energy.identify.dynamics.dynamics import DynamicsSettings, identify_dynamics
-from robot_energy.identify.excitation.excitation import (
-    ExcitationSettings,
-    Judge,
-    optimise_excitation,
-    sampled,
-)
+from robot_energy.identify.excitation.criterion import ExcitationCriterion, sampled
+from robot_energy.identify.excitation.excitation import ExcitationSettings, optimise_excitation
 from robot_energy.identify.excitation.limits import ExcitationLimits, Floor
 from robot_energy.model import load
 from robot_energy.motion import (
@@ -121,7 +117,7 @@ def stepped(motion, order, step):
 def test_slopes_are_those_of_the_cost():
     """Analytic through one decomposition, beside plain differences of the whole."""
     limits = ExcitationLimits(arm(), 8.0)
-    judge = Judge(arm(), limits, standard_columns(0.5))
+    judge = ExcitationCriterion(arm(), limits, standard_columns(0.5))
     basis = FourierBasis(3, 5.0)
     weights = np.random.default_rng(4).normal(size=(basis.size, 2))
     motion = sampled(FourierMotion(basis, weights), np.arange(60) / 12.0)
