@@ -80,7 +80,7 @@ def _slope(evidence: Evidence, joint: int) -> list[Finding]:
                 f"the velocity of {name} has the opposite sign of the change of its position "
                 f"(correlation {correlation:.2f})",
                 correlation, correlation**2,
-                *remedies.corrected(evidence, "velocity", (joint,), sign=-1.0),
+                *remedies.corrected(evidence, ("velocity",), (joint,), sign=-1.0),
             )
         ]  # fmt: skip
     if correlation < MIN_FIT:
@@ -102,7 +102,7 @@ def _slope(evidence: Evidence, joint: int) -> list[Finding]:
                 f"the velocity of {name} is {slope:.3g} times the change of its position"
                 + (": one of them is in degrees" if unit else ""),
                 slope, correlation**2,
-                *remedies.corrected(evidence, "velocity", (joint,), scale=1.0 / _exact(slope)),
+                *remedies.corrected(evidence, ("velocity",), (joint,), scale=1.0 / _exact(slope)),
             )
         ]  # fmt: skip
     return []
@@ -130,7 +130,9 @@ def _limits(evidence: Evidence, joint: int) -> list[Finding]:
     remedy, place = "check the zero and the sign of the joint, or the limits of the URDF", ""
     if degrees:
         everything = tuple(range(len(evidence.names)))
-        remedy, place = remedies.both(evidence, everything, scale=1.0 / DEGREES)
+        remedy, place = remedies.corrected(
+            evidence, ("position", "velocity"), everything, scale=1.0 / DEGREES
+        )
     return [
         Finding(
             cause, ERROR if degrees else WARNING, (name,),

@@ -5,6 +5,7 @@ What the recording was read with is taken into account: a line replaces the entr
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from xml.etree import ElementTree
 
 import numpy as np
@@ -20,37 +21,26 @@ Remedy = tuple[str, str]  # line of YAML, file
 
 def corrected(
     evidence: Evidence,
-    quantity: str,
+    quantities: Sequence[str],
     joints: tuple[int, ...],
     sign: float = 1.0,
     scale: float = 1.0,
-    zero: float = 0.0,
 ) -> Remedy:
-    """Return the line that corrects a quantity of some joints.
+    """Return the line that corrects quantities of some joints.
 
     Args:
         evidence: The recording.
-        quantity: ``position``, ``velocity`` or ``effort``.
-        joints: Indices in model order.
-        sign: 1 or -1. [-]
-        scale: Factor. [-]
-        zero: Added last. [of the quantity]
-    """
-    return _below_joint_states(_line(evidence, quantity, joints, sign, scale, zero))
-
-
-def both(
-    evidence: Evidence, joints: tuple[int, ...], sign: float = 1.0, scale: float = 1.0
-) -> Remedy:
-    """Return the line that corrects position and velocity alike.
-
-    Args:
-        evidence: The recording.
+        quantities: Of ``position``, ``velocity`` and ``effort``.
         joints: Indices in model order.
         sign: 1 or -1. [-]
         scale: Factor. [-]
     """
-    lines = [_line(evidence, one, joints, sign, scale) for one in ("position", "velocity")]
+
+    def each(value: float) -> tuple[float, ...]:
+        return tuple(value if j in joints else 1.0 for j in range(len(evidence.names)))
+
+    other = JointCorrection(sign=each(sign), scale=each(float(f"{scale:.6g}")))
+    lines = [_present(evidence, one).followed_by(other).line(one) for one in quantities]
     return _below_joint_states(", ".join(lines))
 
 
@@ -67,23 +57,6 @@ def zero(evidence: Evidence, joints: tuple[int, ...], value: float) -> Remedy:
         found[joint] = round(sign * value, 4)
     other = JointCorrection(zero=tuple(found))
     return _below_joint_states(_present(evidence, "position").followed_by(other).line("position"))
-
-
-def _line(
-    evidence: Evidence,
-    quantity: str,
-    joints: tuple[int, ...],
-    sign: float = 1.0,
-    scale: float = 1.0,
-    zero: float = 0.0,
-) -> str:
-    def each(value: float, default: float) -> tuple[float, ...]:
-        return tuple(value if j in joints else default for j in range(len(evidence.names)))
-
-    other = JointCorrection(
-        sign=each(sign, 1.0), scale=each(float(f"{scale:.6g}"), 1.0), zero=each(zero, 0.0)
-    )
-    return _present(evidence, quantity).followed_by(other).line(quantity)
 
 
 def _present(evidence: Evidence, quantity: str) -> JointCorrection:

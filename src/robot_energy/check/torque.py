@@ -91,16 +91,16 @@ def _finding(
     words = {
         "torque_sign": lambda: (
             f"the torque of {which} has the opposite sign ({proof})",
-            remedies.corrected(evidence, "effort", joints, sign=-1.0),
+            remedies.corrected(evidence, ("effort",), joints, sign=-1.0),
         ),
         "joint_sign": lambda: (
             f"position and velocity of {which} have the opposite sign of the URDF ({proof})",
-            remedies.both(evidence, joints, sign=-1.0),
+            remedies.corrected(evidence, ("position", "velocity"), joints, sign=-1.0),
         ),
         "torque_scale": lambda: (
             f"the torque of {which} is {value:.3g} times what the model expects: "
             f"{scale_words(value)} ({proof})",
-            remedies.corrected(evidence, "effort", joints, scale=1.0 / value),
+            remedies.corrected(evidence, ("effort",), joints, scale=1.0 / value),
         ),
         "gear_ratio": lambda: (
             f"the motor torque of {which} is that of a gear ratio {1 / value:.3g} times the "

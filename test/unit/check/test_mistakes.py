@@ -58,7 +58,7 @@ def test_a_mistake_is_named(name, tmp_path):
     mistake = CASES[name]
     bag = rewrite(SOUND, tmp_path / "bag", mistake.states, mistake.meter, SECONDS)
     found = check(bag, load("kr16"), MOTOR_TORQUE).errors
-    assert {entry.cause for entry in found} == {mistake.cause}  # and nothing else is blamed
+    assert {entry.cause for entry in found} == {mistake.cause}  # and no other cause
     if mistake.joints:
         assert set(found[0].subject) == {NAMES[joint] for joint in mistake.joints}
     assert found[0].remedy_in == PARAMETERS
