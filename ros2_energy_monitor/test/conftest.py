@@ -55,7 +55,8 @@ class Diagnosed:
 
     def wait(self, name: str, words: str) -> DiagnosticStatus:
         self._bench.spin_until(
-            lambda: words in getattr(self._latest.get(name), "message", ""), f"{name}: {words}"
+            lambda: name in self._latest and words in self._latest[name].message,
+            f"{name}: {words}",
         )
         return self._latest[name]
 
