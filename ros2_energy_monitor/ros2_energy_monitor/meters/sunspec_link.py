@@ -94,7 +94,7 @@ class SunSpecLink(MeterLink):
         self._found: tuple[int, _Layout] | None = None  # first register behind the header
 
     def connect(self) -> None:
-        """Connect; the models are looked up anew with the first reading."""
+        """Connect; the models are looked up again with the first reading."""
         self._found = None
         self._registers.connect()
 

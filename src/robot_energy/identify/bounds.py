@@ -11,7 +11,7 @@ import math
 from robot_energy.model.figure import Figure, PositiveFigure
 
 AT_BOUND = "at the bound 0"
-NOT_TOLD = "not told by the recordings, taken as 0"
+NO_INFORMATION = "the recordings hold no information about it; taken as 0"
 
 
 def at_bound(source: str, value: float = 0.0) -> PositiveFigure:
@@ -42,7 +42,7 @@ def not_identified(figure: Figure) -> str:
     """
     if is_at_bound(figure):
         return "at its bound"
-    return "no information" if figure.source.startswith(NOT_TOLD) else ""
+    return "no information" if figure.source.startswith(NO_INFORMATION) else ""
 
 
 def identified(value: float, std: float | None, source: str) -> PositiveFigure:

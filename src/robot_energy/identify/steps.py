@@ -219,7 +219,7 @@ def friction_step(bags: Sequence[Bag], model: RobotModel, source: str, share: bo
         share: Whether axes of too small a range borrow the temperature shape of others.
 
     Raises:
-        NotIdentifiableError: If no axis shows its friction, or the dynamics have told it.
+        NotIdentifiableError: If no axis shows its friction, or the dynamics already gave it.
         ImplausibleIdentificationError: If it contradicts physics.
     """
     recordings = _measured(bags, model)

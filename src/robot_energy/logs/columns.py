@@ -278,7 +278,7 @@ class Power(MappingEntry):
 
 
 class PayloadColumns(MappingEntry):
-    """What the robot carries, as the controller was told; each change goes into the bag.
+    """What the robot carries, as set in the controller; each change goes into the bag.
 
     Attributes:
         link: Link of the URDF in whose frame centre of mass and inertia are.

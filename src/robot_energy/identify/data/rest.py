@@ -1,4 +1,4 @@
-"""Which joints stand still, told by the noise of their velocity and not by a fixed threshold.
+"""Which joints stand still, recognised by the noise of their velocity and not by a fixed threshold.
 
 The noise of a joint's velocity is its standard deviation about a straight line in windows of a
 quarter of a second, of which the lowest twentieth counts: rest, or motion at constant speed. A

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from robot_energy.blocks import Float, Int
 from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.bounds import NOT_TOLD, identified
+from robot_energy.identify.bounds import NO_INFORMATION, identified
 from robot_energy.identify.stats.regression import Fit, independent, regress
 from robot_energy.model.drive_models import LossDrive
 from robot_energy.model.figure import PositiveFigure
@@ -58,7 +58,7 @@ class Losses:
             scale: By which it is multiplied. [-]
         """
         if name in self.untold:
-            return PositiveFigure(value=0.0, tag="assumed", source=NOT_TOLD)
+            return PositiveFigure(value=0.0, tag="assumed", source=NO_INFORMATION)
         return identified(self.values[name] * scale, self.std[name] * scale, source)
 
     def entry(self, source: str = "") -> LossDrive:

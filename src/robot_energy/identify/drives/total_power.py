@@ -16,7 +16,7 @@ import numpy as np
 
 from robot_energy.blocks import Float, Int, MeterLocation
 from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.bounds import NOT_TOLD, at_bound, identified
+from robot_energy.identify.bounds import NO_INFORMATION, at_bound, identified
 from robot_energy.identify.drives.losses import Losses, fit_losses
 from robot_energy.identify.drives.total_sums import COEFFICIENTS, Sums
 from robot_energy.identify.stats.cross_validation import (
@@ -244,7 +244,7 @@ def _entry(fit: TotalFit, joint: int, source: str) -> LossDrive:
             entries[name] = at_bound(source) if fit.structure != "shaft" else NO_BETTER
             continue
         if not np.isfinite(std):
-            entries[name] = PositiveFigure(value=0.0, tag="assumed", source=NOT_TOLD)
+            entries[name] = PositiveFigure(value=0.0, tag="assumed", source=NO_INFORMATION)
             continue
         entries[name] = identified(float(fit.coefficients[row, joint]), std, source)
     return LossDrive(**entries)
