@@ -147,9 +147,9 @@ MODULES = {
         coverage epochs gaps hold pieces reorder stamps streams
     """,
     "robot_energy_papers": """
-        accuracy calibration drawings drive_study effects experiment held_out job_pool
+        accuracy calibration drawings drawn_plants drive_study effects experiment held_out job_pool
         machines mantis models pages paper_a paper_a_numbers paper_a_page paper_b
-        paper_b_numbers paper_b_page wall
+        paper_b_numbers paper_b_page soaked_rigs wall
     """,
     "robot_energy_papers.cli": """
         reproduce study_folder
