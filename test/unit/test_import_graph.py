@@ -50,7 +50,7 @@ MODULES = {
         temporary_folder
     """,
     "robot_energy.identify": """
-        bounds causes plausibility run_all steps
+        bounds causes plausibility provenance run_all steps
     """,
     "robot_energy.identify.cabinet": """
         cabinet dc_link link_readings meter_delay supply
