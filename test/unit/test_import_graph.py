@@ -21,9 +21,9 @@ MODULES = {
         schema_errors shown_text time_series units
     """,
     "robot_energy.accounting": """
-        account account_record averaging comparison energy_curve event_log exact_sum
-        integration job_intervals meter_checks plain_text prediction_errors record record_repair
-        registers settings shaft_comparison
+        account account_record averaging band_calibration comparison energy_curve event_log
+        exact_sum integration job_intervals meter_checks plain_text prediction_errors record
+        record_repair registers settings shaft_comparison
     """,
     "robot_energy.api": """
         evaluate identify inputs online_monitor power_table predict replay
@@ -50,7 +50,7 @@ MODULES = {
         temporary_folder
     """,
     "robot_energy.identify": """
-        bounds causes plausibility run_all steps
+        bounds causes plausibility provenance run_all steps
     """,
     "robot_energy.identify.cabinet": """
         cabinet dc_link link_readings meter_delay supply
@@ -147,10 +147,13 @@ MODULES = {
     "robot_energy.timeline": """
         coverage epochs gaps hold pieces reorder stamps streams
     """,
+    "robot_energy.uncertainty": """
+        band deviation priors
+    """,
     "robot_energy_papers": """
-        accuracy calibration drawings drive_study effects experiment held_out job_pool
+        accuracy calibration drawings drawn_plants drive_study effects experiment held_out job_pool
         machines mantis models pages paper_a paper_a_numbers paper_a_page paper_b
-        paper_b_numbers paper_b_page wall
+        paper_b_numbers paper_b_page soaked_rigs wall
     """,
     "robot_energy_papers.cli": """
         reproduce study_folder
@@ -162,6 +165,7 @@ LAYERS = (
     ("files",),
     ("config_file", "schema_errors", "model"),
     ("physics", "timeline", "cdr"),
+    ("uncertainty",),
     ("bag", "inputs", "presets", "accounting", "logs", "log_formats", "time_series"),
     ("pipeline", "messages", "store"),
     ("motion",),
@@ -175,7 +179,9 @@ LAYERS = (
 )
 # Nothing online imports these.
 OFFLINE = ("identify", "report", "rig", "motion", "cli", "starter", "check", "page", "layouts")
-ONLINE = ("pipeline", "inputs", "messages", "accounting", "store", "timeline", "cdr")
+ONLINE = (
+    "pipeline", "inputs", "messages", "accounting", "uncertainty", "store", "timeline", "cdr",
+)  # fmt: skip
 FOREIGN = {
     "ament_index_python", "builtin_interfaces", "control_msgs", "diagnostic_msgs",
     "lifecycle_msgs", "rclpy", "rosidl_runtime_py", "ros2_energy_monitor", "ros2_energy_msgs",

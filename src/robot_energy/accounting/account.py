@@ -16,6 +16,7 @@ import numpy as np
 
 from robot_energy.accounting.account_record import carry_into, record_of, totals_of
 from robot_energy.accounting.averaging import Averager, MeanBlock
+from robot_energy.accounting.band_calibration import BandCalibration
 from robot_energy.accounting.comparison import Comparison
 from robot_energy.accounting.event_log import EventLog
 from robot_energy.accounting.exact_sum import ExactSum, add_saturating
@@ -46,6 +47,7 @@ from robot_energy.errors import RegisterError
 from robot_energy.timeline.coverage import Coverage
 from robot_energy.timeline.pieces import Compared
 from robot_energy.timeline.stamps import MAX_STAMP_NS, MIN_STAMP_NS
+from robot_energy.uncertainty.band import EnergyBand
 from robot_energy.units import MAX_COUNTER
 
 BITS = tuple(int(bit) for bit in Quality)
@@ -71,6 +73,7 @@ class EnergyAccount:
         phase_energy_sum: Energy drawn from the grid by phase, exact.
         phase_ns: Observed time by phase, shape (phases,). [ns]
         intervals: Energy of jobs and cycles.
+        calibration: How wide the bands of predicted power and energy must be.
         trace: Resets, restarts, changes of the model.
         restarts: How often the account was continued from a record.
         on_compared: Called with what became comparable in each step, for plots.
@@ -101,6 +104,7 @@ class EnergyAccount:
         self.phase_energy_sum = ExactSum(len(Phase))
         self.phase_ns: Int = np.zeros(len(Phase), dtype=np.int64)
         self.intervals = JobIntervals()
+        self.calibration = BandCalibration()
         self.trace = EventLog()
         self.restarts = 0
         self._unplaced: deque[SupplyBlock] = deque()
@@ -184,6 +188,9 @@ class EnergyAccount:
         means = None
         if self._averager is not None:
             means = self._averager.step(block, intervals, shaft, compared)
+        if self.comparison.location is not MeterLocation.UNKNOWN:
+            self.calibration.location = self.comparison.location
+        self.calibration.step(block, intervals, self.registers.deviations, compared, means)
         return means, compared
 
     def _compare(self, block: PowerBlock) -> Compared:
@@ -248,6 +255,7 @@ class EnergyAccount:
         """Count nothing from the last to the next sample: a gap, as over a restart."""
         self.registers.interrupt()
         self.comparison.interrupt()
+        self.calibration.interrupt()
         self._unplaced.clear()
         self._resume_ns = self.registers.time.end_ns
 
@@ -337,7 +345,15 @@ class EnergyAccount:
 
     def flush(self) -> MeanBlock | None:
         """Return the mean of the period that is still open."""
-        return None if self._averager is None else self._averager.flush()
+        means = None if self._averager is None else self._averager.flush()
+        if means is not None:
+            self.calibration.finish(means)
+        return means
+
+    @property
+    def energy_band(self) -> EnergyBand:
+        """How sure the predicted net energy from the grid is."""
+        return self.calibration.energy_band(self.registers.joule[self.registers.deviations])
 
     def phase_energy(self, phase: Phase) -> float:
         """Predicted energy drawn from the grid in a phase.
