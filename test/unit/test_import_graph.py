@@ -106,8 +106,8 @@ MODULES = {
         tool_path tool_timing trajectory_io
     """,
     "robot_energy.page": """
-        access alarms energy_flow event_stream history hub job_rows json_numbers messages
-        metrics monitoring recording robot_state saved_page settings web_app web_server
+        access alarms energy_flow event_stream headless_browser history hub job_rows json_numbers
+        messages metrics monitoring recording robot_state saved_page settings web_app web_server
     """,
     "robot_energy.physics": """
         cabinet derivative drive drivetrain effort effort_check equations friction
@@ -125,9 +125,10 @@ MODULES = {
     """,
     "robot_energy.report": """
         canvas document drives dynamics efficiency_figure energy energy_figure
-        evaluation excitation flow_figure formats friction_figure held_out html
+        evaluation excitation formats friction_figure headline held_out html
         identification identify_all kinds layout model parameters power_figure
-        prediction prediction_figure printing replay series temperature_figure torque_figure
+        prediction prediction_figure printing recordings replay series temperature_figure
+        torque_figure trend_figure
     """,
     "robot_energy.results": """
         base check drives dynamics energy evaluation excitation identification model
