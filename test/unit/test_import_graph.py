@@ -45,6 +45,9 @@ MODULES = {
         import_logs info kinds layouts main memory models monitoring numbers page predict replay
         replay_options report robots schema simulate stopping terminal test
     """,
+    "robot_energy.condition": """
+        buckets joint_friction learner meter_fit meter_windows record
+    """,
     "robot_energy.files": """
         first_bytes output_files output_folder output_streams placement regular_file
         temporary_folder
@@ -141,14 +144,14 @@ MODULES = {
         arm description model_text priors
     """,
     "robot_energy.store": """
-        account_store adoption envelope slots state_files
+        account_store adoption condition_store envelope slots state_files
     """,
     "robot_energy.timeline": """
         coverage epochs gaps hold pieces reorder stamps streams
     """,
     "robot_energy_papers": """
         accuracy calibration drawings drive_study effects experiment held_out job_pool
-        machines mantis models pages paper_a paper_a_numbers paper_a_page paper_b
+        learning_study machines mantis models pages paper_a paper_a_numbers paper_a_page paper_b
         paper_b_numbers paper_b_page wall
     """,
     "robot_energy_papers.cli": """
@@ -162,6 +165,7 @@ LAYERS = (
     ("config_file", "schema_errors", "model"),
     ("physics", "timeline", "cdr"),
     ("bag", "inputs", "presets", "accounting", "logs", "log_formats", "time_series"),
+    ("condition",),
     ("pipeline", "messages", "store"),
     ("motion",),
     ("bag_replay", "energy_bag", "prediction", "starter", "layouts"),
@@ -174,7 +178,9 @@ LAYERS = (
 )
 # Nothing online imports these.
 OFFLINE = ("identify", "report", "rig", "motion", "cli", "starter", "check", "page", "layouts")
-ONLINE = ("pipeline", "inputs", "messages", "accounting", "store", "timeline", "cdr")
+ONLINE = (
+    "pipeline", "condition", "inputs", "messages", "accounting", "store", "timeline", "cdr"
+)  # fmt: skip
 FOREIGN = {
     "ament_index_python", "builtin_interfaces", "control_msgs", "diagnostic_msgs",
     "lifecycle_msgs", "rclpy", "rosidl_runtime_py", "ros2_energy_monitor", "ros2_energy_msgs",
