@@ -44,6 +44,7 @@ class Quality(IntFlag):
     NOT_FINITE = 256
     JOINT_STATE_IMPLAUSIBLE = 512
     TEMPERATURE_STUCK = 1024
+    LEARNED = 4096
 
 
 # Bits of samples whose torque says little of a model.

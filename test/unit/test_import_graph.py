@@ -45,6 +45,9 @@ MODULES = {
         import_logs info kinds layouts main memory models monitoring numbers page predict replay
         replay_options report robots schema simulate stopping terminal test
     """,
+    "robot_energy.condition": """
+        buckets joint_friction learner meter_fit meter_windows record
+    """,
     "robot_energy.files": """
         first_bytes output_files output_folder output_streams placement regular_file
         temporary_folder
@@ -142,7 +145,7 @@ MODULES = {
         arm description model_text priors
     """,
     "robot_energy.store": """
-        account_store adoption envelope slots state_files
+        account_store adoption condition_store envelope slots state_files
     """,
     "robot_energy.timeline": """
         coverage epochs gaps hold pieces reorder stamps streams
@@ -152,7 +155,7 @@ MODULES = {
     """,
     "robot_energy_papers": """
         accuracy calibration drawings drawn_plants drive_study effects experiment held_out job_pool
-        machines mantis models pages paper_a paper_a_numbers paper_a_page paper_b
+        learning_study machines mantis models pages paper_a paper_a_numbers paper_a_page paper_b
         paper_b_numbers paper_b_page soaked_rigs wall
     """,
     "robot_energy_papers.cli": """
@@ -167,6 +170,7 @@ LAYERS = (
     ("physics", "timeline", "cdr"),
     ("uncertainty",),
     ("bag", "inputs", "presets", "accounting", "logs", "log_formats", "time_series"),
+    ("condition",),
     ("pipeline", "messages", "store"),
     ("motion",),
     ("bag_replay", "energy_bag", "prediction", "starter", "layouts"),
@@ -180,7 +184,8 @@ LAYERS = (
 # Nothing online imports these.
 OFFLINE = ("identify", "report", "rig", "motion", "cli", "starter", "check", "page", "layouts")
 ONLINE = (
-    "pipeline", "inputs", "messages", "accounting", "uncertainty", "store", "timeline", "cdr",
+    "pipeline", "inputs", "messages", "accounting", "uncertainty", "condition", "store",
+    "timeline", "cdr",
 )  # fmt: skip
 FOREIGN = {
     "ament_index_python", "builtin_interfaces", "control_msgs", "diagnostic_msgs",

@@ -72,6 +72,7 @@ class EnergyAccount:
         repeated: Samples left out after a restart because their time was counted before it.
         phase_energy_sum: Energy drawn from the grid by phase, exact.
         phase_ns: Observed time by phase, shape (phases,). [ns]
+        learned_energy_sum: Drawn from the grid as predicted with learned figures, exact.
         intervals: Energy of jobs and cycles.
         calibration: How wide the bands of predicted power and energy must be.
         trace: Resets, restarts, changes of the model.
@@ -103,6 +104,7 @@ class EnergyAccount:
         self.samples = 0
         self.phase_energy_sum = ExactSum(len(Phase))
         self.phase_ns: Int = np.zeros(len(Phase), dtype=np.int64)
+        self.learned_energy_sum = ExactSum(1)
         self.intervals = JobIntervals()
         self.calibration = BandCalibration()
         self.trace = EventLog()
@@ -165,7 +167,8 @@ class EnergyAccount:
 
     def _arrays(self) -> list[Int]:
         """The counters that are arrays."""
-        sums = (self.registers, self.shaft, self.comparison, self.phase_energy_sum)
+        energies = (self.phase_energy_sum, self.learned_energy_sum)
+        sums = (self.registers, self.shaft, self.comparison, *energies)
         pairs = [array for each in sums for array in (each.microjoule, each.remainder)]
         return [*pairs, self.shaft.compared_ns, self.phase_ns]
 
@@ -291,6 +294,7 @@ class EnergyAccount:
         self.shaft.reset()
         self.comparison.reset()
         self.phase_energy_sum.reset()
+        self.learned_energy_sum.reset()
         self.phase_ns[:] = 0
         self.peak_power = float("nan")
         self.quality.clear()
@@ -387,6 +391,9 @@ class EnergyAccount:
         rows = np.arange(len(block))
         split[rows, block.phase] = energy
         self.phase_energy_sum.add(split)
+        if met & Quality.LEARNED:
+            learned = block.quality & np.uint32(Quality.LEARNED) > 0
+            self.learned_energy_sum.add(np.where(learned, energy, 0.0)[:, None])
         durations = np.bincount(block.phase, weights=duration_ns, minlength=len(Phase))
         add_saturating(self.phase_ns, durations.astype(np.int64))
         finite = block.grid_power[np.isfinite(block.grid_power)]
