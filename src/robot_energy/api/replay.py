@@ -17,6 +17,7 @@ from robot_energy.inputs.sources import JointStateSource
 from robot_energy.model import RobotModel
 from robot_energy.physics.friction import with_fixed_friction
 from robot_energy.pipeline import Output, Settings
+from robot_energy.recorded_jobs import load_jobs
 from robot_energy.results.energy import EnergyBreakdown, JointEnergy, MeterComparison, PhaseEnergy
 from robot_energy.results.replay import ReplayReport, replay_report
 from robot_energy.time_series import TimeSeries
@@ -45,6 +46,7 @@ class ReplayOptions(TypedDict, total=False):
         max_gap: Longest time between two joint states that is bridged; 0: five times their
             usual period, 0.1 s to 1 s. [s]
         meter_max_gap: Longest time between meter readings that is bridged. [s]
+        jobs: File of jobs and cycles to count.
         out: Folder of a new bag for the energy topics.
         overwrite: Whether an existing ``out`` may be replaced.
         progress: Called with the share done, 0 to 1.
@@ -63,6 +65,7 @@ class ReplayOptions(TypedDict, total=False):
     temperature_wait: float | None
     max_gap: float | None
     meter_max_gap: float | None
+    jobs: str | Path | None
     out: str | Path | None
     overwrite: bool
     progress: Callable[[float], None] | None
@@ -276,6 +279,7 @@ def run_replay(
         inputs=read,
         states=states,
         on_output=on_output,
+        jobs=load_jobs(jobs) if (jobs := options.get("jobs")) else (),
     )
     result.notes[:0] = notes
     return result
