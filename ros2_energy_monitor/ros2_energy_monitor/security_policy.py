@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import sys
 import time
 from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import contextmanager
@@ -133,6 +134,9 @@ def collect(context: Context, names: Sequence[str], has_file: bool) -> list[Node
         names: Executables, of `NODES`.
         has_file: Whether a parameter file is given, which then names the profile of the meter.
 
+    Returns:
+        The rights, in the order of the names.
+
     Raises:
         RobotEnergyError: If a node cannot be started, or is not seen in the graph.
     """
@@ -207,9 +211,9 @@ def main(args: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", required=True, metavar="FILE", help="the policy (.xml)")
     parser.add_argument("--nodes", nargs="+", choices=NODES, default=list(NODES), metavar="NODE",
                         help=f"of {', '.join(NODES)} (default: all)")  # fmt: skip
-    options, rest = parser.parse_known_args(args)
-    if rest and rest[0] != "--ros-args":
-        parser.error(f"'{rest[0]}' is no option; expected --ros-args before those of the nodes")
+    words = list(sys.argv[1:] if args is None else args)
+    cut = words.index("--ros-args") if "--ros-args" in words else len(words)
+    options, rest = parser.parse_args(words[:cut]), words[cut:]
     has_file = "--params-file" in rest
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "OFF"  # robots of the network do not count
     try:
