@@ -13,7 +13,9 @@ from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.energy_curve import EnergyCurve, add_compared, add_means
 from robot_energy.accounting.prediction_errors import PowerErrorSums
 from robot_energy.bag import BagReader
+from robot_energy.bag.mcap_records import LogTimes
 from robot_energy.bag.ownership import foreign_entries
+from robot_energy.bag.time_range import TimeRange
 from robot_energy.blocks import EffortMeaning, JointBlock
 from robot_energy.energy_bag import EnergyBagWriter
 from robot_energy.errors import BagError, MissingTopicError, UnknownJointError
@@ -198,6 +200,7 @@ def replay(
     states: JointStateSource | None = None,
     keep_compared: bool = False,
     keep_means: bool = False,
+    time_range: TimeRange | None = None,
 ) -> Replay:
     """Run a bag through the pipeline.
 
@@ -215,6 +218,8 @@ def replay(
         states: What the joint states mean, instead of what ``inputs`` says of them.
         keep_compared: Whether to return all that was compared (memory grows with the bag).
         keep_means: Whether ``on_output`` needs the means over ``power_period``.
+        time_range: Part of the bag; None for all. Temperatures are read from as long before it as
+            they stay in use, payloads from the beginning.
 
     Returns:
         The energy account and the rejection log of every input.
@@ -277,7 +282,8 @@ def replay(
         check_folder(out, foreign_entries, overwrite, (path,), BagError)
         writer = EnergyBagWriter(out, overwrite, model, bag.origin, Path(path))
     try:
-        for output in _outputs(bag, result, sliced=writer is not None, progress=progress):
+        spans = _spans(bag, result, time_range) if time_range else {}
+        for output in _outputs(bag, result, spans, sliced=writer is not None, progress=progress):
             if writer is not None:
                 writer.write(output, pipeline.ledger, result.payload.changes)
             if result.predicted_curve is not None and output.means is not None:
@@ -299,15 +305,19 @@ def replay(
 
 
 def _outputs(
-    bag: BagReader, result: Replay, sliced: bool, progress: Progress | None
+    bag: BagReader,
+    result: Replay,
+    spans: dict[str, LogTimes],
+    sliced: bool,
+    progress: Progress | None,
 ) -> Iterator[Output]:
     used, pipeline = result.topics, result.pipeline
     metered = tuple(result.meter.source.topics) if used.meter else ()
     states = used.joint_states or ()
     topics = (*states, used.payload, *(used.temperatures or ()), *metered)
     names = [name for name in topics if name]
-    start, end = bag.start_ns, bag.end_ns
-    for part in bag.parts(names):
+    start, end = next((spans[name] for name in states if name in spans), (bag.start_ns, bag.end_ns))
+    for part in bag.parts(names, spans):
         readings = [part[topic] for topic in used.temperatures or () if topic in part]
         temperatures = result.temperatures.step(readings) if readings else None
         metering = [part[topic] for topic in metered if topic in part]
@@ -328,6 +338,20 @@ def _outputs(
     yield pipeline.flush()
     if progress is not None:
         progress(1.0)
+
+
+def _spans(bag: BagReader, result: Replay, time_range: TimeRange) -> dict[str, LogTimes]:
+    """From when to when each topic is read; payloads are few, and hold until the next one."""
+    first, last = time_range.span(bag)
+    result.notes.append(time_range.sentence(bag))
+    topics = result.topics
+    earlier = first - round(result.model.temperature.stale_after * SECOND_NS)
+    metered = result.meter.source.topics if topics.meter else ()
+    return {
+        **dict.fromkeys((*(topics.joint_states or ()), *metered), (first, last)),
+        **dict.fromkeys(topics.temperatures or (), (earlier, last)),
+        **({topics.payload: (0, last)} if topics.payload else {}),
+    }
 
 
 def _slices(block: JointBlock | None, by_second: bool) -> list[JointBlock] | list[None]:

@@ -30,7 +30,7 @@ MODULES = {
     """,
     "robot_energy.bag": """
         mcap_block mcap_file mcap_records mcap_summary metadata ownership packed
-        reader sources sqlite_source writer
+        reader sources sqlite_source time_range writer
     """,
     "robot_energy.cdr": """
         batch decode encode plan schema types walk

@@ -11,6 +11,7 @@ from robot_energy import bag_replay
 from robot_energy.accounting.averaging import MeanBlock
 from robot_energy.api.inputs import ModelName, driver_inputs, effort_meaning, model_of
 from robot_energy.api.power_table import empty_table, period_table, sample_table
+from robot_energy.bag.time_range import TimeRange
 from robot_energy.bag_replay import Replay, Topics
 from robot_energy.blocks import PowerBlock
 from robot_energy.inputs.sources import JointStateSource
@@ -45,6 +46,8 @@ class ReplayOptions(TypedDict, total=False):
         max_gap: Longest time between two joint states that is bridged; 0: five times their
             usual period, 0.1 s to 1 s. [s]
         meter_max_gap: Longest time between meter readings that is bridged. [s]
+        start: Read the bag from here on: after its start, negative: before its end. [s]
+        end: Read the bag up to here, likewise. [s]
         out: Folder of a new bag for the energy topics.
         overwrite: Whether an existing ``out`` may be replaced.
         progress: Called with the share done, 0 to 1.
@@ -63,6 +66,8 @@ class ReplayOptions(TypedDict, total=False):
     temperature_wait: float | None
     max_gap: float | None
     meter_max_gap: float | None
+    start: float | None
+    end: float | None
     out: str | Path | None
     overwrite: bool
     progress: Callable[[float], None] | None
@@ -276,6 +281,7 @@ def run_replay(
         inputs=read,
         states=states,
         on_output=on_output,
+        time_range=TimeRange(options.get("start"), options.get("end")),
     )
     result.notes[:0] = notes
     return result
