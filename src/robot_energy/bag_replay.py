@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
@@ -35,6 +35,7 @@ from robot_energy.messages import PayloadReader
 from robot_energy.messages.payload import PAYLOAD
 from robot_energy.model import RobotModel, load, shipped_models
 from robot_energy.pipeline import EnergyPipeline, Output, Settings
+from robot_energy.recorded_jobs import Job, RecordedJobs
 from robot_energy.timeline.pieces import Compared
 
 SECOND_NS = 1_000_000_000
@@ -81,6 +82,7 @@ class Replay:
         compared: What became comparable with the meter in each step, where that was asked for.
         power_error: Predicted less measured power at the meter, from reading to reading.
         origin: Where the recording comes from, as its writer said; empty if it did not.
+        jobs: What the jobs of a list have counted.
     """
 
     bag: Path
@@ -99,6 +101,7 @@ class Replay:
     compared: list[Compared] = field(default_factory=list[Compared])
     power_error: PowerErrorSums = field(default_factory=PowerErrorSums)
     origin: str = ""
+    jobs: RecordedJobs = field(default_factory=lambda: RecordedJobs(()))
 
     @property
     def ledger(self) -> EnergyAccount:
@@ -201,6 +204,7 @@ def replay(
     keep_compared: bool = False,
     keep_means: bool = False,
     time_range: TimeRange | None = None,
+    jobs: Sequence[Job] = (),
 ) -> Replay:
     """Run a bag through the pipeline.
 
@@ -220,6 +224,7 @@ def replay(
         keep_means: Whether ``on_output`` needs the means over ``power_period``.
         time_range: Part of the bag; None for all. Temperatures are read from as long before it as
             they stay in use, payloads from the beginning.
+        jobs: Jobs and cycles to count, in order of time.
 
     Returns:
         The energy account and the rejection log of every input.
@@ -265,6 +270,7 @@ def replay(
         pipeline=pipeline,
         origin=bag.origin,
         notes=[*notes, *more],
+        jobs=RecordedJobs(jobs),
     )
     if keep_curves:
         result.predicted_curve, result.compared_curve = EnergyCurve(1), EnergyCurve(2)
@@ -284,12 +290,14 @@ def replay(
     try:
         spans = _spans(bag, result, time_range) if time_range else {}
         for output in _outputs(bag, result, spans, sliced=writer is not None, progress=progress):
+            result.jobs.step(pipeline.ledger)
             if writer is not None:
                 writer.write(output, pipeline.ledger, result.payload.changes)
             if result.predicted_curve is not None and output.means is not None:
                 add_means(result.predicted_curve, output.means)
             if on_output is not None:
                 on_output(output)
+        result.jobs.finish(pipeline.ledger)
         result.problems += bag.problems
         newest_ns = result.joint_states.newest_ns
         result.notes += [*temperatures.doubts, *temperatures.clock_doubts(newest_ns)]
@@ -326,13 +334,13 @@ def _outputs(
             result.payload.step(part[used.payload])
         batches = [part[topic] for topic in states if topic in part]
         joints = result.joint_states.step(batches) if batches else None
-        for index, block in enumerate(_slices(joints, sliced)):
+        for index, block in enumerate(_slices(joints, sliced, result.jobs)):
             first = index == 0
             yield pipeline.step(block, temperatures if first else None, meter if first else None)
         if progress is not None and batches and start is not None and end is not None:
             progress(min(1.0, (int(batches[0].log_time_ns[-1]) - start) / max(end - start, 1)))
     yield pipeline.step(None, result.temperatures.flush(), result.meter.flush())
-    for block in _slices(result.joint_states.flush(), sliced):
+    for block in _slices(result.joint_states.flush(), sliced, result.jobs):
         if block is not None:
             yield pipeline.step(block)
     yield pipeline.flush()
@@ -354,13 +362,16 @@ def _spans(bag: BagReader, result: Replay, time_range: TimeRange) -> dict[str, L
     }
 
 
-def _slices(block: JointBlock | None, by_second: bool) -> list[JointBlock] | list[None]:
-    """Cut into blocks that fit the caches, or at whole seconds for the registers' rate."""
+def _slices(
+    block: JointBlock | None, by_second: bool, jobs: RecordedJobs
+) -> list[JointBlock] | list[None]:
+    """Cut into blocks that fit the caches; at whole seconds for the registers' rate; for jobs."""
     if block is None:
         return [None]
     cuts = np.arange(ROWS, len(block), ROWS)
     if by_second:
         cuts = np.flatnonzero(np.diff(block.stamp_ns // SECOND_NS)) + 1
+    cuts = np.union1d(cuts, jobs.cuts(block.stamp_ns))
     bounds = [0, *cuts.tolist(), len(block)]
     return [block[slice(start, stop)] for start, stop in pairwise(bounds)]
 

@@ -18,7 +18,7 @@ SOURCES = Path(robot_energy.__file__).parent.parent
 MODULES = {
     "robot_energy": """
         __main__ bag_replay blocks config_file energy_bag errors kinds log_formats prediction
-        schema_errors shown_text time_series units
+        recorded_jobs schema_errors shown_text time_series units
     """,
     "robot_energy.accounting": """
         account account_record averaging band_calibration comparison energy_curve event_log
@@ -129,7 +129,7 @@ MODULES = {
     "robot_energy.report": """
         canvas document drives dynamics efficiency_figure energy energy_figure
         evaluation excitation formats friction_figure headline held_out html
-        identification identify_all kinds layout model parameters power_figure
+        identification identify_all jobs kinds layout model parameters power_figure
         prediction prediction_figure printing recordings replay series temperature_figure
         torque_figure trend_figure
     """,
@@ -173,7 +173,7 @@ LAYERS = (
     ("condition",),
     ("pipeline", "messages", "store"),
     ("motion",),
-    ("bag_replay", "energy_bag", "prediction", "starter", "layouts"),
+    ("bag_replay", "energy_bag", "prediction", "recorded_jobs", "starter", "layouts"),
     ("identify", "rig", "check", "page"),
     ("results",),
     ("report",),

@@ -18,6 +18,7 @@ from robot_energy.inputs.sources import JointStateSource
 from robot_energy.model import RobotModel
 from robot_energy.physics.friction import with_fixed_friction
 from robot_energy.pipeline import Output, Settings
+from robot_energy.recorded_jobs import load_jobs
 from robot_energy.results.energy import EnergyBreakdown, JointEnergy, MeterComparison, PhaseEnergy
 from robot_energy.results.replay import ReplayReport, replay_report
 from robot_energy.time_series import TimeSeries
@@ -48,6 +49,7 @@ class ReplayOptions(TypedDict, total=False):
         meter_max_gap: Longest time between meter readings that is bridged. [s]
         start: Read the bag from here on: after its start, negative: before its end. [s]
         end: Read the bag up to here, likewise. [s]
+        jobs: File of jobs and cycles to count.
         out: Folder of a new bag for the energy topics.
         overwrite: Whether an existing ``out`` may be replaced.
         progress: Called with the share done, 0 to 1.
@@ -68,6 +70,7 @@ class ReplayOptions(TypedDict, total=False):
     meter_max_gap: float | None
     start: float | None
     end: float | None
+    jobs: str | Path | None
     out: str | Path | None
     overwrite: bool
     progress: Callable[[float], None] | None
@@ -282,6 +285,7 @@ def run_replay(
         states=states,
         on_output=on_output,
         time_range=TimeRange(options.get("start"), options.get("end")),
+        jobs=load_jobs(jobs) if (jobs := options.get("jobs")) else (),
     )
     result.notes[:0] = notes
     return result

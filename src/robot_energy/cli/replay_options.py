@@ -123,6 +123,21 @@ def add_replay(
         settings.add_argument("--power-period", type=positive, metavar="S", help=period)
 
 
+def add_jobs(parser: ArgumentParser) -> None:
+    """Add the option of commands that show job intervals.
+
+    Args:
+        parser: Of a command that replays bags.
+    """
+    parser.add_argument(
+        "--jobs",
+        metavar="FILE",
+        help="count the energy of jobs or cycles: a YAML file with jobs: [{name, begin, end}], in "
+        "seconds since 1970 as the stamps of the recording",
+    )
+
+
 def options_of(args: Namespace) -> dict[str, Any]:
     """Return what was given, under the names of `ReplayOptions`."""
-    return {name: getattr(args, name) for name in ("robot", *TOPICS, *PART, *SETTINGS)}
+    given = {name: getattr(args, name) for name in ("robot", *TOPICS, *PART, *SETTINGS)}
+    return given | {"jobs": getattr(args, "jobs", None)}
