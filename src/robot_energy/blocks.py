@@ -1,8 +1,8 @@
 """Frozen records of numpy arrays that travel between the stages.
 
 A block holds ``N >= 1`` samples in time order. Arrays are ``(N,)`` or ``(N, n_joints)``
-with joints in the order of the model file, each joint contiguous in memory (order F), as
-almost every operation runs along the samples; the other order is slower and as right.
+with joints in model order, each joint contiguous in memory (order F), as almost every
+operation runs along the samples; the other order is slower and as right.
 Stamps are integer nanoseconds of the instant that the sample describes. SI units without
 suffix; temperatures in degC.
 
@@ -44,6 +44,7 @@ class Quality(IntFlag):
     NOT_FINITE = 256
     JOINT_STATE_IMPLAUSIBLE = 512
     TEMPERATURE_STUCK = 1024
+    LEARNED = 4096
 
 
 # Bits of samples whose torque says little of a model.
@@ -164,7 +165,7 @@ class Block:
 
 @dataclass(frozen=True)
 class JointBlock(Block):
-    """Joint states in model joint order, joint side.
+    """Joint states, joint side.
 
     Attributes:
         stamp_ns: Measurement time, strictly increasing within a segment, shape (N,). [ns]
@@ -174,8 +175,8 @@ class JointBlock(Block):
         joint_velocity: Shape (N, n). [rad/s] or [m/s] NaN in every joint where the robot
             does not report it; the derivative stage fills it.
         joint_acceleration: Shape (N, n). [rad/s^2] or [m/s^2] NaN until differentiated.
-        joint_effort: Effort of each joint as the driver sent it, shape (N, n); NaN where
-            it sent none. Its meaning, side and unit are a setting, never inferred.
+        joint_effort: As the driver sent it, NaN where it sent none, shape (N, n). Its
+            meaning, side and unit are a setting, never inferred.
     """
 
     segment: Int
@@ -231,10 +232,12 @@ class FrictionBlock(Block):
 
     Attributes:
         stamp_ns: First instant of validity, shape (N,). [ns]
-        quality: Whether a temperature is missing or a law extrapolated, shape (N,).
+        quality: Quality bits, shape (N,).
         coulomb: Shape (N, n). [N m]
         viscous: At the row's temperature, shape (N, n). [N m s/rad]
+        viscous_std: Standard deviation of it; NaN: not known, shape (N, n). [N m s/rad]
         viscous_fallback: Used once the temperature is stale, shape (N, n). [N m s/rad]
+        viscous_fallback_std: Standard deviation of it, shape (N, n). [N m s/rad]
         motor_temperature_degc: NaN where never seen, shape (N, n). [degC]
         temperature_stamp_ns: Stamp of that temperature, 0 where never seen, shape (N, n). [ns]
     """
@@ -242,7 +245,9 @@ class FrictionBlock(Block):
     quality: Bits
     coulomb: Float
     viscous: Float
+    viscous_std: Float
     viscous_fallback: Float
+    viscous_fallback_std: Float
     motor_temperature_degc: Float
     temperature_stamp_ns: Int
 
@@ -288,9 +293,8 @@ class SupplyBlock(Block):
         Args:
             location: Where the meter sits.
         """
-        if location is MeterLocation.DC_BUS:
-            return self.grid_power - self.loss_grid
-        return self.grid_power
+        at_bus = location is MeterLocation.DC_BUS
+        return self.grid_power - self.loss_grid if at_bus else self.grid_power
 
 
 @dataclass(frozen=True)
@@ -321,8 +325,8 @@ class PowerBlock(Block):
         loss_grid: Constant loss on the grid side plus supply loss, shape (N,). [W]
         brake_power: Dissipated in the brake resistor, >= 0, shape (N,). [W]
         capacitor_power: Into the DC-link capacitor, signed, shape (N,). [W]
-        grid_power: Drawn from the grid; negative while a regenerative supply feeds
-            back, shape (N,). [W]
+        grid_power: Drawn from the grid; negative while fed back, shape (N,). [W]
+        deviation: How sure it is, see `robot_energy.uncertainty.deviation`, shape (N, K). [W]
     """
 
     segment: Int
@@ -345,6 +349,7 @@ class PowerBlock(Block):
     brake_power: Float
     capacitor_power: Float
     grid_power: Float
+    deviation: Float
 
     @property
     def shaft_power(self) -> Float:
