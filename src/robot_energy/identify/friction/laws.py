@@ -24,6 +24,7 @@ from robot_energy.model.friction_laws import (
     LawEntry,
     TableLaw,
 )
+from robot_energy.physics.friction import viscous_law
 
 NODE_SPACING = 6.0  # K between the nodes of the free curve, at least
 MIN_RANGE = 6.0  # K of motor temperature, below which it cannot be told from a constant
@@ -206,23 +207,27 @@ def _fit_exponential(data: FrictionData, source: str) -> tuple[ExponentialLaw, F
     shape = np.stack([np.ones(len(degc)), decay(scale)], axis=1)
     found = regress_friction(data, shape, ["hot viscous", "cold viscous"])
     hot, cold = (max(float(value), 0.0) for value in found.values[1:3])
-    std = _exponential_std(data, found, cold, scale, middle)
+    covariance = _exponential_covariance(data, found, cold, scale, middle)
+    of_a, of_b, of_c = (None,) * 3 if covariance is None else np.sqrt(np.diag(covariance)).tolist()
     lift = float(np.exp(middle / scale))
     law = ExponentialLaw(
         law="exponential",
-        a=identified(hot, std["hot"], source),
-        b=identified(cold * lift, std["zero"], source),
-        c=PositiveFigure(value=scale, tag="identified", std=std["scale"], source=source),
+        a=identified(hot, of_a, source),
+        b=identified(cold * lift, of_b, source),
+        c=PositiveFigure(value=scale, tag="identified", std=of_c, source=source),
         fitted_degc=(float(degc.min()), float(degc.max())),
-        std=std["law"],
+        covariance=None if covariance is None else covariance.tolist(),
     )
+    if covariance is not None:
+        greatest = float(np.max(viscous_law(law).deviation(degc)))
+        law = law.model_copy(update={"std": greatest})
     return law, found
 
 
-def _exponential_std(
+def _exponential_covariance(
     data: FrictionData, fit: Fit, cold: float, scale: float, middle: float
-) -> dict[str, float | None]:
-    """Deviations of a, b, c and of the law, with c as one more column; None for unknown.
+) -> Float | None:
+    """Covariance of a, b and c, with c as one more column; None for unknown.
 
     b is the cold part carried to 0 degC: ``b = cold exp(middle/c)``.
     """
@@ -234,18 +239,11 @@ def _exponential_std(
             replace(data, friction_torque=fit.residual), shape, ["hot", "cold", "scale"]
         )
     except NotIdentifiableError:
-        return {"hot": None, "zero": None, "scale": None, "law": None}
+        return None
     lift = np.exp(middle / scale)
-    slope = np.array([lift, -cold * lift * middle / scale**2])
-    variance = float(slope @ tangent.covariance[2:4, 2:4] @ slope)
-    variances = np.einsum("ij,jk,ik->i", shape, tangent.covariance[1:4, 1:4], shape)
-    deviations = {
-        "hot": float(tangent.std[1]),
-        "zero": float(np.sqrt(variance)),
-        "scale": float(tangent.std[3]),
-        "law": float(np.sqrt(variances.max(initial=0.0))),
-    }
-    return {key: value if np.isfinite(value) else None for key, value in deviations.items()}
+    turn = np.array([[1.0, 0.0, 0.0], [0.0, lift, -cold * lift * middle / scale**2], [0, 0, 1.0]])
+    covariance = turn @ tangent.covariance[1:4, 1:4] @ turn.T
+    return 0.5 * (covariance + covariance.T) if np.isfinite(covariance).all() else None
 
 
 FRICTION_LAWS.complete("constant", fit=_fit_constant)
