@@ -12,6 +12,7 @@ import numpy as np
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.energy_curve import EnergyCurve, add_compared, add_means
 from robot_energy.accounting.prediction_errors import PowerErrorSums
+from robot_energy.accounting.record import Calibrated
 from robot_energy.bag import BagReader
 from robot_energy.bag.ownership import foreign_entries
 from robot_energy.blocks import EffortMeaning, JointBlock
@@ -198,6 +199,7 @@ def replay(
     states: JointStateSource | None = None,
     keep_compared: bool = False,
     keep_means: bool = False,
+    calibration: Calibrated | None = None,
 ) -> Replay:
     """Run a bag through the pipeline.
 
@@ -215,6 +217,7 @@ def replay(
         states: What the joint states mean, instead of what ``inputs`` says of them.
         keep_compared: Whether to return all that was compared (memory grows with the bag).
         keep_means: Whether ``on_output`` needs the means over ``power_period``.
+        calibration: Of the bands, from an earlier account of the same model and meter.
 
     Returns:
         The energy account and the rejection log of every input.
@@ -272,6 +275,8 @@ def replay(
             add_compared(result.compared_curve, compared)
 
     pipeline.ledger.on_compared = take
+    if calibration is not None:
+        pipeline.ledger.calibration.restore(calibration)
     writer = None
     if out is not None:
         check_folder(out, foreign_entries, overwrite, (path,), BagError)

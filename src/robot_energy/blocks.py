@@ -235,6 +235,7 @@ class FrictionBlock(Block):
         coulomb: Shape (N, n). [N m]
         viscous: At the row's temperature, shape (N, n). [N m s/rad]
         viscous_std: Standard deviation of it; NaN: not known, shape (N, n). [N m s/rad]
+        viscous_shared_std: Part of it that errs alike at all joints, shape (N, n). [N m s/rad]
         viscous_fallback: Used once the temperature is stale, shape (N, n). [N m s/rad]
         viscous_fallback_std: Standard deviation of it, shape (N, n). [N m s/rad]
         motor_temperature_degc: NaN where never seen, shape (N, n). [degC]
@@ -245,6 +246,7 @@ class FrictionBlock(Block):
     coulomb: Float
     viscous: Float
     viscous_std: Float
+    viscous_shared_std: Float
     viscous_fallback: Float
     viscous_fallback_std: Float
     motor_temperature_degc: Float

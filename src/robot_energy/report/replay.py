@@ -15,6 +15,7 @@ from robot_energy.report.energy import (
     phase_table,
     quality_table,
     scale_of,
+    uncertainty_table,
 )
 from robot_energy.report.flow_figure import energy_flow
 from robot_energy.report.formats import (
@@ -186,6 +187,8 @@ def replay_document(
             lambda path: power_and_energy(curves.series, path, place=place_of(report)),
             f"Power and energy at {place_of(report)}.",
         )
+    _section(page, depth, "How sure")
+    uncertainty_table(page, report, scale)
     _section(page, depth, "Joints")
     joint_table(page, report.joints, scale)
     if report.shaft is not None:

@@ -13,8 +13,8 @@ from robot_energy.cli import main
 BAG, WARM = str(ROOT / "bags/kr16_cold"), str(ROOT / "bags/kr16_warm")
 MOVES = str(ROOT / "src/examples/programs/kr16_pick_and_place.yaml")
 SECTIONS = [
-    "Where the energy went", "Predicted against measured", "Joints", "Temperatures and friction",
-    "Phases", "Data quality",
+    "Where the energy went", "Predicted against measured", "How sure", "Joints",
+    "Temperatures and friction", "Phases", "Data quality",
 ]  # fmt: skip
 
 
