@@ -124,7 +124,7 @@ def uncertainty_table(page: Document, report: EnergyReport, scale: EnergyFormat)
     page.paragraph(f"How sure: {energy_text(report.energy.net)} {band_text(sure)}")
     if sure.readings:
         page.paragraph(
-            f"  {percent(sure.inside)} of {sure.readings} readings of the meter lay within the band "
+            f"  {percent(sure.inside)} of {sure.readings} readings of the meter lay in the 90 % band "
             f"of power, {percent(sure.inside_parametric)} uncalibrated"
         )
     page.rows(
