@@ -45,12 +45,15 @@ MODULES = {
         import_logs info kinds layouts main memory models monitoring numbers page predict replay
         replay_options report robots schema simulate stopping terminal test
     """,
+    "robot_energy.condition": """
+        buckets joint_friction learner meter_fit meter_windows record
+    """,
     "robot_energy.files": """
         first_bytes output_files output_folder output_streams placement regular_file
         temporary_folder
     """,
     "robot_energy.identify": """
-        bounds causes plausibility run_all steps
+        bounds causes plausibility provenance run_all steps
     """,
     "robot_energy.identify.cabinet": """
         cabinet dc_link link_readings meter_delay supply
@@ -106,8 +109,8 @@ MODULES = {
         tool_path tool_timing trajectory_io
     """,
     "robot_energy.page": """
-        access alarms energy_flow event_stream history hub job_rows json_numbers messages
-        metrics monitoring recording robot_state saved_page settings web_app web_server
+        access alarms energy_flow event_stream headless_browser history hub job_rows json_numbers
+        messages metrics monitoring recording robot_state saved_page settings web_app web_server
     """,
     "robot_energy.physics": """
         cabinet derivative drive drivetrain effort effort_check equations friction
@@ -125,9 +128,10 @@ MODULES = {
     """,
     "robot_energy.report": """
         canvas document drives dynamics efficiency_figure energy energy_figure
-        evaluation excitation flow_figure formats friction_figure held_out html
+        evaluation excitation formats friction_figure headline held_out html
         identification identify_all kinds layout model parameters power_figure
-        prediction prediction_figure printing replay series temperature_figure torque_figure
+        prediction prediction_figure printing recordings replay series temperature_figure
+        torque_figure trend_figure
     """,
     "robot_energy.results": """
         base check drives dynamics energy evaluation excitation identification model
@@ -141,7 +145,7 @@ MODULES = {
         arm description model_text priors
     """,
     "robot_energy.store": """
-        account_store adoption envelope slots state_files
+        account_store adoption condition_store envelope slots state_files
     """,
     "robot_energy.timeline": """
         coverage epochs gaps hold pieces reorder stamps streams
@@ -150,9 +154,9 @@ MODULES = {
         band deviation priors
     """,
     "robot_energy_papers": """
-        accuracy calibration drawings drive_study effects experiment held_out job_pool
-        machines mantis models pages paper_a paper_a_numbers paper_a_page paper_b
-        paper_b_numbers paper_b_page wall
+        accuracy calibration drawings drawn_plants drive_study effects experiment held_out job_pool
+        learning_study machines mantis models pages paper_a paper_a_numbers paper_a_page paper_b
+        paper_b_numbers paper_b_page soaked_rigs wall
     """,
     "robot_energy_papers.cli": """
         reproduce study_folder
@@ -166,6 +170,7 @@ LAYERS = (
     ("physics", "timeline", "cdr"),
     ("uncertainty",),
     ("bag", "inputs", "presets", "accounting", "logs", "log_formats", "time_series"),
+    ("condition",),
     ("pipeline", "messages", "store"),
     ("motion",),
     ("bag_replay", "energy_bag", "prediction", "starter", "layouts"),
@@ -179,7 +184,8 @@ LAYERS = (
 # Nothing online imports these.
 OFFLINE = ("identify", "report", "rig", "motion", "cli", "starter", "check", "page", "layouts")
 ONLINE = (
-    "pipeline", "inputs", "messages", "accounting", "uncertainty", "store", "timeline", "cdr",
+    "pipeline", "inputs", "messages", "accounting", "uncertainty", "condition", "store",
+    "timeline", "cdr",
 )  # fmt: skip
 FOREIGN = {
     "ament_index_python", "builtin_interfaces", "control_msgs", "diagnostic_msgs",

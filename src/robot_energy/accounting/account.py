@@ -72,11 +72,12 @@ class EnergyAccount:
         repeated: Samples left out after a restart because their time was counted before it.
         phase_energy_sum: Energy drawn from the grid by phase, exact.
         phase_ns: Observed time by phase, shape (phases,). [ns]
+        learned_energy_sum: Drawn from the grid as predicted with learned figures, exact.
         intervals: Energy of jobs and cycles.
         calibration: How wide the bands of predicted power and energy must be.
         trace: Resets, restarts, changes of the model.
         restarts: How often the account was continued from a record.
-        on_compared: Called with what became comparable in each step, for plots.
+        on_compared: Called with what became comparable, for plots.
     """
 
     def __init__(self, n_joints: int, settings: AccountSettings | None = None) -> None:
@@ -103,6 +104,7 @@ class EnergyAccount:
         self.samples = 0
         self.phase_energy_sum = ExactSum(len(Phase))
         self.phase_ns: Int = np.zeros(len(Phase), dtype=np.int64)
+        self.learned_energy_sum = ExactSum(1)
         self.intervals = JobIntervals()
         self.calibration = BandCalibration()
         self.trace = EventLog()
@@ -165,7 +167,8 @@ class EnergyAccount:
 
     def _arrays(self) -> list[Int]:
         """The counters that are arrays."""
-        sums = (self.registers, self.shaft, self.comparison, self.phase_energy_sum)
+        energies = (self.phase_energy_sum, self.learned_energy_sum)
+        sums = (self.registers, self.shaft, self.comparison, *energies)
         pairs = [array for each in sums for array in (each.microjoule, each.remainder)]
         return [*pairs, self.shaft.compared_ns, self.phase_ns]
 
@@ -188,8 +191,7 @@ class EnergyAccount:
         means = None
         if self._averager is not None:
             means = self._averager.step(block, intervals, shaft, compared)
-        if self.comparison.location is not MeterLocation.UNKNOWN:
-            self.calibration.location = self.comparison.location
+        self.calibration.meter(self.comparison.location)
         self.calibration.step(block, intervals, self.registers.deviations, compared, means)
         return means, compared
 
@@ -291,6 +293,7 @@ class EnergyAccount:
         self.shaft.reset()
         self.comparison.reset()
         self.phase_energy_sum.reset()
+        self.learned_energy_sum.reset()
         self.phase_ns[:] = 0
         self.peak_power = float("nan")
         self.quality.clear()
@@ -356,24 +359,18 @@ class EnergyAccount:
         return self.calibration.energy_band(self.registers.joule[self.registers.deviations])
 
     def phase_energy(self, phase: Phase) -> float:
-        """Predicted energy drawn from the grid in a phase.
+        """Return the predicted energy drawn from the grid in a phase, >= 0. [J]
 
         Args:
             phase: What the robot did.
-
-        Returns:
-            Energy, >= 0. [J]
         """
         return float(self.phase_energy_sum.joule[phase])
 
     def phase_time(self, phase: Phase) -> float:
-        """Observed time in a phase.
+        """Return the observed time in a phase. [s]
 
         Args:
             phase: What the robot did.
-
-        Returns:
-            Time. [s]
         """
         return float(self.phase_ns[phase]) * 1e-9
 
@@ -387,6 +384,9 @@ class EnergyAccount:
         rows = np.arange(len(block))
         split[rows, block.phase] = energy
         self.phase_energy_sum.add(split)
+        if met & Quality.LEARNED:
+            learned = block.quality & np.uint32(Quality.LEARNED) > 0
+            self.learned_energy_sum.add(np.where(learned, energy, 0.0)[:, None])
         durations = np.bincount(block.phase, weights=duration_ns, minlength=len(Phase))
         add_saturating(self.phase_ns, durations.astype(np.int64))
         finite = block.grid_power[np.isfinite(block.grid_power)]

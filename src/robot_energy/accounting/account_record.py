@@ -75,11 +75,13 @@ def record_of(account: EnergyAccount, identity: Identity) -> AccountRecord:
             measured=int(comparison.remainder[0]),
             predicted_at_meter=int(comparison.remainder[1]),
             phases=dict(zip(phases, phase_energy.remainder.tolist(), strict=True)),
+            learned=int(account.learned_energy_sum.remainder[0]),
         ),
         phase_energy_microjoule=dict(zip(phases, phase_energy.microjoule.tolist(), strict=True)),
         phase_observed_ns=dict(zip(phases, account.phase_ns.tolist(), strict=True)),
         peak_power_watt=account.peak_power if np.isfinite(account.peak_power) else None,
         samples=account.samples,
+        learned_energy_microjoule=int(account.learned_energy_sum.microjoule[0]),
         quality_counts={
             str(Quality(bit).name): saturated(count)
             for bit, count in sorted(account.quality.items())
@@ -133,6 +135,9 @@ def carry_into(account: EnergyAccount, record: AccountRecord) -> None:
     account.phase_energy_sum.add_sums(
         _integers(*(record.phase_energy_microjoule.get(name, 0) for name in names)),
         _integers(*(rest.phases.get(name, 0) for name in names)),
+    )
+    account.learned_energy_sum.add_sums(
+        _integers(record.learned_energy_microjoule), _integers(rest.learned)
     )
     add_saturating(
         account.phase_ns, _integers(*(record.phase_observed_ns.get(name, 0) for name in names))

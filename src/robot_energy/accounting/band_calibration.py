@@ -72,6 +72,15 @@ class BandCalibration:
         self.location = MeterLocation.UNKNOWN
         self.reset()
 
+    def meter(self, location: MeterLocation) -> None:
+        """Say where the meter sits.
+
+        Args:
+            location: Unknown: no reading has come yet, which changes nothing.
+        """
+        if location is not MeterLocation.UNKNOWN:
+            self.location = location
+
     def reset(self) -> None:
         """Drop all scores, as after a change of the model."""
         self._log_scale = [math.log(Z90)] * len(Phase)

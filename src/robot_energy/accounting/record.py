@@ -173,6 +173,7 @@ class Remainders(RecordPart):
     measured: Remainder
     predicted_at_meter: Remainder
     phases: dict[str, Remainder]
+    learned: Remainder = 0
 
     def arranged(self, order: Sequence[int]) -> Remainders:
         """Return them with joints in another order and new registers at zero.
@@ -298,6 +299,7 @@ class AccountRecord(RecordPart):
         phase_observed_ns: Observed time by phase. [ns]
         peak_power_watt: Highest grid power since the start. [W]
         samples: Power samples taken.
+        learned_energy_microjoule: Drawn from the grid as predicted with learned figures. [uJ]
         quality_counts: Samples that carried each quality bit, by its name.
         restarts: How often the registers were taken over from a file.
         next_interval_id: Number of the next interval.
@@ -317,6 +319,7 @@ class AccountRecord(RecordPart):
     phase_observed_ns: dict[str, Count]
     peak_power_watt: Power | None
     samples: Count
+    learned_energy_microjoule: Integer = 0
     quality_counts: dict[str, Count]
     restarts: Count
     next_interval_id: Count

@@ -104,7 +104,8 @@ def identify_friction(
             fits = lend(fits, data, source)
         check_friction(fits)
     found = FrictionReport(effort or "measured", tuple(fits), tuple(refused))
-    return IdentificationResult(with_friction(used, fits, source), found)
+    written = _made_from(with_friction(used, fits, source), "Friction identified.", paths)
+    return IdentificationResult(written, found)
 
 
 def identify_cabinet(
@@ -142,7 +143,8 @@ def identify_cabinet(
     refuse_meter(recordings, EffortMeaning.NONE)
     found = fit_supply(recordings, _names(paths), link_voltages)
     check_cabinet(found.cabinet)
-    return IdentificationResult(found.model, cabinet_report(found))
+    written = _made_from(found.model, "Constant losses of the cabinet identified.", paths)
+    return IdentificationResult(written, cabinet_report(found))
 
 
 def identify_dynamics(
@@ -177,6 +179,7 @@ def identify_dynamics(
     from robot_energy.identify.dynamics.dynamics import DynamicsSettings, identify_dynamics
     from robot_energy.identify.dynamics.dynamics_model import to_model
     from robot_energy.identify.plausibility import check_dynamics
+    from robot_energy.identify.provenance import hashed
     from robot_energy.results.dynamics import dynamics_report
 
     used, paths = model_of(model), _paths(bags)
@@ -187,7 +190,7 @@ def identify_dynamics(
     held_out, consistent = result.held_out(), result.held_out_consistent()
     with cause_named(lambda: [evidence_of_rows(result)]):
         check_dynamics(result, consistent)
-    written = to_model(result, [path.name for path in paths])
+    written = to_model(result, [hashed(path) for path in paths])
     return IdentificationResult(written, dynamics_report(result, held_out, consistent))
 
 
@@ -322,6 +325,14 @@ def _require_something(whole: FullIdentification) -> None:
             f"nothing can be identified from these recordings. {reasons}",
             remedy="record with torque or current, temperature, or a power meter",
         )
+
+
+def _made_from(model: RobotModel, done: str, paths: Sequence[Path]) -> RobotModel:
+    """The model with the recordings that it was identified from."""
+    from robot_energy.identify.provenance import hashed, identified_from
+
+    bags = [hashed(path) for path in paths]
+    return model.changed(provenance=identified_from(model.provenance, done, bags))
 
 
 def _paths(bags: Names) -> list[Path]:

@@ -161,8 +161,6 @@ def replay_over_time(
     model: RobotModel,
     *,
     power_period: float | None = None,
-    keep_curves: bool = False,
-    on_output: Callable[[Output], None] | None = None,
     **options: Unpack[ReplayOptions],
 ) -> tuple[Replay, TimeSeries]:
     """Replay a bag and keep its power over time.
@@ -171,8 +169,6 @@ def replay_over_time(
         bag: MCAP file or rosbag2 folder.
         model: The robot's model.
         power_period: Averaging period of the table; None: one row per sample. [s]
-        keep_curves: Whether to keep energies over time for figures.
-        on_output: Called with what each step of the pipeline gave.
         **options: What is read and how.
 
     Returns:
@@ -189,13 +185,10 @@ def replay_over_time(
             blocks.append(output.power)
         if power_period is not None and output.means is not None:
             means.append(output.means)
-        if on_output is not None:
-            on_output(output)
 
     result = run_replay(
-        bag, model, **options, power_period=power_period, on_output=take, keep_compared=True,
-        keep_curves=keep_curves,
-    )  # fmt: skip
+        bag, model, **options, power_period=power_period, on_output=take, keep_compared=True
+    )
     compared = result.compared if result.topics.meter else None
     names = model.joint_names
     if blocks:

@@ -10,7 +10,6 @@ from robot_energy.cli.robots import add_robot
 
 AT_FALLBACK = "fallback"
 DAMAGED = 3
-PAGE_PERIOD = 0.5  # of temperature and friction on a page [s]
 EFFORTS = ("none", "motor_current", "motor_torque", "joint_torque")
 MAX_WINDOW = 0.5  # in which joint states are sorted [s]
 BAG = "MCAP file, or rosbag2 folder (MCAP or sqlite3)"

@@ -72,6 +72,7 @@ class RegistersWriter:
                 "observed_time": time.observed_ns * NANOSECOND,
                 "gap_time": time.gap_ns * NANOSECOND,
                 "comparison_time": comparison.compared_ns * NANOSECOND,
+                "predicted_energy_learned": float(ledger.learned_energy_sum.joule[0]),
                 "gap_count": np.uint64(time.gap_count),
                 **{
                     f"joints.{JOINT_FIELDS[name]}": registers.joints(name)[None, :]

@@ -18,6 +18,8 @@ from robot_energy.blocks import (
     mark,
     sum_over_joints,
 )
+from robot_energy.condition.learner import ConditionLearner, Learning
+from robot_energy.inputs.meter.power_curve import MeterCurve
 from robot_energy.inputs.temperatures.stuck import StuckTemperatureDetector
 from robot_energy.model import RobotModel
 from robot_energy.physics.cabinet import CabinetStage
@@ -49,6 +51,7 @@ class PowerStage:
         watch: Which temperatures are stuck; they stay in use, as the motor is at least as
             warm, and are flagged.
         fallback_use: How many samples had to do without a temperature, and why.
+        condition: What is learned of the robot.
     """
 
     def __init__(self, model: RobotModel, settings: Settings | None = None) -> None:
@@ -70,6 +73,11 @@ class PowerStage:
         self._last_ns: int | None = None  # newest torque that was released
         self._waiting: TorqueBlock | None = None
         self.fallback_use = FallbackUse(model.temperature.fallback_degc)
+        self.condition = ConditionLearner(
+            model,
+            Learning.OFF if self._assumed else settings.learning,
+            MeterCurve(settings.meter_max_gap, settings.meter_max_power, settings.meter_wraps_at),
+        )
 
     def friction(self, block: FrictionBlock) -> None:
         """Take friction coefficients, each row valid from its stamp onward.
@@ -109,11 +117,14 @@ class PowerStage:
     def restart(self) -> None:
         """Drop what waits, as after an error."""
         self._waiting = None
+        self.condition.restart()
 
     def flush(self) -> PowerBlock | None:
         """Return the power at what still waits, as at the end of a bag."""
         block, self._waiting = self._waiting, None
-        return self._release(block) if block is not None else None
+        power = self._release(block) if block is not None else None
+        self.condition.flush()
+        return power
 
     def _release(self, block: TorqueBlock) -> PowerBlock:
         """Compute the power, epoch by epoch."""
@@ -121,11 +132,14 @@ class PowerStage:
         before = int(stamp[0]) if self._last_ns is None else self._last_ns
         self._last_ns = int(stamp[-1])
         jumps = np.flatnonzero(differences(stamp, before) < 0).tolist()
+        cuts = sorted({*jumps, *self.condition.cuts(stamp, before)})
         parts: list[PowerBlock] = []
-        for start, stop in zip([0, *jumps], [*jumps, len(block)], strict=True):
+        for start, stop in zip([0, *cuts], [*cuts, len(block)], strict=True):
             if stop > start:
+                self.condition.begin(int(stamp[start]))
                 parts.append(self._power(block[slice(start, stop)]))
-            if stop < len(block):
+                self.condition.step(parts[-1])
+            if stop in jumps:
                 self._timeline.jump_back(int(stamp[stop]))
         return PowerBlock.concatenate(parts)
 
@@ -136,6 +150,9 @@ class PowerStage:
         (coulomb, viscous, *deviations, measured_degc) = self._coefficients(block.stamp_ns, quality)
         standing = np.abs(speed) <= self._standstill
         friction = self._friction.torque(speed, rigid, coulomb, viscous, standing)
+        learned = self.condition.multiplier(speed, measured_degc)
+        if learned is not None:
+            coulomb, viscous, friction = coulomb * learned, viscous * learned, friction * learned
         torque = rigid + friction
         rigid_power, friction_power = rigid * speed, friction * speed
         shaft = rigid_power + friction_power
@@ -154,6 +171,9 @@ class PowerStage:
             mark(quality, stuck, Quality.TEMPERATURE_STUCK)
         bus = sum_over_joints(electrical)
         bus[np.abs(bus) > MAX_POWER] = np.nan
+        self._cabinet.offset_dc, self._cabinet.offset_grid = self.condition.offsets
+        if self.condition.in_use:
+            quality |= np.uint32(Quality.LEARNED)
         balance = self._cabinet.step(block.stamp_ns, block.segment, bus)
         finite = np.isfinite(balance.grid_power)
         mark(quality, ~finite, Quality.NOT_FINITE)

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import fields
 
 from robot_energy.model.drive_models import DRIVE_MODELS
-from robot_energy.report.document import Column, Document
-from robot_energy.report.formats import EnergyFormat, energy_text, fixed, percent
+from robot_energy.page.energy_flow import FlowParts, flow_picture
+from robot_energy.report.document import Column, Document, FlowDiagram
+from robot_energy.report.formats import WATT_HOUR, EnergyFormat, energy_text, fixed, percent
 from robot_energy.results.energy import EnergyBreakdown, EnergyReport, JointEnergy
 from robot_energy.results.uncertainty import EnergyUncertainty
+from robot_energy.shown_text import shown
 
 QUALITY_NAMES = {
     "temperature_missing": "temperature missing, fallback used",
@@ -52,6 +55,38 @@ def part_names(drive: str) -> dict[str, str]:
         "brake": "brake resistor",
         "capacitor": "into the DC-link capacitor, net",
     }
+
+
+def add_flow(page: Document, reports: Sequence[EnergyReport], caption: str) -> None:
+    """Add the picture of where the energy goes, of one result or the sum of several.
+
+    Args:
+        page: Where to.
+        reports: Results of robots with the same joints.
+        caption: What is to be seen.
+    """
+
+    def total(name: str) -> float:
+        return math.fsum(getattr(one.energy, name) for one in reports)
+
+    def of_joints(name: str) -> list[float]:
+        rows = zip(*(one.joints for one in reports), strict=True)
+        return [math.fsum(getattr(joint, name) for joint in row) for row in rows]
+
+    parts = FlowParts(
+        [shown(joint.name) for joint in reports[0].joints],
+        of_joints("rigid_energy"),
+        of_joints("friction_energy"),
+        of_joints("drive_loss_energy"),
+        loss_dc=total("loss_dc"),
+        loss_grid=total("loss_grid"),
+        brake=total("brake"),
+        capacitor=total("capacitor"),
+        returned=total("grid_return"),
+    )
+    picture = flow_picture(parts, WATT_HOUR)
+    if picture is not None and picture.flows:
+        page.add(FlowDiagram(picture, caption))
 
 
 def energy_table(
@@ -124,8 +159,8 @@ def uncertainty_table(page: Document, report: EnergyReport, scale: EnergyFormat)
     page.paragraph(f"How sure: {energy_text(report.energy.net)} {band_text(sure)}")
     if sure.readings:
         page.paragraph(
-            f"  {percent(sure.inside)} of {sure.readings} readings of the meter lay in the 90 % band "
-            f"of power, {percent(sure.inside_parametric)} uncalibrated"
+            f"  {percent(sure.inside)} of {sure.readings} readings of the meter lay in the 90 % "
+            f"band of power, {percent(sure.inside_parametric)} uncalibrated"
         )
     page.rows(
         "What makes the energy from the grid unsure, the largest first: measure that next",

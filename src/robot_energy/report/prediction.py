@@ -8,6 +8,7 @@ from pathlib import Path
 from robot_energy.prediction import Prediction
 from robot_energy.report.document import Column, Document
 from robot_energy.report.energy import (
+    add_flow,
     energy_table,
     joint_table,
     phase_table,
@@ -15,7 +16,6 @@ from robot_energy.report.energy import (
     scale_of,
     uncertainty_table,
 )
-from robot_energy.report.flow_figure import energy_flow
 from robot_energy.report.formats import NOTHING, energy_text, fixed, percent, significant, tags_text
 from robot_energy.report.prediction_figure import energy_bars, power_curves
 from robot_energy.results.prediction import PredictionReport, PredictionsReport
@@ -60,11 +60,7 @@ def prediction_document(
             page.heading("Side by side")
         _side_by_side(page, runs, names)
     if len(runs) == 1:
-        page.figure(
-            lambda path: energy_flow(runs[0], path),
-            "Where the energy from the grid goes: to the axes, cabinet and brake. Each row begins "
-            "where the one above ended, and their figures sum to the first. Hatched: given back.",
-        )
+        add_flow(page, runs, "Where the energy from the grid goes, as predicted.")
     else:
         page.figure(
             lambda path: energy_bars([run.energy for run in runs], names, path),

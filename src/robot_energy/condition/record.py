@@ -1,0 +1,124 @@
+"""What is kept of learned figures across restarts: plain values with units in their names."""
+
+from __future__ import annotations
+
+from typing import Annotated, Self
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from robot_energy.blocks import Float
+from robot_energy.errors import StateFileError
+from robot_energy.timeline.stamps import MAX_STAMP_NS, MIN_STAMP_NS
+from robot_energy.units import MAX_COUNTER
+
+FORMAT_VERSION = 1
+
+Number = Annotated[float, Field(allow_inf_nan=False)]
+Count = Annotated[int, Field(ge=0, le=MAX_COUNTER)]
+Stamp = Annotated[int, Field(ge=MIN_STAMP_NS, le=MAX_STAMP_NS)]
+Numbers = tuple[Number, ...]
+
+
+class ConditionPart(BaseModel):
+    """Base of the records: frozen, strict, no unknown keys."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+
+
+class FrictionRecord(ConditionPart):
+    """What `FrictionLearner` has summed up, arrays flattened in their own order."""
+
+    sums: Numbers
+    newest: Numbers
+    seconds: tuple[Count, ...]
+    refused: tuple[Count, ...]
+
+
+class MeterRecord(ConditionPart):
+    """What `MeterFit` has summed up, arrays flattened."""
+
+    information: Numbers
+    target: Numbers
+    power_watt: Number
+    scale: Number
+    time_second: Number
+    windows: Count
+    refused: Count
+
+
+class ConditionRecord(ConditionPart):
+    """What was learned of one robot with one model file.
+
+    Attributes:
+        model_id: Identity of the model file.
+        joint_names: Joints in order.
+        end_ns: Newest sample learned from. [ns]
+        friction: From measured torque.
+        meter: From the power meter.
+    """
+
+    model_id: str
+    joint_names: tuple[str, ...]
+    end_ns: Stamp | None
+    friction: FrictionRecord
+    meter: MeterRecord
+
+    def to_json(self) -> bytes:
+        """Return the record as JSON text."""
+        return self.model_dump_json().encode()
+
+    @classmethod
+    def from_json(cls, content: bytes) -> Self:
+        """Read a record.
+
+        Args:
+            content: JSON text.
+
+        Returns:
+            The record.
+
+        Raises:
+            StateFileError: If it is not such a record.
+        """
+        try:
+            return cls.model_validate_json(content)
+        except ValidationError as error:
+            first = error.errors()[0]
+            where = ".".join(str(part) for part in first["loc"])
+            raise StateFileError(
+                f"learned figures that cannot be used: {where}: {first['msg']}",
+                "what this release has written",
+            ) from error
+
+
+def flat(values: Float) -> Numbers:
+    """Return an array as plain numbers.
+
+    Args:
+        values: Any shape. [-]
+
+    Returns:
+        Its numbers in their order.
+    """
+    return tuple(values.reshape(-1).tolist())
+
+
+def filled(values: Numbers | tuple[int, ...], like: np.ndarray) -> np.ndarray:
+    """Return plain numbers as an array.
+
+    Args:
+        values: As `flat` gave them.
+        like: An array of the shape and type wanted.
+
+    Returns:
+        The array.
+
+    Raises:
+        StateFileError: If there are more or fewer.
+    """
+    if len(values) != like.size:
+        raise StateFileError(
+            f"learned figures with {len(values)} numbers in one array", f"{like.size}"
+        )
+    return np.array(values, dtype=like.dtype).reshape(like.shape)

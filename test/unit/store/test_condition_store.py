@@ -1,0 +1,67 @@
+"""Learned figures and their files: restart, other models, damage, a disk in trouble."""
+
+import numpy as np
+
+from robot_energy.condition.learner import Learning
+from robot_energy.model import load
+from robot_energy.pipeline import EnergyPipeline, Settings
+from robot_energy.store.condition_store import ConditionStore
+
+
+def opened(folder, model="kr16", learning=Learning.OBSERVE, node="/cell/monitor"):
+    used = load(model)
+    learner = EnergyPipeline(used, Settings(learning=learning)).power.condition
+    store = ConditionStore(learner, used, folder, node=node)
+    store.open()
+    return learner, store
+
+
+def kept(folder, value: float, **changes) -> None:
+    """Leave a figure behind."""
+    learner, store = opened(folder, **changes)
+    learner.friction.newest[:] = value
+    store.close()
+    assert not store.trouble
+
+
+def test_figures_continue(tmp_path):
+    kept(tmp_path, 5.0)
+    learner, store = opened(tmp_path)
+    assert (learner.friction.newest == 5.0).all()
+    assert (store.trouble, store.notices) == ("", [])
+
+
+def test_each_model_file_has_its_own(tmp_path):
+    kept(tmp_path, 5.0)
+    learner, store = opened(tmp_path, model="mantis")
+    assert (learner.friction.newest == 0.0).all()
+    store.close()
+    learner, _ = opened(tmp_path)
+    assert (learner.friction.newest == 5.0).all()
+
+
+def test_a_damaged_file_is_moved_aside_and_said(tmp_path):
+    kept(tmp_path, 5.0)
+    for path in tmp_path.glob("*.state"):
+        path.write_bytes(path.read_bytes().replace(b"5.0", b"6.0"))
+    learner, store = opened(tmp_path)
+    assert (learner.friction.newest == 0.0).all()
+    assert "CRC" in store.notices[0]
+    assert list(tmp_path.glob("*.bad-1"))
+
+
+def test_two_monitors_do_not_write_the_same_files(tmp_path):
+    first, store = opened(tmp_path)
+    _, second = opened(tmp_path)
+    assert "another monitor" in second.trouble
+    first.friction.newest[:] = 7.0
+    store.close()
+    second.open()
+    assert second.trouble == ""
+    assert np.all(opened(tmp_path, node="/other")[0].friction.newest == 0.0)
+
+
+def test_nothing_is_kept_where_nothing_is_learned(tmp_path):
+    _, store = opened(tmp_path, learning=Learning.OFF)
+    store.close()
+    assert not list(tmp_path.iterdir())
