@@ -12,6 +12,7 @@ import numpy as np
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.energy_curve import EnergyCurve, add_compared, add_means
 from robot_energy.accounting.prediction_errors import PowerErrorSums
+from robot_energy.accounting.record import Calibrated
 from robot_energy.bag import BagReader
 from robot_energy.bag.mcap_records import LogTimes
 from robot_energy.bag.ownership import foreign_entries
@@ -205,6 +206,7 @@ def replay(
     keep_means: bool = False,
     time_range: TimeRange | None = None,
     jobs: Sequence[Job] = (),
+    calibration: Calibrated | None = None,
 ) -> Replay:
     """Run a bag through the pipeline.
 
@@ -225,6 +227,7 @@ def replay(
         time_range: Part of the bag; None for all. Temperatures are read from as long before it as
             they stay in use, payloads from the beginning.
         jobs: Jobs and cycles to count, in order of time.
+        calibration: Of the bands, from an earlier account of the same model and meter.
 
     Returns:
         The energy account and the rejection log of every input.
@@ -283,6 +286,8 @@ def replay(
             add_compared(result.compared_curve, compared)
 
     pipeline.ledger.on_compared = take
+    if calibration is not None:
+        pipeline.ledger.calibration.restore(calibration)
     writer = None
     if out is not None:
         check_folder(out, foreign_entries, overwrite, (path,), BagError)

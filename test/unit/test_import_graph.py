@@ -135,7 +135,7 @@ MODULES = {
     """,
     "robot_energy.results": """
         base check drives dynamics energy evaluation excitation identification model
-        prediction replay schema
+        prediction replay schema uncertainty
     """,
     "robot_energy.rig": """
         config lubricant output plant profile random_plant record sensors supply

@@ -98,7 +98,7 @@ def test_json_keys_are_stable(tmp_path: Path) -> None:
     summary = report.to_dict()
     assert list(summary) == [
         "result", "schema_version", "tool_version", "model", "energy", "power", "phases",
-        "joints", "quality", "problems", "notes", "bag", "origin", "topics", "time",
+        "joints", "quality", "uncertainty", "problems", "notes", "bag", "origin", "topics", "time",
         "comparison", "shaft", "payload", "inputs", "compared_with", "jobs",
     ]  # fmt: skip
     assert (summary["result"], summary["schema_version"]) == ("replay", SCHEMA_VERSION)
