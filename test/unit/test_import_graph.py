@@ -18,7 +18,7 @@ SOURCES = Path(robot_energy.__file__).parent.parent
 MODULES = {
     "robot_energy": """
         __main__ bag_replay blocks config_file energy_bag errors kinds log_formats prediction
-        recorded_jobs schema_errors shown_text time_series units
+        recorded_jobs replay_topics schema_errors shown_text time_series units
     """,
     "robot_energy.accounting": """
         account account_record averaging band_calibration comparison energy_curve event_log
@@ -173,7 +173,15 @@ LAYERS = (
     ("condition",),
     ("pipeline", "messages", "store"),
     ("motion",),
-    ("bag_replay", "energy_bag", "prediction", "recorded_jobs", "starter", "layouts"),
+    (
+        "bag_replay",
+        "energy_bag",
+        "replay_topics",
+        "prediction",
+        "recorded_jobs",
+        "starter",
+        "layouts",
+    ),
     ("identify", "rig", "check", "page"),
     ("results",),
     ("report",),

@@ -12,13 +12,14 @@ from robot_energy.accounting.averaging import MeanBlock
 from robot_energy.api.inputs import ModelName, driver_inputs, effort_meaning, model_of
 from robot_energy.api.power_table import empty_table, period_table, sample_table
 from robot_energy.bag.time_range import TimeRange
-from robot_energy.bag_replay import Replay, Topics
+from robot_energy.bag_replay import Replay
 from robot_energy.blocks import PowerBlock
 from robot_energy.inputs.sources import JointStateSource
 from robot_energy.model import RobotModel
 from robot_energy.physics.friction import with_fixed_friction
 from robot_energy.pipeline import Output, Settings
 from robot_energy.recorded_jobs import load_jobs
+from robot_energy.replay_topics import Topics
 from robot_energy.results.energy import EnergyBreakdown, JointEnergy, MeterComparison, PhaseEnergy
 from robot_energy.results.replay import ReplayReport, replay_report
 from robot_energy.time_series import TimeSeries
