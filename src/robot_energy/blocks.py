@@ -143,7 +143,10 @@ class Block:
 
         Args:
             blocks: At least one.
-            rows: Number of each sample, one array per block; they are returned with them.
+            rows: Number of each sample, one array per block.
+
+        Returns:
+            The samples and their numbers.
         """
         number = np.concatenate(rows) if len(rows) > 1 else rows[0]
         whole = cls.concatenate(blocks)
@@ -232,8 +235,7 @@ class FrictionBlock(Block):
         viscous: At the row's temperature, shape (N, n). [N m s/rad]
         viscous_std: Standard deviation of it; NaN: not known, shape (N, n). [N m s/rad]
         viscous_shared_std: Part of that which errs alike at all joints. [N m s/rad]
-        viscous_fallback: Used once the temperature is stale, shape (N, n). [N m s/rad]
-        viscous_fallback_std: Standard deviation of it. [N m s/rad]
+        viscous_fallback, viscous_fallback_std: Used once the temperature is stale. [N m s/rad]
         motor_temperature_degc: NaN where never seen, shape (N, n). [degC]
         temperature_stamp_ns: Stamp of that temperature, 0 where never seen, shape (N, n). [ns]
     """

@@ -66,12 +66,12 @@ class FrictionCertainty:
 
     def _known(self, degc: Float) -> tuple[Float, Float]:
         """Deviations at measured temperatures."""
-        std = self._friction.viscous_std(degc)
-        if not np.isnan(std).any():
-            return std, np.zeros_like(std)
-        inside = np.clip(degc, *self._edges)
-        value, own = self._friction.viscous(inside), self._friction.viscous_std(inside)
-        own = np.where(np.isnan(own), self._prior * value, own)
-        beyond = COLDER * np.maximum(inside - degc, 0.0) + WARMER * np.maximum(degc - inside, 0.0)
-        shared = np.where(np.isnan(std), beyond * value, 0.0)
-        return np.where(np.isnan(std), np.hypot(own, shared), std), shared
+        friction, inside = self._friction, np.clip(degc, *self._edges)
+        total, own = friction.viscous_std(degc), friction.viscous_std(inside)
+        if np.isnan(total).any():
+            edge = friction.viscous(inside)
+            own = np.where(np.isnan(own), self._prior * edge, own)
+            colder, warmer = np.maximum(inside - degc, 0.0), np.maximum(degc - inside, 0.0)
+            grown = np.hypot(own, (COLDER * colder + WARMER * warmer) * edge)
+            total = np.where(np.isnan(total), grown, total)
+        return total, np.sqrt(np.maximum(total**2 - own**2, 0.0))

@@ -55,7 +55,7 @@ def half_width(rest: Float | float, temperature: Float | float, scale: float = Z
     Args:
         rest: Standard deviation of all but the temperature, any shape (...). [W] or [J]
         temperature: Standard deviation from the temperature, same shape. [W] or [J]
-        scale: Half width over standard deviation.
+        scale: Half width over standard deviation. [-]
 
     Returns:
         Same shape and unit.
@@ -68,8 +68,8 @@ def scores(error: Float, rest: Float, temperature: Float) -> Float:
 
     Args:
         error: Without sign, shape (N,). [W] or [J]
-        rest: As for `half_width`, > 0, shape (N,).
-        temperature: As for `half_width`, shape (N,).
+        rest: As for `half_width`, > 0, shape (N,). [W] or [J]
+        temperature: As for `half_width`, shape (N,). [W] or [J]
 
     Returns:
         Shape (N,). [-]

@@ -23,7 +23,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from robot_energy.blocks import Float, Int, differences, sum_over_joints
+from robot_energy.blocks import Float, Int, differences
 from robot_energy.model import RobotModel
 from robot_energy.model.drive_models import DRIVE_MODELS, LossDrive
 from robot_energy.model.figure import Tag
@@ -150,10 +150,10 @@ class PowerDeviation:
         unknown = np.isnan(std)
         if unknown.any():
             std = np.where(unknown, self._viscous_prior * viscous, std)
-        variance = (std**2 - np.where(np.isnan(shared), 0.0, shared) ** 2) * speed**2
+            shared = np.nan_to_num(shared)
+        variance = (std**2 - shared**2) * speed**2
         np.sqrt(self._coulomb**2 + np.maximum(variance, 0.0), out=friction)
         friction *= speed
-        temperature[:] = sum_over_joints(np.where(shared > 0, shared * speed**2, 0.0))
         if self._drive is None:
             np.multiply(self._drive_share, shaft, out=drive)
         else:
@@ -161,25 +161,37 @@ class PowerDeviation:
         carried = self._payload_share
         if self._payload_mass > 0:
             carried = carried * np.minimum(payload_mass / self._payload_mass, 1.0)[:, None]
-        of_payload = sum_over_joints(rigid_power * carried)
+        table = np.empty((n_joints, 5, size))
+        table[:, 0], table[:, 1] = rigid_power.T, (rigid_power * carried).T
+        table[:, 2], table[:, 3] = shaft.T, (shared * speed**2).T
+        table[:, 4] = (friction**2 + drive**2).T
+        rigid, of_payload, moved, temperature[:], squares = _in_order(table)
         np.multiply(self._payload, of_payload, out=payload)
-        np.multiply(self._bodies, sum_over_joints(rigid_power) - of_payload, out=bodies)
+        np.multiply(self._bodies, rigid - of_payload, out=bodies)
         loss_dc[:] = self._loss_dc
         loss_grid[:] = self._loss_grid
+        unexplained = (UNEXPLAINED * self._recent_peak(stamp_ns, moved)) ** 2
+        np.multiply(2.0 * UNEXPLAINED_TIME, unexplained, out=random)
+        squares = squares + bodies**2 + payload**2 + loss_dc**2
         reaches = np.where(balance.brake_power > 0, 0.0, 1.0)
         if self._returned:
             reaches[balance.grid_power < balance.loss_grid] = self._returned
-        if not reaches.all():
+        if (reaches < 1.0).any():
             for column in (bodies, payload, temperature, loss_dc, *friction.T, *drive.T):
                 column *= reaches
-        unexplained = (UNEXPLAINED * self._recent_peak(stamp_ns, sum_over_joints(shaft))) ** 2
-        np.multiply(2.0 * UNEXPLAINED_TIME, unexplained, out=random)
-        squares = sum_over_joints(friction**2) + sum_over_joints(drive**2)
-        squares += bodies**2 + payload**2 + loss_dc**2 + unexplained
-        np.sqrt(squares, out=bus)
+            squares *= reaches**2
+        np.sqrt(squares + unexplained, out=bus)
         np.fmin(columns, MAX_DEVIATION, out=columns)
         np.fmax(columns, -MAX_DEVIATION, out=columns)
         return columns
+
+
+def _in_order(table: Float) -> Float:
+    """Sum over the first axis in a fixed order, so that the result never depends on the others."""
+    total = table[0]
+    for row in table[1:]:
+        total += row
+    return total
 
 
 def _loss_model(entries: list[LossDrive]) -> DriveDeviation:
