@@ -50,6 +50,8 @@ class ExponentialLaw(LawEntry):
         fitted_degc: Range of temperatures behind the fit; outside, the edge is held.
         std: Greatest standard deviation of fv(T) in that range, where identification gave
             one; those of a, b and c alone do not give it, since they are correlated. [N m s/rad]
+        covariance: Of a, b and c, shape (3, 3), where identification gave one; the deviation of
+            fv(T) follows from it at every temperature. [products of their units]
     """
 
     law: Literal["exponential"]
@@ -58,9 +60,12 @@ class ExponentialLaw(LawEntry):
     c: Annotated[PositiveFigure, Field()]
     fitted_degc: tuple[Number, Number]
     std: Annotated[float, Field(ge=0)] | None = None
+    covariance: list[list[Number]] | None = None
 
     @model_validator(mode="after")
     def _check(self) -> ExponentialLaw:
+        if self.covariance is not None and [len(row) for row in self.covariance] != [3, 3, 3]:
+            raise ValueError("covariance must have three rows of three numbers, of a, b and c")
         if self.c.value <= 0:
             raise ValueError(f"c must be > 0 K, found {self.c.value}")
         if not self.fitted_degc[0] < self.fitted_degc[1]:
@@ -69,8 +74,8 @@ class ExponentialLaw(LawEntry):
 
     @model_serializer(mode="wrap")
     def _dump(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leave out an absent deviation: a model without one keeps its identity."""
-        return without_absent(dump(self), "std")
+        """Leave out absent deviations: a model without them keeps its identity."""
+        return without_absent(without_absent(dump(self), "std"), "covariance")
 
 
 class TableLaw(LawEntry):

@@ -146,7 +146,17 @@ def _constant(entry: ConstantLaw) -> ViscousLaw:
 def _exponential(entry: ExponentialLaw) -> ViscousLaw:
     a, b, c = entry.a.value, entry.b.value, entry.c.value
     lower, upper = entry.fitted_degc
-    return ViscousLaw(lower, upper, lambda t: exponential_viscous(t, a, b, c), _level(entry.std))
+    deviation = _level(entry.std)
+    if entry.covariance is not None:
+        covariance = np.asarray(entry.covariance, dtype=np.float64)
+
+        def deviation(degc: Float) -> Float:
+            decay = np.exp(-np.asarray(degc) / c)
+            slope = np.stack([np.ones_like(decay), decay, b * decay * degc / c**2])
+            variance = np.einsum("i...,ij,j...->...", slope, covariance, slope)
+            return np.sqrt(np.maximum(variance, 0.0))
+
+    return ViscousLaw(lower, upper, lambda t: exponential_viscous(t, a, b, c), deviation)
 
 
 def _table(entry: TableLaw) -> ViscousLaw:
