@@ -76,7 +76,7 @@ MODULES = {
         friction laws samples shape temperature_study
     """,
     "robot_energy.identify.stats": """
-        cross_validation held_out_energy lag regression threads
+        autocorrelation cross_validation held_out_energy lag regression systematic threads
     """,
     "robot_energy.inputs": """
         bag_topics inputs_file parameters rejection_log sources
@@ -154,9 +154,9 @@ MODULES = {
         band deviation priors
     """,
     "robot_energy_papers": """
-        accuracy calibration drawings drawn_plants drive_study effects experiment held_out job_pool
-        learning_study machines mantis models pages paper_a paper_a_numbers paper_a_page paper_b
-        paper_b_numbers paper_b_page soaked_rigs wall
+        accuracy calibration drawings drawn_plants drive_study effects experiment held_out
+        interval_coverage job_pool learning_study machines mantis models pages paper_a
+        paper_a_numbers paper_a_page paper_b paper_b_numbers paper_b_page soaked_rigs wall
     """,
     "robot_energy_papers.cli": """
         reproduce study_folder

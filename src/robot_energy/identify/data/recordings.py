@@ -26,6 +26,7 @@ from robot_energy.blocks import (
 )
 from robot_energy.errors import BagError, NotIdentifiableError
 from robot_energy.identify.data.signals import Channels, stretches
+from robot_energy.identify.stats.systematic import DEFAULT_LIMITS, SensorLimits
 from robot_energy.inputs.meter.power_curve import MeterLimits
 from robot_energy.inputs.sources import Inputs
 from robot_energy.model import RobotModel
@@ -50,6 +51,7 @@ class Recording:
         compared: Predicted and measured energy, wherever both are known.
         limits: What the user says of the readings of the meter.
         replay: The replay that gave it, with its accounting.
+        sensors: Limits of the constant errors of its sensors.
     """
 
     path: Path
@@ -62,6 +64,7 @@ class Recording:
     compared: tuple[Compared, ...] = ()
     limits: MeterLimits = field(default_factory=MeterLimits)
     replay: Replay | None = field(default=None, repr=False)
+    sensors: SensorLimits = DEFAULT_LIMITS
 
     def __len__(self) -> int:
         return len(self.torque)
