@@ -180,6 +180,17 @@ class RobotParameters:
     thermal_speedup: float = parameter(
         "How many times faster than nature the robot warms up [-].", 1.0, 0.01, 10_000.0
     )
+    plant_seed: int = parameter(
+        "Seed by which friction, losses and constants are drawn at random; -1 takes those of the "
+        "KR 16 class profile.",
+        -1,
+        -1,
+        2**31 - 1,
+    )
+    hard: bool = parameter(
+        "Whether the rig has effects that no model file has a term for, such as elastic joints.",
+        False,
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -27,11 +27,16 @@ from robot_energy.accounting.registers import CABINET_REGISTERS, JOINT_REGISTERS
 from robot_energy.errors import StateFileError
 from robot_energy.shown_text import shown
 from robot_energy.timeline.stamps import MAX_STAMP_NS, MIN_STAMP_NS
+from robot_energy.uncertainty.deviation import CABINET_DEVIATIONS, JOINT_DEVIATIONS
 from robot_energy.units import MAX_COUNTER
 
-FORMAT_VERSION = 2  # 1 had no node
+FORMAT_VERSION = 3  # 1 had no node, 2 no calibration
 SHAFT_KEYS = tuple(f"shaft_{name}" for name in SHAFT_REGISTERS)
-JOINT_KEYS = (*JOINT_REGISTERS, *SHAFT_KEYS)
+CABINET_DEVIATION_KEYS = tuple(f"deviation_{name}" for name in CABINET_DEVIATIONS)
+JOINT_DEVIATION_KEYS = tuple(f"deviation_{name}" for name in JOINT_DEVIATIONS)
+DEVIATION_KEYS = frozenset((*CABINET_DEVIATION_KEYS, *JOINT_DEVIATION_KEYS))
+CABINET_KEYS = (*CABINET_REGISTERS, *CABINET_DEVIATION_KEYS)
+JOINT_KEYS = (*JOINT_REGISTERS, *SHAFT_KEYS, *JOINT_DEVIATION_KEYS)
 
 Integer = Annotated[int, Field(ge=-MAX_COUNTER, le=MAX_COUNTER)]
 Count = Annotated[int, Field(ge=0, le=MAX_COUNTER)]
@@ -82,7 +87,7 @@ class Totals(RecordPart):
     """All counters at an instant, or what they counted between two; exact integers.
 
     Attributes:
-        cabinet_energy_microjoule: By the names of ``CABINET_REGISTERS``. [uJ]
+        cabinet_energy_microjoule: By the names of ``CABINET_KEYS``. [uJ]
         joint_energy_microjoule: By the names of ``JOINT_KEYS``, joints in order. [uJ]
         shaft_compared_ns: Time with a measured shaft power of each joint. [ns]
         measured_energy_microjoule: By the meter, while compared. [uJ]
@@ -137,7 +142,7 @@ class Totals(RecordPart):
             StateFileError: If a register is unknown or has another number of joints.
         """
         cabinet, joints = self.cabinet_energy_microjoule, self.joint_energy_microjoule
-        unknown = (set(cabinet) - {*CABINET_REGISTERS}) | (set(joints) - {*JOINT_KEYS})
+        unknown = (set(cabinet) - {*CABINET_KEYS}) | (set(joints) - {*JOINT_KEYS})
         if unknown:
             raise StateFileError(
                 f"the state has a register '{min(unknown)}'",
@@ -150,9 +155,7 @@ class Totals(RecordPart):
         zero = (0,) * len(order)
         return self.model_copy(
             update={
-                "cabinet_energy_microjoule": {
-                    name: cabinet.get(name, 0) for name in CABINET_REGISTERS
-                },
+                "cabinet_energy_microjoule": {name: cabinet.get(name, 0) for name in CABINET_KEYS},
                 "joint_energy_microjoule": {
                     name: tuple(joints.get(name, zero)[index] for index in order)
                     for name in JOINT_KEYS
@@ -181,7 +184,7 @@ class Remainders(RecordPart):
         zero = (0,) * len(order)
         return self.model_copy(
             update={
-                "cabinet": {name: self.cabinet.get(name, 0) for name in CABINET_REGISTERS},
+                "cabinet": {name: self.cabinet.get(name, 0) for name in CABINET_KEYS},
                 "joints": {
                     name: tuple(self.joints.get(name, zero)[index] for index in order)
                     for name in JOINT_KEYS
@@ -266,6 +269,22 @@ class Identity(RecordPart):
     node: str = ""
 
 
+class Calibrated(RecordPart):
+    """How wide bands must be, as `robot_energy.accounting.band_calibration` found.
+
+    Attributes:
+        location: Where the meter sat, name of a `MeterLocation`.
+        log_scale: Logarithm of the scale of power, by phase; the first is of all phases.
+        readings: Readings of the meter behind each.
+        energy_scores: Of the newest half minutes, oldest first.
+    """
+
+    location: Literal["UNKNOWN", "GRID", "DC_BUS"]
+    log_scale: tuple[Power, ...]
+    readings: tuple[Count, ...]
+    energy_scores: tuple[Power, ...]
+
+
 class AccountRecord(RecordPart):
     """All that an energy account keeps across a restart.
 
@@ -287,9 +306,10 @@ class AccountRecord(RecordPart):
         open_intervals: Those that still count.
         closed_intervals: The latest closed ones, oldest first.
         trace: Resets, restarts, changes of the model; the latest of each kind.
+        calibration: Of the bands; None before format 3.
     """
 
-    format_version: Literal[1, 2] = FORMAT_VERSION
+    format_version: Literal[1, 2, 3] = FORMAT_VERSION
     identity: Identity
     energy_start_ns: Stamp | None
     end_ns: Stamp | None
@@ -306,6 +326,7 @@ class AccountRecord(RecordPart):
     open_intervals: tuple[OpenInterval, ...]
     closed_intervals: tuple[EnergyInterval, ...]
     trace: tuple[TraceEntry, ...]
+    calibration: Calibrated | None = None
     _repairs: tuple[str, ...] = PrivateAttr(())
 
     @property

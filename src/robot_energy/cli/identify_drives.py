@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from robot_energy.cli.identify_inputs import (
     add_bags,
     add_results,
+    add_sensors,
     bags_of,
     check_results,
     check_source,
@@ -82,6 +83,7 @@ def add_parser(commands: Any) -> None:
         metavar="HZ",
         help="of the low-pass of the maps (default 5 Hz)",
     )
+    add_sensors(parser)
     add_results(parser, "these drives", "draw the maps (.png, .svg, .pdf)")
     log = parser.add_argument_group("from logs with torque, without a model")
     log.add_argument("--log", nargs="+", metavar="LOG", help="tables: CSV, plain or .gz, Parquet")
@@ -97,6 +99,7 @@ def run(args: Namespace) -> int:
     """
     from robot_energy.identify.drives.all_drives import find_drives
     from robot_energy.identify.plausibility import check_drives, check_total
+    from robot_energy.identify.provenance import hashed, identified_from
     from robot_energy.report.document import Document
     from robot_energy.report.drives import drives_document, mapped
     from robot_energy.report.efficiency_figure import efficiency_maps
@@ -112,6 +115,9 @@ def run(args: Namespace) -> int:
     elif found.total is not None:
         check_total(found.total.data, found.total.scores)
     written, notes = (None, []) if model is None else found.write(model, source)
+    if written is not None:
+        done, bags = "Losses of the drives identified.", [hashed(Path(name)) for name in args.bags]
+        written = written.changed(provenance=identified_from(written.provenance, done, bags))
     report = drives_report(found, torque, notes)
     page = Document("Electrical power of the drives", f"Identified from {source}.")
     drives_document(report, page)

@@ -12,9 +12,11 @@ from typing import TYPE_CHECKING, Any
 from robot_energy.cli.identify_inputs import (
     add_bags,
     add_results,
+    add_sensors,
     bags_of,
     check_results,
     check_source,
+    sensor_limits,
 )
 from robot_energy.cli.numbers import number
 from robot_energy.cli.terminal import add_command, present
@@ -95,6 +97,7 @@ def add_parser(subjects: Any) -> None:
         help="look for delays of the torque up to this (default: 5; 0: do not)",
     )
     parser.add_argument("--details", action="store_true", help="print every base parameter")
+    add_sensors(parser)
     add_results(parser, "these dynamics")
 
 
@@ -110,6 +113,7 @@ def run(args: Namespace) -> int:
     from robot_energy.identify.dynamics.dynamics_model import to_model
     from robot_energy.identify.dynamics.leave_one_out import across_recordings
     from robot_energy.identify.plausibility import check_dynamics
+    from robot_energy.identify.provenance import hashed
     from robot_energy.report.document import Document
     from robot_energy.report.dynamics import dynamics_document
     from robot_energy.results.dynamics import dynamics_report
@@ -129,7 +133,8 @@ def run(args: Namespace) -> int:
     held_out, consistent = result.held_out(), result.held_out_consistent()
     with cause_named(lambda: [evidence_of_rows(result)]):
         check_dynamics(result, consistent)
-    written = to_model(result, sources)
+    bags = [] if args.log else [Path(bag) for bag in args.bags]
+    written = to_model(result, [hashed(bag) for bag in bags] or sources)
     effort = [
         (
             "time",
@@ -189,4 +194,5 @@ def _settings(args: Namespace) -> DynamicsSettings:
         method=args.method,
         filters=Filters(cutoff=args.cutoff),
         delay_span=args.delay * 1e-3,
+        sensors=sensor_limits(args),
     )

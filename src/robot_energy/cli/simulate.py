@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from robot_energy.motion import Program
     from robot_energy.rig import PlantProfile
 
+RATE = 250.0  # Hz
 ROBOTS = ("kr16", "mantis", "testbed", "irb4600")
 TOOL, MIN_HEIGHT = "tool0", 0.2  # m: the random program stays above the floor
 
@@ -76,6 +77,13 @@ def add_parser(commands: Any) -> None:
         help="factor on how fast temperatures change (default 1)",
     )
     parser.add_argument(
+        "--rate",
+        type=number,
+        default=RATE,
+        metavar="HZ",
+        help=f"of the joint states (default {RATE:g} Hz)",
+    )
+    parser.add_argument(
         "--override",
         type=number,
         default=1.0,
@@ -120,6 +128,7 @@ def run(args: Namespace) -> int:
         args.seed,
         args.start_temperature,
         args.ambient,
+        rate_hz=args.rate,
     )
     recording = record(
         rig, args.duration, args.out, overwrite=args.overwrite, drive_power=args.drive_power

@@ -2,7 +2,8 @@
 
 The order is that of the power: bodies, rotors and friction from measured torque; friction
 over temperature on what the bodies leave; then the supply. One meter for all tells the
-cabinet first, while nothing moves, and the drives from the rest. Where the power of each
+cabinet first, while nothing moves, and the drives from the rest, then both again, each with
+the other, until they agree. Where the power of each
 drive is measured, the drives come first, because the cabinet is the meter less the drives.
 What the DC link stores is last: drives and constants decide when it fills.
 Every step reads the recordings with the model that the step before left. What the
@@ -15,7 +16,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-from robot_energy import __version__
 from robot_energy.blocks import EffortMeaning
 from robot_energy.errors import (
     ImplausibleIdentificationError,
@@ -25,6 +25,7 @@ from robot_energy.errors import (
 from robot_energy.identify.cabinet.dc_link import Voltages
 from robot_energy.identify.cabinet.meter_delay import meter_delay_of
 from robot_energy.identify.data.bags import Bag, BagFacts, powers_of
+from robot_energy.identify.provenance import identified_from
 from robot_energy.identify.stats.lag import Delay
 from robot_energy.identify.steps import (
     STEPS,
@@ -33,9 +34,9 @@ from robot_energy.identify.steps import (
     Subject,
     capacitor_step,
     friction_step,
+    in_turns,
 )
 from robot_energy.model import RobotModel
-from robot_energy.model.schema import Provenance
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.effort import Effort
 
@@ -113,6 +114,7 @@ def identify_everything(
     order = order_of(bags)
     delay: Delay | None = None
     in_time = False
+    base = model
     for number, subject in enumerate(order):
         if progress is not None:
             progress(subject, number / len(order))
@@ -138,6 +140,13 @@ def identify_everything(
                 step = Step(subject, None, str(error), now)
         steps.append(step)
         now = step.model
+        if subject == "drives" and step.taken and len(steps) > 1:
+            cabinet = steps[-2]
+            if cabinet.subject == "cabinet" and cabinet.taken:
+                steps[-2:] = in_turns(cabinet, step, bags, base, source)
+                now = steps[-1].model
+        elif subject == "friction":
+            base = now
     return FullIdentification(model, tuple(steps), delay, share_shape)
 
 
@@ -179,10 +188,6 @@ def with_provenance(result: FullIdentification, read: Sequence[BagFacts]) -> Rob
     done = f"Identified: {', '.join(result.taken)}."
     if origins:
         done += f" Recordings from: {', '.join(origins)}."
-    provenance = Provenance(
-        tool_version=__version__,
-        data_date=dates[-1] if dates else before.data_date,
-        bags=(*before.bags, *(f"{entry.name} sha256:{entry.sha256}" for entry in read)),
-        notes=f"{done} Of the model before: {before.notes}" if before.notes else done,
-    )
+    bags = [f"{entry.name} sha256:{entry.sha256}" for entry in read]
+    provenance = identified_from(before, done, bags, dates[-1] if dates else "")
     return result.model.changed(provenance=provenance)

@@ -30,6 +30,7 @@ from robot_energy.pipeline.fallback_use import FallbackUse
 from robot_energy.pipeline.friction_stage import FrictionStage
 from robot_energy.pipeline.friction_timeline import FrictionTimeline
 from robot_energy.pipeline.settings import Settings
+from robot_energy.uncertainty.deviation import PowerDeviation
 
 MAX_POWER = 1e6  # no robot draws a megawatt: the joint states are wrong [W]
 NEVER = 1e9  # s, some thirty years
@@ -58,6 +59,7 @@ class PowerStage:
         self._friction = FrictionModel.from_model(model)
         self._drive = drive_from_model(model)
         self._cabinet = CabinetStage(model.cabinet)
+        self._deviation = PowerDeviation(model)
         self.watch = StuckTemperatureDetector(model)
         transmission = np.abs(Drivetrain.from_model(model).transmission)
         still = np.asarray([joint.standstill_velocity for joint in model.joints])
@@ -145,7 +147,7 @@ class PowerStage:
     def _power(self, block: TorqueBlock) -> PowerBlock:
         quality = block.quality.copy()
         speed, rigid = block.motor_velocity, block.motor_torque_rigid
-        coulomb, viscous, measured_degc = self._coefficients(block.stamp_ns, quality)
+        (coulomb, viscous, *deviations, measured_degc) = self._coefficients(block.stamp_ns, quality)
         standing = np.abs(speed) <= self._standstill
         friction = self._friction.torque(speed, rigid, coulomb, viscous, standing)
         learned = self.condition.multiplier(speed, measured_degc)
@@ -179,6 +181,18 @@ class PowerStage:
         phase[standing.all(axis=1)] = Phase.HOLD
         phase[bus + balance.loss_dc < 0] = Phase.GENERATING
         phase[~finite] = Phase.UNKNOWN
+        deviation = self._deviation.columns(
+            np.where(standing, 0.0, speed),
+            torque,
+            rigid_power,
+            friction_power,
+            drive_loss,
+            viscous,
+            (deviations[0], deviations[1]),
+            block.payload_mass,
+            balance,
+            block.stamp_ns,
+        )
         return PowerBlock(
             stamp_ns=block.stamp_ns,
             segment=block.segment,
@@ -201,22 +215,34 @@ class PowerStage:
             brake_power=balance.brake_power,
             capacitor_power=balance.capacitor_power,
             grid_power=balance.grid_power,
+            deviation=deviation,
         )
 
-    def _coefficients(self, stamp_ns: Int, quality: Bits) -> tuple[Float, Float, Float]:
-        """Friction valid at each stamp; the temperature is NaN where missing or stale."""
+    def _coefficients(self, stamp_ns: Int, quality: Bits) -> tuple[Float, ...]:
+        """Friction valid at each stamp: Coulomb, viscous, its deviations, temperature.
+
+        The temperature is NaN where missing or stale.
+        """
         line, row = self._timeline.at(stamp_ns)
         seen = line.temperature_stamp_ns
-        coulomb, viscous, temperature = (
+        coulomb, viscous, std, shared, temperature = (
             values.T.take(row, axis=1).T
-            for values in (line.coulomb, line.viscous, line.motor_temperature_degc)
+            for values in (
+                line.coulomb,
+                line.viscous,
+                line.viscous_std,
+                line.viscous_shared_std,
+                line.motor_temperature_degc,
+            )
         )
         quality |= line.quality[row]
         deadline = np.where(seen > 0, seen + self._stale_ns, np.iinfo(np.int64).max)
         if (stamp_ns > deadline.min(axis=1)[row]).any():
             stale = stamp_ns[:, None] > deadline[row]
             viscous = np.where(stale, line.viscous_fallback[row], viscous)
+            std = np.where(stale, line.viscous_fallback_std[row], std)
+            shared = np.where(stale, line.viscous_fallback_std[row], shared)
             temperature = np.where(stale, np.nan, temperature)
             mark(quality, np.logical_or.reduce(stale, axis=1), Quality.TEMPERATURE_STALE)
         self.fallback_use.note(stamp_ns, temperature, seen[row[-1]], self._timeline)
-        return coulomb, viscous, temperature
+        return coulomb, viscous, std, shared, temperature

@@ -15,7 +15,7 @@ from robot_energy.report.formats import (
     significant,
     tags_text,
 )
-from robot_energy.report.replay import LOCATION_NAMES
+from robot_energy.report.headline import LOCATION_NAMES
 from robot_energy.report.series import Role
 from robot_energy.results.evaluation import (
     FIXED,

@@ -57,6 +57,8 @@ class VirtualRig:
         ambient_degc: [degC]
         start_stamp_ns: Stamp of the first sample. [ns]
         rate_hz: Rate of the joint states. [Hz]
+        device_seed: Seed of the constant errors of the sensors; None for ``seed``. Runs with
+            the same one have the same sensors, whatever their noise.
 
     Attributes:
         joint_names: Names, in the order of every array.
@@ -77,8 +79,10 @@ class VirtualRig:
         ambient_degc: float = 20.0,
         start_stamp_ns: int = EPOCH_NS,
         rate_hz: float = 250.0,
+        device_seed: int | None = None,
     ) -> None:
         config = config or RigConfig()
+        device = seed if device_seed is None else device_seed
         start = _start(profile, program, start_temperature_degc, ambient_degc, rate_hz)
         self.profile = profile
         self.samples = 0
@@ -95,11 +99,13 @@ class VirtualRig:
         self._thermal = ThermalNetwork(
             profile, self._block * self.period * config.thermal_speedup, start, start, ambient_degc
         )
-        self._joint_sensors = JointSensors(config, self._drivetrain, seed, self._period_ns)
-        self._thermometer = TemperatureSensor(config, seed, self._start_ns, profile.n_joints)
+        self._joint_sensors = JointSensors(config, self._drivetrain, seed, self._period_ns, device)
+        self._thermometer = TemperatureSensor(
+            config, seed, self._start_ns, profile.n_joints, device
+        )
         self._compliance = _compliance(profile, self._robot) if config.elastic_joints else None
         self._fan = Fan(profile.hard) if config.fan else None
-        self._meter = GridMeter(config, seed, self._start_ns, self._period_ns)
+        self._meter = GridMeter(config, seed, self._start_ns, self._period_ns, device)
         self._computed = 0
         self._ready: tuple[RigJoints, Truth] | None = None
         self._temperatures: TemperatureBlock | None = None
