@@ -46,7 +46,8 @@ MODULES = {
         replay_options report robots schema simulate stopping terminal test
     """,
     "robot_energy.condition": """
-        buckets joint_friction learner meter_fit meter_windows record
+        buckets drift_test joint_friction learner meter_fit meter_records meter_windows
+        record wear wear_records
     """,
     "robot_energy.files": """
         first_bytes output_files output_folder output_streams placement regular_file
