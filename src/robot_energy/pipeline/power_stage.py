@@ -147,7 +147,7 @@ class PowerStage:
     def _power(self, block: TorqueBlock) -> PowerBlock:
         quality = block.quality.copy()
         speed, rigid = block.motor_velocity, block.motor_torque_rigid
-        coulomb, viscous, viscous_std, measured_degc = self._coefficients(block.stamp_ns, quality)
+        (coulomb, viscous, *deviations, measured_degc) = self._coefficients(block.stamp_ns, quality)
         standing = np.abs(speed) <= self._standstill
         friction = self._friction.torque(speed, rigid, coulomb, viscous, standing)
         learned = self.condition.multiplier(speed, measured_degc)
@@ -188,9 +188,10 @@ class PowerStage:
             friction_power,
             drive_loss,
             viscous,
-            viscous_std,
+            (deviations[0], deviations[1]),
             block.payload_mass,
             balance,
+            block.stamp_ns,
         )
         return PowerBlock(
             stamp_ns=block.stamp_ns,
@@ -217,19 +218,20 @@ class PowerStage:
             deviation=deviation,
         )
 
-    def _coefficients(self, stamp_ns: Int, quality: Bits) -> tuple[Float, Float, Float, Float]:
-        """Friction valid at each stamp: Coulomb, viscous, its deviation, temperature.
+    def _coefficients(self, stamp_ns: Int, quality: Bits) -> tuple[Float, ...]:
+        """Friction valid at each stamp: Coulomb, viscous, its deviations, temperature.
 
         The temperature is NaN where missing or stale.
         """
         line, row = self._timeline.at(stamp_ns)
         seen = line.temperature_stamp_ns
-        coulomb, viscous, std, temperature = (
+        coulomb, viscous, std, shared, temperature = (
             values.T.take(row, axis=1).T
             for values in (
                 line.coulomb,
                 line.viscous,
                 line.viscous_std,
+                line.viscous_shared_std,
                 line.motor_temperature_degc,
             )
         )
@@ -239,7 +241,8 @@ class PowerStage:
             stale = stamp_ns[:, None] > deadline[row]
             viscous = np.where(stale, line.viscous_fallback[row], viscous)
             std = np.where(stale, line.viscous_fallback_std[row], std)
+            shared = np.where(stale, line.viscous_fallback_std[row], shared)
             temperature = np.where(stale, np.nan, temperature)
             mark(quality, np.logical_or.reduce(stale, axis=1), Quality.TEMPERATURE_STALE)
         self.fallback_use.note(stamp_ns, temperature, seen[row[-1]], self._timeline)
-        return coulomb, viscous, std, temperature
+        return coulomb, viscous, std, shared, temperature

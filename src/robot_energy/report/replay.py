@@ -16,6 +16,7 @@ from robot_energy.report.energy import (
     phase_table,
     quality_table,
     scale_of,
+    uncertainty_table,
 )
 from robot_energy.report.formats import (
     EnergyFormat,
@@ -232,6 +233,10 @@ def _compared(page: Document, report: ReplayReport) -> None:
     )
 
 
+def _certainty(page: Document, report: ReplayReport, curves: ReplayCurves | None) -> None:
+    uncertainty_table(page, report, scale_of([report.energy]))
+
+
 def _joints(page: Document, report: ReplayReport, _: ReplayCurves | None) -> None:
     scale = scale_of([report.energy])
     joint_table(page, report.joints, scale)
@@ -338,6 +343,7 @@ Section = Callable[[Document, ReplayReport, ReplayCurves | None], None]
 SECTIONS: dict[str, Section] = {
     FIRST: _energy,
     "Predicted against measured": _comparison,
+    "How sure": _certainty,
     "Joints": _joints,
     "Temperatures and friction": _temperatures,
     "Phases": _phases,

@@ -6,10 +6,11 @@ import math
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-from robot_energy.bag_replay import Replay, Topics
+from robot_energy.bag_replay import Replay
 from robot_energy.blocks import NANOSECOND, EffortMeaning
 from robot_energy.messages import interval_fields
 from robot_energy.pipeline.payload_timeline import PayloadChange
+from robot_energy.replay_topics import Topics
 from robot_energy.results.base import Number, Result
 from robot_energy.results.energy import (
     EnergyBreakdown,

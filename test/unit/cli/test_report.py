@@ -16,8 +16,9 @@ from robot_energy.cli import main
 BAG, WARM = str(ROOT / "bags/kr16_cold"), str(ROOT / "bags/kr16_warm")
 MOVES = str(ROOT / "src/examples/programs/kr16_pick_and_place.yaml")
 SECTIONS = [
-    "Where the energy went", "Predicted against measured", "Joints", "Temperatures and friction",
-    "Phases", "Conditions, cycles and states", "Data quality", "Model and provenance",
+    "Where the energy went", "Predicted against measured", "How sure", "Joints",
+    "Temperatures and friction", "Phases", "Conditions, cycles and states", "Data quality",
+    "Model and provenance",
 ]  # fmt: skip
 
 
