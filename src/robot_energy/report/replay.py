@@ -28,6 +28,7 @@ from robot_energy.report.formats import (
     tags_text,
 )
 from robot_energy.report.headline import beyond_constant, headline, place_of, tiles
+from robot_energy.report.jobs import job_section, summary_section
 from robot_energy.report.power_figure import power_and_energy
 from robot_energy.report.prediction_figure import energy_bars
 from robot_energy.report.series import Series
@@ -346,6 +347,8 @@ SECTIONS: dict[str, Section] = {
     "Joints": _joints,
     "Temperatures and friction": _temperatures,
     "Phases": _phases,
+    "Job intervals": lambda page, report, _: job_section(page, report),
+    "Conditions, cycles and states": lambda page, report, _: summary_section(page, report),
     "Data quality": _quality,
     "Model and provenance": _model,
 }
