@@ -6,9 +6,8 @@ operation runs along the samples; the other order is slower and as right.
 Stamps are integer nanoseconds of the instant that the sample describes. SI units without
 suffix; temperatures in degC.
 
-``segment`` counts the pieces of a recording that belong together: it grows by one at
-every gap and at every backward jump of the stamps. Nothing is integrated or
-differentiated across a change of segment.
+``segment`` grows by one at every gap and at every backward jump of the stamps: nothing is
+integrated or differentiated across a change of it.
 """
 
 from __future__ import annotations
@@ -234,12 +233,11 @@ class FrictionBlock(Block):
 
     Attributes:
         stamp_ns: First instant of validity, shape (N,). [ns]
-        quality: Quality bits, shape (N,).
         coulomb: Shape (N, n). [N m]
         viscous: At the row's temperature, shape (N, n). [N m s/rad]
         viscous_std: Standard deviation of it; NaN: not known, shape (N, n). [N m s/rad]
-        viscous_fallback: Used once the temperature is stale, shape (N, n). [N m s/rad]
-        viscous_fallback_std: Standard deviation of it, shape (N, n). [N m s/rad]
+        viscous_shared_std: Part of that which errs alike at all joints. [N m s/rad]
+        viscous_fallback, viscous_fallback_std: Used once the temperature is stale. [N m s/rad]
         motor_temperature_degc: NaN where never seen, shape (N, n). [degC]
         temperature_stamp_ns: Stamp of that temperature, 0 where never seen, shape (N, n). [ns]
     """
@@ -248,6 +246,7 @@ class FrictionBlock(Block):
     coulomb: Float
     viscous: Float
     viscous_std: Float
+    viscous_shared_std: Float
     viscous_fallback: Float
     viscous_fallback_std: Float
     motor_temperature_degc: Float
@@ -262,8 +261,7 @@ class MeterBlock(Block):
         stamp_ns: Instant of the reading, or the end of its interval, shape (N,). [ns]
         power: Positive from the supply towards the load, shape (N,); NaN if cumulative. [W]
         energy: Counter reading, shape (N,); NaN unless cumulative. [J]
-        interval: Length of the interval that ends at the stamp, shape (N,); NaN unless
-            the reading is a mean over an interval. [s]
+        interval: That ends at the stamp, NaN unless the meter gives means, shape (N,). [s]
         meaning: What a reading stands for.
         location: Where in the supply the meter sits.
     """
@@ -303,8 +301,7 @@ class SupplyBlock(Block):
 class PowerBlock(Block):
     """Where each watt goes at each instant. Positive = from grid towards load.
 
-    ``grid_power = sum_i(rigid + friction + drive_loss)_i + loss_dc + loss_grid
-    + brake_power + capacitor_power`` holds for every finite sample.
+    ``grid_power = sum_i(rigid + friction + drive_loss)_i + losses + brake + capacitor`` holds.
 
     Attributes:
         segment: Segment number, shape (N,).
@@ -313,8 +310,7 @@ class PowerBlock(Block):
         motor_velocity: Motor side, shape (N, n). [rad/s]
         motor_torque: Rigid plus friction, motor side, shape (N, n). [N m]
         motor_torque_measured: Motor side, shape (N, n); NaN where unknown. [N m]
-        shaft_power_measured: Measured torque times motor velocity (paper A, eq. 5), shape
-            (N, n); NaN where unknown. [W]
+        shaft_power_measured: Measured torque times speed, NaN: unknown, shape (N, n). [W]
         rigid_power: Motor side, shape (N, n). [W]
         friction_power: Motor side, >= 0, shape (N, n). [W]
         drive_loss: Drive input minus shaft power, shape (N, n). [W]
@@ -360,7 +356,7 @@ class PowerBlock(Block):
 
     @property
     def supply(self) -> SupplyBlock:
-        """What a meter can see of these samples."""
+        """What a meter can see."""
         return SupplyBlock(self.stamp_ns, self.segment, self.grid_power, self.loss_grid)
 
 
@@ -380,14 +376,14 @@ def sum_over_joints(values: Float) -> Float:
 
 
 def differences(values: Int, before: int) -> Int:
-    """Return the step from each value's predecessor, which is ``before`` for the first.
+    """Return the step from each value's predecessor; quicker on few values than numpy.diff.
 
     Args:
         values: Shape (N,), N >= 1.
         before: What came before the first value.
 
     Returns:
-        Shape (N,). Ten times quicker on few values than ``numpy.diff`` with ``prepend``.
+        Shape (N,).
     """
     steps = np.empty(len(values), dtype=np.int64)
     steps[0] = values[0] - before

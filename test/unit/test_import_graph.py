@@ -18,7 +18,7 @@ SOURCES = Path(robot_energy.__file__).parent.parent
 MODULES = {
     "robot_energy": """
         __main__ bag_replay blocks config_file energy_bag errors kinds log_formats prediction
-        schema_errors shown_text time_series units
+        recorded_jobs replay_topics schema_errors shown_text time_series units
     """,
     "robot_energy.accounting": """
         account account_record averaging band_calibration comparison energy_curve event_log
@@ -30,7 +30,7 @@ MODULES = {
     """,
     "robot_energy.bag": """
         mcap_block mcap_file mcap_records mcap_summary metadata ownership packed
-        reader sources sqlite_source writer
+        reader sources sqlite_source time_range writer
     """,
     "robot_energy.cdr": """
         batch decode encode plan schema types walk
@@ -46,7 +46,8 @@ MODULES = {
         replay_options report robots schema simulate stopping terminal test
     """,
     "robot_energy.condition": """
-        buckets joint_friction learner meter_fit meter_windows record
+        buckets drift_test joint_friction learner meter_fit meter_records meter_windows
+        record wear wear_records
     """,
     "robot_energy.files": """
         first_bytes output_files output_folder output_streams placement regular_file
@@ -76,7 +77,7 @@ MODULES = {
         friction laws samples shape temperature_study
     """,
     "robot_energy.identify.stats": """
-        cross_validation held_out_energy lag regression threads
+        autocorrelation cross_validation held_out_energy lag regression systematic threads
     """,
     "robot_energy.inputs": """
         bag_topics inputs_file parameters rejection_log sources
@@ -127,15 +128,15 @@ MODULES = {
         robots
     """,
     "robot_energy.report": """
-        canvas document drives dynamics efficiency_figure energy energy_figure
+        canvas condition document drives dynamics efficiency_figure energy energy_figure
         evaluation excitation formats friction_figure headline held_out html
-        identification identify_all kinds layout model parameters power_figure
+        identification identify_all jobs kinds layout model parameters power_figure
         prediction prediction_figure printing recordings replay series temperature_figure
         torque_figure trend_figure
     """,
     "robot_energy.results": """
-        base check drives dynamics energy evaluation excitation identification model
-        prediction replay schema
+        base check condition drives dynamics energy evaluation excitation identification model
+        prediction replay schema uncertainty
     """,
     "robot_energy.rig": """
         config lubricant output plant profile random_plant record sensors supply
@@ -154,9 +155,9 @@ MODULES = {
         band deviation priors
     """,
     "robot_energy_papers": """
-        accuracy calibration drawings drawn_plants drive_study effects experiment held_out job_pool
-        learning_study machines mantis models pages paper_a paper_a_numbers paper_a_page paper_b
-        paper_b_numbers paper_b_page soaked_rigs wall
+        accuracy calibration drawings drawn_plants drive_study effects experiment held_out
+        interval_coverage job_pool learning_study machines mantis models pages paper_a
+        paper_a_numbers paper_a_page paper_b paper_b_numbers paper_b_page soaked_rigs wall
     """,
     "robot_energy_papers.cli": """
         reproduce study_folder
@@ -173,7 +174,15 @@ LAYERS = (
     ("condition",),
     ("pipeline", "messages", "store"),
     ("motion",),
-    ("bag_replay", "energy_bag", "prediction", "starter", "layouts"),
+    (
+        "bag_replay",
+        "energy_bag",
+        "replay_topics",
+        "prediction",
+        "recorded_jobs",
+        "starter",
+        "layouts",
+    ),
     ("identify", "rig", "check", "page"),
     ("results",),
     ("report",),

@@ -77,7 +77,7 @@ class EnergyAccount:
         calibration: How wide the bands of predicted power and energy must be.
         trace: Resets, restarts, changes of the model.
         restarts: How often the account was continued from a record.
-        on_compared: Called with what became comparable in each step, for plots.
+        on_compared: Called with what became comparable, for plots.
     """
 
     def __init__(self, n_joints: int, settings: AccountSettings | None = None) -> None:
@@ -191,8 +191,7 @@ class EnergyAccount:
         means = None
         if self._averager is not None:
             means = self._averager.step(block, intervals, shaft, compared)
-        if self.comparison.location is not MeterLocation.UNKNOWN:
-            self.calibration.location = self.comparison.location
+        self.calibration.meter(self.comparison.location)
         self.calibration.step(block, intervals, self.registers.deviations, compared, means)
         return means, compared
 
@@ -360,24 +359,18 @@ class EnergyAccount:
         return self.calibration.energy_band(self.registers.joule[self.registers.deviations])
 
     def phase_energy(self, phase: Phase) -> float:
-        """Predicted energy drawn from the grid in a phase.
+        """Return the predicted energy drawn from the grid in a phase, >= 0. [J]
 
         Args:
             phase: What the robot did.
-
-        Returns:
-            Energy, >= 0. [J]
         """
         return float(self.phase_energy_sum.joule[phase])
 
     def phase_time(self, phase: Phase) -> float:
-        """Observed time in a phase.
+        """Return the observed time in a phase. [s]
 
         Args:
             phase: What the robot did.
-
-        Returns:
-            Time. [s]
         """
         return float(self.phase_ns[phase]) * 1e-9
 

@@ -5,8 +5,10 @@ power is the 90 % quantile of the scores of a phase, followed online: a score ab
 raises it nine times as much as one below lowers it, so that in the long run one in ten lies
 above, whatever their distribution and their correlation (conformal quantile tracking). The
 scale of energies is the conformal quantile of the scores of the newest half minutes: the k-th
-smallest of n, ``k = ceil(0.9 (n + 1))``. All is causal and all sums are integers, so the
-cutting of the input makes no difference.
+smallest of n, ``k = ceil(0.9 (n + 1))``. What ten minutes of one motion show of the model does
+not hold for all others, so ten minutes as the model's deviations expect them are always
+among them. All is causal and all sums are integers, so the cutting of the input makes no
+difference.
 """
 
 from __future__ import annotations
@@ -14,6 +16,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from itertools import pairwise
+from statistics import NormalDist
 
 import numpy as np
 
@@ -25,11 +28,13 @@ from robot_energy.timeline.pieces import Compared
 from robot_energy.uncertainty.band import (
     BUS,
     LOSS_GRID,
+    TEMPERATURE,
     Z90,
     BandKind,
     EnergyBand,
-    energy_std,
-    power_std,
+    energy_parts,
+    half_width,
+    scores,
 )
 from robot_energy.units import MAX_COUNTER
 
@@ -42,11 +47,14 @@ MAX_SLOTS = 20_000  # that wait for the meter: minutes
 MAX_STRETCHES = 16  # that wait for the meter
 MAX_SCORES = 64  # half minutes behind the scale of energies
 MIN_SCORES = 9  # of them: fewer have no conformal quantile of 90 %
+EXPECTED = tuple(NormalDist().inv_cdf(0.5 + (place + 0.5) / 40) for place in range(20))
+"""Scores of ten minutes if the deviations of the model are right: sizes of normal errors."""
 MIN_READINGS = 60  # scored in a phase before its scale is used
 FIRST_STEP = 0.5  # of the logarithm of a scale, falling with the root of the count ...
 MIN_STEP = 0.01  # ... down to this
 MAX_LOG_SCALE = math.log(1e3)
 NANOJOULE = 1e9
+PARTS = [BUS, LOSS_GRID, TEMPERATURE]
 POOLED = Phase.UNKNOWN  # the place of all phases together
 
 
@@ -55,17 +63,30 @@ class BandCalibration:
 
     Attributes:
         location: Where the meter sits.
+        readings: Scored so far.
+        inside: Of them, those within the band that was in force.
+        inside_parametric: Of them, those within the band of the standard deviation alone.
     """
 
     def __init__(self) -> None:
         self.location = MeterLocation.UNKNOWN
         self.reset()
 
+    def meter(self, location: MeterLocation) -> None:
+        """Say where the meter sits.
+
+        Args:
+            location: Unknown: no reading has come yet, which changes nothing.
+        """
+        if location is not MeterLocation.UNKNOWN:
+            self.location = location
+
     def reset(self) -> None:
         """Drop all scores, as after a change of the model."""
         self._log_scale = [math.log(Z90)] * len(Phase)
         self._count = [0] * len(Phase)
         self._scores: deque[float] = deque(maxlen=MAX_SCORES)
+        self.readings = self.inside = self.inside_parametric = 0
         self._last_ns: int | None = None
         self._forget()
 
@@ -73,7 +94,7 @@ class BandCalibration:
         """Drop what is not scored yet."""
         self._waiting = Compared.empty()
         self._slot: Int = np.empty(0, dtype=np.int64)
-        self._slots: Int = np.empty((0, 2 + len(Phase)), dtype=np.int64)
+        self._slots: Int = np.empty((0, len(PARTS) + len(Phase)), dtype=np.int64)
         self._reading: Int = np.empty((0, 5), dtype=np.int64)
         self._stretch: Int = np.empty((0, 4), dtype=np.int64)
         self._deviations: dict[int, Int] = {}
@@ -123,9 +144,9 @@ class BandCalibration:
     def _note(self, block: PowerBlock, duration_ns: Int, energy: Float) -> None:
         """Keep deviations and phases until the meter reads."""
         whole = np.rint(energy * NANOJOULE).astype(np.int64)
-        table = np.zeros((len(block), 2 + len(Phase)), dtype=np.int64)
-        table[:, :2] = whole[:, [BUS, LOSS_GRID]]
-        table[np.arange(len(block)), 2 + block.phase] = duration_ns
+        table = np.zeros((len(block), len(PARTS) + len(Phase)), dtype=np.int64)
+        table[:, : len(PARTS)] = whole[:, PARTS]
+        table[np.arange(len(block)), len(PARTS) + block.phase] = duration_ns
         slot = block.stamp_ns // SLOT_NS
         starts = _starts(slot)
         self._slot = np.concatenate([self._slot, slot[starts]])[-MAX_SLOTS:]
@@ -166,13 +187,13 @@ class BandCalibration:
         high = np.searchsorted(self._slot, end // SLOT_NS)
         total = np.concatenate([np.zeros((1, self._slots.shape[1]), np.int64), self._slots])
         found = np.diff(np.cumsum(total, axis=0)[np.stack([low, high])], axis=0)[0]
-        held = found[:, 2:].sum(axis=1)
-        phase = found[:, 2:].argmax(axis=1)
-        bus, grid = found[:, 0], found[:, 1] * (self.location is MeterLocation.GRID)
+        phases = found[:, len(PARTS) :]
+        held, phase = phases.sum(axis=1), phases.argmax(axis=1)
+        bus, grid, temperature = found[:, : len(PARTS)].T / np.maximum(held, 1)
+        rest = np.hypot(bus, grid) if self.location is MeterLocation.GRID else bus
+        sound = (held > 0) & (rest > 0) & (duration > 0)
         error = np.abs(readings[:, 3] - readings[:, 2]) / np.maximum(duration, 1)
-        std = np.hypot(bus, grid) / np.maximum(held, 1)
-        sound = (held > 0) & (std > 0) & (duration > 0)
-        score = np.where(sound, error / np.where(sound, std, 1.0), np.nan)
+        score = np.where(sound, scores(error, np.where(sound, rest, 1.0), temperature), np.nan)
         # A reading is known to be complete when the next one begins.
         known = np.append(readings[1:, 0], self._reading[0, 0])
         keep = int(np.searchsorted(self._slot, (int(end[-1]) - 2 * READING_NS) // SLOT_NS))
@@ -185,9 +206,10 @@ class BandCalibration:
             return
         share = duration_ns / int(noted[-1])
         at_bus = self.location is MeterLocation.DC_BUS
-        std = float(energy_std(noted[:-1] * (share / NANOJOULE), at_bus))
-        if std > 0:
-            self._scores.append(abs(predicted - measured) / NANOJOULE / std)
+        rest, temperature = energy_parts(noted[:-1] * (share / NANOJOULE), at_bus)
+        if rest > 0:
+            error = np.array([abs(predicted - measured) / NANOJOULE])
+            self._scores.extend(scores(error, np.array([rest]), np.array([temperature])).tolist())
 
     def _set(
         self, scored: list[tuple[int, int, float]], means: MeanBlock | None, periods: slice
@@ -204,10 +226,10 @@ class BandCalibration:
             done = self._follow(scored, done, stamp)
             if scale := self._scale(phase):
                 one = slice(row, row + 1)
-                std = power_std(means.deviation[one], at_bus=True)
-                grid = scale if self.location is MeterLocation.GRID else Z90
-                loss = grid * means.deviation[one, LOSS_GRID]
-                means.band_half[one] = np.hypot(scale * std, loss)
+                bus, grid, temperature = means.deviation[one, PARTS].T
+                same = scale if self.location is MeterLocation.GRID else Z90
+                half = half_width(bus, temperature, scale)
+                means.band_half[one] = np.hypot(half, same * grid)
                 means.band[one] = BandKind.CALIBRATED
         self._follow(scored, done, None)
 
@@ -218,6 +240,9 @@ class BandCalibration:
             done += 1
             if score != score:
                 continue
+            self.readings += 1
+            self.inside += score <= (self._scale(phase) or Z90)
+            self.inside_parametric += score <= Z90
             if not self._count[phase]:
                 self._log_scale[phase] = self._log_scale[POOLED]
             for place in {POOLED, phase}:
@@ -250,17 +275,18 @@ class BandCalibration:
         Args:
             deviation: Integrals of the deviations, shape (K,). [J]
         """
-        std = float(energy_std(deviation))
-        count = len(self._scores)
+        rest, temperature = energy_parts(deviation)
+        std, count = math.hypot(rest, temperature), len(self._scores)
         if count < MIN_SCORES:
             return EnergyBand(std, Z90 * std, BandKind.PARAMETRIC)
-        place = min(math.ceil(COVERED * (count + 1)), count) - 1
-        scale = sorted(self._scores)[place]
-        if self.location is MeterLocation.GRID:
-            return EnergyBand(std, scale * std, BandKind.CALIBRATED)
-        loss = Z90 * float(deviation[LOSS_GRID])
-        at_bus = float(energy_std(deviation, at_bus=True))
-        return EnergyBand(std, math.hypot(scale * at_bus, loss), BandKind.CALIBRATED)
+        all_scores = sorted([*self._scores, *EXPECTED])
+        place = math.ceil(COVERED * (len(all_scores) + 1)) - 1
+        scale, loss = all_scores[min(place, len(all_scores) - 1)], 0.0
+        if self.location is MeterLocation.DC_BUS:
+            rest, temperature = energy_parts(deviation, at_bus=True)
+            loss = Z90 * float(deviation[LOSS_GRID])
+        half = float(half_width(rest, temperature, scale))
+        return EnergyBand(std, math.hypot(half, loss), BandKind.CALIBRATED)
 
     def state(self) -> Calibrated:
         """Return what must be kept across a restart."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
@@ -11,6 +11,7 @@ from robot_energy.api.inputs import BagSource, ModelName, Stages, model_of, sile
 from robot_energy.blocks import EffortMeaning
 from robot_energy.errors import NotIdentifiableError
 from robot_energy.identify.data.bags import Bag, BagFacts, Span, facts
+from robot_energy.identify.stats.systematic import DEFAULT_LIMITS, SensorLimits
 from robot_energy.identify.steps import Subject
 from robot_energy.model import RobotModel, save
 from robot_energy.results.base import Result
@@ -65,6 +66,7 @@ def identify_friction(
     *,
     share_shape: bool = False,
     inputs: str | Path | None = None,
+    sensors: SensorLimits | None = None,
     progress: Stages = silent,
 ) -> IdentificationResult[FrictionReport]:
     """Identify the friction of every axis over its motor temperature (paper A, eq. 8 to 10).
@@ -76,6 +78,7 @@ def identify_friction(
             ``motor_current``; None: as ``inputs`` says.
         share_shape: Whether axes of too small a range borrow the temperature shape of others.
         inputs: Parameter file of a monitor: read the bags as that node reads its topics.
+        sensors: Limits of the constant errors of the sensors; None for the usual ones.
         progress: Called with what is going on; gives a function of the share done.
 
     Returns:
@@ -94,7 +97,7 @@ def identify_friction(
     from robot_energy.results.identification import FrictionReport
 
     used, paths = model_of(model), _paths(bags)
-    read = BagSource(paths, effort, inputs, progress=progress)
+    read = BagSource(paths, effort, inputs, progress=progress, sensors=sensors)
     recordings, (meaning, _) = read.with_effort(used), read.meaning()
     data = [friction_data(recordings, joint) for joint in range(len(used.joints))]
     source = _names(paths)
@@ -114,6 +117,7 @@ def identify_cabinet(
     *,
     link_voltages: tuple[float, float] | None = None,
     inputs: str | Path | None = None,
+    sensors: SensorLimits | None = None,
     progress: Stages = silent,
 ) -> IdentificationResult[CabinetReport]:
     """Identify constant losses and the DC link from a power meter (paper A, section II-A).
@@ -123,6 +127,7 @@ def identify_cabinet(
         model: Model to begin with: the model, its file, or the name of a shipped one.
         link_voltages: Of the DC link: rectified mains, start of the brake chopper. [V]
         inputs: Parameter file of a monitor: read the bags as that node reads its topics.
+        sensors: Limits of the constant errors of the sensors; None for the usual ones.
         progress: Called with what is going on; gives a function of the share done.
 
     Returns:
@@ -139,7 +144,8 @@ def identify_cabinet(
     from robot_energy.results.identification import cabinet_report
 
     used, paths = model_of(model), _paths(bags)
-    recordings = BagSource(paths, None, inputs, progress=progress).recordings(used)
+    source = BagSource(paths, None, inputs, progress=progress, sensors=sensors)
+    recordings = source.recordings(used)
     refuse_meter(recordings, EffortMeaning.NONE)
     found = fit_supply(recordings, _names(paths), link_voltages)
     check_cabinet(found.cabinet)
@@ -154,6 +160,7 @@ def identify_dynamics(
     *,
     settings: DynamicsSettings | None = None,
     inputs: str | Path | None = None,
+    sensors: SensorLimits | None = None,
     progress: Stages = silent,
 ) -> IdentificationResult[DynamicsReport]:
     """Identify bodies, rotors and friction from motion and motor torque.
@@ -165,6 +172,7 @@ def identify_dynamics(
             ``motor_current``; None: as ``inputs`` says.
         settings: Regression, columns and filters; None for those of the command.
         inputs: Parameter file of a monitor: read the bags as that node reads its topics.
+        sensors: Limits of the constant errors of the sensors; None for the usual ones.
         progress: Called with what is going on; gives a function of the share done.
 
     Returns:
@@ -183,10 +191,12 @@ def identify_dynamics(
     from robot_energy.results.dynamics import dynamics_report
 
     used, paths = model_of(model), _paths(bags)
-    recordings = BagSource(paths, effort, inputs, progress=progress).channels(used)
+    recordings = BagSource(paths, effort, inputs, progress=progress, sensors=sensors).channels(used)
     stretches = [part for parts in recordings.values() for part in parts]
     with progress("identifying"):
-        result = identify_dynamics(stretches, used, settings or DynamicsSettings())
+        how = settings or DynamicsSettings()
+        how = how if sensors is None else replace(how, sensors=sensors)
+        result = identify_dynamics(stretches, used, how)
     held_out, consistent = result.held_out(), result.held_out_consistent()
     with cause_named(lambda: [evidence_of_rows(result)]):
         check_dynamics(result, consistent)
@@ -207,6 +217,7 @@ def identify_all(
     link_voltages: tuple[float, float] | None = None,
     share_shape: bool = False,
     inputs: str | Path | None = None,
+    sensors: SensorLimits | None = None,
     progress: Stages = silent,
 ) -> IdentificationResult[IdentificationReport]:
     """Identify everything that the recordings allow, and test it on what was held out.
@@ -225,6 +236,7 @@ def identify_all(
         link_voltages: Of the DC link: rectified mains, start of the brake chopper. [V]
         share_shape: Whether axes of too small a range borrow the temperature shape of others.
         inputs: Parameter file of a monitor: read the bags as that node reads its topics.
+        sensors: Limits of the constant errors of the sensors; None for the usual ones.
         progress: Called with what is going on; gives a function of the share done.
 
     Returns:
@@ -248,7 +260,10 @@ def identify_all(
 
     given = model_of(model)
     fitted, refused = _bags(
-        BagSource(_paths(bags), effort, inputs), given, drive_power, drive_joints
+        BagSource(_paths(bags), effort, inputs, sensors=sensors),
+        given,
+        drive_power,
+        drive_joints,
     )
     tests, _ = _bags(BagSource(_paths(test), effort, inputs), given, drive_power, drive_joints)
     known: list[tuple[BagFacts, Span]] = []
@@ -308,6 +323,7 @@ def _bags(
             read_drive_power(path, drive_power, model.joint_names, drive_joints)
             if drive_power
             else None,
+            sensors=source.sensors or DEFAULT_LIMITS,
         )
         for path in map(Path, source.bags)
     ], refused

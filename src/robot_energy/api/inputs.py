@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Sequence
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from robot_energy.blocks import EffortMeaning
+from robot_energy.condition.learner import Learning
 from robot_energy.errors import ModelFileError, ParameterError
 from robot_energy.inputs.inputs_file import read_inputs
 from robot_energy.model import RobotModel, load
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from robot_energy.identify.data.recordings import Recording
     from robot_energy.identify.data.signals import Channels
     from robot_energy.identify.friction.samples import FrictionData
+    from robot_energy.identify.stats.systematic import SensorLimits
     from robot_energy.inputs.sources import Inputs
 
 ModelName = str | Path | RobotModel  # a model, its file, or the name of a shipped one
@@ -50,6 +52,23 @@ def effort_meaning(effort: str) -> EffortMeaning:
     if effort not in tuple(EffortMeaning):
         raise ParameterError(f"effort is '{effort}'", f"one of {', '.join(EffortMeaning)}")
     return EffortMeaning(effort)
+
+
+def learning_named(learning: str) -> Learning:
+    """Return what is done with learned figures.
+
+    Args:
+        learning: Its name.
+
+    Returns:
+        The meaning.
+
+    Raises:
+        ParameterError: If it is unknown.
+    """
+    if learning not in tuple(Learning):
+        raise ParameterError(f"learning is '{learning}'", f"one of {', '.join(Learning)}")
+    return Learning(learning)
 
 
 def driver_inputs(path: str | Path | None, robot: str | None) -> tuple[Inputs | None, list[str]]:
@@ -97,6 +116,7 @@ class BagSource:
         inputs: Parameter file of a monitor: read the bags as that node reads its topics.
         robot: Name of a robot whose driver is known.
         progress: Called with what is going on; gives a function of the share done.
+        sensors: Limits of the constant errors of the sensors; None for the usual ones.
     """
 
     bags: Sequence[str | Path]
@@ -104,6 +124,7 @@ class BagSource:
     inputs: str | Path | None = None
     robot: str | None = None
     progress: Stages = silent
+    sensors: SensorLimits | None = None
 
     def meaning(self) -> tuple[EffortMeaning, Inputs | None]:
         """Return what the effort means, and the inputs of the parameter file.
@@ -127,12 +148,15 @@ class BagSource:
             RobotEnergyError: If a bag cannot be used.
         """
         from robot_energy.identify.data.recordings import read_recording
+        from robot_energy.identify.stats.systematic import DEFAULT_LIMITS
 
         meaning, read = self.meaning()
+        sensors = self.sensors or DEFAULT_LIMITS
         found: list[Recording] = []
         for bag in self.bags:
             with self.progress(f"reading {Path(bag).name}") as report:
-                found.append(read_recording(bag, model, meaning, None, report, read))
+                part = read_recording(bag, model, meaning, None, report, read)
+                found.append(replace(part, sensors=sensors))
         return found
 
     def with_effort(self, model: RobotModel) -> list[Recording]:

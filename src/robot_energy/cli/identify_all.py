@@ -10,9 +10,11 @@ from robot_energy.cli.identify_inputs import (
     add_bags,
     add_link_voltages,
     add_results,
+    add_sensors,
     add_share_shape,
     check_results,
     link_voltages,
+    sensor_limits,
 )
 from robot_energy.cli.terminal import add_command, present, progress
 from robot_energy.errors import ModelFileError
@@ -68,6 +70,7 @@ def add_parser(commands: Any) -> None:
     )
     add_link_voltages(parser)
     add_share_shape(parser)
+    add_sensors(parser)
     add_results(parser, "all that was identified")
 
 
@@ -95,6 +98,7 @@ def run(args: Namespace) -> int:
         link_voltages=link_voltages(args),
         share_shape=args.share_shape,
         inputs=args.inputs,
+        sensors=sensor_limits(args),
         progress=progress,
     )
     found = result.found

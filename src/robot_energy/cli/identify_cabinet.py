@@ -9,8 +9,10 @@ from robot_energy.cli.identify_inputs import (
     add_bags,
     add_link_voltages,
     add_results,
+    add_sensors,
     check_results,
     link_voltages,
+    sensor_limits,
     source_of,
 )
 from robot_energy.cli.terminal import add_command, present, progress
@@ -39,6 +41,7 @@ def add_parser(commands: Any) -> None:
     parser = add_command(commands, "cabinet", run, text, DESCRIPTION, EPILOG)
     add_bags(parser, effort="")
     add_link_voltages(parser)
+    add_sensors(parser)
     add_results(parser, "these figures")
 
 
@@ -58,6 +61,7 @@ def run(args: Namespace) -> int:
         args.model,
         link_voltages=link_voltages(args),
         inputs=args.inputs,
+        sensors=sensor_limits(args),
         progress=progress,
     )
     page = Document(

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from robot_energy.cli.identify_inputs import (
     add_bags,
     add_results,
+    add_sensors,
     bags_of,
     check_results,
     check_source,
@@ -82,6 +83,7 @@ def add_parser(commands: Any) -> None:
         metavar="HZ",
         help="of the low-pass of the maps (default 5 Hz)",
     )
+    add_sensors(parser)
     add_results(parser, "these drives", "draw the maps (.png, .svg, .pdf)")
     log = parser.add_argument_group("from logs with torque, without a model")
     log.add_argument("--log", nargs="+", metavar="LOG", help="tables: CSV, plain or .gz, Parquet")

@@ -12,9 +12,11 @@ from typing import TYPE_CHECKING, Any
 from robot_energy.cli.identify_inputs import (
     add_bags,
     add_results,
+    add_sensors,
     bags_of,
     check_results,
     check_source,
+    sensor_limits,
 )
 from robot_energy.cli.numbers import number
 from robot_energy.cli.terminal import add_command, present
@@ -95,6 +97,7 @@ def add_parser(subjects: Any) -> None:
         help="look for delays of the torque up to this (default: 5; 0: do not)",
     )
     parser.add_argument("--details", action="store_true", help="print every base parameter")
+    add_sensors(parser)
     add_results(parser, "these dynamics")
 
 
@@ -191,4 +194,5 @@ def _settings(args: Namespace) -> DynamicsSettings:
         method=args.method,
         filters=Filters(cutoff=args.cutoff),
         delay_span=args.delay * 1e-3,
+        sensors=sensor_limits(args),
     )

@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING, Any
 from robot_energy.cli.identify_inputs import (
     add_bags,
     add_results,
+    add_sensors,
     add_share_shape,
     bags_of,
     check_results,
     check_source,
+    sensor_limits,
     source_of,
 )
 from robot_energy.cli.terminal import add_command, present, progress
@@ -48,6 +50,7 @@ def add_parser(commands: Any) -> None:
     parser = add_command(commands, "friction", run, text, DESCRIPTION, EPILOG)
     add_bags(parser, required=False)
     add_share_shape(parser)
+    add_sensors(parser)
     add_results(parser, "this friction", "draw points and laws (.png, .svg, .pdf)")
     log = parser.add_argument_group(
         "from a log of single-joint motions, without a model (relative figures)"
@@ -116,6 +119,7 @@ def run(args: Namespace) -> int:
             args.effort,
             share_shape=args.share_shape,
             inputs=args.inputs,
+            sensors=sensor_limits(args),
             progress=progress,
         )
         report, model = result.found, result.model

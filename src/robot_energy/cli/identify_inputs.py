@@ -14,7 +14,22 @@ from robot_energy.errors import ModelFileError
 
 if TYPE_CHECKING:
     from robot_energy.api.inputs import BagSource
+    from robot_energy.identify.stats.systematic import SensorLimits
 
+SENSORS = (
+    ("meter-class", "PERCENT", 1.0, "gain of the power meter: its class"),
+    ("torque-tolerance", "PERCENT", 5.0, "torque constant of each motor, or gain of the torque"),
+    ("thermometer-tolerance", "K", 2.0, "motor temperatures"),
+    ("body-tolerance", "PERCENT", 5.0, "torque of bodies that are not identified"),
+    ("drive-power-class", "PERCENT", 2.0, "gain of the power that each drive reports"),
+)
+LIMIT_OF = dict(
+    zip(
+        (name for name, *_ in SENSORS),
+        ("meter", "torque", "thermometer", "bodies", "drive_power"),
+        strict=True,
+    )
+)
 EFFORTS = ("motor_torque", "joint_torque", "motor_current")
 
 
@@ -78,6 +93,42 @@ def add_link_voltages(parser: ArgumentParser) -> None:
         help="of the DC link: rectified mains, and where the brake chopper starts [V] (default: "
         "those of the model file, else 566 and 700, assumed)",
     )
+
+
+def add_sensors(parser: ArgumentParser) -> None:
+    """Add what data sheets say of constant errors, which no recording shows.
+
+    Args:
+        parser: Of the command.
+    """
+    group = parser.add_argument_group("limits of constant errors, from data sheets, +-")
+    for name, unit, default, what in SENSORS:
+        group.add_argument(
+            f"--{name}",
+            type=number,
+            metavar=unit,
+            help=f"{what} [{'%%' if unit == 'PERCENT' else unit}] (default: {default:g})",
+        )
+
+
+def sensor_limits(args: Namespace) -> SensorLimits:
+    """Return the limits of the constant errors of the sensors.
+
+    Args:
+        args: Of the command.
+
+    Raises:
+        ModelFileError: If one is negative.
+    """
+    from robot_energy.identify.stats.systematic import SensorLimits
+
+    given: dict[str, float] = {}
+    for name, unit, *_ in SENSORS:
+        value = getattr(args, name.replace("-", "_"))
+        if value is not None:
+            field = LIMIT_OF[name]
+            given[field] = value / 100.0 if unit == "PERCENT" else value
+    return SensorLimits(**given)
 
 
 def add_share_shape(parser: ArgumentParser) -> None:
@@ -154,7 +205,9 @@ def bags_of(args: Namespace, bags: Sequence[str | Path] | None = None) -> BagSou
     from robot_energy.api.inputs import BagSource
 
     effort, robot = getattr(args, "effort", None), getattr(args, "robot", None)
-    return BagSource(args.bags if bags is None else bags, effort, args.inputs, robot, progress)
+    sensors = sensor_limits(args) if hasattr(args, "meter_class") else None
+    used = args.bags if bags is None else bags
+    return BagSource(used, effort, args.inputs, robot, progress, sensors)
 
 
 def source_of(args: Namespace) -> str:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from robot_energy.cli.memory import keep_freed_memory
 from robot_energy.cli.page import add_page, page_settings, recorded_page, serve_page
-from robot_energy.cli.replay_options import BAG, DAMAGED, add_replay, options_of
+from robot_energy.cli.replay_options import BAG, DAMAGED, add_jobs, add_replay, options_of
 from robot_energy.cli.robots import model_named
 from robot_energy.cli.terminal import (
     add_command,
@@ -69,6 +69,7 @@ def add_parser(commands: Any) -> None:
         help="write tables and figures as one file: .html, or .pdf where a Chromium is installed",
     )
     add_page(parser)
+    add_jobs(parser)
     add_replay(
         parser,
         "averaging period of /energy/power (default 0.02 s)",
@@ -99,7 +100,7 @@ def run(args: Namespace) -> int:
     from robot_energy.results.replay import replay_report
 
     named = model_named(args)
-    inputs = [args.bag, named, args.inputs]
+    inputs = [args.bag, named, args.inputs, args.jobs, args.page_settings]
     check_outputs(args, inputs)
     if args.out is not None:
         check_bag(args.out, args.overwrite, inputs, (args.json, args.plot, args.report))

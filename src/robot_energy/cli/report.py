@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from robot_energy.cli.memory import keep_freed_memory
 from robot_energy.cli.page import add_page_settings
-from robot_energy.cli.replay_options import BAG, DAMAGED, add_replay, options_of
+from robot_energy.cli.replay_options import BAG, DAMAGED, add_jobs, add_replay, options_of
 from robot_energy.cli.robots import model_named
 from robot_energy.cli.terminal import add_command, check_report, console, progress, sign, wrote
 
@@ -45,6 +45,7 @@ def add_parser(commands: Any) -> None:
     )
     add_replay(parser)
     add_page_settings(parser)
+    add_jobs(parser)
 
 
 def run(args: Namespace) -> int:
@@ -68,7 +69,8 @@ def run(args: Namespace) -> int:
     from robot_energy.results.prediction import PredictionsReport
     from robot_energy.results.schema import read_result
 
-    given = [*args.source, *(name for name in (args.model, args.inputs) if name)]
+    names = (args.model, args.inputs, args.jobs, args.page_settings)
+    given = [*args.source, *filter(None, names)]
     check_report(args.out, given)
     settings = load_settings(args.page_settings or "")
     damaged = False

@@ -8,7 +8,7 @@ their mean:
 ``multiplier = (sum_fwd y / sum_fwd x + sum_bwd y / sum_bwd x) / 2``,
 
 ``y = (tau_measured - tau_rigid) sgn(w)``, ``x = |friction torque of the model|`` at the present
-speed and temperature. One second of samples is the smallest part that is taken or refused.
+speed and temperature. A part of five seconds is taken or refused as a whole.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from robot_energy.condition.buckets import (
 from robot_energy.condition.record import FrictionRecord, filled, flat
 
 BOUNDS = (0.5, 2.0)  # of a multiplier, around the model file [-]
-MAX_RATIO = 10.0  # of one second, either way; beyond it is a collision or a wrong torque [-]
+MAX_RATIO = 10.0  # of one part, either way; beyond it is a collision or a wrong torque [-]
 MEMORY = 1800.0  # of a bucket and direction [s]
 RAW_MEMORY = 60.0  # of the raw multiplier [s]
 MIN_TIME = 20.0  # in each direction, before a joint's multiplier is valid [s]
@@ -39,8 +39,8 @@ GRID = 1e-6  # multipliers are rounded to it: no rounding error of a sum shows i
 
 
 @dataclass(frozen=True)
-class SecondOfMotion:
-    """What one second of samples says of each joint, forward and backward.
+class MotionSums:
+    """What one part of the samples says of each joint, forward and backward.
 
     Attributes:
         stamp_ns: Of its last sample. [ns]
@@ -67,7 +67,7 @@ class SecondOfMotion:
 
 
 class MotionReader:
-    """Cuts what power samples say of friction into sums of one second.
+    """Cuts what power samples say of friction into sums, part by part.
 
     Args:
         gear_ratio: Amount, shape (n,). [motor turns per joint turn]
@@ -81,11 +81,11 @@ class MotionReader:
         self._fallback_degc = fallback_degc
 
     @np.errstate(divide="ignore", invalid="ignore", over="ignore")
-    def read(self, block: PowerBlock, friction_power: Float) -> SecondOfMotion | None:
-        """Sum up the samples of one second.
+    def read(self, block: PowerBlock, friction_power: Float) -> MotionSums | None:
+        """Sum up the samples of one part.
 
         Args:
-            block: All samples of the second.
+            block: All samples of the part.
             friction_power: By the model file, shape (N, n). [W]
 
         Returns:
@@ -109,7 +109,7 @@ class MotionReader:
         def summed(values: Float) -> Float:
             return np.stack([np.einsum("nt,ntk->nk", np.where(w, values, 0), weight) for w in ways])
 
-        return SecondOfMotion(
+        return MotionSums(
             int(stamp[-1]),
             summed(model),
             summed(measured),
@@ -155,38 +155,38 @@ class FrictionLearner:
         sums: Of the model's and the measured friction torque and of time, by direction, joint
             and bucket, shape (3, 2, n, DEGC_BUCKETS, SPEED_BUCKETS). [N m s], [N m s], [s]
         newest: The same of the last minute without buckets, shape (3, 2, n).
-        seconds: Seconds in motion that were used, shape (n,).
-        refused: Seconds that were not, as their torque makes no sense, shape (n,).
+        parts: Parts in motion that were used, shape (n,).
+        refused: Parts that were not, as their torque makes no sense, shape (n,).
     """
 
     def __init__(self, n_joints: int) -> None:
         self.sums: Float = np.zeros((3, 2, n_joints, DEGC_BUCKETS, SPEED_BUCKETS))
         self.newest: Float = np.zeros((3, 2, n_joints))
-        self.seconds = np.zeros(n_joints, dtype=np.int64)
+        self.parts = np.zeros(n_joints, dtype=np.int64)
         self.refused = np.zeros(n_joints, dtype=np.int64)
 
-    def step(self, second: SecondOfMotion) -> SecondOfMotion:
-        """Learn from one second.
+    def step(self, part: MotionSums) -> MotionSums:
+        """Learn from one part.
 
         Args:
-            second: What it says.
+            part: What it says.
 
         Returns:
-            The second without what was refused.
+            The part without what was refused.
         """
-        moved = second.time.sum(axis=2) > 0
-        kept = moved & (np.abs(np.nan_to_num(second.ratio)) <= MAX_RATIO)
+        moved = part.time.sum(axis=2) > 0
+        kept = moved & (np.abs(np.nan_to_num(part.ratio)) <= MAX_RATIO)
         self.refused += (moved & ~kept).any(axis=0)
-        self.seconds += kept.any(axis=0)
+        self.parts += kept.any(axis=0)
         used = replace(
-            second,
-            model=np.where(kept[:, :, None], second.model, 0.0),
-            measured=np.where(kept[:, :, None], second.measured, 0.0),
-            time=np.where(kept[:, :, None], second.time, 0.0),
-            load=np.where(kept, second.load, 0.0),
+            part,
+            model=np.where(kept[:, :, None], part.model, 0.0),
+            measured=np.where(kept[:, :, None], part.measured, 0.0),
+            time=np.where(kept[:, :, None], part.time, 0.0),
+            load=np.where(kept, part.load, 0.0),
         )
         parts = np.stack([used.model, used.measured, used.time])
-        degc = shares(degc_place(second.degc), DEGC_BUCKETS)
+        degc = shares(degc_place(part.degc), DEGC_BUCKETS)
         self.sums += parts[:, :, :, None, :] * degc[:, :, None]
         self.newest += parts.sum(axis=3)
         for sums, memory in ((self.sums, MEMORY), (self.newest, RAW_MEMORY)):
@@ -198,7 +198,7 @@ class FrictionLearner:
         return FrictionRecord(
             sums=flat(self.sums),
             newest=flat(self.newest),
-            seconds=tuple(self.seconds.tolist()),
+            parts=tuple(self.parts.tolist()),
             refused=tuple(self.refused.tolist()),
         )
 
@@ -212,7 +212,7 @@ class FrictionLearner:
             StateFileError: If it is of another number of joints.
         """
         self.sums, self.newest = filled(record.sums, self.sums), filled(record.newest, self.newest)
-        self.seconds = filled(record.seconds, self.seconds)
+        self.parts = filled(record.parts, self.parts)
         self.refused = filled(record.refused, self.refused)
 
     @property

@@ -1,7 +1,7 @@
 """What a running monitor learns of its robot, and how it is used.
 
-The samples of one second of stamps are learned from together, once a later second begins, and
-what was learned holds from there on. So nothing depends on how the input is cut, and a
+The samples of one part, five seconds of stamps, are learned from together once a later part
+begins, and what was learned holds from there on. So nothing depends on how the input is cut, and a
 replay learns what the monitor has learned.
 """
 
@@ -25,16 +25,17 @@ from robot_energy.blocks import (
     sum_over_joints,
 )
 from robot_energy.condition.buckets import interpolated
-from robot_energy.condition.joint_friction import FrictionLearner, MotionReader, SecondOfMotion
+from robot_energy.condition.joint_friction import FrictionLearner, MotionReader
 from robot_energy.condition.meter_fit import MeterFit
 from robot_energy.condition.meter_windows import METER_WAIT, MeterWindows, Window
 from robot_energy.condition.record import ConditionRecord
+from robot_energy.condition.wear import WearMonitor
 from robot_energy.errors import StateFileError
 from robot_energy.inputs.meter.power_curve import MeterCurve
 from robot_energy.model import RobotModel
 from robot_energy.physics.drivetrain import Drivetrain
 
-SECOND_NS = 1_000_000_000
+PART_NS = 5_000_000_000  # of stamps that are learned from together
 
 
 class Learning(StrEnum):
@@ -50,7 +51,7 @@ class Learning(StrEnum):
 
 @dataclass(frozen=True)
 class _InUse:
-    """Learned figures that hold for one second.
+    """Learned figures that hold for one part.
 
     Attributes:
         table: Multipliers of the joints with torque, shape (n, ...), see `FrictionLearner.table`.
@@ -83,6 +84,7 @@ class ConditionLearner:
     Attributes:
         friction: Per joint, from measured torque.
         meter: From the power meter.
+        wear: Lasting changes of friction.
         end_ns: Newest sample learned from; None before the first. [ns]
     """
 
@@ -101,10 +103,11 @@ class ConditionLearner:
         cabinet = model.cabinet
         self._losses = (cabinet.loss_dc.value, cabinet.loss_grid.value)
         self.meter = MeterFit(sum(self._losses))
+        self.wear = WearMonitor(model.joint_names)
         self.end_ns: int | None = None
         self._windows = MeterWindows(3, curve)  # predicted, friction, added
-        self._open: list[PowerBlock] = []  # of the second that has not ended
-        self._second: int | None = None
+        self._open: list[PowerBlock] = []  # of the part that has not ended
+        self._part: int | None = None
         self._use = self._figures()
 
     @property
@@ -125,7 +128,7 @@ class ConditionLearner:
 
     @property
     def in_use(self) -> bool:
-        """Whether predictions of this second differ from those of the model file."""
+        """Whether predictions of this part differ from those of the model file."""
         return self.applies and self._use.any
 
     def measure(self, block: MeterBlock) -> None:
@@ -146,22 +149,22 @@ class ConditionLearner:
         """
         if not self.applies:
             return []
-        return np.flatnonzero(differences(stamp_ns // SECOND_NS, before_ns // SECOND_NS)).tolist()
+        return np.flatnonzero(differences(stamp_ns // PART_NS, before_ns // PART_NS)).tolist()
 
     def begin(self, stamp_ns: int) -> None:
-        """Let what was learned of the seconds before a sample count.
+        """Let what was learned of the parts before a sample count.
 
         Args:
             stamp_ns: Of the sample. [ns]
         """
-        if self._second is not None and stamp_ns // SECOND_NS != self._second:
-            self._end_second()
+        if self._part is not None and stamp_ns // PART_NS != self._part:
+            self._end_part()
 
     def multiplier(self, motor_velocity: Float, motor_temperature_degc: Float) -> Float | None:
         """Return what the friction of the model file is multiplied by.
 
         Args:
-            motor_velocity: Of samples within one second, shape (N, n). [rad/s]
+            motor_velocity: Of samples within one part, shape (N, n). [rad/s]
             motor_temperature_degc: Shape (N, n). [degC]
 
         Returns:
@@ -180,19 +183,19 @@ class ConditionLearner:
         """
         if not self.learns:
             return
-        second = block.stamp_ns // SECOND_NS
-        starts = np.flatnonzero(np.diff(second)) + 1
+        part = block.stamp_ns // PART_NS
+        starts = np.flatnonzero(np.diff(part)) + 1
         for start, stop in zip([0, *starts.tolist()], [*starts.tolist(), len(block)], strict=True):
-            if self._second is not None and second[start] != self._second:
-                self._end_second()
-            self._second = int(second[start])
+            if self._part is not None and part[start] != self._part:
+                self._end_part()
+            self._part = int(part[start])
             whole = start == 0 and stop == len(block)
             self._open.append(block if whole else block[slice(start, stop)])
 
     def flush(self) -> None:
-        """Learn from the second that has not ended, as at the end of a bag."""
+        """Learn from the part that has not ended, as at the end of a bag."""
         if self._open:
-            self._end_second()
+            self._end_part()
 
     def state(self) -> ConditionRecord:
         """Return what must be kept across a restart."""
@@ -202,6 +205,7 @@ class ConditionLearner:
             end_ns=self.end_ns,
             friction=self.friction.state(),
             meter=self.meter.state(),
+            wear=self.wear.state(),
         )
 
     def restore(self, record: ConditionRecord) -> None:
@@ -220,42 +224,43 @@ class ConditionLearner:
             )
         self.friction.restore(record.friction)
         self.meter.restore(record.meter)
+        self.wear.restore(record.wear)
         self.end_ns = record.end_ns
         self._use = self._figures()
 
     def restart(self) -> None:
         """Drop what waits, as after an error."""
         self._open.clear()
-        self._second = None
+        self._part = None
 
     @np.errstate(invalid="ignore", over="ignore")
-    def _end_second(self) -> None:
-        """Learn from the samples of a second."""
+    def _end_part(self) -> None:
+        """Learn from the samples of a part."""
         block = PowerBlock.concatenate(self._open)
         self._open.clear()
-        self._second = None
+        self._part = None
         use = self._use
         friction, known = block.friction_power, None
         if use.any:
             known = self._multiplier(use, block.motor_velocity, block.motor_temperature_degc)
             if self.applies:
                 friction = friction / known
-        second = self.reader.read(block, friction)
-        if second is not None:
-            self._learn(self.friction.step(second))
+        part = self.reader.read(block, friction)
+        if part is not None:
+            self.wear.step(self.friction.step(part))
         for window in self._compared(block, friction, known, use):
-            self._learn_from_meter(window)
+            self._learn_from_meter(window, block.motor_temperature_degc[-1])
         self.end_ns = int(block.stamp_ns[-1])
         self._use = self._figures()
 
-    def _learn(self, second: SecondOfMotion) -> None:
-        """Take one second of measured torque."""
-
-    def _learn_from_meter(self, window: Window) -> None:
-        """Take one window of the meter."""
+    def _learn_from_meter(self, window: Window, motor_temperature_degc: Float) -> None:
+        """Take one window of the meter; wear of the whole robot is of joints without torque."""
         predicted, friction, correction = window.energies.tolist()
         residual = window.measured - predicted + correction
         self.meter.step(window.duration, window.measured, residual, friction)
+        if not self.friction.parts.any():
+            degc = float(self.reader.temperature(motor_temperature_degc).mean())
+            self.wear.step_meter(window.stamp_ns, window.duration, residual, friction, degc)
 
     def _compared(
         self, block: PowerBlock, friction: Float, known: Float | None, use: _InUse
@@ -274,7 +279,7 @@ class ConditionLearner:
             taught = sum_over_joints(np.where(use.by_torque, (known - 1.0) * friction, 0.0))
             added -= np.where(seen, taught, 0.0)
         power = np.stack([block.supply.power_at(location), learnable, added], axis=1)
-        until = (int(block.stamp_ns[-1]) // SECOND_NS + 1) * SECOND_NS - METER_WAIT
+        until = (int(block.stamp_ns[-1]) // PART_NS + 1) * PART_NS - METER_WAIT
         yield from self._windows.step(block.stamp_ns, block.segment, power, until)
 
     def _multiplier(self, use: _InUse, velocity: Float, degc: Float) -> Float:

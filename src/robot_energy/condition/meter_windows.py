@@ -3,7 +3,7 @@
 Each window is made of whole pieces of the meter's curve, and every predicted energy is
 integrated over these pieces, so that all are of the very same time. A piece counts once the
 samples have passed its end by ``METER_WAIT``: what the meter says a little late still counts in
-its own second.
+its own time.
 """
 
 from __future__ import annotations

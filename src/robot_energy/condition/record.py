@@ -58,7 +58,7 @@ class FrictionRecord(ConditionPart):
 
     sums: Numbers
     newest: Numbers
-    seconds: tuple[Count, ...]
+    parts: tuple[Count, ...]
     refused: tuple[Count, ...]
 
 
@@ -74,6 +74,43 @@ class MeterRecord(ConditionPart):
     refused: Count
 
 
+class WearEntry(ConditionPart):
+    """One `robot_energy.condition.wear_records.WearRecord`."""
+
+    stamp_ns: Stamp
+    hours: Number
+    time: Number
+    excess: Number
+    variance: Number
+    features: Numbers
+
+
+class ChangeEntry(ConditionPart):
+    """One `robot_energy.condition.drift_test.FrictionChange`."""
+
+    stamp_ns: Stamp
+    hours: Number
+    ramp: bool
+    size: Number
+
+
+class DriftRecord(ConditionPart):
+    """What one `robot_energy.condition.drift_test.DriftTest` keeps."""
+
+    records: tuple[WearEntry, ...]
+    changes: tuple[ChangeEntry, ...]
+
+
+class WearState(ConditionPart):
+    """What `robot_energy.condition.wear.WearMonitor` keeps; the last test is the whole robot's."""
+
+    hours: Numbers
+    meter_hours: Number
+    means_degc: tuple[Number | None, ...]
+    stamp_ns: Stamp | None
+    tests: tuple[DriftRecord, ...]
+
+
 class ConditionRecord(ConditionPart):
     """What was learned of one robot with one model file.
 
@@ -83,6 +120,7 @@ class ConditionRecord(ConditionPart):
         end_ns: Newest sample learned from. [ns]
         friction: From measured torque.
         meter: From the power meter.
+        wear: Records of friction, and the changes found in them.
     """
 
     model_id: str
@@ -90,6 +128,7 @@ class ConditionRecord(ConditionPart):
     end_ns: Stamp | None
     friction: FrictionRecord
     meter: MeterRecord
+    wear: WearState
 
 
 def flat(values: Float) -> Numbers:

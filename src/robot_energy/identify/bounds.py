@@ -57,3 +57,17 @@ def identified(value: float, std: float | None, source: str) -> PositiveFigure:
         return at_bound(source)
     known = std is not None and math.isfinite(std)
     return PositiveFigure(value=value, tag="identified", std=std if known else None, source=source)
+
+
+def only_the_sum(value: float, of: str, source: str) -> PositiveFigure:
+    """Return a figure of which the data show only the sum with others; it has no deviation.
+
+    Args:
+        value: Its share. [of the figure]
+        of: What the sum is of, with its figure.
+        source: Where the data come from.
+    """
+    text = f"only the sum of {of}, is identified"
+    return PositiveFigure(
+        value=max(value, 0.0), tag="derived", source=f"{text}: {source}" if source else text
+    )

@@ -2,7 +2,8 @@
 
 The order is that of the power: bodies, rotors and friction from measured torque; friction
 over temperature on what the bodies leave; then the supply. One meter for all tells the
-cabinet first, while nothing moves, and the drives from the rest. Where the power of each
+cabinet first, while nothing moves, and the drives from the rest, then both again, each with
+the other, until they agree. Where the power of each
 drive is measured, the drives come first, because the cabinet is the meter less the drives.
 What the DC link stores is last: drives and constants decide when it fills.
 Every step reads the recordings with the model that the step before left. What the
@@ -33,6 +34,7 @@ from robot_energy.identify.steps import (
     Subject,
     capacitor_step,
     friction_step,
+    in_turns,
 )
 from robot_energy.model import RobotModel
 from robot_energy.physics.drivetrain import Drivetrain
@@ -112,6 +114,7 @@ def identify_everything(
     order = order_of(bags)
     delay: Delay | None = None
     in_time = False
+    base = model
     for number, subject in enumerate(order):
         if progress is not None:
             progress(subject, number / len(order))
@@ -137,6 +140,13 @@ def identify_everything(
                 step = Step(subject, None, str(error), now)
         steps.append(step)
         now = step.model
+        if subject == "drives" and step.taken and len(steps) > 1:
+            cabinet = steps[-2]
+            if cabinet.subject == "cabinet" and cabinet.taken:
+                steps[-2:] = in_turns(cabinet, step, bags, base, source)
+                now = steps[-1].model
+        elif subject == "friction":
+            base = now
     return FullIdentification(model, tuple(steps), delay, share_shape)
 
 

@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 
 from robot_energy.blocks import EffortMeaning
-from robot_energy.errors import NotIdentifiableError
+from robot_energy.errors import ImplausibleIdentificationError, NotIdentifiableError
 from robot_energy.identify.cabinet.cabinet import (
     CabinetFit,
     beside_drives,
@@ -25,7 +25,7 @@ from robot_energy.identify.data.bags import Bag, powers_of, read_all
 from robot_energy.identify.data.recordings import Recording, channels_of
 from robot_energy.identify.drives.all_drives import DrivesFound, TotalFound, find_drives
 from robot_energy.identify.drives.drive_data import drive_data
-from robot_energy.identify.dynamics.dynamics import Dynamics, identify_dynamics
+from robot_energy.identify.dynamics.dynamics import Dynamics, DynamicsSettings, identify_dynamics
 from robot_energy.identify.dynamics.dynamics_model import SOURCE, to_model
 from robot_energy.identify.dynamics.validation import TorqueError
 from robot_energy.identify.friction.friction import FrictionFit, fit_axes, with_friction
@@ -42,10 +42,13 @@ from robot_energy.identify.plausibility import (
 from robot_energy.identify.stats.cross_validation import GAIN
 from robot_energy.model import RobotModel
 from robot_energy.model.friction_laws import FRICTION_LAWS
+from robot_energy.model.schema import Cabinet
 from robot_energy.physics.friction import viscous_law
 
 Subject = Literal["dynamics", "friction", "cabinet", "drives", "capacitor"]
 SUBJECTS: tuple[Subject, ...] = ("dynamics", "friction", "cabinet", "drives", "capacitor")
+MAX_TURNS = 4  # of cabinet and drives, each with what the other found
+MAX_MOVE, MIN_MOVE = 0.2, 0.1  # of a deviation, W: a constant that moves by less has settled
 MAX_MOTION_TIME = 240.0  # s of motion for the dynamics: more tells little, and memory grows with it
 
 
@@ -150,7 +153,9 @@ def _dynamics(bags: Sequence[Bag], model: RobotModel, source: str) -> Step:
     seconds = MAX_MOTION_TIME / len(recordings) if total > MAX_MOTION_TIME else np.inf
     check_signs(recordings, bags[0].effort)
     level, notes = _at_one_temperature(recordings)
-    result = identify_dynamics(channels_of(level, seconds), model)
+    result = identify_dynamics(
+        channels_of(level, seconds), model, DynamicsSettings(sensors=bags[0].sensors)
+    )
     found = DynamicsFound(
         result, result.held_out_consistent(), result.held_out_given_bodies(), seconds
     )
@@ -251,7 +256,10 @@ def _cabinet(bags: Sequence[Bag], model: RobotModel, source: str) -> Step:
     beside = None
     if any(power is not None for power in powers):
         beside = beside_drives(drive_data(recordings, powers, measured_torque=False), model)
-    fit = fit_cabinet(recordings, beside)
+    return _cabinet_step(model, fit_cabinet(recordings, beside), source)
+
+
+def _cabinet_step(model: RobotModel, fit: CabinetFit, source: str) -> Step:
     check_cabinet(fit)
     if fit.loss_grid is None and fit.loss_dc is None:
         raise NotIdentifiableError(
@@ -284,6 +292,53 @@ def _drives(bags: Sequence[Bag], model: RobotModel, source: str) -> Step:
         check_total(found.total.data, found.total.scores)
     written, notes = found.write(model, source)
     return Step("drives", found, "", written, tuple(notes))
+
+
+def in_turns(
+    cabinet: Step, drives: Step, bags: Sequence[Bag], model: RobotModel, source: str
+) -> tuple[Step, Step]:
+    """Return cabinet and drives behind one meter, each found with the other, until they agree.
+
+    What the drives take at rest and while braking decides which readings show the constants,
+    and the constants which readings show the drives.
+
+    Args:
+        cabinet: Found with the drives of ``model``.
+        drives: Found with that cabinet.
+        bags: Of the fit.
+        model: As the steps before left it.
+        source: Where the data come from.
+
+    Returns:
+        Both, as they were found last; the last one's model has both.
+    """
+    times = 1
+    while times <= MAX_TURNS:
+        times += 1
+        before = drives.model.cabinet
+        try:
+            fit = fit_cabinet(read_all(bags, drives.model))
+            again = _cabinet_step(model, fit, source)
+            new = _drives(bags, again.model, source)
+        except (NotIdentifiableError, ImplausibleIdentificationError) as error:
+            note = f"cabinet and drives were not found again, each with the other: {error}"
+            return cabinet, replace(drives, notes=(*drives.notes, note))
+        if not new.taken:
+            return cabinet, drives
+        cabinet, drives = again, new
+        if _agree(before, drives.model.cabinet):
+            break
+    note = f"cabinet and drives were found {times} times, each with the other"
+    return cabinet, replace(drives, notes=(*drives.notes, note))
+
+
+def _agree(before: Cabinet, after: Cabinet) -> bool:
+    """Whether both constants moved by little, compared with their deviations."""
+    pairs = ((before.loss_grid, after.loss_grid), (before.loss_dc, after.loss_dc))
+    return all(
+        abs(new.value - old.value) <= max(MAX_MOVE * (new.std or 0.0), MIN_MOVE)
+        for old, new in pairs
+    )
 
 
 def _not_better(total: TotalFound) -> str:

@@ -21,6 +21,7 @@ ARRAYS = (
     "coulomb",
     "viscous",
     "viscous_std",
+    "viscous_shared_std",
     "viscous_fallback",
     "viscous_fallback_std",
     "motor_temperature_degc",

@@ -133,12 +133,14 @@ class FrictionStage:
             np.array([state.implausible for state in states]),
             Quality.TEMPERATURE_IMPLAUSIBLE,
         )
+        std, shared = self._certainty.std(temperature)
         return FrictionBlock(
             stamp_ns=np.array([state.stamp_ns for state in states], dtype=np.int64),
             quality=quality,
             coulomb=np.tile(self._friction.coulomb, (len(states), 1)),
             viscous=np.where(known, self._friction.viscous(temperature), self._fallback),
-            viscous_std=self._certainty.std(temperature),
+            viscous_std=std,
+            viscous_shared_std=shared,
             viscous_fallback=np.tile(self._fallback, (len(states), 1)),
             viscous_fallback_std=np.tile(self._certainty.fallback_std, (len(states), 1)),
             motor_temperature_degc=temperature,

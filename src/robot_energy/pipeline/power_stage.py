@@ -154,7 +154,7 @@ class PowerStage:
     def _power(self, block: TorqueBlock) -> PowerBlock:
         quality = block.quality.copy()
         speed, rigid = block.motor_velocity, block.motor_torque_rigid
-        coulomb, viscous, viscous_std, degc, measured_degc = self._coefficients(
+        coulomb, viscous, *deviations, degc, measured_degc = self._coefficients(
             block.stamp_ns, quality
         )
         standing = np.abs(speed) <= self._standstill
@@ -197,9 +197,10 @@ class PowerStage:
             friction_power,
             drive_loss,
             viscous,
-            viscous_std,
+            (deviations[0], deviations[1]),
             block.payload_mass,
             balance,
+            block.stamp_ns,
         )
         power = PowerBlock(
             stamp_ns=block.stamp_ns,
@@ -228,22 +229,21 @@ class PowerStage:
         self.thermal.take(power, measured_degc)
         return power
 
-    def _coefficients(
-        self, stamp_ns: Int, quality: Bits
-    ) -> tuple[Float, Float, Float, Float, Float]:
-        """Friction valid at each stamp: Coulomb, viscous, its deviation, temperature, reading.
+    def _coefficients(self, stamp_ns: Int, quality: Bits) -> tuple[Float, ...]:
+        """Friction valid at each stamp: Coulomb, viscous, its deviations, temperature, reading.
 
         The reading is NaN where missing or stale; the temperature is the reading, or an
         estimate.
         """
         line, row = self._timeline.at(stamp_ns)
         seen = line.temperature_stamp_ns
-        coulomb, viscous, std, temperature = (
+        coulomb, viscous, std, shared, temperature = (
             values.T.take(row, axis=1).T
             for values in (
                 line.coulomb,
                 line.viscous,
                 line.viscous_std,
+                line.viscous_shared_std,
                 line.motor_temperature_degc,
             )
         )
@@ -253,14 +253,18 @@ class PowerStage:
             stale = stamp_ns[:, None] > deadline[row]
             viscous = np.where(stale, line.viscous_fallback[row], viscous)
             std = np.where(stale, line.viscous_fallback_std[row], std)
+            shared = np.where(stale, line.viscous_fallback_std[row], shared)
             temperature = np.where(stale, np.nan, temperature)
             mark(quality, np.logical_or.reduce(stale, axis=1), Quality.TEMPERATURE_STALE)
         reading, thermal = temperature, self.thermal
         if thermal.on and (estimated := thermal.estimated(reading)).any():
             temperature = np.where(estimated, thermal.degc, reading)
             viscous = np.where(estimated, thermal.viscous, viscous)
-            own = self._certainty.std(thermal.degc)
-            std = np.where(estimated, np.hypot(own, thermal.viscous_spread), std)
+            at_estimate = self._certainty.std(thermal.degc)
+            std, shared = (
+                np.where(estimated, np.hypot(own, thermal.viscous_spread), now)
+                for own, now in zip(at_estimate, (std, shared), strict=True)
+            )
             mark(quality, np.logical_or.reduce(estimated, axis=1), Quality.TEMPERATURE_ESTIMATED)
         self.fallback_use.note(stamp_ns, temperature, seen[row[-1]], self._timeline)
-        return coulomb, viscous, std, temperature, reading
+        return coulomb, viscous, std, shared, temperature, reading

@@ -95,6 +95,13 @@ def tiles(reports: Sequence[ReplayReport], settings: PageSettings) -> Tiles:
         ),
     ]
     friction = sum(one.energy.friction for one in reports)
+    names = [job.name for one in reports for job in one.jobs]
+    if names:
+        name = max(names, key=names.count)
+        jobs = [job.energy for one in reports for job in one.jobs if job.name == name]
+        found.append(
+            ("Per job", scale.watt_hour(sum(jobs) / len(jobs)), f"mean of {len(jobs)} of '{name}'")
+        )
     if net > 0:
         found.append(
             ("Into friction", percent(friction / net), f"{scale.watt_hour(friction)} of all joints")

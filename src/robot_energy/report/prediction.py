@@ -14,8 +14,9 @@ from robot_energy.report.energy import (
     phase_table,
     quality_table,
     scale_of,
+    uncertainty_table,
 )
-from robot_energy.report.formats import energy_text, fixed, percent, significant, tags_text
+from robot_energy.report.formats import NOTHING, energy_text, fixed, percent, significant, tags_text
 from robot_energy.report.prediction_figure import energy_bars, power_curves
 from robot_energy.results.prediction import PredictionReport, PredictionsReport
 
@@ -96,6 +97,7 @@ def _side_by_side(page: Document, runs: Sequence[PredictionReport], names: Seque
             energy("constant\nlosses", "loss_dc", "loss_grid"),
             energy("brake,\ncapacitor", "brake", "capacitor"),
             energy("grid", "net"),
+            Column("90 %\nband", lambda run: run.uncertainty.half_relative, _plus_minus),
         ],
         runs,
     )
@@ -117,6 +119,10 @@ def _side_by_side(page: Document, runs: Sequence[PredictionReport], names: Seque
     page.rows("Time, and power from the grid", columns, runs)
 
 
+def _plus_minus(share: float | None) -> str:
+    return NOTHING if share is None else f"+- {percent(share)}"
+
+
 def _run(page: Document, run: PredictionReport) -> None:
     watt = fixed(1)
     page.paragraph(
@@ -132,6 +138,7 @@ def _run(page: Document, run: PredictionReport) -> None:
     page.pairs(_facts(run))
     scale = scale_of([run.energy])
     energy_table(page, "Where the energy goes, predicted", run, scale)
+    uncertainty_table(page, run, scale)
     joint_table(page, run.joints, scale)
     phase_table(page, run, scale)
     page.rows(

@@ -9,8 +9,16 @@ from pathlib import Path
 from robot_energy.page.settings import PageSettings
 from robot_energy.report.document import Column, Document
 from robot_energy.report.energy import add_flow, scale_of
-from robot_energy.report.formats import counted, fixed, number, percent, signed_percent
+from robot_energy.report.formats import (
+    EnergyFormat,
+    counted,
+    fixed,
+    number,
+    percent,
+    signed_percent,
+)
 from robot_energy.report.headline import error_of, headline, observed_time, tiles
+from robot_energy.report.jobs import job_kinds, kind_table, mean_energy
 from robot_energy.report.prediction_figure import energy_bars
 from robot_energy.report.replay import FIRST, ReplayCurves, replay_document
 from robot_energy.report.trend_figure import trend
@@ -47,6 +55,8 @@ def recordings_document(
         )
     page.heading("Recordings in order of time")
     _table(page, reports, groups)
+    if job_kinds(reports):
+        kind_table(page, reports, scale_of([one.energy for one in reports]))
     page.figure(
         lambda path: energy_bars(
             [one.energy for one in reports], [_name(one) for one in reports], path
@@ -55,8 +65,9 @@ def recordings_document(
     )
     page.figure(
         lambda path: trend(groups, path),
-        "Trend: predicted minus measured energy, and mean power from the grid, recording by "
-        "recording in order of time.",
+        "Trend: predicted minus measured energy, and "
+        + ("mean energy per job" if job_kinds(reports) else "mean power from the grid")
+        + ", recording by recording in order of time.",
     )
     for place, (report, curves) in enumerate(ordered, 1):
         page.heading(f"{place}. {_name(report)}")
@@ -115,6 +126,14 @@ def _table(
                signed_percent),
         Column("friction\nof grid", lambda one: _share([one]), percent, total=_share),
     ]  # fmt: skip
+    if job_kinds(reports):
+        columns.append(
+            Column(
+                "per job",
+                lambda one: _per_job([one], scale),
+                total=lambda rows: _per_job(rows, scale),
+            )
+        )
     for name, group in groups.items():
         page.rows(name, columns, group, f"{counted(len(group), 'recording')}")
     if len(groups) > 1:
@@ -135,6 +154,12 @@ def _table(
     with page.only("terminal"):
         for one in reports:
             page.paragraph(f"{one.bag}: {headline(one)}")
+
+
+def _per_job(reports: Sequence[ReplayReport], scale: EnergyFormat) -> str | None:
+    """Mean energy of the jobs of the most frequent name."""
+    kinds = job_kinds(reports)
+    return f"{scale.watt_hour(mean_energy(next(iter(kinds.values()))))}" if kinds else None
 
 
 def _begun(report: ReplayReport) -> str | None:

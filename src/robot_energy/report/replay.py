@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 
 from robot_energy.blocks import NANOSECOND
 from robot_energy.page.settings import PageSettings
+from robot_energy.report.condition import condition_section
 from robot_energy.report.document import HEADINGS, Column, Document, Text
 from robot_energy.report.energy import (
     add_flow,
@@ -16,6 +17,7 @@ from robot_energy.report.energy import (
     phase_table,
     quality_table,
     scale_of,
+    uncertainty_table,
 )
 from robot_energy.report.formats import (
     EnergyFormat,
@@ -27,6 +29,7 @@ from robot_energy.report.formats import (
     tags_text,
 )
 from robot_energy.report.headline import beyond_constant, headline, place_of, tiles
+from robot_energy.report.jobs import job_section, summary_section
 from robot_energy.report.power_figure import power_and_energy
 from robot_energy.report.prediction_figure import energy_bars
 from robot_energy.report.series import Series
@@ -231,6 +234,10 @@ def _compared(page: Document, report: ReplayReport) -> None:
     )
 
 
+def _certainty(page: Document, report: ReplayReport, curves: ReplayCurves | None) -> None:
+    uncertainty_table(page, report, scale_of([report.energy]))
+
+
 def _joints(page: Document, report: ReplayReport, _: ReplayCurves | None) -> None:
     scale = scale_of([report.energy])
     joint_table(page, report.joints, scale)
@@ -337,9 +344,13 @@ Section = Callable[[Document, ReplayReport, ReplayCurves | None], None]
 SECTIONS: dict[str, Section] = {
     FIRST: _energy,
     "Predicted against measured": _comparison,
+    "How sure": _certainty,
     "Joints": _joints,
     "Temperatures and friction": _temperatures,
+    "Condition": lambda page, report, _: condition_section(page, report.condition),
     "Phases": _phases,
+    "Job intervals": lambda page, report, _: job_section(page, report),
+    "Conditions, cycles and states": lambda page, report, _: summary_section(page, report),
     "Data quality": _quality,
     "Model and provenance": _model,
 }

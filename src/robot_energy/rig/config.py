@@ -29,6 +29,8 @@ class Sensors:
         encoder_counts: Per motor turn. [1]
         velocity_noise: Standard deviation, motor side. [rad/s]
         torque_noise: Standard deviation of the reported motor torque. [N m]
+        torque_constant_error: Standard deviation of the torque constants on the name plates,
+            share of them; drawn once. [-]
         stamp_jitter: Standard deviation of the stamps, cut at 3 of them. [s]
         temperature_rate: Readings of the motor temperatures. [Hz]
         temperature_resolution: Step of the readings. [K]
@@ -49,6 +51,7 @@ class Sensors:
     encoder_counts: int = 16384
     velocity_noise: float = 0.05
     torque_noise: float = 0.02
+    torque_constant_error: float = 0.0
     stamp_jitter: float = 50e-6
     temperature_rate: float = 1.0
     temperature_resolution: float = 1.0
@@ -71,6 +74,7 @@ class Sensors:
         for name in (
             "velocity_noise",
             "torque_noise",
+            "torque_constant_error",
             "stamp_jitter",
             "temperature_noise",
             "meter_class",

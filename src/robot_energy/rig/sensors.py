@@ -37,6 +37,7 @@ class Stream(IntEnum):
     METER = 4
     DRIVE = 5
     TEMPERATURE_OFFSET = 6
+    TORQUE_CONSTANT = 7
 
 
 def stream(seed: int, purpose: Stream) -> np.random.Generator:
@@ -89,10 +90,11 @@ class JointSensors:
         drivetrain: Encoders sit on the motors.
         seed: Seed of the rig.
         period_ns: Between samples. [ns]
+        device: Seed of the constant errors.
     """
 
     def __init__(
-        self, config: RigConfig, drivetrain: Drivetrain, seed: int, period_ns: int
+        self, config: RigConfig, drivetrain: Drivetrain, seed: int, period_ns: int, device: int
     ) -> None:
         self._config = config
         self._drivetrain = drivetrain
@@ -100,8 +102,12 @@ class JointSensors:
         self._torque = stream(seed, Stream.TORQUE)
         self._stamp = stream(seed, Stream.STAMP)
         self._drive = stream(seed, Stream.DRIVE)
-        gain = self._drive.uniform(-1.0, 1.0, len(drivetrain.rotor_inertia))
+        n_joints = len(drivetrain.rotor_inertia)
+        self._drive.uniform(-1.0, 1.0, n_joints)  # the noise begins behind the gains
+        gain = stream(device, Stream.DRIVE).uniform(-1.0, 1.0, n_joints)
         self._drive_gain = 1.0 + gain * config.sensors.drive_power_class
+        constant = stream(device, Stream.TORQUE_CONSTANT).standard_normal(n_joints)
+        self._torque_gain = 1.0 + constant * config.sensors.torque_constant_error
         self._period_ns = period_ns
         lag = LowPass(config.sensors.velocity_filter, period_ns * NANOSECOND)
         self._velocity_filter = lag if config.velocity_filter else None
@@ -151,6 +157,7 @@ class JointSensors:
         Args:
             measured_motor_torque: Before noise, shape (N, n). [N m]
         """
+        measured_motor_torque = measured_motor_torque * self._torque_gain
         if not self._config.torque_noise:
             return measured_motor_torque
         noise = self._torque.standard_normal(measured_motor_torque.shape)
@@ -176,9 +183,12 @@ class TemperatureSensor:
         seed: Seed of the rig.
         start_stamp_ns: Stamp of the first reading. [ns]
         n_joints: Number of motors.
+        device: Seed of the constant errors.
     """
 
-    def __init__(self, config: RigConfig, seed: int, start_stamp_ns: int, n_joints: int) -> None:
+    def __init__(
+        self, config: RigConfig, seed: int, start_stamp_ns: int, n_joints: int, device: int
+    ) -> None:
         self._noisy = config.temperature_sensor
         self._sensors = config.sensors
         self._random = stream(seed, Stream.TEMPERATURE)
@@ -188,7 +198,7 @@ class TemperatureSensor:
         time_constant = config.sensors.temperature_lag / config.thermal_speedup
         lag = LowPass(time_constant, self._period_ns * NANOSECOND)
         self._lag = lag if config.temperature_error else None
-        offset = stream(seed, Stream.TEMPERATURE_OFFSET).standard_normal(n_joints)
+        offset = stream(device, Stream.TEMPERATURE_OFFSET).standard_normal(n_joints)
         self._offset = offset * config.sensors.temperature_offset
 
     def read(
@@ -229,12 +239,16 @@ class GridMeter:
         seed: Seed of the rig.
         start_stamp_ns: The first interval begins here. [ns]
         period_ns: Between samples of the true power. [ns]
+        device: Seed of the constant errors.
     """
 
-    def __init__(self, config: RigConfig, seed: int, start_stamp_ns: int, period_ns: int) -> None:
+    def __init__(
+        self, config: RigConfig, seed: int, start_stamp_ns: int, period_ns: int, device: int
+    ) -> None:
         sensors = config.sensors
         self._random = stream(seed, Stream.METER)
-        gain = float(self._random.uniform(-1.0, 1.0)) * sensors.meter_class
+        self._random.uniform(-1.0, 1.0)  # the noise begins behind the gain
+        gain = float(stream(device, Stream.METER).uniform(-1.0, 1.0)) * sensors.meter_class
         self.gain = 1.0 + gain if config.meter_error else 1.0
         self._noise = sensors.meter_noise if config.meter_error else 0.0
         self._meaning = sensors.meter_meaning

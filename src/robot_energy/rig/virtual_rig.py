@@ -12,6 +12,7 @@ bit of the output. Temperatures are held over a block and then advanced by its m
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TypeVar
 
 import numpy as np
@@ -26,6 +27,7 @@ from robot_energy.blocks import (
     sum_over_joints,
 )
 from robot_energy.errors import RigError
+from robot_energy.model.payload import Payload
 from robot_energy.motion import JointMotion, Trajectory
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.rig.config import RigConfig
@@ -55,6 +57,8 @@ class VirtualRig:
         ambient_degc: [degC]
         start_stamp_ns: Stamp of the first sample. [ns]
         rate_hz: Rate of the joint states. [Hz]
+        device_seed: Seed of the constant errors of the sensors; None for ``seed``. Runs with
+            the same one have the same sensors, whatever their noise.
 
     Attributes:
         joint_names: Names, in the order of every array.
@@ -75,8 +79,10 @@ class VirtualRig:
         ambient_degc: float = 20.0,
         start_stamp_ns: int = EPOCH_NS,
         rate_hz: float = 250.0,
+        device_seed: int | None = None,
     ) -> None:
         config = config or RigConfig()
+        device = seed if device_seed is None else device_seed
         start = _start(profile, program, start_temperature_degc, ambient_degc, rate_hz)
         self.profile = profile
         self.samples = 0
@@ -93,11 +99,13 @@ class VirtualRig:
         self._thermal = ThermalNetwork(
             profile, self._block * self.period * config.thermal_speedup, start, start, ambient_degc
         )
-        self._joint_sensors = JointSensors(config, self._drivetrain, seed, self._period_ns)
-        self._thermometer = TemperatureSensor(config, seed, self._start_ns, profile.n_joints)
+        self._joint_sensors = JointSensors(config, self._drivetrain, seed, self._period_ns, device)
+        self._thermometer = TemperatureSensor(
+            config, seed, self._start_ns, profile.n_joints, device
+        )
         self._compliance = _compliance(profile, self._robot) if config.elastic_joints else None
         self._fan = Fan(profile.hard) if config.fan else None
-        self._meter = GridMeter(config, seed, self._start_ns, self._period_ns)
+        self._meter = GridMeter(config, seed, self._start_ns, self._period_ns, device)
         self._computed = 0
         self._ready: tuple[RigJoints, Truth] | None = None
         self._temperatures: TemperatureBlock | None = None
@@ -112,6 +120,28 @@ class VirtualRig:
     def stamp_ns(self) -> int:
         """True instant of the next sample. [ns]"""
         return self._start_ns + self.samples * self._period_ns
+
+    def change(
+        self,
+        ambient_degc: float | None = None,
+        payload: Sequence[Payload] | None = None,
+        wear: Float | None = None,
+    ) -> None:
+        """Change what surrounds the robot, what it carries or how it runs.
+
+        It counts from the next block of samples on, at most a second later.
+
+        Args:
+            ambient_degc: None leaves it. [degC]
+            payload: Instead of all that it carries; None leaves it.
+            wear: Factor on the friction of each axis, shape (n,); None leaves it. [-]
+        """
+        if ambient_degc is not None:
+            self._thermal.ambient_degc = ambient_degc
+        if payload is not None:
+            self._robot = self._robot.with_payload(payload)
+        if wear is not None:
+            self._friction.wear = np.array(wear, dtype=np.float64)
 
     def step_until(self, stamp_ns: int) -> RigOutput | None:
         """Return the samples up to an instant, as a live rig does at every tick.

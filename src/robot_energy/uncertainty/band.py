@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -13,8 +14,9 @@ from robot_energy.uncertainty.deviation import CABINET_DEVIATIONS
 Z90 = 1.6448536269514722
 """Half width of the middle 90 % of a normal distribution, over its standard deviation."""
 _FIRST = len(CABINET_DEVIATIONS)
-LOSS_GRID, BUS = (CABINET_DEVIATIONS.index(name) for name in ("loss_grid", "bus"))
-_RANDOM = CABINET_DEVIATIONS.index("random")
+LOSS_GRID, BUS, TEMPERATURE, _RANDOM = (
+    CABINET_DEVIATIONS.index(name) for name in ("loss_grid", "bus", "temperature", "random")
+)
 _SYSTEMATIC = [CABINET_DEVIATIONS.index(name) for name in ("bodies", "payload", "loss_dc")]
 
 
@@ -44,49 +46,80 @@ class EnergyBand:
     kind: BandKind
 
 
-def power_std(deviation: Float, at_bus: bool = False) -> Float:
-    """Return the standard deviation of the mean power of short periods.
+def half_width(rest: Float | float, temperature: Float | float, scale: float = Z90) -> Float:
+    """Return half the width of a band.
+
+    Readings of the meter at known temperatures may show that the figures are better known than
+    they say. They do not show that an unknown temperature is: that part is never made narrower.
+
+    Args:
+        rest: Standard deviation of all but the temperature, any shape (...). [W] or [J]
+        temperature: Standard deviation from the temperature, same shape. [W] or [J]
+        scale: Half width over standard deviation. [-]
+
+    Returns:
+        Same shape and unit.
+    """
+    return np.hypot(scale * np.asarray(rest), max(scale, Z90) * np.asarray(temperature))
+
+
+def scores(error: Float, rest: Float, temperature: Float) -> Float:
+    """Return the scale with which a band would just hold each error, see `half_width`.
+
+    Args:
+        error: Without sign, shape (N,). [W] or [J]
+        rest: As for `half_width`, > 0, shape (N,). [W] or [J]
+        temperature: As for `half_width`, shape (N,). [W] or [J]
+
+    Returns:
+        Shape (N,). [-]
+    """
+    plain = error / np.hypot(rest, temperature)
+    beyond = np.maximum(error**2 - (Z90 * temperature) ** 2, 0.0)
+    return np.where(plain < Z90, np.sqrt(beyond) / rest, plain)
+
+
+def power_std(deviation: Float) -> Float:
+    """Return the standard deviation of the mean power of short periods from the grid.
 
     Args:
         deviation: Means of the deviations, shape (W, K). [W]
-        at_bus: Whether the power is that on the DC bus.
 
     Returns:
         Shape (W,). [W]
     """
-    if at_bus:
-        return deviation[:, BUS]
-    return np.hypot(deviation[:, BUS], deviation[:, LOSS_GRID])
+    rest = np.hypot(deviation[:, BUS], deviation[:, LOSS_GRID])
+    return np.hypot(rest, deviation[:, TEMPERATURE])
 
 
 def energy_variances(deviation: Float) -> Float:
     """Return the variance of an energy that each figure alone causes.
 
-    Args:
-        deviation: Integrals of the deviations, shape (..., K). [J]
-
-    Returns:
-        In the order of `robot_energy.uncertainty.deviation.names_of`, shape (..., K - 1). [J^2]
-    """
-    systematic = deviation[..., _SYSTEMATIC] ** 2
-    grid, random = deviation[..., [LOSS_GRID]] ** 2, np.maximum(deviation[..., [_RANDOM]], 0.0)
-    return np.concatenate([systematic, grid, random, deviation[..., _FIRST:] ** 2], axis=-1)
-
-
-def energy_std(deviation: Float, at_bus: bool = False) -> Float:
-    """Return the standard deviation of an energy.
-
     The errors of figures grow with time, what no figure explains with its root.
 
     Args:
-        deviation: Integrals of the deviations, shape (..., K). [J]
+        deviation: Integrals of the deviations, shape (K,). [J]
+
+    Returns:
+        In the order of `robot_energy.uncertainty.deviation.names_of`, shape (K - 1,). [J^2]
+    """
+    columns = [*_SYSTEMATIC, LOSS_GRID, TEMPERATURE]
+    random = max(float(deviation[_RANDOM]), 0.0)
+    return np.concatenate([deviation[columns] ** 2, [random], deviation[_FIRST:] ** 2])
+
+
+def energy_parts(deviation: Float, at_bus: bool = False) -> tuple[float, float]:
+    """Return the standard deviation of an energy in two parts.
+
+    Args:
+        deviation: Integrals of the deviations, shape (K,). [J]
         at_bus: Whether the energy is that of the DC bus.
 
     Returns:
-        Shape (...). [J]
+        All but the temperature, and the temperature. [J]
     """
     variances = energy_variances(deviation)
-    total = variances.sum(axis=-1)
-    if at_bus:
-        total = total - variances[..., len(_SYSTEMATIC)]
-    return np.sqrt(total)
+    place = len(_SYSTEMATIC)
+    left_out = float(variances[place + 1]) + (float(variances[place]) if at_bus else 0.0)
+    rest = math.sqrt(max(float(variances.sum()) - left_out, 0.0))
+    return rest, float(abs(deviation[TEMPERATURE]))

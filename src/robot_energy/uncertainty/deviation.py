@@ -8,7 +8,8 @@ an energy is ``sqrt(sum_k (integral g_k s_k dt)^2)``, which grows with time. Dif
 are taken as independent.
 
 Motor side, per joint: ``|w| s(fc)`` and ``w^2 s(fv)`` are one column, as are all losses of the
-drive; that adds them a little too much (Minkowski), never too little. What the brake resistor takes
+drive; that adds them a little too much (Minkowski), never too little. Of ``s(fv)``, what errs
+alike at all joints (an unknown temperature) is a column of the robot. What the brake resistor takes
 never reaches the grid: there the columns are 0.
 
 What no figure of the model explains (delays, elasticity, effects without a parameter) is taken as
@@ -20,8 +21,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
-from robot_energy.blocks import Float, sum_over_joints
+from robot_energy.blocks import Float, Int, differences
 from robot_energy.model import RobotModel
 from robot_energy.model.drive_models import DRIVE_MODELS, LossDrive
 from robot_energy.model.figure import Tag
@@ -36,14 +38,21 @@ from robot_energy.uncertainty.priors import (
     tag_of,
 )
 
-CABINET_DEVIATIONS = ("bodies", "payload", "loss_dc", "loss_grid", "random", "bus")
+CABINET_DEVIATIONS = (
+    "bodies", "payload", "loss_dc", "loss_grid", "temperature", "random", "bus",
+)  # fmt: skip
 """Columns of the robot; ``random`` is in W^2 s, ``bus`` the root sum of squares of all but
-``loss_grid``."""
+``loss_grid`` and ``temperature``."""
 JOINT_DEVIATIONS = ("friction", "drive")
-UNEXPLAINED = 0.05
+UNEXPLAINED = 0.2
 """Standard deviation of the power that no figure explains, over the sum of |shaft power|. [-]"""
-UNEXPLAINED_TIME = 0.5
-"""Its correlation time: the integral of its autocorrelation from 0 on. [s]"""
+UNEXPLAINED_TIME = 0.02
+"""Its correlation time: the integral of its autocorrelation from 0 on. [s]
+
+Short: most of it is a matter of a few tenths of a second (delays, elastic gears, the low pass of a
+meter), where what is missing now comes a moment later."""
+SLOT_NS, RECENT_SLOTS = 20_000_000, 25
+"""It follows the shaft power of the last half second, sampled every 20 ms."""
 MAX_DEVIATION = 1e6  # no interval becomes too large for a register [W]
 PROBES = 200  # random motions that weigh the payload against the bodies
 BODY_TAGS = ("masses", "centres_of_mass", "inertias")
@@ -87,6 +96,18 @@ class PowerDeviation:
         self._payload = relative_std("payload", least_known(carried))
         self._payload_share = payload_shares(model)
         self._payload_mass = sum(body.mass for body in model.payload)
+        self._slot = -1
+        self._recent: Float = np.zeros(RECENT_SLOTS)
+
+    def _recent_peak(self, stamp_ns: Int, power: Float) -> Float:
+        """Greatest of the newest slots, each by its first sample, and of the sample itself."""
+        slot = stamp_ns // SLOT_NS
+        begins = differences(slot, self._slot) != 0
+        self._slot = int(slot[-1])
+        values = np.concatenate([self._recent, np.nan_to_num(power[begins])])
+        self._recent = values[-RECENT_SLOTS:]
+        peaks = sliding_window_view(values, RECENT_SLOTS).max(axis=1)
+        return np.maximum(peaks[np.cumsum(begins)], power)
 
     def columns(
         self,
@@ -96,9 +117,10 @@ class PowerDeviation:
         friction_power: Float,
         drive_loss: Float,
         viscous: Float,
-        viscous_std: Float,
+        viscous_std: tuple[Float, Float],
         payload_mass: Float,
         balance: Balance,
+        stamp_ns: Int,
     ) -> Float:
         """Return the deviations of the power that a meter at the grid sees.
 
@@ -109,9 +131,11 @@ class PowerDeviation:
             friction_power: Shape (N, n). [W]
             drive_loss: Shape (N, n). [W]
             viscous: Coefficient in use, shape (N, n). [N m s/rad]
-            viscous_std: Its deviation, NaN for that of the prior, shape (N, n). [N m s/rad]
+            viscous_std: Its deviation, NaN for that of the prior, and the part that errs alike
+                at all joints, shape (N, n) each. [N m s/rad]
             payload_mass: In force, shape (N,). [kg]
             balance: Of the bus.
+            stamp_ns: Shape (N,). [ns]
 
         Returns:
             First ``CABINET_DEVIATIONS``, then ``JOINT_DEVIATIONS`` of every joint, shape (N, K).
@@ -119,13 +143,16 @@ class PowerDeviation:
         size, n_joints = rigid_power.shape
         first = len(CABINET_DEVIATIONS)
         columns = np.empty((size, first + len(JOINT_DEVIATIONS) * n_joints), order="F")
-        bodies, payload, loss_dc, loss_grid, random, bus = columns[:, :first].T
+        bodies, payload, loss_dc, loss_grid, temperature, random, bus = columns[:, :first].T
         friction, drive = columns[:, first : first + n_joints], columns[:, first + n_joints :]
         speed, shaft = np.abs(motor_velocity), np.abs(rigid_power + friction_power)
-        unknown = np.isnan(viscous_std)
+        std, shared = viscous_std
+        unknown = np.isnan(std)
         if unknown.any():
-            viscous_std = np.where(unknown, self._viscous_prior * viscous, viscous_std)
-        np.hypot(self._coulomb, viscous_std * speed, out=friction)
+            std = np.where(unknown, self._viscous_prior * viscous, std)
+            shared = np.nan_to_num(shared)
+        variance = (std**2 - shared**2) * speed**2
+        np.sqrt(self._coulomb**2 + np.maximum(variance, 0.0), out=friction)
         friction *= speed
         if self._drive is None:
             np.multiply(self._drive_share, shaft, out=drive)
@@ -134,25 +161,37 @@ class PowerDeviation:
         carried = self._payload_share
         if self._payload_mass > 0:
             carried = carried * np.minimum(payload_mass / self._payload_mass, 1.0)[:, None]
-        of_payload = sum_over_joints(rigid_power * carried)
+        table = np.empty((n_joints, 5, size))
+        table[:, 0], table[:, 1] = rigid_power.T, (rigid_power * carried).T
+        table[:, 2], table[:, 3] = shaft.T, (shared * speed**2).T
+        table[:, 4] = (friction**2 + drive**2).T
+        rigid, of_payload, moved, temperature[:], squares = _in_order(table)
         np.multiply(self._payload, of_payload, out=payload)
-        np.multiply(self._bodies, sum_over_joints(rigid_power) - of_payload, out=bodies)
+        np.multiply(self._bodies, rigid - of_payload, out=bodies)
         loss_dc[:] = self._loss_dc
         loss_grid[:] = self._loss_grid
+        unexplained = (UNEXPLAINED * self._recent_peak(stamp_ns, moved)) ** 2
+        np.multiply(2.0 * UNEXPLAINED_TIME, unexplained, out=random)
+        squares = squares + bodies**2 + payload**2 + loss_dc**2
         reaches = np.where(balance.brake_power > 0, 0.0, 1.0)
         if self._returned:
             reaches[balance.grid_power < balance.loss_grid] = self._returned
-        if not reaches.all():
-            for column in (bodies, payload, loss_dc, *friction.T, *drive.T):
+        if (reaches < 1.0).any():
+            for column in (bodies, payload, temperature, loss_dc, *friction.T, *drive.T):
                 column *= reaches
-        unexplained = (UNEXPLAINED * sum_over_joints(shaft)) ** 2
-        np.multiply(2.0 * UNEXPLAINED_TIME, unexplained, out=random)
-        squares = sum_over_joints(friction**2) + sum_over_joints(drive**2)
-        squares += bodies**2 + payload**2 + loss_dc**2 + unexplained
-        np.sqrt(squares, out=bus)
+            squares *= reaches**2
+        np.sqrt(squares + unexplained, out=bus)
         np.fmin(columns, MAX_DEVIATION, out=columns)
         np.fmax(columns, -MAX_DEVIATION, out=columns)
         return columns
+
+
+def _in_order(table: Float) -> Float:
+    """Sum over the first axis in a fixed order, so that the result never depends on the others."""
+    total = table[0]
+    for row in table[1:]:
+        total += row
+    return total
 
 
 def _loss_model(entries: list[LossDrive]) -> DriveDeviation:
@@ -216,6 +255,7 @@ def names_of(joint_names: Sequence[str]) -> tuple[str, ...]:
         "payload",
         "constant loss, DC side",
         "constant loss, grid side",
+        "temperature of the friction",
         "what the model leaves out",
         *(f"friction of {name}" for name in joint_names),
         *(f"drive of {name}" for name in joint_names),

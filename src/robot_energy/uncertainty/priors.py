@@ -25,8 +25,10 @@ SPREAD = {
     "payload": 0.2,  # the part of it that the payload takes
     "drive": 0.3,  # loss of a drive model whose figures have no deviation of their own
 }
-TAGS: dict[Tag, float] = {"assumed": 1.0, "derived": 0.5, "published": 0.3, "identified": 0.2}
-"""What part of that share remains, by the tag; the least known comes first."""
+LEAST_KNOWN: tuple[Tag, ...] = ("assumed", "derived", "published", "identified")
+"""Tags, the least known first."""
+TAGS = dict(zip(LEAST_KNOWN, (1.0, 0.5, 0.3, 0.2), strict=True))
+"""What part of that share remains, by the tag."""
 MISSING_LOSS = 0.08
 """Loss of a drive that the model leaves out, as a share of its shaft power. [-]
 
@@ -64,8 +66,10 @@ def least_known(tags: list[Tag]) -> Tag:
     Args:
         tags: Of the figures.
     """
-    order = list(TAGS)
-    return min(tags, key=order.index, default="assumed")
+    for tag in LEAST_KNOWN:
+        if tag in tags:
+            return tag
+    return "assumed"
 
 
 def tag_of(entry: ModelEntry) -> Tag:

@@ -2,6 +2,7 @@
 
 import json
 import re
+from base64 import b64decode
 from html import unescape
 from pathlib import Path
 
@@ -15,8 +16,9 @@ from robot_energy.cli import main
 BAG, WARM = str(ROOT / "bags/kr16_cold"), str(ROOT / "bags/kr16_warm")
 MOVES = str(ROOT / "src/examples/programs/kr16_pick_and_place.yaml")
 SECTIONS = [
-    "Where the energy went", "Predicted against measured", "Joints", "Temperatures and friction",
-    "Phases", "Data quality", "Model and provenance",
+    "Where the energy went", "Predicted against measured", "How sure", "Joints",
+    "Temperatures and friction", "Phases", "Conditions, cycles and states", "Data quality",
+    "Model and provenance",
 ]  # fmt: skip
 
 
@@ -174,3 +176,22 @@ def test_replay_writes_a_report_that_holds_all_and_says_so(tmp_path, capsys):
     before = text[text.index("<main") : text.index("data-flow=")]
     assert before.count("<h2") == 1  # the flow comes first
     assert text.count("<figure>") >= 3
+
+
+def test_jobs_are_listed_summed_and_part_of_the_trend(tmp_path, capsys):
+    jobs = tmp_path / "jobs.yaml"
+    jobs.write_text(
+        "jobs: [{name: part A, begin: 1000000001, end: 1000000010}, "
+        "{name: part A, begin: 1000000010, end: 1000000019}]"
+    )
+    words = ["replay", BAG, "--model", "kr16", "--jobs", str(jobs)]
+    assert main([*words, "--json", str(tmp_path / "x.json")]) == 0
+    assert "part A" in capsys.readouterr().out
+    energies = [job["energy"] for job in json.loads((tmp_path / "x.json").read_text())["jobs"]]
+    assert len(energies) == 2
+    page = page_of(tmp_path, BAG, WARM, "--model", "kr16", "--jobs", str(jobs))
+    cells = read(page).cells
+    for energy in (*energies, sum(energies) / 2):
+        assert f"{energy / 1e3:.2f}" in cells
+    assert "mean of 4 of 'part A'" in unescape(page)
+    assert "energy per job" in b64decode(re.findall('base64,([^"]+)" alt="Trend', page)[0]).decode()

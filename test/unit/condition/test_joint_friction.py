@@ -51,7 +51,7 @@ def test_the_multiplier_is_found():
     np.testing.assert_allclose(learner.raw, 1.3)
     np.testing.assert_allclose(learner.filtered, 1.3)
     assert learner.valid.all()
-    np.testing.assert_array_equal(learner.seconds, [60, 60])
+    np.testing.assert_array_equal(learner.parts, [60, 60])
     assert learner.bucket_time[0, 3].sum() == pytest.approx(29.7, abs=0.5)  # 30 degC is a bucket
 
 
@@ -125,4 +125,4 @@ def test_it_continues_from_its_record():
         block = second(99, (0.7, 0.7), 1.5)
         each.step(READER.read(block, block.friction_power))
     np.testing.assert_array_equal(again.table(), learner.table())
-    np.testing.assert_array_equal(again.seconds, learner.seconds)
+    np.testing.assert_array_equal(again.parts, learner.parts)

@@ -60,6 +60,7 @@ def total():
         np.zeros(300, dtype=np.int64),
         np.arange(300) // 10,
         np.ones((3, 2)),
+        np.zeros((300, 2)),
     )
 
 

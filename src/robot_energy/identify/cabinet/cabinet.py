@@ -10,19 +10,22 @@ inside one whole phase count.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.blocks import NANOSECOND, Float, Int, MeterLocation, Phase
 from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.bounds import identified
+from robot_energy.identify.bounds import identified, only_the_sum
 from robot_energy.identify.data.recordings import Recording, with_meter
 from robot_energy.identify.data.rest import rest_of, still_joints, window
 from robot_energy.identify.drives.drive_data import DriveData
 from robot_energy.identify.drives.total_sums import sums
+from robot_energy.identify.stats.regression import SCATTER, student
+from robot_energy.identify.stats.systematic import DRIVE_POWER, METER, total
 from robot_energy.model import RobotModel
 from robot_energy.model.figure import PositiveFigure
 from robot_energy.timeline.pieces import CoveredPieces
@@ -44,10 +47,11 @@ class Level:
 
     Attributes:
         power: Less what the drives take in it. [W]
-        std: Standard deviation of the mean, over events. [W]
+        std: Standard deviation of the mean, over events, without constant errors. [W]
         readings: Number of readings.
         events: Number of separate phases they come from.
         spread: Greatest difference between events, such as of holding poses. [W]
+        moves: By one standard deviation of each constant error, by cause. [W]
     """
 
     power: float
@@ -55,6 +59,24 @@ class Level:
     readings: int
     events: int
     spread: float
+    moves: Mapping[str, float] = field(default_factory=dict[str, float])
+
+    @property
+    def parts(self) -> dict[str, float]:
+        """Its deviations by cause. [W]"""
+        return {SCATTER: self.std, **{cause: abs(move) for cause, move in self.moves.items()}}
+
+    def less(self, other: Level) -> dict[str, float]:
+        """Return the deviations of the difference; constant errors are common to both. [W]
+
+        Args:
+            other: What is taken off.
+        """
+        causes = {**self.moves, **other.moves}
+        moves = {
+            cause: abs(self.moves.get(cause, 0.0) - other.moves.get(cause, 0.0)) for cause in causes
+        }
+        return {SCATTER: float(np.hypot(self.std, other.std)), **moves}
 
 
 @dataclass(frozen=True)
@@ -67,10 +89,11 @@ class CabinetFit:
             readings lie inside rest.
         generating: ``P_l,grid``; None if it never brakes hard enough, or not at the grid.
         loss_grid: P_l,grid, None where the data do not tell it. [W]
-        loss_grid_std: [W]
+        loss_grid_std: None too where only the sum of both losses is told. [W]
         loss_dc: P_l,DC. [W]
         loss_dc_std: [W]
         notes: What the data cannot separate and what was done instead, one sentence each.
+        parts: Of the deviations of ``loss_grid``, ``loss_dc`` and ``sum``, by cause. [W]
     """
 
     location: MeterLocation
@@ -81,6 +104,7 @@ class CabinetFit:
     loss_dc: float | None
     loss_dc_std: float | None
     notes: tuple[str, ...]
+    parts: Mapping[str, Mapping[str, float]] = field(default_factory=dict[str, Any])
 
 
 @dataclass(frozen=True)
@@ -135,11 +159,12 @@ def fit_cabinet(recordings: Sequence[Recording], beside: Beside | None = None) -
     if beside is not None:
         hold: Level | None = beside.level
     else:
-        hold = _level([_less_drives(*entry) for entry in zip(metered, held, strict=True)])
+        rested = [_less_drives(*entry) for entry in zip(metered, held, strict=True)]
+        hold = _level(rested, metered[0].sensors.std.meter)
     generating = None
     if location is MeterLocation.GRID and cabinet.regeneration_efficiency is None:
         fed = [_readings(part, _feeding(part), INSIDE, INSIDE) for part in metered]
-        generating = _level([(rows, rows.mean_power) for rows in fed])
+        generating = _level([(rows, rows.mean_power) for rows in fed], metered[0].sensors.std.meter)
     if hold is None and generating is None:
         raise NotIdentifiableError(
             f"{why}, and none inside hard braking",
@@ -172,7 +197,7 @@ def beside_drives(data: DriveData, model: RobotModel) -> Beside | None:
     # median: after braking the DC link feeds the drives for a moment, and the meter sees less
     blocks = [float(np.median(rest[pieces.block == k])) for k in np.unique(pieces.block)]
     runs = [float(np.median(rest[pieces.recording == k])) for k in np.unique(pieces.recording)]
-    std = float(np.std(blocks, ddof=1) / np.sqrt(len(blocks))) if len(blocks) > 1 else np.inf
+    std = _of_mean(np.asarray(blocks)) if len(blocks) > 1 else np.inf
     power, spread = float(np.median(rest)), float(np.ptp(runs))
     notes = ["HOLD is here the meter less the measured power of all drives, in motion as well"]
     missing = power - float(np.average(rest, weights=pieces.duration))
@@ -182,7 +207,12 @@ def beside_drives(data: DriveData, model: RobotModel) -> Beside | None:
             "together: after braking the DC link feeds the drives, which a model file without "
             "cabinet.capacitor cannot tell"
         )
-    return Beside(Level(power, std, len(pieces), len(blocks), spread), tuple(notes))
+    sensors, drawn = data.sensors.std, np.nan_to_num(np.nanmean(data.drive_power, axis=0))
+    moves = {
+        METER: sensors.meter * float(pieces.measured.mean()),
+        DRIVE_POWER: sensors.drive_power * float(np.linalg.norm(drawn)),
+    }
+    return Beside(Level(power, std, len(pieces), len(blocks), spread, moves), tuple(notes))
 
 
 def _split(
@@ -193,12 +223,16 @@ def _split(
     why: str,
 ) -> CabinetFit:
     before = model.cabinet
-    grid = grid_std = loss_dc = dc_std = None
+    grid = loss_dc = None
+    parts: dict[str, dict[str, float]] = {}
     notes: list[str] = []
+    if hold is not None:
+        parts["sum"] = hold.parts
     if location is MeterLocation.DC_BUS:
         notes.append("a meter on the DC bus does not see the loss on the grid side; it is kept")
         if hold is not None:
-            loss_dc, dc_std = hold.power, hold.std
+            loss_dc = hold.power
+            parts["loss_dc"] = parts.pop("sum")
     elif generating is None:
         notes.append(
             "no reading lies inside a phase in which the drives feed back, so HOLD tells the "
@@ -206,14 +240,18 @@ def _split(
             "grid side takes the rest; to separate them, record hard braking with a fast meter"
         )
         if hold is not None:
-            grid, grid_std = hold.power - before.loss_dc.value, hold.std
+            grid = hold.power - before.loss_dc.value
     else:
-        grid, grid_std = generating.power, generating.std
+        grid = generating.power
+        parts["loss_grid"] = generating.parts
         if hold is None:
             notes.append(f"the loss on the DC side is kept: {why}")
         else:
             loss_dc = hold.power - generating.power
-            dc_std = float(np.hypot(hold.std, generating.std))
+            parts["loss_dc"] = hold.less(generating)
+    grid_std, dc_std = (
+        total(parts[name]) if name in parts else None for name in ("loss_grid", "loss_dc")
+    )
     if hold is not None and hold.spread > 0.1 * abs(hold.power):
         notes.append(
             f"holding power differs by {hold.spread:.0f} W between poses; it is taken as constant"
@@ -224,7 +262,9 @@ def _split(
                 f"the loss on the {name} side is at the bound 0, negative otherwise: "
                 "check the meter"
             )
-    return CabinetFit(location, hold, generating, grid, grid_std, loss_dc, dc_std, tuple(notes))
+    return CabinetFit(
+        location, hold, generating, grid, grid_std, loss_dc, dc_std, tuple(notes), parts
+    )
 
 
 def with_cabinet(model: RobotModel, fit: CabinetFit, source: str) -> RobotModel:
@@ -242,6 +282,9 @@ def with_cabinet(model: RobotModel, fit: CabinetFit, source: str) -> RobotModel:
     ):
         if value is not None:
             update[name] = identified(value, std, source)
+    if fit.loss_grid is not None and fit.loss_grid_std is None and fit.hold is not None:
+        known = f"{fit.hold.power:.4g} +- {total(fit.parts['sum']):.2g} W"
+        update["loss_grid"] = only_the_sum(fit.loss_grid, f"both sides, {known}", source)
     cabinet = model.cabinet.model_copy(update=update)
     return model.changed(cabinet=cabinet)
 
@@ -294,8 +337,8 @@ def _less_drives(recording: Recording, pieces: CoveredPieces) -> tuple[CoveredPi
     return pieces, pieces.mean_power - recording.power.bus_power[row]
 
 
-def _level(parts: Sequence[tuple[CoveredPieces, Float]]) -> Level | None:
-    """Mean over events, each event counting once."""
+def _level(parts: Sequence[tuple[CoveredPieces, Float]], gain: float) -> Level | None:
+    """Mean over events, each event counting once; the meter's gain is off by ``gain``."""
     means: list[float] = []
     readings = 0
     for pieces, power in parts:
@@ -306,11 +349,18 @@ def _level(parts: Sequence[tuple[CoveredPieces, Float]]) -> Level | None:
     if readings < MIN_READINGS:
         return None
     values = np.asarray(means)
-    std = float(values.std(ddof=1) / np.sqrt(len(values))) if len(values) > 1 else float(np.inf)
-    if len(values) == 1:  # one event says nothing of others: its readings must do
-        power = np.concatenate([power for _, power in parts])
-        std = float(power.std(ddof=1) / np.sqrt(len(power)))
-    return Level(float(values.mean()), std, readings, len(values), float(np.ptp(values)))
+    if len(values) > 1:
+        std = _of_mean(values)
+    else:  # one event says nothing of others, and its readings may all be off alike
+        std = float(np.concatenate([power for _, power in parts]).std(ddof=1))
+    shown = np.concatenate([pieces.mean_power for pieces, _ in parts])
+    moves = {METER: gain * float(shown.mean())}
+    return Level(float(values.mean()), std, readings, len(values), float(np.ptp(values)), moves)
+
+
+def _of_mean(values: Float) -> float:
+    """Deviation of the mean of some values."""
+    return float(values.std(ddof=1) / np.sqrt(len(values))) * student(len(values) - 1.0)
 
 
 def _event_means(start_ns: Int, end_ns: Int, power: Float) -> list[float]:

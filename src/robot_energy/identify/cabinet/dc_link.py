@@ -10,8 +10,8 @@ cannot stand in for each other. The constant itself is not changed.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -22,9 +22,11 @@ from robot_energy.identify.cabinet.link_readings import (
     LinkReadings,
     best_energy,
     braking_time,
+    energy_moves,
     fed_at_once,
     readings_of,
     squared_error,
+    torque_changes,
     tried,
     use_of,
     with_energy,
@@ -37,6 +39,8 @@ from robot_energy.identify.stats.cross_validation import (
     jackknife_std,
     recordings_or_blocks,
 )
+from robot_energy.identify.stats.regression import SCATTER, student
+from robot_energy.identify.stats.systematic import METER, TORQUE, total
 from robot_energy.model import RobotModel
 from robot_energy.model.figure import PositiveFigure
 from robot_energy.model.schema import Cabinet, Capacitor
@@ -46,6 +50,7 @@ CHOPPER_VOLTAGE = 700.0  # V: the same
 MIN_EVENTS = 5  # times that the link must have been full
 SETTLED = 1.0  # W of the constant between two rounds
 ROUNDS = 4
+QUANTILE = 1.96  # standard deviations of half a 95 % interval
 MAX_HALF_WIDTH = 0.5  # of the energy: half width of a 95 % interval that still counts as told
 Voltages = tuple[float, float]
 
@@ -59,8 +64,8 @@ class LinkFit:
 
     Attributes:
         energy: [J]
-        std: From leaving out one contiguous block after the other. [J]
-        interval: Of 95 %, Student's t with the number of blocks less one. [J]
+        std: Of the scatter between blocks and of constant errors together. [J]
+        interval: Of 95 %. [J]
         loss_dc_shift: By which the constant of the DC side would change if it were free. [W]
         loss_dc_shift_std: [W]
         events: How often the link was full.
@@ -72,6 +77,7 @@ class LinkFit:
         identified: With the energy from the other folds.
         tried: Energies that were tried, rising, shape (K,). [J]
         tried_rms: RMS error with each, fitted readings, constant free, shape (K,). [W]
+        parts: Of the standard deviation, by cause. [J]
     """
 
     energy: float
@@ -88,6 +94,7 @@ class LinkFit:
     identified: EnergyScore
     tried: Float
     tried_rms: Float
+    parts: Mapping[str, float] = field(default_factory=dict[str, float])
 
     @property
     def reason(self) -> str:
@@ -139,9 +146,18 @@ def fit_link(recordings: Sequence[Recording], cabinet: Cabinet | None = None) ->
     assert data is not None
     squares = data.squares()
     energy, shift = best_energy(energies, squares.sum(axis=0))
-    std, shift_std, half = _deviations(energies, squares)
+    scatter, shift_std = _deviations(energies, squares)
+    best = with_energy(cabinet, base, energy)
+    torque = energy_moves(metered, best, energies, data, torque_changes(metered))
+    parts = {
+        SCATTER: scatter,
+        METER: metered[0].sensors.std.meter * energy,
+        TORQUE: float(np.linalg.norm(torque)),
+    }
+    std = total(parts)
+    half = QUANTILE * std
     spacing = float(np.median(data.duration))
-    events, emptying = use_of(metered, with_energy(cabinet, base, energy))
+    events, emptying = use_of(metered, best)
     braking = braking_time(metered, cabinet.loss_dc.value)
     _require_told(energy, half, events, top, spacing, braking)
     kind, fold = recordings_or_blocks(data.recording, data.block)
@@ -161,6 +177,7 @@ def fit_link(recordings: Sequence[Recording], cabinet: Cabinet | None = None) ->
         *scores,
         energies,
         np.sqrt(error / data.duration.sum()),
+        parts,
     )
 
 
@@ -229,17 +246,15 @@ def _require_grid_meter(metered: Sequence[Recording], cabinet: Cabinet) -> None:
         )
 
 
-def _deviations(energies: Float, squares: Float) -> tuple[float, float, float]:
-    """Deviations of energy and shift, and half a 95 % interval of the energy (jackknife)."""
-    from scipy.stats import t
-
+def _deviations(energies: Float, squares: Float) -> tuple[float, float]:
+    """Deviations of energy and shift that the scatter between blocks makes (jackknife)."""
     blocks = len(squares)
     if blocks < 2:
-        return np.inf, np.inf, np.inf
+        return np.inf, np.inf
     whole = squares.sum(axis=0)
     left_out = np.asarray([best_energy(energies, whole - part) for part in squares])
-    std, shift_std = jackknife_std(left_out).tolist()
-    return std, shift_std, std * float(t.ppf(0.975, blocks - 1))
+    std, shift_std = (jackknife_std(left_out) * student(blocks - 1.0)).tolist()
+    return std, shift_std
 
 
 def _require_told(

@@ -12,6 +12,7 @@ from robot_energy.blocks import NANOSECOND, Float, Int
 from robot_energy.identify.data.recordings import Recording
 from robot_energy.identify.drives.drive_data import block_length, held_energy
 from robot_energy.identify.drives.total_sums import joined, piece_means
+from robot_energy.identify.friction.samples import bodies_identified
 from robot_energy.identify.stats.lag import minimum
 from robot_energy.model.figure import PositiveFigure
 from robot_energy.model.schema import Cabinet, Capacitor
@@ -140,12 +141,17 @@ def tried(
     return energies, data
 
 
-def readings_of(metered: Sequence[Recording], cabinets: Sequence[Cabinet]) -> LinkReadings:
+def readings_of(
+    metered: Sequence[Recording],
+    cabinets: Sequence[Cabinet],
+    change: Sequence[Float] | None = None,
+) -> LinkReadings:
     """Run every cabinet, and take the means over the same time as each reading.
 
     Args:
         metered: Recordings with a meter.
         cabinets: One after the other.
+        change: Added to the power of the drives in each recording, shape (N,) each. [W]
 
     Returns:
         The readings, with one prediction for every cabinet.
@@ -154,12 +160,11 @@ def readings_of(metered: Sequence[Recording], cabinets: Sequence[Cabinet]) -> Li
     for number, recording in enumerate(metered):
         power, meter = recording.power, recording.meter
         assert meter is not None
-        stamp, segment = power.stamp_ns, power.segment
+        stamp, segment, bus = power.stamp_ns, power.segment, power.bus_power
+        if change is not None:
+            bus = bus + change[number]
         grid = np.column_stack(
-            [
-                CabinetStage(entry).step(stamp, segment, power.bus_power).grid_power
-                for entry in cabinets
-            ]
+            [CabinetStage(entry).step(stamp, segment, bus).grid_power for entry in cabinets]
         )
         for pieces in recording.limits.pieces(meter):
             kept, means = piece_means(pieces, stamp, segment, grid)
@@ -199,6 +204,61 @@ def best_energy(energies: Float, squares: Float) -> tuple[float, float]:
     error = squared_error(squares)
     shift = squares[1] / np.maximum(squares[2], np.finfo(float).tiny)
     return minimum(energies, error)[0], float(shift[np.argmin(error)])
+
+
+def energy_moves(
+    metered: Sequence[Recording],
+    cabinet: Cabinet,
+    energies: Float,
+    data: LinkReadings,
+    changes: Sequence[Sequence[Float]],
+) -> Float:
+    """Return by how much the best energy moves if the power of the drives is off.
+
+    Gauss-Newton about the best cabinet, its constant free: ``(dE, dc) = -(D' D)^-1 D' dp``
+    with D the slopes of the readings and dp what the change makes of them.
+
+    Args:
+        metered: Recordings with a meter.
+        cabinet: The best one.
+        energies: Tried, rising, shape (K,). [J]
+        data: Readings with each of them.
+        changes: Of the power of the drives, for each error by recording, shape (N,) each. [W]
+
+    Returns:
+        One for each error. [J]
+    """
+    size = 0.0 if cabinet.capacitor is None else cabinet.capacitor.swing
+    place = int(np.clip(np.searchsorted(energies, size), 1, len(energies) - 2))
+    low, high = place - 1, place + 1
+    slope = (data.predicted[:, high] - data.predicted[:, low]) / (energies[high] - energies[low])
+    root = np.sqrt(data.duration)
+    columns = np.stack([slope, data.slope[:, place]], axis=1) * root[:, None]
+    own = readings_of(metered, [cabinet]).predicted[:, 0]
+    moves: list[float] = []
+    for change in changes:
+        shown = readings_of(metered, [cabinet], change).predicted[:, 0] - own
+        moves.append(-float(np.linalg.lstsq(columns, root * shown, rcond=None)[0][0]))
+    return np.asarray(moves)
+
+
+def torque_changes(metered: Sequence[Recording]) -> list[list[Float]]:
+    """Return what one standard deviation of each torque constant makes of the drives' power.
+
+    Args:
+        metered: Recordings with a meter, run with one model.
+
+    Returns:
+        For each joint by recording, shape (N,) each. [W]
+    """
+    std = metered[0].sensors.std.torque
+    shares: list[Float] = []
+    for part in metered:
+        share = part.power.friction_power
+        if bodies_identified(part.model):
+            share = share + part.power.rigid_power
+        shares.append(std * np.nan_to_num(share))
+    return [[share[:, joint] for share in shares] for joint in range(shares[0].shape[1])]
 
 
 def braking_time(metered: Sequence[Recording], loss_dc: float) -> float:

@@ -19,6 +19,7 @@ from robot_energy.blocks import NANOSECOND, EffortMeaning, Float, MeterLocation
 from robot_energy.identify.data.recordings import Recording, read_recording
 from robot_energy.identify.drives.drive_power import MeasuredDrivePower
 from robot_energy.identify.provenance import sha256_of
+from robot_energy.identify.stats.systematic import DEFAULT_LIMITS, SensorLimits
 from robot_energy.inputs.sources import Inputs
 from robot_energy.model import RobotModel
 
@@ -39,6 +40,7 @@ class Bag:
         drive_power: Measured power of its drives, None without.
         spans: Stretches that count. [ns]
         meter_delay: Of the power meter behind the joint states, undone when read. [s]
+        sensors: Limits of the constant errors of its sensors.
     """
 
     path: Path
@@ -47,6 +49,7 @@ class Bag:
     drive_power: MeasuredDrivePower | None = None
     spans: tuple[Span, ...] = (EVER,)
     meter_delay: float = 0.0
+    sensors: SensorLimits = DEFAULT_LIMITS
 
     @property
     def name(self) -> str:
@@ -64,6 +67,7 @@ class Bag:
             RobotEnergyError: If bag or model cannot be used.
         """
         recording = read_recording(self.path, model, self.effort, None, progress, self.inputs)
+        recording = replace(recording, sensors=self.sensors)
         return recording.with_meter_earlier(self.meter_delay)
 
     def read(self, model: RobotModel) -> list[Recording]:

@@ -27,6 +27,7 @@ from robot_energy.identify.dynamics.torque_model import TorqueModel
 
 MOTION_PER_RATE = 5.0  # samples per period of the filter of the positions
 ROWS_PER_RATE = 10.0  # rows per period of the filter of both sides
+BY_ROW = ("regressor", "joint_torque", "used", "compared", "segment", "payload_torque")
 SHARE_OF_RATE = 0.2  # of the recording's rate that the filter of the positions may pass
 
 
@@ -60,6 +61,7 @@ class Observations:
         segment: Which stretch of the recording a row is of, shape (N,).
         rate: Rows per second. [Hz]
         motion: The motion behind the rows, before the low-pass of both sides.
+        payload_torque: Taken off the measured torque, shape (N, n). [N m] or [N]
     """
 
     names: tuple[str, ...]
@@ -70,6 +72,7 @@ class Observations:
     segment: Int
     rate: float
     motion: Motion
+    payload_torque: Float
 
     @property
     def duration(self) -> float:
@@ -134,10 +137,7 @@ def observe(
     motions = [part.motion for part in parts]
     return replace(
         parts[0],
-        **{
-            name: np.concatenate([getattr(part, name) for part in parts])
-            for name in ("regressor", "joint_torque", "used", "compared", "segment")
-        },
+        **{name: np.concatenate([getattr(part, name) for part in parts]) for name in BY_ROW},
         motion=Motion(
             np.concatenate([motion.joint_position for motion in motions]),
             np.concatenate([motion.joint_velocity for motion in motions]),
@@ -159,7 +159,8 @@ def _observe(
     regressor = torque_model.regressor(motion)
     payload = torque_model.payload_torque(motion, regressor)
     regressor = _low_pass_columns(regressor, rate, filters.cutoff)
-    torque = low_pass(torque[::step] - payload, rate, filters.cutoff)
+    payload = low_pass(payload, rate, filters.cutoff)
+    torque = low_pass(torque[::step], rate, filters.cutoff) - payload
     used, compared = _usable(motion.joint_velocity, rate, transmission, filters)
     step = max(1, int(rate / (ROWS_PER_RATE * filters.cutoff)))
     rows = slice(None, None, step)
@@ -172,6 +173,7 @@ def _observe(
         segment=np.full(len(torque[rows]), number, dtype=np.int64),
         rate=rate / step,
         motion=_every(motion, step),
+        payload_torque=payload[rows],
     )
 
 

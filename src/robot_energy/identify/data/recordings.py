@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.accounting.comparison import Comparison
-from robot_energy.bag_replay import Progress, Replay, Topics, replay
+from robot_energy.bag_replay import Progress, Replay, replay
 from robot_energy.blocks import (
     DOUBTFUL,
     NANOSECOND,
@@ -26,10 +26,12 @@ from robot_energy.blocks import (
 )
 from robot_energy.errors import BagError, NotIdentifiableError
 from robot_energy.identify.data.signals import Channels, stretches
+from robot_energy.identify.stats.systematic import DEFAULT_LIMITS, SensorLimits
 from robot_energy.inputs.meter.power_curve import MeterLimits
 from robot_energy.inputs.sources import Inputs
 from robot_energy.model import RobotModel
 from robot_energy.pipeline import Output, Settings
+from robot_energy.replay_topics import Topics
 from robot_energy.timeline.pieces import Compared
 
 
@@ -49,6 +51,7 @@ class Recording:
         compared: Predicted and measured energy, wherever both are known.
         limits: What the user says of the readings of the meter.
         replay: The replay that gave it, with its accounting.
+        sensors: Limits of the constant errors of its sensors.
     """
 
     path: Path
@@ -61,6 +64,7 @@ class Recording:
     compared: tuple[Compared, ...] = ()
     limits: MeterLimits = field(default_factory=MeterLimits)
     replay: Replay | None = field(default=None, repr=False)
+    sensors: SensorLimits = DEFAULT_LIMITS
 
     def __len__(self) -> int:
         return len(self.torque)

@@ -9,13 +9,14 @@ from robot_energy.errors import NotIdentifiableError
 from robot_energy.identify.cabinet.meter_delay import estimate_meter_delay, with_meters_earlier
 from robot_energy.identify.drives.drive_data import DriveData, location
 from robot_energy.identify.drives.drive_delay import estimate_power_delay, with_delay_undone
-from robot_energy.identify.drives.drives import DrivesFit, fit_drives, unfitted, with_drives
+from robot_energy.identify.drives.drives import DrivesFit, fit_drives, with_drives
 from robot_energy.identify.drives.efficiency import CUTOFF
 from robot_energy.identify.drives.total_power import TotalFit, compare_total, fit_total, with_total
 from robot_energy.identify.drives.total_sums import Sums, sums
 from robot_energy.identify.stats.cross_validation import EnergyScore
 from robot_energy.identify.stats.lag import Delay
 from robot_energy.model import RobotModel
+from robot_energy.model.drive_models import DRIVE_MODELS
 
 
 @dataclass(frozen=True)
@@ -74,7 +75,13 @@ class DrivesFound:
             changed = with_drives(model, self.drives, source)
             return changed, unfitted(model, changed.drive)
         if self.total is not None:
-            changed, notes = with_total(model, self.total.fit, self.total.place, source)
+            changed, notes = with_total(
+                model,
+                self.total.fit,
+                self.total.place,
+                source,
+                self.total.data.sensors.std.meter,
+            )
             return changed, [*unfitted(model, changed.drive), *notes]
         return model, []
 
@@ -117,3 +124,19 @@ def find_drives(
             "name the topic of the drives with --drive-power, or record the meter's topic",
         )
     return DrivesFound(drives, total, delay)
+
+
+def unfitted(model: RobotModel, written: str) -> list[str]:
+    """Return what becomes of drives whose kind identification does not know, one sentence.
+
+    Args:
+        model: That identification began with.
+        written: Name of the drive model in the result.
+    """
+    kind = DRIVE_MODELS[model.drive]
+    if kind.fitted is not None or kind.lossless:
+        return []
+    return [
+        f"the drive model '{kind.name}' has no fit: the drives are written as "
+        f"'{written}', and its own figures stay as given"
+    ]

@@ -16,7 +16,9 @@ from robot_energy.errors import LogFormatError
 from robot_energy.identify.data.recordings import Recording
 from robot_energy.identify.drives.drive_power import MeasuredDrivePower
 from robot_energy.identify.drives.losses import loss_columns
+from robot_energy.identify.friction.samples import bodies_identified
 from robot_energy.identify.stats.cross_validation import contiguous_blocks
+from robot_energy.identify.stats.systematic import DEFAULT_LIMITS, SensorLimits
 from robot_energy.inputs.meter.power_curve import MeterLimits
 from robot_energy.physics.drive import Drive
 
@@ -52,6 +54,9 @@ class DriveData:
         meters: Readings of each recording's power meter, None without one.
         limits: What the user says of the readings of each.
         braking: Where the supply does not pass on what the drives draw, shape (N,).
+        torque_share: Part of the motor torque that is off by the error of its torque constant,
+            shape (N, n); the rest comes from bodies that are given. [N m]
+        sensors: Limits of the constant errors of the sensors.
     """
 
     names: tuple[str, ...]
@@ -65,6 +70,8 @@ class DriveData:
     meters: tuple[MeterBlock | None, ...]
     limits: tuple[MeterLimits, ...]
     braking: NDArray[np.bool_]
+    torque_share: Float
+    sensors: SensorLimits = DEFAULT_LIMITS
 
     def __len__(self) -> int:
         return len(self.stamp_ns)
@@ -194,6 +201,9 @@ def drive_data(
             for part, power in zip(recordings, powers, strict=True)
         ]
     )
+    shared = torque
+    if not (measured_torque or bodies_identified(recordings[0].model)):
+        shared = torque - np.concatenate([part.torque.motor_torque_rigid for part in recordings])
     return DriveData(
         names,
         stamp,
@@ -206,6 +216,8 @@ def drive_data(
         tuple(part.meter for part in recordings),
         tuple(part.limits for part in recordings),
         np.concatenate([_apart_from_supply(part) for part in recordings]),
+        shared,
+        recordings[0].sensors,
     )
 
 
@@ -309,6 +321,7 @@ def drive_data_of_logs(
         tuple(meters),
         (MeterLimits(),) * len(meters),
         np.zeros(len(whole), dtype=np.bool_),
+        whole.effort,
     )
 
 

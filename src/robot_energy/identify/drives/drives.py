@@ -26,7 +26,7 @@ from robot_energy.identify.drives.efficiency import (
     processed,
     reduced_map,
 )
-from robot_energy.identify.drives.losses import TERMS, Losses, fit_losses
+from robot_energy.identify.drives.losses import TERMS, Losses, drive_changes, fit_losses
 from robot_energy.identify.stats.cross_validation import averaged, contiguous_folds
 from robot_energy.identify.stats.threads import one_thread
 from robot_energy.model import RobotModel
@@ -227,12 +227,18 @@ class _Fitter:
         """Fit the loss model of one drive."""
         data = self.data
         window = data.window[rows]
+        columns = averaged(data.loss_columns(rows, joint), window)
+        both = data.shaft_power, data.drive_power
+        shaft, power = (averaged(values[rows, joint], window) for values in both)
         return fit_losses(
-            averaged(data.loss_columns(rows, joint), window),
-            averaged((data.drive_power - data.shaft_power)[rows, joint], window),
+            columns,
+            power - shaft,
             data.block[rows][np.diff(window, prepend=-1) != 0],
             TERMS,
             f"the samples of {data.names[joint]}",
+            lambda values: drive_changes(
+                shaft, values["copper"] * columns[:, 1], power, data.sensors
+            ),
         )
 
     def map(self, joint: int, rows: NDArray[np.bool_], source: str = "") -> ReducedMap:
@@ -380,19 +386,3 @@ def _fitted_map(axis: AxisFit, source: str) -> object:
 
 DRIVE_MODELS.complete("loss_model", fitted=_fitted_losses, way="losses")
 DRIVE_MODELS.complete("efficiency_map", fitted=_fitted_map, way="map")
-
-
-def unfitted(model: RobotModel, written: str) -> list[str]:
-    """Return what becomes of drives whose kind identification does not know, one sentence.
-
-    Args:
-        model: That identification began with.
-        written: Name of the drive model in the result.
-    """
-    kind = DRIVE_MODELS[model.drive]
-    if kind.fitted is not None or kind.lossless:
-        return []
-    return [
-        f"the drive model '{kind.name}' has no fit: the drives are written as "
-        f"'{written}', and its own figures stay as given"
-    ]

@@ -6,8 +6,8 @@ fitted again. A column that the others explain is left out by name.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,14 @@ from robot_energy.blocks import Float, Int
 from robot_energy.errors import NotIdentifiableError
 from robot_energy.identify.bounds import NO_INFORMATION, identified
 from robot_energy.identify.stats.regression import Fit, independent, regress
+from robot_energy.identify.stats.systematic import (
+    DRIVE_POWER,
+    THERMOMETER,
+    TORQUE,
+    Changes,
+    SensorLimits,
+    with_systematic,
+)
 from robot_energy.model.drive_models import LossDrive
 from robot_energy.model.figure import PositiveFigure
 
@@ -39,6 +47,7 @@ class Losses:
         samples: Number of samples.
         rms: What remains, in sample. [W]
         confidence: Half widths of the 95 % intervals, by name.
+        parts: Of the standard deviations, by name and cause.
     """
 
     values: dict[str, float]
@@ -48,6 +57,7 @@ class Losses:
     samples: int
     rms: float
     confidence: dict[str, float]
+    parts: dict[str, dict[str, float]] = field(default_factory=dict[str, dict[str, float]])
 
     def figure(self, name: str, source: str, scale: float = 1.0) -> PositiveFigure:
         """Return one coefficient for a model file.
@@ -94,7 +104,12 @@ def loss_columns(velocity: Float, torque: Float, degc: Float) -> Float:
 
 
 def fit_losses(
-    columns: Float, target: Float, block: Int, names: Sequence[str], what: str
+    columns: Float,
+    target: Float,
+    block: Int,
+    names: Sequence[str],
+    what: str,
+    changes: Callable[[dict[str, float]], Changes] | None = None,
 ) -> Losses:
     """Return coefficients that are not negative, with deviations from blocks.
 
@@ -104,6 +119,7 @@ def fit_losses(
         block: Contiguous block of each sample, shape (N,).
         names: Of the columns.
         what: What the data are, for messages.
+        changes: What constant errors do to the target, of the coefficients by name.
 
     Raises:
         NotIdentifiableError: If there are too few samples or no column is excited.
@@ -126,7 +142,27 @@ def fit_losses(
         if fit.values[worst] >= 0.0 or len(used) == 1:
             break
         negative.append(used.pop(worst))
+    if changes is not None:
+        known = dict.fromkeys(names, 0.0) | dict(zip(fit.names, fit.values.tolist(), strict=True))
+        fit = with_systematic(fit, columns[:, used], changes(known))
     return _losses(fit, used, told, negative, names)
+
+
+def drive_changes(shaft: Float, heat: Float, power: Float, sensors: SensorLimits) -> Changes:
+    """Return what constant errors do to the loss of one drive whose power is measured.
+
+    Args:
+        shaft: Power by measured torque, shape (N,). [W]
+        heat: Copper loss, shape (N,). [W]
+        power: Measured electrical input, shape (N,). [W]
+        sensors: Limits of the errors.
+    """
+    std = sensors.std
+    return {
+        TORQUE: (-std.torque * (shaft + 2.0 * heat),),
+        THERMOMETER: (-std.thermometer * COPPER_COEFFICIENT * heat,),
+        DRIVE_POWER: (std.drive_power * power,),
+    }
 
 
 def _size(columns: Float) -> Float:
@@ -157,4 +193,8 @@ def _losses(
         len(fit.residual),
         float(np.sqrt(np.mean(fit.residual**2))),
         confidence,
+        {
+            names[k]: {cause: float(part[place]) for cause, part in fit.parts.items()}
+            for place, k in enumerate(used)
+        },
     )

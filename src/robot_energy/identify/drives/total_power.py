@@ -16,8 +16,8 @@ import numpy as np
 
 from robot_energy.blocks import Float, Int, MeterLocation
 from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.bounds import NO_INFORMATION, at_bound, identified
-from robot_energy.identify.drives.losses import Losses, fit_losses
+from robot_energy.identify.bounds import NO_INFORMATION, at_bound, identified, only_the_sum
+from robot_energy.identify.drives.losses import COPPER_COEFFICIENT, Losses, fit_losses
 from robot_energy.identify.drives.total_sums import COEFFICIENTS, Sums
 from robot_energy.identify.stats.cross_validation import (
     EnergyScore,
@@ -27,6 +27,14 @@ from robot_energy.identify.stats.cross_validation import (
     predict_held_out,
     recordings_or_blocks,
     simplest,
+)
+from robot_energy.identify.stats.systematic import (
+    BODIES,
+    METER,
+    THERMOMETER,
+    TORQUE,
+    Changes,
+    total,
 )
 from robot_energy.identify.stats.threads import one_thread
 from robot_energy.model import RobotModel
@@ -124,15 +132,26 @@ def fit_structure(
             names.append(f"{term} of all axes")
             place.append((row, -1))
     shaft = 0.0 if structure == "constant" else data.shaft
+
+    def spread(values: dict[str, float]) -> Float:
+        """Coefficients of every joint, shape (3, n)."""
+        found = np.zeros((3, n_joints))
+        for name, (row, joint) in zip(names[1:], place[1:], strict=True):
+            if joint < 0:
+                found[row] = values[name] * data.scale[row]
+            else:
+                found[row, joint] = values[name]
+        return found
+
     losses = fit_losses(
-        np.column_stack(columns), data.measured - shaft, data.block, names, "the meter's readings"
+        np.column_stack(columns),
+        data.measured - shaft,
+        data.block,
+        names,
+        "the meter's readings",
+        lambda values: _changes(data, spread(values), structure),
     )
-    coefficients, deviations = np.zeros((3, n_joints)), np.zeros((3, n_joints))
-    for name, (row, joint) in zip(names[1:], place[1:], strict=True):
-        axes = slice(None) if joint < 0 else slice(joint, joint + 1)
-        factor = data.scale[row] if joint < 0 else np.ones(1)
-        coefficients[row, axes] = losses.values[name] * factor
-        deviations[row, axes] = losses.std[name] * factor
+    coefficients, deviations = spread(losses.values), spread(losses.std)
     return TotalFit(
         structure,
         losses.values["constant"],
@@ -142,6 +161,21 @@ def fit_structure(
         deviations,
         dict(errors or {}),
     )
+
+
+def _changes(data: Sums, coefficients: Float, structure: Structure) -> Changes:
+    """What constant errors of meter, torque constants and thermometers do to the target."""
+    sensors = data.sensors.std
+    causes: dict[str, list[Float]] = {METER: [sensors.meter * data.measured]}
+    if structure == "constant":
+        return causes
+    heat = data.terms[:, 0] * coefficients[0]
+    torque = sensors.torque * (data.shares + 2.0 * heat)
+    given = sensors.bodies * (data.shaft - data.shares.sum(axis=1))
+    cold = sensors.thermometer * COPPER_COEFFICIENT * heat
+    causes[TORQUE], causes[BODIES] = list(-torque.T), [-given]
+    causes[THERMOMETER] = list(-cold.T)
+    return causes
 
 
 def predict(data: Sums, fit: TotalFit) -> Float:
@@ -199,18 +233,19 @@ def compare_total(data: Sums, model: RobotModel | None) -> tuple[Kind, dict[str,
 
 
 def with_total(
-    model: RobotModel, fit: TotalFit, place: MeterLocation, source: str
+    model: RobotModel, fit: TotalFit, place: MeterLocation, source: str, meter: float = 0.0
 ) -> tuple[RobotModel, list[str]]:
     """Return a model that predicts the meter as the fit does.
 
     The constants are one sum: the drives get none, and the DC side all but what the model
-    says of the grid side.
+    says of the grid side. Where that side is not identified, no side has a deviation of its own.
 
     Args:
         model: Any model of the same robot.
         fit: What was identified.
         place: Where the meter sits.
         source: Where the data come from.
+        meter: Standard deviation of its gain. [-]
 
     Returns:
         The model, and what was decided without data, one sentence each.
@@ -221,15 +256,30 @@ def with_total(
     ]
     notes = ["the constants of drives and cabinet are one sum; the DC side of the cabinet takes it"]
     update: dict[str, PositiveFigure] = {}
-    constant = fit.constant
+    constant, std = fit.constant, fit.constant_std
+    dc = identified(constant, std, source)
     if place is MeterLocation.GRID:
-        grid = min(model.cabinet.loss_grid.value, constant)
+        side = model.cabinet.loss_grid
+        grid = min(side.value, constant)
         notes[0] += f", less {grid:g} W of the grid side as before"
-        constant -= grid
-        update["loss_grid"] = model.cabinet.loss_grid.model_copy(update={"value": grid})
-    update["loss_dc"] = identified(constant, fit.constant_std, source)
+        update["loss_grid"] = side.model_copy(update={"value": grid})
+        if side.tag == "identified" and side.std is not None:
+            dc = identified(constant - grid, _less_grid(fit, side, meter), source)
+        else:
+            known = f"the constants of both sides, {constant:.4g} +- {std:.2g} W"
+            dc = only_the_sum(constant - grid, known, source)
+    update["loss_dc"] = dc
     cabinet = model.cabinet.model_copy(update=update)
     return model.changed(joints=joints, cabinet=cabinet, drive="loss_model"), notes
+
+
+def _less_grid(fit: TotalFit, side: PositiveFigure, meter: float) -> float:
+    """Deviation of the constant less the grid side: both have the gain of one meter. [W]"""
+    of_grid = meter * side.value
+    parts = dict(fit.losses.parts.get("constant", {}))
+    parts[METER] = abs(parts.get(METER, 0.0) - of_grid)
+    parts["grid side"] = float(np.sqrt(max((side.std or 0.0) ** 2 - of_grid**2, 0.0)))
+    return total(parts)
 
 
 def _entry(fit: TotalFit, joint: int, source: str) -> LossDrive:
@@ -239,12 +289,15 @@ def _entry(fit: TotalFit, joint: int, source: str) -> LossDrive:
         )
     }
     for row, name in enumerate(COEFFICIENTS):
-        std = float(fit.deviations[row, joint])
-        if std == 0.0 and fit.coefficients[row, joint] == 0.0:
+        value, std = float(fit.coefficients[row, joint]), float(fit.deviations[row, joint])
+        shared = f"{name} of all axes"
+        if std == 0.0 and value == 0.0:
             entries[name] = at_bound(source) if fit.structure != "shaft" else NO_BETTER
-            continue
-        if not np.isfinite(std):
+        elif not np.isfinite(std):
             entries[name] = PositiveFigure(value=0.0, tag="assumed", source=NO_INFORMATION)
-            continue
-        entries[name] = identified(float(fit.coefficients[row, joint]), std, source)
+        elif shared in fit.losses.values and fit.coefficients.shape[1] > 1:
+            known = f"{100.0 * std / value:.2g} %" if value else "0"
+            entries[name] = only_the_sum(value, f"all axes, known to {known}", source)
+        else:
+            entries[name] = identified(value, std, source)
     return LossDrive(**entries)

@@ -12,12 +12,14 @@ from robot_energy.blocks import NANOSECOND, Float, Int, MeterLocation
 from robot_energy.errors import NotIdentifiableError
 from robot_energy.identify.drives.drive_data import DriveData, location
 from robot_energy.identify.stats.cross_validation import averaged
+from robot_energy.identify.stats.systematic import DEFAULT_LIMITS, SensorLimits
 from robot_energy.model import RobotModel
 from robot_energy.timeline.pieces import CoveredPieces
 
 COEFFICIENTS = ("copper", "linear", "quadratic")
 MIN_READINGS = 20
-OF_PIECES = ("duration", "measured", "shaft", "terms", "given", "drives", "recording", "block")
+OF_PIECES = ("duration", "measured", "shaft", "terms", "given", "drives", "recording", "block",
+             "shares")  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -37,6 +39,8 @@ class Sums:
         recording: Shape (K,).
         block: Shape (K,).
         scale: Of each joint's coefficients where axes share them, shape (3, n).
+        shares: Shaft power of every joint by `DriveData.torque_share`, shape (K, n). [W]
+        sensors: Limits of the constant errors of the sensors.
     """
 
     names: tuple[str, ...]
@@ -50,6 +54,8 @@ class Sums:
     recording: Int
     block: Int
     scale: Float
+    shares: Float
+    sensors: SensorLimits = DEFAULT_LIMITS
 
     def __len__(self) -> int:
         return len(self.duration)
@@ -112,17 +118,19 @@ def sums(data: DriveData, model: RobotModel | None) -> Sums:
         duration * np.diff(np.append(np.flatnonzero(first), len(window))),
         mean(pieces.mean_power),
         means[:, 0],
-        means[:, 3:].reshape(-1, 3, len(data.names)),
+        means[:, 3 : 3 + 3 * len(data.names)].reshape(-1, 3, len(data.names)),
         means[:, 1],
         means[:, 2],
         recording[first],
         data.block[rows][first],
         _scale(data, model),
+        means[:, 3 + 3 * len(data.names) :],
+        data.sensors,
     )
 
 
 def _columns(data: DriveData, model: RobotModel | None) -> Float:
-    """Shaft power, drives as given, measured drives, and the terms; shape (N, 3 + 3 n)."""
+    """Shaft power, drives as given, measured drives, terms, and shares; shape (N, 3 + 4 n)."""
     given = np.full(len(data), np.nan)
     if model is not None:
         from robot_energy.physics.drive import drive_from_model
@@ -130,7 +138,8 @@ def _columns(data: DriveData, model: RobotModel | None) -> Float:
         given = data.input_power(drive_from_model(model)).sum(axis=1)
     measured = data.drive_power.sum(axis=1)
     terms = data.loss_columns()[:, :, 1:].swapaxes(1, 2).reshape(len(data), -1)
-    return np.column_stack([data.supplied_power, given, measured, terms])
+    shares = data.torque_share * data.motor_velocity
+    return np.column_stack([data.supplied_power, given, measured, terms, shares])
 
 
 def joined(

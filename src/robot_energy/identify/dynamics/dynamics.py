@@ -30,14 +30,20 @@ from robot_energy.identify.dynamics.sufficiency import (
 from robot_energy.identify.dynamics.torque_delay import estimate_delay
 from robot_energy.identify.dynamics.torque_model import TorqueModel
 from robot_energy.identify.dynamics.validation import TorqueError, predict_held_out, torque_error
+from robot_energy.identify.stats.autocorrelation import autocorrelated
 from robot_energy.identify.stats.lag import NO_DELAY, Delay
 from robot_energy.identify.stats.regression import (
     Fit,
     Method,
-    autocorrelated,
     estimate,
     factor,
     fit,
+)
+from robot_energy.identify.stats.systematic import (
+    DEFAULT_LIMITS,
+    TORQUE,
+    SensorLimits,
+    with_systematic,
 )
 from robot_energy.identify.stats.threads import one_thread
 from robot_energy.model import RobotModel
@@ -61,6 +67,7 @@ class DynamicsSettings:
         offset: Of a torque channel as a prior: one standard deviation as a share of the
             greatest torque measured on the axis. Assumed; what a current sensor may be off
             by. Gravity that little motion does not tell from an offset stays gravity. [-]
+        sensors: Limits of the constant errors of the sensors.
     """
 
     columns: tuple[ParameterColumn, ...] = field(default_factory=standard_columns)
@@ -70,6 +77,7 @@ class DynamicsSettings:
     folds: int = 5
     uncertainty: float = 1.0
     offset: float = 0.01
+    sensors: SensorLimits = DEFAULT_LIMITS
 
 
 @dataclass(frozen=True)
@@ -244,7 +252,8 @@ def identify_dynamics(
             "motion in which each of them makes a torque of its own",
             "record all joints moving at once, at several speeds and far apart",
         )
-    result = fit_rows(independent, settings.method)
+    gains = settings.sensors.std.torque, whole.transmission
+    result = fit_rows(independent, settings.method, gains)
     delay = NO_DELAY
     if settings.delay_span > 0.0:
         guard = 1.0 / settings.filters.cutoff
@@ -254,7 +263,7 @@ def identify_dynamics(
         if delay.applied:
             rows = rows.advanced(delay.applied)
             independent = rows.with_columns(base.independent)
-            result = fit_rows(independent, settings.method)
+            result = fit_rows(independent, settings.method, gains)
     columns = tuple(
         column for column in settings.columns if column.written or column.kind == "offset"
     )
@@ -263,7 +272,8 @@ def identify_dynamics(
     exported, exported_base = result, base
     if part is not rows:
         exported_base = written.structure()
-        exported = fit_rows(part.with_columns(exported_base.independent), settings.method)
+        kept = part.with_columns(exported_base.independent)
+        exported = fit_rows(kept, settings.method, gains)
     prior = _prior(model, written, settings, part)
     standard = _consistent(part, _whitening(part, exported), prior, written)
     in_sample = torque_error(independent, independent.regressor @ result.values)
@@ -285,18 +295,28 @@ def identify_dynamics(
     )
 
 
-def fit_rows(rows: Observations, method: Method = "wls") -> Fit:
+def fit_rows(
+    rows: Observations, method: Method = "wls", gains: tuple[float, Float] | None = None
+) -> Fit:
     """Fit the parameters of rows.
 
     Args:
         rows: With independent columns only.
         method: As of `regression.fit`.
+        gains: Standard deviation of the gain of each motor's torque [-], and the transmission,
+            shape (n, n) [-]; None: there is no such error.
 
     Returns:
         The parameters and their covariance.
     """
     covariance = autocorrelated(rows.segment)
-    return fit(rows.regressor, rows.joint_torque, rows.names, covariance, method, rows.used)
+    found = fit(rows.regressor, rows.joint_torque, rows.names, covariance, method, rows.used)
+    if gains is None:
+        return found
+    std, transmission = gains
+    motor = (rows.joint_torque + rows.payload_torque) @ np.linalg.inv(transmission)
+    changes = [std * motor[:, [k]] * transmission[k] for k in range(len(transmission))]
+    return with_systematic(found, rows.regressor, {TORQUE: changes})
 
 
 def _prior(

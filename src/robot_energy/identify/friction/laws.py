@@ -16,6 +16,7 @@ from robot_energy.errors import NotIdentifiableError
 from robot_energy.identify.bounds import AT_BOUND, identified
 from robot_energy.identify.friction.samples import FrictionData
 from robot_energy.identify.stats.regression import Fit, regress
+from robot_energy.identify.stats.systematic import THERMOMETER, moved_by, with_systematic
 from robot_energy.model.figure import PositiveFigure
 from robot_energy.model.friction_laws import (
     FRICTION_LAWS,
@@ -31,6 +32,7 @@ MIN_RANGE = 6.0  # K of motor temperature, below which it cannot be told from a 
 MIN_SHARE = 0.02  # of the excitation w^2 that a node must see
 SCALES = np.geomspace(4.0, 120.0, 18)  # K, tried for the exponential law
 MIN_SPEED_RATIO = 1.5  # of fast to slow motion, that separates viscous from Coulomb friction
+GRID = 25  # temperatures at which the deviation of a law is looked for
 IMPOSSIBLE = 1e30  # cost of a law with a negative part; finite, for the search
 
 
@@ -77,13 +79,15 @@ def regress_friction(data: FrictionData, shape: Float, names: Sequence[str]) -> 
     """
     extra = [f"nuisance {number + 1}" for number in range(data.nuisance.shape[1])]
     try:
-        return regress(
-            _columns(data, shape),
+        columns = _columns(data, shape)
+        fit = regress(
+            columns,
             data.friction_torque,
             data.block,
             ["Coulomb", *names, "offset", *extra],
             what=f"the motions of {data.name}",
         )
+        return with_systematic(fit, columns, {k: (v,) for k, v in data.changes.items()})
     except NotIdentifiableError as error:
         if one_speed(data):
             raise _one_speed(data) from error
@@ -159,6 +163,9 @@ def _fit_table(data: FrictionData, source: str) -> tuple[TableLaw, Fit]:
     fit = regress_friction(
         data, _hats(degc, nodes), [f"viscous at {node:.0f} degC" for node in nodes]
     )
+    slope = np.zeros(len(fit.values))
+    slope[1 : 1 + len(nodes)] = np.gradient(fit.values[1 : 1 + len(nodes)], nodes)
+    fit = moved_by(fit, THERMOMETER, data.thermometer * slope)
     above = fit.values[1 : 1 + len(nodes)] > 0.0
     below = ", ".join(f"{node:.0f}" for node in nodes[~above])
     table = TableLaw(
@@ -207,29 +214,42 @@ def _fit_exponential(data: FrictionData, source: str) -> tuple[ExponentialLaw, F
     shape = np.stack([np.ones(len(degc)), decay(scale)], axis=1)
     found = regress_friction(data, shape, ["hot viscous", "cold viscous"])
     hot, cold = (max(float(value), 0.0) for value in found.values[1:3])
-    covariance = _exponential_covariance(data, found, cold, scale, middle)
-    of_a, of_b, of_c = (None,) * 3 if covariance is None else np.sqrt(np.diag(covariance)).tolist()
+    tangent = _tangent(data, found, cold, scale, middle)
     lift = float(np.exp(middle / scale))
+    # of a, of b = cold exp(middle / c), and of c
+    to_law = np.array(
+        [[1.0, 0.0, 0.0], [0.0, lift, -cold * lift * middle / scale**2], [0.0, 0.0, 1.0]]
+    )
+    covariance = (
+        None if tangent is None else _symmetric(to_law @ tangent.covariance[1:4, 1:4] @ to_law.T)
+    )
+    if covariance is None or not np.isfinite(covariance).all():
+        known, std = None, [None, None, None]
+    else:
+        known, std = covariance.tolist(), np.sqrt(np.diag(covariance)).tolist()
     law = ExponentialLaw(
         law="exponential",
-        a=identified(hot, of_a, source),
-        b=identified(cold * lift, of_b, source),
-        c=PositiveFigure(value=scale, tag="identified", std=of_c, source=source),
+        a=identified(hot, std[0], source),
+        b=identified(cold * lift, std[1], source),
+        c=PositiveFigure(value=scale, tag="identified", std=std[2], source=source),
         fitted_degc=(float(degc.min()), float(degc.max())),
-        covariance=None if covariance is None else covariance.tolist(),
+        covariance=known,
     )
-    if covariance is not None:
-        greatest = float(np.max(viscous_law(law).deviation(degc)))
-        law = law.model_copy(update={"std": greatest})
-    return law, found
+    if known is not None:
+        greatest = viscous_law(law).std(np.linspace(*law.fitted_degc, GRID)).max()
+        law = law.model_copy(update={"std": float(greatest)})
+    return law, found if tangent is None else _with_coulomb_of(found, tangent)
 
 
-def _exponential_covariance(
-    data: FrictionData, fit: Fit, cold: float, scale: float, middle: float
-) -> Float | None:
-    """Covariance of a, b and c, with c as one more column; None for unknown.
+def _symmetric(matrix: Float) -> Float:
+    """A matrix without what rounding made unequal."""
+    return 0.5 * (matrix + matrix.T)
 
-    b is the cold part carried to 0 degC: ``b = cold exp(middle/c)``.
+
+def _tangent(data: FrictionData, fit: Fit, cold: float, scale: float, middle: float) -> Fit | None:
+    """The fit with c as one more column, for the covariance; None where it does not show.
+
+    Its columns behind Coulomb are a, the cold part at the middle temperature, and c.
     """
     degc = data.motor_temperature_degc
     decay = np.exp(-(degc - middle) / scale)
@@ -240,10 +260,20 @@ def _exponential_covariance(
         )
     except NotIdentifiableError:
         return None
-    lift = np.exp(middle / scale)
-    turn = np.array([[1.0, 0.0, 0.0], [0.0, lift, -cold * lift * middle / scale**2], [0, 0, 1.0]])
-    covariance = turn @ tangent.covariance[1:4, 1:4] @ turn.T
-    return 0.5 * (covariance + covariance.T) if np.isfinite(covariance).all() else None
+    moves = np.zeros(len(tangent.values))
+    moves[2] = -cold / scale * data.thermometer  # of the law at the true temperature
+    return moved_by(tangent, THERMOMETER, moves)
+
+
+def _with_coulomb_of(fit: Fit, tangent: Fit) -> Fit:
+    """A fit with the deviation that its Coulomb torque has while c is free."""
+    covariance, parts = fit.covariance.copy(), {}
+    covariance[0, 0] = tangent.covariance[0, 0]
+    for cause, part in tangent.parts.items():
+        own = fit.parts.get(cause, np.zeros(len(fit.values))).copy()
+        own[0] = part[0]
+        parts[cause] = own
+    return replace(fit, covariance=covariance, parts=parts)
 
 
 FRICTION_LAWS.complete("constant", fit=_fit_constant)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,6 +13,8 @@ from robot_energy.blocks import NANOSECOND, Float, Int
 from robot_energy.errors import LogFormatError
 from robot_energy.identify.data.recordings import Recording
 from robot_energy.identify.stats.cross_validation import averaged, contiguous_blocks
+from robot_energy.identify.stats.systematic import BODIES, TORQUE
+from robot_energy.model import RobotModel
 
 if TYPE_CHECKING:
     from robot_energy.logs.recording import LogBlock
@@ -39,6 +41,9 @@ class FrictionData:
         nuisance: Further columns whose coefficients are fitted and thrown away, such as
             what gravity does to an axis whose bodies are not modelled, shape (N, K).
         smooth_velocity: w0 of the smooth sign ``tanh(w/w0)``; 0 for the plain sign. [rad/s]
+        changes: Of the friction torque by one standard deviation of a constant error, by its
+            cause, shape (N,) each. [N m]
+        thermometer: Standard deviation of the offset of the motor temperature. [K]
     """
 
     name: str
@@ -49,6 +54,8 @@ class FrictionData:
     run: Int
     nuisance: Float
     smooth_velocity: float = 0.0
+    changes: Mapping[str, Float] = field(default_factory=dict[str, Float])
+    thermometer: float = 0.0
 
     def __len__(self) -> int:
         return len(self.motor_velocity)
@@ -67,6 +74,7 @@ class FrictionData:
             block=self.block[mask],
             run=self.run[mask],
             nuisance=self.nuisance[mask],
+            changes={cause: change[mask] for cause, change in self.changes.items()},
         )
 
     @property
@@ -92,6 +100,7 @@ def friction_data(recordings: Sequence[Recording], joint: int) -> FrictionData:
         Motor side; the blocks of every recording are its own.
     """
     parts = [_of_recording(recording, joint) for recording in recordings]
+    sensors = recordings[0].sensors.std
     offset = np.cumsum([0, *(int(part.block[-1]) + 1 if len(part) else 0 for part in parts)])
     smooth = recordings[0].model.joints[joint].friction.smooth_velocity
     return FrictionData(
@@ -103,6 +112,11 @@ def friction_data(recordings: Sequence[Recording], joint: int) -> FrictionData:
         np.concatenate([part.run + number for number, part in enumerate(parts)]),
         np.empty((sum(len(part) for part in parts), 0)),
         0.0 if smooth is None else smooth.value,
+        {
+            cause: np.concatenate([part.changes[cause] for part in parts])
+            for cause in parts[0].changes
+        },
+        sensors.thermometer,
     )
 
 
@@ -117,6 +131,13 @@ def _of_recording(recording: Recording, joint: int) -> FrictionData:
     steady = np.abs(averaged(np.sign(speed), window)) == 1.0
     usable = (averaged((turning & recording.sound).astype(np.float64), window) == 1.0) & steady
     block = contiguous_blocks(torque.stamp_ns, torque.segment, BLOCK)[starts]
+    sensors = recording.sensors.std
+    measured = averaged(torque.motor_torque_measured[:, joint], window)
+    rigid = averaged(torque.motor_torque_rigid[:, joint], window)
+    # identified bodies have the error of the torque that they come from
+    changes = {TORQUE: sensors.torque * (measured - rigid)}
+    if not bodies_identified(recording.model):
+        changes = {TORQUE: sensors.torque * measured, BODIES: sensors.bodies * rigid}
     return FrictionData(
         "",
         np.where(usable, averaged(speed, window), 0.0),
@@ -125,7 +146,17 @@ def _of_recording(recording: Recording, joint: int) -> FrictionData:
         block,
         np.zeros(len(starts), dtype=np.int64),
         np.empty((len(starts), 0)),
+        changes=changes,
     )
+
+
+def bodies_identified(model: RobotModel) -> bool:
+    """Whether the bodies of a model come from measured torque.
+
+    Args:
+        model: The model.
+    """
+    return model.urdf.tags.get("masses") == "derived"
 
 
 def friction_data_of_log(

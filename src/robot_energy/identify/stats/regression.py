@@ -3,14 +3,15 @@
 Residuals of a robot's torque or power are alike from row to row, so N rows hold far fewer
 independent ones and the textbook covariance is several times too small. What it is instead
 is an argument of the fit: `jackknife` takes the scatter of the parameters when one contiguous
-block after the other is left out; `autocorrelated` measures the autocorrelation of the
-residuals, ``(X'X)^-1 X' Omega X (X'X)^-1`` with Omega their autocovariance.
+block after the other is left out; `robot_energy.identify.stats.autocorrelation` measures the
+autocorrelation of the residuals. A scatter from few blocks is itself uncertain, so it counts as
+Student's t says (`student`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Literal, get_args
 
 import numpy as np
@@ -28,7 +29,8 @@ MAX_ROUNDS = 30  # of the Huber weights
 SETTLED = 1e-6  # relative change of what is fitted at which the weights have settled
 MIN_NOISE = 1e-12  # below which residuals are rounding
 MIN_INDEPENDENCE = 1e-4  # share of a column that the other columns do not explain
-MAX_LAG_SHARE = 0.25  # of a recording: longest autocorrelation taken into account
+CONFIDENCE = 0.95  # of the intervals at which Student's t and a normal distribution agree
+SCATTER = "scatter"  # the part of a deviation that recordings show themselves
 
 
 @dataclass(frozen=True)
@@ -38,11 +40,13 @@ class Fit:
     Attributes:
         names: Of the parameters.
         values: Shape (P,).
-        covariance: Shape (P, P).
+        covariance: Of the values as if they were normally distributed, shape (P, P).
         independent: Number of independent rows of each target, or of blocks, shape (n,).
-        degrees: Of freedom, of the intervals.
+        degrees: Of freedom, of the scatter.
         residual: Target less fitted, shape (N,) or (N, n).
         weight: On each row in the fit, 0 where unused, same shape. [1/unit of the target]
+        parts: Deviations of the parameters by cause, shape (P,) each; their squares add up to
+            the diagonal of the covariance.
     """
 
     names: tuple[str, ...]
@@ -52,6 +56,7 @@ class Fit:
     degrees: float
     residual: Float
     weight: Float
+    parts: Mapping[str, Float] = field(default_factory=dict[str, Float])
 
     @property
     def std(self) -> Float:
@@ -66,14 +71,14 @@ class Fit:
         return np.sqrt(squares / np.maximum(used.sum(axis=0), 1))
 
     def interval(self, confidence: float = 0.95) -> Float:
-        """Return half widths of the confidence intervals, by Student's t, shape (P,).
+        """Return half widths of the confidence intervals, shape (P,).
 
         Args:
             confidence: Share of the intervals that hold the truth. [-]
         """
-        from scipy.stats import t
+        from scipy.stats import norm
 
-        return self.std * float(t.ppf(0.5 + 0.5 * confidence, max(self.degrees, 1.0)))
+        return self.std * float(norm.ppf(0.5 + 0.5 * confidence))
 
 
 Covariance = Callable[[Float, Float, Float], tuple[Float, Float, float]]
@@ -102,7 +107,23 @@ def fit(
     values, weight = estimate(columns, target, method, used)
     residual = target - columns @ values
     matrix, independent, degrees = covariance(columns, residual, weight)
-    return Fit(tuple(names), values, matrix, independent, degrees, residual, weight)
+    matrix = matrix * student(degrees) ** 2
+    parts = {SCATTER: np.sqrt(np.maximum(np.diag(matrix), 0.0))}
+    return Fit(tuple(names), values, matrix, independent, degrees, residual, weight, parts)
+
+
+def student(degrees: float) -> float:
+    """Return by how much a deviation counts for more because it comes from a scatter itself.
+
+    Half a 95 % interval by Student's t over that of a normal distribution.
+
+    Args:
+        degrees: Of freedom; below 1 counts as 1. [-]
+    """
+    from scipy.stats import norm, t
+
+    level = 0.5 + 0.5 * CONFIDENCE
+    return float(t.ppf(level, max(degrees, 1.0)) / norm.ppf(level))
 
 
 def estimate(
@@ -268,82 +289,6 @@ def jackknife(block: Int) -> Covariance:
         return np.where(np.isnan(scatter), np.inf, scatter), count, blocks - 1.0
 
     return covariance
-
-
-def autocorrelated(segment: Int) -> Covariance:
-    """Return the covariance from the autocorrelation of each target's residuals.
-
-    What comes before the autocorrelation first falls to zero is signal, the rest is chance
-    (initial positive sequence).
-
-    Args:
-        segment: Number of the uninterrupted stretch of each row, shape (N,).
-    """
-
-    def covariance(columns: Float, residual: Float, weight: Float) -> tuple[Float, Float, float]:
-        n_targets, n_values = residual.shape[1], columns.shape[2]
-        triangle, _ = factor(columns, residual, weight)
-        inverse = np.linalg.pinv(triangle)
-        inverse = inverse @ inverse.T
-        middle, independent = np.zeros((n_values, n_values)), np.zeros(n_targets)
-        for joint in range(n_targets):
-            rows = weight[:, joint] > 0.0
-            count = int(rows.sum())
-            if not count:
-                continue
-            rest = np.where(rows, weight[:, joint] * residual[:, joint], 0.0)
-            own = columns[:, joint] * weight[:, joint, None]
-            taken = float(((own @ inverse) * own).sum())  # leverage
-            shares = _autocorrelation(rest, rows, segment)
-            independent[joint] = count / (1.0 + 2.0 * float(shares[1:].sum()))
-            # Parameters eat part of the residuals; of correlated ones, a larger part.
-            left = max(independent[joint] - taken, 0.25 * independent[joint], 1.0)
-            variance = float(rest @ rest) / count * independent[joint] / left
-            middle += variance * _correlated(own, shares, segment)
-        degrees = float(independent.sum()) - n_values
-        return inverse @ middle @ inverse, independent, degrees
-
-    return covariance
-
-
-def _autocorrelation(rest: Float, rows: NDArray[np.bool_], segment: Int) -> Float:
-    """Autocorrelation of one target's residuals from lag 0 to before it is first not positive."""
-    shares = [1.0]
-    size = float(rest @ rest) / max(int(rows.sum()), 1)
-    same = [np.flatnonzero(segment == number) for number in np.unique(segment)]
-    longest = int(MAX_LAG_SHARE * max(len(part) for part in same))
-    for lag in range(1, longest + 1):
-        total, pairs = 0.0, 0
-        for part in same:
-            if len(part) > lag:
-                early, late = part[:-lag], part[lag:]
-                total += float(rest[early] @ rest[late])
-                pairs += int((rows[early] & rows[late]).sum())
-        if not pairs or total <= 0.0 or size <= 0.0:
-            break
-        shares.append(min(total / pairs / size, 1.0))
-    return np.array(shares)
-
-
-def _correlated(columns: Float, shares: Float, segment: Int) -> Float:
-    """``X' Omega X`` with Omega the autocorrelation within each segment, shape (P, P).
-
-    Where the estimate of Omega is no covariance, rows count for less by their number alone.
-    """
-    from scipy.signal import oaconvolve
-
-    kernel = np.concatenate([shares[:0:-1], shares])[:, None]
-    first = len(shares) - 1
-    result = np.zeros((columns.shape[1], columns.shape[1]))
-    for number in np.unique(segment):
-        part = columns[segment == number]
-        smeared = np.asarray(oaconvolve(part, kernel, mode="full", axes=0))
-        result += part.T @ smeared[first : first + len(part)]
-    result = 0.5 * (result + result.T)
-    white = columns.T @ columns
-    if float(np.linalg.eigvalsh(result)[0]) < -1e-9 * float(np.trace(white)):
-        return white * (1.0 + 2.0 * float(shares[1:].sum()))
-    return result
 
 
 def regress(

@@ -80,6 +80,8 @@ def solved_by_hand(energy, braking, rests, interval=0.1):
         stamp_ns=np.rint(time * 1e9).astype(np.int64),
         segment=np.zeros(len(time), dtype=np.int64),
         bus_power=power,
+        rigid_power=np.stack([power, 0.0 * power], axis=1),
+        friction_power=np.zeros((len(time), 2)),
     )
     return Recording(Path("hand"), model_of(), None, samples, meter, "", ())  # pyright: ignore
 

@@ -85,7 +85,9 @@ def test_the_grid_side_keeps_its_loss_and_the_dc_side_takes_the_rest(bags, tmp_p
     cabinet = load(out).cabinet
     assert cabinet.loss_grid == MODEL.cabinet.loss_grid
     assert cabinet.loss_dc.value == pytest.approx(found["constant"] - cabinet.loss_grid.value)
-    assert cabinet.loss_dc.tag == "identified"
+    # the grid side is not identified, so neither is the rest of the sum
+    assert (cabinet.loss_dc.tag, cabinet.loss_dc.std) == ("derived", None)
+    assert "only the sum of the constants of both sides" in cabinet.loss_dc.source
 
 
 def test_a_constant_below_the_grid_loss_is_not_made_negative(data):

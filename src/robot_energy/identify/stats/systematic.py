@@ -1,0 +1,106 @@
+"""Errors that stay the same in all recordings, and what they do to a linear fit.
+
+No scatter shows a wrong gain of the meter. So such errors are stated: a limit +- l of a data
+sheet is a standard deviation of ``l / sqrt(3)``, every value within it as likely as another
+(JCGM 100:2008, 4.3.7). A fit ``A v = X' W^2 y`` moves by ``A^-1 X' W^2 dy`` if its target does by
+dy, so one refit gives the deviation that one error leaves in every figure.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import isfinite, sqrt
+
+import numpy as np
+
+from robot_energy.blocks import Float
+from robot_energy.errors import ModelFileError
+from robot_energy.identify.stats.regression import Fit
+
+ROOT3 = sqrt(3.0)
+METER, TORQUE, THERMOMETER, BODIES, DRIVE_POWER = (
+    "meter", "torque", "thermometer", "bodies", "drive power"
+)  # fmt: skip
+Changes = Mapping[str, Sequence[Float]]
+"""Change of a target by one standard deviation of each of several independent errors, by cause."""
+
+
+@dataclass(frozen=True)
+class SensorLimits:
+    """Limits of constant errors of the sensors, and of bodies that are given, +-.
+
+    Attributes:
+        meter: Of the gain of the power meter: class 1 of IEC 62053-21. [-]
+        torque: Of each torque constant, or gain of a torque sensor: usual in data sheets of
+            servo motors. [-]
+        thermometer: Of a motor temperature: usual for sensors in windings. [K]
+        bodies: Of the torque by which given bodies load a joint. [-]
+        drive_power: Of the gain of each drive's own power reading. [-]
+    """
+
+    meter: float = 0.01
+    torque: float = 0.05
+    thermometer: float = 2.0
+    bodies: float = 0.05
+    drive_power: float = 0.02
+
+    def __post_init__(self) -> None:
+        for name, value in self.__dict__.items():
+            if not (isfinite(value) and value >= 0.0):
+                raise ModelFileError(f"the limit of {name} is {value}", "a finite figure >= 0")
+
+    @property
+    def std(self) -> SensorLimits:
+        """The same errors as standard deviations."""
+        return SensorLimits(**{name: value / ROOT3 for name, value in self.__dict__.items()})
+
+
+DEFAULT_LIMITS = SensorLimits()
+
+
+def with_systematic(fit: Fit, columns: Float, changes: Changes) -> Fit:
+    """Return a fit whose covariance holds constant errors as well.
+
+    Args:
+        fit: With the covariance of the scatter.
+        columns: Of the fit, shape (N, P) or (N, n, P). [target/parameter]
+        changes: Of its target, each of the shape of the target, by cause.
+    """
+    if not changes:
+        return fit
+    size = columns.shape[-1]
+    weighted = (columns * (fit.weight**2)[..., None]).reshape(-1, size)
+    normal = weighted.T @ columns.reshape(-1, size)
+    covariance, parts = fit.covariance.copy(), dict(fit.parts)
+    for cause, own in changes.items():
+        right = np.stack([weighted.T @ change.ravel() for change in own], axis=1)
+        moved = np.linalg.lstsq(normal, right, rcond=None)[0]
+        covariance = covariance + moved @ moved.T
+        parts[cause] = np.hypot(parts.get(cause, 0.0), np.linalg.norm(moved, axis=1))
+    return replace(fit, covariance=covariance, parts=parts)
+
+
+def total(parts: Mapping[str, float]) -> float:
+    """Return the deviation that independent parts make together.
+
+    Args:
+        parts: Deviations by cause. [any unit]
+    """
+    return float(np.linalg.norm(list(parts.values())))
+
+
+def moved_by(fit: Fit, cause: str, moves: Float) -> Fit:
+    """Return a fit with one more constant error whose effect on the figures is known.
+
+    Args:
+        fit: A fit.
+        cause: Of the error.
+        moves: Of the figures by one standard deviation of it, shape (P,). [of the figures]
+    """
+    part = np.hypot(fit.parts.get(cause, 0.0), np.abs(moves))
+    return replace(
+        fit,
+        covariance=fit.covariance + np.outer(moves, moves),
+        parts={**fit.parts, cause: part},
+    )

@@ -1,0 +1,73 @@
+"""How often the 95 % intervals of identified figures hold the truth, on plants of the rig.
+
+    python test/bench/interval_coverage.py [--hard] [--quick]
+
+Every repetition draws a plant, its sensors and their constant errors, and motions; half of them
+have the power of each drive as well as the meter. `robot_energy_papers.interval_coverage` says
+what is drawn. 60 repetitions take about 12 minutes on one core.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import time
+from dataclasses import asdict
+from pathlib import Path
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+from rich.console import Console
+
+from robot_energy.report.printing import table
+from robot_energy_papers.interval_coverage import coverages, repetitions
+
+GOAL = (0.90, 0.98)
+
+
+def main() -> int:
+    """Print the coverage of each group; exit code 1 if one within the form misses the goal."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--robots", nargs="+", default=["kr16", "irb4600", "ur5e"])
+    parser.add_argument("--repetitions", type=int, default=60)
+    parser.add_argument("--first-seed", type=int, default=0)
+    parser.add_argument("--hard", action="store_true", help="effects without a term in the model")
+    parser.add_argument("--quick", action="store_true", help="three repetitions, no goals")
+    parser.add_argument("--json", type=Path, help="write the figures")
+    args = parser.parse_args()
+    count = 3 if args.quick else args.repetitions
+    begin = time.process_time()
+    seeds = range(args.first_seed, args.first_seed + count)
+
+    def show(robot: str, seed: int) -> None:
+        print(f"{seed - args.first_seed + 1}/{count} {robot}", file=sys.stderr, flush=True)
+
+    found = repetitions(args.robots, seeds, args.hard, show)
+    rows = coverages(found)
+    kind = "every effect of the rig" if args.hard else "within the form of the model"
+    page = Console(width=110)
+    table(
+        page,
+        f"95 % intervals that hold the truth, {count} repetitions, {kind}",
+        ("group", "figures", "repetitions", "hold the truth", "half width", "RMS deviations"),
+        [
+            (row.group, str(row.figures), str(row.repetitions), f"{100 * row.share:.1f} %",
+             f"{100 * row.half_width:.1f} %", f"{row.deviations:.2f}")
+            for row in rows
+        ],
+    )  # fmt: skip
+    page.print(f"{(time.process_time() - begin) / count:.1f} s of CPU for one", highlight=False)
+    if args.json:
+        args.json.write_text(json.dumps([asdict(row) for row in rows], indent=1) + "\n")
+    if args.hard or args.quick:
+        return 0
+    missed = [row.group for row in rows if not GOAL[0] <= row.share <= GOAL[1]]
+    page.print(f"goal 90 to 98 %, missed: {', '.join(missed) or 'none'}", highlight=False)
+    return int(bool(missed))
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
