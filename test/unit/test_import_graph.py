@@ -128,14 +128,14 @@ MODULES = {
         robots
     """,
     "robot_energy.report": """
-        canvas document drives dynamics efficiency_figure energy energy_figure
+        canvas condition document drives dynamics efficiency_figure energy energy_figure
         evaluation excitation formats friction_figure headline held_out html
         identification identify_all jobs kinds layout model parameters power_figure
         prediction prediction_figure printing recordings replay series temperature_figure
         torque_figure trend_figure
     """,
     "robot_energy.results": """
-        base check drives dynamics energy evaluation excitation identification model
+        base check condition drives dynamics energy evaluation excitation identification model
         prediction replay schema uncertainty
     """,
     "robot_energy.rig": """
@@ -155,8 +155,8 @@ MODULES = {
         band deviation priors
     """,
     "robot_energy_papers": """
-        accuracy calibration drawings drawn_plants drive_study effects experiment held_out
-        interval_coverage job_pool learning_study machines mantis models pages paper_a
+        accuracy band_coverage calibration drawings drawn_plants drive_study effects experiment
+        held_out interval_coverage job_pool learning_study machines mantis models pages paper_a
         paper_a_numbers paper_a_page paper_b paper_b_numbers paper_b_page soaked_rigs wall
     """,
     "robot_energy_papers.cli": """
