@@ -2,7 +2,8 @@
 
 Rig: plants drawn at random; friction over temperature and the thermal networks are identified
 from one run, and another program at another ambient is replayed with the temperature
-sensors and without them. The time of the temperatures runs four times as fast as that of the motion.
+sensors and without them. The time of the temperatures runs four times as fast as that of the
+motion.
 """
 
 from __future__ import annotations
@@ -197,9 +198,7 @@ def _program(profile: PlantProfile, seed: int, number: int, override: float) -> 
     return Program(via, limits, dwell, override)
 
 
-def _play(
-    profile: PlantProfile, seed: int, number: int, seconds: float, ambient: float
-) -> _Run:
+def _play(profile: PlantProfile, seed: int, number: int, seconds: float, ambient: float) -> _Run:
     """Run the rig from the temperature of the air on."""
     config = RigConfig.hard() if seed % 2 else RigConfig()
     sensors = Sensors(velocity_noise=0.02, temperature_lag=Sensors().temperature_lag / SPEEDUP)
@@ -259,9 +258,7 @@ def _replayed(
     return PowerBlock.concatenate(power), np.concatenate(std), TorqueBlock.concatenate(torque)
 
 
-def _identified(
-    model: RobotModel, run: _Run, ambient: float
-) -> tuple[RobotModel, list[str]]:
+def _identified(model: RobotModel, run: _Run, ambient: float) -> tuple[RobotModel, list[str]]:
     """The model with friction and thermal networks identified from a run."""
 
     def recording(of: RobotModel) -> Recording:
@@ -288,9 +285,7 @@ def _identified(
     return model.changed(joints=joints, temperature=temperature), refused
 
 
-def study(
-    plants: int, report: Callable[[float], None] = lambda _: None
-) -> list[HiddenPlant]:
+def study(plants: int, report: Callable[[float], None] = lambda _: None) -> list[HiddenPlant]:
     """Hide the sensors of some plants.
 
     Args:

@@ -155,9 +155,10 @@ MODULES = {
         band deviation priors
     """,
     "robot_energy_papers": """
-        accuracy band_coverage calibration drawings drawn_plants drive_study effects experiment
-        held_out interval_coverage job_pool learning_study machines mantis models pages paper_a
-        paper_a_numbers paper_a_page paper_b paper_b_numbers paper_b_page soaked_rigs wall
+        accuracy band_coverage calibration certainty certainty_numbers certainty_page
+        drawings drawn_plants drive_study effects experiment held_out interval_coverage
+        job_pool learning_study machines mantis models pages paper_a paper_a_numbers
+        paper_a_page paper_b paper_b_numbers paper_b_page soaked_rigs thermal_study wall
     """,
     "robot_energy_papers.cli": """
         reproduce study_folder

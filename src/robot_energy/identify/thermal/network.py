@@ -150,9 +150,7 @@ def fit_network(
     )
 
 
-def free_run(
-    heat: MotorHeat, run: ThermalRun, ambient_degc: float, start: float = START
-) -> Float:
+def free_run(heat: MotorHeat, run: ThermalRun, ambient_degc: float, start: float = START) -> Float:
     """Return the temperature of a motor at the end of every window, from its first reading on.
 
     Args:
@@ -282,7 +280,11 @@ def _entry(
     entry = JointThermal(capacity=found[0], conductance=found[1], idle=found[2], std=rms)
     if len(found) > len(ONE):
         more = dict(
-            zip(("structure_capacity", "structure_conductance", "friction_to_motor"), found[3:])
+            zip(
+                ("structure_capacity", "structure_conductance", "friction_to_motor"),
+                found[3:],
+                strict=False,
+            )
         )
         entry = entry.model_copy(update=more)
     return entry
