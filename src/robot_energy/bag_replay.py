@@ -18,6 +18,7 @@ from robot_energy.bag.mcap_records import LogTimes
 from robot_energy.bag.ownership import foreign_entries
 from robot_energy.bag.time_range import TimeRange
 from robot_energy.blocks import EffortMeaning, JointBlock
+from robot_energy.condition.record import ConditionRecord
 from robot_energy.energy_bag import EnergyBagWriter
 from robot_energy.errors import BagError, UnknownJointError
 from robot_energy.files.output_folder import check_folder
@@ -103,6 +104,7 @@ def replay(
     states: JointStateSource | None = None,
     keep_compared: bool = False,
     keep_means: bool = False,
+    learned: ConditionRecord | None = None,
     time_range: TimeRange | None = None,
     jobs: Sequence[Job] = (),
     calibration: Calibrated | None = None,
@@ -123,6 +125,7 @@ def replay(
         states: What the joint states mean, instead of what ``inputs`` says of them.
         keep_compared: Whether to return all that was compared (memory grows with the bag).
         keep_means: Whether ``on_output`` needs the means over ``power_period``.
+        learned: What an earlier recording of the robot has taught; None begins with nothing.
         time_range: Part of the bag; None for all. Temperatures are read from as long before it as
             they stay in use, payloads from the beginning.
         jobs: Jobs and cycles to count, in order of time.
@@ -146,6 +149,8 @@ def replay(
     source, more = find_meter(bag, used.meter, inputs.meter if inputs is not None else None)
     meter = MeterIngest(source, bag.typestore)
     pipeline = EnergyPipeline(model, settings.with_meter(*meter.source.limits))
+    if learned is not None:
+        pipeline.power.condition.restore(learned)
     temperatures = TemperatureIngest(
         model.joint_names, sources, bag.typestore, model.temperature.stale_after
     )

@@ -128,14 +128,14 @@ MODULES = {
         robots
     """,
     "robot_energy.report": """
-        canvas document drives dynamics efficiency_figure energy energy_figure
+        canvas condition document drives dynamics efficiency_figure energy energy_figure
         evaluation excitation formats friction_figure headline held_out html
         identification identify_all jobs kinds layout model parameters power_figure
         prediction prediction_figure printing recordings replay series temperature_figure
         torque_figure trend_figure
     """,
     "robot_energy.results": """
-        base check drives dynamics energy evaluation excitation identification model
+        base check condition drives dynamics energy evaluation excitation identification model
         prediction replay schema uncertainty
     """,
     "robot_energy.rig": """

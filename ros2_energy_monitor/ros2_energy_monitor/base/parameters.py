@@ -21,6 +21,7 @@ from rclpy.exceptions import (
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
+from robot_energy.condition.learner import Learning
 from robot_energy.errors import ParameterError
 from robot_energy.inputs.meter.source import MeterInputs
 from robot_energy.inputs.parameters import Parameter, assemble, parameter, refuse_renamed
@@ -121,6 +122,12 @@ class AccountParameters(MeterInputs, Common):
     )
     checkpoint_period: float = parameter(
         "How often the registers are brought to disk and published [s].", 1.0, 0.1, 3600.0
+    )
+    learning: str = parameter(
+        "What is learned of friction and constant losses while the robot works: off for nothing; "
+        "observe to publish it; apply to predict with it.",
+        str(Learning.OBSERVE),
+        choices=tuple(map(str, Learning)),
     )
 
 

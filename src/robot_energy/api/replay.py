@@ -9,11 +9,18 @@ from typing import Any, Literal, TypedDict, Unpack
 
 from robot_energy import bag_replay
 from robot_energy.accounting.averaging import MeanBlock
-from robot_energy.api.inputs import ModelName, driver_inputs, effort_meaning, model_of
+from robot_energy.api.inputs import (
+    ModelName,
+    driver_inputs,
+    effort_meaning,
+    learning_named,
+    model_of,
+)
 from robot_energy.api.power_table import empty_table, period_table, sample_table
 from robot_energy.bag.time_range import TimeRange
 from robot_energy.bag_replay import Replay
 from robot_energy.blocks import PowerBlock
+from robot_energy.condition.record import ConditionRecord
 from robot_energy.inputs.sources import JointStateSource
 from robot_energy.model import RobotModel
 from robot_energy.physics.friction import with_fixed_friction
@@ -51,6 +58,9 @@ class ReplayOptions(TypedDict, total=False):
         start: Read the bag from here on: after its start, negative: before its end. [s]
         end: Read the bag up to here, likewise. [s]
         jobs: File of jobs and cycles to count.
+        learning: What is learned of friction and constant losses: ``off``, ``observe`` (default)
+            or ``apply``, to predict with it.
+        learned: What an earlier recording has taught, the `state` of its learner.
         out: Folder of a new bag for the energy topics.
         overwrite: Whether an existing ``out`` may be replaced.
         progress: Called with the share done, 0 to 1.
@@ -69,6 +79,8 @@ class ReplayOptions(TypedDict, total=False):
     temperature_wait: float | None
     max_gap: float | None
     meter_max_gap: float | None
+    learning: str | None
+    learned: ConditionRecord | None
     start: float | None
     end: float | None
     jobs: str | Path | None
@@ -248,11 +260,13 @@ def run_replay(
         RobotEnergyError: If bag, model or an option cannot be used.
     """
     read, notes = driver_inputs(options.get("inputs"), options.get("robot"))
-    settings = {
+    settings: dict[str, Any] = {
         name: options.get(name)
         for name in ("derivative_window", "temperature_wait", "max_gap", "meter_max_gap")
     }
     settings["power_period"] = power_period
+    if (learning := options.get("learning")) is not None:
+        settings["learning"] = learning_named(learning)
     given: dict[str, Any] = {name: value for name, value in settings.items() if value is not None}
     if read is not None:
         given = {"max_gap": read.max_gap, "meter_max_gap": read.meter_max_gap, **given}
@@ -286,6 +300,7 @@ def run_replay(
         states=states,
         on_output=on_output,
         time_range=TimeRange(options.get("start"), options.get("end")),
+        learned=options.get("learned"),
         jobs=load_jobs(jobs) if (jobs := options.get("jobs")) else (),
     )
     result.notes[:0] = notes

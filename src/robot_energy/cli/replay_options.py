@@ -10,6 +10,7 @@ from robot_energy.cli.robots import add_robot
 
 AT_FALLBACK = "fallback"
 DAMAGED = 3
+LEARNING = ("off", "observe", "apply")
 EFFORTS = ("none", "motor_current", "motor_torque", "joint_torque")
 MAX_WINDOW = 0.5  # in which joint states are sorted [s]
 BAG = "MCAP file, or rosbag2 folder (MCAP or sqlite3)"
@@ -79,6 +80,11 @@ SETTINGS: dict[str, dict[str, Any]] = {
         "metavar": "S",
         "help": "longest time between two joint states that is bridged (default: what --inputs "
         "says, else five times their usual period, 0.1 s to 1 s)",
+    },
+    "learning": {
+        "choices": LEARNING,
+        "help": "what is learned of friction and constant losses over the bag: off, observe "
+        "(default) or apply, to predict with it",
     },
     "meter_max_gap": {
         "type": positive,

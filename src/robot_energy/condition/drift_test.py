@@ -15,7 +15,7 @@ looked for on top of it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import erfc, exp, sqrt
 
 import numpy as np
@@ -40,7 +40,7 @@ MIN_SIZE = 0.01  # of a change [-]
 MIN_BEFORE, MIN_AFTER = 3, 3  # records before and after the beginning of a change
 MIN_RAMP = 6.0  # shortest ramp; what is shorter is a step [h]
 MAX_CHANGES = 8
-SAME = 2.0  # two changes that are no further apart are one [h]
+SAME = 6.0  # two changes that are no further apart are one [h]
 MAX_LEVEL = 12  # records of one length; the two oldest are then merged
 LONGEST = 40_000.0  # a record that is not merged any more [s]
 MAX_RECORDS = 110
@@ -130,10 +130,10 @@ class DriftTest:
         self.drift = self._drift() if changes and records else Drift()
 
     def _note(self, found: FrictionChange) -> None:
-        """Keep a change; one close to the last is the same, whose beginning is clearer now."""
-        if self.changes and abs(found.hours - self.changes[-1].hours) < SAME:
-            stamp_ns = self.changes.pop().stamp_ns
-            found = replace(found, stamp_ns=stamp_ns)
+        """Keep a change; one of the same sign close to the last is that one, seen more clearly."""
+        last = self.changes[-1] if self.changes else None
+        if last and found.size * last.size > 0 and abs(found.hours - last.hours) < SAME:
+            self.changes.pop()
         self.changes = [*self.changes, found][-MAX_CHANGES:]
 
     def _merge(self) -> None:

@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 
 from robot_energy.blocks import NANOSECOND
 from robot_energy.page.settings import PageSettings
+from robot_energy.report.condition import condition_section
 from robot_energy.report.document import HEADINGS, Column, Document, Text
 from robot_energy.report.energy import (
     add_flow,
@@ -346,6 +347,7 @@ SECTIONS: dict[str, Section] = {
     "How sure": _certainty,
     "Joints": _joints,
     "Temperatures and friction": _temperatures,
+    "Condition": lambda page, report, _: condition_section(page, report.condition),
     "Phases": _phases,
     "Job intervals": lambda page, report, _: job_section(page, report),
     "Conditions, cycles and states": lambda page, report, _: summary_section(page, report),

@@ -12,6 +12,7 @@ from robot_energy.messages import interval_fields
 from robot_energy.pipeline.payload_timeline import PayloadChange
 from robot_energy.replay_topics import Topics
 from robot_energy.results.base import Number, Result
+from robot_energy.results.condition import ConditionReport, condition_report
 from robot_energy.results.energy import (
     EnergyBreakdown,
     EnergyReport,
@@ -168,6 +169,7 @@ class ReplayReport(EnergyReport):
         inputs: Account of every input by its name.
         compared_with: A second replay of the same bag, with fixed friction.
         jobs: Jobs and cycles, in order of time.
+        condition: What was learned; None where nothing is.
     """
 
     NAME: ClassVar[str] = "replay"
@@ -182,6 +184,7 @@ class ReplayReport(EnergyReport):
     inputs: dict[str, InputAccount]
     compared_with: ReplayReport | None = None
     jobs: tuple[JobFigures, ...] = ()
+    condition: ConditionReport | None = None
 
 
 def replay_report(
@@ -195,6 +198,7 @@ def replay_report(
         compared_with: A second replay of the same bag.
     """
     account, topics = result.ledger, result.topics
+    learner = result.pipeline.power.condition
     temperature = result.pipeline.friction.latest().motor_temperature_degc[0].tolist()
     common = common_figures(account, result.model, temperature, change)
     inputs = _inputs(result)
@@ -214,6 +218,7 @@ def replay_report(
         notes=(*result.notes, *_notes(result)),
         compared_with=compared_with,
         jobs=_jobs(result),
+        condition=condition_report(learner, result.model) if learner.learns else None,
     )
 
 

@@ -2,7 +2,7 @@
 import { byId, clock, duration, element, energy, energyParts, fillRows, known, number, percent, setText, signedPercent, watts, wh, DASH } from "./format.js";
 
 const PHASES = { UNKNOWN: "unknown", HOLD: "holds", MOTION: "moves", GENERATING: "generates" };
-const SOURCES = { MEASURED: "measured", FALLBACK: "fallback", UNKNOWN: DASH };
+const SOURCES = { MEASURED: "measured", FALLBACK: "fallback", ESTIMATED: "estimated", UNKNOWN: DASH };
 const REGISTERS = [
   ["predicted_import_energy", "from the grid, predicted"],
   ["predicted_return_energy", "back to the grid, predicted"],
