@@ -108,6 +108,11 @@ class ThermalObserver:
         self._last_ns, self._segment = 0, -1
         self._publish()
 
+    @property
+    def learns(self) -> bool:
+        """Whether there is a state to keep across restarts."""
+        return self.on
+
     def cuts(self, stamp_ns: Int, before_ns: int, rising: bool) -> list[int]:
         """Return where samples must be cut, so that a window's heat counts from there on.
 

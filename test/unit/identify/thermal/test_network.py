@@ -2,6 +2,7 @@
 
 import json
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -71,16 +72,14 @@ def test_what_cannot_tell_is_refused_with_what_to_record():
     with pytest.raises(NotIdentifiableError, match="Record longer"):
         fit_network("axle", [run(0.1, 1)], AIR)
     flat = run(2, 1)
-    still = ThermalRun(*(getattr(flat, key) for key in ("time", "drive_heat", "friction_heat",
-                       "awake")), 0.0 * flat.motor_temperature_degc + 30.0, 30.0)  # fmt: skip
+    still = replace(flat, motor_temperature_degc=np.full(len(flat), 30.0), start_degc=30.0)
     with pytest.raises(NotIdentifiableError, match=r"warms by 0\.0 K"):
         fit_network("axle", [still], AIR)
     rng = np.random.default_rng(0)
-    walk = rng.normal(scale=4.0, size=len(flat))  # nothing to do with the heat
-    other = ThermalRun(*(getattr(flat, key) for key in ("time", "drive_heat", "friction_heat",
-                       "awake")), 40.0 + walk, 40.0)  # fmt: skip
+    noise = rng.normal(scale=4.0, size=(2, len(flat)))  # nothing to do with the heat
+    others = [replace(flat, motor_temperature_degc=40.0 + part, start_degc=40.0) for part in noise]
     with pytest.raises(NotIdentifiableError, match="first reading held"):
-        fit_network("axle", [other], AIR)
+        fit_network("axle", others, AIR)
     with pytest.raises(NotIdentifiableError, match="no motor temperature is known"):
         fit_networks(["axle"], [[]])
 
