@@ -54,10 +54,10 @@ MODULES = {
         temporary_folder
     """,
     "robot_energy.identify": """
-        bounds causes plausibility provenance run_all steps
+        bounds causes plausibility provenance run_all steps turns
     """,
     "robot_energy.identify.cabinet": """
-        cabinet dc_link link_readings meter_delay supply
+        cabinet dc_link link_errors link_readings meter_delay supply
     """,
     "robot_energy.identify.data": """
         bags log_channels observations recordings rest signals
