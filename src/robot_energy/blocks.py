@@ -43,6 +43,7 @@ class Quality(IntFlag):
     NOT_FINITE = 256
     JOINT_STATE_IMPLAUSIBLE = 512
     TEMPERATURE_STUCK = 1024
+    TEMPERATURE_ESTIMATED = 2048
     LEARNED = 4096
 
 
@@ -65,6 +66,7 @@ class TemperatureOrigin(IntEnum):
     UNKNOWN = 0
     MEASURED = 1
     FALLBACK = 2
+    ESTIMATED = 3
 
 
 class EffortMeaning(StrEnum):

@@ -155,8 +155,8 @@ MODULES = {
         band deviation priors
     """,
     "robot_energy_papers": """
-        accuracy calibration drawings drawn_plants drive_study effects experiment held_out
-        interval_coverage job_pool learning_study machines mantis models pages paper_a
+        accuracy band_coverage calibration drawings drawn_plants drive_study effects experiment
+        held_out interval_coverage job_pool learning_study machines mantis models pages paper_a
         paper_a_numbers paper_a_page paper_b paper_b_numbers paper_b_page soaked_rigs wall
         wear_study
     """,

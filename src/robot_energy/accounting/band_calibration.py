@@ -140,6 +140,9 @@ class BandCalibration:
                 self._waiting = waiting[slice(due, None)]
                 scored = self._score(waiting[slice(0, due)])
                 self._set(scored, means, periods[number])
+                self._slot, self._slots = self._slot[-MAX_SLOTS:], self._slots[-MAX_SLOTS:]
+                for old in list(self._deviations)[:-MAX_STRETCHES]:
+                    del self._deviations[old]
 
     def _note(self, block: PowerBlock, duration_ns: Int, energy: Float) -> None:
         """Keep deviations and phases until the meter reads."""
@@ -149,9 +152,8 @@ class BandCalibration:
         table[np.arange(len(block)), len(PARTS) + block.phase] = duration_ns
         slot = block.stamp_ns // SLOT_NS
         starts = _starts(slot)
-        self._slot = np.concatenate([self._slot, slot[starts]])[-MAX_SLOTS:]
-        sums = np.add.reduceat(table, starts, axis=0)
-        self._slots = np.concatenate([self._slots, sums])[-MAX_SLOTS:]
+        self._slot = np.concatenate([self._slot, slot[starts]])
+        self._slots = np.concatenate([self._slots, np.add.reduceat(table, starts, axis=0)])
         stretch = block.stamp_ns // STRETCH_NS
         starts = _starts(stretch)
         whole = np.concatenate([whole, duration_ns[:, None]], axis=1)
@@ -160,8 +162,6 @@ class BandCalibration:
         ):
             known = self._deviations.get(number)
             self._deviations[number] = row if known is None else known + row
-        while len(self._deviations) > MAX_STRETCHES:
-            del self._deviations[next(iter(self._deviations))]
 
     def _score(self, compared: Compared) -> list[tuple[int, int, float]]:
         """Return when each reading that is complete was known, its phase, and its score."""

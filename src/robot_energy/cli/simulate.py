@@ -70,6 +70,13 @@ def add_parser(commands: Any) -> None:
         help="of program and sensor errors; the same seed gives the same bag",
     )
     parser.add_argument(
+        "--device-seed",
+        type=whole,
+        metavar="N",
+        help="of the constant errors of meter and sensors: recordings of one robot have the same "
+        "(default: that of --seed)",
+    )
+    parser.add_argument(
         "--speedup",
         type=number,
         default=1.0,
@@ -129,6 +136,7 @@ def run(args: Namespace) -> int:
         args.start_temperature,
         args.ambient,
         rate_hz=args.rate,
+        device_seed=args.device_seed,
     )
     recording = record(
         rig, args.duration, args.out, overwrite=args.overwrite, drive_power=args.drive_power

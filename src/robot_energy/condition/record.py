@@ -25,6 +25,33 @@ class ConditionPart(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
+    def to_json(self) -> bytes:
+        """Return the record as JSON text."""
+        return self.model_dump_json().encode()
+
+    @classmethod
+    def from_json(cls, content: bytes) -> Self:
+        """Read a record.
+
+        Args:
+            content: JSON text.
+
+        Returns:
+            The record.
+
+        Raises:
+            StateFileError: If it is not such a record.
+        """
+        try:
+            return cls.model_validate_json(content)
+        except ValidationError as error:
+            first = error.errors()[0]
+            where = ".".join(str(part) for part in first["loc"])
+            raise StateFileError(
+                f"learned figures that cannot be used: {where}: {first['msg']}",
+                "what this release has written",
+            ) from error
+
 
 class FrictionRecord(ConditionPart):
     """What `FrictionLearner` has summed up, arrays flattened in their own order."""
@@ -103,33 +130,6 @@ class ConditionRecord(ConditionPart):
     meter: MeterRecord
     wear: WearState
 
-    def to_json(self) -> bytes:
-        """Return the record as JSON text."""
-        return self.model_dump_json().encode()
-
-    @classmethod
-    def from_json(cls, content: bytes) -> Self:
-        """Read a record.
-
-        Args:
-            content: JSON text.
-
-        Returns:
-            The record.
-
-        Raises:
-            StateFileError: If it is not such a record.
-        """
-        try:
-            return cls.model_validate_json(content)
-        except ValidationError as error:
-            first = error.errors()[0]
-            where = ".".join(str(part) for part in first["loc"])
-            raise StateFileError(
-                f"learned figures that cannot be used: {where}: {first['msg']}",
-                "what this release has written",
-            ) from error
-
 
 def flat(values: Float) -> Numbers:
     """Return an array as plain numbers.
@@ -161,3 +161,19 @@ def filled(values: Numbers | tuple[int, ...], like: np.ndarray) -> np.ndarray:
             f"learned figures with {len(values)} numbers in one array", f"{like.size}"
         )
     return np.array(values, dtype=like.dtype).reshape(like.shape)
+
+
+class ThermalRecord(ConditionPart):
+    """Estimated motor temperatures of one robot with one model file.
+
+    Attributes:
+        model_id: Identity of the model file.
+        end_ns: End of the newest window that was taken. [ns]
+        state: Of every motor, flattened: motor, structure and ambient [degC], factor on the heat.
+        covariance: Of these, flattened.
+    """
+
+    model_id: str
+    end_ns: Stamp
+    state: Numbers
+    covariance: Numbers

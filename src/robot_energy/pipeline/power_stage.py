@@ -19,6 +19,7 @@ from robot_energy.blocks import (
     sum_over_joints,
 )
 from robot_energy.condition.learner import ConditionLearner, Learning
+from robot_energy.condition.thermal_observer import ThermalObserver
 from robot_energy.inputs.meter.power_curve import MeterCurve
 from robot_energy.inputs.temperatures.stuck import StuckTemperatureDetector
 from robot_energy.model import RobotModel
@@ -27,6 +28,7 @@ from robot_energy.physics.drive import drive_from_model
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.friction import FrictionModel
 from robot_energy.pipeline.fallback_use import FallbackUse
+from robot_energy.pipeline.friction_certainty import FrictionCertainty
 from robot_energy.pipeline.friction_stage import FrictionStage
 from robot_energy.pipeline.friction_timeline import FrictionTimeline
 from robot_energy.pipeline.settings import Settings
@@ -48,10 +50,11 @@ class PowerStage:
         settings: The waiting time.
 
     Attributes:
-        watch: Which temperatures are stuck; they stay in use, as the motor is at least as
-            warm, and are flagged.
+        watch: Which temperatures are stuck; they are flagged, and stay in use where ``thermal``
+            has no estimate, as the motor is at least as warm.
         fallback_use: How many samples had to do without a temperature, and why.
         condition: What is learned of the robot.
+        thermal: Motor temperatures from the model's own losses.
     """
 
     def __init__(self, model: RobotModel, settings: Settings | None = None) -> None:
@@ -73,6 +76,8 @@ class PowerStage:
         self._last_ns: int | None = None  # newest torque that was released
         self._waiting: TorqueBlock | None = None
         self.fallback_use = FallbackUse(model.temperature.fallback_degc)
+        self.thermal = ThermalObserver(model, on=not self._assumed)
+        self._certainty = FrictionCertainty(model)
         self.condition = ConditionLearner(
             model,
             Learning.OFF if self._assumed else settings.learning,
@@ -132,11 +137,13 @@ class PowerStage:
         before = int(stamp[0]) if self._last_ns is None else self._last_ns
         self._last_ns = int(stamp[-1])
         jumps = np.flatnonzero(differences(stamp, before) < 0).tolist()
-        cuts = sorted({*jumps, *self.condition.cuts(stamp, before)})
+        windows = self.thermal.cuts(stamp, before)
+        cuts = sorted({*jumps, *windows, *self.condition.cuts(stamp, before)})
         parts: list[PowerBlock] = []
         for start, stop in zip([0, *cuts], [*cuts, len(block)], strict=True):
             if stop > start:
                 self.condition.begin(int(stamp[start]))
+                self.thermal.begin(int(stamp[start]), self.watch.stuck)
                 parts.append(self._power(block[slice(start, stop)]))
                 self.condition.step(parts[-1])
             if stop in jumps:
@@ -147,16 +154,18 @@ class PowerStage:
     def _power(self, block: TorqueBlock) -> PowerBlock:
         quality = block.quality.copy()
         speed, rigid = block.motor_velocity, block.motor_torque_rigid
-        (coulomb, viscous, *deviations, measured_degc) = self._coefficients(block.stamp_ns, quality)
+        coulomb, viscous, *deviations, degc, measured_degc = self._coefficients(
+            block.stamp_ns, quality
+        )
         standing = np.abs(speed) <= self._standstill
         friction = self._friction.torque(speed, rigid, coulomb, viscous, standing)
-        learned = self.condition.multiplier(speed, measured_degc)
+        learned = self.condition.multiplier(speed, degc)
         if learned is not None:
             coulomb, viscous, friction = coulomb * learned, viscous * learned, friction * learned
         torque = rigid + friction
         rigid_power, friction_power = rigid * speed, friction * speed
         shaft = rigid_power + friction_power
-        winding = np.where(np.isnan(measured_degc), self._fallback_degc, measured_degc)
+        winding = np.where(np.isnan(degc), self._fallback_degc, degc)
         electrical, extrapolated = self._drive.input_power(shaft, speed, torque, winding)
         if extrapolated is not None:
             mark(quality, np.logical_or.reduce(extrapolated, axis=1), Quality.DRIVE_EXTRAPOLATED)
@@ -193,7 +202,7 @@ class PowerStage:
             balance,
             block.stamp_ns,
         )
-        return PowerBlock(
+        power = PowerBlock(
             stamp_ns=block.stamp_ns,
             segment=block.segment,
             quality=quality,
@@ -207,7 +216,7 @@ class PowerStage:
             drive_loss=drive_loss,
             coulomb=coulomb,
             viscous=viscous,
-            motor_temperature_degc=measured_degc,
+            motor_temperature_degc=degc,
             payload_mass=block.payload_mass,
             bus_power=bus,
             loss_dc=balance.loss_dc,
@@ -217,11 +226,14 @@ class PowerStage:
             grid_power=balance.grid_power,
             deviation=deviation,
         )
+        self.thermal.take(power, measured_degc)
+        return power
 
     def _coefficients(self, stamp_ns: Int, quality: Bits) -> tuple[Float, ...]:
-        """Friction valid at each stamp: Coulomb, viscous, its deviations, temperature.
+        """Friction valid at each stamp: Coulomb, viscous, its deviations, temperature, reading.
 
-        The temperature is NaN where missing or stale.
+        The reading is NaN where missing or stale; the temperature is the reading, or an
+        estimate.
         """
         line, row = self._timeline.at(stamp_ns)
         seen = line.temperature_stamp_ns
@@ -244,5 +256,15 @@ class PowerStage:
             shared = np.where(stale, line.viscous_fallback_std[row], shared)
             temperature = np.where(stale, np.nan, temperature)
             mark(quality, np.logical_or.reduce(stale, axis=1), Quality.TEMPERATURE_STALE)
+        reading, thermal = temperature, self.thermal
+        if thermal.on and (estimated := thermal.estimated(reading)).any():
+            temperature = np.where(estimated, thermal.degc, reading)
+            viscous = np.where(estimated, thermal.viscous, viscous)
+            at_estimate = self._certainty.std(thermal.degc)
+            std, shared = (
+                np.where(estimated, np.hypot(own, thermal.viscous_spread), now)
+                for own, now in zip(at_estimate, (std, shared), strict=True)
+            )
+            mark(quality, np.logical_or.reduce(estimated, axis=1), Quality.TEMPERATURE_ESTIMATED)
         self.fallback_use.note(stamp_ns, temperature, seen[row[-1]], self._timeline)
-        return coulomb, viscous, std, shared, temperature
+        return coulomb, viscous, std, shared, temperature, reading
