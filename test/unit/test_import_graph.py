@@ -26,7 +26,7 @@ MODULES = {
         record_repair registers settings shaft_comparison
     """,
     "robot_energy.api": """
-        evaluate identify inputs online_monitor power_table predict replay
+        condition evaluate identify inputs online_monitor power_table predict replay
     """,
     "robot_energy.bag": """
         mcap_block mcap_file mcap_records mcap_summary metadata ownership packed
@@ -159,6 +159,7 @@ MODULES = {
         drawings drawn_plants drive_study effects experiment held_out interval_coverage
         job_pool learning_study machines mantis models pages paper_a paper_a_numbers
         paper_a_page paper_b paper_b_numbers paper_b_page soaked_rigs thermal_study wall
+        wear_study
     """,
     "robot_energy_papers.cli": """
         reproduce study_folder
