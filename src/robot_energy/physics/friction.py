@@ -146,17 +146,22 @@ def _constant(entry: ConstantLaw) -> ViscousLaw:
 def _exponential(entry: ExponentialLaw) -> ViscousLaw:
     a, b, c = entry.a.value, entry.b.value, entry.c.value
     lower, upper = entry.fitted_degc
-    deviation = _level(entry.std)
-    if entry.covariance is not None:
-        covariance = np.asarray(entry.covariance, dtype=np.float64)
-
-        def deviation(degc: Float) -> Float:
-            decay = np.exp(-np.asarray(degc) / c)
-            slope = np.stack([np.ones_like(decay), decay, b * decay * degc / c**2])
-            variance = np.einsum("i...,ij,j...->...", slope, covariance, slope)
-            return np.sqrt(np.maximum(variance, 0.0))
-
+    deviation = _level(entry.std) if entry.covariance is None else _of_exponential(entry)
     return ViscousLaw(lower, upper, lambda t: exponential_viscous(t, a, b, c), deviation)
+
+
+def _of_exponential(entry: ExponentialLaw) -> Callable[[Float], Float]:
+    """Deviation of fv(T) by the covariance of a, b and c: the root of ``g' C g``."""
+    b, c = entry.b.value, entry.c.value
+    covariance = np.asarray(entry.covariance, dtype=np.float64)
+
+    def deviation(degc: Float) -> Float:
+        decay = np.exp(-degc / c)
+        slope = np.stack([np.ones_like(decay), decay, b * decay * degc / c**2])
+        variance = np.einsum("i...,ij,j...->...", slope, covariance, slope)
+        return np.sqrt(np.maximum(variance, 0.0))
+
+    return deviation
 
 
 def _table(entry: TableLaw) -> ViscousLaw:
