@@ -15,6 +15,8 @@ from robot_energy.blocks import (
     MeterMeaning,
     PowerBlock,
 )
+from robot_energy.uncertainty.band import BUS, LOSS_GRID
+from robot_energy.uncertainty.deviation import CABINET_DEVIATIONS
 
 NAMES = ("shoulder", "elbow")
 IDENTITY = Identity(robot_type="arm", robot_serial="7", joint_names=NAMES, model_id="m1")
@@ -48,7 +50,18 @@ def power_block(stamp_ns: Int, grid: Float, segment: int | Int = 0) -> PowerBloc
         brake_power=np.maximum(-grid, 0.0) * 0.5,
         capacitor_power=np.zeros(size),
         grid_power=grid,
+        deviation=deviations(grid),
     )
+
+
+def deviations(grid: Float) -> Float:
+    """Deviations of two joints: constant losses 3 and 4 W, axes 2 % of the grid power each."""
+    columns = np.zeros((len(grid), len(CABINET_DEVIATIONS) + 4))
+    columns[:, CABINET_DEVIATIONS.index("loss_dc")] = 3.0
+    columns[:, LOSS_GRID] = 4.0
+    columns[:, -4:-2] = 0.02 * np.abs(grid)[:, None]
+    columns[:, BUS] = np.sqrt(9.0 + 2 * (0.02 * grid) ** 2)
+    return columns
 
 
 def steady(start_s: float, end_s: float, watt: float = 100.0, rate: float = 100.0) -> PowerBlock:

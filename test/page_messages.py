@@ -36,8 +36,8 @@ def power_states(seconds, power, names=JOINTS, period=0.1, measured=None, **valu
     encoder = encoder_of(POWER_STATE, tuple(names))
     columns = dict.fromkeys(encoder.fields, 0.0)
     columns |= {
-        name: np.uint8(0) if name in ("phase", "meter_location") else np.uint32(0)
-        for name in ("phase", "meter_location", "quality")
+        name: np.uint32(0) if name == "quality" else np.uint8(0)
+        for name in ("phase", "meter_location", "band", "quality")
     }
     friction = np.zeros((n, len(names)))
     friction[:, 0] = power
@@ -62,6 +62,7 @@ def registers(energy, stamp=10.0, start=0.0, names=JOINTS, **values):
         **stamp_columns(np.array([START_NS + round(stamp * 1e9)])),
         **stamp_columns(np.array([START_NS + round(start * 1e9)]), "energy_start"),
         "persisted": True,
+        "band": np.uint8(0),
         "gap_count": np.uint64(0),
         "predicted_import_energy": energy,
         "measured_energy": np.nan,

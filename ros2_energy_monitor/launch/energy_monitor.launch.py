@@ -29,6 +29,7 @@ from launch_ros.substitutions import FindPackageShare
 
 from launch import LaunchDescription
 from robot_energy.blocks import EffortMeaning
+from robot_energy.condition.learner import Learning
 from robot_energy.presets import ROBOTS
 from ros2_energy_monitor.launch_arguments import BOOLEANS, LEVELS, check_arguments, is_true
 
@@ -57,6 +58,7 @@ ARGUMENTS = {  # name: default, what it is
     "autostart": (AS_CONFIGURED, "Whether the nodes configure and activate themselves"),
     "params_file": ("", "Parameter file that is read after those of this package"),
     "state_folder": (AS_CONFIGURED, "Folder that keeps the registers; empty keeps nothing"),
+    "learning": (AS_CONFIGURED, "What is done with learned friction and losses: learning"),
     "joint_states": ("", "Topic of the joint states; empty for those of the parameter files"),
     "motor_temperatures": ("", "Topic of the motor temperatures; empty as joint_states"),
     "power_meter": ("", "Topic of the power meter; empty as joint_states"),
@@ -68,6 +70,7 @@ CHOICES = {  # of those that take no free text
     **dict.fromkeys(("separate", "respawn", "virtual", "dashboard", "use_sim_time"), BOOLEANS),
     "autostart": [AS_CONFIGURED, *BOOLEANS],
     "effort": [AS_CONFIGURED, *(str(meaning) for meaning in EffortMeaning)],
+    "learning": [AS_CONFIGURED, *map(str, Learning)],
     "log_level": LEVELS,
 }
 OF_THE_ROBOT = ("namespace", "joint_states", "motor_temperatures", "power_meter", "log_level")
@@ -136,6 +139,8 @@ def monitors(context) -> list[Node]:
             given.setdefault("joint_states", {})["effort_meaning"] = value["effort"]
         if name in KEEPERS and folder != AS_CONFIGURED:
             given["state_folder"] = folder
+        if name in KEEPERS and value["learning"] != AS_CONFIGURED:
+            given["learning"] = value["learning"]
         if value["autostart"] != AS_CONFIGURED:
             given["autostart"] = is_true(value["autostart"])
         nodes.append(

@@ -10,6 +10,7 @@ EXECUTABLES = {
     "meter_driver": "ros2_energy_monitor.nodes.meter_driver",
     "energy_exporter": "ros2_energy_monitor.nodes.energy_exporter",
     "console": "ros2_energy_monitor.nodes.console",
+    "security_policy": "ros2_energy_monitor.security_policy",
     "player": "ros2_energy_monitor.nodes.player",
     "demo": "ros2_energy_monitor.demo.demo",
     "all_topics": "ros2_energy_monitor.demo.all_topics",

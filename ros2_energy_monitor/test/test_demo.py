@@ -10,23 +10,10 @@ import sys
 import time
 from pathlib import Path
 
-import pytest
+from robot_energy.model import load
 
-from robot_energy.rig.record import record
-from ros2_energy_monitor.base.parameters import RobotParameters
-from ros2_energy_monitor.nodes.virtual_robot import make_rig
-
-LIMIT = 90.0  # s
-
-
-@pytest.fixture(scope="module")
-def bags(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Short stand-ins for the bundled bags."""
-    folder = tmp_path_factory.mktemp("bundled")
-    for name, degc in (("kr16_cold", 20.0), ("kr16_warm", 60.0)):
-        rig = make_rig(RobotParameters(start_temperature_degc=degc), 1_700_000_000 * 10**9)
-        record(rig, 10.0, folder / name)
-    return folder
+BAGS = Path(__file__).parents[2] / "bags"
+LIMIT = 180.0  # s
 
 
 def demo(child_environment, *options: str) -> subprocess.Popen[str]:
@@ -52,17 +39,19 @@ def processes_of_session(session: int) -> list[str]:
     return found
 
 
-def test_demo_runs_through(child_environment, bags, tmp_path):
+def test_demo_runs_through(child_environment, tmp_path):
     out = tmp_path / "out"
-    process = demo(child_environment, "--seconds=2", f"--bags={bags}", f"--out={out}")
+    process = demo(child_environment, "--seconds=2", f"--bags={BAGS}", f"--out={out}")
     try:
         output, _ = process.communicate(timeout=LIMIT)
     finally:
         process.kill()
     assert process.returncode == 0, output
     assert "Wh measured" in output
-    assert "kr16_warm" in output
-    for name in ("kr16_cold", "kr16_warm"):
+    assert "Identify: robot-energy identify all" in output
+    assert load(out / "identified.yaml").joints[0].friction.coulomb.tag == "identified"
+    for name in ("drawn_test_cold", "drawn_test_warm"):
+        assert name in output
         assert (out / f"{name}.png").read_bytes().startswith(b"\x89PNG")
     page = (out / "energy_page.html").read_text()
     assert "<!DOCTYPE html>" in page
@@ -73,8 +62,8 @@ def test_demo_runs_through(child_environment, bags, tmp_path):
     assert not processes_of_session(process.pid)
 
 
-def test_interrupted_demo_leaves_nothing_running(child_environment, bags, tmp_path):
-    process = demo(child_environment, "--seconds=60", f"--bags={bags}", f"--out={tmp_path}")
+def test_interrupted_demo_leaves_nothing_running(child_environment, tmp_path):
+    process = demo(child_environment, "--seconds=60", "--model=kr16", f"--out={tmp_path}")
     assert process.stdout is not None
     try:
         for line in process.stdout:
@@ -91,14 +80,14 @@ def test_interrupted_demo_leaves_nothing_running(child_environment, bags, tmp_pa
 
 
 def test_killed_demo_takes_its_nodes_along(child_environment, tmp_path):
-    process = demo(child_environment, "--seconds=60", f"--out={tmp_path}")
+    process = demo(child_environment, "--seconds=60", "--model=kr16", f"--out={tmp_path}")
     assert process.stdout is not None
     for line in process.stdout:
         if line.startswith("from the grid"):
             break
     process.kill()
     process.communicate(timeout=LIMIT)
-    limit = time.monotonic() + 20.0
+    limit = time.monotonic() + LIMIT
     while processes_of_session(process.pid):
         assert time.monotonic() < limit, "nodes outlived the demonstration"
         time.sleep(0.05)
@@ -108,5 +97,5 @@ def test_missing_bags_are_explained(child_environment, tmp_path):
     process = demo(child_environment, "--seconds=0", f"--bags={tmp_path}", f"--out={tmp_path}")
     output, _ = process.communicate(timeout=LIMIT)
     assert process.returncode == 2
-    assert output.startswith("the bag kr16_cold is not in")
+    assert output.startswith("the bag drawn_train_cold is not in")
     assert len(output.splitlines()) == 1

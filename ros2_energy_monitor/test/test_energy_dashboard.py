@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import json
+import math
+import socket
 import sys
 import threading
 import urllib.request
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 import pytest
 from ros2_energy_msgs.msg import EnergyRegisters
+from sensor_msgs.msg import JointState
 
 from robot_energy.errors import PageError, ParameterError
 from ros2_energy_monitor.base.publishers import best_effort
@@ -267,3 +270,48 @@ def test_buttons_ask_for_the_token(
         window.wait(
             "document.getElementById('job-note').textContent.startsWith('part 8')", "closed job"
         )
+
+
+def test_no_register_is_lost_while_200_clients_hang(bench: Any) -> None:
+    count, hung = 1500, 200
+    monitor = bench.add(EnergyMonitor, model="kr16", state_folder="")
+    page = bench.add(EnergyDashboard, port=0)
+    where = ("127.0.0.1", int(page.server.url.rstrip("/").rpartition(":")[2]))
+    asked = (b"GET /api/state HT", b"GET /api/events HTTP/1.1\r\nHost: localhost\r\n\r\n", b"")
+    with ExitStack() as open_:
+        for number in range(hung):
+            client = open_.enter_context(socket.create_connection(where, timeout=20))
+            with suppress(ConnectionError):  # more than the page takes are closed at once
+                client.sendall(asked[number % len(asked)])
+        publisher = bench.publisher(JointState, "joint_states")
+        message = JointState(name=[f"joint_a{n}" for n in range(1, 7)])
+        for number in range(count):
+            stamp_ns = 1_000_000_000_000_000_000 + number * 4_000_000
+            message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp_ns, 10**9)
+            message.position = [0.2 * math.sin(0.004 * number * (axis + 1)) for axis in range(6)]
+            publisher.publish(message)
+            if number % 50 == 49:  # no more than the inbox holds
+                bench.spin_until(
+                    lambda sent=number + 1: monitor.inputs[0][1].received >= sent, "joint states"
+                )
+        bench.spin_until(
+            lambda: (monitor.ledger.end_ns or 0) > stamp_ns - 500_000_000, "the last sample"
+        )
+        time, account = monitor.ledger.registers.time, monitor.inputs[0][1]
+        assert (account.received, account.accepted, dict(account.rejected)) == (count, count, {})
+        assert time.gap_ns == 0
+        assert time.observed_ns == time.span_ns
+
+        def shown() -> dict[str, Any]:
+            return page.hub.robots["robot"].registers or {} if page.hub.robots else {}
+
+        energy = monitor.ledger.registers.cabinet("grid_import")
+        assert energy > 0.0
+        bench.spin_until(
+            lambda: (
+                shown().get("predicted_import_energy")
+                == monitor.ledger.registers.cabinet("grid_import")
+            ),
+            "the registers of the monitor on the page",
+        )
+        assert Answers(bench, page.server.url).robot()["registers"]["gap_count"] == 0

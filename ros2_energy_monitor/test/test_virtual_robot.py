@@ -47,6 +47,15 @@ def test_same_seeds_same_bytes():
     assert not np.array_equal(one.joint_position[-1], other.joint_position[-1])
 
 
+def test_a_drawn_plant_takes_other_torques_for_the_same_motion():
+    shipped, drawn, hard = (
+        make_rig(RobotParameters(**given), 10**18).step(2000).joints
+        for given in ({}, {"plant_seed": 1}, {"plant_seed": 1, "hard": True})
+    )
+    assert not np.allclose(shipped.measured_motor_torque, drawn.measured_motor_torque, rtol=0.2)
+    assert not np.array_equal(drawn.measured_motor_torque, hard.measured_motor_torque)
+
+
 def test_an_impossible_warm_up_is_refused():
     with pytest.raises(RigError, match="thermal_speedup"):
         make_rig(RobotParameters(thermal_speedup=1e6), 10**18)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
@@ -12,49 +12,33 @@ import numpy as np
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.energy_curve import EnergyCurve, add_compared, add_means
 from robot_energy.accounting.prediction_errors import PowerErrorSums
+from robot_energy.accounting.record import Calibrated
 from robot_energy.bag import BagReader
+from robot_energy.bag.mcap_records import LogTimes
 from robot_energy.bag.ownership import foreign_entries
+from robot_energy.bag.time_range import TimeRange
 from robot_energy.blocks import EffortMeaning, JointBlock
+from robot_energy.condition.record import ConditionRecord
 from robot_energy.energy_bag import EnergyBagWriter
-from robot_energy.errors import BagError, MissingTopicError, UnknownJointError
+from robot_energy.errors import BagError, UnknownJointError
 from robot_energy.files.output_folder import check_folder
 from robot_energy.inputs.bag_topics import (
     find_meter,
-    named_sources,
-    possible_temperatures,
-    resolve,
-    sources_by_type,
 )
-from robot_energy.inputs.joint_states.joint_states import JOINT_STATE, JointStateIngest
+from robot_energy.inputs.joint_states.joint_states import JointStateIngest
 from robot_energy.inputs.meter.meter import MeterIngest
-from robot_energy.inputs.sources import Inputs, JointStateSource, TemperatureSource
+from robot_energy.inputs.sources import Inputs, JointStateSource
 from robot_energy.inputs.temperatures.temperatures import TemperatureIngest
 from robot_energy.messages import PayloadReader
-from robot_energy.messages.payload import PAYLOAD
 from robot_energy.model import RobotModel, load, shipped_models
 from robot_energy.pipeline import EnergyPipeline, Output, Settings
+from robot_energy.recorded_jobs import Job, RecordedJobs
+from robot_energy.replay_topics import Topics, find_temperatures, find_topics
 from robot_energy.timeline.pieces import Compared
 
 SECOND_NS = 1_000_000_000
 ROWS = 4096  # samples in one step at most
 Progress = Callable[[float], None]
-
-
-@dataclass(frozen=True)
-class Topics:
-    """Which topics of a bag to use; None means to find them by their type.
-
-    Attributes:
-        joint_states: Topics of the joint states; several where each brings some joints.
-        temperatures: Topics of motor temperatures; empty for none.
-        meter: The topic of the power meter.
-        payload: The topic of payloads set at run time; empty for none.
-    """
-
-    joint_states: tuple[str, ...] | None = None
-    temperatures: tuple[str, ...] | None = None
-    meter: str | None = None
-    payload: str | None = None
 
 
 @dataclass
@@ -79,6 +63,7 @@ class Replay:
         compared: What became comparable with the meter in each step, where that was asked for.
         power_error: Predicted less measured power at the meter, from reading to reading.
         origin: Where the recording comes from, as its writer said; empty if it did not.
+        jobs: What the jobs of a list have counted.
     """
 
     bag: Path
@@ -97,91 +82,12 @@ class Replay:
     compared: list[Compared] = field(default_factory=list[Compared])
     power_error: PowerErrorSums = field(default_factory=PowerErrorSums)
     origin: str = ""
+    jobs: RecordedJobs = field(default_factory=lambda: RecordedJobs(()))
 
     @property
     def ledger(self) -> EnergyAccount:
         """Registers, comparison, phases."""
         return self.pipeline.ledger
-
-
-def find_topics(bag: BagReader, wanted: Topics, inputs: Inputs | None = None) -> Topics:
-    """Find the topics to use in a bag.
-
-    Args:
-        bag: An open bag.
-        wanted: What the user named.
-        inputs: Inputs of the node that the bag is to be read like; None to go by types.
-
-    Returns:
-        The topics; ``payload`` stays None where there is none, and those of temperatures
-        and meter are as the user named them.
-
-    Raises:
-        MissingTopicError: If a named topic is absent or of another type, or the joint
-            states cannot be found without a name.
-    """
-    joints = wanted.joint_states or ()
-    if not joints and inputs is not None:
-        full = [resolve(bag, topic) for topic in inputs.joint_states.topics]
-        joints = tuple(topic for topic in full if topic is not None)
-    for topic in joints:
-        bag.require(topic, (JOINT_STATE,))
-    if not joints:
-        found = _one(bag, None, (JOINT_STATE,), "joint states", "--joint-states")
-        joints = () if found is None else (found,)
-    if not joints:
-        raise MissingTopicError(
-            f"{bag.path} has no topic of joint states",
-            f"a topic of type {JOINT_STATE}",
-            f"it has {', '.join(sorted(bag.topics)) or 'no topics'}",
-        )
-    payload = None
-    if wanted.payload != "":
-        payload = _one(bag, wanted.payload, (PAYLOAD,), "payloads", "--payload")
-    return Topics(joints, wanted.temperatures, wanted.meter, payload)
-
-
-def find_temperatures(
-    bag: BagReader, wanted: Topics, inputs: Inputs | None
-) -> tuple[dict[str, TemperatureSource], list[str]]:
-    """Find the sources of motor temperatures in a bag.
-
-    Args:
-        bag: An open bag.
-        wanted: What the user named.
-        inputs: Inputs of the node that the bag is to be read like; None to go by types.
-
-    Returns:
-        The sources by name, and what the user should know of them.
-
-    Raises:
-        MissingTopicError: If a named topic is absent or of another type.
-    """
-    if inputs is not None and wanted.temperatures is None:
-        return named_sources(bag, inputs.temperature_sources)
-    sources = sources_by_type(bag, wanted.temperatures)
-    possible = possible_temperatures(bag) if not sources and wanted.temperatures is None else []
-    return sources, [
-        f"{topic} ({bag.topics[topic].msgtype}) may hold motor temperatures; say what it means "
-        "in a parameter file and name that with --inputs"
-        for topic in possible
-    ]
-
-
-def _one(
-    bag: BagReader, name: str | None, types: tuple[str, ...], what: str, option: str
-) -> str | None:
-    if name is not None:
-        bag.require(name, types)
-        return name
-    found = sorted(topic for topic, info in bag.topics.items() if info.msgtype in types)
-    if len(found) > 1:
-        raise MissingTopicError(
-            f"{bag.path} has several topics of {what}: {', '.join(found)}",
-            "one",
-            f"name it with {option}",
-        )
-    return found[0] if found else None
 
 
 def replay(
@@ -198,6 +104,10 @@ def replay(
     states: JointStateSource | None = None,
     keep_compared: bool = False,
     keep_means: bool = False,
+    learned: ConditionRecord | None = None,
+    time_range: TimeRange | None = None,
+    jobs: Sequence[Job] = (),
+    calibration: Calibrated | None = None,
 ) -> Replay:
     """Run a bag through the pipeline.
 
@@ -215,6 +125,11 @@ def replay(
         states: What the joint states mean, instead of what ``inputs`` says of them.
         keep_compared: Whether to return all that was compared (memory grows with the bag).
         keep_means: Whether ``on_output`` needs the means over ``power_period``.
+        learned: What an earlier recording of the robot has taught; None begins with nothing.
+        time_range: Part of the bag; None for all. Temperatures are read from as long before it as
+            they stay in use, payloads from the beginning.
+        jobs: Jobs and cycles to count, in order of time.
+        calibration: Of the bands, from an earlier account of the same model and meter.
 
     Returns:
         The energy account and the rejection log of every input.
@@ -234,6 +149,8 @@ def replay(
     source, more = find_meter(bag, used.meter, inputs.meter if inputs is not None else None)
     meter = MeterIngest(source, bag.typestore)
     pipeline = EnergyPipeline(model, settings.with_meter(*meter.source.limits))
+    if learned is not None:
+        pipeline.power.condition.restore(learned)
     temperatures = TemperatureIngest(
         model.joint_names, sources, bag.typestore, model.temperature.stale_after
     )
@@ -260,6 +177,7 @@ def replay(
         pipeline=pipeline,
         origin=bag.origin,
         notes=[*notes, *more],
+        jobs=RecordedJobs(jobs),
     )
     if keep_curves:
         result.predicted_curve, result.compared_curve = EnergyCurve(1), EnergyCurve(2)
@@ -272,18 +190,23 @@ def replay(
             add_compared(result.compared_curve, compared)
 
     pipeline.ledger.on_compared = take
+    if calibration is not None:
+        pipeline.ledger.calibration.restore(calibration)
     writer = None
     if out is not None:
         check_folder(out, foreign_entries, overwrite, (path,), BagError)
         writer = EnergyBagWriter(out, overwrite, model, bag.origin, Path(path))
     try:
-        for output in _outputs(bag, result, sliced=writer is not None, progress=progress):
+        spans = _spans(bag, result, time_range) if time_range else {}
+        for output in _outputs(bag, result, spans, sliced=writer is not None, progress=progress):
+            result.jobs.step(pipeline.ledger)
             if writer is not None:
                 writer.write(output, pipeline.ledger, result.payload.changes)
             if result.predicted_curve is not None and output.means is not None:
                 add_means(result.predicted_curve, output.means)
             if on_output is not None:
                 on_output(output)
+        result.jobs.finish(pipeline.ledger)
         result.problems += bag.problems
         newest_ns = result.joint_states.newest_ns
         result.notes += [*temperatures.doubts, *temperatures.clock_doubts(newest_ns)]
@@ -299,15 +222,19 @@ def replay(
 
 
 def _outputs(
-    bag: BagReader, result: Replay, sliced: bool, progress: Progress | None
+    bag: BagReader,
+    result: Replay,
+    spans: dict[str, LogTimes],
+    sliced: bool,
+    progress: Progress | None,
 ) -> Iterator[Output]:
     used, pipeline = result.topics, result.pipeline
     metered = tuple(result.meter.source.topics) if used.meter else ()
     states = used.joint_states or ()
     topics = (*states, used.payload, *(used.temperatures or ()), *metered)
     names = [name for name in topics if name]
-    start, end = bag.start_ns, bag.end_ns
-    for part in bag.parts(names):
+    start, end = next((spans[name] for name in states if name in spans), (bag.start_ns, bag.end_ns))
+    for part in bag.parts(names, spans):
         readings = [part[topic] for topic in used.temperatures or () if topic in part]
         temperatures = result.temperatures.step(readings) if readings else None
         metering = [part[topic] for topic in metered if topic in part]
@@ -316,13 +243,13 @@ def _outputs(
             result.payload.step(part[used.payload])
         batches = [part[topic] for topic in states if topic in part]
         joints = result.joint_states.step(batches) if batches else None
-        for index, block in enumerate(_slices(joints, sliced)):
+        for index, block in enumerate(_slices(joints, sliced, result.jobs)):
             first = index == 0
             yield pipeline.step(block, temperatures if first else None, meter if first else None)
         if progress is not None and batches and start is not None and end is not None:
             progress(min(1.0, (int(batches[0].log_time_ns[-1]) - start) / max(end - start, 1)))
     yield pipeline.step(None, result.temperatures.flush(), result.meter.flush())
-    for block in _slices(result.joint_states.flush(), sliced):
+    for block in _slices(result.joint_states.flush(), sliced, result.jobs):
         if block is not None:
             yield pipeline.step(block)
     yield pipeline.flush()
@@ -330,13 +257,30 @@ def _outputs(
         progress(1.0)
 
 
-def _slices(block: JointBlock | None, by_second: bool) -> list[JointBlock] | list[None]:
-    """Cut into blocks that fit the caches, or at whole seconds for the registers' rate."""
+def _spans(bag: BagReader, result: Replay, time_range: TimeRange) -> dict[str, LogTimes]:
+    """From when to when each topic is read; payloads are few, and hold until the next one."""
+    first, last = time_range.span(bag)
+    result.notes.append(time_range.sentence(bag))
+    topics = result.topics
+    earlier = first - round(result.model.temperature.stale_after * SECOND_NS)
+    metered = result.meter.source.topics if topics.meter else ()
+    return {
+        **dict.fromkeys((*(topics.joint_states or ()), *metered), (first, last)),
+        **dict.fromkeys(topics.temperatures or (), (earlier, last)),
+        **({topics.payload: (0, last)} if topics.payload else {}),
+    }
+
+
+def _slices(
+    block: JointBlock | None, by_second: bool, jobs: RecordedJobs
+) -> list[JointBlock] | list[None]:
+    """Cut into blocks that fit the caches; at whole seconds for the registers' rate; for jobs."""
     if block is None:
         return [None]
     cuts = np.arange(ROWS, len(block), ROWS)
     if by_second:
         cuts = np.flatnonzero(np.diff(block.stamp_ns // SECOND_NS)) + 1
+    cuts = np.union1d(cuts, jobs.cuts(block.stamp_ns))
     bounds = [0, *cuts.tolist(), len(block)]
     return [block[slice(start, stop)] for start, stop in pairwise(bounds)]
 

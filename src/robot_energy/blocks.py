@@ -1,14 +1,13 @@
 """Frozen records of numpy arrays that travel between the stages.
 
 A block holds ``N >= 1`` samples in time order. Arrays are ``(N,)`` or ``(N, n_joints)``
-with joints in the order of the model file, each joint contiguous in memory (order F), as
-almost every operation runs along the samples; the other order is slower and as right.
+with joints in model order, each joint contiguous in memory (order F), as almost every
+operation runs along the samples; the other order is slower and as right.
 Stamps are integer nanoseconds of the instant that the sample describes. SI units without
 suffix; temperatures in degC.
 
-``segment`` counts the pieces of a recording that belong together: it grows by one at
-every gap and at every backward jump of the stamps. Nothing is integrated or
-differentiated across a change of segment.
+``segment`` grows by one at every gap and at every backward jump of the stamps: nothing is
+integrated or differentiated across a change of it.
 """
 
 from __future__ import annotations
@@ -44,6 +43,8 @@ class Quality(IntFlag):
     NOT_FINITE = 256
     JOINT_STATE_IMPLAUSIBLE = 512
     TEMPERATURE_STUCK = 1024
+    TEMPERATURE_ESTIMATED = 2048
+    LEARNED = 4096
 
 
 # Bits of samples whose torque says little of a model.
@@ -65,6 +66,7 @@ class TemperatureOrigin(IntEnum):
     UNKNOWN = 0
     MEASURED = 1
     FALLBACK = 2
+    ESTIMATED = 3
 
 
 class EffortMeaning(StrEnum):
@@ -164,7 +166,7 @@ class Block:
 
 @dataclass(frozen=True)
 class JointBlock(Block):
-    """Joint states in model joint order, joint side.
+    """Joint states, joint side.
 
     Attributes:
         stamp_ns: Measurement time, strictly increasing within a segment, shape (N,). [ns]
@@ -174,8 +176,8 @@ class JointBlock(Block):
         joint_velocity: Shape (N, n). [rad/s] or [m/s] NaN in every joint where the robot
             does not report it; the derivative stage fills it.
         joint_acceleration: Shape (N, n). [rad/s^2] or [m/s^2] NaN until differentiated.
-        joint_effort: Effort of each joint as the driver sent it, shape (N, n); NaN where
-            it sent none. Its meaning, side and unit are a setting, never inferred.
+        joint_effort: As the driver sent it, NaN where it sent none, shape (N, n). Its
+            meaning, side and unit are a setting, never inferred.
     """
 
     segment: Int
@@ -231,10 +233,11 @@ class FrictionBlock(Block):
 
     Attributes:
         stamp_ns: First instant of validity, shape (N,). [ns]
-        quality: Whether a temperature is missing or a law extrapolated, shape (N,).
         coulomb: Shape (N, n). [N m]
         viscous: At the row's temperature, shape (N, n). [N m s/rad]
-        viscous_fallback: Used once the temperature is stale, shape (N, n). [N m s/rad]
+        viscous_std: Standard deviation of it; NaN: not known, shape (N, n). [N m s/rad]
+        viscous_shared_std: Part of that which errs alike at all joints. [N m s/rad]
+        viscous_fallback, viscous_fallback_std: Used once the temperature is stale. [N m s/rad]
         motor_temperature_degc: NaN where never seen, shape (N, n). [degC]
         temperature_stamp_ns: Stamp of that temperature, 0 where never seen, shape (N, n). [ns]
     """
@@ -242,7 +245,10 @@ class FrictionBlock(Block):
     quality: Bits
     coulomb: Float
     viscous: Float
+    viscous_std: Float
+    viscous_shared_std: Float
     viscous_fallback: Float
+    viscous_fallback_std: Float
     motor_temperature_degc: Float
     temperature_stamp_ns: Int
 
@@ -255,8 +261,7 @@ class MeterBlock(Block):
         stamp_ns: Instant of the reading, or the end of its interval, shape (N,). [ns]
         power: Positive from the supply towards the load, shape (N,); NaN if cumulative. [W]
         energy: Counter reading, shape (N,); NaN unless cumulative. [J]
-        interval: Length of the interval that ends at the stamp, shape (N,); NaN unless
-            the reading is a mean over an interval. [s]
+        interval: That ends at the stamp, NaN unless the meter gives means, shape (N,). [s]
         meaning: What a reading stands for.
         location: Where in the supply the meter sits.
     """
@@ -288,17 +293,15 @@ class SupplyBlock(Block):
         Args:
             location: Where the meter sits.
         """
-        if location is MeterLocation.DC_BUS:
-            return self.grid_power - self.loss_grid
-        return self.grid_power
+        at_bus = location is MeterLocation.DC_BUS
+        return self.grid_power - self.loss_grid if at_bus else self.grid_power
 
 
 @dataclass(frozen=True)
 class PowerBlock(Block):
     """Where each watt goes at each instant. Positive = from grid towards load.
 
-    ``grid_power = sum_i(rigid + friction + drive_loss)_i + loss_dc + loss_grid
-    + brake_power + capacitor_power`` holds for every finite sample.
+    ``grid_power = sum_i(rigid + friction + drive_loss)_i + losses + brake + capacitor`` holds.
 
     Attributes:
         segment: Segment number, shape (N,).
@@ -307,8 +310,7 @@ class PowerBlock(Block):
         motor_velocity: Motor side, shape (N, n). [rad/s]
         motor_torque: Rigid plus friction, motor side, shape (N, n). [N m]
         motor_torque_measured: Motor side, shape (N, n); NaN where unknown. [N m]
-        shaft_power_measured: Measured torque times motor velocity (paper A, eq. 5), shape
-            (N, n); NaN where unknown. [W]
+        shaft_power_measured: Measured torque times speed, NaN: unknown, shape (N, n). [W]
         rigid_power: Motor side, shape (N, n). [W]
         friction_power: Motor side, >= 0, shape (N, n). [W]
         drive_loss: Drive input minus shaft power, shape (N, n). [W]
@@ -321,8 +323,8 @@ class PowerBlock(Block):
         loss_grid: Constant loss on the grid side plus supply loss, shape (N,). [W]
         brake_power: Dissipated in the brake resistor, >= 0, shape (N,). [W]
         capacitor_power: Into the DC-link capacitor, signed, shape (N,). [W]
-        grid_power: Drawn from the grid; negative while a regenerative supply feeds
-            back, shape (N,). [W]
+        grid_power: Drawn from the grid; negative while fed back, shape (N,). [W]
+        deviation: How sure it is, see `robot_energy.uncertainty.deviation`, shape (N, K). [W]
     """
 
     segment: Int
@@ -345,6 +347,7 @@ class PowerBlock(Block):
     brake_power: Float
     capacitor_power: Float
     grid_power: Float
+    deviation: Float
 
     @property
     def shaft_power(self) -> Float:
@@ -353,7 +356,7 @@ class PowerBlock(Block):
 
     @property
     def supply(self) -> SupplyBlock:
-        """What a meter can see of these samples."""
+        """What a meter can see."""
         return SupplyBlock(self.stamp_ns, self.segment, self.grid_power, self.loss_grid)
 
 
@@ -373,14 +376,14 @@ def sum_over_joints(values: Float) -> Float:
 
 
 def differences(values: Int, before: int) -> Int:
-    """Return the step from each value's predecessor, which is ``before`` for the first.
+    """Return the step from each value's predecessor; quicker on few values than numpy.diff.
 
     Args:
         values: Shape (N,), N >= 1.
         before: What came before the first value.
 
     Returns:
-        Shape (N,). Ten times quicker on few values than ``numpy.diff`` with ``prepend``.
+        Shape (N,).
     """
     steps = np.empty(len(values), dtype=np.int64)
     steps[0] = values[0] - before

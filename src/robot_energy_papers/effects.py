@@ -11,12 +11,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from robot_energy.files.temporary_folder import TemporaryFolder
-from robot_energy.model import load
 from robot_energy.rig import RigConfig, load_profile
-from robot_energy_papers.experiment import Programs, make_programs, soaked
-from robot_energy_papers.held_out import held_out
-from robot_energy_papers.models import FIXED_DEGC, FOLLOWS, fixed_name, identify
+from robot_energy_papers.models import FIXED_DEGC, FOLLOWS, fixed_name
+from robot_energy_papers.soaked_rigs import Rigs, soaked_errors
 
 MODELLED = "lubricant_temperature"  # the one effect that the proposed model has
 SENSORS = (
@@ -42,22 +39,6 @@ EFFECTS: dict[str, tuple[str, ...]] = {
     "sensors": SENSORS,
 }
 ALL, NOTHING, NO_OIL = "all effects", "none of them", "oil at one temperature"
-HOLD_DEGC = 50.0  # of the recording at rest
-
-
-@dataclass(frozen=True)
-class Rigs:
-    """Temperatures and length of the experiments on soaked rigs.
-
-    Attributes:
-        train_degc: Temperatures of the sets for identification.
-        test_degc: Temperatures of the held-out sets.
-        moves: In a set.
-    """
-
-    train_degc: tuple[float, ...]
-    test_degc: tuple[float, ...]
-    moves: int
 
 
 @dataclass(frozen=True)
@@ -125,39 +106,6 @@ def effect_row(name: str, config: RigConfig, rigs: Rigs, seed: int) -> EffectRow
     Raises:
         RobotEnergyError: If rig, bags or fits fail.
     """
-    profile = load_profile("kr16")
-    programs: Programs = make_programs(profile, seed, rigs.moves)
-    train_seed, test_seed = rig_seeds(seed)
-    with TemporaryFolder() as place:
-        folder = place.path
-        train = soaked(
-            profile, programs.train, rigs.train_degc, folder, "train", train_seed, config
-        )
-        rest = soaked(profile, programs.hold, (HOLD_DEGC,), folder, "rest", train_seed, config)
-        test = soaked(profile, programs.test, rigs.test_degc, folder, "test", test_seed, config)
-        found = identify(
-            [entry.path for entry in train],
-            rest[0].path,
-            load(profile.body),
-            fixed_degc=FIXED_DEGC[:1],
-            beyond=False,
-        )
-        fixed = fixed_name(FIXED_DEGC[0])
-        models = {name: found.models[name] for name in (FOLLOWS, fixed)}
-        rows = held_out(test, models, FOLLOWS)
-    return EffectRow(
-        name,
-        tuple(row.error(FOLLOWS) for row in rows),
-        tuple(row.error(fixed) for row in rows),
-    )
-
-
-def rig_seeds(seed: int) -> tuple[int, int]:
-    """Return the seeds of the rig that is identified and of the one that tests.
-
-    They differ in their meters and their noise.
-
-    Args:
-        seed: Seed of the study.
-    """
-    return 2 * seed + 1, 2 * seed + 2
+    fixed = fixed_name(FIXED_DEGC[0])
+    errors = soaked_errors(load_profile("kr16"), config, rigs, seed, beyond=False)
+    return EffectRow(name, errors[FOLLOWS], errors[fixed])

@@ -32,7 +32,7 @@ class SetRow:
         compared: That time. [s]
         peak_power: Truth. [W]
         predicted: Energy over the same time, by model. [J]
-        extrapolated: Share of the samples in which a friction law was held at the edge of
+        extrapolated: Share of the samples in which a friction law was used outside
             its fitted range. [-]
     """
 

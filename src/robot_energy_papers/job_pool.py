@@ -5,9 +5,12 @@ from __future__ import annotations
 import signal
 from collections.abc import Callable, Generator
 from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from multiprocessing import active_children, get_context
 from typing import Any
+
+from robot_energy.errors import RigError
 
 Progress = Callable[[float], None]
 
@@ -74,6 +77,11 @@ def job_pool(
 
     try:
         yield later
+    except BrokenProcessPool as broken:
+        raise RigError(
+            "a worker process ended by itself, usually for lack of memory",
+            remedy="use --workers 1, or free memory",
+        ) from broken
     except BaseException:  # the results of running jobs are not needed any more
         pool.shutdown(wait=False, cancel_futures=True)
         for child in set(active_children()) - others:

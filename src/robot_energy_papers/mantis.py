@@ -26,7 +26,7 @@ from robot_energy.motion import (
     Trajectory,
 )
 from robot_energy.motion.tool_motion import ToolMotion
-from robot_energy.rig import PlantProfile, VirtualRig
+from robot_energy.rig import PlantProfile, RigConfig, VirtualRig
 from robot_energy.rig.record import DRIVE_POWER, record
 
 RATE = 500.0  # Hz; paper B samples at 2.5 kHz, which changes nothing at these speeds
@@ -178,7 +178,12 @@ def slower(motion: FourierMotion, share: float) -> FourierMotion:
 
 
 def recorded(
-    profile: PlantProfile, motion: JointMotion, duration: float, path: Path, seed: int
+    profile: PlantProfile,
+    motion: JointMotion,
+    duration: float,
+    path: Path,
+    seed: int,
+    config: RigConfig | None = None,
 ) -> Path:
     """Play a motion between two rests on the rig and record it to a bag.
 
@@ -188,12 +193,13 @@ def recorded(
         duration: Duration of the motion. [s]
         path: Folder of the bag.
         seed: Seed of the rig.
+        config: Effects of the rig; the default ones by default.
 
     Returns:
         The bag.
     """
     rig = VirtualRig(
-        profile, AfterRest(motion, duration), None, seed, START_DEGC, START_DEGC, rate_hz=RATE
+        profile, AfterRest(motion, duration), config, seed, START_DEGC, START_DEGC, rate_hz=RATE
     )
     record(rig, duration + 2.0 * LEAD, path, drive_power=True, overwrite=True)
     return path

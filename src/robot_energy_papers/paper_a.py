@@ -14,11 +14,13 @@ from robot_energy.rig import RigConfig, load_profile
 from robot_energy.rig.plant import PlantFriction
 from robot_energy.rig.record import RigRecording
 from robot_energy_papers.calibration import Calibration, calibrate
-from robot_energy_papers.effects import EffectRow, Rigs, configurations, effect_row, rig_seeds
+from robot_energy_papers.drawn_plants import PlantRow, plant_row
+from robot_energy_papers.effects import EffectRow, configurations, effect_row
 from robot_energy_papers.experiment import MOVES, MotionSet, Plan, by_motion, make_programs, soaked
 from robot_energy_papers.held_out import SetRow, held_out, normalised, shaft_power
 from robot_energy_papers.job_pool import Progress, Steps, job_pool
 from robot_energy_papers.models import FOLLOWS, Identified, identify
+from robot_energy_papers.soaked_rigs import Rigs, rig_seeds
 
 SHARE_BEFORE_FITS = 0.9  # of the work that the bar shows
 AXIS = 0  # of fig. 5
@@ -38,7 +40,8 @@ class PaperAStudySize:
         train_degc: Temperatures of soaked rigs for identification. [degC]
         test_degc: Temperatures of soaked rigs that test. [degC]
         effects: Effects of the table; None for all.
-        rigs: Temperatures and length of the experiments behind that table.
+        plants: Plants drawn at random.
+        rigs: Temperatures and length of the experiments behind that table and on those plants.
         programs: Random programs behind the calibration.
     """
 
@@ -48,6 +51,7 @@ class PaperAStudySize:
     train_degc: tuple[float, ...]
     test_degc: tuple[float, ...]
     effects: tuple[str, ...] | None
+    plants: int
     rigs: Rigs
     programs: int
 
@@ -64,6 +68,7 @@ FULL = PaperAStudySize(
     train_degc=(),
     test_degc=(),
     effects=None,
+    plants=12,
     rigs=Rigs((20.0, 35.0, 50.0, 65.0, 80.0), (20.0, 40.0, 60.0, 80.0), MOVES),
     programs=6,
 )
@@ -74,6 +79,7 @@ QUICK = PaperAStudySize(
     train_degc=(20.0, 40.0, 60.0, 80.0),
     test_degc=(22.0, 40.0, 60.0, 78.0),
     effects=("copper", "capacitor"),
+    plants=2,
     rigs=Rigs((20.0, 50.0, 80.0), (22.0, 78.0), 14),
     programs=2,
 )
@@ -130,6 +136,7 @@ class PaperA:
         shaft: Shaft power of the first axis, cold to hot.
         truth: True friction of every set for identification.
         effects: What unmodelled effects cost.
+        plants: The experiment on plants drawn at random.
         calibration: The plant in figures.
     """
 
@@ -143,6 +150,7 @@ class PaperA:
     shaft: list[ShaftCurve]
     truth: list[TrueFriction]
     effects: list[EffectRow]
+    plants: list[PlantRow]
     calibration: Calibration
 
     @property
@@ -238,13 +246,14 @@ def study(
         RobotEnergyError: If rig, recordings or fits fail.
     """
     profile, rigs = load_profile("kr16"), configurations(scale.effects)
-    steps = Steps(len(rigs) + 3, progress, SHARE_BEFORE_FITS)
+    steps = Steps(len(rigs) + scale.plants + 3, progress, SHARE_BEFORE_FITS)
     with job_pool(workers, steps.done) as run:
         work = [
             run(record_training, folder, seed, scale),
             run(record_test, folder, seed, scale),
             *(run(effect_row, name, rig, scale.rigs, seed) for name, rig in rigs.items()),
             run(calibrate, profile, seed, scale.programs, scale.moves),
+            *(run(plant_row, 1 + number, scale.rigs, seed) for number in range(scale.plants)),
         ]
         train, rest = work[0].result()
         test = work[1].result()
@@ -252,8 +261,10 @@ def study(
             [entry.path for entry in train], rest.path, load(profile.body), profile.supply
         )
         rows = held_out(test, identified.models, FOLLOWS)
-        effects = [job.result() for job in work[2:-1]]
-        calibration = work[-1].result()
+        last = 2 + len(rigs)
+        effects = [job.result() for job in work[2:last]]
+        calibration = work[last].result()
+        plants = [job.result() for job in work[last + 1 :]]
     curves = _shaft_curves(test, rows, identified)
     if progress is not None:
         progress(1.0)
@@ -268,6 +279,7 @@ def study(
         curves,
         [_true_friction(entry) for entry in train],
         effects,
+        plants,
         calibration,
     )
 

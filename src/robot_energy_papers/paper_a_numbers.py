@@ -7,6 +7,7 @@ from typing import Any
 from robot_energy.results.base import plain
 from robot_energy.results.identification import FrictionReport
 from robot_energy_papers.calibration import Calibration
+from robot_energy_papers.drawn_plants import error_spreads
 from robot_energy_papers.held_out import SetRow, worst
 from robot_energy_papers.paper_a import POWER_DEGC, PaperA
 
@@ -87,6 +88,11 @@ def figures(result: PaperA) -> Figures:
             }
             for row in result.effects
         ],
+        "plants": [
+            {"plant_seed": row.plant_seed, "error": row.errors, "refused": row.refused}
+            for row in result.plants
+        ],
+        "plants_error": plain(error_spreads(result.plants)),
         "effects_degc": list(result.scale.rigs.test_degc),
         "calibration": _calibration(result.calibration),
     }

@@ -25,6 +25,7 @@ from robot_energy_papers.drawings import (
     energy_over_temperature,
     shaft_power_over_temperature,
 )
+from robot_energy_papers.drawn_plants import SHARED, error_spreads
 from robot_energy_papers.effects import ALL, EFFECTS, NO_OIL, NOTHING, EffectRow
 from robot_energy_papers.models import CAPACITOR, FIXED_DEGC, FOLLOWS, fixed_name
 from robot_energy_papers.pages import Piece
@@ -101,6 +102,8 @@ def context(result: PaperA) -> dict[str, Any]:
         "effects": _effects(effects),
         "no_oil": effects[NO_OIL],
         "all_effects": effects[ALL],
+        "plants": error_spreads(result.plants),
+        "shared": SHARED,
         "laws": ", ".join(f"{chosen.count(law)} axes {law}" for law in dict.fromkeys(chosen)),
     }
 

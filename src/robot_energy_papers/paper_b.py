@@ -14,7 +14,7 @@ from robot_energy.identify.dynamics.dynamics import Dynamics, DynamicsSettings, 
 from robot_energy.identify.dynamics.dynamics_model import to_model
 from robot_energy.model import RobotModel, load
 from robot_energy.motion import JointMotion
-from robot_energy.rig import load_profile
+from robot_energy.rig import RigConfig, load_profile, random_profile
 from robot_energy_papers.accuracy import Accuracy, Definition, accuracies
 from robot_energy_papers.drive_study import DriveTest, identify_drives, tested
 from robot_energy_papers.job_pool import Progress, Steps
@@ -45,17 +45,19 @@ class PaperBStudySize:
 
     Attributes:
         iterations: Iterations of the search for an excitation.
+        plants: Plants drawn at random for the contest of maps and losses.
         layers: Simulated layers of the wall, all of it; 0: single layers at `heights` instead.
         heights: Heights of single layers. [m]
     """
 
     iterations: int
+    plants: int
     layers: int
     heights: tuple[float, ...]
 
 
-FULL = PaperBStudySize(100, 100, (0.0, 0.25, 0.5, 0.75, 0.99))
-QUICK = PaperBStudySize(25, 0, (0.0, 0.5, 0.99))
+FULL = PaperBStudySize(100, 10, 100, (0.0, 0.25, 0.5, 0.75, 0.99))
+QUICK = PaperBStudySize(25, 2, 0, (0.0, 0.5, 0.99))
 
 
 @dataclass(frozen=True)
@@ -124,6 +126,8 @@ class PaperB:
         trained: By the excitation that was identified from, keys of `TRAININGS`.
         weighted: Accuracy on the validation run of the weighted fit, our default.
         machines: By the keys of `MACHINES`.
+        plants: The wall printed by plants drawn at random, by the seed of the plant: drives
+            identified from both excitation runs of that plant.
     """
 
     seed: int
@@ -131,6 +135,7 @@ class PaperB:
     trained: dict[str, Trained]
     weighted: dict[Definition, Accuracy]
     machines: dict[str, MachineResult]
+    plants: dict[int, DriveTest]
 
     @property
     def quick(self) -> bool:
@@ -184,7 +189,7 @@ def study(
     Raises:
         RobotEnergyError: If a rig, a recording or a fit fails.
     """
-    step = Steps(STEPS, progress).done
+    step = Steps(STEPS + scale.plants, progress).done
     start, profile = load("mantis"), load_profile("mantis")
     first = seed * SEED_STEP
     train = excitation(start, profile, first + 1, scale.iterations)
@@ -215,7 +220,33 @@ def study(
     for number, key in enumerate(MACHINES):
         machines[key] = _machine(key, scale, first + 10 + number)
         step()
-    return PaperB(seed, scale, trained, _accuracy(check), machines)
+    plants: dict[int, DriveTest] = {}
+    for plant_seed in range(1, scale.plants + 1):
+        plants[plant_seed] = _drawn(plant_seed, start, motions, folder, first)
+        step()
+    return PaperB(seed, scale, trained, _accuracy(check), machines, plants)
+
+
+def _drawn(
+    plant_seed: int,
+    start: RobotModel,
+    motions: Mapping[str, tuple[JointMotion, float]],
+    folder: Path,
+    first: int,
+) -> DriveTest:
+    """Identify the drives of a drawn plant with every effect of the rig, and print the wall."""
+    profile = random_profile("mantis", plant_seed)
+    paths = {
+        name: recorded(
+            profile, *motions[name], folder / f"plant_{plant_seed}_{number}", first + number,
+            RigConfig.hard(),
+        )
+        for number, name in enumerate((FAST, SLOWED, WALL))
+    }  # fmt: skip
+    runs = [read_run(paths[name], start) for name in (FAST, SLOWED)]
+    model = to_model(identify_mechanics(runs, start, "ols"), ["excitation on the virtual rig"])
+    wall = {WALL: read_run(paths[WALL], model)}
+    return tested(wall, identify_drives(runs))[WALL]
 
 
 def identify_mechanics(

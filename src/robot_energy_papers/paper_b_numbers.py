@@ -32,6 +32,7 @@ def figures(result: PaperB) -> Figures:
             name: _accuracy(found) for name, found in result.weighted.items()
         },
         "trained": {name: _trained(found) for name, found in result.trained.items()},
+        "plants": {str(seed): _test(test) for seed, test in result.plants.items()},
         "machines": {
             key: {
                 "layer": _energies(found.layer),

@@ -100,8 +100,11 @@ def context(result: PaperB) -> dict[str, Any]:
     Args:
         result: The studies.
     """
+    ways = [test.ways for test in result.plants.values()]
     return {
         "result": result,
+        "nearer": sum(way["losses"].accuracy > way["map"].accuracy for way in ways),
+        "rougher": sum(way["losses"].rms > way["map"].rms for way in ways),
         "paper": {
             "joints": PAPER_JOINTS,
             "total": PAPER_TOTAL,

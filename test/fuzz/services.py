@@ -125,7 +125,7 @@ class Monitor:
             return False
         self.keep()
         for interval in ledger.list_intervals():
-            interval_fields(interval, self.names)
+            interval_fields(interval, self.names, self.books.ledger.calibration)
         assert RegistersWriter(self.names, "id").encode(ledger) is not None
         return True
 

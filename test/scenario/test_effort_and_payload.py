@@ -11,7 +11,7 @@ from rosbags.rosbag2 import Writer
 from places import ROOT
 from plants import PROGRAM, two_link_profile
 from robot_energy.bag import BagReader, BagWriter
-from robot_energy.bag_replay import Topics, replay
+from robot_energy.bag_replay import replay
 from robot_energy.blocks import EffortMeaning
 from robot_energy.cdr import Decoder
 from robot_energy.cdr.types import extended, typestore
@@ -22,6 +22,7 @@ from robot_energy.model import load
 from robot_energy.model.payload import payload
 from robot_energy.pipeline import Settings
 from robot_energy.pipeline.payload_timeline import PayloadChange
+from robot_energy.replay_topics import Topics
 from robot_energy.results.replay import replay_report
 from robot_energy.rig import RigConfig, RigOutput, VirtualRig
 from robot_energy.rig.record import outputs, record

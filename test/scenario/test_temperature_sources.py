@@ -13,7 +13,7 @@ import pytest
 import temperature_messages as says
 from places import ROOT
 from robot_energy.bag import BagReader, BagWriter
-from robot_energy.bag_replay import Replay, Topics, replay
+from robot_energy.bag_replay import Replay, replay
 from robot_energy.blocks import Quality
 from robot_energy.cdr.decode import Decoder, stamp_ns
 from robot_energy.errors import MissingTopicError
@@ -29,6 +29,7 @@ from robot_energy.inputs.temperatures.kinds import (
     TEMPERATURE,
 )
 from robot_energy.model import load
+from robot_energy.replay_topics import Topics
 from robot_energy.results.replay import replay_report
 
 BAG = ROOT / "bags" / "kr16_cold"

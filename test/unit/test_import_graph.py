@@ -18,19 +18,19 @@ SOURCES = Path(robot_energy.__file__).parent.parent
 MODULES = {
     "robot_energy": """
         __main__ bag_replay blocks config_file energy_bag errors kinds log_formats prediction
-        schema_errors shown_text time_series units
+        recorded_jobs replay_topics schema_errors shown_text time_series units
     """,
     "robot_energy.accounting": """
-        account account_record averaging comparison energy_curve event_log exact_sum
-        integration job_intervals meter_checks plain_text prediction_errors record record_repair
-        registers settings shaft_comparison
+        account account_record averaging band_calibration comparison energy_curve event_log
+        exact_sum integration job_intervals meter_checks plain_text prediction_errors record
+        record_repair registers settings shaft_comparison
     """,
     "robot_energy.api": """
-        evaluate identify inputs online_monitor power_table predict replay
+        condition evaluate identify inputs online_monitor power_table predict replay
     """,
     "robot_energy.bag": """
         mcap_block mcap_file mcap_records mcap_summary metadata ownership packed
-        reader sources sqlite_source writer
+        reader sources sqlite_source time_range writer
     """,
     "robot_energy.cdr": """
         batch decode encode plan schema types walk
@@ -42,15 +42,20 @@ MODULES = {
     "robot_energy.cli": """
         check completion export identify identify_all identify_cabinet identify_drives
         identify_dynamics identify_excitation identify_friction identify_inputs
-        import_logs info kinds layouts main memory models monitoring numbers page predict replay
-        replay_options report robots schema simulate stopping terminal test
+        identify_thermal import_logs info kinds layouts main memory models monitoring
+        numbers page predict replay replay_options report robots schema simulate
+        stopping terminal test
+    """,
+    "robot_energy.condition": """
+        buckets drift_test joint_friction learner meter_fit meter_records meter_windows
+        record thermal_observer wear wear_records
     """,
     "robot_energy.files": """
         first_bytes output_files output_folder output_streams placement regular_file
         temporary_folder
     """,
     "robot_energy.identify": """
-        bounds causes plausibility run_all steps turns
+        bounds causes plausibility provenance run_all steps turns
     """,
     "robot_energy.identify.cabinet": """
         cabinet dc_link link_errors link_readings meter_delay supply
@@ -75,6 +80,9 @@ MODULES = {
     "robot_energy.identify.stats": """
         autocorrelation cross_validation held_out_energy lag regression systematic threads
     """,
+    "robot_energy.identify.thermal": """
+        network windows
+    """,
     "robot_energy.inputs": """
         bag_topics inputs_file parameters rejection_log sources
     """,
@@ -98,7 +106,8 @@ MODULES = {
         friction interval model_messages payload power registers torque
     """,
     "robot_energy.model": """
-        drive_models figure friction_laws joint load open_schema payload reference schema
+        drive_models figure friction_laws joint load open_schema payload reference
+        schema thermal
     """,
     "robot_energy.motion": """
         fourier gcode gcode_words inverse_kinematics joint_trajectory load_motion
@@ -106,12 +115,12 @@ MODULES = {
         tool_path tool_timing trajectory_io
     """,
     "robot_energy.page": """
-        access alarms energy_flow event_stream history hub job_rows json_numbers messages
-        metrics monitoring recording robot_state saved_page settings web_app web_server
+        access alarms energy_flow event_stream headless_browser history hub job_rows json_numbers
+        messages metrics monitoring recording robot_state saved_page settings web_app web_server
     """,
     "robot_energy.physics": """
         cabinet derivative drive drivetrain effort effort_check equations friction
-        limit_utilisation rigid_body torque transmission
+        limit_utilisation motor_heat rigid_body torque transmission
     """,
     "robot_energy.physics.urdf": """
         checks compare parse
@@ -124,14 +133,15 @@ MODULES = {
         robots
     """,
     "robot_energy.report": """
-        canvas document drives dynamics efficiency_figure energy energy_figure
-        evaluation excitation flow_figure formats friction_figure held_out html
-        identification identify_all kinds layout model parameters power_figure
-        prediction prediction_figure printing replay series temperature_figure torque_figure
+        canvas condition document drives dynamics efficiency_figure energy energy_figure
+        evaluation excitation formats friction_figure headline held_out html
+        identification identify_all jobs kinds layout model parameters power_figure
+        prediction prediction_figure printing recordings replay series
+        temperature_figure thermal torque_figure trend_figure
     """,
     "robot_energy.results": """
-        base check drives dynamics energy evaluation excitation identification model
-        prediction replay schema
+        base check condition drives dynamics energy evaluation excitation identification
+        model prediction replay schema thermal uncertainty
     """,
     "robot_energy.rig": """
         config lubricant output plant profile random_plant record sensors supply
@@ -141,15 +151,20 @@ MODULES = {
         arm description model_text priors
     """,
     "robot_energy.store": """
-        account_store adoption envelope slots state_files
+        account_store adoption condition_store envelope slots state_files
     """,
     "robot_energy.timeline": """
         coverage epochs gaps hold pieces reorder stamps streams
     """,
+    "robot_energy.uncertainty": """
+        band deviation priors
+    """,
     "robot_energy_papers": """
-        accuracy calibration drawings drive_study effects experiment held_out
-        interval_coverage job_pool machines mantis models pages paper_a paper_a_numbers
-        paper_a_page paper_b paper_b_numbers paper_b_page wall
+        accuracy band_coverage calibration certainty certainty_numbers certainty_page
+        drawings drawn_plants drive_study effects experiment held_out interval_coverage
+        job_pool learning_study machines mantis models pages paper_a paper_a_numbers
+        paper_a_page paper_b paper_b_numbers paper_b_page soaked_rigs thermal_study wall
+        wear_study
     """,
     "robot_energy_papers.cli": """
         reproduce study_folder
@@ -161,10 +176,20 @@ LAYERS = (
     ("files",),
     ("config_file", "schema_errors", "model"),
     ("physics", "timeline", "cdr"),
+    ("uncertainty",),
     ("bag", "inputs", "presets", "accounting", "logs", "log_formats", "time_series"),
+    ("condition",),
     ("pipeline", "messages", "store"),
     ("motion",),
-    ("bag_replay", "energy_bag", "prediction", "starter", "layouts"),
+    (
+        "bag_replay",
+        "energy_bag",
+        "replay_topics",
+        "prediction",
+        "recorded_jobs",
+        "starter",
+        "layouts",
+    ),
     ("identify", "rig", "check", "page"),
     ("results",),
     ("report",),
@@ -174,7 +199,10 @@ LAYERS = (
 )
 # Nothing online imports these.
 OFFLINE = ("identify", "report", "rig", "motion", "cli", "starter", "check", "page", "layouts")
-ONLINE = ("pipeline", "inputs", "messages", "accounting", "store", "timeline", "cdr")
+ONLINE = (
+    "pipeline", "inputs", "messages", "accounting", "uncertainty", "condition", "store",
+    "timeline", "cdr",
+)  # fmt: skip
 FOREIGN = {
     "ament_index_python", "builtin_interfaces", "control_msgs", "diagnostic_msgs",
     "lifecycle_msgs", "rclpy", "rosidl_runtime_py", "ros2_energy_monitor", "ros2_energy_msgs",

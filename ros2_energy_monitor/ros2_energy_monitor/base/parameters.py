@@ -21,6 +21,7 @@ from rclpy.exceptions import (
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
+from robot_energy.condition.learner import Learning
 from robot_energy.errors import ParameterError
 from robot_energy.inputs.meter.source import MeterInputs
 from robot_energy.inputs.parameters import Parameter, assemble, parameter, refuse_renamed
@@ -122,6 +123,12 @@ class AccountParameters(MeterInputs, Common):
     checkpoint_period: float = parameter(
         "How often the registers are brought to disk and published [s].", 1.0, 0.1, 3600.0
     )
+    learning: str = parameter(
+        "What is learned of friction and constant losses while the robot works: off for nothing; "
+        "observe to publish it; apply to predict with it.",
+        str(Learning.OBSERVE),
+        choices=tuple(map(str, Learning)),
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -179,6 +186,17 @@ class RobotParameters:
     ambient_degc: float = parameter("Temperature of the hall [degC].", 20.0, -20.0, 60.0)
     thermal_speedup: float = parameter(
         "How many times faster than nature the robot warms up [-].", 1.0, 0.01, 10_000.0
+    )
+    plant_seed: int = parameter(
+        "Seed by which friction, losses and constants are drawn at random; -1 takes those of the "
+        "KR 16 class profile.",
+        -1,
+        -1,
+        2**31 - 1,
+    )
+    hard: bool = parameter(
+        "Whether the rig has effects that no model file has a term for, such as elastic joints.",
+        False,
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from robot_energy.blocks import EffortMeaning
+from robot_energy.condition.learner import Learning
 from robot_energy.inputs.sources import GapInputs
 from robot_energy.pipeline import Settings
 from ros2_energy_monitor.base.parameters import (
@@ -38,5 +39,6 @@ def settings_of(parameters: Common) -> Settings:
             temperature_wait=parameters.temperature_wait,
             power_period=round(parameters.tick_rate / parameters.power_rate) / parameters.tick_rate,
             meter_max_gap=parameters.meter_max_gap,
+            learning=Learning(parameters.learning),
         ).with_meter(*parameters.meter.limits)
     return settings

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import os
-import shutil
 import socket
-import subprocess
 import urllib.request
 from pathlib import Path
 
+from robot_energy.errors import PageError
+from robot_energy.page.headless_browser import find_browser, run_browser
+
 PAGE, PICTURE = "energy_page.html", "energy_page.png"
-PATIENCE = 30.0  # for the page and for the browser [s]
+PATIENCE = 30.0  # for the page [s]
 SIZE = "1400,2300"
 
 
@@ -50,16 +50,10 @@ def draw_page(folder: Path) -> str:
         A sentence that says what was written.
     """
     page, picture = folder / PAGE, folder / PICTURE
-    browser = shutil.which("chromium") or shutil.which("chromium-browser")
-    if browser is None:
+    if find_browser() is None:
         return "no picture of the energy page: there is no Chromium here"
-    as_root = ["--no-sandbox"] if os.geteuid() == 0 else []
-    command = [
-        browser, "--headless", "--disable-gpu", "--hide-scrollbars", *as_root,
-        f"--window-size={SIZE}", f"--screenshot={picture}", page.resolve().as_uri(),
-    ]  # fmt: skip
     try:
-        subprocess.run(command, check=True, capture_output=True, timeout=PATIENCE)
-    except (OSError, subprocess.SubprocessError):
+        run_browser(page, f"--window-size={SIZE}", f"--screenshot={picture}")
+    except PageError:
         return "no picture of the energy page: Chromium made none"
     return f"picture of the energy page: {picture}"

@@ -1,4 +1,4 @@
-"""Second half of the demonstration: replay of bags, with and without temperature."""
+"""Last part of the demonstration: replay of bags, with and without temperature."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ from robot_energy.errors import BagError
 from robot_energy.model import RobotModel, load
 from robot_energy.physics.friction import with_fixed_friction
 from robot_energy.report.printing import table
+from ros2_energy_monitor.demo.demo_identification import bundled
 
 COLD_DEGC, WARM_DEGC = 22.0, 60.0  # where a fixed model would have been identified
-BAGS = {"kr16_cold": WARM_DEGC, "kr16_warm": COLD_DEGC}  # the fixed model in its figure
+BAGS = {"drawn_test_cold": WARM_DEGC, "drawn_test_warm": COLD_DEGC}  # the fixed model in its figure
 JOULE_PER_WH = 3600.0
 
 
@@ -43,7 +44,7 @@ def show_bags(bags: Path, out: Path, model_name: str) -> list[Row]:
     Args:
         bags: Folder of the bags.
         out: Folder for the figures.
-        model_name: Model of the robot in the bags.
+        model_name: Model of the robot in the bags: a name or a file.
 
     Returns:
         One row per bag.
@@ -52,19 +53,12 @@ def show_bags(bags: Path, out: Path, model_name: str) -> list[Row]:
         BagError: If a bag is not there or cannot be read.
         RobotEnergyError: If it cannot be replayed.
     """
-    missing = [name for name in BAGS if not (bags / name).exists()]
-    if missing:
-        raise BagError(
-            f"the bag {missing[0]} is not in {bags.resolve()}",
-            "the bags of the repository",
-            "start the demonstration at the top of the repository or name --bags",
-        )
     model = load(model_name)
     out.mkdir(parents=True, exist_ok=True)
-    rows = [_row(bags / name, model, out) for name in BAGS]
+    rows = [_row(path, model, out) for path in bundled(bags, BAGS)]
     table(
         Terminal(),
-        "Energy from the grid, recorded bags of the virtual rig",
+        "Energy from the grid, held-out bags of the virtual rig",
         ("bag", "measured [Wh]", "friction", "predicted [Wh]", "error"),
         [
             (
@@ -102,7 +96,9 @@ def _row(bag: Path, model: RobotModel, out: Path) -> Row:
     if aware is None or other is None:
         raise BagError(f"{bag} has no meter reading to compare with", "a recording with a meter")
     figure = out / f"{bag.name}.png"
-    power_and_energy([*aware, other[1]], figure, f"{bag.name}: virtual rig, KR 16 class")
+    power_and_energy(
+        [*aware, other[1]], figure, f"{bag.name}: virtual rig, drawn plant of the KR 16 class"
+    )
     return Row(
         bag.name,
         first.ledger.comparison.measured_energy,

@@ -69,6 +69,9 @@ VALUES = (
     _energy("predicted_energy_at_meter", "Energy at the meter, predicted", False),
     ExportedValue("observed_time", "Observed time", Topic.REGISTERS, "s", "observed_time", True),
     ExportedValue("gap_time", "Time of gaps", Topic.REGISTERS, "s", "gap_time", True),
+    _power("predicted_power_lower", "Grid power, lower end of the 90 % band"),
+    _power("predicted_power_upper", "Grid power, upper end of the 90 % band"),
+    _energy("predicted_energy_band", "Energy from the grid, half of the 90 % band", False),
 )
 
 

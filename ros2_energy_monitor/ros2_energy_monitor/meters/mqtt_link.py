@@ -160,5 +160,9 @@ class MqttLink(MeterLink):
             client.subscribe([(topic, 1) for topic in sorted(set(self._topic.values()))])
 
     def _take_message(self, _client: Any, _data: Any, message: Any) -> None:
+        try:
+            topic = str(message.topic)
+        except UnicodeDecodeError:  # it would end the thread of the client
+            return
         if not message.retain and not self._waiting.full():
-            self._waiting.put((message.topic, message.payload, time.monotonic()))
+            self._waiting.put((topic, message.payload, time.monotonic()))

@@ -11,6 +11,7 @@ from robot_energy.inputs.joint_states.joint_states import JointStateIngest
 from robot_energy.messages import FrictionWriter, TorqueWriter
 from robot_energy.pipeline import EnergyPipeline, Output
 from ros2_energy_monitor.base.account_publisher import AccountPublisher
+from ros2_energy_monitor.base.condition_publisher import ConditionPublisher
 from ros2_energy_monitor.base.inputs import (
     joint_state_inboxes,
     messages_in,
@@ -72,6 +73,12 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
         self._account_publisher = AccountPublisher(self, self.model, self.ledger, self.parameters)
         self.exit_stack.callback(self._account_publisher.close)
         self._account_publisher.open()
+        self._condition = ConditionPublisher(
+            *(self, self.model, self._pipeline.power.condition, self._pipeline.power.thermal),
+            self.parameters.state_folder,
+        )
+        self.exit_stack.callback(self._condition.close)
+        self._condition.open()
         renew = self.parameters.resubscribe_after
         states = joint_state_inboxes(self, self.parameters)
         self.joint_states, *self._further = states
@@ -127,6 +134,7 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
                 fallback_temperatures(self._pipeline.power.fallback_use),
             ),
             self._account_publisher.checkpoints.findings,
+            self._condition.findings,
             self._model_check.findings,
         ]
 
@@ -173,6 +181,7 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
         self._joints(messages_in(states), lambda: self.ingest.step(states))
         self.guard.run("publish.power", self._account_publisher.tick)
         self.guard.run("registers", self._account_publisher.checkpoints.poll)
+        self.guard.run("condition", self._condition.tick)
 
     def deactivate(self) -> None:
         """Book and publish what still waits."""

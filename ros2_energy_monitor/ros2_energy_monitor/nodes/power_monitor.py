@@ -15,6 +15,7 @@ from robot_energy.blocks import FrictionBlock, MeterBlock, PowerBlock, TorqueBlo
 from robot_energy.messages import FrictionReader, TorqueReader
 from robot_energy.pipeline import PowerStage
 from ros2_energy_monitor.base.account_publisher import AccountPublisher
+from ros2_energy_monitor.base.condition_publisher import ConditionPublisher
 from ros2_energy_monitor.base.inbox import Inbox
 from ros2_energy_monitor.base.inputs import messages_in, meter_input
 from ros2_energy_monitor.base.monitor_node import MonitorNode
@@ -58,6 +59,12 @@ class PowerMonitor(MonitorNode[PowerParameters]):
         self._account_publisher = AccountPublisher(self, self.model, self.ledger, self.parameters)
         self.exit_stack.callback(self._account_publisher.close)
         self._account_publisher.open()
+        self._condition = ConditionPublisher(
+            *(self, self.model, self._stage.condition, self._stage.thermal),
+            self.parameters.state_folder,
+        )
+        self.exit_stack.callback(self._condition.close)
+        self._condition.open()
         depth = self.parameters.joint_torque_depth
         renew = self.parameters.resubscribe_after
         self.torques = Inbox(
@@ -103,6 +110,7 @@ class PowerMonitor(MonitorNode[PowerParameters]):
                 self._clocks,
             ),
             self._account_publisher.checkpoints.findings,
+            self._condition.findings,
         ]
 
     def activate(self) -> None:
@@ -144,6 +152,7 @@ class PowerMonitor(MonitorNode[PowerParameters]):
             self._publish(mean)
         self.guard.run("publish.power", self._account_publisher.tick)
         self.guard.run("registers", self._account_publisher.checkpoints.poll)
+        self.guard.run("condition", self._condition.tick)
 
     def deactivate(self) -> None:
         """Book and publish what still waits."""
@@ -170,6 +179,7 @@ class PowerMonitor(MonitorNode[PowerParameters]):
     def _use_meter(self, meter: MeterBlock | None) -> None:
         if meter is not None:
             self.ledger.measure(meter)
+            self._stage.condition.measure(meter)
 
     def _use_torque(self, torque: TorqueBlock | None) -> MeanBlock | None:
         return None if torque is None else self._book(self._stage.step(torque))

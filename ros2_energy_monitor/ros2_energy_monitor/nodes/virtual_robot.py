@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 from rclpy.clock import Clock
@@ -13,12 +14,13 @@ from ros2_energy_msgs.msg import MotorTemperatures, PowerReading
 from sensor_msgs.msg import JointState
 
 from robot_energy.motion import random_program, tool_above
-from robot_energy.rig import RigConfig, VirtualRig, load_profile
+from robot_energy.rig import RigConfig, VirtualRig, load_profile, random_profile
 from robot_energy.rig.record import RigEncoder
 from ros2_energy_monitor.base.parameters import RobotParameters, declare
 from ros2_energy_monitor.base.publishers import PacedPublisher, RowPublisher, reliable
 from ros2_energy_monitor.base.run_node import run
 
+BODY = "kr16"
 CLEARANCE = 0.3  # height that the flange keeps above the base [m]
 
 
@@ -32,7 +34,9 @@ def make_rig(parameters: RobotParameters, start_stamp_ns: int) -> VirtualRig:
     Raises:
         RigError: If the figures make no sense together.
     """
-    profile = load_profile("kr16")
+    drawn = parameters.plant_seed >= 0
+    profile = random_profile(BODY, parameters.plant_seed) if drawn else load_profile(BODY)
+    config = RigConfig.hard() if parameters.hard else RigConfig()
     robot, _ = profile.mechanics()
     program = random_program(
         profile.motion_limits(robot),
@@ -43,7 +47,7 @@ def make_rig(parameters: RobotParameters, start_stamp_ns: int) -> VirtualRig:
     return VirtualRig(
         profile,
         program,
-        RigConfig(thermal_speedup=parameters.thermal_speedup),
+        replace(config, thermal_speedup=parameters.thermal_speedup),
         seed=parameters.seed,
         start_temperature_degc=parameters.start_temperature_degc,
         ambient_degc=parameters.ambient_degc,

@@ -98,7 +98,7 @@ class RegisterServices:
         return response
 
     def _message(self, interval: record.EnergyInterval) -> EnergyInterval:
-        fields = interval_fields(interval, self._names)
+        fields = interval_fields(interval, self._names, self._ledger.calibration)
         joints = [JointEnergy(**joint) for joint in fields.pop("joints")]
         start, end = _time(fields.pop("start_ns")), _time(fields.pop("end_ns"))
         return EnergyInterval(start=start, end=end, joints=joints, **fields)

@@ -16,6 +16,7 @@ import numpy as np
 
 from robot_energy.accounting.account_record import carry_into, record_of, totals_of
 from robot_energy.accounting.averaging import Averager, MeanBlock
+from robot_energy.accounting.band_calibration import BandCalibration
 from robot_energy.accounting.comparison import Comparison
 from robot_energy.accounting.event_log import EventLog
 from robot_energy.accounting.exact_sum import ExactSum, add_saturating
@@ -46,6 +47,7 @@ from robot_energy.errors import RegisterError
 from robot_energy.timeline.coverage import Coverage
 from robot_energy.timeline.pieces import Compared
 from robot_energy.timeline.stamps import MAX_STAMP_NS, MIN_STAMP_NS
+from robot_energy.uncertainty.band import EnergyBand
 from robot_energy.units import MAX_COUNTER
 
 BITS = tuple(int(bit) for bit in Quality)
@@ -70,10 +72,12 @@ class EnergyAccount:
         repeated: Samples left out after a restart because their time was counted before it.
         phase_energy_sum: Energy drawn from the grid by phase, exact.
         phase_ns: Observed time by phase, shape (phases,). [ns]
+        learned_energy_sum: Drawn from the grid as predicted with learned figures, exact.
         intervals: Energy of jobs and cycles.
+        calibration: How wide the bands of predicted power and energy must be.
         trace: Resets, restarts, changes of the model.
         restarts: How often the account was continued from a record.
-        on_compared: Called with what became comparable in each step, for plots.
+        on_compared: Called with what became comparable, for plots.
     """
 
     def __init__(self, n_joints: int, settings: AccountSettings | None = None) -> None:
@@ -100,7 +104,9 @@ class EnergyAccount:
         self.samples = 0
         self.phase_energy_sum = ExactSum(len(Phase))
         self.phase_ns: Int = np.zeros(len(Phase), dtype=np.int64)
+        self.learned_energy_sum = ExactSum(1)
         self.intervals = JobIntervals()
+        self.calibration = BandCalibration()
         self.trace = EventLog()
         self.restarts = 0
         self._unplaced: deque[SupplyBlock] = deque()
@@ -161,7 +167,8 @@ class EnergyAccount:
 
     def _arrays(self) -> list[Int]:
         """The counters that are arrays."""
-        sums = (self.registers, self.shaft, self.comparison, self.phase_energy_sum)
+        energies = (self.phase_energy_sum, self.learned_energy_sum)
+        sums = (self.registers, self.shaft, self.comparison, *energies)
         pairs = [array for each in sums for array in (each.microjoule, each.remainder)]
         return [*pairs, self.shaft.compared_ns, self.phase_ns]
 
@@ -184,6 +191,8 @@ class EnergyAccount:
         means = None
         if self._averager is not None:
             means = self._averager.step(block, intervals, shaft, compared)
+        self.calibration.meter(self.comparison.location)
+        self.calibration.step(block, intervals, self.registers.deviations, compared, means)
         return means, compared
 
     def _compare(self, block: PowerBlock) -> Compared:
@@ -248,13 +257,12 @@ class EnergyAccount:
         """Count nothing from the last to the next sample: a gap, as over a restart."""
         self.registers.interrupt()
         self.comparison.interrupt()
+        self.calibration.interrupt()
         self._unplaced.clear()
         self._resume_ns = self.registers.time.end_ns
 
     def reset(self, reason: str) -> None:
-        """Set all counters to zero at the newest counted sample.
-
-        Open intervals go on and keep what they have counted. The totals stay in the trace.
+        """Set all counters to zero at the newest sample; open intervals keep what they counted.
 
         Args:
             reason: Why, in words.
@@ -283,6 +291,7 @@ class EnergyAccount:
         self.shaft.reset()
         self.comparison.reset()
         self.phase_energy_sum.reset()
+        self.learned_energy_sum.reset()
         self.phase_ns[:] = 0
         self.peak_power = float("nan")
         self.quality.clear()
@@ -337,27 +346,29 @@ class EnergyAccount:
 
     def flush(self) -> MeanBlock | None:
         """Return the mean of the period that is still open."""
-        return None if self._averager is None else self._averager.flush()
+        means = None if self._averager is None else self._averager.flush()
+        if means is not None:
+            self.calibration.finish(means)
+        return means
+
+    @property
+    def energy_band(self) -> EnergyBand:
+        """How sure the predicted net energy from the grid is."""
+        return self.calibration.energy_band(self.registers.joule[self.registers.deviations])
 
     def phase_energy(self, phase: Phase) -> float:
-        """Predicted energy drawn from the grid in a phase.
+        """Return the predicted energy drawn from the grid in a phase, >= 0. [J]
 
         Args:
             phase: What the robot did.
-
-        Returns:
-            Energy, >= 0. [J]
         """
         return float(self.phase_energy_sum.joule[phase])
 
     def phase_time(self, phase: Phase) -> float:
-        """Observed time in a phase.
+        """Return the observed time in a phase. [s]
 
         Args:
             phase: What the robot did.
-
-        Returns:
-            Time. [s]
         """
         return float(self.phase_ns[phase]) * 1e-9
 
@@ -371,6 +382,9 @@ class EnergyAccount:
         rows = np.arange(len(block))
         split[rows, block.phase] = energy
         self.phase_energy_sum.add(split)
+        if met & Quality.LEARNED:
+            learned = block.quality & np.uint32(Quality.LEARNED) > 0
+            self.learned_energy_sum.add(np.where(learned, energy, 0.0)[:, None])
         durations = np.bincount(block.phase, weights=duration_ns, minlength=len(Phase))
         add_saturating(self.phase_ns, durations.astype(np.int64))
         finite = block.grid_power[np.isfinite(block.grid_power)]

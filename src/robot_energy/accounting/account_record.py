@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from robot_energy.accounting.event_log import EventLog
-from robot_energy.accounting.exact_sum import add_saturating
+from robot_energy.accounting.exact_sum import PER_JOULE, add_saturating
 from robot_energy.accounting.record import (
-    JOINT_KEYS,
+    CABINET_DEVIATION_KEYS,
+    CABINET_KEYS,
+    JOINT_DEVIATION_KEYS,
     SHAFT_KEYS,
     AccountRecord,
     Identity,
@@ -19,11 +21,13 @@ from robot_energy.accounting.record import (
     saturated,
 )
 from robot_energy.accounting.registers import CABINET_REGISTERS, JOINT_REGISTERS
-from robot_energy.blocks import Int, Phase, Quality
+from robot_energy.blocks import Float, Int, Phase, Quality
 from robot_energy.timeline.coverage import Coverage
 
 if TYPE_CHECKING:
     from robot_energy.accounting.account import EnergyAccount
+
+_ORDER = (*CABINET_REGISTERS, *JOINT_REGISTERS, *CABINET_DEVIATION_KEYS, *JOINT_DEVIATION_KEYS)
 
 
 def totals_of(account: EnergyAccount) -> Totals:
@@ -71,11 +75,13 @@ def record_of(account: EnergyAccount, identity: Identity) -> AccountRecord:
             measured=int(comparison.remainder[0]),
             predicted_at_meter=int(comparison.remainder[1]),
             phases=dict(zip(phases, phase_energy.remainder.tolist(), strict=True)),
+            learned=int(account.learned_energy_sum.remainder[0]),
         ),
         phase_energy_microjoule=dict(zip(phases, phase_energy.microjoule.tolist(), strict=True)),
         phase_observed_ns=dict(zip(phases, account.phase_ns.tolist(), strict=True)),
         peak_power_watt=account.peak_power if np.isfinite(account.peak_power) else None,
         samples=account.samples,
+        learned_energy_microjoule=int(account.learned_energy_sum.microjoule[0]),
         quality_counts={
             str(Quality(bit).name): saturated(count)
             for bit, count in sorted(account.quality.items())
@@ -85,6 +91,7 @@ def record_of(account: EnergyAccount, identity: Identity) -> AccountRecord:
         open_intervals=entries,
         closed_intervals=closed,
         trace=account.trace.entries,
+        calibration=account.calibration.state(),
     )
 
 
@@ -111,8 +118,8 @@ def carry_into(account: EnergyAccount, record: AccountRecord) -> None:
         registers.interrupt()
     energy = totals.joint_energy_microjoule
     registers.add_sums(
-        _integers(*_in_order(totals.cabinet_energy_microjoule), *_rows(energy, JOINT_REGISTERS)),
-        _integers(*_in_order(rest.cabinet), *_rows(rest.joints, JOINT_REGISTERS)),
+        _integers(*_in_order(totals.cabinet_energy_microjoule, energy)),
+        _integers(*_in_order(rest.cabinet, rest.joints)),
     )
     account.shaft.add_sums(
         _integers(*_rows(energy, SHAFT_KEYS)),
@@ -129,6 +136,9 @@ def carry_into(account: EnergyAccount, record: AccountRecord) -> None:
         _integers(*(record.phase_energy_microjoule.get(name, 0) for name in names)),
         _integers(*(rest.phases.get(name, 0) for name in names)),
     )
+    account.learned_energy_sum.add_sums(
+        _integers(record.learned_energy_microjoule), _integers(rest.learned)
+    )
     add_saturating(
         account.phase_ns, _integers(*(record.phase_observed_ns.get(name, 0) for name in names))
     )
@@ -143,19 +153,43 @@ def carry_into(account: EnergyAccount, record: AccountRecord) -> None:
         account.quality[int(bit)] += record.quality_counts.get(str(bit.name), 0)
     account.quality += type(account.quality)()  # drop what is zero
     account.restarts += record.restarts
+    if record.calibration is not None:
+        account.calibration.restore(record.calibration)
     account.trace = EventLog((*record.trace, *account.trace.entries))
+
+
+def deviation_of(counted: Totals) -> Float:
+    """Return the integrals of the deviations, in the order of the registers, shape (K,). [J]
+
+    Args:
+        counted: By all counters, or between two instants.
+    """
+    cabinet, joints = counted.cabinet_energy_microjoule, counted.joint_energy_microjoule
+    values = [cabinet[name] for name in CABINET_DEVIATION_KEYS]
+    return np.array([*values, *_rows(joints, JOINT_DEVIATION_KEYS)]) / PER_JOULE
 
 
 def _by_name(values: Int, shaft: Int) -> tuple[dict[str, int], dict[str, tuple[int, ...]]]:
     """Split registers, and those of the shaft comparison, into cabinet and joints."""
-    first = len(CABINET_REGISTERS)
-    cabinet: dict[str, int] = dict(zip(CABINET_REGISTERS, values[:first].tolist(), strict=True))
-    table = np.concatenate([values[first:], shaft]).reshape(len(JOINT_KEYS), -1).tolist()
-    return cabinet, {name: tuple(row) for name, row in zip(JOINT_KEYS, table, strict=True)}
+    n_joints = len(shaft) // len(SHAFT_KEYS)
+    cabinet: dict[str, int] = {}
+    joints: dict[str, tuple[int, ...]] = {}
+    row = [*values.tolist(), *shaft.tolist()]
+    for name in (*_ORDER, *SHAFT_KEYS):
+        if name in CABINET_KEYS:
+            cabinet[name], *row = row
+        else:
+            joints[name], row = tuple(row[:n_joints]), row[n_joints:]
+    return cabinet, joints
 
 
-def _in_order(cabinet: dict[str, int]) -> list[int]:
-    return [cabinet[name] for name in CABINET_REGISTERS]
+def _in_order(cabinet: dict[str, int], joints: dict[str, tuple[int, ...]]) -> list[int]:
+    """Values of the registers in the order of `Registers`."""
+    return [
+        value
+        for name in _ORDER
+        for value in ((cabinet[name],) if name in CABINET_KEYS else joints[name])
+    ]
 
 
 def _rows(joints: dict[str, tuple[int, ...]], names: Sequence[str]) -> list[int]:

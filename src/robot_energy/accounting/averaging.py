@@ -19,6 +19,7 @@ from robot_energy.blocks import (
     differences,
 )
 from robot_energy.timeline.pieces import Compared
+from robot_energy.uncertainty.band import Z90, BandKind, power_std
 
 # A comparison older than this, and than twice the time it covers, is no longer shown.
 HOLD_NS = 2_000_000_000
@@ -36,6 +37,9 @@ class MeanBlock(Block):
         coverage: Integrated share of the time since the last period, shape (W,). [-]
         cabinet: Mean of each cabinet register's power, shape (W, 6). [W]
         joints: Mean of each joint register's power, shape (W, 5, n). [W]
+        deviation: Mean of the deviations of the power, shape (W, K). [W]
+        band_half: Half width of the 90 % band about the mean grid power, shape (W,). [W]
+        band: What kind of band it is, `robot_energy.uncertainty.band.BandKind`, shape (W,).
         shaft_power_measured: Mean, shape (W, n); NaN unless the effort covers all of the
             time integrated, so that it compares with the predicted mean. [W]
         motor_velocity, motor_torque, motor_torque_measured, coulomb, viscous,
@@ -53,6 +57,9 @@ class MeanBlock(Block):
     coverage: Float
     cabinet: Float
     joints: Float
+    deviation: Float
+    band_half: Float
+    band: Int
     shaft_power_measured: Float
     motor_velocity: Float
     motor_torque: Float
@@ -76,6 +83,11 @@ class MeanBlock(Block):
             Shape (W,). [W]
         """
         return self.cabinet[:, CABINET_REGISTERS.index(name)]
+
+    @property
+    def predicted_power(self) -> Float:
+        """Mean net power from the grid, shape (W,). [W]"""
+        return self.mean("grid_import") - self.mean("grid_return")
 
     def joint_mean(self, name: str) -> Float:
         """Return the mean of a joint register's power.
@@ -231,6 +243,7 @@ class Averager:
         n_joints = last.rigid_power.shape[1]
         split = len(CABINET_REGISTERS)
         end = split + len(JOINT_REGISTERS) * n_joints
+        deviation = power[:, end : end + last.deviation.shape[1]]
         measured = self._show(stamp)
         return MeanBlock(
             stamp_ns=stamp,
@@ -240,7 +253,10 @@ class Averager:
             coverage=coverage,
             cabinet=power[:, :split],
             joints=power[:, split:end].reshape(len(stamp), len(JOINT_REGISTERS), n_joints),
-            shaft_power_measured=power[:, end:],
+            deviation=deviation,
+            band_half=Z90 * power_std(deviation),
+            band=np.full(len(stamp), BandKind.PARAMETRIC),
+            shaft_power_measured=power[:, end + deviation.shape[1] :],
             motor_velocity=last.motor_velocity,
             motor_torque=last.motor_torque,
             motor_torque_measured=last.motor_torque_measured,

@@ -1,9 +1,8 @@
 """What is kept of the registers across restarts: plain values with units in their names.
 
-A state file holds one `AccountRecord` as JSON. It is strict: unknown keys and missing units
-are refused as a whole, never adapted. Only where an earlier release let a number or a text
-grow beyond what can be kept, that one is brought to its limit, and `AccountRecord.repairs`
-says so.
+A state file holds one `AccountRecord` as JSON: unknown keys and missing units are refused as
+a whole. Only where an earlier release let a number or a text grow beyond what can be kept, that
+one is brought to its limit, and `AccountRecord.repairs` says so.
 """
 
 from __future__ import annotations
@@ -27,11 +26,16 @@ from robot_energy.accounting.registers import CABINET_REGISTERS, JOINT_REGISTERS
 from robot_energy.errors import StateFileError
 from robot_energy.shown_text import shown
 from robot_energy.timeline.stamps import MAX_STAMP_NS, MIN_STAMP_NS
+from robot_energy.uncertainty.deviation import CABINET_DEVIATIONS, JOINT_DEVIATIONS
 from robot_energy.units import MAX_COUNTER
 
-FORMAT_VERSION = 2  # 1 had no node
+FORMAT_VERSION = 3  # 1 had no node, 2 no calibration
 SHAFT_KEYS = tuple(f"shaft_{name}" for name in SHAFT_REGISTERS)
-JOINT_KEYS = (*JOINT_REGISTERS, *SHAFT_KEYS)
+CABINET_DEVIATION_KEYS = tuple(f"deviation_{name}" for name in CABINET_DEVIATIONS)
+JOINT_DEVIATION_KEYS = tuple(f"deviation_{name}" for name in JOINT_DEVIATIONS)
+DEVIATION_KEYS = frozenset((*CABINET_DEVIATION_KEYS, *JOINT_DEVIATION_KEYS))
+CABINET_KEYS = (*CABINET_REGISTERS, *CABINET_DEVIATION_KEYS)
+JOINT_KEYS = (*JOINT_REGISTERS, *SHAFT_KEYS, *JOINT_DEVIATION_KEYS)
 
 Integer = Annotated[int, Field(ge=-MAX_COUNTER, le=MAX_COUNTER)]
 Count = Annotated[int, Field(ge=0, le=MAX_COUNTER)]
@@ -82,7 +86,7 @@ class Totals(RecordPart):
     """All counters at an instant, or what they counted between two; exact integers.
 
     Attributes:
-        cabinet_energy_microjoule: By the names of ``CABINET_REGISTERS``. [uJ]
+        cabinet_energy_microjoule: By the names of ``CABINET_KEYS``. [uJ]
         joint_energy_microjoule: By the names of ``JOINT_KEYS``, joints in order. [uJ]
         shaft_compared_ns: Time with a measured shaft power of each joint. [ns]
         measured_energy_microjoule: By the meter, while compared. [uJ]
@@ -106,10 +110,7 @@ class Totals(RecordPart):
     jumps: Integer
 
     def __sub__(self, earlier: Totals) -> Totals:
-        """Return what was counted since earlier totals of the same registers.
-
-        A difference that a counter cannot hold stays at the limit.
-        """
+        """Return what was counted since earlier totals of the same registers, within limits."""
         cabinet, joints = earlier.cabinet_energy_microjoule, earlier.joint_energy_microjoule
         return Totals(
             cabinet_energy_microjoule={
@@ -137,7 +138,7 @@ class Totals(RecordPart):
             StateFileError: If a register is unknown or has another number of joints.
         """
         cabinet, joints = self.cabinet_energy_microjoule, self.joint_energy_microjoule
-        unknown = (set(cabinet) - {*CABINET_REGISTERS}) | (set(joints) - {*JOINT_KEYS})
+        unknown = (set(cabinet) - {*CABINET_KEYS}) | (set(joints) - {*JOINT_KEYS})
         if unknown:
             raise StateFileError(
                 f"the state has a register '{min(unknown)}'",
@@ -150,9 +151,7 @@ class Totals(RecordPart):
         zero = (0,) * len(order)
         return self.model_copy(
             update={
-                "cabinet_energy_microjoule": {
-                    name: cabinet.get(name, 0) for name in CABINET_REGISTERS
-                },
+                "cabinet_energy_microjoule": {name: cabinet.get(name, 0) for name in CABINET_KEYS},
                 "joint_energy_microjoule": {
                     name: tuple(joints.get(name, zero)[index] for index in order)
                     for name in JOINT_KEYS
@@ -170,6 +169,7 @@ class Remainders(RecordPart):
     measured: Remainder
     predicted_at_meter: Remainder
     phases: dict[str, Remainder]
+    learned: Remainder = 0
 
     def arranged(self, order: Sequence[int]) -> Remainders:
         """Return them with joints in another order and new registers at zero.
@@ -180,7 +180,7 @@ class Remainders(RecordPart):
         zero = (0,) * len(order)
         return self.model_copy(
             update={
-                "cabinet": {name: self.cabinet.get(name, 0) for name in CABINET_REGISTERS},
+                "cabinet": {name: self.cabinet.get(name, 0) for name in CABINET_KEYS},
                 "joints": {
                     name: tuple(self.joints.get(name, zero)[index] for index in order)
                     for name in JOINT_KEYS
@@ -265,6 +265,24 @@ class Identity(RecordPart):
     node: str = ""
 
 
+class Calibrated(RecordPart):
+    """How wide bands must be, see `robot_energy.accounting.band_calibration`.
+
+    Attributes:
+        location: Where the meter sat, name of a `MeterLocation`.
+        log_scale: Logarithm of the scale of power by phase, the first of all phases.
+        readings: Of the meter, behind each.
+        energy_scores: Of the newest half minutes, oldest first.
+        energy_outside: Share of energies that may lie outside their band now. [-]
+    """
+
+    location: Literal["UNKNOWN", "GRID", "DC_BUS"]
+    log_scale: tuple[Power, ...]
+    readings: tuple[Count, ...]
+    energy_scores: tuple[Power, ...]
+    energy_outside: Power
+
+
 class AccountRecord(RecordPart):
     """All that an energy account keeps across a restart.
 
@@ -279,15 +297,17 @@ class AccountRecord(RecordPart):
         phase_observed_ns: Observed time by phase. [ns]
         peak_power_watt: Highest grid power since the start. [W]
         samples: Power samples taken.
+        learned_energy_microjoule: Drawn from the grid as predicted with learned figures. [uJ]
         quality_counts: Samples that carried each quality bit, by its name.
         restarts: How often the registers were taken over from a file.
         next_interval_id: Number of the next interval.
         open_intervals: Those that still count.
         closed_intervals: The latest closed ones, oldest first.
         trace: Resets, restarts, changes of the model; the latest of each kind.
+        calibration: Of the bands; None before format 3.
     """
 
-    format_version: Literal[1, 2] = FORMAT_VERSION
+    format_version: Literal[1, 2, 3] = FORMAT_VERSION
     identity: Identity
     energy_start_ns: Stamp | None
     end_ns: Stamp | None
@@ -297,12 +317,14 @@ class AccountRecord(RecordPart):
     phase_observed_ns: dict[str, Count]
     peak_power_watt: Power | None
     samples: Count
+    learned_energy_microjoule: Integer = 0
     quality_counts: dict[str, Count]
     restarts: Count
     next_interval_id: Count
     open_intervals: tuple[OpenInterval, ...]
     closed_intervals: tuple[EnergyInterval, ...]
     trace: tuple[TraceEntry, ...]
+    calibration: Calibrated | None = None
     _repairs: tuple[str, ...] = PrivateAttr(())
 
     @property

@@ -1,7 +1,8 @@
 """The energy registers of one robot: cabinet and joints, drawn and given.
 
 Each interval between two finite samples of one segment adds its trapezoid (paper A,
-eq. 7) to exact sums.
+eq. 7) to exact sums. So do the deviations of the power, whose sums say how sure the
+energies are.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from robot_energy.accounting.exact_sum import ExactSum
 from robot_energy.accounting.integration import SampleIntervals, TrapezoidIntegrator
 from robot_energy.blocks import Float, PowerBlock
 from robot_energy.timeline.coverage import Coverage
+from robot_energy.uncertainty.deviation import CABINET_DEVIATIONS, JOINT_DEVIATIONS
 
 CABINET_REGISTERS = ("grid_import", "grid_return", "brake", "loss_dc", "loss_grid", "capacitor")
 JOINT_REGISTERS = ("shaft_positive", "shaft_negative", "rigid", "friction", "drive_loss")
@@ -24,15 +26,20 @@ SHAFT_REGISTERS = (
 
 
 class Registers(ExactSum):
-    """The energy registers of one robot: those of the cabinet, then each joint register.
+    """The energy registers of one robot: of the cabinet, of each joint, then the deviations.
 
     Args:
         n_joints: Number of joints.
+
+    Attributes:
+        deviations: Where the deviations lie.
     """
 
     def __init__(self, n_joints: int) -> None:
-        super().__init__(len(CABINET_REGISTERS) + len(JOINT_REGISTERS) * n_joints)
+        energies = len(CABINET_REGISTERS) + len(JOINT_REGISTERS) * n_joints
+        super().__init__(energies + len(CABINET_DEVIATIONS) + len(JOINT_DEVIATIONS) * n_joints)
         self.n_joints = n_joints
+        self.deviations = slice(energies, None)
         self._trapezoid = TrapezoidIntegrator()
 
     @property
@@ -93,7 +100,9 @@ def _columns(block: PowerBlock) -> Float:
     """Power behind each register, shape (N, R). [W]"""
     grid, n_joints = block.grid_power, block.rigid_power.shape[1]
     first = len(CABINET_REGISTERS)
-    columns = np.empty((len(block), first + len(JOINT_REGISTERS) * n_joints), order="F")
+    last = first + len(JOINT_REGISTERS) * n_joints
+    columns = np.empty((len(block), last + block.deviation.shape[1]), order="F")
+    columns[:, last:] = block.deviation
     columns[:, 0] = np.maximum(grid, 0.0)
     columns[:, 1] = np.maximum(-grid, 0.0)
     columns[:, 2] = block.brake_power

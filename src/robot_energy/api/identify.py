@@ -26,6 +26,7 @@ if TYPE_CHECKING:
         FrictionReport,
         IdentificationReport,
     )
+    from robot_energy.results.thermal import ThermalReport
 
 Found = TypeVar("Found", bound=Result)
 Names = str | Path | Sequence[str | Path]
@@ -107,7 +108,52 @@ def identify_friction(
             fits = lend(fits, data, source)
         check_friction(fits)
     found = FrictionReport(effort or "measured", tuple(fits), tuple(refused))
-    return IdentificationResult(with_friction(used, fits, source), found)
+    written = _made_from(with_friction(used, fits, source), "Friction identified.", paths)
+    return IdentificationResult(written, found)
+
+
+def identify_thermal(
+    bags: Names | BagSource,
+    model: ModelName,
+    *,
+    ambient_degc: float | None = None,
+    inputs: str | Path | None = None,
+    progress: Stages = silent,
+) -> IdentificationResult[ThermalReport]:
+    """Identify the thermal network of every motor from the losses of the model.
+
+    Args:
+        bags: Recordings of one robot from a cold start, with motor temperatures; or how they
+            are read.
+        model: Model with friction and drives; the model, its file, or the name of a shipped one.
+        ambient_degc: Temperature of the air; None: the coldest first reading. [degC]
+        inputs: Parameter file of a monitor: read the bags as that node reads its topics.
+        progress: Called with what is going on; gives a function of the share done.
+
+    Returns:
+        Networks with held-out errors, and the model with them.
+
+    Raises:
+        NotIdentifiableError: If no motor warms enough, or losses predict no temperature.
+        RobotEnergyError: If recordings or model cannot be used.
+    """
+    from robot_energy.identify.thermal.network import fit_networks, with_networks
+    from robot_energy.identify.thermal.windows import runs_of_recordings, without_networks
+    from robot_energy.results.thermal import ThermalReport
+
+    read = (
+        bags
+        if isinstance(bags, BagSource)
+        else BagSource(_paths(bags), None, inputs, progress=progress)
+    )
+    used, paths = model_of(model), [Path(bag) for bag in read.bags]
+    recordings = read.recordings(without_networks(used))
+    runs = [runs_of_recordings(recordings, joint) for joint in range(len(used.joints))]
+    with progress("identifying"):
+        ambient, fits, refused = fit_networks(used.joint_names, runs, ambient_degc, _names(paths))
+    found = ThermalReport("losses", ambient, tuple(fits), tuple(refused))
+    written = _made_from(with_networks(used, fits, ambient), "Thermal networks identified.", paths)
+    return IdentificationResult(written, found)
 
 
 def identify_cabinet(
@@ -148,7 +194,8 @@ def identify_cabinet(
     refuse_meter(recordings, EffortMeaning.NONE)
     found = fit_supply(recordings, _names(paths), link_voltages)
     check_cabinet(found.cabinet)
-    return IdentificationResult(found.model, cabinet_report(found))
+    written = _made_from(found.model, "Constant losses of the cabinet identified.", paths)
+    return IdentificationResult(written, cabinet_report(found))
 
 
 def identify_dynamics(
@@ -185,6 +232,7 @@ def identify_dynamics(
     from robot_energy.identify.dynamics.dynamics import DynamicsSettings, identify_dynamics
     from robot_energy.identify.dynamics.dynamics_model import to_model
     from robot_energy.identify.plausibility import check_dynamics
+    from robot_energy.identify.provenance import hashed
     from robot_energy.results.dynamics import dynamics_report
 
     used, paths = model_of(model), _paths(bags)
@@ -197,7 +245,7 @@ def identify_dynamics(
     held_out, consistent = result.held_out(), result.held_out_consistent()
     with cause_named(lambda: [evidence_of_rows(result)]):
         check_dynamics(result, consistent)
-    written = to_model(result, [path.name for path in paths])
+    written = to_model(result, [hashed(path) for path in paths])
     return IdentificationResult(written, dynamics_report(result, held_out, consistent))
 
 
@@ -338,6 +386,14 @@ def _require_something(whole: FullIdentification) -> None:
             f"nothing can be identified from these recordings. {reasons}",
             remedy="record with torque or current, temperature, or a power meter",
         )
+
+
+def _made_from(model: RobotModel, done: str, paths: Sequence[Path]) -> RobotModel:
+    """The model with the recordings that it was identified from."""
+    from robot_energy.identify.provenance import hashed, identified_from
+
+    bags = [hashed(path) for path in paths]
+    return model.changed(provenance=identified_from(model.provenance, done, bags))
 
 
 def _paths(bags: Names) -> list[Path]:

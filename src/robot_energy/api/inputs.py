@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from robot_energy.blocks import EffortMeaning
+from robot_energy.condition.learner import Learning
 from robot_energy.errors import ModelFileError, ParameterError
 from robot_energy.inputs.inputs_file import read_inputs
 from robot_energy.model import RobotModel, load
@@ -51,6 +52,23 @@ def effort_meaning(effort: str) -> EffortMeaning:
     if effort not in tuple(EffortMeaning):
         raise ParameterError(f"effort is '{effort}'", f"one of {', '.join(EffortMeaning)}")
     return EffortMeaning(effort)
+
+
+def learning_named(learning: str) -> Learning:
+    """Return what is done with learned figures.
+
+    Args:
+        learning: Its name.
+
+    Returns:
+        The meaning.
+
+    Raises:
+        ParameterError: If it is unknown.
+    """
+    if learning not in tuple(Learning):
+        raise ParameterError(f"learning is '{learning}'", f"one of {', '.join(Learning)}")
+    return Learning(learning)
 
 
 def driver_inputs(path: str | Path | None, robot: str | None) -> tuple[Inputs | None, list[str]]:

@@ -9,14 +9,24 @@ from typing import Any, Literal, TypedDict, Unpack
 
 from robot_energy import bag_replay
 from robot_energy.accounting.averaging import MeanBlock
-from robot_energy.api.inputs import ModelName, driver_inputs, effort_meaning, model_of
+from robot_energy.api.inputs import (
+    ModelName,
+    driver_inputs,
+    effort_meaning,
+    learning_named,
+    model_of,
+)
 from robot_energy.api.power_table import empty_table, period_table, sample_table
-from robot_energy.bag_replay import Replay, Topics
+from robot_energy.bag.time_range import TimeRange
+from robot_energy.bag_replay import Replay
 from robot_energy.blocks import PowerBlock
+from robot_energy.condition.record import ConditionRecord
 from robot_energy.inputs.sources import JointStateSource
 from robot_energy.model import RobotModel
 from robot_energy.physics.friction import with_fixed_friction
 from robot_energy.pipeline import Output, Settings
+from robot_energy.recorded_jobs import load_jobs
+from robot_energy.replay_topics import Topics
 from robot_energy.results.energy import EnergyBreakdown, JointEnergy, MeterComparison, PhaseEnergy
 from robot_energy.results.replay import ReplayReport, replay_report
 from robot_energy.time_series import TimeSeries
@@ -45,6 +55,12 @@ class ReplayOptions(TypedDict, total=False):
         max_gap: Longest time between two joint states that is bridged; 0: five times their
             usual period, 0.1 s to 1 s. [s]
         meter_max_gap: Longest time between meter readings that is bridged. [s]
+        start: Read the bag from here on: after its start, negative: before its end. [s]
+        end: Read the bag up to here, likewise. [s]
+        jobs: File of jobs and cycles to count.
+        learning: What is learned of friction and constant losses: ``off``, ``observe`` (default)
+            or ``apply``, to predict with it.
+        learned: What an earlier recording has taught, the `state` of its learner.
         out: Folder of a new bag for the energy topics.
         overwrite: Whether an existing ``out`` may be replaced.
         progress: Called with the share done, 0 to 1.
@@ -63,6 +79,11 @@ class ReplayOptions(TypedDict, total=False):
     temperature_wait: float | None
     max_gap: float | None
     meter_max_gap: float | None
+    learning: str | None
+    learned: ConditionRecord | None
+    start: float | None
+    end: float | None
+    jobs: str | Path | None
     out: str | Path | None
     overwrite: bool
     progress: Callable[[float], None] | None
@@ -161,8 +182,6 @@ def replay_over_time(
     model: RobotModel,
     *,
     power_period: float | None = None,
-    keep_curves: bool = False,
-    on_output: Callable[[Output], None] | None = None,
     **options: Unpack[ReplayOptions],
 ) -> tuple[Replay, TimeSeries]:
     """Replay a bag and keep its power over time.
@@ -171,8 +190,6 @@ def replay_over_time(
         bag: MCAP file or rosbag2 folder.
         model: The robot's model.
         power_period: Averaging period of the table; None: one row per sample. [s]
-        keep_curves: Whether to keep energies over time for figures.
-        on_output: Called with what each step of the pipeline gave.
         **options: What is read and how.
 
     Returns:
@@ -189,13 +206,10 @@ def replay_over_time(
             blocks.append(output.power)
         if power_period is not None and output.means is not None:
             means.append(output.means)
-        if on_output is not None:
-            on_output(output)
 
     result = run_replay(
-        bag, model, **options, power_period=power_period, on_output=take, keep_compared=True,
-        keep_curves=keep_curves,
-    )  # fmt: skip
+        bag, model, **options, power_period=power_period, on_output=take, keep_compared=True
+    )
     compared = result.compared if result.topics.meter else None
     names = model.joint_names
     if blocks:
@@ -246,11 +260,13 @@ def run_replay(
         RobotEnergyError: If bag, model or an option cannot be used.
     """
     read, notes = driver_inputs(options.get("inputs"), options.get("robot"))
-    settings = {
+    settings: dict[str, Any] = {
         name: options.get(name)
         for name in ("derivative_window", "temperature_wait", "max_gap", "meter_max_gap")
     }
     settings["power_period"] = power_period
+    if (learning := options.get("learning")) is not None:
+        settings["learning"] = learning_named(learning)
     given: dict[str, Any] = {name: value for name, value in settings.items() if value is not None}
     if read is not None:
         given = {"max_gap": read.max_gap, "meter_max_gap": read.meter_max_gap, **given}
@@ -283,6 +299,9 @@ def run_replay(
         inputs=read,
         states=states,
         on_output=on_output,
+        time_range=TimeRange(options.get("start"), options.get("end")),
+        learned=options.get("learned"),
+        jobs=load_jobs(jobs) if (jobs := options.get("jobs")) else (),
     )
     result.notes[:0] = notes
     return result

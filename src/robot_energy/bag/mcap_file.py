@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from robot_energy.bag import mcap_records as records
 from robot_energy.bag.mcap_block import McapChunk, indexed_block, walked_block
-from robot_energy.bag.mcap_records import FRAME, RecordError
+from robot_energy.bag.mcap_records import FRAME, LogTimes, RecordError
 from robot_energy.bag.mcap_summary import read_closing
 from robot_energy.errors import BagError
 from robot_energy.files.first_bytes import MAX_MAGIC, named
@@ -74,7 +74,9 @@ class McapFile:
             self.schemas.update(self.summary.schemas)
             self.channels.update(self.summary.channels)
 
-    def blocks(self, topics: Collection[str] | None = None) -> Iterator[McapChunk]:
+    def blocks(
+        self, topics: Collection[str] | None = None, spans: Mapping[str, LogTimes] | None = None
+    ) -> Iterator[McapChunk]:
         """Yield the chunks, and runs of messages outside chunks, in file order.
 
         The records themselves are what counts. The summary at the end helps to pass over what
@@ -84,6 +86,8 @@ class McapFile:
         Args:
             topics: Topics that matter; chunks known to hold none of them are left out. None for
                 everything.
+            spans: First and last log time that matter, by topic; chunks known to lie outside are
+                left out as well. [ns]
 
         Yields:
             Blocks with at least one message.
@@ -103,7 +107,7 @@ class McapFile:
                                 continue
                         indexed, wrong = self._indexed(pos, opcode, length)
                         if indexed is not None and topics is not None:
-                            passed = self._passed(file, indexed, topics)
+                            passed = self._passed(file, indexed, topics, spans or {})
                             if passed is not None:
                                 counts.update(passed)
                                 pos = indexed.end
@@ -188,7 +192,11 @@ class McapFile:
         return indexed, ""
 
     def _passed(
-        self, file: BinaryIO, indexed: records.ChunkIndex, topics: Collection[str]
+        self,
+        file: BinaryIO,
+        indexed: records.ChunkIndex,
+        topics: Collection[str],
+        spans: Mapping[str, LogTimes],
     ) -> dict[int, int] | None:
         """Return the messages by channel of a chunk that does not matter; None if it may.
 
@@ -196,8 +204,12 @@ class McapFile:
         """
         if not indexed.channels or not (self.summary and self.summary.channels):
             return None
-        held = (self.channels.get(channel) for channel in indexed.channels)
-        if any(channel is None or channel.topic in topics for channel in held):
+        times = self._chunk_times(file, indexed) if spans else None
+        held = [self.channels.get(channel) for channel in indexed.channels]
+        if any(
+            channel is None or (channel.topic in topics and _meets(spans.get(channel.topic), times))
+            for channel in held
+        ):
             return None
         counts: dict[int, int] = {}
         pos = indexed.start + indexed.length
@@ -215,6 +227,13 @@ class McapFile:
             self._report(_OTHER_CHANNELS.format(indexed.start))
             return None
         return counts
+
+    def _chunk_times(self, file: BinaryIO, indexed: records.ChunkIndex) -> LogTimes | None:
+        """Earliest and latest log time of a chunk; None unless summary and chunk say the same."""
+        file.seek(indexed.start + FRAME.size)
+        head = file.read(16)
+        said = int.from_bytes(head[:8], "little"), int.from_bytes(head[8:], "little")
+        return said if said == (indexed.start_ns, indexed.end_ns) else None
 
     def _step(
         self, file: BinaryIO, pos: int, opcode: int, length: int
@@ -357,3 +376,10 @@ class McapFile:
 
 class EndOfFileError(RecordError):
     """The file ends inside a record."""
+
+
+def _meets(wanted: LogTimes | None, held: LogTimes | None) -> bool:
+    """Whether two stretches share an instant; one that is unknown may."""
+    if wanted is None or held is None:
+        return True
+    return wanted[0] <= held[1] and held[0] <= wanted[1]

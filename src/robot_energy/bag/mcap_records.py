@@ -56,14 +56,29 @@ class Chunk:
     data: memoryview
 
 
+LogTimes = tuple[int, int]
+"""First and last log time of a stretch, both included. [ns]"""
+
+
 @dataclass(frozen=True, slots=True)
 class ChunkIndex:
-    """Where a chunk lies in the file, its length and end with what follows it, its channels."""
+    """Where a chunk lies in the file, its length and end with what follows it, what it holds.
+
+    Attributes:
+        start: First byte of the chunk record.
+        length: Of the record.
+        end: First byte behind the chunk and its indexes.
+        channels: Numbers of its channels.
+        start_ns: Earliest log time. [ns]
+        end_ns: Latest log time. [ns]
+    """
 
     start: int
     length: int
     end: int
     channels: frozenset[int]
+    start_ns: int
+    end_ns: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,13 +197,14 @@ def parse_chunk_index(data: memoryview) -> ChunkIndex:
         RecordError: If the record ends too early.
     """
     cursor = _Cursor(data)
-    cursor.take(16)
+    start_ns, end_ns = cursor.number(8), cursor.number(8)
     start, length = cursor.number(8), cursor.number(8)
     offsets = cursor.sized()
     channels = frozenset(
         unpack_from("<H", offsets, i)[0] for i in range(0, len(offsets) // 10 * 10, 10)
     )
-    return ChunkIndex(start, length, start + length + cursor.number(8), channels)
+    end = start + length + cursor.number(8)
+    return ChunkIndex(start, length, end, channels, start_ns, end_ns)
 
 
 def parse_statistics(data: memoryview) -> Statistics:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from robot_energy.bag.mcap_records import LogTimes
 from robot_energy.bag.sources import BagContents, McapSource, Report
 from robot_energy.bag.sqlite_source import MAX_MESSAGE_BYTES, MAX_VALUE_BYTES, SqliteSource
 from robot_energy.cdr.batch import RawBatch
@@ -60,16 +61,19 @@ class _Packed:
         """
         return self._source.contents()
 
-    def parts(self, topics: dict[str, str]) -> Iterator[dict[str, RawBatch]]:
+    def parts(
+        self, topics: dict[str, str], spans: Mapping[str, LogTimes] | None = None
+    ) -> Iterator[dict[str, RawBatch]]:
         """Yield the messages of some topics, unpacked.
 
         Args:
             topics: Message type by topic.
+            spans: Log times that matter, by topic. [ns]
 
         Yields:
             One batch per topic that has messages in the part.
         """
-        yield from self._source.parts(topics)
+        yield from self._source.parts(topics, spans)
 
 
 class PackedMessages(_Packed):
@@ -84,11 +88,14 @@ class PackedMessages(_Packed):
         super().__init__(source)
         self._report = report
 
-    def parts(self, topics: dict[str, str]) -> Iterator[dict[str, RawBatch]]:
+    def parts(
+        self, topics: dict[str, str], spans: Mapping[str, LogTimes] | None = None
+    ) -> Iterator[dict[str, RawBatch]]:
         """Yield the messages of some topics, unpacked.
 
         Args:
             topics: Message type by topic.
+            spans: Log times that matter, by topic. [ns]
 
         Yields:
             One batch per topic that has messages in the part.
@@ -96,7 +103,7 @@ class PackedMessages(_Packed):
         import zstandard
 
         unpacker = zstandard.ZstdDecompressor()
-        for part in self._source.parts(topics):
+        for part in self._source.parts(topics, spans):
             unpacked = {
                 topic: batch
                 for topic, packed in part.items()

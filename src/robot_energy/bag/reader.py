@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from robot_energy.bag.mcap_records import LogTimes
 from robot_energy.bag.metadata import FILE_NAME, FolderInfo, read_folder_info
 from robot_energy.bag.packed import PackedFile, PackedMessages, Source, open_file
 from robot_energy.bag.sources import BagContents, TopicInfo
@@ -122,7 +125,9 @@ class BagReader:
         )
         raise MissingTopicError(f"{self.path} {have}", f"type {' or '.join(accepted)}", remedy)
 
-    def parts(self, topics: Collection[str]) -> Iterator[dict[str, RawBatch]]:
+    def parts(
+        self, topics: Collection[str], spans: Mapping[str, LogTimes] | None = None
+    ) -> Iterator[dict[str, RawBatch]]:
         """Yield the messages of some topics in file order.
 
         Each part holds one chunk of the bag, or at most 8192 messages. Inside a batch the order
@@ -132,6 +137,7 @@ class BagReader:
 
         Args:
             topics: Names of topics.
+            spans: First and last log time to read, by topic; all of a topic that is not named. [ns]
 
         Yields:
             One batch per topic that has messages in the part; never an empty part.
@@ -140,12 +146,22 @@ class BagReader:
             MissingTopicError: If the bag lacks a topic, or it is not serialized as CDR.
         """
         wanted = {name: self._readable(name).msgtype for name in dict.fromkeys(topics)}
-        return self._parts(wanted)
+        return self._parts(wanted, spans or {})
 
-    def _parts(self, wanted: dict[str, str]) -> Iterator[dict[str, RawBatch]]:
-        if wanted:
-            for source in self._sources:
-                yield from source.parts(wanted)
+    def _parts(
+        self, wanted: dict[str, str], spans: Mapping[str, LogTimes]
+    ) -> Iterator[dict[str, RawBatch]]:
+        if not wanted:
+            return
+        for source in self._sources:
+            for part in source.parts(wanted, spans):
+                within = {
+                    topic: found
+                    for topic, batch in part.items()
+                    if len(found := _within(batch, spans.get(topic)))
+                }
+                if within:
+                    yield within
 
     def _readable(self, topic: str) -> TopicInfo:
         info = self.topics.get(topic)
@@ -232,6 +248,15 @@ class BagReader:
             self._report(
                 f"files of the bag overlap by {overlap * 1e-9:.3f} s; what is in both counts twice"
             )
+
+
+def _within(batch: RawBatch, span: LogTimes | None) -> RawBatch:
+    """The messages whose log times lie in a stretch."""
+    if span is None:
+        return batch
+    times = batch.log_time_ns
+    inside = (times >= span[0]) & (times <= span[1])
+    return batch if inside.all() else batch[np.flatnonzero(inside)]
 
 
 def _same_content(first: Path, second: Path) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from robot_energy.bag.mcap_block import McapChunk, Messages
 from robot_energy.bag.mcap_file import McapFile
+from robot_energy.bag.mcap_records import LogTimes
 from robot_energy.cdr.batch import RawBatch
 from robot_energy.timeline.stamps import SECOND_NS, valid_stamps
 
@@ -143,16 +144,19 @@ class McapSource:
                 result.definitions.setdefault(schema.name, (schema.encoding, schema.text))
         return result
 
-    def parts(self, topics: dict[str, str]) -> Iterator[dict[str, RawBatch]]:
+    def parts(
+        self, topics: dict[str, str], spans: Mapping[str, LogTimes] | None = None
+    ) -> Iterator[dict[str, RawBatch]]:
         """Yield the messages of some topics, a chunk at a time.
 
         Args:
             topics: Message type by topic.
+            spans: Log times that matter, by topic; chunks outside are passed over. [ns]
 
         Yields:
             One batch per topic that has messages in the chunk.
         """
-        for block in self._file.blocks(topics):
+        for block in self._file.blocks(topics, spans):
             part = self._part(block, topics)
             if part:
                 if not block.verified:

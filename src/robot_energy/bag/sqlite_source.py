@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import closing
 from pathlib import Path
 from urllib.parse import quote
 
+from robot_energy.bag.mcap_records import LogTimes
 from robot_energy.bag.sources import (
     BATCH_BYTES,
     BATCH_MESSAGES,
@@ -84,16 +85,24 @@ class SqliteSource:
             raise self._unreadable(str(error)) from error
         return result
 
-    def parts(self, topics: dict[str, str]) -> Iterator[dict[str, RawBatch]]:
+    def parts(
+        self, topics: dict[str, str], spans: Mapping[str, LogTimes] | None = None
+    ) -> Iterator[dict[str, RawBatch]]:
         """Yield the messages of some topics in order of their times, some thousands at a time.
 
         Args:
             topics: Message type by topic.
+            spans: Log times that matter, by topic. [ns]
 
         Yields:
             One batch per topic that has messages among them.
         """
         wanted = [key for key, (name, kind) in self._ids.items() if topics.get(name) == kind]
+        within = ""
+        if spans and spans.keys() >= topics.keys():
+            first = min(spans[name][0] for name in topics)
+            last = max(spans[name][1] for name in topics)
+            within = f"AND timestamp BETWEEN {first:d} AND {last:d} "
         held: dict[str, tuple[list[int], list[bytes]]] = {}
         size = number = count = odd = 0
         try:
@@ -102,7 +111,7 @@ class SqliteSource:
                 for key, time, data in base.execute(
                     "SELECT topic_id, timestamp, "
                     f"CASE WHEN length(data) <= {MAX_MESSAGE_BYTES} THEN data END "
-                    f"FROM messages WHERE topic_id IN ({_marks(wanted)}) ORDER BY {order}",
+                    f"FROM messages WHERE topic_id IN ({_marks(wanted)}) {within}ORDER BY {order}",
                     wanted,
                 ):
                     if not isinstance(time, int) or not isinstance(data, bytes) or time < 0:

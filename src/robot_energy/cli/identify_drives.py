@@ -99,6 +99,7 @@ def run(args: Namespace) -> int:
     """
     from robot_energy.identify.drives.all_drives import find_drives
     from robot_energy.identify.plausibility import check_drives, check_total
+    from robot_energy.identify.provenance import hashed, identified_from
     from robot_energy.report.document import Document
     from robot_energy.report.drives import drives_document, mapped
     from robot_energy.report.efficiency_figure import efficiency_maps
@@ -114,6 +115,9 @@ def run(args: Namespace) -> int:
     elif found.total is not None:
         check_total(found.total.data, found.total.scores)
     written, notes = (None, []) if model is None else found.write(model, source)
+    if written is not None:
+        done, bags = "Losses of the drives identified.", [hashed(Path(name)) for name in args.bags]
+        written = written.changed(provenance=identified_from(written.provenance, done, bags))
     report = drives_report(found, torque, notes)
     page = Document("Electrical power of the drives", f"Identified from {source}.")
     drives_document(report, page)

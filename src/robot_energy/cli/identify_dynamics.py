@@ -113,6 +113,7 @@ def run(args: Namespace) -> int:
     from robot_energy.identify.dynamics.dynamics_model import to_model
     from robot_energy.identify.dynamics.leave_one_out import across_recordings
     from robot_energy.identify.plausibility import check_dynamics
+    from robot_energy.identify.provenance import hashed
     from robot_energy.report.document import Document
     from robot_energy.report.dynamics import dynamics_document
     from robot_energy.results.dynamics import dynamics_report
@@ -132,7 +133,8 @@ def run(args: Namespace) -> int:
     held_out, consistent = result.held_out(), result.held_out_consistent()
     with cause_named(lambda: [evidence_of_rows(result)]):
         check_dynamics(result, consistent)
-    written = to_model(result, sources)
+    bags = [] if args.log else [Path(bag) for bag in args.bags]
+    written = to_model(result, [hashed(bag) for bag in bags] or sources)
     effort = [
         (
             "time",

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from robot_energy.cli.memory import keep_freed_memory
-from robot_energy.cli.page import add_page, recorded_page, serve_page, write_page
-from robot_energy.cli.replay_options import BAG, DAMAGED, PAGE_PERIOD, add_replay, options_of
+from robot_energy.cli.page import add_page, page_settings, recorded_page, serve_page
+from robot_energy.cli.replay_options import BAG, DAMAGED, add_jobs, add_replay, options_of
 from robot_energy.cli.robots import model_named
 from robot_energy.cli.terminal import (
     add_command,
@@ -24,7 +24,8 @@ if TYPE_CHECKING:
     from robot_energy.bag_replay import Replay
     from robot_energy.model import RobotModel
     from robot_energy.page.recording import RecordedPage
-    from robot_energy.time_series import TimeSeries
+    from robot_energy.pipeline import Output
+    from robot_energy.report.temperature_figure import TemperatureHistory
 
 DESCRIPTION = """\
 Run a recorded bag through the model of its robot and print where the energy went:
@@ -63,9 +64,12 @@ def add_parser(commands: Any) -> None:
         "--plot", metavar="FILE", help="draw power and energy over time (.png, .svg, .pdf)"
     )
     outputs.add_argument(
-        "--report", metavar="FILE", help="write tables and figures as one HTML file"
+        "--report",
+        metavar="FILE",
+        help="write tables and figures as one file: .html, or .pdf where a Chromium is installed",
     )
     add_page(parser)
+    add_jobs(parser)
     add_replay(
         parser,
         "averaging period of /energy/power (default 0.02 s)",
@@ -92,68 +96,70 @@ def run(args: Namespace) -> int:
     from robot_energy.report.document import Document
     from robot_energy.report.replay import ReplayCurves, replay_document
     from robot_energy.report.series import curves_of
+    from robot_energy.report.temperature_figure import TemperatureHistory
     from robot_energy.results.replay import replay_report
 
     named = model_named(args)
-    inputs = [args.bag, named, args.inputs]
+    inputs = [args.bag, named, args.inputs, args.jobs, args.page_settings]
     check_outputs(args, inputs)
     if args.out is not None:
-        check_bag(args.out, args.overwrite, inputs, (args.json, args.plot, args.report, args.page))
+        check_bag(args.out, args.overwrite, inputs, (args.json, args.plot, args.report))
     model, change = load(named), None
     if args.fixed_friction is not None:
         model, change = fixed_friction(model, args.fixed_friction)
-    recorded = recorded_page(args, model)
+    settings = page_settings(args)
+    recorded = recorded_page(args, model, settings)
     runs = [(model, change)]
     if args.compare is not None:
         runs.append(fixed_friction(model, args.compare))
+    temperatures = TemperatureHistory(model.joint_names)
     with all_or_none():
-        replayed = [
-            _replay(
-                args,
-                used,
-                "with fixed friction" if number else "replaying",
-                not number,
-                None if number else recorded,
-            )
+        results = [
+            _replay(args, used, None if number else (recorded, temperatures))
             for number, (used, _) in enumerate(runs)
         ]
-        results, changes = [result for result, _ in replayed], [change for _, change in runs]
+        changes = [change for _, change in runs]
         second = replay_report(results[1], changes[1]) if len(runs) > 1 else None
         report = replay_report(results[0], change, second)
         page, curves = Document(f"Where the energy went: {report.model.robot}"), None
-        table = replayed[0][1]
-        if table is not None:
-            curves = ReplayCurves(curves_of(results, changes), table)
-        replay_document(report, page, curves)
-        write_page(args, recorded, results[0])
+        if args.report is not None:
+            curves = ReplayCurves(curves_of(results, changes), temperatures)
+        replay_document(report, page, curves, settings=settings)
         present(args, report, page, "bag", lambda path: _plot(path, results, changes))
-    serve_page(args, recorded)
+    serve_page(args, recorded, results[0])
     return DAMAGED if results[0].problems else 0
 
 
 def _replay(
-    args: Namespace, model: RobotModel, label: str, writes: bool, page: RecordedPage | None
-) -> tuple[Replay, TimeSeries | None]:
-    """Replay; the table over time is for the report alone, and coarse where no bag is written."""
-    from robot_energy.api.replay import replay_over_time, run_replay
+    args: Namespace,
+    model: RobotModel,
+    shown: tuple[RecordedPage | None, TemperatureHistory] | None,
+) -> Replay:
+    """Replay; the first run, which is shown, also writes the bag."""
+    from robot_energy.api.replay import run_replay
 
-    options = options_of(args)
-    options |= {"out": args.out if writes else None, "overwrite": args.overwrite}
-    reported, take = args.report is not None and writes, None if page is None else page.take
+    options = options_of(args) | {
+        "out": args.out if shown is not None else None,
+        "overwrite": args.overwrite,
+    }
+    page, temperatures = shown or (None, None)
+
+    def take(output: Output) -> None:
+        if page is not None:
+            page.take(output)
+        if temperatures is not None:
+            temperatures.take(output)
+
     period = args.power_period
-    if period is None and args.out is None:
-        period = page.period if page is not None else PAGE_PERIOD if reported else None
+    if period is None and args.out is None and page is not None:
+        period = page.period
     keep_freed_memory()
-    with progress(label) as show:
+    with progress("replaying" if shown is not None else "with fixed friction") as show:
         options["progress"] = show
-        if reported:
-            return replay_over_time(
-                args.bag, model, power_period=period, keep_curves=True, on_output=take, **options
-            )
         curves = args.plot is not None or args.report is not None
         return run_replay(
             args.bag, model, power_period=period, keep_curves=curves, on_output=take, **options
-        ), None
+        )
 
 
 def _plot(path: str, results: list[Replay], changes: list[str | None]) -> None:

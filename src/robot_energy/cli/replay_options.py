@@ -5,12 +5,12 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 from typing import Any
 
-from robot_energy.cli.numbers import number_type, positive
+from robot_energy.cli.numbers import number, number_type, positive
 from robot_energy.cli.robots import add_robot
 
 AT_FALLBACK = "fallback"
 DAMAGED = 3
-PAGE_PERIOD = 0.5  # of temperature and friction on a page [s]
+LEARNING = ("off", "observe", "apply")
 EFFORTS = ("none", "motor_current", "motor_torque", "joint_torque")
 MAX_WINDOW = 0.5  # in which joint states are sorted [s]
 BAG = "MCAP file, or rosbag2 folder (MCAP or sqlite3)"
@@ -46,6 +46,14 @@ TOPICS: dict[str, dict[str, Any]] = {
         "effort is not used)",
     },
 }
+PART: dict[str, dict[str, Any]] = {
+    "start": {
+        "type": number,
+        "metavar": "S",
+        "help": "read the bag from here on: seconds after its start, negative: before its end",
+    },
+    "end": {"type": number, "metavar": "S", "help": "read the bag up to here, likewise"},
+}
 SETTINGS: dict[str, dict[str, Any]] = {
     "derivative_window": {
         "type": positive,
@@ -72,6 +80,11 @@ SETTINGS: dict[str, dict[str, Any]] = {
         "metavar": "S",
         "help": "longest time between two joint states that is bridged (default: what --inputs "
         "says, else five times their usual period, 0.1 s to 1 s)",
+    },
+    "learning": {
+        "choices": LEARNING,
+        "help": "what is learned of friction and constant losses over the bag: off, observe "
+        "(default) or apply, to predict with it",
     },
     "meter_max_gap": {
         "type": positive,
@@ -108,13 +121,29 @@ def add_replay(
         )
     topics = parser.add_argument_group("topics")
     settings = parser.add_argument_group("settings, seldom needed")
-    for part, options in ((topics, TOPICS), (settings, SETTINGS)):
+    parts = parser.add_argument_group("part of the bag")
+    for part, options in ((topics, TOPICS), (parts, PART), (settings, SETTINGS)):
         for name, words in options.items():
             part.add_argument(f"--{name.replace('_', '-')}", **words)
     if period:
         settings.add_argument("--power-period", type=positive, metavar="S", help=period)
 
 
+def add_jobs(parser: ArgumentParser) -> None:
+    """Add the option of commands that show job intervals.
+
+    Args:
+        parser: Of a command that replays bags.
+    """
+    parser.add_argument(
+        "--jobs",
+        metavar="FILE",
+        help="count the energy of jobs or cycles: a YAML file with jobs: [{name, begin, end}], in "
+        "seconds since 1970 as the stamps of the recording",
+    )
+
+
 def options_of(args: Namespace) -> dict[str, Any]:
     """Return what was given, under the names of `ReplayOptions`."""
-    return {name: getattr(args, name) for name in ("robot", *TOPICS, *SETTINGS)}
+    given = {name: getattr(args, name) for name in ("robot", *TOPICS, *PART, *SETTINGS)}
+    return given | {"jobs": getattr(args, "jobs", None)}

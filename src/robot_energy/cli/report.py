@@ -7,25 +7,28 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from robot_energy.cli.memory import keep_freed_memory
-from robot_energy.cli.replay_options import BAG, DAMAGED, PAGE_PERIOD, add_replay, options_of
+from robot_energy.cli.page import add_page_settings
+from robot_energy.cli.replay_options import BAG, DAMAGED, add_jobs, add_replay, options_of
 from robot_energy.cli.robots import model_named
-from robot_energy.cli.terminal import add_command, console, progress, sign, wrote
-from robot_energy.files.output_files import HTML, check_file
+from robot_energy.cli.terminal import add_command, check_report, console, progress, sign, wrote
 
 if TYPE_CHECKING:
     from robot_energy.report.replay import ReplayCurves
     from robot_energy.results.replay import ReplayReport
 
 DESCRIPTION = """\
-Write one page, a single HTML file: where the energy went, predicted against measured, joints,
-temperatures and friction, data quality. From recorded bags with the model of their robot; or
-from the JSON of `replay` or `predict`, then without figures over time.
+Write one report, a single HTML or PDF file: where the energy went, predicted against measured,
+joints, temperatures and friction, phases, data quality, model. From recorded bags with the model
+of their robot; or from the JSON of `replay` or `predict`, then without figures over time.
+Several recordings come in order of time: totals, one row each, and how error and power change.
+For robots with models of their own, give the JSON that `replay` wrote for each.
 """
 EPILOG = """\
 examples:
   robot-energy report bag --model kr16 --out page.html
   robot-energy report cold warm hot --model kr16 --out page.html
-  robot-energy report energy.json --out page.html
+  robot-energy report monday tuesday --model kr16 --page-settings prices.yaml --out week.pdf
+  robot-energy report left.json right.json --out page.html
 """
 
 
@@ -34,8 +37,15 @@ def add_parser(commands: Any) -> None:
     text = "one page about recorded bags, or about the JSON of a result"
     parser = add_command(commands, "report", run, text, DESCRIPTION, EPILOG)
     parser.add_argument("source", nargs="+", metavar="BAG|JSON", help=f"{BAG}; or a JSON file")
-    parser.add_argument("--out", required=True, metavar="FILE", help="the page: .html")
+    parser.add_argument(
+        "--out",
+        required=True,
+        metavar="FILE",
+        help="the report: .html, or .pdf where a Chromium is installed",
+    )
     add_replay(parser)
+    add_page_settings(parser)
+    add_jobs(parser)
 
 
 def run(args: Namespace) -> int:
@@ -50,15 +60,19 @@ def run(args: Namespace) -> int:
     Raises:
         RobotEnergyError: If a source, the model or the output cannot be used.
     """
+    from robot_energy.page.settings import load_settings
     from robot_energy.report.document import Document
+    from robot_energy.report.headline import headline
     from robot_energy.report.html import write_page
     from robot_energy.report.prediction import prediction_document
-    from robot_energy.report.replay import headline, replays_document
+    from robot_energy.report.recordings import recordings_document
     from robot_energy.results.prediction import PredictionsReport
     from robot_energy.results.schema import read_result
 
-    given = [*args.source, *(name for name in (args.model, args.inputs) if name)]
-    check_file(args.out, HTML, "the report", given)
+    names = (args.model, args.inputs, args.jobs, args.page_settings)
+    given = [*args.source, *filter(None, names)]
+    check_report(args.out, given)
+    settings = load_settings(args.page_settings or "")
     damaged = False
     replays: list[tuple[ReplayReport, ReplayCurves | None]] = []
     page = Document("Where the energy went")
@@ -77,7 +91,7 @@ def run(args: Namespace) -> int:
     if replays:
         robots = sorted({report.model.robot for report, _ in replays})
         page.title = f"Where the energy went: {', '.join(robots)}"
-        replays_document(replays, page)
+        recordings_document(replays, page, settings)
     sign(args, page)
     write_page(page, args.out)
     out = console()
@@ -88,24 +102,26 @@ def run(args: Namespace) -> int:
 
 
 def _replayed(args: Namespace, bag: str) -> tuple[ReplayReport, ReplayCurves, bool]:
-    from robot_energy.api.replay import fixed_friction, replay_over_time
+    from robot_energy.api.replay import fixed_friction, run_replay
     from robot_energy.model import load
     from robot_energy.report.replay import ReplayCurves
     from robot_energy.report.series import curves_of
+    from robot_energy.report.temperature_figure import TemperatureHistory
     from robot_energy.results.replay import replay_report
 
     model, change = load(model_named(args)), None
     if args.fixed_friction is not None:
         model, change = fixed_friction(model, args.fixed_friction)
     keep_freed_memory()
+    temperatures = TemperatureHistory(model.joint_names)
     with progress(f"replaying {Path(bag).name}") as show:
-        result, power = replay_over_time(
+        result = run_replay(
             bag,
             model,
-            power_period=PAGE_PERIOD,
             keep_curves=True,
             progress=show,
+            on_output=temperatures.take,
             **options_of(args),
         )
-    curves = ReplayCurves(curves_of([result], [change]), power)
+    curves = ReplayCurves(curves_of([result], [change]), temperatures)
     return replay_report(result, change), curves, bool(result.problems)

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from robot_energy.motion import Program
     from robot_energy.rig import PlantProfile
 
+RATE = 250.0  # Hz
 ROBOTS = ("kr16", "mantis", "testbed", "irb4600")
 TOOL, MIN_HEIGHT = "tool0", 0.2  # m: the random program stays above the floor
 
@@ -69,11 +70,25 @@ def add_parser(commands: Any) -> None:
         help="of program and sensor errors; the same seed gives the same bag",
     )
     parser.add_argument(
+        "--device-seed",
+        type=whole,
+        metavar="N",
+        help="of the constant errors of meter and sensors: recordings of one robot have the same "
+        "(default: that of --seed)",
+    )
+    parser.add_argument(
         "--speedup",
         type=number,
         default=1.0,
         metavar="FACTOR",
         help="factor on how fast temperatures change (default 1)",
+    )
+    parser.add_argument(
+        "--rate",
+        type=number,
+        default=RATE,
+        metavar="HZ",
+        help=f"of the joint states (default {RATE:g} Hz)",
     )
     parser.add_argument(
         "--override",
@@ -120,6 +135,8 @@ def run(args: Namespace) -> int:
         args.seed,
         args.start_temperature,
         args.ambient,
+        rate_hz=args.rate,
+        device_seed=args.device_seed,
     )
     recording = record(
         rig, args.duration, args.out, overwrite=args.overwrite, drive_power=args.drive_power

@@ -14,6 +14,7 @@ from robot_energy.errors import BagError, ReportError
 from robot_energy.files.output_files import (
     HTML,
     JSON,
+    PDF,
     PICTURE,
     STANDARD_OUTPUT,
     TEXT,
@@ -36,8 +37,7 @@ if TYPE_CHECKING:
 WIDTH = 100  # columns, where there is no terminal
 _FILES: dict[str, tuple[tuple[FileKind, ...], str]] = {
     "json": (JSON, "the JSON report"),
-    "report": (HTML, "the HTML report"),
-    "page": (HTML, "the energy page"),
+    "report": ((*HTML, *PDF), "the report"),
     "plot": (PICTURE, "the figure"),
 }
 
@@ -153,6 +153,8 @@ def check_outputs(
 
         check_format(Path(args.plot))
     known = [name for name in inputs if name]
+    if getattr(args, "report", None) is not None:
+        check_report(args.report, known)
     named = [(getattr(args, name, None), *rest) for name, rest in _FILES.items()]
     places: list[Path] = []
     for path, kinds, what in (*named, (model, TEXT, "the model file")):
@@ -163,6 +165,25 @@ def check_outputs(
         if place in places and (path == STANDARD_OUTPUT or place.is_file()):
             raise ReportError(f"'{shown(path)}' is named for two outputs", "another file for each")
         places.append(place)
+
+
+def check_report(path: str, inputs: Iterable[str] = ()) -> None:
+    """Refuse the file of a report before the work that it is for.
+
+    Args:
+        path: HTML or PDF file.
+        inputs: Files and folders that the command reads.
+
+    Raises:
+        ReportError: If it cannot be written, or must not be replaced.
+        PageError: If it is to be a PDF and there is no browser that prints it.
+    """
+    is_pdf = Path(path).suffix.lower() == ".pdf"
+    check_file(path, PDF if is_pdf else HTML, "the report", inputs)
+    if is_pdf:
+        from robot_energy.page.headless_browser import need_browser
+
+        need_browser()
 
 
 def check_bag(
@@ -217,7 +238,7 @@ def present(
     from robot_energy.report.html import write_page
     from robot_energy.report.printing import print_document
 
-    named = ("json", "out", "report", "page", "plot")
+    named = ("json", "out", "report", "plot")
     files = {name: getattr(args, name, None) for name in named}
     with all_or_none():
         if files["json"] is not None:
@@ -238,7 +259,6 @@ def present(
         "out": made,
         "json": "all figures as JSON",
         "report": "report",
-        "page": "energy page",
         "plot": "figure",
     }
     for name, what in kinds.items():

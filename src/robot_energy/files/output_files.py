@@ -58,6 +58,7 @@ PICTURE = (
     FileKind("SVG", b"<?xml", f"<dc:title>{GENERATOR}</dc:title>".encode()),
     FileKind("PDF", b"%PDF-", f"/Creator ({GENERATOR})".encode()),
 )
+PDF = PICTURE[2:]
 
 
 def json_bytes(summary: Mapping[str, Any]) -> bytes:

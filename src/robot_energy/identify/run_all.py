@@ -16,7 +16,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-from robot_energy import __version__
 from robot_energy.blocks import EffortMeaning
 from robot_energy.errors import (
     ImplausibleIdentificationError,
@@ -27,6 +26,7 @@ from robot_energy.identify.cabinet.dc_link import Voltages
 from robot_energy.identify.cabinet.meter_delay import meter_delay_of
 from robot_energy.identify.data.bags import Bag, BagFacts, powers_of
 from robot_energy.identify.drives.all_drives import DrivesFound
+from robot_energy.identify.provenance import identified_from
 from robot_energy.identify.stats.lag import Delay
 from robot_energy.identify.steps import (
     STEPS,
@@ -38,7 +38,6 @@ from robot_energy.identify.steps import (
 )
 from robot_energy.identify.turns import in_turns
 from robot_energy.model import RobotModel
-from robot_energy.model.schema import Provenance
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.effort import Effort
 
@@ -192,10 +191,6 @@ def with_provenance(result: FullIdentification, read: Sequence[BagFacts]) -> Rob
     done = f"Identified: {', '.join(result.taken)}."
     if origins:
         done += f" Recordings from: {', '.join(origins)}."
-    provenance = Provenance(
-        tool_version=__version__,
-        data_date=dates[-1] if dates else before.data_date,
-        bags=(*before.bags, *(f"{entry.name} sha256:{entry.sha256}" for entry in read)),
-        notes=f"{done} Of the model before: {before.notes}" if before.notes else done,
-    )
+    bags = [f"{entry.name} sha256:{entry.sha256}" for entry in read]
+    provenance = identified_from(before, done, bags, dates[-1] if dates else "")
     return result.model.changed(provenance=provenance)

@@ -87,7 +87,10 @@ OVERVIEW = (
     (
         "Power [W]",
         "/energy/power",
-        ("predicted_grid_power", "measured_power", "predicted_power_at_meter"),
+        (
+            "predicted_grid_power", "measured_power", "predicted_power_at_meter",
+            "predicted_power_lower", "predicted_power_upper",
+        ),
     ),
     (
         "Where it goes [W]",

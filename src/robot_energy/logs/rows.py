@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from datetime import datetime
 from decimal import Decimal, InvalidOperation
 from itertools import repeat
 
@@ -11,7 +12,7 @@ import polars as pl
 
 from robot_energy.blocks import Int
 from robot_energy.errors import LogFormatError
-from robot_energy.logs.mapping import LATEST_NS, Time
+from robot_energy.logs.mapping import LATEST_NS, Time, since_1970
 from robot_energy.logs.recording import FileAccount
 from robot_energy.logs.table import LogTable, Mask, TableRows
 from robot_energy.timeline.stamps import BAD_STAMP, valid_stamps
@@ -135,8 +136,11 @@ def nanoseconds(column: pl.Series, unit: str) -> list[int | None]:
 
 
 def _exact(text: str | None, digits: int) -> int | None:
+    text = (text or "").strip()
     try:
-        instant = Decimal((text or "").strip()).scaleb(digits)
+        if ":" in text:  # a date, ISO 8601, exact to the microsecond
+            return since_1970(datetime.fromisoformat(text))
+        instant = Decimal(text).scaleb(digits)
         return int(instant.to_integral_value()) if abs(instant) < LATEST_NS else None
     except (InvalidOperation, ValueError, OverflowError):
         return None

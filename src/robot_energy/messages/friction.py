@@ -12,14 +12,20 @@ from robot_energy.cdr.batch import RawBatch
 from robot_energy.cdr.decode import Encoder, Run, stamp_columns, stamp_ns
 from robot_energy.messages.model_messages import ModelMessageReader
 from robot_energy.model import RobotModel
-from robot_energy.pipeline.friction_certainty import FrictionCertainty
 from robot_energy.timeline.epochs import slow_reach
 from robot_energy.timeline.stamps import valid_stamps
 from robot_energy.timeline.streams import StreamRun, joined
 
 JOINT_FRICTION = "ros2_energy_msgs/msg/JointFriction"
-ARRAYS = ("coulomb", "viscous", "viscous_fallback", "motor_temperature_degc")
-DEVIATIONS = ("viscous_std", "viscous_fallback_std")
+ARRAYS = (
+    "coulomb",
+    "viscous",
+    "viscous_std",
+    "viscous_shared_std",
+    "viscous_fallback",
+    "viscous_fallback_std",
+    "motor_temperature_degc",
+)
 
 
 class FrictionWriter:
@@ -31,7 +37,6 @@ class FrictionWriter:
 
     def __init__(self, model: RobotModel) -> None:
         n_joints = len(model.joints)
-        self._certainty = FrictionCertainty(model)
         self._encoder = Encoder(
             JOINT_FRICTION,
             {
@@ -40,9 +45,7 @@ class FrictionWriter:
                 "stale_after": model.temperature.stale_after,
                 "fallback_temperature_degc": model.temperature.fallback_degc,
             },
-            dict.fromkeys(
-                (*ARRAYS, *DEVIATIONS, "temperature_stamp", "temperature_source"), n_joints
-            ),
+            dict.fromkeys((*ARRAYS, "temperature_stamp", "temperature_source"), n_joints),
         )
 
     def encode(self, block: FrictionBlock) -> NDArray[np.uint8]:
@@ -56,8 +59,6 @@ class FrictionWriter:
                 **stamp_columns(block.temperature_stamp_ns, "temperature_stamp"),
                 "quality": block.quality,
                 "temperature_source": source.astype(np.uint8),
-                "viscous_std": self._certainty.std(block),
-                "viscous_fallback_std": np.tile(self._certainty.fallback_std, (len(block), 1)),
                 **columns,
             },
             len(block),

@@ -6,18 +6,23 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+from robot_energy.accounting.account_record import deviation_of
+from robot_energy.accounting.band_calibration import BandCalibration
 from robot_energy.accounting.exact_sum import PER_JOULE
 from robot_energy.accounting.record import EnergyInterval
 from robot_energy.blocks import NANOSECOND
 from robot_energy.messages.registers import JOINT_FIELDS, SHAFT_FIELDS
 
 
-def interval_fields(interval: EnergyInterval, joint_names: Sequence[str]) -> dict[str, Any]:
+def interval_fields(
+    interval: EnergyInterval, joint_names: Sequence[str], calibration: BandCalibration
+) -> dict[str, Any]:
     """Return the plain fields of the message; ``start_ns`` and ``end_ns`` stay integers.
 
     Args:
         interval: What was counted.
         joint_names: Joints in model order.
+        calibration: Of the bands of the account.
 
     Returns:
         Fields by name; ``joints`` is a list of the fields of `JointEnergy`.
@@ -30,6 +35,7 @@ def interval_fields(interval: EnergyInterval, joint_names: Sequence[str]) -> dic
     predicted = counted.predicted_energy_at_meter_microjoule / PER_JOULE if compared else nan
     peak = interval.peak_power_watt
     net = cabinet["grid_import"] - cabinet["grid_return"]
+    sure = calibration.energy_band(deviation_of(counted))
     return {
         "id": interval.interval_id,
         "name": interval.name,
@@ -38,6 +44,9 @@ def interval_fields(interval: EnergyInterval, joint_names: Sequence[str]) -> dic
         "end_ns": interval.end_ns,
         "predicted_import_energy": cabinet["grid_import"],
         "predicted_return_energy": cabinet["grid_return"],
+        "predicted_energy_std": sure.std,
+        "predicted_energy_band": sure.half,
+        "band": int(sure.kind),
         "brake_energy": cabinet["brake"],
         "measured_energy": measured,
         "predicted_energy_at_meter": predicted,

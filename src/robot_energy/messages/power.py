@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from robot_energy.accounting.averaging import MeanBlock
 from robot_energy.blocks import MeterLocation, sum_over_joints
 from robot_energy.cdr.decode import Encoder, stamp_columns
+from robot_energy.uncertainty.band import power_std
 
 POWER_STATE = "ros2_energy_msgs/msg/PowerState"
 
@@ -37,6 +38,7 @@ class PowerStateWriter:
         rigid, friction = block.joint_mean("rigid"), block.joint_mean("friction")
         loss = block.joint_mean("drive_loss")
         shaft = rigid + friction
+        predicted = block.predicted_power
         return self._encoder.encode(
             {
                 **stamp_columns(block.stamp_ns),
@@ -44,7 +46,11 @@ class PowerStateWriter:
                 "phase": block.phase.astype(np.uint8),
                 "period": block.period,
                 "coverage": block.coverage,
-                "predicted_grid_power": block.mean("grid_import") - block.mean("grid_return"),
+                "predicted_grid_power": predicted,
+                "predicted_power_std": power_std(block.deviation),
+                "predicted_power_lower": predicted - block.band_half,
+                "predicted_power_upper": predicted + block.band_half,
+                "band": block.band.astype(np.uint8),
                 "measured_power": block.measured_power,
                 "predicted_power_at_meter": block.predicted_power_at_meter,
                 "residual_power": block.predicted_power_at_meter - block.measured_power,

@@ -52,7 +52,7 @@ class RegistersWriter:
         time, start_ns, end_ns = registers.time, ledger.start_ns, ledger.end_ns
         if start_ns is None or end_ns is None:
             return None
-        compared = comparison.compared_ns > 0
+        compared, sure = comparison.compared_ns > 0, ledger.energy_band
         return self._encoder.encode(
             {
                 **stamp_columns(np.array([end_ns])),
@@ -60,6 +60,9 @@ class RegistersWriter:
                 "persisted": persisted,
                 "predicted_import_energy": registers.cabinet("grid_import"),
                 "predicted_return_energy": registers.cabinet("grid_return"),
+                "predicted_energy_std": sure.std,
+                "predicted_energy_band": sure.half,
+                "band": np.uint8(sure.kind),
                 "measured_energy": comparison.measured_energy if compared else np.nan,
                 "predicted_energy_at_meter": comparison.predicted_energy if compared else np.nan,
                 "brake_energy": registers.cabinet("brake"),
@@ -69,6 +72,7 @@ class RegistersWriter:
                 "observed_time": time.observed_ns * NANOSECOND,
                 "gap_time": time.gap_ns * NANOSECOND,
                 "comparison_time": comparison.compared_ns * NANOSECOND,
+                "predicted_energy_learned": float(ledger.learned_energy_sum.joule[0]),
                 "gap_count": np.uint64(time.gap_count),
                 **{
                     f"joints.{JOINT_FIELDS[name]}": registers.joints(name)[None, :]

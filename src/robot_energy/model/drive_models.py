@@ -84,6 +84,8 @@ class DriveModel(Kind):
         physics: Makes a `robot_energy.physics.drive.Drive` of the entries of all joints.
         constant_loss: Loss of an entry that flows whether the drive moves or not. [W]
         lossless: Whether drive losses are missing from the energy.
+        deviation: Makes a `robot_energy.uncertainty.deviation.DriveDeviation` of the entries of
+            all joints; None for a share of the loss.
         figures: Tagged figures of the entry for tables: attribute, words, unit.
         in_identity: Whether the identity of a model counts an absent entry too, as it does
             for the first kinds there were.
@@ -99,6 +101,7 @@ class DriveModel(Kind):
     physics: Callable[[list[Any]], Any] | None = None
     constant_loss: Callable[[Any], float] = _no_loss
     lossless: bool = False
+    deviation: Callable[[list[Any]], Any] | None = None
     figures: tuple[tuple[str, str, str], ...] = ()
     in_identity: bool = False
     fitted: Callable[[Any, str], Any] | None = None

@@ -11,10 +11,15 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
 from robot_energy.kinds import Kind, Kinds
 from robot_energy.model.figure import ModelEntry, Number, PositiveFigure, Tag, without_absent
+
+Outside = Literal["hold", "extend", "auto"]
+Row = Annotated[list[Number], Field(min_length=3, max_length=3)]
+ROUNDING = 1e-6  # of a covariance as it stands in a file
 
 
 class LawEntry(ModelEntry):
@@ -47,11 +52,15 @@ class ExponentialLaw(LawEntry):
         a: Hot limit. [N m s/rad]
         b: Amplitude at 0 degC. [N m s/rad]
         c: Temperature scale. [K]
-        fitted_degc: Range of temperatures behind the fit; outside, the edge is held.
+        fitted_degc: Range of temperatures behind the fit.
         std: Greatest standard deviation of fv(T) in that range, where identification gave
             one; those of a, b and c alone do not give it, since they are correlated. [N m s/rad]
-        covariance: Of a, b and c, shape (3, 3), where identification gave one; the deviation of
-            fv(T) follows from it at every temperature. [products of their units]
+        covariance: Of a, b and c, three rows of three, where identification gave it: so fv(T) has
+            a standard deviation at every temperature. [N m s/rad] and [K], their products
+        outside: What holds outside the fitted range: ``hold`` the value at its edge; ``extend``
+            the formula; ``auto`` the formula as far as the covariance says that its change from
+            the edge is larger than the standard deviation of that change, then hold. Without
+            this key ``auto`` where there is a covariance, else ``hold``.
     """
 
     law: Literal["exponential"]
@@ -60,12 +69,18 @@ class ExponentialLaw(LawEntry):
     c: Annotated[PositiveFigure, Field()]
     fitted_degc: tuple[Number, Number]
     std: Annotated[float, Field(ge=0)] | None = None
-    covariance: list[list[Number]] | None = None
+    covariance: Annotated[list[Row], Field(min_length=3, max_length=3)] | None = None
+    outside: Outside | None = None
 
     @model_validator(mode="after")
     def _check(self) -> ExponentialLaw:
-        if self.covariance is not None and [len(row) for row in self.covariance] != [3, 3, 3]:
-            raise ValueError("covariance must have three rows of three numbers, of a, b and c")
+        if self.covariance is not None:
+            _check_covariance(self.covariance)
+        elif self.outside == "auto":
+            raise ValueError(
+                "outside is 'auto' but there is no covariance; expected that of a, b and c, as "
+                "identify friction writes it, or outside: hold or extend"
+            )
         if self.c.value <= 0:
             raise ValueError(f"c must be > 0 K, found {self.c.value}")
         if not self.fitted_degc[0] < self.fitted_degc[1]:
@@ -74,8 +89,22 @@ class ExponentialLaw(LawEntry):
 
     @model_serializer(mode="wrap")
     def _dump(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leave out absent deviations: a model without them keeps its identity."""
-        return without_absent(without_absent(dump(self), "std"), "covariance")
+        """Leave out what is absent: a model without it keeps its identity."""
+        entries = dump(self)
+        for key in ("std", "covariance", "outside"):
+            entries = without_absent(entries, key)
+        return entries
+
+
+def _check_covariance(rows: list[list[float]]) -> None:
+    matrix = np.array(rows)
+    scale = np.sqrt(np.maximum(np.diag(matrix), 0.0))
+    limit = np.outer(scale, scale) * (1.0 + ROUNDING)
+    if (np.abs(matrix - matrix.T) > ROUNDING * limit).any() or (np.abs(matrix) > limit).any():
+        raise ValueError(
+            "covariance is none; expected three symmetric rows, no entry beyond the product of the "
+            "two standard deviations"
+        )
 
 
 class TableLaw(LawEntry):
@@ -125,7 +154,8 @@ class FrictionLaw(Kind):
     Attributes:
         entry: Schema of the ``viscous`` entry of a joint, whose ``law`` is the name.
         follows_temperature: Whether fv depends on the motor temperature.
-        beyond_range: Whether its formula has a meaning outside the fitted range.
+        beyond_range: Whether its formula has a meaning outside the fitted range: its entry then
+            has a key ``outside``.
         curve: Makes a `robot_energy.physics.friction.ViscousLaw` of an entry.
         fit: Fits an entry to samples in motion: samples and source to the entry and the
             regression behind it; None for a law that has no fit.

@@ -14,6 +14,7 @@ from pydantic import (
 from robot_energy.model.drive_models import DRIVE_MODELS, EfficiencyMap, LossDrive
 from robot_energy.model.figure import Figure, ModelEntry, Number, PositiveFigure, without_absent
 from robot_energy.model.friction_laws import LawEntry
+from robot_energy.model.thermal import JointThermal
 
 
 class Stribeck(ModelEntry):
@@ -62,6 +63,7 @@ class Joint(ModelEntry):
         standstill_velocity: Joint speed below which the joint counts as standing.
             [rad/s] or [m/s]
         friction: Friction of this axis.
+        thermal: Thermal network of the motor, for its temperature where no sensor tells it.
         losses: For the drive model ``loss_model``.
         efficiency_map: For the drive model ``efficiency_map``. Drive models that are
             registered add their keys, see `robot_energy.model.open_schema`.
@@ -73,6 +75,7 @@ class Joint(ModelEntry):
     torque_constant: Figure | None = None
     standstill_velocity: Annotated[Number, Field(gt=0)] = 2e-3
     friction: JointFriction
+    thermal: JointThermal | None = None
     losses: LossDrive | None = None
     efficiency_map: EfficiencyMap | None = None
 
@@ -87,7 +90,7 @@ class Joint(ModelEntry):
     @model_serializer(mode="wrap")
     def _dump(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """Leave out absent keys that came later: a model without them keeps its identity."""
-        dumped = without_absent(dump(self), "torque_constant")
+        dumped = without_absent(without_absent(dump(self), "torque_constant"), "thermal")
         for kind in DRIVE_MODELS.values():
             if not kind.in_identity:
                 dumped = without_absent(dumped, kind.key)

@@ -9,11 +9,25 @@ from __future__ import annotations
 import hashlib
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, PrivateAttr, model_validator
+from pydantic import (
+    AfterValidator,
+    Field,
+    PrivateAttr,
+    SerializerFunctionWrapHandler,
+    model_serializer,
+    model_validator,
+)
 from pydantic_core import PydanticCustomError
 
 from robot_energy.model.drive_models import DRIVE_MODELS
-from robot_energy.model.figure import Figure, ModelEntry, Number, PositiveFigure, Tag
+from robot_energy.model.figure import (
+    Figure,
+    ModelEntry,
+    Number,
+    PositiveFigure,
+    Tag,
+    without_absent,
+)
 from robot_energy.model.joint import Joint
 from robot_energy.model.payload import Payload
 
@@ -90,10 +104,18 @@ class TemperatureSettings(ModelEntry):
         fallback_degc: Reference temperature used before the first and after a stale
             reading. [degC]
         stale_after: Age at which a reading is no longer used. [s]
+        ambient_degc: Temperature of the air around the robot, for motors with a thermal network;
+            its deviation in K, 3 without one. Absent: the fallback temperature. [degC]
     """
 
     fallback_degc: Number
     stale_after: Annotated[Number, Field(gt=0)] = 60.0
+    ambient_degc: Figure | None = None
+
+    @model_serializer(mode="wrap")
+    def _dump(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave out an absent key that came later: a model without it keeps its identity."""
+        return without_absent(dump(self), "ambient_degc")
 
 
 class RobotType(ModelEntry):

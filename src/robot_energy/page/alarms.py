@@ -53,6 +53,10 @@ QUALITY_REMEDIES: dict[Quality, tuple[str, str]] = {
         "a motor temperature stands still although the motor must have warmed",
         "check the sensor and its driver",
     ),
+    Quality.TEMPERATURE_ESTIMATED: (
+        "a motor temperature is estimated from the motor's own losses",
+        "check its sensor, if it has one",
+    ),
 }
 SUBJECT_REMEDIES = {
     "joint states": "check the driver, its topic and its rate (ros2 topic hz); a lost message "

@@ -18,14 +18,18 @@ POWERS = (
     "predicted_grid_power",
     "measured_power",
     "predicted_power_at_meter",
+    "predicted_power_lower",
+    "predicted_power_upper",
 )  # the channels of the history
 TOTALS = ("loss_dc", "loss_grid", "brake_power", "capacitor_power", "returned_power")
-STATE = ("coverage", "measurement_age", "payload_mass")
+STATE = ("coverage", "measurement_age", "payload_mass", "band")
 JOINT_POWERS = ("rigid_power", "friction_power", "drive_loss")
 JOINT_STATE = ("motor_temperature_degc", "motor_torque", "motor_velocity", "coulomb", "viscous")
 ENERGIES = (
     "predicted_import_energy",
     "predicted_return_energy",
+    "predicted_energy_std",
+    "predicted_energy_band",
     "measured_energy",
     "predicted_energy_at_meter",
     "brake_energy",

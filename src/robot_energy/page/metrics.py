@@ -62,6 +62,8 @@ METRICS = {
         Metric("robot_energy_at_meter_joules", "joules",
                "Energy at the meter over the compared intervals; NaN without a meter. It may fall "
                "where the supply feeds back.", ("robot", "source")),
+        Metric("robot_energy_band_joules", "joules",
+               "Half width of the 90 % band of the predicted net energy."),
         Metric("robot_power_watts", "watts",
                "Power, mean of the newest period; NaN where unknown or stale.",
                ("robot", "source")),
@@ -90,6 +92,8 @@ SOURCES = {
     "predicted": "predicted_grid_power",
     "measured": "measured_power",
     "predicted_at_meter": "predicted_power_at_meter",
+    "predicted_lower": "predicted_power_lower",
+    "predicted_upper": "predicted_power_upper",
 }
 PARTS = ("loss_dc", "loss_grid", "brake_power", "capacitor_power", "returned_power")
 LEVELS = ("WARN", "ERROR", "STALE")
@@ -169,6 +173,7 @@ def _gauges(robot: Mapping[str, Any]) -> Iterator[Sample]:
         yield "robot_energy_persisted", (), float(registers["persisted"])
         for source, name in AT_METER.items():
             yield "robot_energy_at_meter_joules", (source,), registers[name]
+        yield "robot_energy_band_joules", (), registers["predicted_energy_band"]
 
 
 def _number(value: float | None) -> float:

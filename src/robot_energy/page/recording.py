@@ -82,7 +82,10 @@ class RecordedPage:
         if rows is not None:
             self._robot.take_registers(_batch(ENERGY_REGISTERS, rows))
         self._robot.take_intervals(
-            [interval_fields(one, self._names) for one in ledger.list_intervals()]
+            [
+                interval_fields(one, self._names, ledger.calibration)
+                for one in ledger.list_intervals()
+            ]
         )
         bad = [
             PageFinding("ERROR", f"bag {n}", said, BAD_BAG) for n, said in _counted(result.problems)

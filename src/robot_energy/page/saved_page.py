@@ -13,7 +13,8 @@ from typing import Any
 
 from robot_energy.page.json_numbers import json_text
 
-SCRIPTS = ("format.js", "flow.js", "lines.js", "tables.js", "stream.js", "main.js")
+SCRIPTS = ("format.js", "theme.js", "flow.js", "lines.js", "tables.js", "stream.js", "main.js")
+REPORT_SCRIPTS = ("format.js", "theme.js", "flow.js", "report.js")
 FILES = {
     "/": "index.html",
     "/page.css": "page.css",
@@ -54,7 +55,7 @@ def static_file(path: str) -> StaticFile:
         path: One of `FILES`.
     """
     name = FILES[path]
-    content = (files("robot_energy.page") / "static" / name).read_bytes()
+    content = _content(name)
     tag = hashlib.sha256(content).hexdigest()[:16]
     packed = gzip.compress(content, 9, mtime=0)
     return StaticFile(content, packed, KINDS[name.rpartition(".")[2]], f'"{tag}"')
@@ -63,29 +64,17 @@ def static_file(path: str) -> StaticFile:
 def saved_page(state: dict[str, Any]) -> str:
     """Return the page with its figures as one HTML file that needs nothing else.
 
-    The scripts are joined into one, and a policy in the file permits this script alone.
-
     Args:
         state: What `PageHub.state` returned, with the history.
     """
-    html = _text("/")
-    style = _text("/page.css")
-    script = "\n".join(MODULE_LINE.sub("", _text(f"/{name}")) for name in SCRIPTS)
+    html = _text("index.html")
+    style, script = inline_parts(SCRIPTS)
     figures = json_text(state).replace("<", "\\u003c")
-    policy = (
-        f"default-src 'none'; script-src {_hash(script)}; style-src {_hash(style)}; "
-        "img-src data:; base-uri 'none'; form-action 'none'"
-    )
-    icon = base64.b64encode(static_file("/icon.svg").content).decode()
     parts = {
-        '<link rel="stylesheet" href="page.css">': f"<style>{style}</style>",
-        '<link rel="icon" href="icon.svg">': (
-            f'<meta http-equiv="Content-Security-Policy" content="{policy}">\n'
-            f'<link rel="icon" href="data:image/svg+xml;base64,{icon}">'
-        ),
+        '<link rel="stylesheet" href="page.css">': "",
+        '<link rel="icon" href="icon.svg">': style,
         '<script type="module" src="main.js"></script>': (
-            f'<script type="application/json" id="saved">{figures}</script>\n'
-            f'<script type="module">{script}</script>'
+            f'<script type="application/json" id="saved">{figures}</script>\n{script}'
         ),
     }
     for found, put in parts.items():
@@ -93,8 +82,35 @@ def saved_page(state: dict[str, Any]) -> str:
     return html
 
 
-def _text(path: str) -> str:
-    return static_file(path).content.decode()
+@cache
+def inline_parts(scripts: tuple[str, ...] = REPORT_SCRIPTS) -> tuple[str, str]:
+    """Return what goes into head and end of a page of one file: look, icon, policy; scripts.
+
+    The scripts are joined into one, and the policy permits this script alone.
+
+    Args:
+        scripts: Names of the scripts, each after those that it imports.
+    """
+    style = _text("page.css")
+    script = "\n".join(MODULE_LINE.sub("", _text(name)) for name in scripts)
+    policy = (
+        f"default-src 'none'; script-src {_hash(script)}; style-src {_hash(style)}; "
+        "img-src data:; base-uri 'none'; form-action 'none'"
+    )
+    icon = base64.b64encode(_text("icon.svg").encode()).decode()
+    head = (
+        f'<meta http-equiv="Content-Security-Policy" content="{policy}">\n'
+        f'<link rel="icon" href="data:image/svg+xml;base64,{icon}">\n<style>{style}</style>'
+    )
+    return head, f'<script type="module">{script}</script>'
+
+
+def _content(name: str) -> bytes:
+    return (files("robot_energy.page") / "static" / name).read_bytes()
+
+
+def _text(name: str) -> str:
+    return _content(name).decode()
 
 
 def _hash(text: str) -> str:

@@ -28,6 +28,10 @@ class CabinetStage:
 
     Args:
         cabinet: Entry of the model file.
+
+    Attributes:
+        offset_dc: Added to the constant loss of the DC side. [W]
+        offset_grid: Added to that of the grid side. [W]
     """
 
     def __init__(self, cabinet: Cabinet) -> None:
@@ -36,6 +40,7 @@ class CabinetStage:
         regeneration = cabinet.regeneration_efficiency
         self._returned = None if regeneration is None else regeneration.value
         self._swing = 0.0 if cabinet.capacitor is None else cabinet.capacitor.swing
+        self.offset_dc = self.offset_grid = 0.0
         self._stored = 0.0  # J above nominal voltage
         self._last: tuple[int, int] | None = None  # stamp, segment
 
@@ -50,11 +55,12 @@ class CabinetStage:
         Returns:
             The flows.
         """
-        demand = bus_power + self._loss_dc
+        loss_dc, loss_grid = self._loss_dc + self.offset_dc, self._loss_grid + self.offset_grid
+        demand = bus_power + loss_dc
         capacitor: Float | float = 0.0
         if self._swing > 0:
             capacitor = self._charge(stamp_ns, segment, demand)
-        return grid_balance(bus_power, self._loss_dc, self._loss_grid, capacitor, self._returned)
+        return grid_balance(bus_power, loss_dc, loss_grid, capacitor, self._returned)
 
     def _charge(self, stamp_ns: Int, segment: Int, demand: Float) -> Float:
         """Power into the capacitor, taken as constant over the interval before a sample."""

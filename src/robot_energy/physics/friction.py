@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import Float
+from robot_energy.blocks import PLAUSIBLE_DEGC, Float
 from robot_energy.errors import KindError
 from robot_energy.model.figure import PositiveFigure
 from robot_energy.model.friction_laws import (
@@ -36,26 +36,35 @@ from robot_energy.physics.equations import (
 )
 
 SPREAD_POINTS = 101  # of a law, over its range
+REACH_POINTS = 401  # between an edge of the fitted range and the end of what motors can read
 
 
 @dataclass(frozen=True)
 class ViscousLaw:
     """fv(T) of one axis with its range of validity.
 
-    Outside the range the value at the edge is held.
-
     Attributes:
         lower_degc: Lower end of the fitted range. [degC]
         upper_degc: Upper end. [degC]
-        formula: fv of temperatures in that range. [N m s/rad]
-        deviation: Standard deviation of fv at temperatures in that range; NaN for
+        formula: fv of temperatures in ``used_degc``. [N m s/rad]
+        deviation: Standard deviation of ``formula`` at temperatures in ``known_degc``; NaN for
             unknown. [N m s/rad]
+        used_degc: Range in which ``formula`` is used; beyond it the value at its ends is held.
+            None for the fitted range. [degC]
+        known_degc: Range for which ``deviation`` was made; None for the fitted range. [degC]
     """
 
     lower_degc: float
     upper_degc: float
     formula: Callable[[Float], Float]
     deviation: Callable[[Float], Float]
+    used_degc: tuple[float, float] | None = None
+    known_degc: tuple[float, float] | None = None
+
+    @property
+    def used(self) -> tuple[float, float]:
+        """Range in which ``formula`` is used. [degC]"""
+        return self.used_degc or (self.lower_degc, self.upper_degc)
 
     def viscous(self, motor_temperature_degc: Float | float) -> Float:
         """Return the viscous coefficient.
@@ -66,24 +75,37 @@ class ViscousLaw:
         Returns:
             Same shape, motor side; NaN where the temperature is NaN. [N m s/rad]
         """
-        inside = np.clip(
-            np.asarray(motor_temperature_degc, dtype=np.float64), self.lower_degc, self.upper_degc
-        )
-        return self.formula(inside)
+        values = np.asarray(motor_temperature_degc, dtype=np.float64)
+        return self.formula(np.clip(values, *self.used))
 
     def std(self, motor_temperature_degc: Float | float) -> Float:
         """Return the standard deviation of the viscous coefficient at a known temperature.
+
+        Where ``deviation`` is known it is that, outside the fitted range never less than at its
+        edge. Further out the change that is to be expected there is added,
+        ``sqrt(std^2 + (slope (T - end))^2)`` with the slope of fv at the end of that range,
+        and at most fv itself where friction falls.
 
         Args:
             motor_temperature_degc: Any shape. [degC]
 
         Returns:
-            Same shape, motor side; NaN where the law has none, outside its range and where
-            the temperature is NaN. [N m s/rad]
+            Same shape, motor side; NaN where the law has none and where the temperature is
+            NaN. [N m s/rad]
         """
         values = np.asarray(motor_temperature_degc, dtype=np.float64)
-        known = np.isfinite(values) & ~self.extrapolated(values)
-        return np.where(known, self.deviation(np.where(known, values, 0.0)), np.nan)
+        finite = np.isfinite(values)
+        degc = np.where(finite, values, 0.0)
+        low, high = self.known_degc or (self.lower_degc, self.upper_degc)
+        known = np.clip(degc, low, high)
+        fitted = np.clip(degc, self.lower_degc, self.upper_degc)
+        own = np.maximum(self.deviation(known), self.deviation(fitted))
+        end = self.formula(known)
+        slope = (self.formula(np.clip(known + 1.0, low, high)) - end) + (
+            end - self.formula(np.clip(known - 1.0, low, high))
+        )
+        change = np.maximum(slope * (degc - known), -end)
+        return np.where(finite, np.hypot(own, change), np.nan)
 
     def std_unknown(self, assumed_degc: float) -> float:
         """Return the deviation from the coefficient at an assumed temperature.
@@ -99,7 +121,7 @@ class ViscousLaw:
             Motor side; NaN where nothing is known of it, as for a constant law without a
             deviation. [N m s/rad]
         """
-        own = float(self.std(assumed_degc))
+        own = float(self.std(np.clip(assumed_degc, self.lower_degc, self.upper_degc)))
         if not np.isfinite([self.lower_degc, self.upper_degc]).all():
             return own
         span = np.linspace(self.lower_degc, self.upper_degc, SPREAD_POINTS)
@@ -108,7 +130,7 @@ class ViscousLaw:
         return float(np.sqrt(spread + (own**2 if np.isfinite(own) else 0.0)))
 
     def extrapolated(self, motor_temperature_degc: Float | float) -> NDArray[np.bool_]:
-        """Whether a temperature is outside the fitted range; the value at its edge is then used.
+        """Whether a temperature is outside the fitted range.
 
         Args:
             motor_temperature_degc: Any shape (...). [degC]
@@ -146,22 +168,40 @@ def _constant(entry: ConstantLaw) -> ViscousLaw:
 def _exponential(entry: ExponentialLaw) -> ViscousLaw:
     a, b, c = entry.a.value, entry.b.value, entry.c.value
     lower, upper = entry.fitted_degc
-    deviation = _level(entry.std) if entry.covariance is None else _of_exponential(entry)
-    return ViscousLaw(lower, upper, lambda t: exponential_viscous(t, a, b, c), deviation)
 
+    def formula(degc: Float) -> Float:
+        return exponential_viscous(degc, a, b, c)
 
-def _of_exponential(entry: ExponentialLaw) -> Callable[[Float], Float]:
-    """Deviation of fv(T) by the covariance of a, b and c: the root of ``g' C g``."""
-    b, c = entry.b.value, entry.c.value
-    covariance = np.asarray(entry.covariance, dtype=np.float64)
+    if entry.covariance is None:
+        used = PLAUSIBLE_DEGC if entry.outside == "extend" else None
+        return ViscousLaw(lower, upper, formula, _level(entry.std), used)
+    covariance = np.array(entry.covariance)
 
-    def deviation(degc: Float) -> Float:
+    def slopes(degc: Float) -> Float:
+        """Derivatives of fv by a, b and c."""
         decay = np.exp(-degc / c)
-        slope = np.stack([np.ones_like(decay), decay, b * decay * degc / c**2])
-        variance = np.einsum("i...,ij,j...->...", slope, covariance, slope)
-        return np.sqrt(np.maximum(variance, 0.0))
+        return np.stack([np.ones_like(decay), decay, b * decay * degc / c**2], axis=-1)
 
-    return deviation
+    def spread(along: Float) -> Float:
+        return np.sqrt(np.maximum(((along @ covariance) * along).sum(axis=-1), 0.0))
+
+    def reach(edge: float, end: float) -> float:
+        """The last temperature to which the change from the edge is larger than its deviation."""
+        degc = np.linspace(edge, end, REACH_POINTS)
+        change = np.abs(formula(degc) - formula(np.array(edge)))
+        sure = change > spread(slopes(degc) - slopes(np.array(edge)))
+        return float(degc[int(np.argmin(np.append(sure[1:], False)))])
+
+    ends = min(PLAUSIBLE_DEGC[0], lower), max(PLAUSIBLE_DEGC[1], upper)
+    match entry.outside:
+        case "hold":
+            used = (lower, upper)
+        case "extend":
+            used = ends
+        case _:
+            with np.errstate(over="ignore", invalid="ignore"):  # of a tiny c: nothing is sure
+                used = (reach(lower, ends[0]), reach(upper, ends[1]))
+    return ViscousLaw(lower, upper, formula, lambda t: spread(slopes(t)), used, used)
 
 
 def _table(entry: TableLaw) -> ViscousLaw:
@@ -193,6 +233,7 @@ class FrictionModel:
         self.laws = [viscous_law(entry.viscous) for entry in entries]
         self._lower_degc = np.asarray([law.lower_degc for law in self.laws])
         self._upper_degc = np.asarray([law.upper_degc for law in self.laws])
+        self._used_degc = np.asarray([law.used for law in self.laws]).T
         self.coulomb = np.asarray([entry.coulomb.value for entry in entries])
         self._smooth = _values([entry.smooth_velocity for entry in entries])
         self._load = _values([entry.load_coulomb for entry in entries])
@@ -222,7 +263,7 @@ class FrictionModel:
         Returns:
             Motor side, same shape; NaN where the temperature is NaN. [N m s/rad]
         """
-        inside = np.clip(motor_temperature_degc, self._lower_degc, self._upper_degc)
+        inside = np.clip(motor_temperature_degc, *self._used_degc)
         columns = [law.formula(inside[..., i]) for i, law in enumerate(self.laws)]
         return np.stack(columns, axis=-1)
 
@@ -250,7 +291,7 @@ class FrictionModel:
         return np.asarray([law.std_unknown(assumed_degc) for law in self.laws])
 
     def extrapolated(self, motor_temperature_degc: Float) -> NDArray[np.bool_]:
-        """Whether a law is used outside its fitted range, where it keeps the value at the edge.
+        """Whether a law is used outside its fitted range.
 
         Args:
             motor_temperature_degc: Shape (..., n). [degC]

@@ -85,6 +85,7 @@ class EnergyPipeline:
             self.power.friction(friction)
         if meter is not None:
             self.ledger.measure(meter)
+            self.power.condition.measure(meter)
         torque = None
         if joints is not None:
             torque = self.torque.plan(joints) if planned else self.torque.step(joints)

@@ -4,34 +4,74 @@ from __future__ import annotations
 
 import numpy as np
 
-from robot_energy.blocks import Float, FrictionBlock
+from robot_energy.blocks import Float
 from robot_energy.model import RobotModel
 from robot_energy.physics.friction import FrictionModel
+from robot_energy.uncertainty.priors import relative_std, tag_of
+
+COLDER, WARMER = 0.05, 0.02
+"""Growth of the deviation below and above the fitted range, as a share of the coefficient. [1/K]
+
+Viscous friction of cold gears rises by 2 to 5 % per kelvin, of warm ones it falls by 1 to 3 %,
+and the value at the edge is held."""
 
 
 class FrictionCertainty:
     """Standard deviations of viscous coefficients.
 
+    A law that states no deviation has that of the prior for its tag. Beyond its fitted range
+    the deviation at the edge grows with the distance, unless the law itself has one there. What an
+    unknown temperature and the distance add errs alike at all joints: all are warm or cold
+    together.
+
     Args:
         model: The robot's model.
 
     Attributes:
-        fallback_std: Where the fallback temperature is assumed, motor side, shape (n,); NaN
-            where nothing is known of it. [N m s/rad]
+        fallback_std: Where the fallback temperature is assumed, motor side, shape (n,).
+            [N m s/rad]
+        fallback_shared_std: Part of it that errs alike at all joints, shape (n,). [N m s/rad]
     """
 
     def __init__(self, model: RobotModel) -> None:
         self._friction = FrictionModel.from_model(model)
-        self.fallback_std = self._friction.viscous_std_unknown(model.temperature.fallback_degc)
+        self._edges = np.transpose(
+            [(law.lower_degc, law.upper_degc) for law in self._friction.laws]
+        )
+        self._prior = np.asarray(
+            [relative_std("viscous", tag_of(joint.friction.viscous)) for joint in model.joints]
+        )
+        degc = model.temperature.fallback_degc
+        own, _ = self._known(np.full((1, len(model.joints)), degc))
+        spread = np.nan_to_num(self._friction.viscous_std_unknown(degc))
+        self.fallback_std = np.fmax(own[0], spread)
+        self.fallback_shared_std = np.sqrt(self.fallback_std**2 - own[0] ** 2)
 
-    def std(self, block: FrictionBlock) -> Float:
-        """Return the deviation of ``viscous`` in every row.
+    def std(self, motor_temperature_degc: Float) -> tuple[Float, Float]:
+        """Return the deviation of the viscous coefficients.
 
         Args:
-            block: N rows.
+            motor_temperature_degc: NaN where the fallback is used, shape (N, n). [degC]
 
         Returns:
-            Motor side, shape (N, n); NaN where none is known. [N m s/rad]
+            All of it, and the part that errs alike at all joints; motor side, finite, shape
+            (N, n). [N m s/rad]
         """
-        degc = block.motor_temperature_degc
-        return np.where(np.isnan(degc), self.fallback_std, self._friction.viscous_std(degc))
+        assumed = np.isnan(motor_temperature_degc)
+        total, shared = self._known(motor_temperature_degc)
+        return (
+            np.where(assumed, self.fallback_std, total),
+            np.where(assumed, self.fallback_shared_std, shared),
+        )
+
+    def _known(self, degc: Float) -> tuple[Float, Float]:
+        """Deviations at measured temperatures."""
+        friction, inside = self._friction, np.clip(degc, *self._edges)
+        total, own = friction.viscous_std(degc), friction.viscous_std(inside)
+        if np.isnan(total).any():
+            edge = friction.viscous(inside)
+            own = np.where(np.isnan(own), self._prior * edge, own)
+            colder, warmer = np.maximum(inside - degc, 0.0), np.maximum(degc - inside, 0.0)
+            grown = np.hypot(own, (COLDER * colder + WARMER * warmer) * edge)
+            total = np.where(np.isnan(total), grown, total)
+        return total, np.sqrt(np.maximum(total**2 - own**2, 0.0))

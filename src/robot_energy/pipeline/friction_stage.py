@@ -19,6 +19,7 @@ from robot_energy.inputs.rejection_log import RejectionLog
 from robot_energy.inputs.temperatures.filter import ReadingStatus, TemperatureFilter
 from robot_energy.model import RobotModel
 from robot_energy.physics.friction import FrictionModel
+from robot_energy.pipeline.friction_certainty import FrictionCertainty
 
 REASONS = {
     ReadingStatus.IMPLAUSIBLE: "temperature_implausible",
@@ -51,6 +52,7 @@ class FrictionStage:
 
     def __init__(self, model: RobotModel) -> None:
         self._friction = FrictionModel.from_model(model)
+        self._certainty = FrictionCertainty(model)
         n_joints = len(model.joints)
         fallback = np.full(n_joints, model.temperature.fallback_degc)
         self._fallback = self._friction.viscous(fallback)
@@ -131,12 +133,16 @@ class FrictionStage:
             np.array([state.implausible for state in states]),
             Quality.TEMPERATURE_IMPLAUSIBLE,
         )
+        std, shared = self._certainty.std(temperature)
         return FrictionBlock(
             stamp_ns=np.array([state.stamp_ns for state in states], dtype=np.int64),
             quality=quality,
             coulomb=np.tile(self._friction.coulomb, (len(states), 1)),
             viscous=np.where(known, self._friction.viscous(temperature), self._fallback),
+            viscous_std=std,
+            viscous_shared_std=shared,
             viscous_fallback=np.tile(self._fallback, (len(states), 1)),
+            viscous_fallback_std=np.tile(self._certainty.fallback_std, (len(states), 1)),
             motor_temperature_degc=temperature,
             temperature_stamp_ns=np.stack([state.temperature_stamp_ns for state in states]),
         )

@@ -18,6 +18,9 @@ from robot_energy.blocks import (
     mark,
     sum_over_joints,
 )
+from robot_energy.condition.learner import ConditionLearner, Learning
+from robot_energy.condition.thermal_observer import ThermalObserver
+from robot_energy.inputs.meter.power_curve import MeterCurve
 from robot_energy.inputs.temperatures.stuck import StuckTemperatureDetector
 from robot_energy.model import RobotModel
 from robot_energy.physics.cabinet import CabinetStage
@@ -25,9 +28,11 @@ from robot_energy.physics.drive import drive_from_model
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.friction import FrictionModel
 from robot_energy.pipeline.fallback_use import FallbackUse
+from robot_energy.pipeline.friction_certainty import FrictionCertainty
 from robot_energy.pipeline.friction_stage import FrictionStage
 from robot_energy.pipeline.friction_timeline import FrictionTimeline
 from robot_energy.pipeline.settings import Settings
+from robot_energy.uncertainty.deviation import PowerDeviation
 
 MAX_POWER = 1e6  # no robot draws a megawatt: the joint states are wrong [W]
 NEVER = 1e9  # s, some thirty years
@@ -45,9 +50,11 @@ class PowerStage:
         settings: The waiting time.
 
     Attributes:
-        watch: Which temperatures are stuck; they stay in use, as the motor is at least as
-            warm, and are flagged.
+        watch: Which temperatures are stuck; they are flagged, and stay in use where ``thermal``
+            has no estimate, as the motor is at least as warm.
         fallback_use: How many samples had to do without a temperature, and why.
+        condition: What is learned of the robot.
+        thermal: Motor temperatures from the model's own losses.
     """
 
     def __init__(self, model: RobotModel, settings: Settings | None = None) -> None:
@@ -55,6 +62,7 @@ class PowerStage:
         self._friction = FrictionModel.from_model(model)
         self._drive = drive_from_model(model)
         self._cabinet = CabinetStage(model.cabinet)
+        self._deviation = PowerDeviation(model)
         self.watch = StuckTemperatureDetector(model)
         transmission = np.abs(Drivetrain.from_model(model).transmission)
         still = np.asarray([joint.standstill_velocity for joint in model.joints])
@@ -68,6 +76,14 @@ class PowerStage:
         self._last_ns: int | None = None  # newest torque that was released
         self._waiting: TorqueBlock | None = None
         self.fallback_use = FallbackUse(model.temperature.fallback_degc)
+        self.thermal = ThermalObserver(model, on=not self._assumed)
+        self._certainty = FrictionCertainty(model)
+        self._estimated: tuple[int, tuple[Float, ...]] | None = None  # and the window it is for
+        self.condition = ConditionLearner(
+            model,
+            Learning.OFF if self._assumed else settings.learning,
+            MeterCurve(settings.meter_max_gap, settings.meter_max_power, settings.meter_wraps_at),
+        )
 
     def friction(self, block: FrictionBlock) -> None:
         """Take friction coefficients, each row valid from its stamp onward.
@@ -107,11 +123,14 @@ class PowerStage:
     def restart(self) -> None:
         """Drop what waits, as after an error."""
         self._waiting = None
+        self.condition.restart()
 
     def flush(self) -> PowerBlock | None:
         """Return the power at what still waits, as at the end of a bag."""
         block, self._waiting = self._waiting, None
-        return self._release(block) if block is not None else None
+        power = self._release(block) if block is not None else None
+        self.condition.flush()
+        return power
 
     def _release(self, block: TorqueBlock) -> PowerBlock:
         """Compute the power, epoch by epoch."""
@@ -119,11 +138,16 @@ class PowerStage:
         before = int(stamp[0]) if self._last_ns is None else self._last_ns
         self._last_ns = int(stamp[-1])
         jumps = np.flatnonzero(differences(stamp, before) < 0).tolist()
+        windows = self.thermal.cuts(stamp, before, not jumps)
+        cuts = sorted({*jumps, *windows, *self.condition.cuts(stamp, before)})
         parts: list[PowerBlock] = []
-        for start, stop in zip([0, *jumps], [*jumps, len(block)], strict=True):
+        for start, stop in zip([0, *cuts], [*cuts, len(block)], strict=True):
             if stop > start:
+                self.condition.begin(int(stamp[start]))
+                self.thermal.begin(int(stamp[start]), self.watch.stuck)
                 parts.append(self._power(block[slice(start, stop)]))
-            if stop < len(block):
+                self.condition.step(parts[-1])
+            if stop in jumps:
                 self._timeline.jump_back(int(stamp[stop]))
         return PowerBlock.concatenate(parts)
 
@@ -131,13 +155,18 @@ class PowerStage:
     def _power(self, block: TorqueBlock) -> PowerBlock:
         quality = block.quality.copy()
         speed, rigid = block.motor_velocity, block.motor_torque_rigid
-        coulomb, viscous, measured_degc = self._coefficients(block.stamp_ns, quality)
+        coulomb, viscous, *deviations, degc, measured_degc = self._coefficients(
+            block.stamp_ns, quality
+        )
         standing = np.abs(speed) <= self._standstill
         friction = self._friction.torque(speed, rigid, coulomb, viscous, standing)
+        learned = self.condition.multiplier(speed, degc)
+        if learned is not None:
+            coulomb, viscous, friction = coulomb * learned, viscous * learned, friction * learned
         torque = rigid + friction
         rigid_power, friction_power = rigid * speed, friction * speed
         shaft = rigid_power + friction_power
-        winding = np.where(np.isnan(measured_degc), self._fallback_degc, measured_degc)
+        winding = np.where(np.isnan(degc), self._fallback_degc, degc)
         electrical, extrapolated = self._drive.input_power(shaft, speed, torque, winding)
         if extrapolated is not None:
             mark(quality, np.logical_or.reduce(extrapolated, axis=1), Quality.DRIVE_EXTRAPOLATED)
@@ -152,6 +181,9 @@ class PowerStage:
             mark(quality, stuck, Quality.TEMPERATURE_STUCK)
         bus = sum_over_joints(electrical)
         bus[np.abs(bus) > MAX_POWER] = np.nan
+        self._cabinet.offset_dc, self._cabinet.offset_grid = self.condition.offsets
+        if self.condition.in_use:
+            quality |= np.uint32(Quality.LEARNED)
         balance = self._cabinet.step(block.stamp_ns, block.segment, bus)
         finite = np.isfinite(balance.grid_power)
         mark(quality, ~finite, Quality.NOT_FINITE)
@@ -159,7 +191,19 @@ class PowerStage:
         phase[standing.all(axis=1)] = Phase.HOLD
         phase[bus + balance.loss_dc < 0] = Phase.GENERATING
         phase[~finite] = Phase.UNKNOWN
-        return PowerBlock(
+        deviation = self._deviation.columns(
+            np.where(standing, 0.0, speed),
+            torque,
+            rigid_power,
+            friction_power,
+            drive_loss,
+            viscous,
+            (deviations[0], deviations[1]),
+            block.payload_mass,
+            balance,
+            block.stamp_ns,
+        )
+        power = PowerBlock(
             stamp_ns=block.stamp_ns,
             segment=block.segment,
             quality=quality,
@@ -173,7 +217,7 @@ class PowerStage:
             drive_loss=drive_loss,
             coulomb=coulomb,
             viscous=viscous,
-            motor_temperature_degc=measured_degc,
+            motor_temperature_degc=degc,
             payload_mass=block.payload_mass,
             bus_power=bus,
             loss_dc=balance.loss_dc,
@@ -181,22 +225,59 @@ class PowerStage:
             brake_power=balance.brake_power,
             capacitor_power=balance.capacitor_power,
             grid_power=balance.grid_power,
+            deviation=deviation,
         )
+        self.thermal.take(power, measured_degc[-1])
+        return power
 
-    def _coefficients(self, stamp_ns: Int, quality: Bits) -> tuple[Float, Float, Float]:
-        """Friction valid at each stamp; the temperature is NaN where missing or stale."""
+    def _coefficients(self, stamp_ns: Int, quality: Bits) -> tuple[Float, ...]:
+        """Friction valid at each stamp: Coulomb, viscous, its deviations, temperature, reading.
+
+        The reading is NaN where missing or stale; the temperature is the reading, or an
+        estimate.
+        """
         line, row = self._timeline.at(stamp_ns)
         seen = line.temperature_stamp_ns
-        coulomb, viscous, temperature = (
+        coulomb, viscous, std, shared, temperature = (
             values.T.take(row, axis=1).T
-            for values in (line.coulomb, line.viscous, line.motor_temperature_degc)
+            for values in (
+                line.coulomb,
+                line.viscous,
+                line.viscous_std,
+                line.viscous_shared_std,
+                line.motor_temperature_degc,
+            )
         )
         quality |= line.quality[row]
         deadline = np.where(seen > 0, seen + self._stale_ns, np.iinfo(np.int64).max)
         if (stamp_ns > deadline.min(axis=1)[row]).any():
             stale = stamp_ns[:, None] > deadline[row]
             viscous = np.where(stale, line.viscous_fallback[row], viscous)
+            std = np.where(stale, line.viscous_fallback_std[row], std)
+            shared = np.where(stale, line.viscous_fallback_std[row], shared)
             temperature = np.where(stale, np.nan, temperature)
             mark(quality, np.logical_or.reduce(stale, axis=1), Quality.TEMPERATURE_STALE)
+        reading = temperature
+        if self.thermal.on and (estimated := self.thermal.estimated(reading)).any():
+            temperature, viscous, std, shared = (
+                np.where(estimated, of_motors, now)
+                for of_motors, now in zip(
+                    self._estimate(), (reading, viscous, std, shared), strict=True
+                )
+            )
+            mark(quality, np.logical_or.reduce(estimated, axis=1), Quality.TEMPERATURE_ESTIMATED)
         self.fallback_use.note(stamp_ns, temperature, seen[row[-1]], self._timeline)
-        return coulomb, viscous, temperature
+        return coulomb, viscous, std, shared, temperature, reading
+
+    def _estimate(self) -> tuple[Float, ...]:
+        """Estimated temperature with its friction: viscous, its deviations; shape (n,) each."""
+        thermal = self.thermal
+        if self._estimated is None or self._estimated[0] != thermal.windows:
+            total, shared = self._certainty.std(thermal.degc)
+            spread = thermal.viscous_spread
+            values = (
+                thermal.degc.copy(), thermal.viscous, np.hypot(total, spread),
+                np.hypot(shared, spread),
+            )  # fmt: skip
+            self._estimated = (thermal.windows, values)
+        return self._estimated[1]

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 from robot_energy.accounting.settings import AccountSettings
 from robot_energy.blocks import EffortMeaning
+from robot_energy.condition.learner import Learning
 from robot_energy.timeline.gaps import BY_PERIOD
 
 
@@ -22,7 +23,8 @@ class Settings(AccountSettings):
         effort: What the effort in the joint states means.
         temperature_wait: How long torque waits for temperatures that arrive late. [s]
         temperature_assumed: Temperatures are assumed, as in a prediction: they never become
-            stale and are never taken for stuck.
+            stale and are never taken for stuck, and nothing is learned.
+        learning: What is learned of the robot while it runs, and whether it is used.
     """
 
     derivative_window: float = 0.02
@@ -32,6 +34,7 @@ class Settings(AccountSettings):
     effort: EffortMeaning = EffortMeaning.NONE
     temperature_wait: float = 0.1
     temperature_assumed: bool = False
+    learning: Learning = Learning.OBSERVE
 
     def with_meter(self, max_power: float, wraps_at: float | None, unit: str) -> Settings:
         """Return the settings with what a source says of its meter.

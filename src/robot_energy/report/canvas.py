@@ -20,23 +20,36 @@ from robot_energy.shown_text import shown, shown_lines
 Axes = Any  # the annotations of matplotlib are partly unknown
 Target = str | Path | BytesIO  # a file, or a buffer for SVG
 
-COLOURS = {"measured": "#1a1a1a", "predicted": "#0072b2", "fixed": "#d55e00"}
+# Colours are those of page.css, as it is in the light.
+COLOURS = {"measured": "#b4470b", "predicted": "#0b5cad", "fixed": "#7a3fc4"}
+PART_COLOURS = {
+    "motion": "#12805c", "friction": "#c2570c", "drives": "#7a3fc4", "cabinet": "#5b6b7d",
+    "brake": "#be1844",
+}  # fmt: skip
 LINES = {"measured": "-", "predicted": "-", "fixed": "--"}
-SERIES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#1a1a1a")
+SERIES = ("#0b5cad", "#c2570c", "#12805c", "#be1844", "#8a6d0f", "#7a3fc4", "#5b6b7d")
 MAX_TICK = 40  # characters of a name beside an axis
+FONT = b"'DejaVu Sans'"  # with which figures are laid out
+PAGE_FONTS = b"system-ui, 'Segoe UI', Roboto, 'Liberation Sans', 'DejaVu Sans', sans-serif"
 FORMATS = {".png", ".svg", ".pdf"}
 STYLE = {
     "font.size": 9.0,
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.grid": True,
-    "grid.color": "#e4e4e4",
+    "text.color": "#16202b",
+    "axes.labelcolor": "#16202b",
+    "axes.edgecolor": "#51606f",
+    "xtick.color": "#51606f",
+    "ytick.color": "#51606f",
+    "grid.color": "#d9dfe7",
     "grid.linewidth": 0.6,
     "axes.axisbelow": True,
     "legend.frameon": False,
     "lines.linewidth": 1.3,
     "svg.hashsalt": "robot_energy",
     "figure.dpi": 100.0,
+    "svg.fonttype": "none",  # text stays text: found, read out, in the font of the page
     "text.parse_math": False,  # a "$" belongs to a name
 }
 
@@ -125,6 +138,10 @@ def _save(figure: Any, path: Target) -> None:
         "pdf": {"CreationDate": None, "Creator": GENERATOR, "Producer": None},
     }[kind]
     picture = path if isinstance(path, BytesIO) else BytesIO()
-    figure.savefig(picture, format=kind, dpi=150, metadata=metadata)
+    figure.savefig(picture, format=kind, dpi=150, metadata=metadata, transparent=kind == "svg")
+    if kind == "svg":
+        text = picture.getvalue().replace(FONT, PAGE_FONTS)
+        picture.seek(0)
+        picture.write(text)
     if not isinstance(path, BytesIO):
         write_file(path, picture.getvalue(), PICTURE, "the figure")

@@ -13,6 +13,7 @@ from io import BytesIO
 from typing import Any, Literal
 
 from robot_energy.errors import ReportError
+from robot_energy.page.energy_flow import FlowPicture
 from robot_energy.report.formats import NOTHING
 
 Where = Literal["both", "page", "terminal"]
@@ -103,7 +104,27 @@ class Illustration:
     caption: str
 
 
-Part = Text | Table | Illustration
+@dataclass(frozen=True)
+class Tiles:
+    """The few figures that matter most, for pages: name, value and a remark of each."""
+
+    tiles: Sequence[tuple[str, str, str]]
+
+
+@dataclass(frozen=True)
+class FlowDiagram:
+    """Where energy goes, as the picture of the live page; for pages.
+
+    Attributes:
+        picture: Its flows. [J]
+        caption: What is to be seen.
+    """
+
+    picture: FlowPicture
+    caption: str
+
+
+Part = Text | Table | Illustration | Tiles | FlowDiagram
 
 
 class Document:

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import fields
 
 from robot_energy.model.drive_models import DRIVE_MODELS
-from robot_energy.report.document import Column, Document
-from robot_energy.report.formats import EnergyFormat, fixed, percent
+from robot_energy.page.energy_flow import FlowParts, flow_picture
+from robot_energy.report.document import Column, Document, FlowDiagram
+from robot_energy.report.formats import WATT_HOUR, EnergyFormat, energy_text, fixed, percent
 from robot_energy.results.energy import EnergyBreakdown, EnergyReport, JointEnergy
+from robot_energy.results.uncertainty import EnergyUncertainty
+from robot_energy.shown_text import shown
 
 QUALITY_NAMES = {
     "temperature_missing": "temperature missing, fallback used",
@@ -22,6 +26,12 @@ QUALITY_NAMES = {
     "drive_extrapolated": "drive outside its efficiency map",
     "not_finite": "power unknown, counted as gap",
 }
+BANDS = {
+    "parametric": "of the model's figures",
+    "calibrated": "calibrated with the meter",
+}
+MIN_SHARE = 0.005  # of the variance; what adds less is not shown
+MAX_CONTRIBUTIONS = 8
 
 
 def scale_of(energies: Sequence[EnergyBreakdown]) -> EnergyFormat:
@@ -45,6 +55,38 @@ def part_names(drive: str) -> dict[str, str]:
         "brake": "brake resistor",
         "capacitor": "into the DC-link capacitor, net",
     }
+
+
+def add_flow(page: Document, reports: Sequence[EnergyReport], caption: str) -> None:
+    """Add the picture of where the energy goes, of one result or the sum of several.
+
+    Args:
+        page: Where to.
+        reports: Results of robots with the same joints.
+        caption: What is to be seen.
+    """
+
+    def total(name: str) -> float:
+        return math.fsum(getattr(one.energy, name) for one in reports)
+
+    def of_joints(name: str) -> list[float]:
+        rows = zip(*(one.joints for one in reports), strict=True)
+        return [math.fsum(getattr(joint, name) for joint in row) for row in rows]
+
+    parts = FlowParts(
+        [shown(joint.name) for joint in reports[0].joints],
+        of_joints("rigid_energy"),
+        of_joints("friction_energy"),
+        of_joints("drive_loss_energy"),
+        loss_dc=total("loss_dc"),
+        loss_grid=total("loss_grid"),
+        brake=total("brake"),
+        capacitor=total("capacitor"),
+        returned=total("grid_return"),
+    )
+    picture = flow_picture(parts, WATT_HOUR)
+    if picture is not None and picture.flows:
+        page.add(FlowDiagram(picture, caption))
 
 
 def energy_table(
@@ -91,6 +133,44 @@ def energy_table(
         cells.append([*scale.parts([second[key] for key in names]), scale.joule(second["net"])])
     *rows, total = zip(*cells, strict=True)
     page.table(title, columns, rows, total)
+
+
+def band_text(sure: EnergyUncertainty) -> str:
+    """Return the 90 % band of an energy in words.
+
+    Args:
+        sure: How sure it is.
+    """
+    half = 0.5 * (sure.upper - sure.lower)
+    relative = f" ({percent(sure.half_relative)})" if sure.half_relative is not None else ""
+    return f"+- {energy_text(half)}{relative}, 90 % band {BANDS[sure.band]}"
+
+
+def uncertainty_table(page: Document, report: EnergyReport, scale: EnergyFormat) -> None:
+    """Add how sure the energy is, and what to measure next to make it more so.
+
+    Args:
+        page: Where to.
+        report: The result.
+        scale: Unit of the energies.
+    """
+    sure = report.uncertainty
+    shown = [one for one in sure.contributions if (one.share or 0.0) >= MIN_SHARE]
+    page.paragraph(f"How sure: {energy_text(report.energy.net)} {band_text(sure)}")
+    if sure.readings:
+        page.paragraph(
+            f"  {percent(sure.inside)} of {sure.readings} readings of the meter lay in the 90 % "
+            f"band of power, {percent(sure.inside_parametric)} uncalibrated"
+        )
+    page.rows(
+        "What makes the energy from the grid unsure, the largest first: measure that next",
+        [
+            Column("", "name"),
+            Column("standard deviation", "std", scale.joule, scale.unit),
+            Column("share of variance", "share", percent),
+        ],
+        shown[:MAX_CONTRIBUTIONS],
+    )
 
 
 def joint_table(page: Document, joints: Sequence[JointEnergy], scale: EnergyFormat) -> None:

@@ -147,8 +147,8 @@ def _energy_tables(test: HeldOutEnergy, stages: list[str], page: Document) -> No
     if test.beyond:
         page.note(
             "beyond: so much colder or warmer was a motor than in the recordings of that "
-            "fit, where friction is held at the edge. The new model is made of all recordings and "
-            "knows these temperatures"
+            "fit; the key `outside` of a law says what holds there. The new model is made of all "
+            "recordings and knows these temperatures"
         )
     if "dynamics" in stages and "friction" in stages:
         page.paragraph(

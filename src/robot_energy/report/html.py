@@ -1,64 +1,44 @@
-"""A document as one self-contained HTML file.
+"""A document as one self-contained HTML file, or printed from it as PDF.
 
-Everything lies in the file: style, figures and numbers; it opens without a network, on a
-phone, and on paper.
+Everything lies in the file: look, figures and numbers; it opens without a network, on a phone,
+and on paper. Look and energy flow are those of the live page.
 """
 
 from __future__ import annotations
 
 import base64
+import math
 import re
 from collections.abc import Sequence
 from html import escape as escaped
 from io import BytesIO
 from pathlib import Path
 
-from robot_energy.files.output_files import HTML, HTML_MARK, write_file
-from robot_energy.report.document import HEADINGS, Document, Illustration, Part, Table, Text
-from robot_energy.report.formats import typeset
+from robot_energy.files.output_files import HTML, HTML_MARK, PDF, write_file
+from robot_energy.page.energy_flow import GRID
+from robot_energy.page.headless_browser import printed
+from robot_energy.page.json_numbers import json_text
+from robot_energy.page.saved_page import inline_parts
+from robot_energy.report.document import (
+    HEADINGS,
+    Document,
+    FlowDiagram,
+    Illustration,
+    Part,
+    Table,
+    Text,
+    Tiles,
+)
+from robot_energy.report.formats import WATT_HOUR, number, percent, typeset
 from robot_energy.shown_text import shown_lines
 
-LEFT = ' class="text"'
+NUMBER = ' class="n"'
 PROSE = 24  # characters from which a cell is read as a sentence
-STYLE = """
-:root { color-scheme: light; }
-body { font: 15px/1.5 system-ui, "Segoe UI", "DejaVu Sans", sans-serif; color: #1a1a1a;
-  max-width: 104rem; margin: 0 auto; padding: 1.5rem 1.5rem 4rem; background: #fff; }
-main { display: flex; flex-wrap: wrap; align-items: flex-start; column-gap: 3rem; }
-main > * { flex: 0 0 100%; box-sizing: border-box; }
-main > p { max-width: none; padding-right: max(.8rem, calc(100% - 52rem)); }
-main > figure { flex: 1 1 34rem; max-width: 60rem; min-width: 0; }
-main > .wide { flex: 0 1 auto; min-width: 0; max-width: 100%; }
-h1 { font-size: 1.7rem; line-height: 1.25; margin: 0 0 .2rem; }
-h2 { font-size: 1.25rem; margin: 2.6rem 0 .6rem; padding-top: .8rem;
-  border-top: 1px solid #dcdcdc; }
-h3 { font-size: 1.05rem; margin: 1.8rem 0 .4rem; }
-h4 { font-size: 1rem; margin: 1.2rem 0 .3rem; }
-p { margin: .5rem 0; max-width: 48rem; }
-p.lead { color: #555; }
-p.strong { font-weight: 600; font-size: 1.05rem; }
-p.note { border-left: 3px solid #d55e00; background: #fdf4ee; padding: .4rem .8rem; }
-nav { margin: 1rem 0; font-size: .93rem; }
-nav ol { margin: 0; padding-left: 1.4rem; }
-a { color: #0072b2; }
-.wide { overflow-x: auto; margin: .8rem 0 1.2rem; }
-table { min-width: min(100%, 28rem); border-collapse: collapse; font-size: .88rem;
-  font-variant-numeric: tabular-nums; }
-caption { text-align: left; font-weight: 600; padding-bottom: .3rem; }
-th, td { padding: .22rem .8rem .22rem 0; text-align: right; vertical-align: baseline; }
-th { border-bottom: 1px solid #1a1a1a; font-weight: 600; vertical-align: bottom; }
-td { border-bottom: 1px solid #ececec; }
-th.text, td.text { text-align: left; }
-tr.total td { border-top: 1px solid #1a1a1a; font-weight: 600; }
-figure { margin: 1rem 0 1.4rem; }
-figure img { width: 100%; height: auto; }
-figcaption { font-size: .9rem; color: #444; max-width: 48rem; }
-code { font-family: ui-monospace, "DejaVu Sans Mono", monospace; font-size: .9em; }
-pre { background: #f5f5f5; padding: .6rem .8rem; white-space: pre-wrap;
-  overflow-wrap: anywhere; font-size: .88rem; }
-@media print { h2 { break-after: avoid; } figure, tr { break-inside: avoid; }
-  body { max-width: none; } main { display: block; } }
-"""
+MARK = (
+    '<svg class="mark" viewBox="0 0 32 32" aria-hidden="true">'
+    '<path d="M18 3 7 18h8l-1 11 11-15h-8z"/></svg>'
+)
+THEME = '<button id="theme" type="button" aria-label="Colours: as the system">Auto</button>'
 
 
 def write_page(document: Document, path: str | Path) -> None:
@@ -66,12 +46,17 @@ def write_page(document: Document, path: str | Path) -> None:
 
     Args:
         document: What it says.
-        path: File to write.
+        path: File to write; a name that ends in .pdf makes a PDF.
 
     Raises:
         ReportError: If it cannot be written, or a figure cannot be drawn.
+        PageError: If it is to be a PDF and no browser prints it.
     """
-    write_file(path, page_html(document).encode("utf-8", "backslashreplace"), HTML, "the report")
+    html = page_html(document).encode("utf-8", "backslashreplace")
+    if Path(path).suffix.lower() == ".pdf":
+        write_file(path, printed(html), PDF, "the report")
+    else:
+        write_file(path, html, HTML, "the report")
 
 
 def page_html(document: Document) -> str:
@@ -80,45 +65,101 @@ def page_html(document: Document) -> str:
     Args:
         document: What it says.
     """
-    parts = document.shown("page")
-    anchors = {
-        place: f"{place}-{re.sub(r'[^a-z0-9]+', '-', part.text.lower()).strip('-')}"
-        for place, part in enumerate(parts)
-        if isinstance(part, Text) and part.kind == "h2"
-    }
-    sections = [
-        f'<li><a href="#{anchor}">{_escape(str(getattr(parts[place], "text", "")))}</a></li>'
-        for place, anchor in anchors.items()
+    sections: list[list[Part]] = [[]]
+    for part in document.shown("page"):
+        if isinstance(part, Text) and part.kind == "h2":
+            sections.append([])
+        sections[-1].append(part)
+    named = {_anchor(place, parts): parts for place, parts in enumerate(sections) if parts}
+    links = [
+        f'<li><a href="#{anchor}">{_escape(str(getattr(parts[0], "text", "")))}</a></li>'
+        for anchor, parts in named.items()
+        if anchor
     ]
-    contents = f"<nav><ol>{''.join(sections)}</ol></nav>" if len(sections) > 2 else ""
-    lead = f'<p class="lead">{_prose(document.lead)}</p>' if document.lead else ""
-    body = "\n".join(_part(part, anchors.get(place, "")) for place, part in enumerate(parts))
+    contents = ""
+    if len(links) > 2:
+        contents = f'<nav class="card" aria-label="Contents"><ol>{"".join(links)}</ol></nav>'
+    lead = f'<p class="small">{_prose(document.lead)}</p>' if document.lead else ""
+    cards = [_card(anchor, parts) for anchor, parts in named.items()]
+    title, (head, script) = _escape(document.title), inline_parts()
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
         f"{HTML_MARK}"
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>{_escape(document.title)}</title><style>{STYLE}</style></head><body>\n"
-        f"<h1>{_escape(document.title)}</h1>\n{lead}\n{contents}\n<main>\n{body}\n</main></body></html>\n"
+        '<meta name="color-scheme" content="light dark">'
+        f"<title>{title}</title>{head}</head><body>\n"
+        f'<header><h1>{MARK}{title}</h1><nav aria-label="Page">{THEME}</nav></header>\n'
+        f'<main class="report">\n{lead}{contents}\n{"".join(cards)}</main>\n'
+        f"{script}</body></html>\n"
     )
 
 
-def _part(part: Part, anchor: str) -> str:
+def _anchor(place: int, parts: Sequence[Part]) -> str:
+    """Target of a link to a section; empty for what stands before the first heading."""
+    text = parts[0].text if place and isinstance(parts[0], Text) else ""
+    return f"{place}-{re.sub(r'[^a-z0-9]+', '-', text.lower()).strip('-')}" if place else ""
+
+
+def _card(anchor: str, parts: Sequence[Part]) -> str:
+    place = f' id="{anchor}"' if anchor else ""
+    first = any(isinstance(part, FlowDiagram) for part in parts)
+    inner = "\n".join(filter(None, map(_part, parts)))
+    return f'<section class="card{" first" if first else ""}"{place}>\n{inner}\n</section>\n'
+
+
+def _part(part: Part) -> str:
     match part:
         case Table():
             return _table(part)
         case Illustration():
             return _figure(part)
+        case Tiles(tiles):
+            return f'<div class="tiles">{"".join(_tile(*tile) for tile in tiles)}</div>'
+        case FlowDiagram():
+            return _flow(part)
         case Text("", _):
             return ""
         case Text(text, "command"):
             return f"<pre><code>{_literal(text)}</code></pre>"
         case Text(text, kind) if kind in HEADINGS.values():
-            place = f' id="{anchor}"' if anchor else ""
-            return f"<{kind}{place}>{_escape(text)}</{kind}>"
+            return f"<{kind}>{_escape(text)}</{kind}>"
         case Text(text, kind):
             style = {"plain": "", "strong": ' class="strong"'}.get(kind, ' class="note"')
             before = "problem: " if kind == "problem" else ""
             return f"<p{style}>{_prose(before + text)}</p>"
+
+
+def _tile(name: str, value: str, note: str) -> str:
+    size, _, unit = value.partition(" ")
+    shown_unit = f" <small>{_escape(unit)}</small>" if unit else ""
+    return (
+        f'<div class="tile"><p class="name">{_escape(name)}</p>'
+        f'<p class="big">{_escape(size)}{shown_unit}</p>'
+        f'<p class="small">{_escape(note)}</p></div>'
+    )
+
+
+def _flow(diagram: FlowDiagram) -> str:
+    """The picture, drawn by the script of the live page, and the same as a table."""
+    picture = diagram.picture
+    digits = max(0, round(-math.log10(picture.unit / WATT_HOUR)))
+    drawn = sum(flow.units for flow in picture.flows if flow.source == GRID)
+    rows = [
+        (
+            picture.labels[flow.source],
+            picture.labels[flow.target],
+            number(flow.units * picture.unit / WATT_HOUR, digits),
+            percent(flow.units / drawn if drawn else None),
+        )
+        for flow in picture.flows
+    ]
+    data = escaped(json_text(picture.plain(WATT_HOUR)))
+    table = _table(Table("", ("from", "to", "Wh", "share"), rows))
+    return (
+        f'<figure class="flow"><div class="figure" data-flow="{data}"></div>'
+        f"<figcaption>{_prose(diagram.caption)}</figcaption>"
+        f"<details><summary>As a table</summary>{table}</details></figure>"
+    )
 
 
 def _table(table: Table) -> str:
@@ -127,21 +168,27 @@ def _table(table: Table) -> str:
     left = [
         index == 0 or any(len(row[index]) > PROSE for row in body) for index in range(len(columns))
     ]
-    lines = [
-        _row("th", columns, left),
-        *(_row("td", row, left) for row in table.rows),
-        *([] if table.total is None else [_row("td", table.total, left, ' class="total"')]),
-    ]
     caption = f"<caption>{_escape(table.title)}</caption>" if table.title else ""
-    return f'<div class="wide"><table>{caption}{"".join(lines)}</table></div>'
-
-
-def _row(tag: str, cells: Sequence[str], left: Sequence[bool], kind: str = "") -> str:
-    inner = "".join(
-        f"<{tag}{LEFT if side else ''}>{_escape(cell)}</{tag}>"
-        for cell, side in zip(cells, left, strict=True)
+    head = f"<thead>{_row(columns, left, head=True)}</thead>" if table.columns else ""
+    lines = [
+        *(_row(row, left) for row in table.rows),
+        *([] if table.total is None else [_row(table.total, left, ' class="total"')]),
+    ]
+    name = _escape(table.title or "Table")
+    return (
+        f'<div class="scroll" tabindex="0" role="region" aria-label="{name}">'
+        f"<table>{caption}{head}<tbody>{''.join(lines)}</tbody></table></div>"
     )
-    return f"<tr{kind}>{inner}</tr>"
+
+
+def _row(cells: Sequence[str], left: Sequence[bool], kind: str = "", head: bool = False) -> str:
+    """A row; the first cell of each is its header, and an empty one is no header."""
+    inner: list[str] = []
+    for place, (cell, side) in enumerate(zip(cells, left, strict=True)):
+        tag = "th" if cell and (head or place == 0) else "td"
+        scope = f' scope="{"col" if head else "row"}"' if tag == "th" else ""
+        inner.append(f"<{tag}{scope}{'' if side else NUMBER}>{_escape(cell)}</{tag}>")
+    return f"<tr{kind}>{''.join(inner)}</tr>"
 
 
 def _figure(figure: Illustration) -> str:

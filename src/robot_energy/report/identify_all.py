@@ -56,7 +56,7 @@ def identification_document(
         details: Whether the terminal shows that as well.
     """
     page.heading("In short")
-    _overview(report, page)
+    identification_overview(report, page)
     if report.energy is not None:
         page.heading("Energy on what the model has not seen")
         held_out_document(report.energy, report.model.joint_names, page)
@@ -78,7 +78,13 @@ def identification_document(
     _model(report, page)
 
 
-def _overview(report: IdentificationReport, page: Document) -> None:
+def identification_overview(report: IdentificationReport, page: Document) -> None:
+    """Add what every step found, in one table.
+
+    Args:
+        report: The identification.
+        page: To add to.
+    """
     page.rows(
         "What was identified, in the order in which it was done",
         [

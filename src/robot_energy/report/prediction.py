@@ -8,14 +8,22 @@ from pathlib import Path
 from robot_energy.prediction import Prediction
 from robot_energy.report.document import Column, Document
 from robot_energy.report.energy import (
+    add_flow,
     energy_table,
     joint_table,
     phase_table,
     quality_table,
     scale_of,
+    uncertainty_table,
 )
-from robot_energy.report.flow_figure import energy_flow
-from robot_energy.report.formats import energy_text, fixed, percent, significant, tags_text
+from robot_energy.report.formats import (
+    energy_text,
+    fixed,
+    percent,
+    plus_minus,
+    significant,
+    tags_text,
+)
 from robot_energy.report.prediction_figure import energy_bars, power_curves
 from robot_energy.results.prediction import PredictionReport, PredictionsReport
 
@@ -59,11 +67,7 @@ def prediction_document(
             page.heading("Side by side")
         _side_by_side(page, runs, names)
     if len(runs) == 1:
-        page.figure(
-            lambda path: energy_flow(runs[0], path),
-            "Where the energy from the grid goes: to the axes, cabinet and brake. Each row begins "
-            "where the one above ended, and their figures sum to the first. Hatched: given back.",
-        )
+        add_flow(page, runs, "Where the energy from the grid goes, as predicted.")
     else:
         page.figure(
             lambda path: energy_bars([run.energy for run in runs], names, path),
@@ -100,6 +104,7 @@ def _side_by_side(page: Document, runs: Sequence[PredictionReport], names: Seque
             energy("constant\nlosses", "loss_dc", "loss_grid"),
             energy("brake,\ncapacitor", "brake", "capacitor"),
             energy("grid", "net"),
+            Column("90 %\nband", lambda run: run.uncertainty.half_relative, plus_minus),
         ],
         runs,
     )
@@ -136,6 +141,7 @@ def _run(page: Document, run: PredictionReport) -> None:
     page.pairs(_facts(run))
     scale = scale_of([run.energy])
     energy_table(page, "Where the energy goes, predicted", run, scale)
+    uncertainty_table(page, run, scale)
     joint_table(page, run.joints, scale)
     phase_table(page, run, scale)
     page.rows(

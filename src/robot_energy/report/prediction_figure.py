@@ -8,16 +8,16 @@ from typing import Any
 import numpy as np
 
 from robot_energy.prediction import START_NS, Prediction
-from robot_energy.report.canvas import SERIES, Axes, Target, canvas, named_ticks
+from robot_energy.report.canvas import PART_COLOURS, SERIES, Axes, Target, canvas, named_ticks
 from robot_energy.report.energy import scale_of
 from robot_energy.results.energy import EnergyBreakdown
 
-PARTS = {
-    "lifting and accelerating, net": ("rigid",),
-    "friction": ("friction",),
-    "drive losses": ("drive_loss",),
-    "constant losses": ("loss_dc", "loss_grid"),
-    "brake, capacitor": ("brake", "capacitor"),
+PARTS = {  # name, parts of the energy, and its colour
+    "lifting and accelerating, net": (("rigid",), "motion"),
+    "friction": (("friction",), "friction"),
+    "drive losses": (("drive_loss",), "drives"),
+    "constant losses": (("loss_dc", "loss_grid"), "cabinet"),
+    "brake, capacitor": (("brake", "capacitor"), "brake"),
 }
 MINUTE, MAX_TIME_IN_SECONDS = 60.0, 600.0  # s
 BAR = 0.45  # inch per run
@@ -76,13 +76,13 @@ def _bars(axes: Axes, energies: Sequence[EnergyBreakdown], labels: Sequence[str]
     scale, count = scale_of(energies), len(energies)
     place = np.arange(count)[::-1]
     right, left = np.zeros(count), np.zeros(count)
-    for colour, (name, keys) in zip(SERIES, PARTS.items(), strict=False):
+    for name, (keys, kind) in PARTS.items():
         width = np.array([sum(getattr(one, key) for key in keys) for one in energies])
         width = width / scale.factor
         if not width.any():
             continue
         start = np.where(width >= 0, right, left)
-        axes.barh(place, width, 0.6, left=start, color=colour, label=name)
+        axes.barh(place, width, 0.6, left=start, color=PART_COLOURS[kind], label=name)
         right += np.maximum(width, 0.0)
         left += np.minimum(width, 0.0)
     for row, energy in zip(place.tolist(), energies, strict=True):

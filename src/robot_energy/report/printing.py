@@ -9,7 +9,7 @@ from rich.cells import cell_len
 from rich.console import Console
 from rich.text import Text as Line
 
-from robot_energy.report.document import HEADINGS, Document, Illustration, Part, Table, Text
+from robot_energy.report.document import HEADINGS, Document, Part, Table, Text
 from robot_energy.report.formats import typeset
 from robot_energy.report.layout import MIN_PROSE_WIDTH, fitted_table
 from robot_energy.shown_text import shown_lines
@@ -30,7 +30,7 @@ def print_document(document: Document, console: Console) -> None:
 
 def _print(part: Part, console: Console) -> None:
     match part:
-        case Illustration() | Text(_, "command"):
+        case Text(_, "command"):
             pass
         case Text(text, kind) if kind in HEADINGS.values():
             console.print()
@@ -42,6 +42,8 @@ def _print(part: Part, console: Console) -> None:
             _pairs(console, rows)
         case Table():
             table(console, part.title, part.columns, part.rows, part.total)
+        case _:
+            pass
 
 
 def table(

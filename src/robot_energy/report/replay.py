@@ -2,38 +2,40 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from pathlib import Path
 
 from robot_energy.blocks import NANOSECOND
-from robot_energy.report.document import Column, Document
+from robot_energy.page.settings import PageSettings
+from robot_energy.report.condition import condition_section
+from robot_energy.report.document import HEADINGS, Column, Document, Text
 from robot_energy.report.energy import (
+    add_flow,
     energy_table,
     joint_table,
     phase_table,
     quality_table,
     scale_of,
+    uncertainty_table,
 )
-from robot_energy.report.flow_figure import energy_flow
 from robot_energy.report.formats import (
     EnergyFormat,
     counted,
-    energy_text,
     fixed,
     percent,
     seconds,
     signed_percent,
     tags_text,
 )
+from robot_energy.report.headline import beyond_constant, headline, place_of, tiles
+from robot_energy.report.jobs import job_section, summary_section
 from robot_energy.report.power_figure import power_and_energy
 from robot_energy.report.prediction_figure import energy_bars
 from robot_energy.report.series import Series
-from robot_energy.report.temperature_figure import temperature_and_friction
+from robot_energy.report.temperature_figure import TemperatureHistory, temperature_and_friction
 from robot_energy.results.energy import JointEnergy
 from robot_energy.results.replay import JointShaft, ReplayReport, ShaftComparison
-from robot_energy.time_series import TimeSeries
 
 INPUT_NAMES = {
     "joint_state_messages": "joint states",
@@ -43,7 +45,7 @@ INPUT_NAMES = {
     "meter_readings": "meter, readings",
     "payload_messages": "payloads",
 }
-LOCATION_NAMES = {"grid": "the grid", "dc_bus": "the DC bus"}
+FIRST = "Where the energy went"
 CAVEATS = {
     "motor_current": "measured = reported current x torque_constant of the model file x speed",
     "motor_torque": "measured = reported motor torque x motor speed",
@@ -65,94 +67,19 @@ class ReplayCurves:
 
     Attributes:
         series: Power and energy over time, predicted and perhaps measured.
-        power: The table over time, with motor temperatures.
+        temperatures: Motor temperatures and friction over time.
     """
 
     series: Sequence[Series]
-    power: TimeSeries
-
-
-def place_of(report: ReplayReport) -> str:
-    """Return where the power of the comparison flows, in words."""
-    return LOCATION_NAMES.get(report.comparison.meter_location or "", "the meter")
-
-
-def headline(report: ReplayReport) -> str:
-    """Return the result in one line.
-
-    Args:
-        report: Of a replay.
-
-    Returns:
-        Predicted and measured over the compared time; where nothing was measured, the
-        predicted energy and that.
-    """
-    compared = report.comparison
-    measured, predicted = compared.measured_energy, compared.predicted_energy_at_meter
-    if measured is None or predicted is None:
-        why = "no meter" if report.topics.meter is None else "no meter reading fits in time"
-        return (
-            f"predicted {energy_text(report.energy.net)} from the grid over "
-            f"{report.time.observed_time:.1f} s; nothing measured ({why}): prediction only"
-        )
-    text = (
-        f"predicted {energy_text(predicted)}, measured {energy_text(measured)} at "
-        f"{place_of(report)}"
-    )
-    if compared.predicted_minus_measured_relative is not None:
-        text += f": {percent(compared.predicted_minus_measured_relative, sign=True)}"
-    return f"{text} over {compared.compared_time:.1f} s compared"
-
-
-def beyond_constant(report: ReplayReport) -> str:
-    """Return in one line how well the part that is not constant is predicted.
-
-    Args:
-        report: Of a replay.
-
-    Returns:
-        A sentence; empty where nothing was measured.
-    """
-    compared = report.comparison
-    predicted = compared.predicted_energy_beyond_constant
-    measured, error = compared.measured_energy_beyond_constant, compared.beyond_constant_relative
-    if measured is None or predicted is None or not compared.constant_power_at_meter:
-        return ""
-    return (
-        f"beyond the model's constant losses of {compared.constant_power_at_meter:.4g} W: "
-        f"predicted {energy_text(predicted)}, measured {energy_text(measured)}"
-        + (f": {percent(error, sign=True)}" if error is not None else "")
-    )
-
-
-def replays_document(
-    replays: Sequence[tuple[ReplayReport, ReplayCurves | None]], page: Document
-) -> None:
-    """Add one or several replays; several side by side first.
-
-    Args:
-        replays: Reports, with the curves for their figures over time or None.
-        page: Where to.
-    """
-    several = len(replays) > 1
-    if several:
-        reports = [report for report, _ in replays]
-        names = [Path(report.bag).name for report in reports]
-        page.heading("Side by side")
-        page.figure(
-            lambda path: energy_bars([report.energy for report in reports], names, path),
-            "Predicted energy from the grid and where it went.",
-        )
-        for name, report in zip(names, reports, strict=True):
-            page.paragraph(f"`{name}`: {headline(report)}")
-    for report, curves in replays:
-        if several:
-            page.heading(Path(report.bag).name)
-        replay_document(report, page, curves, 3 if several else 2)
+    temperatures: TemperatureHistory
 
 
 def replay_document(
-    report: ReplayReport, page: Document, curves: ReplayCurves | None = None, depth: int = 2
+    report: ReplayReport,
+    page: Document,
+    curves: ReplayCurves | None = None,
+    depth: int = 2,
+    settings: PageSettings | None = None,
 ) -> None:
     """Add all that a replay says.
 
@@ -161,9 +88,9 @@ def replay_document(
         page: Where to.
         curves: For the figures over time; None: without them.
         depth: Of the headings on a page.
+        settings: Prices and emissions of the tiles.
     """
     other = report.compared_with
-    scale = scale_of([report.energy])
     page.paragraph(headline(report), "strong")
     if beyond := beyond_constant(report):
         page.paragraph(beyond)
@@ -176,49 +103,21 @@ def replay_document(
     page.notes(report.notes)
     page.paragraph()
     with page.only("terminal"):
-        page.pairs(_recording(report))
-    _section(page, depth, "Where the energy went")
-    _energy(page, report, scale)
-    _section(page, depth, "Predicted against measured")
-    _comparison(page, report, scale)
-    if curves is not None and curves.series:
-        page.figure(
-            lambda path: power_and_energy(curves.series, path, place=place_of(report)),
-            f"Power and energy at {place_of(report)}.",
-        )
-    _section(page, depth, "Joints")
-    joint_table(page, report.joints, scale)
-    if report.shaft is not None:
-        _shaft(page, report.shaft, scale)
-    _section(page, depth, "Temperatures and friction")
-    _temperatures(page, report, scale, curves)
-    _section(page, depth, "Phases")
-    phase_table(page, report, scale)
-    _section(page, depth, "Data quality")
-    with page.only("page"):
-        page.pairs(_recording(report))
-    _inputs(page, report)
-    quality_table(page, report)
-
-
-def _section(page: Document, depth: int, title: str) -> None:
-    """A heading for pages; the tables of a terminal have titles enough."""
-    with page.only("page"):
-        page.heading(title, depth)
+        page.pairs([*_recording(report), *_provenance(report)])
+    for title, write in SECTIONS.items():
+        before = len(page.parts)
+        if title == FIRST:
+            page.add(tiles([report], settings or PageSettings()))
+        write(page, report, curves)
+        if len(page.parts) > before:
+            heading = Text(title, HEADINGS[depth])
+            page.parts.insert(before, ("page", heading))
 
 
 def _recording(report: ReplayReport) -> list[tuple[str, str]]:
-    model, time, topics = report.model, report.time, report.topics
-    change = f"; {model.change}" if model.change else ""
+    time, topics = report.time, report.topics
     rows = [
         ("bag", report.bag),
-        ("model", f"{model.robot}, id {model.model_id}{change}"),
-        ("model file", model.source),
-        ("its figures", tags_text(model.figures)),
-    ]
-    if model.notes:
-        rows.append(("its notes", " ".join(model.notes.split())))
-    rows += [
         ("joint states", ", ".join(topics.joint_states or ())),
         ("temperatures", ", ".join(topics.temperatures or ()) or "none"),
         ("meter", topics.meter or "none"),
@@ -241,14 +140,29 @@ def _recording(report: ReplayReport) -> list[tuple[str, str]]:
     return rows
 
 
-def _energy(page: Document, report: ReplayReport, scale: EnergyFormat) -> None:
+def _provenance(report: ReplayReport) -> list[tuple[str, str]]:
+    model = report.model
+    change = f"; {model.change}" if model.change else ""
+    serial = f", serial {model.serial}" if model.serial else ""
+    rows = [
+        ("model", f"{model.robot}{serial}, id {model.model_id}{change}"),
+        ("model file", model.source),
+        ("its figures", tags_text(model.figures)),
+    ]
+    if model.notes:
+        rows.append(("its notes", " ".join(model.notes.split())))
+    return rows
+
+
+def _model(page: Document, report: ReplayReport, _: ReplayCurves | None) -> None:
+    with page.only("page"):
+        page.pairs(_provenance(report))
+
+
+def _energy(page: Document, report: ReplayReport, _: ReplayCurves | None) -> None:
     energy, power, other = report.energy, report.power, report.compared_with
-    page.figure(
-        lambda path: energy_flow(report, path),
-        "Where the energy from the grid went, as predicted: to the axes, cabinet and brake. Each "
-        "row begins where the one above ended, and their figures sum to the first. Hatched: "
-        "given back.",
-    )
+    scale = scale_of([energy])
+    add_flow(page, [report], "Where the energy from the grid went, as predicted.")
     second = None
     if other is not None:
         second = str(other.model.change), other.energy
@@ -273,8 +187,17 @@ def _energy(page: Document, report: ReplayReport, scale: EnergyFormat) -> None:
     page.paragraph()
 
 
-def _comparison(page: Document, report: ReplayReport, scale: EnergyFormat) -> None:
-    compared, other = report.comparison, report.compared_with
+def _comparison(page: Document, report: ReplayReport, curves: ReplayCurves | None) -> None:
+    _compared(page, report)
+    if curves is not None and curves.series:
+        page.figure(
+            lambda path: power_and_energy(curves.series, path, place=place_of(report)),
+            f"Power and energy at {place_of(report)}.",
+        )
+
+
+def _compared(page: Document, report: ReplayReport) -> None:
+    compared, other, scale = report.comparison, report.compared_with, scale_of([report.energy])
     measured, power = compared.measured_energy, compared.measured_mean_power
     if measured is None or power is None:
         with page.only("page"):
@@ -311,6 +234,21 @@ def _comparison(page: Document, report: ReplayReport, scale: EnergyFormat) -> No
     )
 
 
+def _certainty(page: Document, report: ReplayReport, curves: ReplayCurves | None) -> None:
+    uncertainty_table(page, report, scale_of([report.energy]))
+
+
+def _joints(page: Document, report: ReplayReport, _: ReplayCurves | None) -> None:
+    scale = scale_of([report.energy])
+    joint_table(page, report.joints, scale)
+    if report.shaft is not None:
+        _shaft(page, report.shaft, scale)
+
+
+def _phases(page: Document, report: ReplayReport, _: ReplayCurves | None) -> None:
+    phase_table(page, report, scale_of([report.energy]))
+
+
 def _shaft(page: Document, shaft: ShaftComparison, scale: EnergyFormat) -> None:
     def summed(rows: Sequence[JointShaft], *keys: str) -> float:
         return sum(getattr(row, key) or 0.0 for row in rows for key in keys)
@@ -344,11 +282,9 @@ def _shaft(page: Document, shaft: ShaftComparison, scale: EnergyFormat) -> None:
     page.paragraph()
 
 
-def _temperatures(
-    page: Document, report: ReplayReport, scale: EnergyFormat, curves: ReplayCurves | None
-) -> None:
+def _temperatures(page: Document, report: ReplayReport, curves: ReplayCurves | None) -> None:
     """For pages: the terminal has these figures in the table of the joints."""
-    net = report.energy.net
+    net, scale = report.energy.net, scale_of([report.energy])
 
     def of_grid(joint: JointEnergy) -> float | None:
         return joint.friction_energy / net if net > 0 else None
@@ -369,11 +305,18 @@ def _temperatures(
             report.joints,
             "all joints",
         )
-    if curves is not None and len(curves.power):
+    if curves is not None:
         page.figure(
-            lambda path: temperature_and_friction(curves.power, path),
+            lambda path: temperature_and_friction(curves.temperatures, path),
             "Motor temperatures that friction was computed with, and predicted power of friction.",
         )
+
+
+def _quality(page: Document, report: ReplayReport, _: ReplayCurves | None) -> None:
+    with page.only("page"):
+        page.pairs(_recording(report))
+    _inputs(page, report)
+    quality_table(page, report)
 
 
 def _inputs(page: Document, report: ReplayReport) -> None:
@@ -395,3 +338,20 @@ def _inputs(page: Document, report: ReplayReport) -> None:
         ],
         [(name, account) for name, account in report.inputs.items() if account.received],
     )
+
+
+Section = Callable[[Document, ReplayReport, ReplayCurves | None], None]
+SECTIONS: dict[str, Section] = {
+    FIRST: _energy,
+    "Predicted against measured": _comparison,
+    "How sure": _certainty,
+    "Joints": _joints,
+    "Temperatures and friction": _temperatures,
+    "Condition": lambda page, report, _: condition_section(page, report.condition),
+    "Phases": _phases,
+    "Job intervals": lambda page, report, _: job_section(page, report),
+    "Conditions, cycles and states": lambda page, report, _: summary_section(page, report),
+    "Data quality": _quality,
+    "Model and provenance": _model,
+}
+"""Parts of a report about one recording, in their order; one that adds nothing has no heading."""

@@ -15,7 +15,7 @@ from pydantic import BaseModel
 from robot_energy import __version__
 from robot_energy.model import RobotModel
 
-SCHEMA_VERSION = 2  # rises when a key goes, is renamed, or changes its meaning
+SCHEMA_VERSION = 3  # rises when a key goes, is renamed, or changes its meaning
 Number = float | None  # None where nothing is known
 
 

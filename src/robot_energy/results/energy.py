@@ -16,6 +16,7 @@ from robot_energy.model import RobotModel
 from robot_energy.model.drive_models import DRIVE_MODELS
 from robot_energy.results.base import Number, Result
 from robot_energy.results.model import ModelUsed, model_used
+from robot_energy.results.uncertainty import EnergyUncertainty, uncertainty_of
 
 BALANCE_RELATIVE = 1e-9
 
@@ -180,6 +181,7 @@ class EnergyReport(Result):
         phases: Time and energy by phase: ``hold``, ``motion``, ``generating``, ``unknown``.
         joints: Where the energy of each joint went, in model order.
         quality: How good the samples were.
+        uncertainty: How sure the predicted energy is.
         problems: What makes the figures doubtful, one sentence each.
         notes: What a reader should know before trusting the figures, one sentence each.
     """
@@ -190,6 +192,7 @@ class EnergyReport(Result):
     phases: dict[str, PhaseEnergy]
     joints: tuple[JointEnergy, ...]
     quality: SampleQuality
+    uncertainty: EnergyUncertainty
     problems: tuple[str, ...]
     notes: tuple[str, ...]
 
@@ -221,6 +224,7 @@ def common_figures(
             account.samples,
             {str(Quality(b).name).lower(): account.quality[b] for b in sorted(account.quality)},
         ),
+        "uncertainty": uncertainty_of(account, model.joint_names),
     }
 
 

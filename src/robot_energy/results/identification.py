@@ -101,7 +101,7 @@ def exponential_gain(study: Study) -> float | None:
         study: The test.
     """
     try:
-        return study.row("exponential", "carried on").rms / study.row("constant").rms
+        return study.row("exponential", "extend").rms / study.row("constant").rms
     except NotIdentifiableError:
         return None
 

@@ -177,7 +177,7 @@ def _notes(result: Prediction) -> list[str]:
     if result.extrapolated:
         notes.append(
             f"EXTRAPOLATED: the friction of {', '.join(result.extrapolated)} was never fitted at "
-            "that temperature; the law is held at the edge of its range"
+            "that temperature; what holds there the key `outside` of its law says"
         )
     if result.one_temperature:
         notes.append(

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-from robot_energy.bag_replay import Replay, Topics
+from robot_energy.bag_replay import Replay
 from robot_energy.blocks import NANOSECOND, EffortMeaning
+from robot_energy.messages import interval_fields
 from robot_energy.pipeline.payload_timeline import PayloadChange
+from robot_energy.replay_topics import Topics
 from robot_energy.results.base import Number, Result
+from robot_energy.results.condition import ConditionReport, condition_report
 from robot_energy.results.energy import (
     EnergyBreakdown,
     EnergyReport,
@@ -120,6 +124,37 @@ class InputAccount(Result):
 
 
 @dataclass(frozen=True)
+class JobFigures(Result):
+    """Energy of one job or cycle; its bounds are stamps of counted samples.
+
+    Attributes:
+        name: Equal for all of one kind.
+        start_ns: Of its first sample. [ns since 1970]
+        end_ns: Of its last sample. [ns since 1970]
+        time: Observed. [s]
+        gap_time: Not observed. [s]
+        energy: Predicted from the grid, less what was returned. [J]
+        energy_band: Half width of its band of 90 %; None where it is not known. [J]
+        peak_grid_power: Predicted; the highest. [W]
+        predicted_energy_at_meter: Over the compared time. [J]
+        measured_energy: Over the compared time; None where nothing was measured. [J]
+        compared_time: Time that meter and prediction cover. [s]
+    """
+
+    name: str
+    start_ns: int
+    end_ns: int
+    time: float
+    gap_time: float
+    energy: float
+    energy_band: Number
+    peak_grid_power: Number
+    predicted_energy_at_meter: Number
+    measured_energy: Number
+    compared_time: float
+
+
+@dataclass(frozen=True)
 class ReplayReport(EnergyReport):
     """Where the energy of a recording went.
 
@@ -133,6 +168,8 @@ class ReplayReport(EnergyReport):
         payload: Payloads set at run time; None where there is no such topic.
         inputs: Account of every input by its name.
         compared_with: A second replay of the same bag, with fixed friction.
+        jobs: Jobs and cycles, in order of time.
+        condition: What was learned; None where nothing is.
     """
 
     NAME: ClassVar[str] = "replay"
@@ -146,6 +183,8 @@ class ReplayReport(EnergyReport):
     payload: PayloadHistory | None
     inputs: dict[str, InputAccount]
     compared_with: ReplayReport | None = None
+    jobs: tuple[JobFigures, ...] = ()
+    condition: ConditionReport | None = None
 
 
 def replay_report(
@@ -159,6 +198,7 @@ def replay_report(
         compared_with: A second replay of the same bag.
     """
     account, topics = result.ledger, result.topics
+    learner = result.pipeline.power.condition
     temperature = result.pipeline.friction.latest().motor_temperature_degc[0].tolist()
     common = common_figures(account, result.model, temperature, change)
     inputs = _inputs(result)
@@ -177,7 +217,34 @@ def replay_report(
         problems=(*result.problems, *_problems(common["energy"], inputs)),
         notes=(*result.notes, *_notes(result)),
         compared_with=compared_with,
+        jobs=_jobs(result),
+        condition=condition_report(learner, result.model) if learner.learns else None,
     )
+
+
+def _jobs(result: Replay) -> tuple[JobFigures, ...]:
+    names, calibration = result.model.joint_names, result.ledger.calibration
+    rows = [interval_fields(one, names, calibration) for one in result.jobs.closed]
+    return tuple(
+        JobFigures(
+            name=row["name"],
+            start_ns=row["start_ns"],
+            end_ns=row["end_ns"],
+            time=row["observed_time"],
+            gap_time=row["gap_time"],
+            energy=row["predicted_import_energy"] - row["predicted_return_energy"],
+            energy_band=_known(row["predicted_energy_band"]),
+            peak_grid_power=_known(row["predicted_peak_power"]),
+            predicted_energy_at_meter=_known(row["predicted_energy_at_meter"]),
+            measured_energy=_known(row["measured_energy"]),
+            compared_time=row["comparison_time"],
+        )
+        for row in rows
+    )
+
+
+def _known(value: float) -> float | None:
+    return value if math.isfinite(value) else None
 
 
 def _time(result: Replay) -> ObservedTime:
@@ -280,6 +347,11 @@ def _notes(result: Replay) -> list[str]:
         notes.append(fallback)
     if result.payload.refused:
         notes.append(f"a payload of the bag was refused: {result.payload.refused}")
+    if result.jobs.left_out:
+        notes.append(
+            "jobs that are not in the recording from begin to end, left out: "
+            f"{result.jobs.left_out}"
+        )
     ignored = result.joint_states.ignored_joints
     if ignored:
         notes.append(f"joints that the model does not know: {', '.join(sorted(ignored))}")

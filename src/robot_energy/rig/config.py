@@ -128,8 +128,8 @@ class RigConfig:
         velocity_filter: The reported velocities are low-passed.
         meter_filter: So is the power that the meter shows; its energy counter is not.
         temperature_error: Motor temperature sensors lag and have constant errors.
-        thermal_speedup: Factor on the speed of the temperatures alone, motion stays in
-            real time; for warming up fast. [-]
+        thermal_speedup: Factor on the speed of the temperatures, and of the lag of their
+            sensors; motion stays in real time. For warming up fast. [-]
         sensors: Figures of the sensors.
     """
 

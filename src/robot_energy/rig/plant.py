@@ -44,10 +44,14 @@ class PlantFriction:
         profile: The plant.
         config: Switches of the terms.
         period: Between samples. [s]
+
+    Attributes:
+        wear: Factor on all friction of each axis, shape (n,). [-]
     """
 
     def __init__(self, profile: PlantProfile, config: RigConfig, period: float) -> None:
         self._profile = profile
+        self.wear: Float = np.ones(profile.n_joints)
         hard = profile.hard
         self._fall = hard.coulomb_fall * config.coulomb_temperature
         self._exponent = hard.viscous_exponent if config.viscous_exponent else 1.0
@@ -105,7 +109,7 @@ class PlantFriction:
         else:
             turning = motor_velocity
         viscous = self.viscous(gear_temperature_degc) * turning
-        return self._direction(motor_velocity) * dry + viscous
+        return (self._direction(motor_velocity) * dry + viscous) * self.wear
 
     def _direction(self, motor_velocity: Float) -> Float:
         """Return the sign of the velocity, or what presliding makes of it, shape (N, n)."""

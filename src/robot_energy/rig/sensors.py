@@ -195,7 +195,8 @@ class TemperatureSensor:
         self._start_ns = start_stamp_ns
         self._period_ns = round(1.0 / (config.sensors.temperature_rate * NANOSECOND))
         self._next = 0
-        lag = LowPass(config.sensors.temperature_lag, self._period_ns * NANOSECOND)
+        time_constant = config.sensors.temperature_lag / config.thermal_speedup
+        lag = LowPass(time_constant, self._period_ns * NANOSECOND)
         self._lag = lag if config.temperature_error else None
         offset = stream(device, Stream.TEMPERATURE_OFFSET).standard_normal(n_joints)
         self._offset = offset * config.sensors.temperature_offset

@@ -50,6 +50,7 @@ class ThermalNetwork:
     Attributes:
         motor_temperature_degc: Now, shape (n,). [degC]
         gear_temperature_degc: Now, shape (n,). [degC]
+        ambient_degc: Now. [degC]
 
     Raises:
         RigError: If a step is long against the fastest time constant, so that friction
@@ -66,7 +67,7 @@ class ThermalNetwork:
     ) -> None:
         self.motor_temperature_degc = motor_temperature_degc.copy()
         self.gear_temperature_degc = gear_temperature_degc.copy()
-        self._ambient = ambient_degc
+        self.ambient_degc = ambient_degc
         self._inner, self._outer = profile.motor_conductance, profile.gear_conductance
         if step > longest_step(profile):
             raise RigError(
@@ -84,7 +85,7 @@ class ThermalNetwork:
             motor_heat: Mean over the step, shape (n,). [W]
             gear_heat: Mean over the step, shape (n,). [W]
         """
-        gear = self._ambient + (motor_heat + gear_heat) / self._outer
+        gear = self.ambient_degc + (motor_heat + gear_heat) / self._outer
         motor = gear + motor_heat / self._inner
         above_motor = self.motor_temperature_degc - motor
         above_gear = self.gear_temperature_degc - gear

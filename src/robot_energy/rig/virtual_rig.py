@@ -12,6 +12,7 @@ bit of the output. Temperatures are held over a block and then advanced by its m
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TypeVar
 
 import numpy as np
@@ -26,6 +27,7 @@ from robot_energy.blocks import (
     sum_over_joints,
 )
 from robot_energy.errors import RigError
+from robot_energy.model.payload import Payload
 from robot_energy.motion import JointMotion, Trajectory
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.rig.config import RigConfig
@@ -118,6 +120,28 @@ class VirtualRig:
     def stamp_ns(self) -> int:
         """True instant of the next sample. [ns]"""
         return self._start_ns + self.samples * self._period_ns
+
+    def change(
+        self,
+        ambient_degc: float | None = None,
+        payload: Sequence[Payload] | None = None,
+        wear: Float | None = None,
+    ) -> None:
+        """Change what surrounds the robot, what it carries or how it runs.
+
+        It counts from the next block of samples on, at most a second later.
+
+        Args:
+            ambient_degc: None leaves it. [degC]
+            payload: Instead of all that it carries; None leaves it.
+            wear: Factor on the friction of each axis, shape (n,); None leaves it. [-]
+        """
+        if ambient_degc is not None:
+            self._thermal.ambient_degc = ambient_degc
+        if payload is not None:
+            self._robot = self._robot.with_payload(payload)
+        if wear is not None:
+            self._friction.wear = np.array(wear, dtype=np.float64)
 
     def step_until(self, stamp_ns: int) -> RigOutput | None:
         """Return the samples up to an instant, as a live rig does at every tick.

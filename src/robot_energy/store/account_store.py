@@ -18,6 +18,7 @@ from typing import Any, cast
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.plain_text import MAX_TEXT
 from robot_energy.accounting.record import (
+    DEVIATION_KEYS,
     FORMAT_VERSION,
     AccountRecord,
     Identity,
@@ -312,6 +313,7 @@ class AccountStore:
             self._note("adopted", self.adopted)
         if record.identity.model_id != self._identity.model_id:
             before, after = record.identity.model_id, self._identity.model_id
+            self.ledger.calibration.reset()
             self._note("model_changed", f"model {before} counted until here, {after} from here")
             self.notices.append(f"the registers of model {before} go on with model {after}")
 
@@ -336,7 +338,9 @@ class AccountStore:
                 set(record.totals.cabinet_energy_microjoule)
                 | set(record.totals.joint_energy_microjoule)
             )
-            for name in sorted(added):
+            if added & DEVIATION_KEYS:
+                self._note("register_added", "how sure the energies are counts from here")
+            for name in sorted(added - DEVIATION_KEYS):
                 self._note("register_added", f"register '{name}' counts from here")
             return record.arranged(mine.joint_names)
         self._began_anew(f"{reason}: {', '.join(self._slots.set_aside())}")

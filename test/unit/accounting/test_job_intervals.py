@@ -30,7 +30,7 @@ def test_an_interval_counts_from_sample_to_sample(ledger: EnergyAccount) -> None
     assert (closed.start_ns, closed.end_ns) == (SECOND, 3 * SECOND)
     # the first trapezoid of 10 ms goes from 100 W to 200 W
     assert counted(closed) == pytest.approx((0.01 * 150 + 1.99 * 200) * 1e6, abs=1)
-    fields = interval_fields(closed, ["shoulder", "elbow"])
+    fields = interval_fields(closed, ["shoulder", "elbow"], ledger.calibration)
     assert fields["predicted_mean_power"] == pytest.approx(399.5 / 2.0)
     assert fields["predicted_peak_power"] == 200.0
     assert fields["coverage"] == 1.0

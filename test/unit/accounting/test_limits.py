@@ -121,7 +121,7 @@ def test_counters_at_their_limits_count_on_and_never_raise():
         ledger.measure(counter(10 * second, 10 * second + 1))
         assert writer.encode(ledger) is not None
         for interval in ledger.list_intervals():
-            interval_fields(interval, IDENTITY.joint_names)
+            interval_fields(interval, IDENTITY.joint_names, ledger.calibration)
         with refused(RegisterError, found="numbers", expected=str(MAX_COUNTER)):
             ledger.open_interval(f"job {second}")
         if second:

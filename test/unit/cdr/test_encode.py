@@ -52,9 +52,8 @@ def _batch(rows, msgtype):
 def test_arrays_of_messages_take_one_axis_more():
     """Names of unequal length put the numbers at irregular distances."""
     msgtype = "ros2_energy_msgs/msg/PowerState"
-    encoder = Encoder(
-        msgtype, {"model_id": "kr16", "joints.name": NAMES, "phase": 2, "meter_location": 1}
-    )
+    fixed = {"phase": 2, "meter_location": 1, "band": 1}
+    encoder = Encoder(msgtype, {"model_id": "kr16", "joints.name": NAMES, **fixed})
     assert "joints.shaft_power" in encoder.fields
     assert "phase" not in encoder.fields
     shape = {f: (5, 3) if f.startswith("joints.") else (5,) for f in encoder.fields}

@@ -5,6 +5,7 @@ import pytest
 
 from plants import PROGRAM, two_link_profile
 from robot_energy.cli import main
+from robot_energy.identify.provenance import hashed
 from robot_energy.model import load
 from robot_energy.rig import RigConfig, VirtualRig
 from robot_energy.rig.record import record
@@ -34,7 +35,7 @@ def test_bags_become_a_model_that_loads(bags, capsys):
     assert "held out" in text
     assert "no longer follows the temperature" in text  # the shoulder's law of the model file
     written = load(out)
-    assert written.provenance.bags == ("bag_1", "bag_2")
+    assert written.provenance.bags == tuple(hashed(folder / name) for name in ("bag_1", "bag_2"))
     found = [joint.friction.coulomb.value for joint in written.joints]
     np.testing.assert_allclose(found, profile.coulomb, rtol=0.03)
 

@@ -1,4 +1,4 @@
-"""The energy page of a bag from the command: served until it is stopped, or one file."""
+"""The energy page of a bag from the command: served until it is stopped."""
 
 import re
 import signal
@@ -12,20 +12,6 @@ from page_messages import BAGS
 from robot_energy.cli import main
 
 REPLAY = ["replay", str(BAGS / "kr16_cold"), "--model", "kr16"]
-
-
-def test_a_page_is_written_and_replaced_but_never_over_another_file(tmp_path, capsys):
-    path = tmp_path / "page.html"
-    assert main([*REPLAY, "--page", str(path)]) == 0
-    text = path.read_text()
-    assert text.startswith("<!DOCTYPE html>")
-    assert "</script><script" not in text
-    assert not re.search(r'(src|href)="(?!data:|#)', text)  # nothing is loaded
-    assert main([*REPLAY, "--page", str(path)]) == 0
-    path.write_text("mine")
-    assert main([*REPLAY, "--page", str(path)]) == 2
-    assert path.read_text() == "mine"
-    assert "page" in capsys.readouterr().err
 
 
 def test_a_page_is_served_until_the_command_is_stopped(tmp_path):
@@ -54,7 +40,7 @@ def test_a_page_is_served_until_the_command_is_stopped(tmp_path):
     ("words", "said"),
     [
         (["--port", "8080"], "--serve"),
-        (["--page-settings", "x.yaml"], "--serve or --page"),
+        (["--page-settings", "x.yaml"], "--serve or --report"),
         (["--serve", "--page-settings", "/nowhere/x.yaml"], "cannot be read"),
         (["--serve", "--port", "70000"], "port"),
     ],

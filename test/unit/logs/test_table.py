@@ -4,10 +4,12 @@ import gzip
 from pathlib import Path
 
 import numpy as np
+import polars as pl
 import pytest
 
 from logbook import table_rows, write_csv
 from robot_energy.errors import LogFormatError
+from robot_energy.logs.rows import nanoseconds
 from robot_energy.logs.table import LogTable
 
 
@@ -52,6 +54,14 @@ def test_times_are_exact_to_the_last_digit_written(tmp_path: Path) -> None:
     log = write_csv(tmp_path / "log.csv", "t,a", ["1633435693.122408123,1", "1.7e9,2"])
     _, instants, _ = table_rows(log, ["a"])
     assert instants.tolist() == [1633435693122408123, 1_700_000_000_000_000_000]
+
+
+def test_dates_of_a_text_have_their_zone() -> None:
+    """2022-10-26 is day 19291 since 1970; the same instant in two zones, and without one UTC."""
+    texts = ["2022-10-26T08:17:21.847Z", "2022-10-26T10:17:21.847+02:00", "2022-10-26 08:17:21.847"]
+    day, seconds = 19_291 * 86_400, 8 * 3600 + 17 * 60 + 21
+    found = nanoseconds(pl.Series([*texts, "08:17", ""]), "s")
+    assert found == [(day + seconds) * 10**9 + 847_000_000] * 3 + [None, None]
 
 
 def test_rows_without_time_are_counted_at_a_rate(tmp_path: Path) -> None:

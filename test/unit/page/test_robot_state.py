@@ -87,7 +87,7 @@ def test_quality_bits_become_alarms_with_a_remedy(state):
 
 
 def test_every_quality_bit_that_asks_for_something_has_a_remedy():
-    harmless = {Quality.ACCELERATION_INCOMPLETE}
+    harmless = {Quality.ACCELERATION_INCOMPLETE, Quality.LEARNED}
     assert set(QUALITY_REMEDIES) == set(Quality) - {Quality.OK} - harmless
 
 

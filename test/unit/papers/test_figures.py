@@ -10,6 +10,7 @@ from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.rig import RigConfig, VirtualRig, load_profile
 from robot_energy_papers.calibration import FLOWS, calibrate, holding_power
+from robot_energy_papers.drawn_plants import PlantRow, error_spreads
 from robot_energy_papers.effects import EFFECTS, EffectRow, configurations
 from robot_energy_papers.held_out import SetRow, normalised, worst
 from robot_energy_papers.models import UNKNOWN, with_capacitor, without_knowledge
@@ -105,3 +106,17 @@ def test_the_start_of_identification_knows_bodies_and_nothing_else():
     assert blank.cabinet.loss_grid.value == blank.cabinet.loss_dc.value == 100.0
     plate = with_capacitor(blank, PROFILE.supply).cabinet.capacitor
     assert plate.swing == pytest.approx(0.5 * 1.5e-3 * (700.0**2 - 566.0**2))
+
+
+def test_spread_of_errors_over_plants_by_hand():
+    rows = [
+        PlantRow(1, {"follows": (0.1, -0.3), "losses": (0.0, 0.02)}),
+        PlantRow(2, {"follows": (0.2, 0.2)}),
+        PlantRow(3, {}, "no rest"),
+    ]
+    found = error_spreads(rows)
+    assert found["follows"].median == pytest.approx(0.2)
+    assert found["follows"].ninety == pytest.approx(0.27)  # 0.7 of the way from 0.2 to 0.3
+    assert (found["follows"].worst, found["follows"].least) == (-0.3, -0.3)
+    assert found["follows"].greatest == 0.2
+    assert found["losses"].worst == 0.02

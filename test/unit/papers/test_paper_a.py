@@ -13,11 +13,12 @@ from robot_energy.cli import main
 from robot_energy.model import load
 from robot_energy.physics.friction import viscous_law
 from robot_energy.rig import RigConfig, load_profile
-from robot_energy_papers.effects import ALL, Rigs, configurations, effect_row
+from robot_energy_papers.effects import ALL, configurations, effect_row
 from robot_energy_papers.experiment import make_programs, soaked
 from robot_energy_papers.held_out import held_out
 from robot_energy_papers.models import FOLLOWS, identify
 from robot_energy_papers.paper_a import QUICK, record_test, study
+from robot_energy_papers.soaked_rigs import Rigs
 
 TINY = replace(
     QUICK,
@@ -25,6 +26,7 @@ TINY = replace(
     train_degc=(20.0, 70.0),
     test_degc=(45.0,),
     effects=(),
+    plants=0,
     rigs=Rigs((20.0, 70.0), (45.0,), 12),
     programs=1,
 )
@@ -73,6 +75,16 @@ def test_what_unmodelled_effects_cost_has_the_sign_of_physics(quick):
     control = rows["oil at one temperature"]
     assert abs(control["fixed_20"][-1] - control["follows"][-1]) < 0.03  # nothing to gain
     assert rows["all effects"]["fixed_20"][-1] - rows["all effects"]["follows"][-1] > 0.4
+
+
+def test_drawn_plants_are_judged_by_models_identified_from_them(quick):
+    """What beats fixed friction on a plant that stands nowhere near a shipped model."""
+    _, data = quick
+    assert [row["plant_seed"] for row in data["plants"]] == [1, 2]
+    assert not any(row["refused"] for row in data["plants"])
+    spread = data["plants_error"]
+    assert spread["losses"]["median"] < 0.1
+    assert spread["losses"]["median"] < 0.3 * spread["fixed_20"]["median"]
 
 
 def test_the_identified_model_is_the_tested_one(quick):

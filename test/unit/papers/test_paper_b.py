@@ -66,6 +66,15 @@ def test_losses_hold_off_the_map(found):
     assert beyond["ways"]["map"]["accuracy"] < 0.7
 
 
+def test_maps_and_losses_compete_on_drawn_plants(found):
+    """Both beat no efficiency on plants whose losses are not of the form of the loss model."""
+    data = found[0]
+    assert list(data["plants"]) == ["1", "2"]
+    for test in data["plants"].values():
+        ways = test["ways"]
+        assert ways["map"]["accuracy"] > ways["none"]["accuracy"] + 0.1
+
+
 def test_efficiency_while_printing(found):
     drives = found[0]["trained"]["both speeds"]["drives"]
     assert 0.3 < drives[WALL]["efficiency"] < 0.5

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 import robots
 from robot_energy.model.friction_laws import ConstantLaw, ExponentialLaw, TableLaw
@@ -35,6 +36,87 @@ def test_outside_the_fitted_range_the_edge_is_held_and_flagged():
     np.testing.assert_array_equal(
         curve.extrapolated(np.array([19.9, 20.0, 80.0, 80.1])), [True, False, False, True]
     )
+
+
+# Covariance of a, b, c by the inverse of the information of 40 measurements of fv, one at each
+# temperature between 20 and 59 degC, each with a standard deviation of 0.05, on the law
+# 2 + 8 exp(-T/20): numpy.linalg.inv(J.T @ J / 0.05**2), to ten digits.
+MEASURED = np.arange(20.0, 60.0)
+
+
+def covariance():
+    decay = np.exp(-MEASURED / 20.0)
+    slopes = np.stack([np.ones(40), decay, 8.0 * decay * MEASURED / 400.0], axis=1)
+    return np.linalg.inv(slopes.T @ slopes / 0.05**2)
+
+
+def fitted(outside=None, matrix=None):
+    entry = {
+        "law": "exponential",
+        "a": figure(2.0),
+        "b": figure(8.0),
+        "c": figure(20.0),
+        "fitted_degc": [20, 59],
+        "covariance": (covariance() if matrix is None else matrix).tolist(),
+    }
+    return law(ExponentialLaw, **entry, **({"outside": outside} if outside else {}))
+
+
+def test_hold_and_extend_by_hand():
+    assert fitted("hold").viscous(0.0) == fitted("hold").viscous(20.0)
+    assert fitted("extend").viscous(0.0) == pytest.approx(10.0, rel=1e-12)  # 2 + 8 exp(0)
+    bare = {"law": "exponential", "a": figure(2.0), "b": figure(8.0), "c": figure(20.0)}
+    extended = law(ExponentialLaw, **bare, fitted_degc=[20, 59], outside="extend")
+    assert extended.viscous(0.0) == pytest.approx(10.0, rel=1e-12)
+    with pytest.raises(ValidationError, match="there is no covariance"):
+        law(ExponentialLaw, **bare, fitted_degc=[20, 59], outside="auto")
+
+
+def test_auto_carries_on_while_the_change_is_known_better_than_its_size():
+    """Monte Carlo: laws drawn from the covariance; the scatter of their change from the edge."""
+    curve = fitted()
+    cold, hot = curve.used
+    assert cold < 10.0  # this law is well known a decade below its edge
+    assert hot > 70.0
+    draws = np.random.default_rng(0).multivariate_normal([2.0, 8.0, 20.0], covariance(), 20_000)
+
+    def share(degc, edge):
+        a, b, c = draws.T
+        change = (a + b * np.exp(-degc / c)) - (a + b * np.exp(-edge / c))
+        return abs(8 * (np.exp(-degc / 20) - np.exp(-edge / 20))) / change.std()
+
+    noisy = fitted(matrix=100.0 * covariance())  # ten times the noise
+    for edge, end in ((20.0, noisy.used[0]), (59.0, noisy.used[1])):
+        assert -40.0 < end != edge
+        assert share(0.5 * (end + edge), edge) / 10 > 1.0
+        assert share(end + np.sign(end - edge) * 20.0, edge) / 10 < 1.0
+    assert noisy.viscous(-39.0) == noisy.viscous(noisy.used[0])
+    lost = fitted(matrix=1e6 * covariance())
+    assert lost.used == (20.0, 59.0)  # nothing is sure: held at the edges
+    assert lost.extrapolated(np.array([19.0, 30.0])).tolist() == [True, False]
+
+
+@pytest.mark.parametrize("outside", ["hold", "extend", "auto"])
+@pytest.mark.parametrize("scale", [1.0, 100.0, 1e4])
+def test_the_band_widens_all_the_way(outside, scale):
+    curve = fitted(outside, scale * covariance())
+    for degc in (np.linspace(20, -30, 60), np.linspace(59, 150, 60)):
+        std = curve.std(degc)
+        assert (np.diff(std) >= -1e-12 * std[:-1]).all()
+        assert std[-1] > 1.2 * std[0]
+    inside = np.array([25.0, 40.0, 55.0])
+    decay = np.exp(-inside / 20.0)
+    slopes = np.stack([np.ones(3), decay, 8.0 * decay * inside / 400.0], axis=1)
+    by_hand = np.sqrt(np.diag(slopes @ (scale * covariance()) @ slopes.T))
+    np.testing.assert_allclose(curve.std(inside), by_hand, rtol=1e-9)
+
+
+def test_what_is_no_covariance_is_refused():
+    for entry, row, column in ((9.0, 0, 1), (-1.0, 0, 0)):
+        wrong = covariance()
+        wrong[row, column] = entry
+        with pytest.raises(ValidationError, match="covariance is none"):
+            fitted(matrix=wrong)
 
 
 def test_table_law_meets_its_points_and_never_overshoots():
@@ -138,5 +220,6 @@ def test_no_deviation_is_invented():
     }
     assert np.isnan(law(TableLaw, **table).std(30.0))
     found = law(TableLaw, **table, std=[0.1, 0.3]).std(np.array([19.0, 20.0, 30.0, 41.0]))
-    np.testing.assert_allclose(found, [np.nan, 0.1, 0.2, np.nan])
+    # Outside, one kelvin times the slope of -1/20 between the points.
+    np.testing.assert_allclose(found, [np.hypot(0.1, 0.05), 0.1, 0.2, np.hypot(0.3, 0.05)])
     assert np.isnan(law(ConstantLaw, law="constant", viscous=figure(2.0)).std_unknown(60.0))

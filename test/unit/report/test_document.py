@@ -10,7 +10,8 @@ import pytest
 
 from pages import read
 from robot_energy.errors import ReportError
-from robot_energy.report.canvas import canvas
+from robot_energy.page.saved_page import static_file
+from robot_energy.report.canvas import COLOURS, PART_COLOURS, canvas
 from robot_energy.report.document import Document
 from robot_energy.report.html import page_html, write_page
 
@@ -29,8 +30,6 @@ def test_what_is_written_for_a_terminal_is_read_from_the_page() -> None:
         "1.5",
         "total",
         "1.5",
-        "",
-        "",
         "name",
         "a & b",
     ]
@@ -76,3 +75,9 @@ def test_bad_requests_are_refused(tmp_path: Path) -> None:
     with pytest.raises(ReportError, match="cannot be written"):
         write_page(document, tmp_path / "none" / "page.html")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_figures_have_the_colours_of_the_page() -> None:
+    light = static_file("/page.css").content.decode().partition("}")[0]
+    colours = {name: COLOURS[name] for name in ("predicted", "measured")} | PART_COLOURS
+    assert {name: re.search(rf"--{name}: (#\w+);", light)[1] for name in colours} == colours

@@ -7,10 +7,11 @@ from typing import Any
 import pytest
 
 from logbook import FRICTION, GRID, LOSS_DC, LOSS_GRID, mapping, wheel_bag, write_csv
-from robot_energy.bag_replay import Replay, Topics, replay
+from robot_energy.bag_replay import Replay, replay
 from robot_energy.errors import MissingTopicError
 from robot_energy.logs import import_log
 from robot_energy.physics.friction import with_fixed_friction
+from robot_energy.replay_topics import Topics
 from robot_energy.report.replay import beyond_constant, headline
 from robot_energy.report.series import compared_series, predicted_series
 from robot_energy.results.base import SCHEMA_VERSION
@@ -98,8 +99,8 @@ def test_json_keys_are_stable(tmp_path: Path) -> None:
     summary = report.to_dict()
     assert list(summary) == [
         "result", "schema_version", "tool_version", "model", "energy", "power", "phases",
-        "joints", "quality", "problems", "notes", "bag", "origin", "topics", "time",
-        "comparison", "shaft", "payload", "inputs", "compared_with",
+        "joints", "quality", "uncertainty", "problems", "notes", "bag", "origin", "topics", "time",
+        "comparison", "shaft", "payload", "inputs", "compared_with", "jobs", "condition",
     ]  # fmt: skip
     assert (summary["result"], summary["schema_version"]) == ("replay", SCHEMA_VERSION)
     assert summary["model"]["change"] == "friction fixed at 20 degC"

@@ -270,3 +270,19 @@ def test_what_cannot_be_drawn_is_refused(profile):
         random_profile("kr16", -1)
     with pytest.raises(RigError):
         random_profile(profile.body, 0)
+
+
+def test_the_lag_of_thermometers_runs_as_fast_as_the_temperatures(profile):
+    """At 100 times nature's speed a lag of 60 s is one of 0.6 s."""
+    warming = replace(
+        RigConfig.plain().having("warming"),
+        thermal_speedup=100.0,
+        sensors=Sensors(temperature_offset=0.0, temperature_lag=60.0),
+    )
+    rises = []
+    for config in (warming, warming.having("temperature_error")):
+        readings = VirtualRig(profile, PROGRAM, config).step(2500).temperatures
+        assert readings is not None
+        rises.append(np.ptp(readings.motor_temperature_degc, axis=0))
+    assert (rises[0] > 0.5).all()
+    assert (rises[1] > 0.7 * rises[0]).all()

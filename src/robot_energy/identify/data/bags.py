@@ -7,7 +7,6 @@ model that the steps before it left.
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
@@ -17,16 +16,15 @@ import numpy as np
 
 from robot_energy.bag_replay import Progress
 from robot_energy.blocks import NANOSECOND, EffortMeaning, Float, MeterLocation
-from robot_energy.files.regular_file import open_regular
 from robot_energy.identify.data.recordings import Recording, read_recording
 from robot_energy.identify.drives.drive_power import MeasuredDrivePower
+from robot_energy.identify.provenance import sha256_of
 from robot_energy.identify.stats.systematic import DEFAULT_LIMITS, SensorLimits
 from robot_energy.inputs.sources import Inputs
 from robot_energy.model import RobotModel
 
 Span = tuple[int, int]  # [ns), from and to
 EVER: Span = (-(2**62), 2**62)
-DIGITS = 12  # of a hash
 VIRTUAL = "virtual rig"  # whose stamps are no dates
 YEAR_2000 = 946_684_800_000_000_000  # ns: stamps before it are no dates
 
@@ -107,16 +105,7 @@ class Bag:
 
     def sha256(self) -> str:
         """First digits of the hash over the files with messages, in the order of their names."""
-        files = [self.path]
-        if self.path.is_dir():
-            kinds = (".mcap", ".db3", ".zstd")
-            files = sorted(p for p in self.path.iterdir() if p.suffix in kinds and p.is_file())
-        digest = hashlib.sha256()
-        for file in files:
-            with open_regular(file) as stream:
-                while part := stream.read(1 << 20):
-                    digest.update(part)
-        return digest.hexdigest()[:DIGITS]
+        return sha256_of(self.path)
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.accounting.comparison import Comparison
-from robot_energy.bag_replay import Progress, Replay, Topics, replay
+from robot_energy.bag_replay import Progress, Replay, replay
 from robot_energy.blocks import (
     DOUBTFUL,
     NANOSECOND,
@@ -31,6 +31,7 @@ from robot_energy.inputs.meter.power_curve import MeterLimits
 from robot_energy.inputs.sources import Inputs
 from robot_energy.model import RobotModel
 from robot_energy.pipeline import Output, Settings
+from robot_energy.replay_topics import Topics
 from robot_energy.timeline.pieces import Compared
 
 

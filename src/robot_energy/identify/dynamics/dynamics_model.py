@@ -6,14 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from robot_energy import __version__
 from robot_energy.blocks import Float
 from robot_energy.identify.dynamics.base_parameters import SHOWN
 from robot_energy.identify.dynamics.columns import Estimate
 from robot_energy.identify.dynamics.dynamics import Dynamics
 from robot_energy.identify.dynamics.inertials import with_link_parameters
+from robot_energy.identify.provenance import identified_from
 from robot_energy.model import RobotModel
-from robot_energy.model.schema import Provenance, Urdf
+from robot_energy.model.schema import Urdf
 from robot_energy.physics.drivetrain import Drivetrain
 
 SOURCE = "identify dynamics"  # of its figures
@@ -57,14 +57,8 @@ def to_model(result: Dynamics, recordings: Sequence[str] = (), data_date: str = 
         source=f"{model.urdf.source}; bodies: physically consistent fit of {inertial} groups of "
         "inertial parameters",
     )
-    done, before = "Dynamics identified from motor torque.", model.provenance.notes
-    notes = f"{done} Of the model before: {before}" if before else done
-    provenance = Provenance(
-        tool_version=__version__,
-        data_date=data_date or model.provenance.data_date,
-        bags=(*model.provenance.bags, *recordings),
-        notes=notes,
-    )
+    done = "Dynamics identified from motor torque."
+    provenance = identified_from(model.provenance, done, recordings, data_date)
     update = {"joints": joints, "urdf": urdf, "provenance": provenance}
     return model.model_copy(update=update).with_urdf(urdf_xml, model.source)
 

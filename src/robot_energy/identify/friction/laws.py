@@ -220,7 +220,9 @@ def _fit_exponential(data: FrictionData, source: str) -> tuple[ExponentialLaw, F
     to_law = np.array(
         [[1.0, 0.0, 0.0], [0.0, lift, -cold * lift * middle / scale**2], [0.0, 0.0, 1.0]]
     )
-    covariance = None if tangent is None else to_law @ tangent.covariance[1:4, 1:4] @ to_law.T
+    covariance = (
+        None if tangent is None else _symmetric(to_law @ tangent.covariance[1:4, 1:4] @ to_law.T)
+    )
     if covariance is None or not np.isfinite(covariance).all():
         known, std = None, [None, None, None]
     else:
@@ -237,6 +239,11 @@ def _fit_exponential(data: FrictionData, source: str) -> tuple[ExponentialLaw, F
         greatest = viscous_law(law).std(np.linspace(*law.fitted_degc, GRID)).max()
         law = law.model_copy(update={"std": float(greatest)})
     return law, found if tangent is None else _with_coulomb_of(found, tangent)
+
+
+def _symmetric(matrix: Float) -> Float:
+    """A matrix without what rounding made unequal."""
+    return 0.5 * (matrix + matrix.T)
 
 
 def _tangent(data: FrictionData, fit: Fit, cold: float, scale: float, middle: float) -> Fit | None:

@@ -166,7 +166,7 @@ def friction_data_of_log(
 
     Only rows of steady speed count, in which nothing accelerates. Gravity of the one joint
     that moves is a sine and a cosine of its position, whose sizes are fitted as nuisances;
-    that holds while the joints before it stand still.
+    that holds while the joints before it stand still. Without positions gravity is noise.
 
     Args:
         blocks: Rows of one or several logs.
@@ -202,5 +202,7 @@ def friction_data_of_log(
         rows.motor_temperature_degc[:, joint],
         contiguous_blocks(rows.stamp_ns, run.astype(np.int64), LOG_BLOCK),
         run.astype(np.int64),
-        np.stack([np.sin(position), np.cos(position)], axis=1),
+        np.stack([np.sin(position), np.cos(position)], axis=1)
+        if np.isfinite(position).all()
+        else np.empty((len(position), 0)),
     )

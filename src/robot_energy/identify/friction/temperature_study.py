@@ -7,6 +7,7 @@ between the runs the gain must vanish; what remains then is chance.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import get_args
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from robot_energy.errors import NotIdentifiableError
 from robot_energy.identify.friction.friction import moving_samples
 from robot_energy.identify.friction.laws import fit_law, fitted_laws, nuisance
 from robot_energy.identify.friction.samples import FrictionData
-from robot_energy.model.friction_laws import FRICTION_LAWS, LawEntry
+from robot_energy.model.friction_laws import FRICTION_LAWS, LawEntry, Outside
 from robot_energy.physics.friction import viscous_law
 
 
@@ -45,8 +46,7 @@ class FrictionStudyRow:
 
     Attributes:
         law: Which law.
-        beyond: What it does outside its fitted range: ``held`` at the edge, as the monitor
-            does, or ``carried on`` by its formula.
+        beyond: What holds outside its fitted range, as the key ``outside`` of a model file says.
         rms: Of the torque error on the test samples, in the unit of the torque.
         power_bias: Mean predicted friction power over mean measured one, less 1. [-]
         coulomb: fc, in the unit of the torque.
@@ -81,12 +81,12 @@ class Study:
     rows: tuple[FrictionStudyRow, ...]
     refused: tuple[str, ...] = ()
 
-    def row(self, law: str, beyond: str = "held") -> FrictionStudyRow:
+    def row(self, law: str, beyond: str = "hold") -> FrictionStudyRow:
         """Return one row.
 
         Args:
             law: Its name.
-            beyond: ``held`` or ``carried on``.
+            beyond: ``hold``, ``extend`` or ``auto``.
 
         Raises:
             NotIdentifiableError: If the law could not be fitted.
@@ -131,12 +131,10 @@ def temperature_split(data: FrictionData, train: Span, test: Span) -> Study:
                 raise
             refused.append(f"{data.name}: no {name} law, because {error.found}")
             continue
-        curve = viscous_law(law)
-        ways = {"held": curve.viscous(unseen.motor_temperature_degc)}
-        if FRICTION_LAWS[name].beyond_range:
-            ways["carried on"] = curve.formula(unseen.motor_temperature_degc)
         rest = nuisance(fit, unseen)
-        for beyond, viscous in ways.items():
+        for beyond in get_args(Outside) if FRICTION_LAWS[name].beyond_range else ("hold",):
+            curve = viscous_law(law.model_copy(update={"outside": beyond}))
+            viscous = curve.viscous(unseen.motor_temperature_degc)
             torque = fit.values[0] * unseen.sign + viscous * unseen.motor_velocity
             rows.append(_row(beyond, torque, unseen, rest, float(fit.values[0]), law))
     return Study(train, test, len(fitted), len(unseen), tuple(rows), tuple(refused))

@@ -158,7 +158,8 @@ class JointStateIngest:
         if self.conflicts.first_ns is not None and self.conflicts.last_ns is not None:
             joints = ", ".join(sorted(self.conflicting_joints)) or "some joints"
             sentence = (
-                f"two publishers contradict each other about {joints}: "
+                f"the positions of {joints} jump back and forth, as where two publishers "
+                "contradict each other or rows are corrupt: "
                 f"{self.account.rejected[CONFLICTING]} samples refused"
             )
             first, last = self.conflicts.first_ns, self.conflicts.last_ns

@@ -1,6 +1,6 @@
 // The picture of the energy flow: nodes in four columns, bands as wide as they are large.
 // Sizes are whole units from the monitor, so that what enters a node leaves it.
-import { DASH, drawn, energy, fillRows, number, percent, byId, setText, watts, JOULE_PER_WH } from "./format.js";
+import { DASH, drawn, number, percent } from "./format.js";
 
 const NODE_WIDTH = 13;
 const GAP = 15;
@@ -93,25 +93,34 @@ function bandPath({ stops, y0, y1, thick }) {
   return text;
 }
 
-export function sizeText(units, unit, isEnergy) {
+function sizeText(units, unit, isEnergy) {
   const digits = Math.max(0, Math.round(-Math.log10(unit)));
   return `${number(units * unit, digits)} ${isEnergy ? "Wh" : "W"}`;
 }
 
+const fromGrid = (picture) => Math.max(1, picture.flows.reduce((sum, flow) => sum + (flow[0] === "grid" ? flow[2] : 0), 0));
+
+// Rows of the table that says the same as the picture.
+export function flowRows({ flows, labels, unit }, isEnergy) {
+  const total = fromGrid({ flows });
+  return flows.map(([source, target, units]) => [
+    labels[source], labels[target], { text: sizeText(units, unit, isEnergy), kind: "n", data: units },
+    { text: percent(units / total, 1), kind: "n" },
+  ]);
+}
+
+// Draw a picture; false if there is none.
 export function drawFlow(host, picture, isEnergy) {
-  const rows = byId("flows");
   if (!picture || !picture.flows.length) {
     host.replaceChildren(document.createTextNode(DASH));
-    setText(byId("flow-note"), "no figures to show");
-    fillRows(rows, []);
     delete host.dataset.net;
-    return;
+    return false;
   }
   const width = Math.max(300, host.clientWidth);
   const narrow = width < 560;
   const height = narrow ? 470 : 420;
   const { nodes, bands } = layout(picture, width, height);
-  const total = Math.max(1, nodes.get("grid")?.out ?? 1);
+  const total = fromGrid(picture);
   const text = (units) => sizeText(units, picture.unit, isEnergy);
   const label = (id) => picture.labels[id];
   const main = [...nodes.values()].filter((node) => node.column === 3).map((node) => `${label(node.id)} ${text(node.into)}`);
@@ -136,13 +145,7 @@ export function drawFlow(host, picture, isEnergy) {
   host.replaceChildren(svg);
   host.dataset.net = picture.net;
   host.dataset.unit = picture.unit;
-  setText(byId("flow-note"), isEnergy
-    ? `Since the registers began at zero: ${energy(picture.net * picture.unit * JOULE_PER_WH)} from the grid, as predicted.`
-    : `Mean over one second: ${watts(picture.net * picture.unit)} from the grid, as predicted.`);
-  fillRows(rows, picture.flows.map(([source, target, units]) => [
-    label(source), label(target), { text: text(units), kind: "n", data: units },
-    { text: percent(units / total, 1), kind: "n" },
-  ]));
+  return true;
 }
 
 function nodeLabel(node, name, size, share, narrow) {

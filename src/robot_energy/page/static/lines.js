@@ -6,6 +6,8 @@ const BOTTOM = 24;
 const GRID = 0; // channels: predicted grid power, measured, predicted at the meter
 const MEASURED = 1;
 const AT_METER = 2;
+const LOWER = 3; // ends of the 90 % band of the predicted grid power
+const UPPER = 4;
 let cursor = null;
 
 // Add the newest buckets of a message to a ring; false if buckets in between are missing.
@@ -40,8 +42,9 @@ export function drawLines(host, ring, meter, span, stale) {
   const width = Math.max(300, host.clientWidth);
   const height = width < 560 ? 220 : 260;
   const main = meter === "DC_BUS" ? AT_METER : GRID;
-  const lows = [...ring.low[main] ?? [], ...ring.mean[MEASURED] ?? []].filter(known);
-  const highs = [...ring.high[main] ?? [], ...ring.mean[MEASURED] ?? []].filter(known);
+  const banded = main === GRID && Boolean(ring.mean[UPPER]?.some(known));
+  const lows = [...ring.low[main] ?? [], ...ring.mean[MEASURED] ?? [], ...banded ? ring.mean[LOWER] : []].filter(known);
+  const highs = [...ring.high[main] ?? [], ...ring.mean[MEASURED] ?? [], ...banded ? ring.mean[UPPER] : []].filter(known);
   if (!highs.length) {
     host.replaceChildren(document.createTextNode("no power yet"));
     setText(byId("lines-note"), "");
@@ -67,6 +70,7 @@ export function drawLines(host, ring, meter, span, stale) {
     const at = first + ((last - first + 1) * (tick + 0.5)) / ticks;
     svg.append(drawn("text", { class: "soft", x: x(at - 0.5), y: height - 7, "text-anchor": "middle" }, clock(at * ring.width)));
   }
+  if (banded) svg.append(drawn("path", { class: "band", d: area(ring, LOWER, x, y, "mean", UPPER) }));
   svg.append(drawn("path", { class: "area", d: area(ring, main, x, y) }));
   if (ring.mean[MEASURED]?.some(known)) svg.append(drawn("path", { class: "line measured", d: path(ring, MEASURED, x, y) }));
   svg.append(drawn("path", { class: "line predicted", d: path(ring, main, x, y) }));
@@ -102,13 +106,13 @@ function path(ring, channel, x, y) {
   return text;
 }
 
-function area(ring, channel, x, y) {
+function area(ring, channel, x, y, only = null, upper = channel) {
   let text = "";
   for (const piece of pieces(ring)) {
-    const full = piece.filter((index) => known(ring.low[channel][index]));
+    const full = piece.filter((index) => known(ring[only ?? "low"][channel][index]));
     if (!full.length) continue;
-    const point = (index, key) => `${x(ring.number[index]).toFixed(1)},${y(ring[key][channel][index]).toFixed(1)}`;
-    text += `M${full.map((index) => point(index, "high")).join("L")}L${full.reverse().map((index) => point(index, "low")).join("L")}Z`;
+    const point = (index, value) => `${x(ring.number[index]).toFixed(1)},${y(value).toFixed(1)}`;
+    text += `M${full.map((index) => point(index, ring[only ?? "high"][upper][index])).join("L")}L${full.reverse().map((index) => point(index, ring[only ?? "low"][channel][index])).join("L")}Z`;
   }
   return text;
 }
@@ -125,7 +129,7 @@ function attachCursor(svg, ring, main, x, edge) {
     const end = at > (edge.left + edge.right) / 2;
     label.setAttribute("x", at + (end ? -6 : 6));
     label.setAttribute("text-anchor", end ? "end" : "start");
-    setText(label, `${clock(cursor * ring.width)}: predicted ${watts(ring.mean[main][index])}, measured ${watts(ring.mean[MEASURED][index])}`);
+    setText(label, `${clock(cursor * ring.width)}: predicted ${watts(ring.mean[main][index])}, measured ${watts(ring.mean[MEASURED][index])}${known(ring.mean[UPPER]?.[index]) ? `, band ${watts(ring.mean[LOWER][index])} to ${watts(ring.mean[UPPER][index])}` : ""}`);
   };
   svg.addEventListener("pointermove", (event) => {
     const box = svg.getBoundingClientRect();

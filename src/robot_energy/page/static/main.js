@@ -1,8 +1,9 @@
 // The page: takes state and events, and shows the chosen robot.
-import { byId, clock, element, setText } from "./format.js";
-import { drawFlow } from "./flow.js";
+import { byId, clock, element, energy, fillRows, setText, watts, JOULE_PER_WH } from "./format.js";
+import { drawFlow, flowRows } from "./flow.js";
 import { append, drawLines } from "./lines.js";
 import { showAlarms, showFleet, showHeadline, showMeanPower, showPower, showTables, phaseText } from "./tables.js";
+import "./theme.js";
 import { act, fetchSaved, fetchState, follow, setToken } from "./stream.js";
 
 const STALE = 2000; // without powers from the monitor the figures are stale [ms]
@@ -56,8 +57,13 @@ function showLines() {
 }
 
 function showFlow() {
-  const shown = stale() ? withoutLive(robot()) : robot();
-  drawFlow(byId("flow"), shown[view.flow], view.flow === "energy_flow");
+  const picture = (stale() ? withoutLive(robot()) : robot())[view.flow];
+  const isEnergy = view.flow === "energy_flow";
+  const drawn = drawFlow(byId("flow"), picture, isEnergy);
+  fillRows(byId("flows"), drawn ? flowRows(picture, isEnergy) : []);
+  setText(byId("flow-note"), !drawn ? "no figures to show" : isEnergy
+    ? `Since the registers began at zero: ${energy(picture.net * picture.unit * JOULE_PER_WH)} from the grid, as predicted.`
+    : `Mean over one second: ${watts(picture.net * picture.unit)} from the grid, as predicted.`);
 }
 
 function showAll() {
@@ -150,18 +156,6 @@ function choose(attribute, key) {
   });
 }
 
-const THEMES = { auto: ["Auto", "as the system"], light: ["Light", "light"], dark: ["Dark", "dark"] };
-function setTheme(theme) {
-  if (theme === "auto") delete document.documentElement.dataset.theme;
-  else document.documentElement.dataset.theme = theme;
-  byId("theme").textContent = THEMES[theme][0];
-  byId("theme").setAttribute("aria-label", `Colours: ${THEMES[theme][1]}`);
-}
-
-byId("theme").addEventListener("click", () => {
-  const names = Object.keys(THEMES);
-  setTheme(names[(names.indexOf(document.documentElement.dataset.theme ?? "auto") + 1) % names.length]);
-});
 byId("save").addEventListener("click", async () => {
   const url = URL.createObjectURL(await fetchSaved());
   element("a", { href: url, download: "robot_energy.html" }).click();

@@ -2,10 +2,11 @@
 import { byId, clock, duration, element, energy, energyParts, fillRows, known, number, percent, setText, signedPercent, watts, wh, DASH } from "./format.js";
 
 const PHASES = { UNKNOWN: "unknown", HOLD: "holds", MOTION: "moves", GENERATING: "generates" };
-const SOURCES = { MEASURED: "measured", FALLBACK: "fallback", UNKNOWN: DASH };
+const SOURCES = { MEASURED: "measured", FALLBACK: "fallback", ESTIMATED: "estimated", UNKNOWN: DASH };
 const REGISTERS = [
   ["predicted_import_energy", "from the grid, predicted"],
   ["predicted_return_energy", "back to the grid, predicted"],
+  ["predicted_energy_band", "90 % band of the net energy, ±"],
   ["measured_energy", "at the meter, measured"],
   ["predicted_energy_at_meter", "at the meter, predicted"],
   ["brake_energy", "brake resistor"],
@@ -27,9 +28,11 @@ function big(id, text, unit = "") {
 
 export function showPower(power) {
   const pair = known(power.measured_power) && !power.stale;
+  const half = (power.predicted_power_upper - power.predicted_power_lower) / 2;
+  const sure = known(half) ? ` ± ${watts(half)}` : "";
   big("power", known(power.predicted_grid_power) ? number(power.predicted_grid_power) : DASH, "W");
   setText(byId("power-note"), power.stale ? "stale: no power state arrives"
-    : pair ? `predicted; measured ${watts(power.measured_power)}` : "predicted; no meter");
+    : pair ? `predicted${sure}; measured ${watts(power.measured_power)}` : `predicted${sure}; no meter`);
   byId("power").dataset.time = power.time ?? "";
 }
 
@@ -44,7 +47,9 @@ export function showMeanPower(robot) {
 export function showHeadline(robot) {
   const { headline, registers } = robot;
   big("energy", ...energyParts(headline.energy));
-  const start = registers ? `predicted, since ${clock(registers.energy_start, true)}` : "no register yet";
+  const half = registers?.predicted_energy_band;
+  const sure = known(half) && headline.energy > 0 ? ` ± ${percent(half / headline.energy)}` : "";
+  const start = registers ? `predicted${sure}, since ${clock(registers.energy_start, true)}` : "no register yet";
   const error = registers?.predicted_energy_at_meter / registers?.measured_energy - 1;
   setText(byId("energy-note"), known(error) ? `${start}; ${signedPercent(error)} against the meter` : start);
   const job = headline.job;

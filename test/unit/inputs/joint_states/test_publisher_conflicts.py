@@ -53,7 +53,7 @@ def test_zeros_beside_the_driver_are_refused_until_they_have_ended(offset, rate,
     else:
         assert ingest.conflicting_joints == {"a", "b"}
         (finding,) = ingest.findings()
-        assert "two publishers contradict each other about a, b" in finding.sentence
+        assert "the positions of a, b jump back and forth" in finding.sentence
     assert ingest.findings()[-1].severe
 
 

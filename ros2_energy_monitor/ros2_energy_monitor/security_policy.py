@@ -1,0 +1,237 @@
+"""Access rights of every node for SROS 2, read from the nodes themselves.
+
+Each node is started for an instant, on this computer only, with the parameters given; what it
+publishes, subscribes, serves and calls becomes one enclave of an SROS 2 policy, and no more.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import time
+from collections.abc import Callable, Generator, Iterable, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from importlib import import_module
+from typing import Any
+from xml.etree import ElementTree
+
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from robot_energy.errors import PageError, RobotEnergyError
+from robot_energy.files.output_files import GENERATOR, FileKind, check_file, write_file
+from ros2_energy_monitor.base.run_node import ros
+from ros2_energy_monitor.executables import EXECUTABLES
+from ros2_energy_monitor.web.robot_feed import SERVICES
+
+POLICY = (FileKind("policy", b"<?xml", f"<!-- {GENERATOR} -->".encode()),)
+# Nodes that run for long, with what keeps them from files and other computers.
+NODES: dict[str, dict[str, Any]] = {
+    "torque_monitor": {"model": "kr16"},
+    "friction_monitor": {"model": "kr16"},
+    "power_monitor": {"model": "kr16", "state_folder": ""},
+    "energy_monitor": {"model": "kr16", "state_folder": ""},
+    "virtual_robot": {},
+    "meter_driver": {"host": "127.0.0.1"},
+    "energy_dashboard": {"address": "127.0.0.1", "port": 0},
+    "energy_exporter": {"exporters": ["mqtt"], "mqtt.host": "127.0.0.1"},
+    "console": {},
+}
+DEFAULT_PROFILE = "shelly_pro_3em"
+PATIENCE = 30.0  # until a node sees itself in the graph [s]
+
+
+@dataclass(frozen=True)
+class NodeRights:
+    """Full names of what a node uses.
+
+    Attributes:
+        node: Full name of the node.
+        publish: Topics.
+        subscribe: Topics.
+        reply: Services that it offers.
+        request: Services that it calls.
+    """
+
+    node: str
+    publish: frozenset[str] = field(default_factory=frozenset[str])
+    subscribe: frozenset[str] = field(default_factory=frozenset[str])
+    reply: frozenset[str] = field(default_factory=frozenset[str])
+    request: frozenset[str] = field(default_factory=frozenset[str])
+
+
+def rights_of(node: Node) -> NodeRights:
+    """Return what the graph says that a node uses.
+
+    Args:
+        node: A node that the graph shows in full.
+    """
+    own = node.get_name(), node.get_namespace()
+
+    def names(listed: Iterable[tuple[str, Any]]) -> frozenset[str]:
+        return frozenset(name for name, _ in listed)
+
+    return NodeRights(
+        node.get_fully_qualified_name(),
+        names(node.get_publisher_names_and_types_by_node(*own)),
+        names(node.get_subscriber_names_and_types_by_node(*own)),
+        names(node.get_service_names_and_types_by_node(*own)),
+        names(node.get_client_names_and_types_by_node(*own)),
+    )
+
+
+def is_seen(node: Node) -> bool:
+    """Return whether the graph shows all that a node has made.
+
+    Args:
+        node: Any node.
+    """
+    found = rights_of(node)
+    return (
+        {one.topic_name for one in node.publishers} <= found.publish
+        and {one.topic_name for one in node.subscriptions} <= found.subscribe
+        and {one.service_name for one in node.services} <= found.reply
+        and {one.service_name for one in node.clients} <= found.request
+    )
+
+
+def policy_xml(rights: Iterable[NodeRights]) -> bytes:
+    """Return an SROS 2 policy: one enclave for each node, named as the node.
+
+    Args:
+        rights: Of the nodes.
+    """
+    policy = ElementTree.Element("policy", version="0.2.0")
+    enclaves = ElementTree.SubElement(policy, "enclaves")
+    for one in rights:
+        enclave = ElementTree.SubElement(enclaves, "enclave", path=one.node)
+        namespace, _, name = one.node.rpartition("/")
+        profiles = ElementTree.SubElement(enclave, "profiles")
+        profile = ElementTree.SubElement(profiles, "profile", ns=namespace or "/", node=name)
+        for kind, right in (
+            ("topic", "publish"), ("topic", "subscribe"), ("service", "reply"),
+            ("service", "request"),
+        ):  # fmt: skip
+            found = sorted(getattr(one, right))
+            if found:
+                listed = ElementTree.SubElement(profile, f"{kind}s", {right: "ALLOW"})
+                for full in found:
+                    ElementTree.SubElement(listed, kind).text = full
+    ElementTree.indent(policy)
+    text = ElementTree.tostring(policy, encoding="unicode")
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n<!-- {GENERATOR} -->\n{text}\n'.encode()
+
+
+def collect(context: Context, names: Sequence[str], has_file: bool) -> list[NodeRights]:
+    """Start the nodes one after the other and read what each uses.
+
+    Args:
+        context: Of the nodes.
+        names: Executables, of `NODES`.
+        has_file: Whether a parameter file is given, which then names the profile of the meter.
+
+    Returns:
+        The rights, in the order of the names.
+
+    Raises:
+        RobotEnergyError: If a node cannot be started, or is not seen in the graph.
+    """
+    found: list[NodeRights] = []
+    for name in names:
+        # The dashboard subscribes and asks what it finds.
+        others = ["energy_monitor"] if name == "energy_dashboard" else []
+        with _running(context, [name, *others], has_file) as ((node, *seen), spin_until):
+            if seen:
+                spin_until(lambda node=node: any(True for _ in node.clients), "energy_monitor")
+            for one in (node, *seen):
+                spin_until(lambda node=one: is_seen(node), one.get_name())
+            rights = rights_of(node)
+            found.append(_with_actions(rights, rights_of(seen[0]), node) if seen else rights)
+    return found
+
+
+def _with_actions(page: NodeRights, monitor: NodeRights, node: Any) -> NodeRights:
+    """Add what the buttons of the dashboard call; it makes a client when one is pressed."""
+    wanted = SERVICES if node.parameters.allow_control else ()
+    asked = {name for name in monitor.reply if name.rpartition("/")[2] in wanted}
+    return NodeRights(page.node, page.publish, page.subscribe, page.reply, page.request | asked)
+
+
+@contextmanager
+def _running(
+    context: Context, names: Sequence[str], has_file: bool
+) -> Generator[tuple[list[Node], Callable[[Callable[[], bool], str], None]]]:
+    """The nodes, and a function that executes them until a condition holds."""
+    executor, nodes = SingleThreadedExecutor(context=context), list[Node]()
+
+    def spin_until(condition: Callable[[], bool], what: str) -> None:
+        limit = time.monotonic() + PATIENCE
+        while not condition():
+            if time.monotonic() > limit:
+                raise PageError(
+                    f"the graph does not show all of {what}", "nodes that see each other"
+                )
+            executor.spin_once(timeout_sec=0.05)
+
+    try:
+        for name in names:
+            overrides = dict(NODES[name])
+            if name == "meter_driver" and not has_file:
+                overrides["profile"] = DEFAULT_PROFILE
+            kind = name.title().replace("_", "")
+            make: Callable[..., Node] = getattr(import_module(EXECUTABLES[name]), kind)
+            given = [Parameter(key, value=value) for key, value in overrides.items()]
+            nodes.append(make(context=context, parameter_overrides=given))
+            executor.add_node(nodes[-1])
+        yield nodes, spin_until
+    finally:
+        executor.shutdown()
+        for node in nodes:
+            node.destroy_node()
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Write the policy.
+
+    Args:
+        args: Command line without the program; None for that of the process.
+
+    Returns:
+        Exit code: 0; 2 if it cannot be made.
+    """
+    parser = argparse.ArgumentParser(
+        prog="security_policy",
+        description="Write an SROS 2 policy with the rights that each node needs. Parameter files "
+        "and namespaces of the nodes follow after --ros-args, as for the nodes.",
+    )
+    parser.add_argument("--out", required=True, metavar="FILE", help="the policy (.xml)")
+    parser.add_argument("--nodes", nargs="+", choices=NODES, default=list(NODES), metavar="NODE",
+                        help=f"of {', '.join(NODES)} (default: all)")  # fmt: skip
+    words = list(sys.argv[1:] if args is None else args)
+    cut = words.index("--ros-args") if "--ros-args" in words else len(words)
+    options, rest = parser.parse_args(words[:cut]), words[cut:]
+    has_file = "--params-file" in rest
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "OFF"  # robots of the network do not count
+    try:
+        check_file(options.out, POLICY, "the policy")
+        with ros(rest) as context:
+            found = collect(context, options.nodes, has_file)
+        write_file(options.out, policy_xml(found), POLICY, "the policy")
+    except RobotEnergyError as error:
+        print(f"security_policy: {error}", flush=True)
+        return 2
+    for one in found:
+        print(
+            f"{one.node}: {len(one.publish)} topics published, {len(one.subscribe)} subscribed; "
+            f"{len(one.reply)} services offered, {len(one.request)} called",
+            flush=True,
+        )
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,309 @@
+"""Meters that answer what no meter should: damaged, cut, endless, slow, of wrong types.
+
+``python hostile_meters.py SECONDS [SEED]`` tries links and poller for that long, each
+round with answers of its own, and ends with exit code 1 at the first error without a type of
+ours. The tests try some rounds.
+"""
+
+from __future__ import annotations
+
+import json
+import random
+import socket
+import struct
+import sys
+import threading
+import time
+import warnings
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+from robot_energy.errors import MeterAnswerError, MeterLinkError
+from ros2_energy_monitor.meters.kinds import load_profile
+from ros2_energy_monitor.meters.link import Endpoint, MeterLink
+
+TIMEOUT = 0.15  # of the links [s]
+SLACK = 5.0  # that an answer may take beyond the timeout, on a machine that does much else [s]
+READS = 3  # of one connection
+SHELLY = {
+    "em:0": {"id": 0, "total_act_power": 512.25, "errors": []},
+    "emdata:0": {"id": 0, "total_act_energy": 81.5},
+}
+TASMOTA = {"ENERGY": {"Total": 3.25, "Power": 42}}
+ODD = (None, True, "512", "", [], {}, [1, 2], 10**400, -1e308, 1e309, float("nan"), "\ud800", -0.0)
+
+Answer = list[bytes | float]  # pieces to send, and pauses between them [s]
+
+
+def modbus_answer(request: bytes) -> bytes:
+    """What a sound meter answers to a request: zeros."""
+    number, unit, function, _, count = struct.unpack(">H4xBBHH", request[:12])
+    data = bytes(2 * count)
+    return struct.pack(">HHHBBB", number, 0, 3 + len(data), unit, function, len(data)) + data
+
+
+def http_answer(request: bytes, document: object = SHELLY) -> bytes:
+    """What a sound meter answers."""
+    body = json.dumps(document).encode("utf-8", "surrogatepass")
+    return b"HTTP/1.1 200 OK\r\nContent-Length: %d\r\n\r\n%s" % (len(body), body)
+
+
+def mqtt_answer(request: bytes, payload: bytes = b"") -> bytes:
+    """What a sound broker answers to a packet; after the subscription comes a message."""
+    kind = request[0] >> 4
+    if kind == 1:
+        return b"\x20\x02\x00\x00"
+    if kind != 8:
+        return b""
+    at = 2 + sum(byte > 127 for byte in request[1:5])  # behind the length of the packet
+    topic = b"tele/meter/SENSOR"
+    content = struct.pack(">H", len(topic)) + topic + (payload or json.dumps(TASMOTA).encode())
+    return b"\x90\x03" + request[at : at + 2] + b"\x00" + b"\x30" + _length(content) + content
+
+
+def _length(content: bytes) -> bytes:
+    """Length of an MQTT packet, seven bits a byte."""
+    left, found = len(content), bytearray()
+    while True:
+        left, byte = left >> 7, left & 127
+        found.append(byte | (128 if left else 0))
+        if not left:
+            return bytes(found)
+
+
+def odd_document(rng: random.Random, document: object) -> object:
+    """The document with one of its values replaced or gone."""
+    if not isinstance(document, dict) or rng.random() < 0.2:
+        return rng.choice(ODD)
+    key = rng.choice(list(document))
+    if rng.random() < 0.15:
+        return {name: value for name, value in document.items() if name != key}
+    return document | {key: odd_document(rng, document[key])}
+
+
+def hostile(rng: random.Random, sound: bytes, odd: Callable[[], bytes]) -> Answer:
+    """One wrong answer.
+
+    Args:
+        rng: Decides which.
+        sound: The right one.
+        odd: Makes an answer of the right form with wrong content.
+    """
+    flipped = bytearray(sound)
+    for _ in range(rng.randint(1, 4)):
+        if flipped:
+            flipped[rng.randrange(len(flipped))] ^= 1 << rng.randrange(8)
+    cut = sound[: rng.randrange(len(sound) + 1)]
+    return rng.choice(
+        (
+            lambda: [rng.randbytes(rng.randint(1, 400))],
+            lambda: [bytes(flipped)],
+            lambda: [cut],
+            lambda: [cut, 3 * TIMEOUT],
+            lambda: [sound[:1], 0.02, sound[1:2], 0.02, sound[2:]],
+            lambda: [piece for byte in sound[:12] for piece in (bytes([byte]), 0.5 * TIMEOUT)],
+            lambda: [sound * rng.randint(2, 50)],
+            lambda: [sound[:8] + bytes(200_000) + sound],
+            lambda: [sound + rng.randbytes(3_000_000)],
+            lambda: [rng.randbytes(3) + sound],
+            lambda: [3 * TIMEOUT, sound],
+            lambda: [],
+            lambda: [odd()],
+            lambda: [odd()],
+        )
+    )()
+
+
+class HostileServer:
+    """Answers every request with what a function of the request gives.
+
+    Args:
+        answer: Gives the pieces of the answer, and pauses.
+    """
+
+    def __init__(self, answer: Callable[[bytes], Answer]) -> None:
+        self.answer = answer
+        self._server = socket.create_server(("127.0.0.1", 0))
+        self.port = int(self._server.getsockname()[1])
+        self._stopped = threading.Event()
+        self._round = 0
+        self._thread = threading.Thread(target=self._accept, daemon=True)
+        self._thread.start()
+
+    def become(self, answer: Callable[[bytes], Answer]) -> None:
+        """Answer otherwise from now on; the connections end.
+
+        Args:
+            answer: As of the class.
+        """
+        self.answer = answer
+        self._round += 1
+
+    def close(self) -> None:
+        """End the server and its connections."""
+        self._stopped.set()
+        self._server.close()
+        self._thread.join()
+
+    def _accept(self) -> None:
+        self._server.settimeout(0.05)
+        talks: list[threading.Thread] = []
+        while not self._stopped.is_set():
+            try:
+                client, _ = self._server.accept()
+            except OSError:
+                continue
+            talks.append(threading.Thread(target=self._talk, args=(client,), daemon=True))
+            talks[-1].start()
+        for talk in talks:
+            talk.join()
+
+    def _talk(self, client: socket.socket) -> None:
+        client.settimeout(0.05)
+        begun = self._round
+        with client:
+            while not self._stopped.is_set() and begun == self._round:
+                try:
+                    request = client.recv(65536)
+                except TimeoutError:
+                    continue
+                except OSError:
+                    return
+                if not request:
+                    return
+                try:
+                    if not self._send(client, self.answer(request)):
+                        return
+                except OSError:
+                    return
+
+    def _send(self, client: socket.socket, pieces: Answer) -> bool:
+        """Send an answer; no piece at all ends the connection."""
+        for piece in pieces:
+            if isinstance(piece, float):
+                if self._stopped.wait(piece):
+                    return False
+                continue
+            client.settimeout(2.0)  # for a reader that has stopped reading
+            client.sendall(piece)
+            client.settimeout(0.05)
+        return bool(pieces)
+
+
+class Protocol(NamedTuple):
+    """One way to ask a meter: a profile, its right answers, and wrong ones of the right form."""
+
+    profile: str
+    sound: Callable[[bytes], bytes]
+    odd: Callable[[random.Random, bytes], bytes]
+
+
+def _odd_modbus(rng: random.Random, request: bytes) -> bytes:
+    """An answer to another request, of another length, or an exception."""
+    answer = bytearray(modbus_answer(request))
+    at = rng.choice((0, 4, 7))
+    answer[at : at + 2] = rng.randbytes(2)
+    return bytes(answer)
+
+
+def _odd_mqtt(rng: random.Random, request: bytes) -> bytes:
+    document = json.dumps(odd_document(rng, TASMOTA))
+    return mqtt_answer(request, document.encode("utf-8", "surrogatepass"))
+
+
+PROTOCOLS = {
+    "modbus": Protocol("siemens_pac2200", modbus_answer, _odd_modbus),
+    "sunspec": Protocol("sunspec_meter", modbus_answer, _odd_modbus),
+    "http": Protocol(
+        "shelly_pro_3em_http",
+        http_answer,
+        lambda rng, request: http_answer(request, odd_document(rng, SHELLY)),
+    ),
+    "mqtt": Protocol("tasmota_mqtt", mqtt_answer, _odd_mqtt),
+}
+
+
+def make_link(name: str, port: int) -> MeterLink:
+    """A link of a protocol, not connected."""
+    kind, profile = load_profile(PROTOCOLS[name].profile)
+    endpoint = Endpoint(host="127.0.0.1", port=port, timeout=TIMEOUT, device="meter")
+    return kind.make(profile, endpoint)
+
+
+def answers(name: str, seed: int) -> Callable[[bytes], Answer]:
+    """Function that answers sometimes well, mostly not."""
+    rng = random.Random(seed)
+    _, sound, odd = PROTOCOLS[name]
+
+    def answer(request: bytes) -> Answer:
+        try:
+            right = sound(request)
+        except (struct.error, IndexError):
+            right = b"\x00"  # the client was led to ask something odd
+        if rng.random() < 0.3:
+            return [right]
+        try:
+            return hostile(rng, right, lambda: odd(rng, request))
+        except (struct.error, IndexError):
+            return [rng.randbytes(20)]
+
+    return answer
+
+
+def sound_answers(name: str) -> Callable[[bytes], Answer]:
+    """Function that answers as a sound meter."""
+    return lambda request: [PROTOCOLS[name].sound(request)]
+
+
+def one_round(name: str, seed: int) -> Iterator[str]:
+    """Connect and read a few times; only errors of a link are caught.
+
+    Yields:
+        What each call gave: the class of its error, or ``read``.
+    """
+    server = HostileServer(answers(name, seed))
+    link = make_link(name, server.port)
+    try:
+        begin = time.monotonic()
+        try:
+            link.connect()
+        except (MeterLinkError, MeterAnswerError) as error:
+            yield type(error).__name__
+            return
+        for _ in range(READS):
+            try:
+                for exchange in link.read():
+                    assert all(isinstance(term.value, int | float) for term in exchange.terms)
+                yield "read"
+            except MeterLinkError as error:
+                yield type(error).__name__
+                break
+            except MeterAnswerError as error:
+                yield type(error).__name__
+        assert time.monotonic() - begin < (READS + 2) * 10 * TIMEOUT + SLACK
+    finally:
+        link.close()
+        server.close()
+
+
+def main() -> int:
+    """Try until the time is over."""
+    warnings.simplefilter("error", ResourceWarning)
+    until, seed = time.monotonic() + float(sys.argv[1]), int([*sys.argv, "1"][2])
+    errors: list[object] = []
+    threading.excepthook = lambda found: errors.append(found.exc_value)
+    counts: dict[str, dict[str, int]] = {name: {} for name in PROTOCOLS}
+    while time.monotonic() < until:
+        for name in PROTOCOLS:
+            for said in one_round(name, seed):
+                counts[name][said] = counts[name].get(said, 0) + 1
+            if errors:
+                print(f"{name}, seed {seed}: in a thread: {errors[0]!r}")
+                return 1
+        seed += 1
+    print(json.dumps(counts))
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

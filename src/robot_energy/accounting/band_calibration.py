@@ -1,0 +1,359 @@
+"""Scales that make bands hold: how wide they must be for 90 % of a meter's readings to lie within.
+
+The score of a reading is its error over the standard deviation of the prediction. The scale of the
+power is the 90 % quantile of the scores of a phase, followed online: a score above the scale
+raises it nine times as much as one below lowers it, so that in the long run one in ten lies
+above, whatever their distribution and their correlation (conformal quantile tracking). The
+scale of energies is the conformal quantile of the scores of the newest half minutes: the k-th
+smallest of n, ``k = ceil((1 - a) (n + 1))``. The share ``a`` that may lie above is 0.1; a score
+above the scale lowers it at once, and each below raises it a little again (adaptive conformal
+inference). What ten minutes of one motion show of the model does
+not hold for all others, so ten minutes as the model's deviations expect them are always
+among them. All is causal and all sums are integers, so the cutting of the input makes no
+difference.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from itertools import pairwise
+from statistics import NormalDist
+
+import numpy as np
+
+from robot_energy.accounting.averaging import MeanBlock
+from robot_energy.accounting.integration import SampleIntervals
+from robot_energy.accounting.record import Calibrated
+from robot_energy.blocks import Float, Int, MeterLocation, Phase, PowerBlock, differences
+from robot_energy.timeline.pieces import Compared
+from robot_energy.uncertainty.band import (
+    BUS,
+    LOSS_GRID,
+    TEMPERATURE,
+    Z90,
+    BandKind,
+    EnergyBand,
+    energy_parts,
+    half_width,
+    scores,
+)
+from robot_energy.units import MAX_COUNTER
+
+COVERED = 0.9  # share of the readings that a band holds
+READING_NS = 100_000_000  # readings of so much time are one, if a meter reads faster
+SLOT_NS = 20_000_000  # resolution of the deviation and of the phase behind a reading
+STRETCH_NS = 30_000_000_000  # whose energies are scored
+MIN_SHARE = 0.5  # of a stretch that must be compared
+MAX_SLOTS = 20_000  # that wait for the meter: minutes
+MAX_STRETCHES = 16  # that wait for the meter
+MAX_SCORES = 64  # half minutes behind the scale of energies
+MIN_SCORES = 9  # of them: fewer have no conformal quantile of 90 %
+ADAPTATION = 0.1  # of the share of energies outside, by each score
+EXPECTED = tuple(NormalDist().inv_cdf(0.5 + (place + 0.5) / 40) for place in range(20))
+"""Scores of ten minutes if the deviations of the model are right: sizes of normal errors."""
+MIN_READINGS = 60  # scored in a phase before its scale is used
+FIRST_STEP = 0.5  # of the logarithm of a scale, falling with the root of the count ...
+MIN_STEP = 0.01  # ... down to this
+MAX_LOG_SCALE = math.log(1e3)
+NANOJOULE = 1e9
+PARTS = [BUS, LOSS_GRID, TEMPERATURE]
+POOLED = Phase.UNKNOWN  # the place of all phases together
+
+
+class BandCalibration:
+    """Scores the readings of a meter and scales the bands.
+
+    Attributes:
+        location: Where the meter sits.
+        readings: Scored so far.
+        inside: Of them, those within the band that was in force.
+        inside_parametric: Of them, those within the band of the standard deviation alone.
+    """
+
+    def __init__(self) -> None:
+        self.location = MeterLocation.UNKNOWN
+        self.reset()
+
+    def meter(self, location: MeterLocation) -> None:
+        """Say where the meter sits.
+
+        Args:
+            location: Unknown: no reading has come yet, which changes nothing.
+        """
+        if location is not MeterLocation.UNKNOWN:
+            self.location = location
+
+    def reset(self) -> None:
+        """Drop all scores, as after a change of the model."""
+        self._log_scale = [math.log(Z90)] * len(Phase)
+        self._count = [0] * len(Phase)
+        self._scores: deque[float] = deque(maxlen=MAX_SCORES)
+        self._outside = 1.0 - COVERED  # share of energies that may lie outside
+        self.readings = self.inside = self.inside_parametric = 0
+        self._last_ns: int | None = None
+        self._forget()
+
+    def _forget(self) -> None:
+        """Drop what is not scored yet."""
+        self._waiting = Compared.empty()
+        self._slot: Int = np.empty(0, dtype=np.int64)
+        self._slots: Int = np.empty((0, len(PARTS) + len(Phase)), dtype=np.int64)
+        self._reading: Int = np.empty((0, 5), dtype=np.int64)
+        self._stretch: Int = np.empty((0, 4), dtype=np.int64)
+        self._deviations: dict[int, Int] = {}
+
+    def step(
+        self,
+        block: PowerBlock,
+        intervals: SampleIntervals,
+        deviations: slice,
+        compared: Compared,
+        means: MeanBlock | None,
+    ) -> None:
+        """Take power samples and what became comparable; set the bands of the means.
+
+        Args:
+            block: Power samples.
+            intervals: Their intervals.
+            deviations: Columns of the intervals that hold the deviations.
+            compared: In the order of time.
+            means: Periods that ended; their bands are written in place.
+        """
+        if self.location is MeterLocation.UNKNOWN:
+            return
+        stamp = block.stamp_ns
+        before = int(stamp[0]) if self._last_ns is None else self._last_ns
+        self._last_ns = int(stamp[-1])
+        jumps = np.flatnonzero(differences(stamp, before) < 0).tolist()
+        bounds = [0, *jumps, len(block)]
+        pieces = _between_falls(compared.available_ns, len(jumps))
+        periods = _between_falls(
+            np.empty(0, dtype=np.int64) if means is None else means.stamp_ns, len(jumps)
+        )
+        for number, (start, stop) in enumerate(pairwise(bounds)):
+            if number:
+                self._forget()
+            if stop > start:
+                rows = slice(start, stop)
+                self._note(
+                    block[rows], intervals.duration_ns[rows], intervals.energy[rows, deviations]
+                )
+                waiting = Compared.concatenate([self._waiting, compared[pieces[number]]])
+                due = int(np.searchsorted(waiting.available_ns, int(stamp[stop - 1]), side="right"))
+                self._waiting = waiting[slice(due, None)]
+                scored = self._score(waiting[slice(0, due)])
+                self._set(scored, means, periods[number])
+                self._slot, self._slots = self._slot[-MAX_SLOTS:], self._slots[-MAX_SLOTS:]
+                for old in list(self._deviations)[:-MAX_STRETCHES]:
+                    del self._deviations[old]
+
+    def _note(self, block: PowerBlock, duration_ns: Int, energy: Float) -> None:
+        """Keep deviations and phases until the meter reads."""
+        whole = np.rint(energy * NANOJOULE).astype(np.int64)
+        table = np.zeros((len(block), len(PARTS) + len(Phase)), dtype=np.int64)
+        table[:, : len(PARTS)] = whole[:, PARTS]
+        table[np.arange(len(block)), len(PARTS) + block.phase] = duration_ns
+        slot = block.stamp_ns // SLOT_NS
+        starts = _starts(slot)
+        self._slot = np.concatenate([self._slot, slot[starts]])
+        self._slots = np.concatenate([self._slots, np.add.reduceat(table, starts, axis=0)])
+        stretch = block.stamp_ns // STRETCH_NS
+        starts = _starts(stretch)
+        whole = np.concatenate([whole, duration_ns[:, None]], axis=1)
+        for number, row in zip(
+            stretch[starts].tolist(), np.add.reduceat(whole, starts, axis=0), strict=True
+        ):
+            known = self._deviations.get(number)
+            self._deviations[number] = row if known is None else known + row
+
+    def _score(self, compared: Compared) -> list[tuple[int, int, float]]:
+        """Return when each reading that is complete was known, its phase, and its score."""
+        if not len(compared):
+            return []
+        table = np.stack(
+            [
+                compared.available_ns,
+                compared.duration_ns,
+                np.rint(compared.measured * NANOJOULE).astype(np.int64),
+                np.rint(compared.predicted * NANOJOULE).astype(np.int64),
+            ],
+            axis=1,
+        )
+        stretches, self._stretch = _closed(self._stretch, table, STRETCH_NS)
+        for row in stretches.tolist():
+            self._score_stretch(*row)
+        readings, self._reading = _closed(self._reading, table, READING_NS)
+        if not len(readings):
+            return []
+        end, duration = readings[:, 0], readings[:, 1]
+        low = np.searchsorted(self._slot, (end - duration) // SLOT_NS)
+        high = np.searchsorted(self._slot, end // SLOT_NS)
+        total = np.concatenate([np.zeros((1, self._slots.shape[1]), np.int64), self._slots])
+        found = np.diff(np.cumsum(total, axis=0)[np.stack([low, high])], axis=0)[0]
+        phases = found[:, len(PARTS) :]
+        held, phase = phases.sum(axis=1), phases.argmax(axis=1)
+        bus, grid, temperature = found[:, : len(PARTS)].T / np.maximum(held, 1)
+        rest = np.hypot(bus, grid) if self.location is MeterLocation.GRID else bus
+        sound = (held > 0) & (rest > 0) & (duration > 0)
+        error = np.abs(readings[:, 3] - readings[:, 2]) / np.maximum(duration, 1)
+        score = np.where(sound, scores(error, np.where(sound, rest, 1.0), temperature), np.nan)
+        # A reading is known to be complete when the next one begins.
+        known = np.append(readings[1:, 0], self._reading[0, 0])
+        keep = int(np.searchsorted(self._slot, (int(end[-1]) - 2 * READING_NS) // SLOT_NS))
+        self._slot, self._slots = self._slot[keep:], self._slots[keep:]
+        return list(zip(known.tolist(), phase.tolist(), score.tolist(), strict=True))
+
+    def _score_stretch(self, end_ns: int, duration_ns: int, measured: int, predicted: int) -> None:
+        noted = self._deviations.get(end_ns // STRETCH_NS)
+        if noted is None or duration_ns < MIN_SHARE * STRETCH_NS or noted[-1] <= 0:
+            return
+        share = duration_ns / int(noted[-1])
+        at_bus = self.location is MeterLocation.DC_BUS
+        rest, temperature = energy_parts(noted[:-1] * (share / NANOJOULE), at_bus)
+        if rest > 0:
+            error = np.array([abs(predicted - measured) / NANOJOULE])
+            (score,) = scores(error, np.array([rest]), np.array([temperature])).tolist()
+            moved = self._outside + ADAPTATION * (1.0 - COVERED - (score > self._energy_scale()))
+            self._outside = min(max(moved, 0.0), 1.0 - COVERED)
+            self._scores.append(score)
+
+    def _set(
+        self, scored: list[tuple[int, int, float]], means: MeanBlock | None, periods: slice
+    ) -> None:
+        """Follow the scores in the order of time, and set the band of each period on the way."""
+        if means is None:
+            self._follow(scored, 0, None)
+            return
+        done = 0
+        for row, (stamp, phase) in enumerate(
+            zip(means.stamp_ns[periods].tolist(), means.phase[periods].tolist(), strict=True),
+            periods.start,
+        ):
+            done = self._follow(scored, done, stamp)
+            if scale := self._scale(phase):
+                one = slice(row, row + 1)
+                bus, grid, temperature = means.deviation[one, PARTS].T
+                same = scale if self.location is MeterLocation.GRID else Z90
+                half = half_width(bus, temperature, scale)
+                means.band_half[one] = np.hypot(half, same * grid)
+                means.band[one] = BandKind.CALIBRATED
+        self._follow(scored, done, None)
+
+    def _follow(self, scored: list[tuple[int, int, float]], done: int, until_ns: int | None) -> int:
+        """Take scores up to a stamp; return how many are taken in all."""
+        while done < len(scored) and (until_ns is None or scored[done][0] <= until_ns):
+            _, phase, score = scored[done]
+            done += 1
+            if score != score:
+                continue
+            self.readings += 1
+            self.inside += score <= (self._scale(phase) or Z90)
+            self.inside_parametric += score <= Z90
+            if not self._count[phase]:
+                self._log_scale[phase] = self._log_scale[POOLED]
+            for place in {POOLED, phase}:
+                step = max(MIN_STEP, FIRST_STEP / math.sqrt(self._count[place] + 1))
+                above = score > math.exp(self._log_scale[place])
+                moved = self._log_scale[place] + step * (above - (1.0 - COVERED))
+                self._log_scale[place] = max(-MAX_LOG_SCALE, min(moved, MAX_LOG_SCALE))
+                self._count[place] = min(self._count[place] + 1, MAX_COUNTER)
+        return done
+
+    def _scale(self, phase: int) -> float | None:
+        """Half width of the band of power over the deviation; None if too little was read."""
+        for place in (phase, POOLED):
+            if self._count[place] >= MIN_READINGS:
+                return math.exp(self._log_scale[place])
+        return None
+
+    def finish(self, means: MeanBlock) -> None:
+        """Set the bands of periods after which nothing follows.
+
+        Args:
+            means: The periods; their bands are written in place.
+        """
+        if self.location is not MeterLocation.UNKNOWN:
+            self._set([], means, slice(0, len(means)))
+
+    def _energy_scale(self) -> float:
+        """Half width of the band of an energy over its deviation."""
+        if len(self._scores) < MIN_SCORES:
+            return Z90
+        every = sorted([*self._scores, *EXPECTED])
+        place = math.ceil((1.0 - self._outside) * (len(every) + 1))
+        return every[min(place, len(every)) - 1]
+
+    def energy_band(self, deviation: Float) -> EnergyBand:
+        """Return how sure an energy from the grid is.
+
+        Args:
+            deviation: Integrals of the deviations, shape (K,). [J]
+        """
+        rest, temperature = energy_parts(deviation)
+        std = math.hypot(rest, temperature)
+        if len(self._scores) < MIN_SCORES:
+            return EnergyBand(std, Z90 * std, BandKind.PARAMETRIC)
+        scale, loss = self._energy_scale(), 0.0
+        if self.location is MeterLocation.DC_BUS:
+            rest, temperature = energy_parts(deviation, at_bus=True)
+            loss = Z90 * float(deviation[LOSS_GRID])
+        half = float(half_width(rest, temperature, scale))
+        return EnergyBand(std, math.hypot(half, loss), BandKind.CALIBRATED)
+
+    def state(self) -> Calibrated:
+        """Return what must be kept across a restart."""
+        return Calibrated(
+            location=self.location.name,
+            log_scale=tuple(self._log_scale),
+            readings=tuple(self._count),
+            energy_scores=tuple(self._scores),
+            energy_outside=self._outside,
+        )
+
+    def restore(self, kept: Calibrated) -> None:
+        """Go on from an earlier state, unless more was read since.
+
+        Args:
+            kept: As `state` gave it; of another number of phases it is of no use.
+        """
+        if len(kept.log_scale) != len(Phase) or len(kept.readings) != len(Phase):
+            return
+        if kept.readings[POOLED] >= self._count[POOLED]:
+            self.location = MeterLocation[kept.location]
+            self._log_scale, self._count = [*kept.log_scale], [*kept.readings]
+            self._outside = min(max(kept.energy_outside, 0.0), 1.0 - COVERED)
+        self._scores = deque([*kept.energy_scores, *self._scores], maxlen=MAX_SCORES)
+
+    def interrupt(self) -> None:
+        """Score nothing from the last to the next sample."""
+        self._forget()
+
+
+def _starts(number: Int) -> Int:
+    """Where runs of equal numbers begin."""
+    steps = differences(number, int(number[0]) - 1)
+    return np.flatnonzero(steps)
+
+
+def _closed(begun: Int, table: Int, length_ns: int) -> tuple[Int, Int]:
+    """Sum rows by the time of their first column; return the sums, and the one that may go on.
+
+    Args:
+        begun: The one that may go on, shape (0 or 1, columns).
+        table: New rows: time, and what is summed.
+        length_ns: Of a group. [ns]
+    """
+    rows = np.concatenate([begun[:, : table.shape[1]], table])
+    starts = _starts(rows[:, 0] // length_ns)
+    sums = np.add.reduceat(rows, starts, axis=0)
+    sums[:, 0] = rows[np.append(starts[1:], len(rows)) - 1, 0]
+    return sums[:-1], sums[-1:]
+
+
+def _between_falls(stamp_ns: Int, falls: int) -> list[slice]:
+    """Cut rows where their stamps fall, into one part more than `falls`; the last has the rest."""
+    places = np.flatnonzero(np.diff(stamp_ns) < 0)[:falls] + 1
+    edges = [0, *places.tolist()]
+    edges += [len(stamp_ns)] * (falls + 2 - len(edges))
+    return [slice(start, stop) for start, stop in pairwise(edges)]

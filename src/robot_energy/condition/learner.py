@@ -1,0 +1,301 @@
+"""What a running monitor learns of its robot, and how it is used.
+
+The samples of one part, five seconds of stamps, are learned from together once a later part
+begins, and what was learned holds from there on. So nothing depends on how the input is cut, and a
+replay learns what the monitor has learned.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robot_energy.blocks import (
+    Float,
+    Int,
+    MeterBlock,
+    MeterLocation,
+    Phase,
+    PowerBlock,
+    differences,
+    sum_over_joints,
+)
+from robot_energy.condition.buckets import interpolated
+from robot_energy.condition.joint_friction import FrictionLearner, MotionReader
+from robot_energy.condition.meter_fit import MeterFit
+from robot_energy.condition.meter_windows import METER_WAIT, MeterWindows, Window
+from robot_energy.condition.record import ConditionRecord
+from robot_energy.condition.wear import WearMonitor
+from robot_energy.errors import StateFileError
+from robot_energy.inputs.meter.power_curve import MeterCurve
+from robot_energy.model import RobotModel
+from robot_energy.physics.drivetrain import Drivetrain
+
+PART_NS = 5_000_000_000  # of stamps that are learned from together
+
+
+class Learning(StrEnum):
+    """What is done with learned figures."""
+
+    OFF = "off"
+    """Nothing is learned."""
+    OBSERVE = "observe"
+    """Learned and published; predictions use the model file alone."""
+    APPLY = "apply"
+    """Predictions use the learned figures where they are valid."""
+
+
+@dataclass(frozen=True)
+class _InUse:
+    """Learned figures that hold for one part.
+
+    Attributes:
+        table: Multipliers of the joints with torque, shape (n, ...), see `FrictionLearner.table`.
+        by_torque: Which joints these are, shape (n,).
+        factor: On the friction of the others. [-]
+        offset: Of the constant losses. [W]
+        at_bus: Whether the offset is on the DC side.
+    """
+
+    table: Float
+    by_torque: NDArray[np.bool_]
+    factor: float
+    offset: float
+    at_bus: bool
+
+    @property
+    def any(self) -> bool:
+        """Whether a figure differs from that of the model file."""
+        return bool(self.by_torque.any() or self.factor != 1.0 or self.offset != 0.0)
+
+
+class ConditionLearner:
+    """Learns multipliers on friction and the constant losses from power samples.
+
+    Args:
+        model: The robot's model.
+        learning: What is done with the figures.
+        curve: Turns readings of the meter into pieces, with its limits.
+
+    Attributes:
+        friction: Per joint, from measured torque.
+        meter: From the power meter.
+        wear: Lasting changes of friction.
+        end_ns: Newest sample learned from; None before the first. [ns]
+    """
+
+    def __init__(self, model: RobotModel, learning: Learning, curve: MeterCurve) -> None:
+        self.learning = learning
+        self._model = model
+        n_joints = len(model.joints)
+        drivetrain = Drivetrain.from_model(model)
+        still = np.asarray([joint.standstill_velocity for joint in model.joints])
+        self.reader = MotionReader(
+            np.abs(np.diag(drivetrain.transmission)),
+            np.abs(drivetrain.transmission) @ still,
+            model.temperature.fallback_degc,
+        )
+        self.friction = FrictionLearner(n_joints)
+        cabinet = model.cabinet
+        self._losses = (cabinet.loss_dc.value, cabinet.loss_grid.value)
+        self.meter = MeterFit(sum(self._losses))
+        self.wear = WearMonitor(model.joint_names)
+        self.end_ns: int | None = None
+        self._windows = MeterWindows(3, curve)  # predicted, friction, added
+        self._open: list[PowerBlock] = []  # of the part that has not ended
+        self._part: int | None = None
+        self._use = self._figures()
+
+    @property
+    def learns(self) -> bool:
+        """Whether anything is learned."""
+        return self.learning is not Learning.OFF
+
+    @property
+    def applies(self) -> bool:
+        """Whether predictions use what was learned."""
+        return self.learning is Learning.APPLY
+
+    @property
+    def offsets(self) -> tuple[float, float]:
+        """What is added to the constant losses of the DC side and of the grid side. [W]"""
+        offset = self._use.offset if self.applies else 0.0
+        return (offset, 0.0) if self._use.at_bus else (0.0, offset)
+
+    @property
+    def in_use(self) -> bool:
+        """Whether predictions of this part differ from those of the model file."""
+        return self.applies and self._use.any
+
+    def measure(self, block: MeterBlock) -> None:
+        """Take readings of the meter.
+
+        Args:
+            block: In order of arrival.
+        """
+        if self.learns:
+            self._windows.measure(block)
+
+    def cuts(self, stamp_ns: Int, before_ns: int) -> list[int]:
+        """Return where samples must be cut, so that what was learned holds from there on.
+
+        Args:
+            stamp_ns: Shape (N,), N >= 1. [ns]
+            before_ns: Stamp before the first. [ns]
+        """
+        if not self.applies:
+            return []
+        return np.flatnonzero(differences(stamp_ns // PART_NS, before_ns // PART_NS)).tolist()
+
+    def begin(self, stamp_ns: int) -> None:
+        """Let what was learned of the parts before a sample count.
+
+        Args:
+            stamp_ns: Of the sample. [ns]
+        """
+        if self._part is not None and stamp_ns // PART_NS != self._part:
+            self._end_part()
+
+    def multiplier(self, motor_velocity: Float, motor_temperature_degc: Float) -> Float | None:
+        """Return what the friction of the model file is multiplied by.
+
+        Args:
+            motor_velocity: Of samples within one part, shape (N, n). [rad/s]
+            motor_temperature_degc: Shape (N, n). [degC]
+
+        Returns:
+            Shape (N, n); None for one everywhere. [-]
+        """
+        use = self._use
+        if not self.applies or not (use.by_torque.any() or use.factor != 1.0):
+            return None
+        return self._multiplier(use, motor_velocity, motor_temperature_degc)
+
+    def step(self, block: PowerBlock) -> None:
+        """Take power samples, computed with the multiplier and the offsets in use.
+
+        Args:
+            block: In time order.
+        """
+        if not self.learns:
+            return
+        part = block.stamp_ns // PART_NS
+        starts = np.flatnonzero(np.diff(part)) + 1
+        for start, stop in zip([0, *starts.tolist()], [*starts.tolist(), len(block)], strict=True):
+            if self._part is not None and part[start] != self._part:
+                self._end_part()
+            self._part = int(part[start])
+            whole = start == 0 and stop == len(block)
+            self._open.append(block if whole else block[slice(start, stop)])
+
+    def flush(self) -> None:
+        """Learn from the part that has not ended, as at the end of a bag."""
+        if self._open:
+            self._end_part()
+
+    def state(self) -> ConditionRecord:
+        """Return what must be kept across a restart."""
+        return ConditionRecord(
+            model_id=self._model.model_id,
+            joint_names=tuple(self._model.joint_names),
+            end_ns=self.end_ns,
+            friction=self.friction.state(),
+            meter=self.meter.state(),
+            wear=self.wear.state(),
+        )
+
+    def restore(self, record: ConditionRecord) -> None:
+        """Continue from a record; what was learned since the start is dropped.
+
+        Args:
+            record: Of the same model file.
+
+        Raises:
+            StateFileError: If it is of another model, or does not fit its joints.
+        """
+        model = self._model
+        if (record.model_id, record.joint_names) != (model.model_id, tuple(model.joint_names)):
+            raise StateFileError(
+                f"learned figures of model {record.model_id}", f"model {model.model_id}"
+            )
+        self.friction.restore(record.friction)
+        self.meter.restore(record.meter)
+        self.wear.restore(record.wear)
+        self.end_ns = record.end_ns
+        self._use = self._figures()
+
+    def restart(self) -> None:
+        """Drop what waits, as after an error."""
+        self._open.clear()
+        self._part = None
+
+    @np.errstate(invalid="ignore", over="ignore")
+    def _end_part(self) -> None:
+        """Learn from the samples of a part."""
+        block = PowerBlock.concatenate(self._open)
+        self._open.clear()
+        self._part = None
+        use = self._use
+        friction, known = block.friction_power, None
+        if use.any:
+            known = self._multiplier(use, block.motor_velocity, block.motor_temperature_degc)
+            if self.applies:
+                friction = friction / known
+        part = self.reader.read(block, friction)
+        if part is not None:
+            self.wear.step(self.friction.step(part))
+        for window in self._compared(block, friction, known, use):
+            self._learn_from_meter(window, block.motor_temperature_degc[-1])
+        self.end_ns = int(block.stamp_ns[-1])
+        self._use = self._figures()
+
+    def _learn_from_meter(self, window: Window, motor_temperature_degc: Float) -> None:
+        """Take one window of the meter; wear of the whole robot is of joints without torque."""
+        predicted, friction, correction = window.energies.tolist()
+        residual = window.measured - predicted + correction
+        self.meter.step(window.duration, window.measured, residual, friction)
+        if not self.friction.parts.any():
+            degc = float(self.reader.temperature(motor_temperature_degc).mean())
+            self.wear.step_meter(window.stamp_ns, window.duration, residual, friction, degc)
+
+    def _compared(
+        self, block: PowerBlock, friction: Float, known: Float | None, use: _InUse
+    ) -> Iterator[Window]:
+        """Compare with the meter: predicted power, friction it can learn of, what was added."""
+        location = self._windows.location
+        if location is MeterLocation.UNKNOWN:
+            return
+        seen = block.phase != Phase.GENERATING  # else the brake resistor takes the difference
+        open_joints = np.where(use.by_torque, 0.0, 1.0)
+        learnable = np.where(seen, sum_over_joints(friction * open_joints), 0.0)
+        added = np.zeros(len(block))
+        if self.applies:
+            added += (use.factor - 1.0) * learnable + use.offset
+        elif known is not None:  # what torque has taught is not learned again
+            taught = sum_over_joints(np.where(use.by_torque, (known - 1.0) * friction, 0.0))
+            added -= np.where(seen, taught, 0.0)
+        power = np.stack([block.supply.power_at(location), learnable, added], axis=1)
+        until = (int(block.stamp_ns[-1]) // PART_NS + 1) * PART_NS - METER_WAIT
+        yield from self._windows.step(block.stamp_ns, block.segment, power, until)
+
+    def _multiplier(self, use: _InUse, velocity: Float, degc: Float) -> Float:
+        if not use.by_torque.any():
+            return np.full_like(velocity, use.factor)
+        known = interpolated(use.table, *self.reader.places(velocity, degc))
+        return np.where(use.by_torque, known, use.factor)
+
+    def _figures(self) -> _InUse:
+        """What holds from now on."""
+        factor, offset = self.meter.filtered if self.meter.valid else (1.0, 0.0)
+        by_torque = self.friction.valid
+        return _InUse(
+            self.friction.table(),
+            by_torque,
+            1.0 if by_torque.all() else factor,
+            offset,
+            self._windows.location is MeterLocation.DC_BUS,
+        )

@@ -1,0 +1,179 @@
+"""What is kept of learned figures across restarts: plain values with units in their names."""
+
+from __future__ import annotations
+
+from typing import Annotated, Self
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from robot_energy.blocks import Float
+from robot_energy.errors import StateFileError
+from robot_energy.timeline.stamps import MAX_STAMP_NS, MIN_STAMP_NS
+from robot_energy.units import MAX_COUNTER
+
+FORMAT_VERSION = 1
+
+Number = Annotated[float, Field(allow_inf_nan=False)]
+Count = Annotated[int, Field(ge=0, le=MAX_COUNTER)]
+Stamp = Annotated[int, Field(ge=MIN_STAMP_NS, le=MAX_STAMP_NS)]
+Numbers = tuple[Number, ...]
+
+
+class ConditionPart(BaseModel):
+    """Base of the records: frozen, strict, no unknown keys."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+
+    def to_json(self) -> bytes:
+        """Return the record as JSON text."""
+        return self.model_dump_json().encode()
+
+    @classmethod
+    def from_json(cls, content: bytes) -> Self:
+        """Read a record.
+
+        Args:
+            content: JSON text.
+
+        Returns:
+            The record.
+
+        Raises:
+            StateFileError: If it is not such a record.
+        """
+        try:
+            return cls.model_validate_json(content)
+        except ValidationError as error:
+            first = error.errors()[0]
+            where = ".".join(str(part) for part in first["loc"])
+            raise StateFileError(
+                f"learned figures that cannot be used: {where}: {first['msg']}",
+                "what this release has written",
+            ) from error
+
+
+class FrictionRecord(ConditionPart):
+    """What `FrictionLearner` has summed up, arrays flattened in their own order."""
+
+    sums: Numbers
+    newest: Numbers
+    parts: tuple[Count, ...]
+    refused: tuple[Count, ...]
+
+
+class MeterRecord(ConditionPart):
+    """What `MeterFit` has summed up, arrays flattened."""
+
+    information: Numbers
+    target: Numbers
+    power_watt: Number
+    scale: Number
+    time_second: Number
+    windows: Count
+    refused: Count
+
+
+class WearEntry(ConditionPart):
+    """One `robot_energy.condition.wear_records.WearRecord`."""
+
+    stamp_ns: Stamp
+    hours: Number
+    time: Number
+    excess: Number
+    variance: Number
+    features: Numbers
+
+
+class ChangeEntry(ConditionPart):
+    """One `robot_energy.condition.drift_test.FrictionChange`."""
+
+    stamp_ns: Stamp
+    hours: Number
+    ramp: bool
+    size: Number
+
+
+class DriftRecord(ConditionPart):
+    """What one `robot_energy.condition.drift_test.DriftTest` keeps."""
+
+    records: tuple[WearEntry, ...]
+    changes: tuple[ChangeEntry, ...]
+
+
+class WearState(ConditionPart):
+    """What `robot_energy.condition.wear.WearMonitor` keeps; the last test is the whole robot's."""
+
+    hours: Numbers
+    meter_hours: Number
+    means_degc: tuple[Number | None, ...]
+    stamp_ns: Stamp | None
+    tests: tuple[DriftRecord, ...]
+
+
+class ConditionRecord(ConditionPart):
+    """What was learned of one robot with one model file.
+
+    Attributes:
+        model_id: Identity of the model file.
+        joint_names: Joints in order.
+        end_ns: Newest sample learned from. [ns]
+        friction: From measured torque.
+        meter: From the power meter.
+        wear: Records of friction, and the changes found in them.
+    """
+
+    model_id: str
+    joint_names: tuple[str, ...]
+    end_ns: Stamp | None
+    friction: FrictionRecord
+    meter: MeterRecord
+    wear: WearState
+
+
+def flat(values: Float) -> Numbers:
+    """Return an array as plain numbers.
+
+    Args:
+        values: Any shape. [-]
+
+    Returns:
+        Its numbers in their order.
+    """
+    return tuple(values.reshape(-1).tolist())
+
+
+def filled(values: Numbers | tuple[int, ...], like: np.ndarray) -> np.ndarray:
+    """Return plain numbers as an array.
+
+    Args:
+        values: As `flat` gave them.
+        like: An array of the shape and type wanted.
+
+    Returns:
+        The array.
+
+    Raises:
+        StateFileError: If there are more or fewer.
+    """
+    if len(values) != like.size:
+        raise StateFileError(
+            f"learned figures with {len(values)} numbers in one array", f"{like.size}"
+        )
+    return np.array(values, dtype=like.dtype).reshape(like.shape)
+
+
+class ThermalRecord(ConditionPart):
+    """Estimated motor temperatures of one robot with one model file.
+
+    Attributes:
+        model_id: Identity of the model file.
+        end_ns: End of the newest window that was taken. [ns]
+        state: Of every motor, flattened: motor, structure and ambient [degC], factor on the heat.
+        covariance: Of these, flattened.
+    """
+
+    model_id: str
+    end_ns: Stamp
+    state: Numbers
+    covariance: Numbers

@@ -1,0 +1,151 @@
+"""Says which axis runs heavier or lighter than it did, since when, and how sure that is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+
+from robot_energy.blocks import NANOSECOND
+from robot_energy.condition.drift_test import Drift, DriftTest, FrictionChange
+from robot_energy.condition.joint_friction import MotionSums
+from robot_energy.condition.meter_records import MeterGatherer
+from robot_energy.condition.record import ChangeEntry, DriftRecord, WearEntry, WearState, filled
+from robot_energy.condition.wear_records import MotionGatherer, WearRecord
+from robot_energy.errors import StateFileError
+
+WHOLE_ROBOT = ""  # name of what one power meter sees
+MAX_SURE = 0.9999  # more is not claimed
+
+
+@dataclass(frozen=True)
+class WearAlarm:
+    """A lasting change of friction.
+
+    Attributes:
+        joint: Its name; empty for the whole robot, as one power meter sees it.
+        drift: How much, since when, how sure.
+    """
+
+    joint: str
+    drift: Drift
+
+    @property
+    def warns(self) -> bool:
+        """Whether somebody should look at the robot: friction has risen."""
+        return not self.drift.fell
+
+    @property
+    def sure(self) -> float:
+        """Probability that the change is no chance, at most ``MAX_SURE``. [-]"""
+        return min(self.drift.sure, MAX_SURE)
+
+    @property
+    def sentence(self) -> str:
+        """What has happened, in one sentence."""
+        drift, where = self.drift, self.joint or "the whole robot"
+        since = datetime.fromtimestamp((drift.since_ns or 0) * NANOSECOND, UTC)
+        size = f"{100 * abs(drift.size):.1f} +- {100 * drift.std:.1f} %"
+        level = "above" if drift.size > 0 else "below"
+        what = "fell, as after re-greasing or running in," if drift.fell else "rose"
+        return (
+            f"friction of {where} {what} and is {size} {level} its first level, changing since "
+            f"{since:%Y-%m-%d %H:%M} UTC (certainty {100 * self.sure:.4g} %)"
+        )
+
+
+REMEDY = "look at the lubricant, the bearings, the brake and the belt of this axis"
+
+
+class WearMonitor:
+    """Watches the friction of every joint, or of the whole robot, for lasting changes.
+
+    Args:
+        joint_names: In model order.
+
+    Attributes:
+        joints: Test of each joint, from measured torque.
+        robot: Test of the whole robot, from the power meter.
+    """
+
+    def __init__(self, joint_names: Sequence[str]) -> None:
+        self._names = tuple(joint_names)
+        self._gatherer = MotionGatherer(len(self._names))
+        self._meter = MeterGatherer()
+        self.joints = [DriftTest() for _ in self._names]
+        self.robot = DriftTest()
+
+    def step(self, part: MotionSums) -> None:
+        """Take a part of measured torque.
+
+        Args:
+            part: What it says, without what was refused.
+        """
+        for joint, record in self._gatherer.step(part).items():
+            self.joints[joint].step(record)
+
+    def step_meter(
+        self, stamp_ns: int, duration: float, residual: float, friction: float, degc: float
+    ) -> None:
+        """Take a window of the power meter.
+
+        Args:
+            stamp_ns: Its end. [ns]
+            duration: [s]
+            residual: Measured less what the model file predicts. [J]
+            friction: Friction energy of the model file that the meter sees. [J]
+            degc: Mean motor temperature. [degC]
+        """
+        record = self._meter.step(stamp_ns, duration, residual, friction, degc)
+        if record is not None:
+            self.robot.step(record)
+
+    @property
+    def alarms(self) -> tuple[WearAlarm, ...]:
+        """Every change that was found and lasts, joints in model order, the whole robot last."""
+        tests = zip((*self._names, WHOLE_ROBOT), (*self.joints, self.robot), strict=True)
+        return tuple(WearAlarm(name, test.drift) for name, test in tests if test.changes)
+
+    def state(self) -> WearState:
+        """Return what must be kept across a restart; the open records are not."""
+        gatherer = self._gatherer
+        return WearState(
+            hours=tuple(gatherer.hours.tolist()),
+            meter_hours=self._meter.hours,
+            means_degc=tuple(
+                None if value != value else value for value in gatherer.means.reshape(-1).tolist()
+            ),
+            stamp_ns=gatherer.stamp_ns,
+            tests=tuple(
+                DriftRecord(
+                    records=tuple(WearEntry(**record._asdict()) for record in test.records),
+                    changes=tuple(ChangeEntry(**vars(change)) for change in test.changes),
+                )
+                for test in (*self.joints, self.robot)
+            ),
+        )
+
+    def restore(self, record: WearState) -> None:
+        """Continue from a record.
+
+        Args:
+            record: Of the same joints in the same order.
+
+        Raises:
+            StateFileError: If it is of another number of joints.
+        """
+        if len(record.tests) != len(self.joints) + 1:
+            raise StateFileError(
+                f"learned figures of {len(record.tests) - 1} joints", f"{len(self.joints)}"
+            )
+        gatherer = self._gatherer
+        means = tuple(float("nan") if value is None else value for value in record.means_degc)
+        gatherer.hours = filled(record.hours, gatherer.hours)
+        gatherer.means = filled(means, gatherer.means)
+        gatherer.stamp_ns = record.stamp_ns
+        self._meter.hours = record.meter_hours
+        for test, entry in zip((*self.joints, self.robot), record.tests, strict=True):
+            test.restore(
+                [WearRecord(**dict(one)) for one in entry.records],
+                [FrictionChange(**dict(one)) for one in entry.changes],
+            )

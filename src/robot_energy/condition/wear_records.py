@@ -1,0 +1,198 @@
+"""Gathers what measured torque says of a joint's friction into records of minutes of motion.
+
+A record holds how far measured friction lies above the model's, and all that moves this figure
+without wear: at which speeds and temperatures the joint ran, how much load it carried, how far
+the residual differs between the directions (a payload that the model does not have), how much
+it scatters, and how far the motor is above its mean temperature of the last hours (a gear lags
+behind its motor). Parts that lie far from the others, as in a collision, weigh less (Huber).
+"""
+
+from __future__ import annotations
+
+from math import log
+from typing import NamedTuple
+
+import numpy as np
+
+from robot_energy.blocks import NANOSECOND, Float
+from robot_energy.condition.buckets import DEGC_BUCKETS, SPEED_BUCKETS, degc_place, shares
+from robot_energy.condition.joint_friction import MotionSums
+
+RECORD_TIME = 300.0  # motion of a record [s]
+MIN_DIRECTION = 60.0  # of it in each direction [s]
+MAX_PARTS = 2000  # that wait for motion in the other direction
+HUBER = 2.5  # parts further from the median, in robust standard deviations, weigh less
+LAGS = (1200.0, 7200.0)  # means of the motor temperature, time constants [s]
+NUISANCES = 3 + len(LAGS)  # load, difference of directions, scatter, temperature above means
+MIN_RATIO = 0.05  # of measured over model friction
+DIGITS = 6  # kept of each figure, so that a record is the same after a restart
+
+
+class WearRecord(NamedTuple):
+    """Minutes of motion of one joint, or of the whole robot.
+
+    Attributes:
+        stamp_ns: Their mean. [ns]
+        hours: Hours of motion up to the middle. [h]
+        time: Motion. [s]
+        excess: Logarithm of measured over model friction. [-]
+        variance: Of the excess by scatter alone. [-]
+        features: Shares of the friction torque in each bucket, then the nuisances,
+            shape (DEGC_BUCKETS * SPEED_BUCKETS + NUISANCES,).
+    """
+
+    stamp_ns: int
+    hours: float
+    time: float
+    excess: float
+    variance: float
+    features: tuple[float, ...]
+
+    def merged(self, later: WearRecord) -> WearRecord:
+        """Return this and a later record as one; all its figures are means over time.
+
+        Args:
+            later: The record after this one.
+        """
+        time = self.time + later.time
+        share = later.time / time
+
+        def mean(first: float, second: float) -> float:
+            return round(first + share * (second - first), DIGITS)
+
+        return WearRecord(
+            self.stamp_ns + round(share * (later.stamp_ns - self.stamp_ns)),
+            mean(self.hours, later.hours),
+            time,
+            mean(self.excess, later.excess),
+            (1.0 - share) ** 2 * self.variance + share**2 * later.variance,
+            tuple(map(mean, self.features, later.features)),
+        )
+
+
+class MotionGatherer:
+    """Gathers the parts of every joint until they make a record.
+
+    Args:
+        n_joints: Number of joints.
+
+    Attributes:
+        hours: Motion of each joint so far, shape (n,). [h]
+        means: Mean motor temperatures, shape (2, n); NaN before the first part. [degC]
+        stamp_ns: Newest part; None before the first. [ns]
+    """
+
+    def __init__(self, n_joints: int) -> None:
+        self.hours: Float = np.zeros(n_joints)
+        self.means: Float = np.full((len(LAGS), n_joints), np.nan)
+        self.stamp_ns: int | None = None
+        self._parts: list[list[tuple[MotionSums, Float]]] = [[] for _ in range(n_joints)]
+        self._times: Float = np.zeros((2, n_joints))
+
+    def step(self, part: MotionSums) -> dict[int, WearRecord]:
+        """Take a part.
+
+        Args:
+            part: What it says, without what was refused.
+
+        Returns:
+            Records that became complete, by joint.
+        """
+        above = self._above_means(part)
+        moved = part.time.sum(axis=2)
+        self._times += moved
+        self.hours += moved.sum(axis=0) / 3600.0
+        found: dict[int, WearRecord] = {}
+        whole = self._times.sum(axis=0) >= RECORD_TIME
+        whole &= self._times.min(axis=0) >= MIN_DIRECTION
+        for joint in np.flatnonzero(moved.any(axis=0)).tolist():
+            parts = self._parts[joint]
+            parts.append((part, above[:, joint]))
+            if whole[joint]:
+                found[joint] = self._record(joint)
+            elif len(parts) <= MAX_PARTS:
+                continue
+            parts.clear()
+            self._times[:, joint] = 0.0
+        return found
+
+    def _above_means(self, part: MotionSums) -> Float:
+        """How far the motors are above their mean temperatures, shape (2, n). [K]"""
+        before = part.stamp_ns if self.stamp_ns is None else self.stamp_ns
+        passed = max(part.stamp_ns - before, 0) * NANOSECOND
+        self.stamp_ns = part.stamp_ns
+        gain = 1.0 - np.exp(-passed / np.array(LAGS))
+        start = np.isnan(self.means)
+        self.means = np.where(
+            start, part.degc, self.means + gain[:, None] * (part.degc - self.means)
+        )
+        return part.degc - self.means
+
+    def _record(self, joint: int) -> WearRecord:
+        parts = self._parts[joint]
+        sums = [part for part, _ in parts]
+        model = np.array([part.model[:, joint] for part in sums])  # (P, 2, SPEED_BUCKETS)
+        measured = np.array([part.measured[:, joint].sum(axis=1) for part in sums])
+        load = np.array([part.load[:, joint] for part in sums])
+        degc = shares(degc_place(np.array([part.degc[joint] for part in sums])), DEGC_BUCKETS)
+        ways = [_one_way(model[:, way], measured[:, way], load[:, way], degc) for way in range(2)]
+        forward, backward = (way.ratio for way in ways)
+        ratio = (forward + backward) / 2
+        above = np.array([values for _, values in parts]).mean(axis=0)
+        features = [
+            *np.mean([way.shares for way in ways], axis=0).tolist(),
+            float(np.mean([way.load for way in ways])),
+            (forward - backward) / 2,
+            float(np.mean([way.scatter for way in ways])),
+            *above.tolist(),
+        ]
+        time = float(self._times[:, joint].sum())
+        return WearRecord(
+            round(np.mean([part.stamp_ns for part in sums])),
+            round(float(self.hours[joint]) - time / 7200.0, DIGITS),
+            time,
+            round(log(max(ratio, MIN_RATIO)), DIGITS),
+            sum(way.variance for way in ways) / (2.0 * max(ratio, MIN_RATIO)) ** 2,
+            tuple(round(value, DIGITS) for value in features),
+        )
+
+
+class _Way(NamedTuple):
+    """One direction of a record: ratio, its variance, shares, load and scatter."""
+
+    ratio: float
+    variance: float
+    shares: Float
+    load: float
+    scatter: float
+
+
+def _one_way(model: Float, measured: Float, load: Float, degc: Float) -> _Way:
+    """Return the robust ratio of measured to model friction of parts in one direction."""
+    amount = model.sum(axis=1)
+    moved = amount > 0
+    amount, measured = amount[moved], measured[moved]
+    ratio = measured / amount
+    middle = _median(ratio, amount)
+    off = np.abs(ratio - middle)
+    scatter = 1.4826 * _median(off, amount) + 1e-6
+    weight = np.minimum(1.0, HUBER * scatter / np.maximum(off, 1e-12))
+    total = float(weight @ amount)
+    held = degc[moved][:, :, None] * (model[moved] * weight[:, None])[:, None, :]
+    return _Way(
+        float(weight @ measured) / total,
+        scatter**2 * float((weight * amount) @ (weight * amount)) / total**2,
+        held.sum(axis=0).reshape(-1) / total,
+        float(weight @ load[moved]) / total,
+        scatter,
+    )
+
+
+def _median(values: Float, weight: Float) -> float:
+    """Weighted median."""
+    order = np.argsort(values, kind="stable")
+    reached = np.cumsum(weight[order])
+    return float(values[order][np.searchsorted(reached, 0.5 * reached[-1])])
+
+
+FEATURES = DEGC_BUCKETS * SPEED_BUCKETS + NUISANCES

@@ -1,0 +1,66 @@
+"""What a model file says of the recordings that its identified figures come from."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from pathlib import Path
+
+from robot_energy import __version__
+from robot_energy.files.regular_file import open_regular
+from robot_energy.model.schema import Provenance
+
+DIGITS = 12  # of a hash, enough to tell recordings apart
+
+
+def sha256_of(path: Path) -> str:
+    """Return the first digits of the hash over the files with messages, in the order of names.
+
+    Args:
+        path: A bag folder or one file.
+
+    Raises:
+        OSError: If a file cannot be read.
+    """
+    files = [path]
+    if path.is_dir():
+        kinds = (".mcap", ".db3", ".zstd")
+        files = sorted(p for p in path.iterdir() if p.suffix in kinds and p.is_file())
+    digest = hashlib.sha256()
+    for file in files:
+        with open_regular(file) as stream:
+            while part := stream.read(1 << 20):
+                digest.update(part)
+    return digest.hexdigest()[:DIGITS]
+
+
+def hashed(path: Path) -> str:
+    """Return how a model file names a recording: its name and its hash.
+
+    Args:
+        path: A bag folder or one file.
+
+    Raises:
+        OSError: If a file cannot be read.
+    """
+    return f"{path.name} sha256:{sha256_of(path)}"
+
+
+def identified_from(
+    before: Provenance, done: str, recordings: Sequence[str], data_date: str = ""
+) -> Provenance:
+    """Return the provenance of a model after an identification.
+
+    Args:
+        before: Of the model that it began with.
+        done: What was identified, one sentence.
+        recordings: Those behind it, see `hashed`.
+        data_date: When they were recorded; empty where stamps are no dates.
+    """
+    new = [name for name in recordings if name not in before.bags]
+    return Provenance(
+        tool_version=__version__,
+        data_date=data_date or before.data_date,
+        bags=(*before.bags, *new),
+        notes=f"{done} Of the model before: {before.notes}" if before.notes else done,
+    )

@@ -1,0 +1,1 @@
+"""Thermal networks of motors from their losses and temperatures."""

@@ -1,0 +1,341 @@
+"""Fit of the thermal network of one motor: a free run from the first reading is compared.
+
+The measured temperature enters at the start alone; so what is fitted is what runs without a
+sensor. One node or two: the second must predict held-out temperatures better.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from robot_energy.blocks import Float
+from robot_energy.condition.thermal_observer import AMBIENT_STD, WINDOW
+from robot_energy.errors import NotIdentifiableError
+from robot_energy.identify.bounds import identified
+from robot_energy.identify.stats.cross_validation import GAIN
+from robot_energy.identify.stats.threads import one_thread
+from robot_energy.identify.thermal.windows import ThermalRun
+from robot_energy.model import RobotModel
+from robot_energy.model.figure import Figure
+from robot_energy.model.thermal import JointThermal
+from robot_energy.physics.motor_heat import MotorHeat
+
+MIN_RISE = 3.0  # K between the coldest and the warmest reading
+MIN_WINDOWS = 60  # of 10 s
+MIN_SPANS = 1.5  # time constants of the structure that a run must last to tell a second node
+TRAIN_SHARE = 0.6  # of the only run; the rest is the test
+READING_STD = 0.5  # K
+CORRELATED = 6  # windows whose errors are alike: one minute
+START, START_SPREAD = 0.8, 0.3  # structure above the ambient at the start, over the motor above it
+PRIORS = {
+    "motor_time": (np.log(900.0), 1.0),
+    "structure_time": (np.log(3600.0), 0.7),
+    "structure_ratio": (np.log(3.0), 1.0),
+    "share": (0.3, 0.3),
+}
+"""Middle and spread: time constants [s] and the ratio of capacities as logarithms."""
+ONE, TWO = ("motor_time", "motor", "idle"), (
+    *("motor_time", "motor", "idle"),
+    *("structure_time", "structure_ratio", "share"),
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class ThermalFit:
+    """Thermal network of one motor.
+
+    Attributes:
+        name: Of the joint.
+        network: As in a model file.
+        rms: Error of a free run on what the fit has not seen. [K]
+        held_rms: The same where the first reading is held instead. [K]
+        held_out: What that was: ``runs`` or ``end of the run``.
+        orders: Held-out error by the number of nodes. [K]
+        runs: Runs of the fit.
+        hours: Their length in all. [h]
+        range_degc: Of the readings. [degC]
+    """
+
+    name: str
+    network: JointThermal
+    rms: float
+    held_rms: float
+    held_out: str
+    orders: dict[str, float]
+    runs: int
+    hours: float
+    range_degc: tuple[float, float]
+
+    @property
+    def motor_time_constant(self) -> float:
+        """C_m over G_m. [s]"""
+        return self.network.capacity.value / self.network.conductance.value
+
+
+def ambient_of(runs: Sequence[Sequence[ThermalRun]]) -> float:
+    """Return the coldest first reading of all motors: a robot that starts cold.
+
+    Args:
+        runs: Of every motor. [degC]
+    """
+    return min(run.start_degc for motor in runs for run in motor)
+
+
+@one_thread
+def fit_network(
+    name: str, runs: Sequence[ThermalRun], ambient_degc: float, source: str = ""
+) -> ThermalFit:
+    """Identify the thermal network of one motor.
+
+    Args:
+        name: Of the joint.
+        runs: Of this motor.
+        ambient_degc: Of the air. [degC]
+        source: Where the data come from, for the model file.
+
+    Returns:
+        The fit.
+
+    Raises:
+        NotIdentifiableError: If there is too little, the motor hardly warms, or the network
+            predicts no better than its first reading.
+    """
+    if not runs or sum(map(len, runs)) < MIN_WINDOWS:
+        raise NotIdentifiableError(
+            f"{name} has {sum(map(len, runs)) * WINDOW:.0f} s with temperatures",
+            f"at least {MIN_WINDOWS * WINDOW:.0f} s",
+            "record longer, from a cold start",
+        )
+    readings = np.concatenate([run.motor_temperature_degc for run in runs])
+    low, high = float(np.nanmin(readings)), float(np.nanmax(readings))
+    if high - low < MIN_RISE:
+        raise NotIdentifiableError(
+            f"{name} warms by {high - low:.1f} K", f"at least {MIN_RISE:g} K", "record a cold start"
+        )
+    orders, errors = {}, {}
+    for label, keys in (("one node", ONE), ("two nodes", TWO)):
+        errors[label] = _held_out(runs, keys, ambient_degc)
+        orders[label] = _rms(errors[label][0] - errors[label][1])
+    order = "two nodes" if orders["two nodes"] < GAIN * orders["one node"] else "one node"
+    keys = ONE if order == "one node" else TWO
+    values, covariance = _fit(runs, keys, ambient_degc)
+    longest = max(map(len, runs)) * WINDOW
+    if keys is TWO and longest < MIN_SPANS * np.exp(values[TWO.index("structure_time")]):
+        order, keys = "one node", ONE  # what lies beyond the recordings is the prior's
+        values, covariance = _fit(runs, keys, ambient_degc)
+    _, measured, held = errors[order]
+    rms, held_rms = orders[order], _rms(held - measured)
+    if not rms < GAIN * held_rms:
+        raise NotIdentifiableError(
+            f"a free run of {name} errs by {rms:.2f} K on what the fit has not seen, and its first "
+            f"reading held by {held_rms:.2f} K",
+            "a network that predicts better",
+            "record longer, with work and rest, and identify friction and drives first",
+        )
+    return ThermalFit(
+        name,
+        _entry(keys, values, covariance, rms, source),
+        rms,
+        held_rms,
+        "runs" if len(runs) > 1 else "end of the run",
+        orders,
+        len(runs),
+        sum(map(len, runs)) * WINDOW / 3600.0,
+        (low, high),
+    )
+
+
+def fit_networks(
+    names: Sequence[str],
+    runs: Sequence[Sequence[ThermalRun]],
+    ambient_degc: float | None = None,
+    source: str = "",
+) -> tuple[float, list[ThermalFit], list[str]]:
+    """Identify the thermal network of every motor that the data tell.
+
+    Args:
+        names: Of the joints.
+        runs: Of every motor.
+        ambient_degc: Of the air; None: see `ambient_of`. [degC]
+        source: Where the data come from, for the model file.
+
+    Returns:
+        The temperature of the air [degC], the fits, and why the other motors could not be
+        identified, one sentence each.
+
+    Raises:
+        NotIdentifiableError: If not one motor can be identified.
+    """
+    if not any(runs):
+        raise NotIdentifiableError(
+            "no motor temperature is known", "recordings with temperatures",
+            "name their topic with --inputs",
+        )  # fmt: skip
+    ambient = ambient_of(runs) if ambient_degc is None else ambient_degc
+    fits: list[ThermalFit] = []
+    refused: list[NotIdentifiableError] = []
+    for name, motor in zip(names, runs, strict=True):
+        try:
+            fits.append(fit_network(name, motor, ambient, source))
+        except NotIdentifiableError as error:
+            refused.append(error)
+    if not fits:
+        first = refused[0]
+        raise NotIdentifiableError(first.found, first.expected, first.remedy)
+    return ambient, fits, [str(error) for error in refused]
+
+
+def with_networks(model: RobotModel, fits: Sequence[ThermalFit], ambient_degc: float) -> RobotModel:
+    """Return a model with identified thermal networks; the other motors keep theirs.
+
+    Args:
+        model: Any model of the same robot.
+        fits: One per identified motor.
+        ambient_degc: Of the air during the recordings. [degC]
+    """
+    found = {fit.name: fit.network for fit in fits}
+    joints = [
+        joint.model_copy(update={"thermal": found[joint.name]}) if joint.name in found else joint
+        for joint in model.joints
+    ]
+    air = Figure(value=ambient_degc, tag="assumed", std=AMBIENT_STD, source="as in the recordings")
+    temperature = model.temperature.model_copy(update={"ambient_degc": air})
+    return model.changed(joints=joints, temperature=temperature)
+
+
+def free_run(heat: MotorHeat, run: ThermalRun, ambient_degc: float, start: float = START) -> Float:
+    """Return the temperature of a motor at the end of every window, from its first reading on.
+
+    Args:
+        heat: Its network, n = 1.
+        run: Its heat.
+        ambient_degc: Of the air. [degC]
+        start: Structure above the ambient, as a share of the motor above it. [-]
+    """
+    from scipy.signal import lfilter
+
+    share = float(heat.share[0])
+    motor = run.drive_heat + share * run.friction_heat + float(heat.idle[0]) * run.awake
+    power = np.stack([motor, (1.0 - share) * run.friction_heat])
+    transition, gain = (part[0] for part in heat.step(WINDOW))
+    decay, modes = np.linalg.eig(transition)
+    above = run.start_degc - ambient_degc
+    begin = np.linalg.solve(modes, np.array([above, start * above]))
+    driven = np.linalg.solve(modes, gain @ power)
+    return ambient_degc + sum(
+        modes[0, mode]
+        * lfilter([1.0], [1.0, -decay[mode]], driven[mode], zi=[decay[mode] * begin[mode]])[0]
+        for mode in range(2)
+    )
+
+
+def _heat(keys: Sequence[str], values: Float) -> MotorHeat:
+    """The network of fitted values; see `ONE` and `TWO`."""
+    at = dict(zip(keys, values.tolist(), strict=True))
+    capacity = np.exp(at["motor"])
+    inner = 1.0 / np.exp(at["motor_time"])
+    idle = at["idle"] * capacity * inner  # idle is the rise that it makes [K]
+    if len(keys) == len(ONE):
+        figures = (inner, 0.0, 1.0, 1.0 / capacity, 0.0, 1.0, idle)
+    else:
+        larger = capacity * np.exp(at["structure_ratio"])
+        outer = 1.0 / np.exp(at["structure_time"])
+        figures = (
+            *(inner, inner * capacity / larger, outer),
+            *(1.0 / capacity, 1.0 / larger, at["share"], idle),
+        )
+    return MotorHeat(*(np.array([float(figure)]) for figure in figures))
+
+
+def _fit(runs: Sequence[ThermalRun], keys: Sequence[str], ambient: float) -> tuple[Float, Float]:
+    """Values of the keys and their covariance."""
+    from scipy.optimize import least_squares
+
+    scale = READING_STD * np.sqrt(CORRELATED)
+    count = len(keys)
+    size = np.log(max(float(np.mean([_mean_heat(run) for run in runs])), 1e-6) * 900.0 / 10.0)
+    middle = np.array([PRIORS.get(key, (size if key == "motor" else 0.0, 0))[0] for key in keys])
+    spread = np.array([PRIORS.get(key, (0, 2.0 if key == "motor" else 10.0))[1] for key in keys])
+    low = np.array([{"idle": 0.0, "share": 0.0}.get(key, -np.inf) for key in keys])
+    high = np.array([{"share": 1.0}.get(key, np.inf) for key in keys])
+
+    def residual(x: Float) -> Float:
+        heat = _heat(keys, x[:count])
+        parts = [
+            (free_run(heat, run, ambient, start) - run.motor_temperature_degc) / scale
+            for run, start in zip(runs, x[count:], strict=True)
+        ]
+        error = np.concatenate(parts)
+        prior = np.concatenate([(x[:count] - middle) / spread, (x[count:] - START) / START_SPREAD])
+        return np.concatenate([error[np.isfinite(error)], prior])
+
+    first = np.concatenate([middle, np.full(len(runs), START)])
+    first[: len(keys)] = np.clip(first[:count], low + 1e-3, high - 1e-3)
+    bounds = (np.append(low, np.zeros(len(runs))), np.append(high, np.full(len(runs), 1.2)))
+    found = least_squares(residual, first, bounds=bounds, x_scale="jac", max_nfev=60)
+    noise = max(float(np.mean(found.fun**2)) * CORRELATED, 1.0)
+    covariance = np.linalg.pinv(found.jac.T @ found.jac) * noise
+    return np.asarray(found.x[:count]), covariance[:count, :count]
+
+
+def _mean_heat(run: ThermalRun) -> float:
+    return float(np.mean(run.drive_heat + run.friction_heat))
+
+
+def _held_out(
+    runs: Sequence[ThermalRun], keys: Sequence[str], ambient: float
+) -> tuple[Float, Float, Float]:
+    """Predicted, measured and held temperatures of windows that the fits have not seen."""
+    parts: list[tuple[Float, Float, Float]] = []
+    if len(runs) == 1:
+        row = int(TRAIN_SHARE * len(runs[0]))
+        train, tests = [[runs[0].until(row)]], [(runs[0], row)]
+    else:
+        train = [[run for run in runs if run is not test] for test in runs]
+        tests = [(run, 0) for run in runs]
+    for seen, (test, row) in zip(train, tests, strict=True):
+        values, _ = _fit(seen, keys, ambient)
+        free = free_run(_heat(keys, values), test, ambient)
+        measured = test.motor_temperature_degc
+        known = np.flatnonzero(np.isfinite(measured))
+        known = known[known >= row]
+        last = measured[known[0]] if len(known) and row else test.start_degc
+        parts.append((free[known], measured[known], np.full(len(known), last)))
+    predicted, measured, held = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return predicted, measured, held
+
+
+def _rms(values: Float) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _entry(
+    keys: Sequence[str], values: Float, covariance: Float, rms: float, source: str
+) -> JointThermal:
+    """The entry of a model file, its deviations by the slopes of each figure."""
+
+    def figures(x: Float) -> Float:
+        heat = _heat(keys, x)
+        capacity = 1.0 / heat.motor[0]
+        row = [capacity, heat.inner[0] * capacity, heat.idle[0]]
+        if len(keys) == len(TWO):
+            larger = 1.0 / heat.structure[0]
+            row += [larger, heat.outer[0] * larger, heat.share[0]]
+        return np.array(row)
+
+    steps = 1e-4 * np.eye(len(values))
+    slopes = np.stack([(figures(values + s) - figures(values - s)) / 2e-4 for s in steps], axis=1)
+    std = np.sqrt(np.maximum(np.diag(slopes @ covariance @ slopes.T), 0.0)).tolist()
+    found = [
+        identified(value, deviation, source)
+        for value, deviation in zip(figures(values).tolist(), std, strict=True)
+    ]
+    entry = JointThermal(capacity=found[0], conductance=found[1], idle=found[2], std=rms)
+    if len(found) > len(ONE):
+        keys = ("structure_capacity", "structure_conductance", "friction_to_motor")
+        more = dict(zip(keys, found[3:], strict=True))
+        entry = entry.model_copy(update=more)
+    return entry

@@ -1,0 +1,129 @@
+"""What the fit of a thermal network sees: heat and temperature of motors over windows of 10 s."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from robot_energy.blocks import NANOSECOND, Float, Int
+from robot_energy.condition.thermal_observer import WINDOW
+from robot_energy.identify.data.recordings import Recording
+from robot_energy.model import RobotModel
+
+if TYPE_CHECKING:
+    from robot_energy.logs.recording import LogBlock
+
+MAX_GAP = 600.0  # s without samples, beyond which another run begins
+
+
+@dataclass(frozen=True)
+class ThermalRun:
+    """One motor during one run, in windows of 10 s; those without samples have no heat.
+
+    Attributes:
+        time: Start of each window, shape (N,). [s]
+        drive_heat: Mean loss of motor and inverter, shape (N,). [W], or of a log the squared
+            motor current. [A^2]
+        friction_heat: Mean friction power, shape (N,). [W]
+        awake: Share of the window with samples, shape (N,). [-]
+        motor_temperature_degc: Last reading in the window, NaN for none, shape (N,). [degC]
+        start_degc: First reading. [degC]
+    """
+
+    time: Float
+    drive_heat: Float
+    friction_heat: Float
+    awake: Float
+    motor_temperature_degc: Float
+    start_degc: float
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    def until(self, row: int) -> ThermalRun:
+        """Return the first windows.
+
+        Args:
+            row: How many.
+        """
+        return replace(
+            self,
+            time=self.time[:row],
+            drive_heat=self.drive_heat[:row],
+            friction_heat=self.friction_heat[:row],
+            awake=self.awake[:row],
+            motor_temperature_degc=self.motor_temperature_degc[:row],
+        )
+
+
+def without_networks(model: RobotModel) -> RobotModel:
+    """Return a model that estimates no temperature, so that readings alone are seen.
+
+    Args:
+        model: Any model.
+    """
+    return model.changed(
+        joints=[joint.model_copy(update={"thermal": None}) for joint in model.joints]
+    )
+
+
+def runs_of_recordings(recordings: Sequence[Recording], joint: int) -> list[ThermalRun]:
+    """Return the runs of one motor in recordings of the same robot.
+
+    Args:
+        recordings: Run with a model without thermal networks.
+        joint: Index of the joint in model order.
+    """
+    runs: list[ThermalRun] = []
+    for recording in recordings:
+        power = recording.power
+        runs += _runs(
+            power.stamp_ns,
+            power.drive_loss[:, joint],
+            power.friction_power[:, joint],
+            power.motor_temperature_degc[:, joint],
+        )
+    return runs
+
+
+def runs_of_log(blocks: Sequence[LogBlock], joint: int) -> list[ThermalRun]:
+    """Return the runs of one motor in a log with currents and temperatures.
+
+    Args:
+        blocks: Rows of one or several logs.
+        joint: Index of the joint.
+    """
+    rows = blocks[0].concatenate(blocks)
+    heat = rows.effort[:, joint] ** 2
+    degc = rows.motor_temperature_degc[:, joint]
+    return _runs(rows.stamp_ns, heat, np.zeros_like(heat), degc)
+
+
+def _runs(stamp_ns: Int, drive: Float, friction: Float, degc: Float) -> list[ThermalRun]:
+    """Cut samples at long gaps and sum them over windows."""
+    cuts = np.flatnonzero(np.abs(np.diff(stamp_ns)) > MAX_GAP / NANOSECOND) + 1
+    runs: list[ThermalRun] = []
+    for rows in np.split(np.arange(len(stamp_ns)), cuts):
+        time = (stamp_ns[rows] - stamp_ns[rows[0]]) * NANOSECOND
+        known = np.flatnonzero(np.isfinite(degc[rows]))
+        if not len(known):
+            continue
+        time, rows = time[known[0] :] - time[known[0]], rows[known[0] :]
+        window = (time // WINDOW).astype(np.int64)
+        count = int(window[-1]) + 1
+        duration = np.minimum(np.diff(time, append=time[-1]), WINDOW)
+        awake = np.bincount(window, duration, count) / WINDOW
+        heats = [
+            np.bincount(window, np.nan_to_num(heat[rows]) * duration, count) / WINDOW
+            for heat in (drive, friction)
+        ]
+        readings = np.full(count, np.nan)
+        read = np.isfinite(degc[rows])
+        readings[window[read]] = degc[rows][read]  # the last one stays
+        runs.append(
+            ThermalRun(np.arange(count) * WINDOW, *heats, awake, readings, float(degc[rows[0]]))
+        )
+    return runs

@@ -1,0 +1,82 @@
+"""Temperature of motors from their heat: motor - structure - ambient, solved exactly.
+
+``C_m dT_m/dt = P_m - G_m (T_m - T_s)``,
+``C_s dT_s/dt = P_s + G_m (T_m - T_s) - G_s (T_s - T_a)``, heat held over a step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from robot_energy.blocks import Float
+from robot_energy.model.thermal import JointThermal
+
+AT_ONCE = 1.0  # s, in which the structure follows the ambient where there is none
+
+
+@dataclass(frozen=True)
+class MotorHeat:
+    """Rates of the networks of some motors; shape (n,) each.
+
+    Attributes:
+        inner: G_m / C_m. [1/s]
+        back: G_m / C_s; 0 without structure. [1/s]
+        outer: G_s / C_s. [1/s]
+        motor: 1 / C_m. [K/J]
+        structure: 1 / C_s; 0 without structure. [K/J]
+        share: Of the friction power that heats the motor. [-]
+        idle: Heat of the motor beyond its losses. [W]
+    """
+
+    inner: Float
+    back: Float
+    outer: Float
+    motor: Float
+    structure: Float
+    share: Float
+    idle: Float
+
+    @classmethod
+    def of(cls, entries: Sequence[JointThermal]) -> MotorHeat:
+        """Return the networks that a model file describes.
+
+        Args:
+            entries: One per motor.
+        """
+        rows: list[tuple[float, ...]] = []
+        for entry in entries:
+            inner, capacity = entry.conductance.value, entry.capacity.value
+            share = 1.0 if entry.friction_to_motor is None else entry.friction_to_motor.value
+            idle = 0.0 if entry.idle is None else entry.idle.value
+            if entry.structure_capacity is None or entry.structure_conductance is None:
+                back, outer, structure = 0.0, 1.0 / AT_ONCE, 0.0
+            else:
+                structure = 1.0 / entry.structure_capacity.value
+                back, outer = inner * structure, entry.structure_conductance.value * structure
+            rows.append((inner / capacity, back, outer, 1.0 / capacity, structure, share, idle))
+        return cls(*np.array(rows, dtype=np.float64).reshape(-1, 7).T)
+
+    def step(self, duration: float) -> tuple[Float, Float]:
+        """Return what a step does to motor and structure, relative to the ambient.
+
+        ``T' - T_a = transition (T - T_a) + gain P`` with T of motor and structure and
+        P the heat of both, held.
+
+        Args:
+            duration: > 0. [s]
+
+        Returns:
+            Transition, shape (n, 2, 2) [-]; gain, shape (n, 2, 2) [K/W].
+        """
+        rates = np.empty((len(self.inner), 2, 2))
+        rates[:, 0, 0], rates[:, 0, 1] = -self.inner, self.inner
+        rates[:, 1, 0], rates[:, 1, 1] = self.back, -(self.back + self.outer)
+        values, vectors = np.linalg.eig(rates)  # real: off the diagonal nothing is below 0
+        inverse = np.linalg.inv(vectors)
+        decay = np.expm1(values * duration)
+        grown = (vectors * (decay / values)[:, None, :]) @ inverse
+        transition = np.eye(2) + (vectors * decay[:, None, :]) @ inverse
+        return transition, grown * np.stack([self.motor, self.structure], axis=-1)[:, None, :]

@@ -1,0 +1,160 @@
+"""Job intervals of a recording: named by a file, counted by the account as live ones are."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from robot_energy.accounting.account import EnergyAccount
+from robot_energy.accounting.plain_text import MAX_NAME
+from robot_energy.accounting.record import EnergyInterval
+from robot_energy.blocks import Int
+from robot_energy.config_file import load
+from robot_energy.errors import RegisterError
+from robot_energy.timeline.stamps import SECOND_NS
+
+MAX_JOBS = 20_000
+STEP_NS = 20_000_000  # of the pipeline while jobs may begin or end [ns]
+LAG_NS = 400_000_000  # of the account behind the newest joint state, at most [ns]
+MAX_LATE_NS = 100_000_000  # after its begin that a job is opened; the account states where [ns]
+
+Seconds = Annotated[float, Field(ge=0.0, le=2.0**31, allow_inf_nan=False)]
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Job(_Strict):
+    """One job or cycle.
+
+    Attributes:
+        name: Equal for all of one kind.
+        begin: Stamp of its first instant. [s since 1970]
+        end: Stamp of its last instant. [s since 1970]
+    """
+
+    name: Annotated[str, Field(min_length=1, max_length=MAX_NAME, pattern=r"^[^\x00-\x1f\x7f]+$")]
+    begin: Seconds
+    end: Seconds
+
+    @model_validator(mode="after")
+    def _lasts(self) -> Job:
+        if not self.end > self.begin:
+            raise ValueError("expected an end after the begin")
+        return self
+
+
+class JobList(_Strict):
+    """The jobs of one or several recordings.
+
+    Attributes:
+        jobs: One after the other; each begins when or after the one before has ended.
+    """
+
+    jobs: Annotated[tuple[Job, ...], Field(max_length=MAX_JOBS)]
+
+    @model_validator(mode="after")
+    def _in_order(self) -> JobList:
+        for before, after in zip(self.jobs, self.jobs[1:], strict=False):
+            if after.begin < before.end:
+                raise ValueError(
+                    f"'{after.name}' at {after.begin:.3f} s begins in the job before it"
+                )
+        return self
+
+
+def load_jobs(path: str | Path) -> tuple[Job, ...]:
+    """Read a file of jobs.
+
+    Args:
+        path: YAML file.
+
+    Returns:
+        The jobs, in order of time.
+
+    Raises:
+        RegisterError: If it cannot be read or used.
+    """
+    return load(path, JobList, RegisterError, "list of jobs").jobs
+
+
+class RecordedJobs:
+    """Opens and closes intervals of an account at the stamps of a list of jobs.
+
+    A job that the recording does not hold from begin to end is left out.
+
+    Args:
+        jobs: In order of time.
+
+    Attributes:
+        closed: What the jobs have counted.
+        left_out: How many were there in part only.
+    """
+
+    def __init__(self, jobs: Sequence[Job]) -> None:
+        self.closed: list[EnergyInterval] = []
+        self.left_out = 0
+        self._bounds_ns = np.array(
+            [[round(one.begin * SECOND_NS), round(one.end * SECOND_NS)] for one in jobs], np.int64
+        ).reshape(-1, 2)
+        self._names = [one.name for one in jobs]
+        self._next = 0
+        self._is_open = False
+
+    def cuts(self, stamp_ns: Int) -> Int:
+        """Return where to cut samples, so that steps are short while a job begins or ends.
+
+        Args:
+            stamp_ns: Of the samples, shape (N,). [ns]
+        """
+        if not self._names:
+            return np.zeros(0, dtype=np.int64)
+        cuts = np.flatnonzero(np.diff(stamp_ns // STEP_NS)) + 1
+        bounds_ns = np.unique(self._bounds_ns)
+        before = np.searchsorted(bounds_ns, stamp_ns[cuts], side="right") - 1
+        since_ns = stamp_ns[cuts] - bounds_ns[before]
+        return cuts[(before >= 0) & (since_ns < LAG_NS)]
+
+    def step(self, account: EnergyAccount) -> None:
+        """Open and close what is due.
+
+        Args:
+            account: After a step of the pipeline.
+        """
+        end_ns = account.end_ns
+        while end_ns is not None and self._next < len(self._names):
+            begin_ns, until_ns = self._bounds_ns[self._next].tolist()
+            if self._is_open:
+                if end_ns < until_ns:
+                    return
+                self.closed.append(account.close_interval(self._names[self._next]))
+                self._is_open = False
+                self._next += 1
+            elif end_ns < begin_ns:
+                return
+            elif end_ns - begin_ns > MAX_LATE_NS:  # it began before the recording, or in a gap
+                self._next += 1
+                self.left_out += 1
+            else:
+                account.open_interval(self._names[self._next])
+                self._is_open = True
+
+    def finish(self, account: EnergyAccount) -> None:
+        """Close a job that ends with the recording.
+
+        Args:
+            account: After the last step.
+        """
+        if self._is_open:
+            late_ns = int(self._bounds_ns[self._next, 1]) - (account.end_ns or 0)
+            found = account.close_interval(self._names[self._next])
+            if late_ns <= MAX_LATE_NS:
+                self.closed.append(found)
+            else:
+                self.left_out += 1
+            self._is_open = False

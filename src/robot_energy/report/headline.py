@@ -1,0 +1,173 @@
+"""The first lines of a report about recordings: what was used, and how far the meter agrees."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from robot_energy.blocks import NANOSECOND
+from robot_energy.page.settings import JOULE_PER_KWH, PageSettings
+from robot_energy.report.document import Tiles
+from robot_energy.report.energy import scale_of
+from robot_energy.report.formats import counted, energy_text, percent, signed_percent
+from robot_energy.results.replay import ReplayReport
+
+LOCATION_NAMES = {"grid": "the grid", "dc_bus": "the DC bus"}
+
+
+def place_of(report: ReplayReport) -> str:
+    """Return where the power of the comparison flows, in words.
+
+    Args:
+        report: Of a replay.
+    """
+    return LOCATION_NAMES.get(report.comparison.meter_location or "", "the meter")
+
+
+def headline(report: ReplayReport) -> str:
+    """Return the result in one line.
+
+    Args:
+        report: Of a replay.
+
+    Returns:
+        Predicted and measured over the compared time; where nothing was measured, the
+        predicted energy and that.
+    """
+    compared = report.comparison
+    measured, predicted = compared.measured_energy, compared.predicted_energy_at_meter
+    if measured is None or predicted is None:
+        why = "no meter" if report.topics.meter is None else "no meter reading fits in time"
+        return (
+            f"predicted {energy_text(report.energy.net)} from the grid over "
+            f"{report.time.observed_time:.1f} s; nothing measured ({why}): prediction only"
+        )
+    text = (
+        f"predicted {energy_text(predicted)}, measured {energy_text(measured)} at "
+        f"{place_of(report)}"
+    )
+    if compared.predicted_minus_measured_relative is not None:
+        text += f": {percent(compared.predicted_minus_measured_relative, sign=True)}"
+    return f"{text} over {compared.compared_time:.1f} s compared"
+
+
+def beyond_constant(report: ReplayReport) -> str:
+    """Return in one line how well the part that is not constant is predicted.
+
+    Args:
+        report: Of a replay.
+
+    Returns:
+        A sentence; empty where nothing was measured.
+    """
+    compared = report.comparison
+    predicted = compared.predicted_energy_beyond_constant
+    measured, error = compared.measured_energy_beyond_constant, compared.beyond_constant_relative
+    if measured is None or predicted is None or not compared.constant_power_at_meter:
+        return ""
+    return (
+        f"beyond the model's constant losses of {compared.constant_power_at_meter:.4g} W: "
+        f"predicted {energy_text(predicted)}, measured {energy_text(measured)}"
+        + (f": {percent(error, sign=True)}" if error is not None else "")
+    )
+
+
+def tiles(reports: Sequence[ReplayReport], settings: PageSettings) -> Tiles:
+    """Return the figures that matter most, over all recordings.
+
+    Args:
+        reports: One or several recordings.
+        settings: Prices and emissions.
+    """
+    net, observed = sum(one.energy.net for one in reports), observed_time(reports)
+    scale = scale_of([one.energy for one in reports])
+    error, compared = error_of(reports)
+    half = reports[0].uncertainty.half_relative if len(reports) == 1 else None
+    sure = "" if half is None else f"; 90 % band +- {percent(half)}"
+    found = [
+        (
+            "Energy from the grid",
+            scale.watt_hour(net),
+            f"predicted, {counted(len(reports), 'recording')} of {duration(observed)} in all{sure}",
+        ),
+        ("Mean power", f"{net / observed:.0f} W" if observed else "-", "predicted"),
+        (
+            "Prediction against meter",
+            signed_percent(error),
+            "nothing was measured" if error is None else f"over {duration(compared)} compared",
+        ),
+    ]
+    friction = sum(one.energy.friction for one in reports)
+    names = [job.name for one in reports for job in one.jobs]
+    if names:
+        name = max(names, key=names.count)
+        jobs = [job.energy for one in reports for job in one.jobs if job.name == name]
+        found.append(
+            ("Per job", scale.watt_hour(sum(jobs) / len(jobs)), f"mean of {len(jobs)} of '{name}'")
+        )
+    if net > 0:
+        found.append(
+            ("Into friction", percent(friction / net), f"{scale.watt_hour(friction)} of all joints")
+        )
+    prices = [_price(one, settings) for one in reports]
+    cost = sum(
+        one.energy.grid_import / JOULE_PER_KWH * (price or 0.0)
+        for one, price in zip(reports, prices, strict=True)
+    )
+    if None not in prices:
+        found.append(
+            ("Cost", f"{cost:.4f} {settings.currency}", "at the price of the middle of a recording")
+        )
+    if settings.co2_kg_per_kwh is not None:
+        used = sum(one.energy.grid_import for one in reports)
+        grams = used / JOULE_PER_KWH * settings.co2_kg_per_kwh * 1e3
+        source = f", {settings.co2_source}" if settings.co2_source else ""
+        found.append(("CO\u2082", f"{grams:.1f} g", f"{settings.co2_kg_per_kwh:g} kg/kWh{source}"))
+    return Tiles(found)
+
+
+def error_of(reports: Sequence[ReplayReport]) -> tuple[float | None, float]:
+    """Return predicted minus measured energy over the measured one, and the compared time.
+
+    Args:
+        reports: Those without a meter count for nothing.
+
+    Returns:
+        Ratio, None where nothing was measured [-]; time [s].
+    """
+    pairs = [
+        (one.comparison.predicted_energy_at_meter, one.comparison.measured_energy)
+        for one in reports
+    ]
+    known = [
+        (predicted, measured) for predicted, measured in pairs if None not in (predicted, measured)
+    ]
+    measured = sum(measured or 0.0 for _, measured in known)
+    predicted = sum(predicted or 0.0 for predicted, _ in known)
+    time = sum(one.comparison.compared_time for one in reports)
+    return (predicted / measured - 1.0 if measured > 0 else None), time
+
+
+def observed_time(reports: Sequence[ReplayReport]) -> float:
+    """Return the predicted time of all recordings. [s]
+
+    Args:
+        reports: The recordings.
+    """
+    return sum(one.time.observed_ns for one in reports) * NANOSECOND
+
+
+def duration(time: float) -> str:
+    """Return a span of time with three to four digits.
+
+    Args:
+        time: The span. [s]
+    """
+    for unit, size in (("h", 3600.0), ("min", 60.0)):
+        if time >= 2 * size:
+            return f"{time / size:.1f} {unit}"
+    return f"{time:.1f} s"
+
+
+def _price(report: ReplayReport, settings: PageSettings) -> float | None:
+    time = report.time
+    return settings.price_at((time.start_ns or 0) + time.span_ns // 2)

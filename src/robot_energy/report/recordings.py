@@ -1,0 +1,177 @@
+"""What several recordings say together: totals, one row each in order of time, and the trend."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+
+from robot_energy.page.settings import PageSettings
+from robot_energy.report.document import Column, Document
+from robot_energy.report.energy import add_flow, scale_of
+from robot_energy.report.formats import (
+    EnergyFormat,
+    counted,
+    fixed,
+    number,
+    percent,
+    signed_percent,
+)
+from robot_energy.report.headline import error_of, headline, observed_time, tiles
+from robot_energy.report.jobs import job_kinds, kind_table, mean_energy
+from robot_energy.report.prediction_figure import energy_bars
+from robot_energy.report.replay import FIRST, ReplayCurves, replay_document
+from robot_energy.report.trend_figure import trend
+from robot_energy.results.model import ModelUsed
+from robot_energy.results.replay import ReplayReport
+
+Recording = tuple[ReplayReport, ReplayCurves | None]
+
+
+def recordings_document(
+    recordings: Sequence[Recording], page: Document, settings: PageSettings
+) -> None:
+    """Add one or several recordings; what they say together comes first.
+
+    Args:
+        recordings: Reports, with the curves for their figures over time or None.
+        page: Where to.
+        settings: Prices and emissions.
+    """
+    if len(recordings) == 1:
+        replay_document(recordings[0][0], page, recordings[0][1], settings=settings)
+        return
+    ordered = sorted(recordings, key=lambda one: one[0].time.start_ns or 0)
+    reports = [report for report, _ in ordered]
+    groups = by_robot(reports)
+    page.heading(FIRST)
+    page.add(tiles(reports, settings))
+    for name, group in groups.items():
+        add_flow(
+            page,
+            group,
+            f"{name}, {counted(len(group), 'recording')}: where the energy from the grid went, "
+            "as predicted.",
+        )
+    page.heading("Recordings in order of time")
+    _table(page, reports, groups)
+    if job_kinds(reports):
+        kind_table(page, reports, scale_of([one.energy for one in reports]))
+    page.figure(
+        lambda path: energy_bars(
+            [one.energy for one in reports], [_name(one) for one in reports], path
+        ),
+        "Predicted energy from the grid and where it went.",
+    )
+    page.figure(
+        lambda path: trend(groups, path),
+        "Trend: predicted minus measured energy, and "
+        + ("mean energy per job" if job_kinds(reports) else "mean power from the grid")
+        + ", recording by recording in order of time.",
+    )
+    for place, (report, curves) in enumerate(ordered, 1):
+        page.heading(f"{place}. {_name(report)}")
+        replay_document(report, page, curves, 3, settings)
+
+
+def by_robot(reports: Sequence[ReplayReport]) -> dict[str, list[ReplayReport]]:
+    """Return recordings by robot and model, each under a name that tells it from the others.
+
+    Args:
+        reports: In order of time.
+    """
+    found: dict[str, list[ReplayReport]] = {}
+    for one in reports:
+        found.setdefault(robot_name(one.model), []).append(one)
+    return found
+
+
+def robot_name(model: ModelUsed) -> str:
+    """Return robot, serial number, model and change in words.
+
+    Args:
+        model: Behind a result.
+    """
+    serial = f" {model.serial}" if model.serial else ""
+    change = f", {model.change}" if model.change else ""
+    return f"{model.robot}{serial}, model {model.model_id}{change}"
+
+
+def _name(report: ReplayReport) -> str:
+    return Path(report.bag).name
+
+
+def _table(
+    page: Document, reports: Sequence[ReplayReport], groups: dict[str, list[ReplayReport]]
+) -> None:
+    scale = scale_of([one.energy for one in reports])
+    place_of = {id(one): place for place, one in enumerate(reports, 1)}
+
+    def mean(rows: Sequence[ReplayReport]) -> float | None:
+        time = observed_time(rows)
+        return sum(one.energy.net for one in rows) / time if time else None
+
+    columns = [
+        Column("recording", lambda one: f"{place_of[id(one)]}. {_name(one)}"),
+        Column("begun, UTC", _begun),
+        Column("time", lambda one: one.time.observed_time, fixed(1), "s", total=True),
+        Column("covered", lambda one: one.time.coverage, percent),
+        Column("predicted", lambda one: one.energy.net, scale.joule, scale.unit, total=True),
+        Column("mean", lambda one: mean([one]), fixed(1), "W", total=mean),
+        Column("measured", lambda one: one.comparison.measured_energy, scale.joule, scale.unit,
+               total=lambda rows: _known([one.comparison.measured_energy for one in rows])),
+        Column("error", lambda one: error_of([one])[0], signed_percent,
+               total=lambda rows: error_of(rows)[0]),
+        Column("without constant\nlosses", lambda one: one.comparison.beyond_constant_relative,
+               signed_percent),
+        Column("friction\nof grid", lambda one: _share([one]), percent, total=_share),
+    ]  # fmt: skip
+    if job_kinds(reports):
+        columns.append(
+            Column(
+                "per job",
+                lambda one: _per_job([one], scale),
+                total=lambda rows: _per_job(rows, scale),
+            )
+        )
+    for name, group in groups.items():
+        page.rows(name, columns, group, f"{counted(len(group), 'recording')}")
+    if len(groups) > 1:
+        net, time = sum(one.energy.net for one in reports), observed_time(reports)
+        page.paragraph(
+            f"All robots: {scale.joule(net)} {scale.unit} from the grid, predicted, over "
+            f"{number(time, 1)} s."
+        )
+    missing = sum(one.comparison.measured_energy is None for one in reports)
+    if missing:
+        page.note(
+            f"{counted(missing, 'recording')} without a measured energy: predicted only, and no "
+            "part of the errors"
+        )
+    bad = [_name(one) for one in reports if one.problems]
+    if bad:
+        page.paragraph(f"{', '.join(bad)}: see the problems named below", "problem")
+    with page.only("terminal"):
+        for one in reports:
+            page.paragraph(f"{one.bag}: {headline(one)}")
+
+
+def _per_job(reports: Sequence[ReplayReport], scale: EnergyFormat) -> str | None:
+    """Mean energy of the jobs of the most frequent name."""
+    kinds = job_kinds(reports)
+    return f"{scale.watt_hour(mean_energy(next(iter(kinds.values()))))}" if kinds else None
+
+
+def _begun(report: ReplayReport) -> str | None:
+    start = report.time.start_ns
+    return None if start is None else f"{datetime.fromtimestamp(start // 10**9, tz=UTC):%F %R}"
+
+
+def _share(reports: Sequence[ReplayReport]) -> float | None:
+    net = sum(one.energy.net for one in reports)
+    return sum(one.energy.friction for one in reports) / net if net > 0 else None
+
+
+def _known(values: Sequence[float | None]) -> float | None:
+    known = [value for value in values if value is not None]
+    return sum(known) if known else None

@@ -1,0 +1,84 @@
+"""How sure a predicted energy is, and what makes it unsure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from robot_energy.accounting.account import EnergyAccount
+from robot_energy.results.base import Number, Result
+from robot_energy.uncertainty.band import energy_variances
+from robot_energy.uncertainty.deviation import names_of
+
+
+@dataclass(frozen=True)
+class Contribution(Result):
+    """What one figure of the model, or several of one kind, add to the uncertainty.
+
+    Attributes:
+        name: Of the figures.
+        std: Standard deviation of the energy that they alone cause. [J]
+        share: Of the variance. [-]
+    """
+
+    name: str
+    std: float
+    share: Number
+
+
+@dataclass(frozen=True)
+class EnergyUncertainty(Result):
+    """How sure the predicted net energy from the grid is.
+
+    Attributes:
+        std: Standard deviation from the figures of the model. [J]
+        band: ``parametric``: from that alone; ``calibrated``: scaled so that 90 % of what the
+            meter measured in half minutes lay within.
+        lower: Of the 90 % band. [J]
+        upper: Of the 90 % band. [J]
+        half_relative: Half width over the energy. [-]
+        readings: Of the meter that were compared with the band of power.
+        inside: Share of them that lay within it. [-]
+        inside_parametric: The same of a band from the standard deviation alone. [-]
+        contributions: What adds how much, the largest first: what to measure next.
+    """
+
+    std: float
+    band: str
+    lower: float
+    upper: float
+    half_relative: Number
+    readings: int
+    inside: Number
+    inside_parametric: Number
+    contributions: tuple[Contribution, ...]
+
+
+def uncertainty_of(account: EnergyAccount, joint_names: Sequence[str]) -> EnergyUncertainty:
+    """Return how sure the predicted net energy of an account is.
+
+    Args:
+        account: Of one robot.
+        joint_names: In model order.
+    """
+    registers, calibration, band = account.registers, account.calibration, account.energy_band
+    net = registers.cabinet("grid_import") - registers.cabinet("grid_return")
+    variances = energy_variances(registers.joule[registers.deviations])
+    total = float(variances.sum())
+    found = [
+        Contribution(name, variance**0.5, variance / total if total else None)
+        for name, variance in zip(names_of(joint_names), variances.tolist(), strict=True)
+        if variance > 0
+    ]
+    count = calibration.readings
+    return EnergyUncertainty(
+        std=band.std,
+        band=band.kind.name.lower(),
+        lower=net - band.half,
+        upper=net + band.half,
+        half_relative=band.half / net if net > 0 else None,
+        readings=count,
+        inside=calibration.inside / count if count else None,
+        inside_parametric=calibration.inside_parametric / count if count else None,
+        contributions=tuple(sorted(found, key=lambda one: -one.std)),
+    )

@@ -1,0 +1,1 @@
+"""How sure a predicted watt or joule is."""

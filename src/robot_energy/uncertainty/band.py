@@ -1,0 +1,125 @@
+"""Standard deviations and 90 % bands from deviations, for power and for energy."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+
+from robot_energy.blocks import Float
+from robot_energy.uncertainty.deviation import CABINET_DEVIATIONS
+
+Z90 = 1.6448536269514722
+"""Half width of the middle 90 % of a normal distribution, over its standard deviation."""
+_FIRST = len(CABINET_DEVIATIONS)
+LOSS_GRID, BUS, TEMPERATURE, _RANDOM = (
+    CABINET_DEVIATIONS.index(name) for name in ("loss_grid", "bus", "temperature", "random")
+)
+_SYSTEMATIC = [CABINET_DEVIATIONS.index(name) for name in ("bodies", "payload", "loss_dc")]
+
+
+class BandKind(IntEnum):
+    """What a 90 % band rests on."""
+
+    NONE = 0
+    """There is no band."""
+    PARAMETRIC = 1
+    """The standard deviations and priors of the model's figures."""
+    CALIBRATED = 2
+    """These, scaled so that 90 % of what the meter measured lay within."""
+
+
+@dataclass(frozen=True)
+class EnergyBand:
+    """How sure a predicted energy is.
+
+    Attributes:
+        std: Standard deviation from the figures of the model. [J]
+        half: Half width of the 90 % band. [J]
+        kind: What the band rests on.
+    """
+
+    std: float
+    half: float
+    kind: BandKind
+
+
+def half_width(rest: Float | float, temperature: Float | float, scale: float = Z90) -> Float:
+    """Return half the width of a band.
+
+    Readings of the meter at known temperatures may show that the figures are better known than
+    they say. They do not show that an unknown temperature is: that part is never made narrower.
+
+    Args:
+        rest: Standard deviation of all but the temperature, any shape (...). [W] or [J]
+        temperature: Standard deviation from the temperature, same shape. [W] or [J]
+        scale: Half width over standard deviation. [-]
+
+    Returns:
+        Same shape and unit.
+    """
+    return np.hypot(scale * np.asarray(rest), max(scale, Z90) * np.asarray(temperature))
+
+
+def scores(error: Float, rest: Float, temperature: Float) -> Float:
+    """Return the scale with which a band would just hold each error, see `half_width`.
+
+    Args:
+        error: Without sign, shape (N,). [W] or [J]
+        rest: As for `half_width`, > 0, shape (N,). [W] or [J]
+        temperature: As for `half_width`, shape (N,). [W] or [J]
+
+    Returns:
+        Shape (N,). [-]
+    """
+    plain = error / np.hypot(rest, temperature)
+    beyond = np.maximum(error**2 - (Z90 * temperature) ** 2, 0.0)
+    return np.where(plain < Z90, np.sqrt(beyond) / rest, plain)
+
+
+def power_std(deviation: Float) -> Float:
+    """Return the standard deviation of the mean power of short periods from the grid.
+
+    Args:
+        deviation: Means of the deviations, shape (W, K). [W]
+
+    Returns:
+        Shape (W,). [W]
+    """
+    rest = np.hypot(deviation[:, BUS], deviation[:, LOSS_GRID])
+    return np.hypot(rest, deviation[:, TEMPERATURE])
+
+
+def energy_variances(deviation: Float) -> Float:
+    """Return the variance of an energy that each figure alone causes.
+
+    The errors of figures grow with time, what no figure explains with its root.
+
+    Args:
+        deviation: Integrals of the deviations, shape (K,). [J]
+
+    Returns:
+        In the order of `robot_energy.uncertainty.deviation.names_of`, shape (K - 1,). [J^2]
+    """
+    columns = [*_SYSTEMATIC, LOSS_GRID, TEMPERATURE]
+    random = max(float(deviation[_RANDOM]), 0.0)
+    return np.concatenate([deviation[columns] ** 2, [random], deviation[_FIRST:] ** 2])
+
+
+def energy_parts(deviation: Float, at_bus: bool = False) -> tuple[float, float]:
+    """Return the standard deviation of an energy in two parts.
+
+    Args:
+        deviation: Integrals of the deviations, shape (K,). [J]
+        at_bus: Whether the energy is that of the DC bus.
+
+    Returns:
+        All but the temperature, and the temperature. [J]
+    """
+    variances = energy_variances(deviation)
+    place = len(_SYSTEMATIC)
+    left_out = float(variances[place + 1]) + (float(variances[place]) if at_bus else 0.0)
+    rest = math.sqrt(max(float(variances.sum()) - left_out, 0.0))
+    return rest, float(abs(deviation[TEMPERATURE]))

@@ -1,0 +1,262 @@
+"""Standard deviation of power from those of the model's figures, sample by sample.
+
+To first order the error of the predicted power is ``sum_k g_k e_k``: ``g_k`` is the change of the
+power with figure k, ``e_k`` the error of that figure. A column of `PowerDeviation` is
+``g_k s_k`` in watts, with the standard deviation ``s_k``. Errors of figures are constant or
+change slowly, so the columns are integrated before they are squared: the standard deviation of
+an energy is ``sqrt(sum_k (integral g_k s_k dt)^2)``, which grows with time. Different figures
+are taken as independent.
+
+Motor side, per joint: ``|w| s(fc)`` and ``w^2 s(fv)`` are one column, as are all losses of the
+drive; that adds them a little too much (Minkowski), never too little. Of ``s(fv)``, what errs
+alike at all joints (an unknown temperature) is a column of the robot. What the brake resistor takes
+never reaches the grid: there the columns are 0.
+
+What no figure of the model explains (delays, elasticity, effects without a parameter) is taken as
+a share of the shaft power with a short correlation time; its variance grows with time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
+from robot_energy.blocks import Float, Int, differences
+from robot_energy.model import RobotModel
+from robot_energy.model.drive_models import DRIVE_MODELS, LossDrive
+from robot_energy.model.figure import Tag
+from robot_energy.physics.drivetrain import Drivetrain
+from robot_energy.physics.equations import Balance
+from robot_energy.physics.rigid_body import Robot
+from robot_energy.uncertainty.priors import (
+    MISSING_LOSS,
+    figure_std,
+    least_known,
+    relative_std,
+    tag_of,
+)
+
+CABINET_DEVIATIONS = (
+    "bodies", "payload", "loss_dc", "loss_grid", "temperature", "random", "bus",
+)  # fmt: skip
+"""Columns of the robot; ``random`` is in W^2 s, ``bus`` the root sum of squares of all but
+``loss_grid`` and ``temperature``."""
+JOINT_DEVIATIONS = ("friction", "drive")
+UNEXPLAINED = 0.2
+"""Standard deviation of the power that no figure explains, over the sum of |shaft power|. [-]"""
+UNEXPLAINED_TIME = 0.02
+"""Its correlation time: the integral of its autocorrelation from 0 on. [s]
+
+Short: most of it is a matter of a few tenths of a second (delays, elastic gears, the low pass of a
+meter), where what is missing now comes a moment later."""
+SLOT_NS, RECENT_SLOTS = 20_000_000, 25
+"""It follows the shaft power of the last half second, sampled every 20 ms."""
+MAX_DEVIATION = 1e6  # no interval becomes too large for a register [W]
+PROBES = 200  # random motions that weigh the payload against the bodies
+BODY_TAGS = ("masses", "centres_of_mass", "inertias")
+
+DriveDeviation = Callable[[Float, Float, Float], Float]
+"""Speed without sign, torque and drive loss, shape (N, n) each -> deviation of the loss. [W]"""
+
+
+class PowerDeviation:
+    """Columns ``g_k s_k`` of one robot.
+
+    Args:
+        model: The robot's model.
+    """
+
+    def __init__(self, model: RobotModel) -> None:
+        self._coulomb = np.asarray(
+            [figure_std(joint.friction.coulomb, "coulomb") for joint in model.joints]
+        )
+        self._viscous_prior = np.asarray(
+            [relative_std("viscous", tag_of(joint.friction.viscous)) for joint in model.joints]
+        )
+        kind = DRIVE_MODELS[model.drive]
+        self._drive: DriveDeviation | None = None
+        self._drive_share = MISSING_LOSS if kind.lossless else 0.0
+        entries = kind.entries(model.joints)
+        if kind.deviation is not None:
+            self._drive = kind.deviation(entries)
+        elif not kind.lossless:
+            tag = least_known([tag_of(entry) for entry in entries])
+            share = relative_std("drive", tag)
+            self._drive = lambda speed, torque, loss: share * np.abs(loss)
+        cabinet = model.cabinet
+        self._loss_dc = figure_std(cabinet.loss_dc, "loss_dc")
+        self._loss_grid = figure_std(cabinet.loss_grid, "loss_grid")
+        returned = cabinet.regeneration_efficiency
+        self._returned = 0.0 if returned is None else returned.value
+        bodies: list[Tag] = list(model.urdf.tags.get(name, "assumed") for name in BODY_TAGS)
+        self._bodies = relative_std("bodies", least_known(bodies))
+        carried: list[Tag] = [body.tag for body in model.payload]
+        self._payload = relative_std("payload", least_known(carried))
+        self._payload_share = payload_shares(model)
+        self._payload_mass = sum(body.mass for body in model.payload)
+        self._slot = -1
+        self._recent: Float = np.zeros(RECENT_SLOTS)
+
+    def _recent_peak(self, stamp_ns: Int, power: Float) -> Float:
+        """Greatest of the newest slots, each by its first sample, and of the sample itself."""
+        slot = stamp_ns // SLOT_NS
+        begins = differences(slot, self._slot) != 0
+        self._slot = int(slot[-1])
+        values = np.concatenate([self._recent, np.nan_to_num(power[begins])])
+        self._recent = values[-RECENT_SLOTS:]
+        peaks = sliding_window_view(values, RECENT_SLOTS).max(axis=1)
+        return np.maximum(peaks[np.cumsum(begins)], power)
+
+    def columns(
+        self,
+        motor_velocity: Float,
+        motor_torque: Float,
+        rigid_power: Float,
+        friction_power: Float,
+        drive_loss: Float,
+        viscous: Float,
+        viscous_std: tuple[Float, Float],
+        payload_mass: Float,
+        balance: Balance,
+        stamp_ns: Int,
+    ) -> Float:
+        """Return the deviations of the power that a meter at the grid sees.
+
+        Args:
+            motor_velocity: 0 where the axis stands, shape (N, n). [rad/s]
+            motor_torque: Rigid plus friction, shape (N, n). [N m]
+            rigid_power: Shape (N, n). [W]
+            friction_power: Shape (N, n). [W]
+            drive_loss: Shape (N, n). [W]
+            viscous: Coefficient in use, shape (N, n). [N m s/rad]
+            viscous_std: Its deviation, NaN for that of the prior, and the part that errs alike
+                at all joints, shape (N, n) each. [N m s/rad]
+            payload_mass: In force, shape (N,). [kg]
+            balance: Of the bus.
+            stamp_ns: Shape (N,). [ns]
+
+        Returns:
+            First ``CABINET_DEVIATIONS``, then ``JOINT_DEVIATIONS`` of every joint, shape (N, K).
+        """
+        size, n_joints = rigid_power.shape
+        first = len(CABINET_DEVIATIONS)
+        columns = np.empty((size, first + len(JOINT_DEVIATIONS) * n_joints), order="F")
+        bodies, payload, loss_dc, loss_grid, temperature, random, bus = columns[:, :first].T
+        friction, drive = columns[:, first : first + n_joints], columns[:, first + n_joints :]
+        speed, shaft = np.abs(motor_velocity), np.abs(rigid_power + friction_power)
+        std, shared = viscous_std
+        unknown = np.isnan(std)
+        if unknown.any():
+            std = np.where(unknown, self._viscous_prior * viscous, std)
+            shared = np.nan_to_num(shared)
+        variance = (std**2 - shared**2) * speed**2
+        np.sqrt(self._coulomb**2 + np.maximum(variance, 0.0), out=friction)
+        friction *= speed
+        if self._drive is None:
+            np.multiply(self._drive_share, shaft, out=drive)
+        else:
+            drive[:] = self._drive(speed, motor_torque, drive_loss)
+        carried = self._payload_share
+        if self._payload_mass > 0:
+            carried = carried * np.minimum(payload_mass / self._payload_mass, 1.0)[:, None]
+        table = np.empty((n_joints, 5, size))
+        table[:, 0], table[:, 1] = rigid_power.T, (rigid_power * carried).T
+        table[:, 2], table[:, 3] = shaft.T, (shared * speed**2).T
+        table[:, 4] = (friction**2 + drive**2).T
+        rigid, of_payload, moved, temperature[:], squares = _in_order(table)
+        np.multiply(self._payload, of_payload, out=payload)
+        np.multiply(self._bodies, rigid - of_payload, out=bodies)
+        loss_dc[:] = self._loss_dc
+        loss_grid[:] = self._loss_grid
+        unexplained = (UNEXPLAINED * self._recent_peak(stamp_ns, moved)) ** 2
+        np.multiply(2.0 * UNEXPLAINED_TIME, unexplained, out=random)
+        squares = squares + bodies**2 + payload**2 + loss_dc**2
+        reaches = np.where(balance.brake_power > 0, 0.0, 1.0)
+        if self._returned:
+            reaches[balance.grid_power < balance.loss_grid] = self._returned
+        if (reaches < 1.0).any():
+            for column in (bodies, payload, temperature, loss_dc, *friction.T, *drive.T):
+                column *= reaches
+            squares *= reaches**2
+        np.sqrt(squares + unexplained, out=bus)
+        np.fmin(columns, MAX_DEVIATION, out=columns)
+        np.fmax(columns, -MAX_DEVIATION, out=columns)
+        return columns
+
+
+def _in_order(table: Float) -> Float:
+    """Sum over the first axis in a fixed order, so that the result never depends on the others."""
+    total = table[0]
+    for row in table[1:]:
+        total += row
+    return total
+
+
+def _loss_model(entries: list[LossDrive]) -> DriveDeviation:
+    """Deviation of ``c0 + c1 |w| + c2 w^2 + copper tau^2``, windings at 20 degC."""
+    names = ("constant", "linear", "quadratic", "copper")
+    constant, linear, quadratic, copper = (
+        np.asarray([figure_std(getattr(entry, name), name) for entry in entries]) for name in names
+    )
+
+    def deviation(speed: Float, torque: Float, loss: Float) -> Float:
+        square = speed**2
+        return np.sqrt(
+            constant**2 + linear**2 * square + (quadratic * square) ** 2 + (copper * torque**2) ** 2
+        )
+
+    return deviation
+
+
+DRIVE_MODELS.complete("loss_model", deviation=_loss_model)
+
+
+def payload_shares(model: RobotModel) -> Float:
+    """Return the share of the payload in the rigid motor torque, over random motions.
+
+    ``c_i = sum(tau_p tau) / sum(tau^2)`` of joint i, with the torque ``tau_p`` that the payload
+    adds to ``tau``; half of each of 200 motions is gravity at rest.
+
+    Args:
+        model: The robot's model.
+
+    Returns:
+        0 to 1, shape (n,); 0 without a payload.
+    """
+    names = model.joint_names
+    if not sum(body.mass for body in model.payload):
+        return np.zeros(len(names))
+    robot, drivetrain = Robot.from_model(model), Drivetrain.from_model(model)
+    random = np.random.default_rng(0)
+    position = random.uniform(-1.5, 1.5, (PROBES, len(names)))
+    velocity, acceleration = random.uniform(-1.0, 1.0, (2, PROBES, len(names)))
+    for values in (velocity, acceleration):
+        values[: PROBES // 2] = 0.0
+    whole, alone = (
+        drivetrain.motor_torque_from_joint(one.joint_torque(position, velocity, acceleration))
+        + drivetrain.rotor_torque(acceleration)
+        for one in (robot, robot.with_payload(()))
+    )
+    squares = (whole**2).sum(axis=0)
+    shares = ((whole - alone) * whole).sum(axis=0) / np.where(squares > 0, squares, 1.0)
+    return np.clip(shares, 0.0, 1.0)
+
+
+def names_of(joint_names: Sequence[str]) -> tuple[str, ...]:
+    """Return words for every column but ``bus``, in their order.
+
+    Args:
+        joint_names: In model order.
+    """
+    return (
+        "bodies",
+        "payload",
+        "constant loss, DC side",
+        "constant loss, grid side",
+        "temperature of the friction",
+        "what the model leaves out",
+        *(f"friction of {name}" for name in joint_names),
+        *(f"drive of {name}" for name in joint_names),
+    )

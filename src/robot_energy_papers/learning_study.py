@@ -1,0 +1,202 @@
+"""How far a learner comes: a model that is wrong, a robot at work on the rig, one power meter.
+
+The model file is given friction and constant losses that are off by known shares; the robot
+starts cold and warms with its own losses. No bag is written: the samples of the rig go
+straight into the pipeline that a monitor runs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from robot_energy.blocks import EffortMeaning, JointBlock
+from robot_energy.condition.learner import Learning
+from robot_energy.model import RobotModel, load
+from robot_energy.motion import MotionLimits, Program, random_program
+from robot_energy.pipeline import EnergyPipeline, Settings
+from robot_energy.rig import PlantProfile, RigConfig, RigJoints, RigOutput, VirtualRig
+
+MINUTE = 60  # s
+REST = 2.0  # s, at every third pose: a cell waits for its parts
+
+
+@dataclass(frozen=True)
+class LearningRow:
+    """One minute of work.
+
+    Attributes:
+        minute: Its number, from 1.
+        error: Predicted over measured energy of this minute, less 1. [-]
+        degc: Mean motor temperature at its end. [degC]
+    """
+
+    minute: int
+    error: float
+    degc: float
+
+
+def mistaken(model: RobotModel, friction: float, losses: float) -> RobotModel:
+    """Return a model whose friction and constant losses are multiplied by factors.
+
+    Args:
+        model: Any model.
+        friction: Factor on Coulomb and viscous friction of all joints. [-]
+        losses: Factor on the constant losses of the cabinet. [-]
+    """
+
+    def scaled(entry: Any, factor: float) -> Any:
+        if isinstance(entry, dict):
+            if "value" in entry:
+                return {**entry, "value": factor * entry["value"]}
+            kept = ("c", "velocity", "smooth_velocity", "load_coulomb", "motor_temperature_degc")
+            return {
+                key: value if key in kept else scaled(value, factor) for key, value in entry.items()
+            }
+        if isinstance(entry, list | tuple) and all(isinstance(v, float) for v in entry):
+            return [factor * value for value in entry]
+        return entry
+
+    joints = []
+    for joint in model.joints:
+        plain = joint.friction.model_dump()
+        law = plain["viscous"]
+        edges = {key: law[key] for key in ("fitted_degc",) if key in law}
+        plain = scaled(plain, friction)
+        plain["viscous"] |= edges
+        joints.append(
+            joint.model_copy(update={"friction": type(joint.friction).model_validate(plain)})
+        )
+    cabinet = model.cabinet
+    off = {
+        name: figure.model_copy(update={"value": losses * figure.value})
+        for name, figure in (("loss_dc", cabinet.loss_dc), ("loss_grid", cabinet.loss_grid))
+    }
+    return model.changed(joints=joints, cabinet=cabinet.model_copy(update=off))
+
+
+def joint_block(joints: RigJoints, with_torque: bool = True) -> JointBlock:
+    """Return joint states of a rig as the pipeline takes them.
+
+    Args:
+        joints: Of the rig.
+        with_torque: Whether the effort is the motor torque that the drives report.
+
+    Returns:
+        One segment of good samples.
+    """
+    unknown = np.full_like(joints.joint_velocity, np.nan)
+    return JointBlock(
+        stamp_ns=joints.stamp_ns,
+        segment=np.zeros(len(joints), dtype=np.int64),
+        quality=np.zeros(len(joints), dtype=np.uint32),
+        joint_position=joints.joint_position,
+        joint_velocity=joints.joint_velocity,
+        joint_acceleration=unknown,
+        joint_effort=joints.measured_motor_torque if with_torque else unknown,
+    )
+
+
+def work(profile: PlantProfile, seed: int, moves: int = 30, zone: float = 0.6) -> Program:
+    """Draw the work of a robot: point-to-point motions with a rest at every third pose.
+
+    Args:
+        profile: The plant.
+        seed: Of the poses.
+        moves: How many there are before all repeats.
+        zone: Share of the joint ranges that is used. [-]
+
+    Returns:
+        The program.
+    """
+    limits: MotionLimits = profile.motion_limits(profile.mechanics()[0])
+    via = random_program(limits, seed, moves, zone).via
+    return Program(via, limits, [REST if place % 3 == 0 else 0.1 for place in range(len(via))])
+
+
+def pipeline_of(model: RobotModel, learning: Learning, with_torque: bool) -> EnergyPipeline:
+    """Return a pipeline for a robot with or without measured torque.
+
+    Args:
+        model: The robot's model.
+        learning: What is done with learned figures.
+        with_torque: Whether joint states carry motor torque.
+    """
+    effort = EffortMeaning.MOTOR_TORQUE if with_torque else EffortMeaning.NONE
+    return EnergyPipeline(model, Settings(effort=effort, power_period=None, learning=learning))
+
+
+def minutes_of(rig: VirtualRig, minutes: int) -> Iterator[RigOutput]:
+    """Run a rig minute by minute.
+
+    Args:
+        rig: The plant.
+        minutes: How many.
+
+    Yields:
+        What the rig gave in each.
+    """
+    for _ in range(minutes):
+        yield rig.step(round(MINUTE / rig.period))
+
+
+def at_work(
+    pipeline: EnergyPipeline, rig: VirtualRig, minutes: int, with_torque: bool, first: int = 1
+) -> list[LearningRow]:
+    """Let a monitor watch a robot at work.
+
+    Args:
+        pipeline: Of the monitor.
+        rig: The robot.
+        minutes: How long.
+        with_torque: Whether joint states carry motor torque.
+        first: Number of the first minute.
+
+    Returns:
+        One row per minute.
+    """
+    rows: list[LearningRow] = []
+    for minute, output in enumerate(minutes_of(rig, minutes), first):
+        before = pipeline.ledger.comparison.joule
+        joints = joint_block(output.joints, with_torque)
+        pipeline.step(joints, output.temperatures, output.meter)
+        measured, predicted = pipeline.ledger.comparison.joule - before
+        degc = float(output.truth.motor_temperature_degc[-1].mean())
+        rows.append(LearningRow(minute, float(predicted / measured - 1.0), degc))
+    return rows
+
+
+def learning_study(
+    profile: PlantProfile,
+    learning: Learning,
+    with_torque: bool,
+    minutes: int = 30,
+    friction: float = 0.7,
+    losses: float = 0.85,
+    seed: int = 0,
+    config: RigConfig | None = None,
+    rate_hz: float = 125.0,
+) -> tuple[list[LearningRow], EnergyPipeline]:
+    """Let a monitor with a mistaken model watch a robot that starts cold.
+
+    Args:
+        profile: The plant; the model is that of its bodies.
+        learning: What is done with learned figures.
+        with_torque: Whether joint states carry motor torque.
+        minutes: How long.
+        friction: Factor on the model's friction. [-]
+        losses: Factor on the model's constant losses. [-]
+        seed: Of the work and the sensors.
+        config: Effects of the rig.
+        rate_hz: Of the joint states. [Hz]
+
+    Returns:
+        One row per minute, and the pipeline at the end.
+    """
+    rig = VirtualRig(profile, work(profile, seed), config, seed, rate_hz=rate_hz)
+    model = mistaken(load(profile.body), friction, losses)
+    pipeline = pipeline_of(model, learning, with_torque)
+    return at_work(pipeline, rig, minutes, with_torque), pipeline

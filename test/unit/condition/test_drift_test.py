@@ -1,0 +1,112 @@
+"""Records whose law, load and wear are known: found, sized, and nothing else taken for wear."""
+
+import numpy as np
+import pytest
+
+from robot_energy.condition.buckets import DEGC_BUCKETS, SPEED_BUCKETS, degc_place, shares
+from robot_energy.condition.drift_test import MAX_RECORDS, DriftTest
+from robot_energy.condition.wear_records import FEATURES, RECORD_TIME, WearRecord
+
+HOUR_NS = 3_600_000_000_000
+
+
+def record(number, excess, degc=35.0, load=1.0, difference=0.0, scatter=0.05):
+    """Five minutes of motion at one speed."""
+    held = np.zeros((DEGC_BUCKETS, SPEED_BUCKETS))
+    held[:, 2] = shares(degc_place(np.array(degc)), DEGC_BUCKETS)
+    features = [*held.reshape(-1).tolist(), load, difference, scatter, 0.0, 0.0]
+    assert len(features) == FEATURES
+    hours = number / 12
+    return WearRecord(round(hours * HOUR_NS), hours, RECORD_TIME, excess, 0.003**2, tuple(features))
+
+
+def series(count, wear=lambda hours: 0.0, seed=0, first=0):
+    """A swing of 15 to 60 degC once in 12 h of motion; the law of the model is wrong with it."""
+    rng = np.random.default_rng(seed)
+    for number in range(first, first + count):
+        hours = number / 12
+        degc = 37.5 + 22.5 * np.sin(2 * np.pi * hours / 12)
+        law = 0.2 - 0.004 * (degc - 37.5)
+        yield record(number, law + np.log1p(wear(hours)) + 0.003 * rng.standard_normal(), degc=degc)
+
+
+def outcome(records) -> tuple[DriftTest, list[float]]:
+    test, found = DriftTest(), []
+    for each in records:
+        if test.step(each):
+            found.append(each.hours)
+    return test, found
+
+
+def test_a_wrong_law_and_a_swing_of_temperature_are_no_wear():
+    assert outcome(series(1000))[1] == []
+
+
+@pytest.mark.parametrize("size", [0.15, -0.2])
+def test_a_step_is_found_within_an_hour_of_motion_with_its_size_and_time(size):
+    test, found = outcome(series(700, lambda hours: size * (hours >= 40.0)))
+    assert 40.0 <= found[0] < 41.0
+    assert test.drift.size == pytest.approx(size, abs=0.02)
+    assert test.drift.std < 0.02
+    assert test.drift.since_ns == pytest.approx(40 * HOUR_NS, abs=2 * HOUR_NS)
+    assert test.drift.sure > 0.999
+    assert test.drift.fell is (size < 0)
+
+
+def test_slow_wear_is_found_and_followed():
+    test, found = outcome(series(720, lambda hours: 0.003 * max(hours - 30.0, 0.0)))
+    assert 30.0 < found[0] < 45.0
+    assert test.drift.size == pytest.approx(0.003 * 30.0, abs=0.04)
+    assert not test.drift.fell
+
+
+def test_after_re_greasing_friction_has_fallen():
+    def wear(hours):
+        return 0.15 if 30.0 <= hours < 50.0 else 0.0
+
+    test, found = outcome(series(900, wear))
+    assert 30.0 < found[0] < 31.0
+    assert any(50.0 < hours < 51.0 for hours in found)
+    assert test.drift.fell
+    assert abs(test.drift.size) < 0.02
+    assert test.drift.since_ns == pytest.approx(50 * HOUR_NS, abs=2 * HOUR_NS)
+
+
+def test_a_payload_that_the_model_lacks_is_no_wear():
+    rng = np.random.default_rng(1)
+    records = []
+    for each in series(600):
+        if 20.0 <= each.hours % 40.0:
+            other = list(each.features)
+            other[-5:-2] = [1.6, 0.15, 0.12]  # more load, a difference of directions, scatter
+            records.append(each._replace(excess=each.excess + 0.03, features=tuple(other)))
+        else:
+            records.append(each._replace(excess=each.excess + 0.001 * rng.standard_normal()))
+    assert outcome(records)[1] == []
+
+
+def test_records_that_are_no_numbers_are_counted():
+    test, found = outcome([*series(30), record(30, np.nan), record(31, np.inf)])
+    assert (test.refused, found) == (2, [])
+    assert sum(each.time for each in test.records) == 30 * RECORD_TIME
+
+
+def test_records_stay_few_and_lose_no_time():
+    test, _ = outcome(series(1000))
+    assert len(test.records) <= MAX_RECORDS
+    assert sum(each.time for each in test.records) == pytest.approx(1000 * RECORD_TIME)
+    assert [each.hours for each in test.records] == sorted(each.hours for each in test.records)
+
+
+def test_it_continues_as_if_nothing_had_happened():
+    whole, _ = outcome(series(700, lambda hours: 0.15 * (hours >= 40.0)))
+    before, _ = outcome(series(500, lambda hours: 0.15 * (hours >= 40.0)))
+    again = DriftTest()
+    again.restore(before.records, before.changes)
+    assert again.drift == before.drift
+    rng = np.random.default_rng(0)
+    rng.standard_normal(500)
+    for each in list(series(700, lambda hours: 0.15 * (hours >= 40.0)))[500:]:
+        again.step(each)
+    assert again.records == whole.records
+    assert again.drift == whole.drift

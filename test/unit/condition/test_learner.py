@@ -1,0 +1,108 @@
+"""The learner in the pipeline: the rig at work, cut in any way, restarted."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from robot_energy.blocks import Quality
+from robot_energy.condition.learner import Learning
+from robot_energy.errors import StateFileError
+from robot_energy.model import load
+from robot_energy.pipeline import EnergyPipeline
+from robot_energy.rig import VirtualRig, load_profile
+from robot_energy_papers.learning_study import (
+    at_work,
+    joint_block,
+    learning_study,
+    mistaken,
+    pipeline_of,
+    work,
+)
+
+PROFILE = load_profile("kr16")
+WRONG = mistaken(load("kr16"), 0.7, 0.85)
+
+
+def rig(rate_hz=100.0, seed=3) -> VirtualRig:
+    return VirtualRig(PROFILE, work(PROFILE, seed), seed=seed, rate_hz=rate_hz)
+
+
+def run(learning, with_torque, cuts, seconds=150, rate=50.0) -> EnergyPipeline:
+    """Feed the rig's samples in pieces; temperatures and readings come with their own stamps."""
+    output = rig(rate).step(round(seconds * rate))
+    joints = joint_block(output.joints, with_torque)
+    pipeline = pipeline_of(WRONG, learning, with_torque)
+    stamps = joints.stamp_ns
+    bounds = [int(stamps[0]) - 1, *stamps[sorted(cuts)].tolist(), int(stamps[-1]) + 10**9]
+    for start, stop in pairwise(bounds):
+        part = [
+            block[(block.stamp_ns > start) & (block.stamp_ns <= stop)]
+            for block in (joints, output.temperatures, output.meter)
+        ]
+        pipeline.step(*(block if len(block) else None for block in part))
+    pipeline.flush()
+    return pipeline
+
+
+@pytest.mark.parametrize("learning", [Learning.OBSERVE, Learning.APPLY])
+@pytest.mark.parametrize("with_torque", [True, False])
+def test_any_cutting_teaches_the_same(learning, with_torque):
+    rng = np.random.default_rng(7)
+    many = np.cumsum(rng.integers(1, 90, 200))
+    whole = run(learning, with_torque, [])
+    for cuts in (many[many < 7500].tolist(), [50 * k for k in range(1, 150)]):
+        cut = run(learning, with_torque, cuts)
+        assert cut.power.condition.state() == whole.power.condition.state()
+        np.testing.assert_array_equal(
+            cut.ledger.registers.microjoule, whole.ledger.registers.microjoule
+        )
+        assert cut.ledger.quality == whole.ledger.quality
+    applied = learning is Learning.APPLY
+    assert (whole.ledger.quality[Quality.LEARNED] > 0) is applied
+    assert bool(whole.ledger.learned_energy_sum.joule[0] > 0) is applied
+
+
+def test_observing_changes_no_energy():
+    off, observed = (run(way, True, []) for way in (Learning.OFF, Learning.OBSERVE))
+    np.testing.assert_array_equal(
+        off.ledger.registers.microjoule, observed.ledger.registers.microjoule
+    )
+    assert off.power.condition.end_ns is None
+    assert observed.power.condition.friction.valid.all()
+
+
+@pytest.mark.parametrize("with_torque", [True, False])
+def test_a_mistaken_model_follows_the_meter(with_torque):
+    rows, pipeline = learning_study(PROFILE, Learning.APPLY, with_torque, 10)
+    assert rows[0].error < -0.15
+    assert all(abs(row.error) < 0.03 for row in rows[3:])
+    condition = pipeline.power.condition
+    assert condition.friction.valid.all() is np.bool_(with_torque)
+    assert condition.meter.valid
+    if with_torque:  # 1 / 0.7, times what the rig has and the model not
+        assert ((condition.friction.filtered > 1.2) & (condition.friction.filtered < 1.8)).all()
+
+
+def test_what_was_learned_survives_a_restart():
+    machine = rig()
+    before = pipeline_of(WRONG, Learning.APPLY, True)
+    at_work(before, machine, 3, True)
+    kept = before.power.condition.state()
+    after = pipeline_of(WRONG, Learning.APPLY, True)
+    after.power.condition.restore(type(kept).from_json(kept.to_json()))
+    fresh = pipeline_of(WRONG, Learning.APPLY, True)
+    output = machine.step(3000)
+    for pipeline in (after, fresh):
+        pipeline.step(joint_block(output.joints), output.temperatures, output.meter)
+    measured, predicted = after.ledger.comparison.joule
+    assert abs(predicted / measured - 1.0) < 0.03
+    measured, predicted = fresh.ledger.comparison.joule
+    assert predicted / measured - 1.0 < -0.1
+
+
+def test_figures_of_another_model_are_refused():
+    kept = pipeline_of(WRONG, Learning.OBSERVE, True).power.condition.state()
+    other = EnergyPipeline(load("kr16"))
+    with pytest.raises(StateFileError, match="learned figures of model"):
+        other.power.condition.restore(kept)
