@@ -20,6 +20,7 @@ if TYPE_CHECKING:
         identify_cabinet,
         identify_dynamics,
         identify_friction,
+        identify_thermal,
     )
     from robot_energy.api.online_monitor import OnlineMonitor
     from robot_energy.api.predict import PredictionResult, predict
@@ -64,6 +65,7 @@ _NAMES = {
     "api.identify": (
         "IdentificationResult", "identify_all", "identify_cabinet", "identify_dynamics",
         "identify_friction",
+        "identify_thermal",
     ),
     "api.online_monitor": ("OnlineMonitor",),
     "api.predict": ("PredictionResult", "predict"),
@@ -96,8 +98,8 @@ __all__ = [
     "PipelineSettings", "PredictionReport", "PredictionResult", "Quality", "ReplayReport",
     "ReplayResult", "ReportError", "RobotDescriptionError", "RobotEnergyError", "RobotModel",
     "ShapeError", "TimeSeries", "UnknownJointError", "evaluate", "identify_all",
-    "identify_cabinet", "identify_dynamics", "identify_friction", "load_model", "physics",
-    "predict", "replay", "save_model",
+    "identify_cabinet", "identify_dynamics", "identify_friction", "identify_thermal",
+    "load_model", "physics", "predict", "replay", "save_model",
 ]  # fmt: skip
 
 

@@ -1,8 +1,8 @@
 """The thermal observer on the virtual rig with its sensors hidden, and on a real log.
 
 Rig: plants drawn at random; friction over temperature and the thermal networks are identified
-from one run, and another program at another ambient is replayed with the temperature
-sensors and without them. The time of the temperatures runs four times as fast as that of the motion.
+from one run, and another program at another ambient is replayed with the temperature sensors and
+without them. The time of the temperatures runs four times as fast as that of the motion.
 """
 
 from __future__ import annotations
@@ -29,12 +29,13 @@ from robot_energy.identify.friction.samples import friction_data
 from robot_energy.identify.thermal.network import (
     ambient_of,
     fit_network,
+    fit_networks,
     free_run,
+    with_networks,
 )
 from robot_energy.identify.thermal.windows import runs_of_log, runs_of_recordings
 from robot_energy.logs.recording import LogBlock
 from robot_energy.model import RobotModel, load
-from robot_energy.model.figure import Figure
 from robot_energy.motion import Program, random_program, tool_above
 from robot_energy.physics.motor_heat import MotorHeat
 from robot_energy.pipeline import EnergyPipeline, Output, Settings
@@ -61,7 +62,8 @@ class HiddenPlant:
         warm_rms: Error of the estimate after the first twenty minutes, by joint. [K]
         early_rms: The same within them. [K]
         fallback_rms: Error of the fallback temperature over the whole test, by joint. [K]
-        covered: Share of the windows whose true temperature lies in the 90 % band. [-]
+        std: Mean standard deviation that the estimate states. [K]
+        covered: Share of the samples whose true temperature lies in the 90 % band. [-]
         energy_change: Predicted energy without sensors over that with them, less 1, each of the
             true energy. [-]
         fallback_change: The same with the fallback temperature instead of the estimate. [-]
@@ -72,6 +74,7 @@ class HiddenPlant:
     warm_rms: Float
     early_rms: Float
     fallback_rms: Float
+    std: float
     covered: float
     energy_change: float
     fallback_change: float
@@ -145,6 +148,7 @@ def hidden_sensors(body: str, seed: int) -> HiddenPlant:
         np.sqrt(np.mean(error[~early] ** 2, axis=0)),
         np.sqrt(np.mean(error[early] ** 2, axis=0)),
         np.sqrt(np.mean((model.temperature.fallback_degc - truth[:, own]) ** 2, axis=0)),
+        float(std[:, own].mean()),
         float(np.mean(np.abs(error) < 1.645 * std[:, own])),
         (predicted - with_sensors) / energy,
         (held - with_sensors) / energy,
@@ -197,9 +201,7 @@ def _program(profile: PlantProfile, seed: int, number: int, override: float) -> 
     return Program(via, limits, dwell, override)
 
 
-def _play(
-    profile: PlantProfile, seed: int, number: int, seconds: float, ambient: float
-) -> _Run:
+def _play(profile: PlantProfile, seed: int, number: int, seconds: float, ambient: float) -> _Run:
     """Run the rig from the temperature of the air on."""
     config = RigConfig.hard() if seed % 2 else RigConfig()
     sensors = Sensors(velocity_noise=0.02, temperature_lag=Sensors().temperature_lag / SPEEDUP)
@@ -259,9 +261,7 @@ def _replayed(
     return PowerBlock.concatenate(power), np.concatenate(std), TorqueBlock.concatenate(torque)
 
 
-def _identified(
-    model: RobotModel, run: _Run, ambient: float
-) -> tuple[RobotModel, list[str]]:
+def _identified(model: RobotModel, run: _Run, ambient: float) -> tuple[RobotModel, list[str]]:
     """The model with friction and thermal networks identified from a run."""
 
     def recording(of: RobotModel) -> Recording:
@@ -273,24 +273,14 @@ def _identified(
     fits, refused = fit_axes(axes, "rig")
     model = with_friction(model, fits, "rig")
     second = recording(model)
-    joints = list(model.joints)
-    for index, joint in enumerate(joints):
-        try:
-            fit = fit_network(joint.name, runs_of_recordings([second], index), ambient, "rig")
-        except NotIdentifiableError as error:
-            refused.append(str(error))
-            continue
-        joints[index] = joint.model_copy(update={"thermal": fit.network})
-    air = Figure(value=ambient, tag="assumed", std=AMBIENT_SPREAD / np.sqrt(3.0))
-    temperature = model.temperature.model_copy(
-        update={"ambient_degc": air, "fallback_degc": ambient}
-    )
-    return model.changed(joints=joints, temperature=temperature), refused
+    runs = [runs_of_recordings([second], joint) for joint in range(len(model.joints))]
+    _, networks, without = fit_networks(model.joint_names, runs, ambient, "rig")
+    temperature = model.temperature.model_copy(update={"fallback_degc": ambient})
+    model = with_networks(model.changed(temperature=temperature), networks, ambient)
+    return model, [*refused, *without]
 
 
-def study(
-    plants: int, report: Callable[[float], None] = lambda _: None
-) -> list[HiddenPlant]:
+def study(plants: int, report: Callable[[float], None] = lambda _: None) -> list[HiddenPlant]:
     """Hide the sensors of some plants.
 
     Args:

@@ -42,22 +42,23 @@ MODULES = {
     "robot_energy.cli": """
         check completion export identify identify_all identify_cabinet identify_drives
         identify_dynamics identify_excitation identify_friction identify_inputs
-        import_logs info kinds layouts main memory models monitoring numbers page predict replay
-        replay_options report robots schema simulate stopping terminal test
+        identify_thermal import_logs info kinds layouts main memory models monitoring
+        numbers page predict replay replay_options report robots schema simulate
+        stopping terminal test
     """,
     "robot_energy.condition": """
         buckets drift_test joint_friction learner meter_fit meter_records meter_windows
-        record wear wear_records
+        record thermal_observer wear wear_records
     """,
     "robot_energy.files": """
         first_bytes output_files output_folder output_streams placement regular_file
         temporary_folder
     """,
     "robot_energy.identify": """
-        bounds causes plausibility provenance run_all steps
+        bounds causes plausibility provenance run_all steps turns
     """,
     "robot_energy.identify.cabinet": """
-        cabinet dc_link link_readings meter_delay supply
+        cabinet dc_link link_errors link_readings meter_delay supply
     """,
     "robot_energy.identify.data": """
         bags log_channels observations recordings rest signals
@@ -78,6 +79,9 @@ MODULES = {
     """,
     "robot_energy.identify.stats": """
         autocorrelation cross_validation held_out_energy lag regression systematic threads
+    """,
+    "robot_energy.identify.thermal": """
+        network windows
     """,
     "robot_energy.inputs": """
         bag_topics inputs_file parameters rejection_log sources
@@ -102,7 +106,8 @@ MODULES = {
         friction interval model_messages payload power registers torque
     """,
     "robot_energy.model": """
-        drive_models figure friction_laws joint load open_schema payload reference schema
+        drive_models figure friction_laws joint load open_schema payload reference
+        schema thermal
     """,
     "robot_energy.motion": """
         fourier gcode gcode_words inverse_kinematics joint_trajectory load_motion
@@ -115,7 +120,7 @@ MODULES = {
     """,
     "robot_energy.physics": """
         cabinet derivative drive drivetrain effort effort_check equations friction
-        limit_utilisation rigid_body torque transmission
+        limit_utilisation motor_heat rigid_body torque transmission
     """,
     "robot_energy.physics.urdf": """
         checks compare parse
@@ -131,12 +136,12 @@ MODULES = {
         canvas condition document drives dynamics efficiency_figure energy energy_figure
         evaluation excitation formats friction_figure headline held_out html
         identification identify_all jobs kinds layout model parameters power_figure
-        prediction prediction_figure printing recordings replay series temperature_figure
-        torque_figure trend_figure
+        prediction prediction_figure printing recordings replay series
+        temperature_figure thermal torque_figure trend_figure
     """,
     "robot_energy.results": """
-        base check condition drives dynamics energy evaluation excitation identification model
-        prediction replay schema uncertainty
+        base check condition drives dynamics energy evaluation excitation identification
+        model prediction replay schema thermal uncertainty
     """,
     "robot_energy.rig": """
         config lubricant output plant profile random_plant record sensors supply
@@ -155,9 +160,10 @@ MODULES = {
         band deviation priors
     """,
     "robot_energy_papers": """
-        accuracy band_coverage calibration drawings drawn_plants drive_study effects experiment
-        held_out interval_coverage job_pool learning_study machines mantis models pages paper_a
-        paper_a_numbers paper_a_page paper_b paper_b_numbers paper_b_page soaked_rigs wall
+        accuracy band_coverage calibration certainty certainty_numbers certainty_page
+        drawings drawn_plants drive_study effects experiment held_out interval_coverage
+        job_pool learning_study machines mantis models pages paper_a paper_a_numbers
+        paper_a_page paper_b paper_b_numbers paper_b_page soaked_rigs thermal_study wall
         wear_study
     """,
     "robot_energy_papers.cli": """

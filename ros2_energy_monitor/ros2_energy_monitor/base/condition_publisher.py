@@ -13,6 +13,7 @@ from ros2_energy_msgs.msg import WearAlarm as WearAlarmMessage
 
 from robot_energy.condition.buckets import BUCKET_DEGC, BUCKET_SPEED
 from robot_energy.condition.learner import ConditionLearner
+from robot_energy.condition.thermal_observer import ThermalObserver
 from robot_energy.condition.wear import REMEDY, WearAlarm
 from robot_energy.model import RobotModel
 from robot_energy.store.condition_store import ConditionStore
@@ -33,59 +34,69 @@ class ConditionPublisher:
         node: The node that publishes.
         model: The robot's model.
         learner: What learns.
+        thermal: What estimates motor temperatures; kept on disk as well.
         state_folder: Parameter that names the folder of the state files.
     """
 
     def __init__(
-        self, node: Node, model: RobotModel, learner: ConditionLearner, state_folder: str
+        self,
+        node: Node,
+        model: RobotModel,
+        learner: ConditionLearner,
+        thermal: ThermalObserver,
+        state_folder: str,
     ) -> None:
         self._node, self._model, self._learner = node, model, learner
+        self._kept_things = [kept for kept in (learner, thermal) if kept.learns]
         self._folder = folder_of(state_folder)
         self._publisher: Any = None
         self._thread: ThreadPoolExecutor | None = None
-        self._store: ConditionStore | None = None
+        self._stores: list[ConditionStore] = []
         self._shown: tuple[int | None, tuple[WearAlarm, ...]] = (None, ())
         self._published = self._kept = time.monotonic()
         self._trouble = ""
 
     def open(self) -> None:
         """Create the publisher, and read from disk what was learned before."""
-        if not self._learner.learns:
+        if not self._kept_things:
             return
-        self._publisher = self._node.create_publisher(FrictionCondition, TOPIC, latched(1))
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="condition")
         owner = self._node.get_fully_qualified_name()
-        self._store = ConditionStore(
-            self._learner, self._model, self._folder, self._thread.submit, owner
-        )
-        self._store.open(OPENING)
+        self._stores = [
+            ConditionStore(kept, self._model, self._folder, self._thread.submit, owner)
+            for kept in self._kept_things
+        ]
+        for store in self._stores:
+            store.open(OPENING)
         self._log_news()
-        self._publish()
+        if self._learner.learns:
+            self._publisher = self._node.create_publisher(FrictionCondition, TOPIC, latched(1))
+            self._publish()
 
     def close(self) -> None:
         """Write a last time; safe also after an `open` that failed."""
-        if self._store is not None:
-            self._store.close(CLOSING)
-            self._log_news()
+        for store in self._stores:
+            store.close(CLOSING)
+        self._log_news()
         if self._thread is not None:
             self._thread.shutdown(wait=False)
-        self._store = self._publisher = None
+        self._publisher = None
+        self._stores = []
 
     def tick(self) -> None:
         """Publish what is new, and write from time to time; call every tick."""
-        if self._store is None:
-            return
-        self._store.poll()
-        end_ns = self._learner.end_ns
-        if end_ns == self._shown[0]:
-            return
+        for store in self._stores:
+            store.poll()
         now, alarms = time.monotonic(), self._learner.wear.alarms
+        if self._stores and now - self._kept >= KEEP_PERIOD:
+            self._kept = now
+            for store in self._stores:
+                store.begin()
+            self._log_news()
+        if self._publisher is None or self._learner.end_ns == self._shown[0]:
+            return
         if now - self._published >= PERIOD or len(alarms) != len(self._shown[1]):
             self._publish()
-        if now - self._kept >= KEEP_PERIOD:
-            self._kept = now
-            self._store.begin()
-            self._log_news()
 
     def findings(self) -> StatusBuilder:
         """Say what was learned, and which axis has changed."""
@@ -105,8 +116,9 @@ class ConditionPublisher:
                 found.add(WARN, alarm.sentence, REMEDY)
             else:
                 found.notes.append(alarm.sentence)
-        if self._store is not None and self._store.trouble:
-            found.add(WARN, self._store.trouble.rstrip("."), "look at the state folder")
+        for store in self._stores:
+            if store.trouble:
+                found.add(WARN, store.trouble.rstrip("."), "look at the state folder")
         return found
 
     def _publish(self) -> None:
@@ -159,14 +171,14 @@ class ConditionPublisher:
         ]
 
     def _log_news(self) -> None:
-        if self._store is None:
-            return
         log = self._node.get_logger()
-        for notice in self._store.notices:
-            log.warning(f"learned figures: {notice}")
-        self._store.notices.clear()
-        if self._store.trouble != self._trouble:
-            self._trouble = self._store.trouble
+        for store in self._stores:
+            for notice in store.notices:
+                log.warning(f"learned figures: {notice}")
+            store.notices.clear()
+        trouble = next((store.trouble for store in self._stores if store.trouble), "")
+        if trouble != self._trouble:
+            self._trouble = trouble
             log.error(self._trouble) if self._trouble else log.info("learned figures are kept")
 
 

@@ -74,7 +74,8 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
         self.exit_stack.callback(self._account_publisher.close)
         self._account_publisher.open()
         self._condition = ConditionPublisher(
-            self, self.model, self._pipeline.power.condition, self.parameters.state_folder
+            *(self, self.model, self._pipeline.power.condition, self._pipeline.power.thermal),
+            self.parameters.state_folder,
         )
         self.exit_stack.callback(self._condition.close)
         self._condition.open()

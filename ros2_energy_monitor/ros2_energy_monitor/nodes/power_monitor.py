@@ -60,7 +60,8 @@ class PowerMonitor(MonitorNode[PowerParameters]):
         self.exit_stack.callback(self._account_publisher.close)
         self._account_publisher.open()
         self._condition = ConditionPublisher(
-            self, self.model, self._stage.condition, self.parameters.state_folder
+            *(self, self.model, self._stage.condition, self._stage.thermal),
+            self.parameters.state_folder,
         )
         self.exit_stack.callback(self._condition.close)
         self._condition.open()

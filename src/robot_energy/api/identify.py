@@ -26,6 +26,7 @@ if TYPE_CHECKING:
         FrictionReport,
         IdentificationReport,
     )
+    from robot_energy.results.thermal import ThermalReport
 
 Found = TypeVar("Found", bound=Result)
 Names = str | Path | Sequence[str | Path]
@@ -108,6 +109,50 @@ def identify_friction(
         check_friction(fits)
     found = FrictionReport(effort or "measured", tuple(fits), tuple(refused))
     written = _made_from(with_friction(used, fits, source), "Friction identified.", paths)
+    return IdentificationResult(written, found)
+
+
+def identify_thermal(
+    bags: Names | BagSource,
+    model: ModelName,
+    *,
+    ambient_degc: float | None = None,
+    inputs: str | Path | None = None,
+    progress: Stages = silent,
+) -> IdentificationResult[ThermalReport]:
+    """Identify the thermal network of every motor from the losses of the model.
+
+    Args:
+        bags: Recordings of one robot from a cold start, with motor temperatures; or how they
+            are read.
+        model: Model with friction and drives; the model, its file, or the name of a shipped one.
+        ambient_degc: Temperature of the air; None: the coldest first reading. [degC]
+        inputs: Parameter file of a monitor: read the bags as that node reads its topics.
+        progress: Called with what is going on; gives a function of the share done.
+
+    Returns:
+        Networks with held-out errors, and the model with them.
+
+    Raises:
+        NotIdentifiableError: If no motor warms enough, or losses predict no temperature.
+        RobotEnergyError: If recordings or model cannot be used.
+    """
+    from robot_energy.identify.thermal.network import fit_networks, with_networks
+    from robot_energy.identify.thermal.windows import runs_of_recordings, without_networks
+    from robot_energy.results.thermal import ThermalReport
+
+    read = (
+        bags
+        if isinstance(bags, BagSource)
+        else BagSource(_paths(bags), None, inputs, progress=progress)
+    )
+    used, paths = model_of(model), [Path(bag) for bag in read.bags]
+    recordings = read.recordings(without_networks(used))
+    runs = [runs_of_recordings(recordings, joint) for joint in range(len(used.joints))]
+    with progress("identifying"):
+        ambient, fits, refused = fit_networks(used.joint_names, runs, ambient_degc, _names(paths))
+    found = ThermalReport("losses", ambient, tuple(fits), tuple(refused))
+    written = _made_from(with_networks(used, fits, ambient), "Thermal networks identified.", paths)
     return IdentificationResult(written, found)
 
 

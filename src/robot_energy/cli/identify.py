@@ -12,6 +12,7 @@ from robot_energy.cli import (
     identify_dynamics,
     identify_excitation,
     identify_friction,
+    identify_thermal,
 )
 
 
@@ -30,5 +31,6 @@ def add_parser(commands: Any) -> None:
         identify_dynamics,
         identify_cabinet,
         identify_drives,
+        identify_thermal,
     ):
         module.add_parser(subjects)

@@ -9,6 +9,8 @@ depends on how the input is cut.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,14 +25,14 @@ from robot_energy.blocks import (
 )
 from robot_energy.condition.record import ThermalRecord
 from robot_energy.errors import StateFileError
-from robot_energy.inputs.temperatures.stuck import MICROJOULE, WINDOW_NS
+from robot_energy.inputs.temperatures.stuck import WINDOW_NS
 from robot_energy.model import RobotModel
 from robot_energy.physics.friction import FrictionModel
 from robot_energy.physics.motor_heat import MotorHeat
 
 WINDOW = WINDOW_NS * NANOSECOND  # s
 AMBIENT_STD = 3.0  # K, where the model file gives none
-START_STD = 3.0  # K of a motor above the ambient at the first start: it may have run before
+START_STD = 5.0  # K of a motor above the ambient at the first start: it may have run before
 HEAT_STD = 0.1  # of the factor on the heat
 AMBIENT_DRIFT = 1.0  # K per root hour
 HEAT_DRIFT = 0.02  # per root hour
@@ -47,8 +49,9 @@ SECONDS_PER_HOUR = 3600.0
 class ThermalObserver:
     """Estimates motor temperatures.
 
-    Corrected by a reading where there is one that is not stuck, else by the viscous friction
-    that the measured torque shows, else by nothing.
+    Corrected by a reading that has changed, else, where there is none, by the viscous friction
+    that the measured torque shows, else by nothing. A reading that stands still corrects
+    nothing: it may be stuck long before that is known.
 
     Args:
         model: The robot's model; joints without ``thermal`` are not estimated.
@@ -64,6 +67,7 @@ class ThermalObserver:
             [N m s/rad]
         stuck: Whose readings are not believed in this window, shape (n,).
         end_ns: End of the newest window that was taken; None before the first. [ns]
+        windows: How often the estimate has moved on.
     """
 
     def __init__(self, model: RobotModel, on: bool = True) -> None:
@@ -77,6 +81,7 @@ class ThermalObserver:
         self.viscous, self.viscous_spread = self.degc.copy(), self.std.copy()
         self.stuck = np.zeros(n_joints, dtype=np.bool_)
         self.end_ns: int | None = None
+        self.windows = 0
         if not self.on:
             return
         self._friction = FrictionModel.from_model(model)
@@ -96,19 +101,27 @@ class ThermalObserver:
         start = spread**2 * np.outer(alike, alike) + START_STD**2 * np.outer(above, above)
         start[3, 3] = HEAT_STD**2
         self._covariance = np.tile(start, (count, 1, 1))
-        self._begin_window()
+        self._used = np.full(count, np.nan)  # reading of the last correction
+        self._open: list[tuple[Any, ...]] = []  # of the window that has not ended
+        self._reading: Float = np.full(n_joints, np.nan)
         self._window: int | None = None
         self._last_ns, self._segment = 0, -1
         self._publish()
 
-    def cuts(self, stamp_ns: Int, before_ns: int) -> list[int]:
+    @property
+    def learns(self) -> bool:
+        """Whether there is a state to keep across restarts."""
+        return self.on
+
+    def cuts(self, stamp_ns: Int, before_ns: int, rising: bool) -> list[int]:
         """Return where samples must be cut, so that a window's heat counts from there on.
 
         Args:
             stamp_ns: Shape (N,), N >= 1. [ns]
             before_ns: Stamp before the first. [ns]
+            rising: Whether no stamp is older than the one before it.
         """
-        if not self.on:
+        if not self.on or (rising and before_ns // WINDOW_NS == int(stamp_ns[-1]) // WINDOW_NS):
             return []
         return np.flatnonzero(differences(stamp_ns // WINDOW_NS, before_ns // WINDOW_NS)).tolist()
 
@@ -124,7 +137,7 @@ class ThermalObserver:
         window = stamp_ns // WINDOW_NS
         if window == self._window:
             return
-        if self._window is not None:
+        if self._window is not None and self._open:
             self._end_window(window - self._window)
         elif self.end_ns is not None:  # continued from a record: nobody has worked meanwhile
             self._cool(stamp_ns - self.end_ns)
@@ -136,41 +149,25 @@ class ThermalObserver:
         """Return where the estimate is used instead of a reading, shape of the argument.
 
         Args:
-            measured_degc: Readings, NaN where there is none, shape (N, n). [degC]
+            measured_degc: Readings, NaN where there is none, shape (n,) or (N, n). [degC]
         """
         return self._own & (np.isnan(measured_degc) | self.stuck)
 
-    @np.errstate(invalid="ignore", over="ignore")
-    def take(self, block: PowerBlock, measured_degc: Float) -> None:
-        """Take the heat of samples of one window, and what the measured torque says of friction.
+    def take(self, block: PowerBlock, reading_degc: Float) -> None:
+        """Take samples of one window: their heat, and what measured torque says of friction.
 
         Args:
             block: The samples.
-            measured_degc: Readings, NaN where there is none, shape (N, n). [degC]
+            reading_degc: At the last of them, NaN where there is none, shape (n,). [degC]
         """
         if not self.on:
             return
-        stamp = block.stamp_ns
-        elapsed = differences(stamp, self._last_ns)
-        elapsed[differences(block.segment, self._segment) != 0] = 0
-        self._last_ns, self._segment = int(stamp[-1]), int(block.segment[-1])
-        time = elapsed * (NANOSECOND / MICROJOULE)
-        columns = [block.drive_loss, block.friction_power]
-        self._reading = np.where(self.stuck, np.nan, measured_degc[-1])
-        if np.isnan(self._reading[self._own]).any():
-            speed = block.motor_velocity
-            seen = np.isfinite(block.motor_torque_measured) & (block.friction_power > 0.0)
-            seen &= ((block.quality & np.uint32(DOUBTFUL)) == 0)[:, None]
-            # The rest of the torque is viscous: measured less rigid, Coulomb and the like.
-            rest = block.motor_torque_measured - block.motor_torque + block.viscous * speed
-            columns += [
-                np.where(seen, value, 0.0)
-                for value in (rest * speed, speed**2, np.abs(speed) * block.coulomb)
-            ]
-        for total, values in zip(self._sums, columns, strict=False):
-            part = np.rint(values * time[:, None])
-            part[~np.isfinite(part)] = 0.0
-            total += np.ones(len(stamp)) @ part  # whole numbers: exact in any order
+        self._reading = reading_degc
+        seen = block.motor_torque_measured
+        friction = () if np.isnan(seen[0]).all() and np.isnan(seen[-1]).all() else (block,)
+        self._open.append(
+            (block.stamp_ns, block.segment, block.drive_loss, block.friction_power, friction)
+        )
 
     def state(self) -> ThermalRecord | None:
         """Return what must be kept across a restart; None before the first window has ended."""
@@ -205,25 +202,34 @@ class ThermalObserver:
         self.end_ns, self._window = record.end_ns, None
         self._publish()
 
-    def _begin_window(self) -> None:
-        self._sums = np.zeros((5, len(self._own)))  # see `take`; in millionths
-        self._reading: Float = np.full(len(self._own), np.nan)
-
+    @np.errstate(invalid="ignore", over="ignore")
     def _end_window(self, windows: int) -> None:
         """Move on by the window that ended, and by the time without samples after it."""
-        drive, friction, viscous, squares, coulomb = self._sums[:, self._own] * MICROJOULE
+        stamps, segments, drives, frictions, blocks = zip(*self._open, strict=True)
+        self._open.clear()
+        stamp, segment = np.concatenate(stamps), np.concatenate(segments)
+        elapsed = differences(stamp, self._last_ns) * NANOSECOND
+        elapsed[differences(segment, self._segment) != 0] = 0.0
+        self._last_ns, self._segment = int(stamp[-1]), int(segment[-1])
+        drive, friction = (
+            elapsed @ np.nan_to_num(np.concatenate(parts)[:, self._own], posinf=0.0, neginf=0.0)
+            for parts in (drives, frictions)
+        )
         heat = self._heat
         worked = np.stack([drive + heat.share * friction, (1.0 - heat.share) * friction], axis=-1)
         idle = np.stack([heat.idle, np.zeros_like(heat.idle)], axis=-1)
         self._advance(self._step, WINDOW, worked / WINDOW, idle)
-        reading = self._reading[self._own]
-        known = ~np.isnan(reading)
-        self._correct(reading, np.where(known, SENSOR_STD**2, np.inf))
-        self._correct(*self._by_friction(viscous, squares, coulomb, known))
+        reading = np.where(self.stuck, np.nan, self._reading)[self._own]
+        new = ~np.isnan(reading) & (reading != self._used)
+        self._used = np.where(new, reading, self._used)
+        self._correct(reading, np.where(new, SENSOR_STD**2, np.inf))
+        with_torque = [block for part in blocks for block in part]
+        if with_torque and np.isnan(reading).any() and len(with_torque) == len(stamps):
+            block = PowerBlock.concatenate(with_torque)
+            self._correct(*self._by_friction(block, elapsed, np.isnan(reading)))
         if windows > 1:
             self._cool((windows - 1) * WINDOW_NS)
         self.end_ns = max(self._last_ns, 0)
-        self._begin_window()
 
     def _cool(self, duration_ns: int) -> None:
         """Move on by a time without samples and without heat."""
@@ -264,21 +270,34 @@ class ThermalObserver:
         self._covariance = 0.5 * (covariance + covariance.swapaxes(-1, -2))
 
     def _by_friction(
-        self, viscous: Float, squares: Float, coulomb: Float, known: NDArray[np.bool_]
+        self, block: PowerBlock, elapsed: Float, unknown: NDArray[np.bool_]
     ) -> tuple[Float, Float]:
-        """Temperature at which friction is what the torque shows, linear around the estimate."""
-        whole = self._whole(self._x[:, 0])
+        """Temperature at which friction is what the torque shows, linear around the estimate.
+
+        Measured torque less all but viscous friction is ``fv w``; over the window
+        ``fv = sum(w (tau - other)) / sum(w^2)``.
+        """
         own = self._own
+        speed = block.motor_velocity[:, own]
+        rest = (block.motor_torque_measured - block.motor_torque)[:, own]
+        seen = np.isfinite(rest) & (block.friction_power[:, own] > 0.0)
+        seen &= ((block.quality & np.uint32(DOUBTFUL)) == 0)[:, None]
+        weight = np.where(seen, elapsed[:, None], 0.0)
+        squares = (weight * speed**2).sum(axis=0)
+        change = np.where(seen, weight * rest * speed, 0.0).sum(axis=0)
+        coulomb = (weight * np.abs(speed) * block.coulomb[:, own]).sum(axis=0)
+        whole = self._whole(self._x[:, 0])
         value = self._friction.viscous(whole)[own]
         slope = (self._friction.viscous(whole + 1.0) - self._friction.viscous(whole - 1.0))[own]
         law = np.nan_to_num(self._friction.viscous_std(whole)[own])
-        says = ~known & (value * squares > MIN_WORK) & (slope < 0.0)
+        says = unknown & (value * squares > MIN_WORK) & (slope < 0.0)
         squares, slope = np.where(says, squares, 1.0), np.where(says, 0.5 * slope, -1.0)
-        off = (viscous / squares - value) / slope
+        # The torque was predicted with the friction of the window, `block.viscous`.
+        off = (change / squares + block.viscous[-1, own] - value) / slope
         error = np.hypot(law, COULOMB_SHARE * coulomb / squares) / slope
-        variance = (error**2 + LAG_STD**2) * FRICTION_WINDOWS
-        odd = off**2 > MAX_ODDITY**2 * (self._covariance[:, 0, 0] + error**2 + LAG_STD**2)
-        return self._x[:, 0] + off, np.where(says & ~odd, variance, np.inf)
+        alone = error**2 + LAG_STD**2
+        odd = off**2 > MAX_ODDITY**2 * (self._covariance[:, 0, 0] + alone)
+        return self._x[:, 0] + off, np.where(says & ~odd, alone * FRICTION_WINDOWS, np.inf)
 
     def _whole(self, values: Float) -> Float:
         """Values of the estimated motors at their places; the others at the ambient."""
@@ -288,6 +307,7 @@ class ThermalObserver:
 
     def _publish(self) -> None:
         """Hold the estimate for the window that begins."""
+        self.windows += 1
         std = np.sqrt(self._covariance[:, 0, 0])
         self._x[:, :3] = np.clip(self._x[:, :3], *PLAUSIBLE_DEGC)
         self.degc[self._own], self.std[self._own] = self._x[:, 0], std

@@ -12,9 +12,10 @@ from robot_energy.model.figure import ModelEntry, PositiveFigure
 class JointThermal(ModelEntry):
     """Thermal network of one motor: motor - structure - ambient, or motor - ambient.
 
-    ``C_m dT_m/dt = P_m - G_m (T_m - T_s)``, ``C_s dT_s/dt = P_s + G_m (T_m - T_s) - G_s (T_s - T_a)``
-    with the heat ``P_m = drive loss + share * friction power + idle`` and ``P_s`` the rest of the
-    friction power; without structure ``T_s`` is the ambient.
+    ``C_m dT_m/dt = P_m - G_m (T_m - T_s)`` and
+    ``C_s dT_s/dt = P_s + G_m (T_m - T_s) - G_s (T_s - T_a)`` with the heat
+    ``P_m = drive loss + share * friction power + idle`` and ``P_s`` the rest of the friction power;
+    without structure ``T_s`` is the ambient.
 
     Attributes:
         capacity: C_m, heat capacity of the motor, > 0. [J/K]

@@ -327,6 +327,10 @@ class RobotState:
             old = None if taken is None else newest["stamp_ns"] * NANOSECOND - taken
             if old is not None and stale_after is not None and old > stale_after:
                 source = TemperatureOrigin.FALLBACK.name
+            if source == TemperatureOrigin.FALLBACK.name and np.isfinite(
+                newest["motor_temperature_degc"][place]
+            ):
+                source = TemperatureOrigin.ESTIMATED.name  # the power monitor has a temperature
             values = {key: plain(newest[key][place], 4) if live else None for key in JOINT_STATE}
             powers = {
                 key: plain(mean[n * row + place], 4) if live and mean is not None else None

@@ -78,6 +78,7 @@ class PowerStage:
         self.fallback_use = FallbackUse(model.temperature.fallback_degc)
         self.thermal = ThermalObserver(model, on=not self._assumed)
         self._certainty = FrictionCertainty(model)
+        self._estimated: tuple[int, tuple[Float, ...]] | None = None  # and the window it is for
         self.condition = ConditionLearner(
             model,
             Learning.OFF if self._assumed else settings.learning,
@@ -137,7 +138,7 @@ class PowerStage:
         before = int(stamp[0]) if self._last_ns is None else self._last_ns
         self._last_ns = int(stamp[-1])
         jumps = np.flatnonzero(differences(stamp, before) < 0).tolist()
-        windows = self.thermal.cuts(stamp, before)
+        windows = self.thermal.cuts(stamp, before, not jumps)
         cuts = sorted({*jumps, *windows, *self.condition.cuts(stamp, before)})
         parts: list[PowerBlock] = []
         for start, stop in zip([0, *cuts], [*cuts, len(block)], strict=True):
@@ -226,7 +227,7 @@ class PowerStage:
             grid_power=balance.grid_power,
             deviation=deviation,
         )
-        self.thermal.take(power, measured_degc)
+        self.thermal.take(power, measured_degc[-1])
         return power
 
     def _coefficients(self, stamp_ns: Int, quality: Bits) -> tuple[Float, ...]:
@@ -256,15 +257,27 @@ class PowerStage:
             shared = np.where(stale, line.viscous_fallback_std[row], shared)
             temperature = np.where(stale, np.nan, temperature)
             mark(quality, np.logical_or.reduce(stale, axis=1), Quality.TEMPERATURE_STALE)
-        reading, thermal = temperature, self.thermal
-        if thermal.on and (estimated := thermal.estimated(reading)).any():
-            temperature = np.where(estimated, thermal.degc, reading)
-            viscous = np.where(estimated, thermal.viscous, viscous)
-            at_estimate = self._certainty.std(thermal.degc)
-            std, shared = (
-                np.where(estimated, np.hypot(own, thermal.viscous_spread), now)
-                for own, now in zip(at_estimate, (std, shared), strict=True)
+        reading = temperature
+        if self.thermal.on and (estimated := self.thermal.estimated(reading)).any():
+            temperature, viscous, std, shared = (
+                np.where(estimated, of_motors, now)
+                for of_motors, now in zip(
+                    self._estimate(), (reading, viscous, std, shared), strict=True
+                )
             )
             mark(quality, np.logical_or.reduce(estimated, axis=1), Quality.TEMPERATURE_ESTIMATED)
         self.fallback_use.note(stamp_ns, temperature, seen[row[-1]], self._timeline)
         return coulomb, viscous, std, shared, temperature, reading
+
+    def _estimate(self) -> tuple[Float, ...]:
+        """Estimated temperature with its friction: viscous, its deviations; shape (n,) each."""
+        thermal = self.thermal
+        if self._estimated is None or self._estimated[0] != thermal.windows:
+            total, shared = self._certainty.std(thermal.degc)
+            spread = thermal.viscous_spread
+            values = (
+                thermal.degc.copy(), thermal.viscous, np.hypot(total, spread),
+                np.hypot(shared, spread),
+            )  # fmt: skip
+            self._estimated = (thermal.windows, values)
+        return self._estimated[1]

@@ -34,6 +34,7 @@ from robot_energy.results.identification import (
 from robot_energy.results.model import ModelReport
 from robot_energy.results.prediction import PredictionsReport
 from robot_energy.results.replay import ReplayReport
+from robot_energy.results.thermal import ThermalReport
 from robot_energy.shown_text import shown
 
 RESULTS: dict[str, type[Result]] = {
@@ -43,6 +44,7 @@ RESULTS: dict[str, type[Result]] = {
         PredictionsReport,
         FrictionReport,
         FrictionStudyReport,
+        ThermalReport,
         CabinetReport,
         DrivesReport,
         DynamicsReport,

@@ -1,5 +1,7 @@
 """Keeps what was learned of one robot on disk, one pair of slots for each model file.
 
+The same for the estimated temperatures of its motors, in slots of their own.
+
 As for the registers, the disk may be full, read-only or gone at any time: learning goes on in
 memory, `ConditionStore.trouble` says why, and the next write tries again.
 """
@@ -8,21 +10,47 @@ from __future__ import annotations
 
 from concurrent.futures import Future, wait
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, Protocol, cast
 
 from robot_energy.condition.learner import ConditionLearner
-from robot_energy.condition.record import FORMAT_VERSION, ConditionRecord
+from robot_energy.condition.record import (
+    FORMAT_VERSION,
+    ConditionPart,
+    ConditionRecord,
+    ThermalRecord,
+)
 from robot_energy.errors import StateFileError
 from robot_energy.model import RobotModel
 from robot_energy.store.account_store import Submit, at_once, file_name_of, identity_of
 from robot_energy.store.slots import SlotPair, Stored
 
 
+class Kept(Protocol):
+    """What has a state that is kept: the learner, and the thermal observer."""
+
+    @property
+    def learns(self) -> bool:
+        """Whether there is anything to keep."""
+        ...
+
+    def state(self) -> ConditionPart | None:
+        """Return the state; None before there is one."""
+        ...
+
+    def restore(self, record: Any) -> None:
+        """Continue from a state.
+
+        Args:
+            record: Of the same model file.
+        """
+        ...
+
+
 class ConditionStore:
-    """Keeps learned figures in state files.
+    """Keeps learned figures in state files, or estimated temperatures.
 
     Args:
-        learner: What learns.
+        learner: What learns, or estimates.
         model: The robot's model; another model file has other state files.
         folder: Where they lie; None keeps nothing.
         submit: Does work on the disk; jobs must run one after the other.
@@ -36,7 +64,7 @@ class ConditionStore:
 
     def __init__(
         self,
-        learner: ConditionLearner,
+        learner: Kept,
         model: RobotModel,
         folder: Path | None,
         submit: Submit = at_once,
@@ -48,10 +76,15 @@ class ConditionStore:
         self._learner = learner
         self._submit = submit
         self._pending: Future[Any] | None = None
-        self._slots: SlotPair[ConditionRecord] | None = None
+        self._slots: SlotPair[Any] | None = None
         if folder is not None and learner.learns:
-            name = f"{file_name_of(identity_of(model, node))}-learned-{model.model_id}"
-            self._slots = SlotPair(folder, name, FORMAT_VERSION, ConditionRecord.from_json)
+            what, record = (
+                ("learned", ConditionRecord)
+                if isinstance(learner, ConditionLearner)
+                else ("thermal", ThermalRecord)
+            )
+            name = f"{file_name_of(identity_of(model, node))}-{what}-{model.model_id}"
+            self._slots = SlotPair(folder, name, FORMAT_VERSION, record.from_json)
 
     def open(self, patience: float | None = None) -> None:
         """Take the lock of the files and continue from what is there.
@@ -70,8 +103,10 @@ class ConditionStore:
         if not self._slots.held:
             self._pending = self._submit(self._slots.acquire)
             return
-        slots, payload = self._slots, self._learner.state().to_json()
-        self._pending = self._submit(lambda: slots.write(payload))
+        slots, state = self._slots, self._learner.state()
+        if state is not None:
+            payload = state.to_json()
+            self._pending = self._submit(lambda: slots.write(payload))
 
     def poll(self) -> None:
         """Take the result of the disk's work, if it has ended."""
@@ -81,7 +116,7 @@ class ConditionStore:
         try:
             result = job.result()
             if isinstance(result, Stored):
-                stored = cast("Stored[ConditionRecord]", result)
+                stored = cast("Stored[Any]", result)
                 self.notices += stored.notices
                 if stored.value is not None:
                     self._learner.restore(stored.value)

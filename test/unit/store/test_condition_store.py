@@ -2,8 +2,10 @@
 
 import numpy as np
 
+import robots
 from robot_energy.condition.learner import Learning
 from robot_energy.model import load
+from robot_energy.model.thermal import JointThermal
 from robot_energy.pipeline import EnergyPipeline, Settings
 from robot_energy.store.condition_store import ConditionStore
 
@@ -65,3 +67,29 @@ def test_nothing_is_kept_where_nothing_is_learned(tmp_path):
     _, store = opened(tmp_path, learning=Learning.OFF)
     store.close()
     assert not list(tmp_path.iterdir())
+
+
+def test_estimated_temperatures_are_kept_beside_and_need_no_learning(tmp_path):
+    model = robots.one_wheel()
+    entry = {"capacity": robots.figure(400.0), "conductance": robots.figure(0.5)}
+    thermal = JointThermal.model_validate(entry)
+    model = model.changed(joints=[model.joints[0].model_copy(update={"thermal": thermal})])
+
+    def opened_thermal():
+        pipeline = EnergyPipeline(model, Settings(learning=Learning.OFF))
+        store = ConditionStore(pipeline.power.thermal, model, tmp_path, node="/cell/monitor")
+        store.open()
+        return pipeline, store
+
+    pipeline, store = opened_thermal()
+    store.close()  # nothing has been estimated: nothing to write
+    pipeline, store = opened_thermal()
+    stamp = np.arange(100.0, 700.0, 0.5)
+    velocity = np.full((len(stamp), 1), 4.0)
+    pipeline.step(robots.joint_block(stamp, 4.0 * stamp[:, None], velocity, 0.0 * velocity))
+    warm = pipeline.power.thermal.degc[0]
+    assert warm > 30.0
+    store.close()
+    pipeline, store = opened_thermal()
+    assert (store.trouble, store.notices) == ("", [])
+    assert pipeline.power.thermal.degc[0] == warm

@@ -12,17 +12,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from robot_energy.blocks import Float
-from robot_energy.condition.thermal_observer import WINDOW
+from robot_energy.condition.thermal_observer import AMBIENT_STD, WINDOW
 from robot_energy.errors import NotIdentifiableError
 from robot_energy.identify.bounds import identified
 from robot_energy.identify.stats.cross_validation import GAIN
 from robot_energy.identify.stats.threads import one_thread
 from robot_energy.identify.thermal.windows import ThermalRun
+from robot_energy.model import RobotModel
+from robot_energy.model.figure import Figure
 from robot_energy.model.thermal import JointThermal
 from robot_energy.physics.motor_heat import MotorHeat
 
 MIN_RISE = 3.0  # K between the coldest and the warmest reading
 MIN_WINDOWS = 60  # of 10 s
+MIN_SPANS = 1.5  # time constants of the structure that a run must last to tell a second node
 TRAIN_SHARE = 0.6  # of the only run; the rest is the test
 READING_STD = 0.5  # K
 CORRELATED = 6  # windows whose errors are alike: one minute
@@ -54,9 +57,6 @@ class ThermalFit:
         runs: Runs of the fit.
         hours: Their length in all. [h]
         range_degc: Of the readings. [degC]
-        ambient_degc: That was assumed. [degC]
-        free_run: Predicted temperatures of the held-out windows, for pictures. [degC]
-        measured: Readings there. [degC]
     """
 
     name: str
@@ -68,9 +68,6 @@ class ThermalFit:
     runs: int
     hours: float
     range_degc: tuple[float, float]
-    ambient_degc: float
-    free_run: tuple[float, ...] = ()
-    measured: tuple[float, ...] = ()
 
     @property
     def motor_time_constant(self) -> float:
@@ -123,7 +120,13 @@ def fit_network(
         errors[label] = _held_out(runs, keys, ambient_degc)
         orders[label] = _rms(errors[label][0] - errors[label][1])
     order = "two nodes" if orders["two nodes"] < GAIN * orders["one node"] else "one node"
-    predicted, measured, held = errors[order]
+    keys = ONE if order == "one node" else TWO
+    values, covariance = _fit(runs, keys, ambient_degc)
+    longest = max(map(len, runs)) * WINDOW
+    if keys is TWO and longest < MIN_SPANS * np.exp(values[TWO.index("structure_time")]):
+        order, keys = "one node", ONE  # what lies beyond the recordings is the prior's
+        values, covariance = _fit(runs, keys, ambient_degc)
+    _, measured, held = errors[order]
     rms, held_rms = orders[order], _rms(held - measured)
     if not rms < GAIN * held_rms:
         raise NotIdentifiableError(
@@ -132,8 +135,6 @@ def fit_network(
             "a network that predicts better",
             "record longer, with work and rest, and identify friction and drives first",
         )
-    keys = ONE if order == "one node" else TWO
-    values, covariance = _fit(runs, keys, ambient_degc)
     return ThermalFit(
         name,
         _entry(keys, values, covariance, rms, source),
@@ -144,15 +145,68 @@ def fit_network(
         len(runs),
         sum(map(len, runs)) * WINDOW / 3600.0,
         (low, high),
-        ambient_degc,
-        tuple(predicted.tolist()),
-        tuple(measured.tolist()),
     )
 
 
-def free_run(
-    heat: MotorHeat, run: ThermalRun, ambient_degc: float, start: float = START
-) -> Float:
+def fit_networks(
+    names: Sequence[str],
+    runs: Sequence[Sequence[ThermalRun]],
+    ambient_degc: float | None = None,
+    source: str = "",
+) -> tuple[float, list[ThermalFit], list[str]]:
+    """Identify the thermal network of every motor that the data tell.
+
+    Args:
+        names: Of the joints.
+        runs: Of every motor.
+        ambient_degc: Of the air; None: see `ambient_of`. [degC]
+        source: Where the data come from, for the model file.
+
+    Returns:
+        The temperature of the air [degC], the fits, and why the other motors could not be
+        identified, one sentence each.
+
+    Raises:
+        NotIdentifiableError: If not one motor can be identified.
+    """
+    if not any(runs):
+        raise NotIdentifiableError(
+            "no motor temperature is known", "recordings with temperatures",
+            "name their topic with --inputs",
+        )  # fmt: skip
+    ambient = ambient_of(runs) if ambient_degc is None else ambient_degc
+    fits: list[ThermalFit] = []
+    refused: list[NotIdentifiableError] = []
+    for name, motor in zip(names, runs, strict=True):
+        try:
+            fits.append(fit_network(name, motor, ambient, source))
+        except NotIdentifiableError as error:
+            refused.append(error)
+    if not fits:
+        first = refused[0]
+        raise NotIdentifiableError(first.found, first.expected, first.remedy)
+    return ambient, fits, [str(error) for error in refused]
+
+
+def with_networks(model: RobotModel, fits: Sequence[ThermalFit], ambient_degc: float) -> RobotModel:
+    """Return a model with identified thermal networks; the other motors keep theirs.
+
+    Args:
+        model: Any model of the same robot.
+        fits: One per identified motor.
+        ambient_degc: Of the air during the recordings. [degC]
+    """
+    found = {fit.name: fit.network for fit in fits}
+    joints = [
+        joint.model_copy(update={"thermal": found[joint.name]}) if joint.name in found else joint
+        for joint in model.joints
+    ]
+    air = Figure(value=ambient_degc, tag="assumed", std=AMBIENT_STD, source="as in the recordings")
+    temperature = model.temperature.model_copy(update={"ambient_degc": air})
+    return model.changed(joints=joints, temperature=temperature)
+
+
+def free_run(heat: MotorHeat, run: ThermalRun, ambient_degc: float, start: float = START) -> Float:
     """Return the temperature of a motor at the end of every window, from its first reading on.
 
     Args:
@@ -281,8 +335,7 @@ def _entry(
     ]
     entry = JointThermal(capacity=found[0], conductance=found[1], idle=found[2], std=rms)
     if len(found) > len(ONE):
-        more = dict(
-            zip(("structure_capacity", "structure_conductance", "friction_to_motor"), found[3:])
-        )
+        keys = ("structure_capacity", "structure_conductance", "friction_to_motor")
+        more = dict(zip(keys, found[3:], strict=True))
         entry = entry.model_copy(update=more)
     return entry

@@ -1,0 +1,108 @@
+"""`robot-energy identify thermal`: thermal networks of the motors."""
+
+from __future__ import annotations
+
+from argparse import ArgumentTypeError, Namespace
+from typing import Any
+
+from robot_energy.cli.identify_inputs import (
+    add_bags,
+    add_results,
+    bags_of,
+    check_results,
+    check_source,
+    source_of,
+)
+from robot_energy.cli.numbers import number
+from robot_energy.cli.terminal import add_command, present
+from robot_energy.errors import ModelFileError
+
+DESCRIPTION = """\
+Identify the heat capacity and the time constants of every motor from recordings with motor
+temperatures. The heat is that of the model's own losses, so identify friction and drives first.
+With them the monitor estimates a motor temperature where no sensor tells it, or the sensor is
+stuck.
+
+Record from a cold start, for hours, with work and rest. A free run from the first reading is
+compared with the readings that follow; the error stated is on what the fit has not seen.
+"""
+EPILOG = """\
+examples:
+  robot-energy identify thermal monday tuesday --model my_robot.yaml --ambient 21 \\
+      --out my_robot_thermal.yaml
+  robot-energy identify thermal --log dataset.csv --mapping ur3_cobotops.yaml
+"""
+
+
+def add_parser(commands: Any) -> None:
+    """Add the sub-command."""
+    text = "motor temperatures from losses"
+    parser = add_command(commands, "thermal", run, text, DESCRIPTION, EPILOG)
+    add_bags(parser, required=False, effort="")
+    parser.add_argument(
+        "--ambient",
+        type=_degc,
+        metavar="DEGC",
+        help="temperature of the air around the robot [degC] (default: the coldest first reading "
+        "of all motors)",
+    )
+    add_results(parser, "these networks")
+    log = parser.add_argument_group("from a log with motor currents, without a model")
+    log.add_argument("--log", nargs="+", metavar="LOG", help="tables: CSV, plain or .gz, Parquet")
+    log.add_argument("--mapping", metavar="FILE", help="what its columns mean")
+
+
+def _degc(text: str) -> float:
+    value = number(text)
+    if not -40.0 <= value <= 60.0:
+        raise ArgumentTypeError(f"{value:g} degC is no air that a robot works in")
+    return value
+
+
+def run(args: Namespace) -> int:
+    """Identify and report.
+
+    Raises:
+        RobotEnergyError: If recordings, log or model cannot be used.
+    """
+    from robot_energy.report.document import Document
+    from robot_energy.report.thermal import thermal_document
+    from robot_energy.results.thermal import ThermalReport
+
+    check_results(args)
+    check_source(args)
+    model = None
+    if args.log:
+        if args.mapping is None:
+            raise ModelFileError("the log has no --mapping", "a YAML file that names its columns")
+        if args.out is not None:
+            raise ModelFileError(
+                "the heat of a log is relative and makes no model file",
+                "bags with --model",
+                "import the log to a bag",
+            )
+        report = _of_log(args)
+    else:
+        from robot_energy.api.identify import identify_thermal
+
+        result = identify_thermal(bags_of(args), args.model, ambient_degc=args.ambient)
+        report, model = result.found, result.model
+    assert isinstance(report, ThermalReport)
+    page = Document("Thermal networks of the motors", f"Identified from {source_of(args)}.")
+    thermal_document(report, page)
+    present(args, report, page, model=model)
+    return 0
+
+
+def _of_log(args: Namespace) -> Any:
+    from robot_energy.identify.thermal.network import fit_networks
+    from robot_energy.identify.thermal.windows import runs_of_log
+    from robot_energy.logs import load_mapping, open_logs
+    from robot_energy.results.thermal import ThermalReport
+
+    mapping = load_mapping(args.mapping)
+    parts = [log.whole() for log in open_logs(args.log, mapping)]
+    names = mapping.joints.names
+    runs = [runs_of_log(parts, joint) for joint in range(len(names))]
+    ambient, fits, refused = fit_networks(names, runs, args.ambient)
+    return ThermalReport("squared_current", ambient, tuple(fits), tuple(refused))

@@ -1,0 +1,174 @@
+"""Motor temperatures without sensors: drawn plants of the rig, and a real log.
+
+    ROBOT_ENERGY_DATA=... python test/bench/thermal_observer.py [--plants 6] [--cpu]
+
+Goals: at most 3 K RMS warm and 5 K in the first twenty minutes, predicted energy within one
+per cent of that with sensors; on the UR3 log, fitted on the morning, at most 0.5 K over the
+afternoon; at most 3 % more CPU of the pipeline at 1 kHz.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import time
+import warnings
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+
+sys.path.insert(0, str(Path(__file__).parent.parent))
+
+from places import ROOT
+from robot_energy.blocks import JointBlock, TemperatureBlock
+from robot_energy.logs import load_mapping, open_logs
+from robot_energy.model import RobotModel, load, validate
+from robot_energy.pipeline import EnergyPipeline
+from robot_energy.report.printing import table
+from robot_energy_papers.thermal_study import FreeRun, HiddenPlant, free_runs, study
+
+CONSOLE = Console(width=120)
+LOG = "ur3_cobotops/dataset_02052023.csv"
+MAPPING = ROOT / "src/examples/mappings/ur3_cobotops.yaml"
+ROUNDS = 5
+TICK = 20  # samples of 1 kHz at 50 Hz
+
+
+def show_rig(found: list[HiddenPlant]) -> bool:
+    """Print the errors on the rig; whether they keep the goals."""
+    rows = [
+        [
+            plant.name,
+            *(f"{value:.2f}" for part in (plant.warm_rms, plant.early_rms, plant.fallback_rms)
+              for value in (np.sqrt(np.mean(part**2)), part.max())),
+            f"{plant.std:.2f}", f"{100 * plant.covered:.0f}",
+            f"{100 * plant.energy_change:+.2f}", f"{100 * plant.fallback_change:+.2f}",
+        ]
+        for plant in found
+    ]  # fmt: skip
+    heads = ("plant", "warm", "worst", "first 20 min", "worst", "fallback", "worst", "std",
+             "in 90 % band [%]", "energy [%]", "fallback [%]")  # fmt: skip
+    table(
+        CONSOLE,
+        "virtual rig, drawn plants (simulated), sensors hidden: RMS error [K] over all motors and "
+        "of the worst one; energy against that with sensors",
+        heads,
+        rows,
+    )
+    for plant in found:
+        for text in plant.refused:
+            print(f"{plant.name}: {text}")
+    warm, early, energy = (
+        np.array([value(plant) for plant in found])
+        for value in (
+            lambda plant: np.sqrt(np.mean(plant.warm_rms**2)),
+            lambda plant: np.sqrt(np.mean(plant.early_rms**2)),
+            lambda plant: abs(plant.energy_change),
+        )
+    )
+    print(
+        f"{len(found)} plants: at most {warm.max():.2f} K warm, {early.max():.2f} K in the first "
+        f"twenty minutes, {100 * energy.max():.2f} % of the energy"
+    )
+    return bool(warm.max() <= 3.0 and early.max() <= 5.0 and energy.max() <= 0.01)
+
+
+def show_log(found: list[FreeRun]) -> bool:
+    """Print the errors on the log; whether they keep the goal."""
+    rows = [[run.name, f"{run.rms:.2f}", f"{run.held_rms:.2f}"] for run in found]
+    mean = float(np.mean([run.rms for run in found]))
+    rows.append(["mean", f"{mean:.2f}", f"{np.mean([run.held_rms for run in found]):.2f}"])
+    table(
+        CONSOLE,
+        "UR3 (real), fitted on the morning: RMS error of the free run over the afternoon [K]",
+        ("motor", "free run", "first reading held"),
+        rows,
+    )
+    return mean <= 0.5
+
+
+def with_networks(model: RobotModel) -> RobotModel:
+    """A model in which every motor is estimated."""
+    data = model.model_dump(exclude_none=True, mode="json")
+    data["urdf"] = {"xml": model.urdf_xml}
+    figures = {"capacity": 2000, "conductance": 3, "structure_capacity": 8000,
+               "structure_conductance": 4, "friction_to_motor": 0.3}  # fmt: skip
+    for joint in data["joints"]:
+        joint["thermal"] = {
+            key: {"value": value, "tag": "assumed"} for key, value in figures.items()
+        }
+    return validate(data, "with thermal networks")
+
+
+def show_cpu() -> bool:
+    """Print the CPU of the pipeline with and without the observer; whether it keeps the goal."""
+    rows = 60_000
+    rng = np.random.default_rng(0)
+    model = load("kr16")
+    n_joints, time_s = len(model.joints), np.arange(rows) * 1e-3
+    phase = rng.uniform(0, 6, n_joints)
+    block = JointBlock(
+        10**18 + np.arange(rows, dtype=np.int64) * 1_000_000,
+        np.zeros(rows, dtype=np.int64),
+        np.zeros(rows, dtype=np.uint32),
+        0.5 * np.sin(time_s[:, None] + phase),
+        0.5 * np.cos(time_s[:, None] + phase),
+        np.full((rows, n_joints), np.nan),
+        np.full((rows, n_joints), np.nan),
+    )
+    warm = 30.0 + 0.1 * np.arange(60)[:, None] + np.zeros(n_joints)
+    readings = TemperatureBlock(10**18 + np.arange(60) * 10**9, warm)
+    cases = {
+        "sensors, without": (model, True),
+        "sensors, with": (with_networks(model), True),
+        "no sensors, without": (model, False),
+        "no sensors, with": (with_networks(model), False),
+    }
+    spent: dict[str, list[float]] = {name: [] for name in cases}
+    for _ in range(ROUNDS):
+        for name, (used, seen) in cases.items():
+            pipeline = EnergyPipeline(used)
+            start = time.process_time()
+            for tick, first in enumerate(range(0, rows, TICK)):
+                second = slice(tick // 50, tick // 50 + 1)
+                due = readings[second] if seen and tick % 50 == 0 else None
+                pipeline.step(block[slice(first, first + TICK)], due)
+            spent[name].append(time.process_time() - start)
+    least = {name: min(values) for name, values in spent.items()}
+    shares = [
+        least[f"{way}, with"] / least[f"{way}, without"] - 1.0 for way in ("sensors", "no sensors")
+    ]
+    words = ", ".join(f"{name} {seconds:.2f}" for name, seconds in least.items())
+    print(f"pipeline at 1 kHz, ticks of {TICK} ms, least of {ROUNDS} [s per minute]: {words}")
+    print("more with the observer: " + ", ".join(f"{100 * share:+.1f} %" for share in shares))
+    return max(shares) <= 0.03
+
+
+def main() -> int:
+    """Print the tables; 1 if a goal is missed."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument(
+        "--plants", type=int, default=6, help="drawn plants, of three robots in turn"
+    )
+    parser.add_argument("--cpu", action="store_true", help="the CPU alone")
+    args = parser.parse_args()
+    warnings.simplefilter("ignore", RuntimeWarning)  # of fits that find nothing
+    kept = [show_cpu()]
+    if not args.cpu:
+        kept.append(show_rig(study(args.plants)))
+        data = os.environ.get("ROBOT_ENERGY_DATA")
+        if data:
+            mapping = load_mapping(MAPPING)
+            (rows,) = [log.whole() for log in open_logs([str(Path(data) / LOG)], mapping)]
+            kept.append(show_log(free_runs(rows, mapping.joints.names)))
+        else:
+            print("UR3 skipped: no data folder (ROBOT_ENERGY_DATA)")
+    if not all(kept):
+        print(f"{kept.count(False)} of {len(kept)} goals missed")
+    return 0 if all(kept) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,104 @@
+"""Thermal networks recovered from heat and temperature that were integrated here."""
+
+import json
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from places import ROOT
+from robot_energy.cli.main import main
+from robot_energy.errors import NotIdentifiableError
+from robot_energy.identify.thermal.network import fit_network, fit_networks
+from robot_energy.identify.thermal.windows import WINDOW, ThermalRun
+
+DATA = os.environ.get("ROBOT_ENERGY_DATA")
+AIR = 22.0
+
+
+def run(hours, seed, structure=True, noise=0.1, start=(AIR, AIR)):
+    """Work and rest of random length; C 1500 J/K, G 3 W/K; structure 6000 J/K, 2 W/K, share 0.3."""
+    rng = np.random.default_rng(seed)
+    rows = round(hours * 3600 / WINDOW)
+    level = np.repeat(rng.choice([0.0, 0.3, 1.0], rows // 60 + 1), 60)[:rows]
+    drive, friction = 30.0 * level, 50.0 * level
+
+    def balance(time, degc):
+        row = min(int(time / WINDOW), rows - 1)
+        if not structure:
+            return [(drive[row] + friction[row] - 3.0 * (degc[0] - AIR)) / 1500.0, 0.0]
+        flow = 3.0 * (degc[0] - degc[1])
+        gear = 0.7 * friction[row] + flow - 2.0 * (degc[1] - AIR)
+        return [(drive[row] + 0.3 * friction[row] - flow) / 1500.0, gear / 6000.0]
+
+    time = np.arange(1, rows + 1) * WINDOW
+    found = solve_ivp(balance, (0.0, time[-1]), start, t_eval=time, max_step=WINDOW, rtol=1e-6)
+    degc = found.y[0] + rng.normal(scale=noise, size=rows)
+    return ThermalRun(time - WINDOW, drive, friction, np.ones(rows), degc, float(start[0]))
+
+
+def test_two_nodes_are_found_where_there_are_two():
+    fit = fit_network("axle", [run(3, 1), run(3, 2)], AIR)
+    network = fit.network
+    assert network.structure_capacity is not None
+    assert network.capacity.value == pytest.approx(1500.0, rel=0.1)
+    assert network.conductance.value == pytest.approx(3.0, rel=0.1)
+    assert network.structure_capacity.value == pytest.approx(6000.0, rel=0.15)
+    assert network.structure_conductance.value == pytest.approx(2.0, rel=0.1)
+    assert network.friction_to_motor.value == pytest.approx(0.3, abs=0.05)
+    assert fit.rms < 0.3
+    assert network.std == fit.rms
+    assert fit.orders["one node"] > 2 * fit.orders["two nodes"]
+    assert (fit.held_out, fit.runs) == ("runs", 2)
+
+
+def test_one_node_where_there_is_one():
+    fit = fit_network("axle", [run(3, 1, structure=False), run(3, 2, structure=False)], AIR)
+    assert fit.network.capacity.value == pytest.approx(1500.0, rel=0.05)
+    assert fit.motor_time_constant == pytest.approx(500.0, rel=0.05)
+    assert fit.rms < 0.3
+
+
+def test_the_only_run_is_tested_on_its_end():
+    fit = fit_network("axle", [run(4, 3)], AIR)
+    assert fit.held_out == "end of the run"
+    assert fit.rms < 1.0 < fit.held_rms
+
+
+def test_what_cannot_tell_is_refused_with_what_to_record():
+    with pytest.raises(NotIdentifiableError, match="Record longer"):
+        fit_network("axle", [run(0.1, 1)], AIR)
+    flat = run(2, 1)
+    still = replace(flat, motor_temperature_degc=np.full(len(flat), 30.0), start_degc=30.0)
+    with pytest.raises(NotIdentifiableError, match=r"warms by 0\.0 K"):
+        fit_network("axle", [still], AIR)
+    rng = np.random.default_rng(0)
+    noise = rng.normal(scale=4.0, size=(2, len(flat)))  # nothing to do with the heat
+    others = [replace(flat, motor_temperature_degc=40.0 + part, start_degc=40.0) for part in noise]
+    with pytest.raises(NotIdentifiableError, match="first reading held"):
+        fit_network("axle", others, AIR)
+    with pytest.raises(NotIdentifiableError, match="no motor temperature is known"):
+        fit_networks(["axle"], [[]])
+
+
+@pytest.mark.skipif(not DATA, reason="skipped: no data folder (ROBOT_ENERGY_DATA)")
+def test_the_afternoon_of_a_real_ur3_follows_from_its_morning(tmp_path):
+    from robot_energy.logs import load_mapping, open_logs
+    from robot_energy_papers.thermal_study import free_runs
+
+    mapping = ROOT / "src/examples/mappings/ur3_cobotops.yaml"
+    log = str(Path(DATA) / "ur3_cobotops/dataset_02052023.csv")
+    used = load_mapping(mapping)
+    (rows,) = [part.whole() for part in open_logs([log], used)]
+    found = free_runs(rows, used.joints.names)
+    assert len(found) == 6
+    assert np.mean([part.rms for part in found]) < 0.5
+    report = tmp_path / "ur3.json"
+    words = ["identify", "thermal", "--log", log, "--mapping", str(mapping), "--json", str(report)]
+    assert main(words) == 0
+    axes = json.loads(report.read_text())["axes"]
+    assert {axis["name"] for axis in axes} == set(used.joints.names)
+    assert all(axis["rms"] < axis["held_rms"] for axis in axes)
