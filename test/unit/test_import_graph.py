@@ -41,13 +41,13 @@ MODULES = {
     """,
     "robot_energy.cli": """
         check completion export identify identify_all identify_cabinet identify_drives
-        identify_dynamics identify_excitation identify_friction identify_inputs
+        identify_dynamics identify_excitation identify_friction identify_inputs identify_thermal
         import_logs info kinds layouts main memory models monitoring numbers page predict replay
         replay_options report robots schema simulate stopping terminal test
     """,
     "robot_energy.condition": """
         buckets drift_test joint_friction learner meter_fit meter_records meter_windows
-        record wear wear_records
+        record thermal_observer wear wear_records
     """,
     "robot_energy.files": """
         first_bytes output_files output_folder output_streams placement regular_file
@@ -79,6 +79,9 @@ MODULES = {
     "robot_energy.identify.stats": """
         autocorrelation cross_validation held_out_energy lag regression systematic threads
     """,
+    "robot_energy.identify.thermal": """
+        network windows
+    """,
     "robot_energy.inputs": """
         bag_topics inputs_file parameters rejection_log sources
     """,
@@ -102,7 +105,7 @@ MODULES = {
         friction interval model_messages payload power registers torque
     """,
     "robot_energy.model": """
-        drive_models figure friction_laws joint load open_schema payload reference schema
+        drive_models figure friction_laws joint load open_schema payload reference schema thermal
     """,
     "robot_energy.motion": """
         fourier gcode gcode_words inverse_kinematics joint_trajectory load_motion
@@ -115,7 +118,7 @@ MODULES = {
     """,
     "robot_energy.physics": """
         cabinet derivative drive drivetrain effort effort_check equations friction
-        limit_utilisation rigid_body torque transmission
+        limit_utilisation motor_heat rigid_body torque transmission
     """,
     "robot_energy.physics.urdf": """
         checks compare parse
@@ -132,11 +135,11 @@ MODULES = {
         evaluation excitation formats friction_figure headline held_out html
         identification identify_all jobs kinds layout model parameters power_figure
         prediction prediction_figure printing recordings replay series temperature_figure
-        torque_figure trend_figure
+        torque_figure trend_figure thermal
     """,
     "robot_energy.results": """
         base check condition drives dynamics energy evaluation excitation identification model
-        prediction replay schema uncertainty
+        prediction replay schema uncertainty thermal
     """,
     "robot_energy.rig": """
         config lubricant output plant profile random_plant record sensors supply
@@ -157,7 +160,7 @@ MODULES = {
     "robot_energy_papers": """
         accuracy calibration drawings drawn_plants drive_study effects experiment held_out
         interval_coverage job_pool learning_study machines mantis models pages paper_a
-        paper_a_numbers paper_a_page paper_b paper_b_numbers paper_b_page soaked_rigs wall
+        paper_a_numbers paper_a_page paper_b paper_b_numbers paper_b_page soaked_rigs wall thermal_study
     """,
     "robot_energy_papers.cli": """
         reproduce study_folder
