@@ -243,6 +243,36 @@ def over_time(
         _legend(figure, grid.flat)
 
 
+def reliability(
+    curves: Mapping[str, tuple[Float, Float]], path: Target, title: str = "", columns: int = 2
+) -> None:
+    """Draw how often stated intervals held the truth over how often they should.
+
+    Args:
+        curves: Nominal share and observed share, shape (N,) each, by the name of their panel. [-]
+        path: File to write.
+        title: Above the figure.
+        columns: Panels side by side.
+
+    Raises:
+        ReportError: If the file cannot be written.
+    """
+    with canvas(path, (WIDE, 3.0 * -(-len(curves) // columns) + 0.5), title) as figure:
+        grid = panels(figure, len(curves), columns)
+        for panel, (name, (nominal, observed)) in zip(grid.flat, curves.items(), strict=False):
+            panel.plot([0.0, PERCENT], [0.0, PERCENT], color=GREY, linewidth=0.8, label="right")
+            panel.plot(
+                PERCENT * nominal, PERCENT * observed, color=COLOURS["predicted"], label="observed"
+            )
+            panel.set_title(name, fontsize=9, loc="left")
+            panel.set_ylabel("holds the truth [%]")
+            panel.set_xlim(0.0, PERCENT)
+            panel.set_ylim(0.0, PERCENT)
+        for panel in grid[-1]:
+            panel.set_xlabel("stated [%]")
+        _legend(figure, grid.flat)
+
+
 def bars(
     groups: Sequence[str],
     series: Mapping[str, Sequence[float]],

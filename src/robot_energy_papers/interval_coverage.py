@@ -156,22 +156,32 @@ def record_plant(
         folder: For the bags.
         drive_power: Whether the power of each drive is measured.
     """
-    robot, _ = profile.mechanics()
-    limits = profile.motion_limits(robot)
-    above = tool_above(robot, "tool0", MIN_HEIGHT) if robot.has_link("tool0") else None
     bags: list[Bag] = []
     for number, degc in enumerate(DEGC):
         own = len(DEGC) * seed + number
-        program = random_program(limits, own, MOVES, accept=above)
-        dwell = [DWELL if k % REST_EVERY else REST for k in range(len(program.via))]
-        program = Program(program.via, limits, dwell)
+        program = program_of(profile, own)
         rig = VirtualRig(profile, program, config, own, degc, degc, device_seed=seed)
         path = record(rig, SECONDS, folder / f"{degc:.0f}degc", drive_power=drive_power).path
         powers = None
         if drive_power:
-            powers = read_drive_power(path, DRIVE_POWER, robot.joint_names)
+            powers = read_drive_power(path, DRIVE_POWER, rig.joint_names)
         bags.append(Bag(path, EffortMeaning.MOTOR_TORQUE, drive_power=powers, sensors=LIMITS))
     return bags
+
+
+def program_of(profile: PlantProfile, seed: int) -> Program:
+    """Return a motion of a plant: point to point, with rests.
+
+    Args:
+        profile: The plant.
+        seed: Of the motion.
+    """
+    robot, _ = profile.mechanics()
+    limits = profile.motion_limits(robot)
+    above = tool_above(robot, "tool0", MIN_HEIGHT) if robot.has_link("tool0") else None
+    program = random_program(limits, seed, MOVES, accept=above)
+    dwell = [DWELL if k % REST_EVERY else REST for k in range(len(program.via))]
+    return Program(program.via, limits, dwell)
 
 
 def repetition(robot: str, seed: int, hard: bool, folder: Path) -> list[Judged]:
@@ -318,7 +328,7 @@ def coverages(found: Sequence[Sequence[Judged]]) -> list[IntervalCoverage]:
                 len(figures),
                 sum(bool(part) for part in own),
                 float(np.mean([entry.held for entry in figures])),
-                float(np.nanmedian(widths)),
+                float(np.nanmedian(widths)) if len(known) else float("nan"),
                 float(np.sqrt(np.mean(known**2))) if len(known) else float("nan"),
             )
         )

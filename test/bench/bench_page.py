@@ -1,17 +1,24 @@
-"""The energy page with three browsers: processor time, weight, latency, and slow clients."""
+"""The energy page with three browsers, and an MQTT exporter: processor time, weight, latency.
+
+Slow clients are compared with none in the same run, alternating: what arrives of the monitor.
+"""
 
 from __future__ import annotations
 
 import gzip
 import os
+import shutil
 import socket
 import statistics
+import subprocess
 import sys
 import tempfile
 import time
 import urllib.request
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from typing import Any
 
 from bench_live import cpu_seconds
 from rich.table import Table
@@ -30,6 +37,7 @@ new MutationObserver(() => requestAnimationFrame(() => {
 })).observe(power, {attributes: true, attributeFilter: ['data-time']});
 """
 READY = "document.getElementById('status').textContent === 'live'"
+ROUNDS = 4  # without slow clients and with them, in turn
 SLOW = 200  # clients that never read or never end their request
 
 
@@ -48,12 +56,14 @@ def run(folder: Path, quick: bool) -> tuple[Table, dict[str, object], dict[str, 
     url = f"http://127.0.0.1:{port}/"
     seconds = 10.0 if quick else 60.0
     figures: dict[str, float] = {}
+    os.environ |= environment  # of the listener, too
     with ExitStack() as open_, NodeProcesses(folder, environment) as nodes:
         nodes.start("virtual_robot")
         nodes.start("energy_monitor", model="kr16")
         nodes.start("energy_dashboard", port=port)
         page = nodes._running["energy_dashboard"].pid
         monitor = nodes._running["energy_monitor"].pid
+        exporter = open_.enter_context(_exporter(nodes))
         _until_served(url)
         if CHROMIUM and DRIVER:
             windows = [open_.enter_context(browser()) for _ in range(3)]
@@ -63,6 +73,8 @@ def run(folder: Path, quick: bool) -> tuple[Table, dict[str, object], dict[str, 
             windows[0].run(WATCH)
             figures["page"] = _share(page, seconds)
             figures["monitor"] = _share(monitor, seconds)
+            if exporter is not None:
+                figures["exporter"] = _share(exporter, seconds)
             delays = windows[0].run("return window.delays")
             figures["latency"] = statistics.median(delays)
         figures["weight"] = sum(len(_packed(f"{url}{path[1:]}")) for path in FILES)
@@ -79,8 +91,19 @@ def run(folder: Path, quick: bool) -> tuple[Table, dict[str, object], dict[str, 
         "weight": "page over the wire, once [bytes]",
         "state": "state with history, once, unpacked [bytes]",
         "rate": "events, one browser [bytes/s]",
+        "exporter": "energy_exporter to an MQTT broker, share of a core",
         "slow_page": f"dashboard with {SLOW} slow clients, share of a core",
-        "monitor_with_slow": "energy_monitor with them, share of a core",
+        "monitor_without": "energy_monitor without them, share of a core",
+        "monitor_with": "energy_monitor with them, share of a core",
+        "powers_without": "power states that arrive without them [1/s]",
+        "powers_with": "power states that arrive with them [1/s]",
+        "registers_without": "register messages that arrive without them [1/s]",
+        "registers_with": "register messages that arrive with them [1/s]",
+        "delay_without": "stamp of a power state to its arrival without them, median [s]",
+        "delay_with": "the same with them [s]",
+        "counted_without": "time counted of the time that passed, without them",
+        "counted_with": "the same with them",
+        "gaps": "gaps in the registers",
         "answer_with_slow": "answer to a state with them, median [s]",
     }.items():
         if name in figures:
@@ -89,6 +112,13 @@ def run(folder: Path, quick: bool) -> tuple[Table, dict[str, object], dict[str, 
         "page at most 1.6 MB once": figures["weight"] + figures["state"] <= 1.6e6,
         "events at most 20 kB/s": figures["rate"] <= 20e3,
     }
+    for name, what in (("powers", "power states"), ("registers", "registers")):
+        goals[f"{what} with slow clients as without, within 5 %"] = (
+            figures[f"{name}_with"] >= 0.95 * figures[f"{name}_without"]
+        )
+    goals["no gap in the registers"] = figures["gaps"] == 0
+    if "exporter" in figures:
+        goals["exporter at most 5 % of a core"] = figures["exporter"] <= 0.05
     if "page" in figures:
         goals |= {
             "dashboard with three browsers at most 5 % of a core": figures["page"] <= 0.05,
@@ -149,18 +179,105 @@ def _stream_rate(port: int, seconds: float) -> float:
         return size / (time.monotonic() - begin)
 
 
-def _with_slow_clients(url: str, page: int, monitor: int, seconds: float) -> dict[str, float]:
-    """Shares of a core and time of an answer while clients do not read or do not finish."""
-    port = int(url.rstrip("/").rpartition(":")[2])
-    clients = [_asked(port, b"GET /api/state HT") for _ in range(SLOW // 2)]
-    ask = b"GET /api/events HTTP/1.1\r\nHost: localhost\r\n\r\n"
-    clients += [_asked(port, ask) for _ in range(SLOW // 2)]
+@contextmanager
+def _exporter(nodes: Any) -> Iterator[int | None]:
+    """An exporter with a broker of its own: its process; None without mosquitto."""
+    broker = shutil.which("mosquitto", path=f"{os.environ['PATH']}:/usr/sbin")
+    if broker is None:
+        yield None
+        return
+    from ros2_energy_monitor.demo.demo_page import free_port
+
+    port = free_port()
+    process = subprocess.Popen([broker, "-p", str(port)], stderr=subprocess.DEVNULL)
     try:
-        return {
-            "answer_with_slow": _answer_time(url),
-            "slow_page": _share(page, seconds / 2),
-            "monitor_with_slow": _share(monitor, seconds / 2),
-        }
+        nodes.start("energy_exporter", exporters=["mqtt"], **{"mqtt.port": port})
+        yield nodes._running["energy_exporter"].pid
     finally:
-        for client in clients:
-            client.close()
+        process.terminate()
+        process.wait()
+
+
+class Listener:
+    """Counts what arrives of the monitor."""
+
+    def __init__(self) -> None:
+        import rclpy
+        from rclpy.executors import SingleThreadedExecutor
+        from ros2_energy_msgs.msg import EnergyRegisters, PowerState
+
+        from ros2_energy_monitor.base.publishers import reliable
+
+        rclpy.init()
+        self.node = rclpy.create_node("bench_listener")
+        self.executor = SingleThreadedExecutor()
+        self.executor.add_node(self.node)
+        self.delays: list[float] = []
+        self.registers: list[EnergyRegisters] = []
+        self.node.create_subscription(PowerState, "energy/power", self._take, reliable(1000))
+        self.node.create_subscription(
+            EnergyRegisters, "energy/registers", self.registers.append, reliable(1000)
+        )
+
+    def _take(self, message: Any) -> None:
+        stamp = message.header.stamp
+        self.delays.append(time.time() - stamp.sec - stamp.nanosec * 1e-9)
+
+    def spin(self, seconds: float) -> None:
+        """Take what arrives in this time."""
+        until = time.monotonic() + seconds
+        while (left := until - time.monotonic()) > 0:
+            self.executor.spin_once(timeout_sec=left)
+
+    def close(self) -> None:
+        """End the node."""
+        import rclpy
+
+        self.executor.shutdown()
+        self.node.destroy_node()
+        rclpy.shutdown()
+
+
+def _with_slow_clients(url: str, page: int, monitor: int, seconds: float) -> dict[str, float]:
+    """What arrives of the monitor, alternating without and with clients that do not read or end."""
+    port = int(url.rstrip("/").rpartition(":")[2])
+    ask = b"GET /api/events HTTP/1.1\r\nHost: localhost\r\n\r\n"
+    listener = Listener()
+    sums: dict[str, list[float]] = {}
+    listener.spin(3.0)  # until it is found
+    try:
+        for number in range(2 * ROUNDS):
+            clients = []
+            if number % 2:
+                clients = [_asked(port, b"GET /api/state HT") for _ in range(SLOW // 2)]
+                clients += [_asked(port, ask) for _ in range(SLOW // 2)]
+                sums.setdefault("answer_with_slow", []).append(_answer_time(url))
+            listener.spin(0.2)
+            listener.delays.clear()
+            del listener.registers[:-1]
+            first, begin = listener.registers[-1], time.monotonic()
+            busy = {pid: cpu_seconds(pid) for pid in (page, monitor)}
+            listener.spin(seconds / ROUNDS)
+            passed = time.monotonic() - begin
+            last, kind = listener.registers[-1], "with" if clients else "without"
+            stamps = [
+                one.header.stamp.sec + one.header.stamp.nanosec * 1e-9 for one in (first, last)
+            ]
+            found = {
+                "powers": len(listener.delays) / passed,
+                "registers": (len(listener.registers) - 1) / passed,
+                "delay": statistics.median(listener.delays),
+                "counted": (last.observed_time - first.observed_time) / (stamps[1] - stamps[0]),
+                "monitor": (cpu_seconds(monitor) - busy[monitor]) / passed,
+            }
+            for name, value in found.items():
+                sums.setdefault(f"{name}_{kind}", []).append(value)
+            if clients:
+                share = (cpu_seconds(page) - busy[page]) / passed
+                sums.setdefault("slow_page", []).append(share)
+            for client in clients:
+                client.close()
+        gaps = float(listener.registers[-1].gap_count)
+    finally:
+        listener.close()
+    return {name: statistics.median(values) for name, values in sums.items()} | {"gaps": gaps}

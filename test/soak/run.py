@@ -28,6 +28,7 @@ import month
 import network
 import page_day
 import service_kills
+import wear
 from figure import Figure, LongRun
 from rich.console import Console
 from rich.table import Table
@@ -44,6 +45,7 @@ RUNS: dict[str, LongRun] = {
     "flood": flood,
     "network": network,
     "page_day": page_day,
+    "wear": wear,
 }
 BUILD = Path(__file__).resolve().parents[2] / "build"
 

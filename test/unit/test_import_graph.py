@@ -26,7 +26,7 @@ MODULES = {
         record_repair registers settings shaft_comparison
     """,
     "robot_energy.api": """
-        evaluate identify inputs online_monitor power_table predict replay
+        condition evaluate identify inputs online_monitor power_table predict replay
     """,
     "robot_energy.bag": """
         mcap_block mcap_file mcap_records mcap_summary metadata ownership packed
@@ -41,9 +41,10 @@ MODULES = {
     """,
     "robot_energy.cli": """
         check completion export identify identify_all identify_cabinet identify_drives
-        identify_dynamics identify_excitation identify_friction identify_inputs identify_thermal
-        import_logs info kinds layouts main memory models monitoring numbers page predict replay
-        replay_options report robots schema simulate stopping terminal test
+        identify_dynamics identify_excitation identify_friction identify_inputs
+        identify_thermal import_logs info kinds layouts main memory models monitoring
+        numbers page predict replay replay_options report robots schema simulate
+        stopping terminal test
     """,
     "robot_energy.condition": """
         buckets drift_test joint_friction learner meter_fit meter_records meter_windows
@@ -54,10 +55,10 @@ MODULES = {
         temporary_folder
     """,
     "robot_energy.identify": """
-        bounds causes plausibility provenance run_all steps
+        bounds causes plausibility provenance run_all steps turns
     """,
     "robot_energy.identify.cabinet": """
-        cabinet dc_link link_readings meter_delay supply
+        cabinet dc_link link_errors link_readings meter_delay supply
     """,
     "robot_energy.identify.data": """
         bags log_channels observations recordings rest signals
@@ -105,7 +106,8 @@ MODULES = {
         friction interval model_messages payload power registers torque
     """,
     "robot_energy.model": """
-        drive_models figure friction_laws joint load open_schema payload reference schema thermal
+        drive_models figure friction_laws joint load open_schema payload reference
+        schema thermal
     """,
     "robot_energy.motion": """
         fourier gcode gcode_words inverse_kinematics joint_trajectory load_motion
@@ -134,12 +136,12 @@ MODULES = {
         canvas condition document drives dynamics efficiency_figure energy energy_figure
         evaluation excitation formats friction_figure headline held_out html
         identification identify_all jobs kinds layout model parameters power_figure
-        prediction prediction_figure printing recordings replay series temperature_figure
-        torque_figure trend_figure thermal
+        prediction prediction_figure printing recordings replay series
+        temperature_figure thermal torque_figure trend_figure
     """,
     "robot_energy.results": """
-        base check condition drives dynamics energy evaluation excitation identification model
-        prediction replay schema uncertainty thermal
+        base check condition drives dynamics energy evaluation excitation identification
+        model prediction replay schema thermal uncertainty
     """,
     "robot_energy.rig": """
         config lubricant output plant profile random_plant record sensors supply
@@ -158,9 +160,11 @@ MODULES = {
         band deviation priors
     """,
     "robot_energy_papers": """
-        accuracy calibration drawings drawn_plants drive_study effects experiment held_out
-        interval_coverage job_pool learning_study machines mantis models pages paper_a
-        paper_a_numbers paper_a_page paper_b paper_b_numbers paper_b_page soaked_rigs wall thermal_study
+        accuracy band_coverage calibration certainty certainty_numbers certainty_page
+        drawings drawn_plants drive_study effects experiment held_out interval_coverage
+        job_pool learning_study machines mantis models pages paper_a paper_a_numbers
+        paper_a_page paper_b paper_b_numbers paper_b_page soaked_rigs thermal_study wall
+        wear_study
     """,
     "robot_energy_papers.cli": """
         reproduce study_folder

@@ -12,7 +12,7 @@ from types import TracebackType
 from typing import Self
 
 PR_SET_PDEATHSIG = 1
-GRACE = 5.0  # time to end after SIGINT, before SIGKILL [s]
+GRACE = 30.0  # in which a node ends after SIGINT on any machine, before SIGKILL [s]
 
 
 class NodeProcesses:

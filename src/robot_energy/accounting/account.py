@@ -262,9 +262,7 @@ class EnergyAccount:
         self._resume_ns = self.registers.time.end_ns
 
     def reset(self, reason: str) -> None:
-        """Set all counters to zero at the newest counted sample.
-
-        Open intervals go on and keep what they have counted. The totals stay in the trace.
+        """Set all counters to zero at the newest sample; open intervals keep what they counted.
 
         Args:
             reason: Why, in words.

@@ -5,7 +5,9 @@ power is the 90 % quantile of the scores of a phase, followed online: a score ab
 raises it nine times as much as one below lowers it, so that in the long run one in ten lies
 above, whatever their distribution and their correlation (conformal quantile tracking). The
 scale of energies is the conformal quantile of the scores of the newest half minutes: the k-th
-smallest of n, ``k = ceil(0.9 (n + 1))``. What ten minutes of one motion show of the model does
+smallest of n, ``k = ceil((1 - a) (n + 1))``. The share ``a`` that may lie above is 0.1; a score
+above the scale lowers it at once, and each below raises it a little again (adaptive conformal
+inference). What ten minutes of one motion show of the model does
 not hold for all others, so ten minutes as the model's deviations expect them are always
 among them. All is causal and all sums are integers, so the cutting of the input makes no
 difference.
@@ -47,6 +49,7 @@ MAX_SLOTS = 20_000  # that wait for the meter: minutes
 MAX_STRETCHES = 16  # that wait for the meter
 MAX_SCORES = 64  # half minutes behind the scale of energies
 MIN_SCORES = 9  # of them: fewer have no conformal quantile of 90 %
+ADAPTATION = 0.1  # of the share of energies outside, by each score
 EXPECTED = tuple(NormalDist().inv_cdf(0.5 + (place + 0.5) / 40) for place in range(20))
 """Scores of ten minutes if the deviations of the model are right: sizes of normal errors."""
 MIN_READINGS = 60  # scored in a phase before its scale is used
@@ -86,6 +89,7 @@ class BandCalibration:
         self._log_scale = [math.log(Z90)] * len(Phase)
         self._count = [0] * len(Phase)
         self._scores: deque[float] = deque(maxlen=MAX_SCORES)
+        self._outside = 1.0 - COVERED  # share of energies that may lie outside
         self.readings = self.inside = self.inside_parametric = 0
         self._last_ns: int | None = None
         self._forget()
@@ -140,6 +144,9 @@ class BandCalibration:
                 self._waiting = waiting[slice(due, None)]
                 scored = self._score(waiting[slice(0, due)])
                 self._set(scored, means, periods[number])
+                self._slot, self._slots = self._slot[-MAX_SLOTS:], self._slots[-MAX_SLOTS:]
+                for old in list(self._deviations)[:-MAX_STRETCHES]:
+                    del self._deviations[old]
 
     def _note(self, block: PowerBlock, duration_ns: Int, energy: Float) -> None:
         """Keep deviations and phases until the meter reads."""
@@ -149,9 +156,8 @@ class BandCalibration:
         table[np.arange(len(block)), len(PARTS) + block.phase] = duration_ns
         slot = block.stamp_ns // SLOT_NS
         starts = _starts(slot)
-        self._slot = np.concatenate([self._slot, slot[starts]])[-MAX_SLOTS:]
-        sums = np.add.reduceat(table, starts, axis=0)
-        self._slots = np.concatenate([self._slots, sums])[-MAX_SLOTS:]
+        self._slot = np.concatenate([self._slot, slot[starts]])
+        self._slots = np.concatenate([self._slots, np.add.reduceat(table, starts, axis=0)])
         stretch = block.stamp_ns // STRETCH_NS
         starts = _starts(stretch)
         whole = np.concatenate([whole, duration_ns[:, None]], axis=1)
@@ -160,8 +166,6 @@ class BandCalibration:
         ):
             known = self._deviations.get(number)
             self._deviations[number] = row if known is None else known + row
-        while len(self._deviations) > MAX_STRETCHES:
-            del self._deviations[next(iter(self._deviations))]
 
     def _score(self, compared: Compared) -> list[tuple[int, int, float]]:
         """Return when each reading that is complete was known, its phase, and its score."""
@@ -209,7 +213,10 @@ class BandCalibration:
         rest, temperature = energy_parts(noted[:-1] * (share / NANOJOULE), at_bus)
         if rest > 0:
             error = np.array([abs(predicted - measured) / NANOJOULE])
-            self._scores.extend(scores(error, np.array([rest]), np.array([temperature])).tolist())
+            (score,) = scores(error, np.array([rest]), np.array([temperature])).tolist()
+            moved = self._outside + ADAPTATION * (1.0 - COVERED - (score > self._energy_scale()))
+            self._outside = min(max(moved, 0.0), 1.0 - COVERED)
+            self._scores.append(score)
 
     def _set(
         self, scored: list[tuple[int, int, float]], means: MeanBlock | None, periods: slice
@@ -269,6 +276,14 @@ class BandCalibration:
         if self.location is not MeterLocation.UNKNOWN:
             self._set([], means, slice(0, len(means)))
 
+    def _energy_scale(self) -> float:
+        """Half width of the band of an energy over its deviation."""
+        if len(self._scores) < MIN_SCORES:
+            return Z90
+        every = sorted([*self._scores, *EXPECTED])
+        place = math.ceil((1.0 - self._outside) * (len(every) + 1))
+        return every[min(place, len(every)) - 1]
+
     def energy_band(self, deviation: Float) -> EnergyBand:
         """Return how sure an energy from the grid is.
 
@@ -276,12 +291,10 @@ class BandCalibration:
             deviation: Integrals of the deviations, shape (K,). [J]
         """
         rest, temperature = energy_parts(deviation)
-        std, count = math.hypot(rest, temperature), len(self._scores)
-        if count < MIN_SCORES:
+        std = math.hypot(rest, temperature)
+        if len(self._scores) < MIN_SCORES:
             return EnergyBand(std, Z90 * std, BandKind.PARAMETRIC)
-        all_scores = sorted([*self._scores, *EXPECTED])
-        place = math.ceil(COVERED * (len(all_scores) + 1)) - 1
-        scale, loss = all_scores[min(place, len(all_scores) - 1)], 0.0
+        scale, loss = self._energy_scale(), 0.0
         if self.location is MeterLocation.DC_BUS:
             rest, temperature = energy_parts(deviation, at_bus=True)
             loss = Z90 * float(deviation[LOSS_GRID])
@@ -295,6 +308,7 @@ class BandCalibration:
             log_scale=tuple(self._log_scale),
             readings=tuple(self._count),
             energy_scores=tuple(self._scores),
+            energy_outside=self._outside,
         )
 
     def restore(self, kept: Calibrated) -> None:
@@ -308,6 +322,7 @@ class BandCalibration:
         if kept.readings[POOLED] >= self._count[POOLED]:
             self.location = MeterLocation[kept.location]
             self._log_scale, self._count = [*kept.log_scale], [*kept.readings]
+            self._outside = min(max(kept.energy_outside, 0.0), 1.0 - COVERED)
         self._scores = deque([*kept.energy_scores, *self._scores], maxlen=MAX_SCORES)
 
     def interrupt(self) -> None:

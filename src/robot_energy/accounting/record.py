@@ -1,9 +1,8 @@
 """What is kept of the registers across restarts: plain values with units in their names.
 
-A state file holds one `AccountRecord` as JSON. It is strict: unknown keys and missing units
-are refused as a whole, never adapted. Only where an earlier release let a number or a text
-grow beyond what can be kept, that one is brought to its limit, and `AccountRecord.repairs`
-says so.
+A state file holds one `AccountRecord` as JSON: unknown keys and missing units are refused as
+a whole. Only where an earlier release let a number or a text grow beyond what can be kept, that
+one is brought to its limit, and `AccountRecord.repairs` says so.
 """
 
 from __future__ import annotations
@@ -111,10 +110,7 @@ class Totals(RecordPart):
     jumps: Integer
 
     def __sub__(self, earlier: Totals) -> Totals:
-        """Return what was counted since earlier totals of the same registers.
-
-        A difference that a counter cannot hold stays at the limit.
-        """
+        """Return what was counted since earlier totals of the same registers, within limits."""
         cabinet, joints = earlier.cabinet_energy_microjoule, earlier.joint_energy_microjoule
         return Totals(
             cabinet_energy_microjoule={
@@ -270,19 +266,21 @@ class Identity(RecordPart):
 
 
 class Calibrated(RecordPart):
-    """How wide bands must be, as `robot_energy.accounting.band_calibration` found.
+    """How wide bands must be, see `robot_energy.accounting.band_calibration`.
 
     Attributes:
         location: Where the meter sat, name of a `MeterLocation`.
-        log_scale: Logarithm of the scale of power, by phase; the first is of all phases.
-        readings: Readings of the meter behind each.
+        log_scale: Logarithm of the scale of power by phase, the first of all phases.
+        readings: Of the meter, behind each.
         energy_scores: Of the newest half minutes, oldest first.
+        energy_outside: Share of energies that may lie outside their band now. [-]
     """
 
     location: Literal["UNKNOWN", "GRID", "DC_BUS"]
     log_scale: tuple[Power, ...]
     readings: tuple[Count, ...]
     energy_scores: tuple[Power, ...]
+    energy_outside: Power
 
 
 class AccountRecord(RecordPart):

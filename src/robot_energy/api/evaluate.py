@@ -128,6 +128,7 @@ def _recording(
     meter = report.comparison
     return RecordingScore(
         bag.name, sha256, seen, reason, report.origin, report.time.observed_time, *degc,
-        location_of(meter), meter.compared_time, meter.measured_energy, (), report.problems,
+        location_of(meter), meter.compared_time, meter.measured_energy,
+        report.uncertainty.half_relative, report.uncertainty.inside, (), report.problems,
         report.notes,
     )  # fmt: skip

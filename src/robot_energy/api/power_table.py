@@ -12,9 +12,11 @@ from robot_energy.accounting.energy_curve import EnergyCurve, EnergyRows, add_co
 from robot_energy.blocks import NANOSECOND, Float, Int, PowerBlock, sum_over_joints
 from robot_energy.time_series import TimeSeries
 from robot_energy.timeline.pieces import Compared
+from robot_energy.uncertainty.band import power_std
 
 UNITS = {
     "predicted_grid_power": "W",
+    "predicted_power_std": "W",
     "measured_power": "W",
     "predicted_power_at_meter": "W",
     "residual_power": "W",
@@ -94,7 +96,7 @@ def period_table(
         compared,
         (rigid, friction, loss, rigid + friction),
         {
-            "predicted_grid_power": block.mean("grid_import") - block.mean("grid_return"),
+            "predicted_grid_power": block.predicted_power,
             "bus_power": sum_over_joints(rigid + friction + loss),
             "loss_dc": block.mean("loss_dc"),
             "loss_grid": block.mean("loss_grid"),
@@ -133,6 +135,7 @@ def _table(
     rigid, friction, loss, shaft = joints
     known: dict[str, Any] = {
         **cabinet,
+        "predicted_power_std": power_std(block.deviation),
         **({} if compared is None else _measured(block.stamp_ns, compared)),
         "rigid_power": sum_over_joints(rigid),
         "friction_power": sum_over_joints(friction),

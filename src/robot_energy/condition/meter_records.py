@@ -66,12 +66,12 @@ class MeterGatherer:
 
     def _record(self, time: float) -> WearRecord | None:
         duration, residual, friction, degc = np.array([row[:4] for row in self._rows]).T
-        weight = duration.copy()
-        slope, off = _line(friction, residual, weight)
-        for _ in range(3):
-            noise = max(1.4826 * float(np.median(np.abs(off))), MIN_NOISE)
-            weight = duration * np.minimum(1.0, HUBER * noise / np.maximum(np.abs(off), 1e-9))
+        slope, off, noise = 0.0, residual, np.inf
+        for _ in range(4):
+            near = np.minimum(1.0, HUBER * noise / np.maximum(np.abs(off), 1e-9))
+            weight = duration * near
             slope, off = _line(friction, residual, weight)
+            noise = max(1.4826 * float(np.median(np.abs(off))), MIN_NOISE)
         spread = float(weight @ (friction - weight @ friction / weight.sum()) ** 2)
         variance = noise**2 * float(np.mean(duration)) / max(spread, 1e-9)
         if not variance < MAX_STD**2:

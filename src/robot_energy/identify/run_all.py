@@ -25,6 +25,7 @@ from robot_energy.errors import (
 from robot_energy.identify.cabinet.dc_link import Voltages
 from robot_energy.identify.cabinet.meter_delay import meter_delay_of
 from robot_energy.identify.data.bags import Bag, BagFacts, powers_of
+from robot_energy.identify.drives.all_drives import DrivesFound
 from robot_energy.identify.provenance import identified_from
 from robot_energy.identify.stats.lag import Delay
 from robot_energy.identify.steps import (
@@ -34,8 +35,8 @@ from robot_energy.identify.steps import (
     Subject,
     capacitor_step,
     friction_step,
-    in_turns,
 )
+from robot_energy.identify.turns import in_turns
 from robot_energy.model import RobotModel
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.effort import Effort
@@ -129,7 +130,9 @@ def identify_everything(
         else:
             try:
                 if subject == "capacitor":
-                    step = capacitor_step(bags, now, source, voltages)
+                    found = [part.found for part in steps if part.taken]
+                    drives = next((one for one in found if isinstance(one, DrivesFound)), None)
+                    step = capacitor_step(bags, now, source, voltages, drives)
                 elif subject == "friction":
                     step = friction_step(bags, now, source, share_shape)
                 else:

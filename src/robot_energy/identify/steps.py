@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 
 from robot_energy.blocks import EffortMeaning
-from robot_energy.errors import ImplausibleIdentificationError, NotIdentifiableError
+from robot_energy.errors import NotIdentifiableError
 from robot_energy.identify.cabinet.cabinet import (
     CabinetFit,
     beside_drives,
@@ -42,13 +42,10 @@ from robot_energy.identify.plausibility import (
 from robot_energy.identify.stats.cross_validation import GAIN
 from robot_energy.model import RobotModel
 from robot_energy.model.friction_laws import FRICTION_LAWS
-from robot_energy.model.schema import Cabinet
 from robot_energy.physics.friction import viscous_law
 
 Subject = Literal["dynamics", "friction", "cabinet", "drives", "capacitor"]
 SUBJECTS: tuple[Subject, ...] = ("dynamics", "friction", "cabinet", "drives", "capacitor")
-MAX_TURNS = 4  # of cabinet and drives, each with what the other found
-MAX_MOVE, MIN_MOVE = 0.2, 0.1  # of a deviation, W: a constant that moves by less has settled
 MAX_MOTION_TIME = 240.0  # s of motion for the dynamics: more tells little, and memory grows with it
 
 
@@ -256,10 +253,21 @@ def _cabinet(bags: Sequence[Bag], model: RobotModel, source: str) -> Step:
     beside = None
     if any(power is not None for power in powers):
         beside = beside_drives(drive_data(recordings, powers, measured_torque=False), model)
-    return _cabinet_step(model, fit_cabinet(recordings, beside), source)
+    return cabinet_step(model, fit_cabinet(recordings, beside), source)
 
 
-def _cabinet_step(model: RobotModel, fit: CabinetFit, source: str) -> Step:
+def cabinet_step(model: RobotModel, fit: CabinetFit, source: str) -> Step:
+    """Return a model with the constants that a meter shows.
+
+    Args:
+        model: As the steps before left it.
+        fit: The constants.
+        source: Where the data come from.
+
+    Raises:
+        NotIdentifiableError: If the meter shows neither of them.
+        ImplausibleIdentificationError: If they contradict physics.
+    """
     check_cabinet(fit)
     if fit.loss_grid is None and fit.loss_dc is None:
         raise NotIdentifiableError(
@@ -270,8 +278,20 @@ def _cabinet_step(model: RobotModel, fit: CabinetFit, source: str) -> Step:
     return Step("cabinet", fit, "", with_cabinet(model, fit, source))
 
 
-def _drives(bags: Sequence[Bag], model: RobotModel, source: str) -> Step:
-    """Each drive by measured torque; one meter for all by that of the model, which is what runs."""
+def drives_step(bags: Sequence[Bag], model: RobotModel, source: str) -> Step:
+    """Return the losses of the drives.
+
+    Each drive by measured torque; one meter for all by that of the model, which is what runs.
+
+    Args:
+        bags: Of the fit.
+        model: As the steps before left it.
+        source: Where the data come from.
+
+    Raises:
+        NotIdentifiableError: If there is neither power of drives nor a meter.
+        ImplausibleIdentificationError: If what was found contradicts physics.
+    """
     recordings, powers = powers_of(bags, model)
     measured = any(power is not None for power in powers) and all(
         bag.effort in (EffortMeaning.MOTOR_TORQUE, EffortMeaning.MOTOR_CURRENT)
@@ -294,53 +314,6 @@ def _drives(bags: Sequence[Bag], model: RobotModel, source: str) -> Step:
     return Step("drives", found, "", written, tuple(notes))
 
 
-def in_turns(
-    cabinet: Step, drives: Step, bags: Sequence[Bag], model: RobotModel, source: str
-) -> tuple[Step, Step]:
-    """Return cabinet and drives behind one meter, each found with the other, until they agree.
-
-    What the drives take at rest and while braking decides which readings show the constants,
-    and the constants which readings show the drives.
-
-    Args:
-        cabinet: Found with the drives of ``model``.
-        drives: Found with that cabinet.
-        bags: Of the fit.
-        model: As the steps before left it.
-        source: Where the data come from.
-
-    Returns:
-        Both, as they were found last; the last one's model has both.
-    """
-    times = 1
-    while times <= MAX_TURNS:
-        times += 1
-        before = drives.model.cabinet
-        try:
-            fit = fit_cabinet(read_all(bags, drives.model))
-            again = _cabinet_step(model, fit, source)
-            new = _drives(bags, again.model, source)
-        except (NotIdentifiableError, ImplausibleIdentificationError) as error:
-            note = f"cabinet and drives were not found again, each with the other: {error}"
-            return cabinet, replace(drives, notes=(*drives.notes, note))
-        if not new.taken:
-            return cabinet, drives
-        cabinet, drives = again, new
-        if _agree(before, drives.model.cabinet):
-            break
-    note = f"cabinet and drives were found {times} times, each with the other"
-    return cabinet, replace(drives, notes=(*drives.notes, note))
-
-
-def _agree(before: Cabinet, after: Cabinet) -> bool:
-    """Whether both constants moved by little, compared with their deviations."""
-    pairs = ((before.loss_grid, after.loss_grid), (before.loss_dc, after.loss_dc))
-    return all(
-        abs(new.value - old.value) <= max(MAX_MOVE * (new.std or 0.0), MIN_MOVE)
-        for old, new in pairs
-    )
-
-
 def _not_better(total: TotalFound) -> str:
     """Why losses from one meter are not taken; empty if they are better than the model's own."""
     given, new = total.scores.get("given"), total.scores.get("identified")
@@ -358,7 +331,11 @@ def _not_better(total: TotalFound) -> str:
 
 
 def capacitor_step(
-    bags: Sequence[Bag], model: RobotModel, source: str, voltages: Voltages | None = None
+    bags: Sequence[Bag],
+    model: RobotModel,
+    source: str,
+    voltages: Voltages | None = None,
+    drives: DrivesFound | None = None,
 ) -> Step:
     """Return what was found of the DC link's energy, after all that decides when it fills.
 
@@ -367,8 +344,9 @@ def capacitor_step(
         model: As the steps before left it.
         source: Where the data come from.
         voltages: Of the link, rectified and of the chopper; None if they are not known. [V]
+        drives: Found in the same recordings; None if they are given.
     """
-    fit = fit_link(read_all(bags, model))
+    fit = fit_link(read_all(bags, model), drives=drives)
     if fit.reason:
         return Step("capacitor", fit, fit.reason, model)
     written, note = with_link(model, fit, source, voltages)
@@ -379,6 +357,6 @@ STEPS: dict[Subject, Callable[[Sequence[Bag], RobotModel, str], Step]] = {
     "dynamics": _dynamics,
     "friction": friction_step,
     "cabinet": _cabinet,
-    "drives": _drives,
+    "drives": drives_step,
     "capacitor": capacitor_step,
 }

@@ -11,6 +11,7 @@ from robot_energy.report.formats import (
     energy_text,
     fixed,
     percent,
+    plus_minus,
     signed_percent,
     significant,
     tags_text,
@@ -163,6 +164,7 @@ def _meter(metered: Sequence[RecordingScore], report: EvaluationReport, page: Do
                 for name, label in labels.items()
                 if name != ZERO
             ),
+            Column("90 % band", "band_relative", plus_minus),
         ],
         metered,
         "mean size" if len(metered) > 1 else "",
@@ -176,6 +178,7 @@ def _meter(metered: Sequence[RecordingScore], report: EvaluationReport, page: Do
                 Column(label, lambda one, name=name: _power(one, name), watt)
                 for name, label in labels.items()
             ),
+            Column("readings\nin the band", "band_inside", percent),
         ],
         metered,
     )

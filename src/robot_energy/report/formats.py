@@ -119,6 +119,15 @@ def aligned(values: Iterable[float | None], digits: int) -> Callable[[float | No
     return fixed(max(0, digits - 1 - lead))
 
 
+def plus_minus(share: float | None) -> str:
+    """Return the half width of a band in per cent.
+
+    Args:
+        share: Half width over the value; None where it is not known. [-]
+    """
+    return NOTHING if share is None else f"+- {percent(share)}"
+
+
 def number(value: float, digits: int) -> str:
     """Return a number with fixed digits; never ``-0``.
 

@@ -81,11 +81,13 @@ def tiles(reports: Sequence[ReplayReport], settings: PageSettings) -> Tiles:
     net, observed = sum(one.energy.net for one in reports), observed_time(reports)
     scale = scale_of([one.energy for one in reports])
     error, compared = error_of(reports)
+    half = reports[0].uncertainty.half_relative if len(reports) == 1 else None
+    sure = "" if half is None else f"; 90 % band +- {percent(half)}"
     found = [
         (
             "Energy from the grid",
             scale.watt_hour(net),
-            f"predicted, {counted(len(reports), 'recording')} of {duration(observed)} in all",
+            f"predicted, {counted(len(reports), 'recording')} of {duration(observed)} in all{sure}",
         ),
         ("Mean power", f"{net / observed:.0f} W" if observed else "-", "predicted"),
         (

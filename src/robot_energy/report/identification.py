@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from robot_energy.identify.cabinet.cabinet import CabinetFit, Level
@@ -61,6 +63,8 @@ def friction_tables(report: FrictionReport, page: Document) -> None:
         ],
         report.axes,
     )
+    coulomb = {fit.name: fit.parts["coulomb"] for fit in report.axes if "coulomb" in fit.parts}
+    deviations_table(f"{unit}, Coulomb", coulomb, page)
     page.rows(
         f"RMS torque error on temperatures that the fit has not seen [{unit}]",
         [
@@ -174,8 +178,32 @@ def losses_section(fit: CabinetFit, page: Document) -> None:
             ("DC", loss(fit.loss_dc, fit.loss_dc_std)),
         ],
     )
+    deviations_table("W", fit.parts, page)
     page.notes(fit.notes)
-    page.paragraph("the error class of the meter is not in these deviations")
+
+
+def deviations_table(unit: str, parts: Mapping[str, Mapping[str, float]], page: Document) -> None:
+    """Add what standard deviations are made of.
+
+    Args:
+        unit: Of the figures.
+        parts: By figure and cause.
+        page: Where to.
+    """
+    causes = list(dict.fromkeys(cause for own in parts.values() for cause in own))
+    if not causes:
+        return
+    page.table(
+        f"Standard deviations by cause [{unit}]",
+        ("figure", *causes),
+        [
+            (
+                name.replace("_", " "),
+                *(f"{own[cause]:.2g}" if cause in own else "-" for cause in causes),
+            )
+            for name, own in parts.items()
+        ],
+    )
 
 
 def link_section(fit: LinkFit, page: Document) -> None:
@@ -191,6 +219,7 @@ def link_section(fit: LinkFit, page: Document) -> None:
         f"{fit.interval[1]:.0f} J; full {fit.events} times, empty again "
         f"{fit.emptying:.2g} s after it begins to fill (median)"
     )
+    deviations_table("J", {"energy": fit.parts}, page)
     page.rows(
         f"Power at the grid, {fit.readings} readings of {fit.spacing:.2g} s; "
         f"{HELD_OUT[fit.held_out]} held out, drives and constants as fitted to all",

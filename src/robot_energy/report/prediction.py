@@ -16,7 +16,14 @@ from robot_energy.report.energy import (
     scale_of,
     uncertainty_table,
 )
-from robot_energy.report.formats import NOTHING, energy_text, fixed, percent, significant, tags_text
+from robot_energy.report.formats import (
+    energy_text,
+    fixed,
+    percent,
+    plus_minus,
+    significant,
+    tags_text,
+)
 from robot_energy.report.prediction_figure import energy_bars, power_curves
 from robot_energy.results.prediction import PredictionReport, PredictionsReport
 
@@ -97,7 +104,7 @@ def _side_by_side(page: Document, runs: Sequence[PredictionReport], names: Seque
             energy("constant\nlosses", "loss_dc", "loss_grid"),
             energy("brake,\ncapacitor", "brake", "capacitor"),
             energy("grid", "net"),
-            Column("90 %\nband", lambda run: run.uncertainty.half_relative, _plus_minus),
+            Column("90 %\nband", lambda run: run.uncertainty.half_relative, plus_minus),
         ],
         runs,
     )
@@ -117,10 +124,6 @@ def _side_by_side(page: Document, runs: Sequence[PredictionReport], names: Seque
             )
         )
     page.rows("Time, and power from the grid", columns, runs)
-
-
-def _plus_minus(share: float | None) -> str:
-    return NOTHING if share is None else f"+- {percent(share)}"
 
 
 def _run(page: Document, run: PredictionReport) -> None:

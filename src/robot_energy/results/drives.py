@@ -66,6 +66,7 @@ class TotalPower(Result):
         ways: Predictions of held-out readings, by way.
         meter_delay: Of the meter behind the joint states; None where it cannot be told.
         notes: What the readings do not tell, one sentence each.
+        parts: Of the standard deviations, by column of the fit and cause.
     """
 
     location: MeterLocation
@@ -81,6 +82,7 @@ class TotalPower(Result):
     ways: dict[str, EnergyScore]
     meter_delay: Delay | None
     notes: tuple[str, ...]
+    parts: dict[str, dict[str, float]]
 
 
 @dataclass(frozen=True)
@@ -140,6 +142,7 @@ def total_power(found: TotalFound) -> TotalPower:
         ways=found.scores,
         meter_delay=found.delay,
         notes=tuple(_not_told(fit)),
+        parts=fit.losses.parts,
     )
 
 

@@ -24,6 +24,7 @@ class BaseParameter(Result):
         interval_95: Half width of the 95 % interval.
         weakly_excited: Whether the interval is wider than the value.
         told_less_than_urdf: Whether the recording tells less of it than the URDF.
+        parts: Of the standard deviation, by cause.
     """
 
     name: str
@@ -33,6 +34,7 @@ class BaseParameter(Result):
     interval_95: Number
     weakly_excited: bool
     told_less_than_urdf: bool
+    parts: dict[str, float]
 
 
 @dataclass(frozen=True)
@@ -87,6 +89,7 @@ def dynamics_report(
                 float(half[group]),
                 bool(abs(values[group]) < half[group]),
                 name in result.poorly_known,
+                result.fit.parts_of(group),
             )
             for group, name in enumerate(result.base.labels)
         ),

@@ -92,6 +92,8 @@ class RecordingScore(Result):
         meter_location: ``grid`` or ``dc_bus``; None without a meter.
         compared_time: Time that prediction and meter cover. [s]
         measured_energy: At the meter, over that time. [J]
+        band_relative: Half width of the 90 % band of the predicted energy, over the energy. [-]
+        band_inside: Share of the readings of the meter within the band of power. [-]
         scores: Of the model, of fixed friction if that differs, and of zero.
         problems: What makes the figures doubtful, one sentence each.
         notes: What a reader should know, one sentence each.
@@ -108,6 +110,8 @@ class RecordingScore(Result):
     meter_location: str | None
     compared_time: float
     measured_energy: Number
+    band_relative: Number
+    band_inside: Number
     scores: tuple[ModelScore, ...]
     problems: tuple[str, ...]
     notes: tuple[str, ...]

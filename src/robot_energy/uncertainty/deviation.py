@@ -195,7 +195,7 @@ def _in_order(table: Float) -> Float:
 
 
 def _loss_model(entries: list[LossDrive]) -> DriveDeviation:
-    """Deviations of ``c0 + c1 |w| + c2 w^2 + copper tau^2``, each figure alone, root sum square."""
+    """Deviation of ``c0 + c1 |w| + c2 w^2 + copper tau^2``, windings at 20 degC."""
     names = ("constant", "linear", "quadratic", "copper")
     constant, linear, quadratic, copper = (
         np.asarray([figure_std(getattr(entry, name), name) for entry in entries]) for name in names

@@ -10,9 +10,8 @@ inside one whole phase count.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +24,7 @@ from robot_energy.identify.data.rest import rest_of, still_joints, window
 from robot_energy.identify.drives.drive_data import DriveData
 from robot_energy.identify.drives.total_sums import sums
 from robot_energy.identify.stats.regression import SCATTER, student
-from robot_energy.identify.stats.systematic import DRIVE_POWER, METER, total
+from robot_energy.identify.stats.systematic import DRIVE_POWER, METER, SMALL, total
 from robot_energy.model import RobotModel
 from robot_energy.model.figure import PositiveFigure
 from robot_energy.timeline.pieces import CoveredPieces
@@ -59,7 +58,7 @@ class Level:
     readings: int
     events: int
     spread: float
-    moves: Mapping[str, float] = field(default_factory=dict[str, float])
+    moves: dict[str, float] = field(default_factory=dict[str, float])
 
     @property
     def parts(self) -> dict[str, float]:
@@ -104,7 +103,7 @@ class CabinetFit:
     loss_dc: float | None
     loss_dc_std: float | None
     notes: tuple[str, ...]
-    parts: Mapping[str, Mapping[str, float]] = field(default_factory=dict[str, Any])
+    parts: dict[str, dict[str, float]] = field(default_factory=dict[str, dict[str, float]])
 
 
 @dataclass(frozen=True)
@@ -208,9 +207,12 @@ def beside_drives(data: DriveData, model: RobotModel) -> Beside | None:
             "cabinet.capacitor cannot tell"
         )
     sensors, drawn = data.sensors.std, np.nan_to_num(np.nanmean(data.drive_power, axis=0))
+    # of independent gains: the norm of what the drives draw instead of the sum
+    apart = float(np.linalg.norm(drawn)) / max(abs(float(drawn.sum())), SMALL)
+    other = rest - sensors.drive_power * apart * pieces.drives
     moves = {
-        METER: sensors.meter * float(pieces.measured.mean()),
-        DRIVE_POWER: sensors.drive_power * float(np.linalg.norm(drawn)),
+        METER: float(np.median(rest + sensors.meter * pieces.measured)) - power,
+        DRIVE_POWER: float(np.median(other)) - power,
     }
     return Beside(Level(power, std, len(pieces), len(blocks), spread, moves), tuple(notes))
 

@@ -10,13 +10,14 @@ cannot stand in for each other. The constant itself is not changed.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from robot_energy.blocks import Float, Int, MeterLocation
 from robot_energy.errors import NotIdentifiableError
+from robot_energy.identify.cabinet.link_errors import by_cause, drive_errors, energy_changes
 from robot_energy.identify.cabinet.link_readings import (
     MIN_FLOW,
     LinkReadings,
@@ -26,12 +27,12 @@ from robot_energy.identify.cabinet.link_readings import (
     fed_at_once,
     readings_of,
     squared_error,
-    torque_changes,
     tried,
     use_of,
     with_energy,
 )
 from robot_energy.identify.data.recordings import Recording, with_meter
+from robot_energy.identify.drives.all_drives import DrivesFound
 from robot_energy.identify.stats.cross_validation import (
     EnergyScore,
     Kind,
@@ -40,7 +41,7 @@ from robot_energy.identify.stats.cross_validation import (
     recordings_or_blocks,
 )
 from robot_energy.identify.stats.regression import SCATTER, student
-from robot_energy.identify.stats.systematic import METER, TORQUE, total
+from robot_energy.identify.stats.systematic import total
 from robot_energy.model import RobotModel
 from robot_energy.model.figure import PositiveFigure
 from robot_energy.model.schema import Cabinet, Capacitor
@@ -94,7 +95,7 @@ class LinkFit:
     identified: EnergyScore
     tried: Float
     tried_rms: Float
-    parts: Mapping[str, float] = field(default_factory=dict[str, float])
+    parts: dict[str, float] = field(default_factory=dict[str, float])
 
     @property
     def reason(self) -> str:
@@ -110,12 +111,17 @@ class LinkFit:
         )
 
 
-def fit_link(recordings: Sequence[Recording], cabinet: Cabinet | None = None) -> LinkFit:
+def fit_link(
+    recordings: Sequence[Recording],
+    cabinet: Cabinet | None = None,
+    drives: DrivesFound | None = None,
+) -> LinkFit:
     """Identify the energy.
 
     Args:
         recordings: Run with one model, whose drives should be known already.
         cabinet: To begin with; None for that of the model.
+        drives: Found in these recordings, for the deviation; None if they are given.
 
     Returns:
         The energy with its interval and what it is worth on held-out readings.
@@ -148,12 +154,10 @@ def fit_link(recordings: Sequence[Recording], cabinet: Cabinet | None = None) ->
     energy, shift = best_energy(energies, squares.sum(axis=0))
     scatter, shift_std = _deviations(energies, squares)
     best = with_energy(cabinet, base, energy)
-    torque = energy_moves(metered, best, energies, data, torque_changes(metered))
-    parts = {
-        SCATTER: scatter,
-        METER: metered[0].sensors.std.meter * energy,
-        TORQUE: float(np.linalg.norm(torque)),
-    }
+    errors = drive_errors(drives, len(recordings[0].model.joints))
+    changes = [energy_changes(metered, error) for error in errors]
+    moves = energy_moves(metered, best, energies, data, changes)
+    parts = {SCATTER: scatter, **by_cause(errors, moves)}
     std = total(parts)
     half = QUANTILE * std
     spacing = float(np.median(data.duration))

@@ -12,7 +12,6 @@ from robot_energy.blocks import NANOSECOND, Float, Int
 from robot_energy.identify.data.recordings import Recording
 from robot_energy.identify.drives.drive_data import block_length, held_energy
 from robot_energy.identify.drives.total_sums import joined, piece_means
-from robot_energy.identify.friction.samples import bodies_identified
 from robot_energy.identify.stats.lag import minimum
 from robot_energy.model.figure import PositiveFigure
 from robot_energy.model.schema import Cabinet, Capacitor
@@ -211,19 +210,21 @@ def energy_moves(
     cabinet: Cabinet,
     energies: Float,
     data: LinkReadings,
-    changes: Sequence[Sequence[Float]],
+    changes: Sequence[tuple[Sequence[Float], float]],
 ) -> Float:
-    """Return by how much the best energy moves if the power of the drives is off.
+    """Return by how much the best energy moves if the power of the drives or the meter is off.
 
-    Gauss-Newton about the best cabinet, its constant free: ``(dE, dc) = -(D' D)^-1 D' dp``
-    with D the slopes of the readings and dp what the change makes of them.
+    Gauss-Newton about the best cabinet, its constant free: ``(dE, dc) = (D' D)^-1 D' (dm - dp)``
+    with D the slopes of the readings, dm the change of the readings and dp what the change of
+    the drives makes of their prediction.
 
     Args:
         metered: Recordings with a meter.
         cabinet: The best one.
         energies: Tried, rising, shape (K,). [J]
         data: Readings with each of them.
-        changes: Of the power of the drives, for each error by recording, shape (N,) each. [W]
+        changes: For each error, of the power of the drives by recording, shape (N,) each [W],
+            and of the gain of the meter [-].
 
     Returns:
         One for each error. [J]
@@ -236,29 +237,11 @@ def energy_moves(
     columns = np.stack([slope, data.slope[:, place]], axis=1) * root[:, None]
     own = readings_of(metered, [cabinet]).predicted[:, 0]
     moves: list[float] = []
-    for change in changes:
+    for change, gain in changes:
         shown = readings_of(metered, [cabinet], change).predicted[:, 0] - own
-        moves.append(-float(np.linalg.lstsq(columns, root * shown, rcond=None)[0][0]))
+        rest = gain * data.measured - shown
+        moves.append(float(np.linalg.lstsq(columns, root * rest, rcond=None)[0][0]))
     return np.asarray(moves)
-
-
-def torque_changes(metered: Sequence[Recording]) -> list[list[Float]]:
-    """Return what one standard deviation of each torque constant makes of the drives' power.
-
-    Args:
-        metered: Recordings with a meter, run with one model.
-
-    Returns:
-        For each joint by recording, shape (N,) each. [W]
-    """
-    std = metered[0].sensors.std.torque
-    shares: list[Float] = []
-    for part in metered:
-        share = part.power.friction_power
-        if bodies_identified(part.model):
-            share = share + part.power.rigid_power
-        shares.append(std * np.nan_to_num(share))
-    return [[share[:, joint] for share in shares] for joint in range(shares[0].shape[1])]
 
 
 def braking_time(metered: Sequence[Recording], loss_dc: float) -> float:

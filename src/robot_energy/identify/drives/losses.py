@@ -48,6 +48,7 @@ class Losses:
         rms: What remains, in sample. [W]
         confidence: Half widths of the 95 % intervals, by name.
         parts: Of the standard deviations, by name and cause.
+        fit: The regression behind it.
     """
 
     values: dict[str, float]
@@ -58,6 +59,7 @@ class Losses:
     rms: float
     confidence: dict[str, float]
     parts: dict[str, dict[str, float]] = field(default_factory=dict[str, dict[str, float]])
+    fit: Fit | None = field(default=None, repr=False, compare=False)
 
     def figure(self, name: str, source: str, scale: float = 1.0) -> PositiveFigure:
         """Return one coefficient for a model file.
@@ -193,8 +195,6 @@ def _losses(
         len(fit.residual),
         float(np.sqrt(np.mean(fit.residual**2))),
         confidence,
-        {
-            names[k]: {cause: float(part[place]) for cause, part in fit.parts.items()}
-            for place, k in enumerate(used)
-        },
+        {names[k]: fit.parts_of(place) for place, k in enumerate(used)},
+        fit,
     )

@@ -9,7 +9,7 @@ the simplest structure that no other beats on blocks it has not seen is taken.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -61,6 +61,7 @@ class TotalFit:
         coefficients: Copper, linear and quadratic coefficient of every joint, shape (3, n).
         deviations: Standard deviations of them; NaN where not told, shape (3, n).
         errors: RMS on blocks not seen, of every structure that was tried. [W]
+        spread: Coefficients per parameter of the regression, shape (3, n, P).
     """
 
     structure: Structure
@@ -70,6 +71,7 @@ class TotalFit:
     coefficients: Float
     deviations: Float
     errors: dict[Structure, float]
+    spread: Float = field(default_factory=lambda: np.zeros((3, 0, 0)), repr=False)
 
 
 @one_thread
@@ -152,6 +154,7 @@ def fit_structure(
         lambda values: _changes(data, spread(values), structure),
     )
     coefficients, deviations = spread(losses.values), spread(losses.std)
+    none, known = dict.fromkeys(names, 0.0), () if losses.fit is None else losses.fit.names
     return TotalFit(
         structure,
         losses.values["constant"],
@@ -160,6 +163,7 @@ def fit_structure(
         coefficients,
         deviations,
         dict(errors or {}),
+        np.stack([spread({**none, name: 1.0}) for name in known], axis=-1),
     )
 
 

@@ -10,7 +10,7 @@ compete on temperatures they have not seen.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -79,6 +79,7 @@ class FrictionFit:
         viscous_std: [N m s/rad]
         speed: Root mean square of the motor velocity. [rad/s]
         torque: Root mean square of the friction torque. [N m]
+        parts: Of the deviations of ``coulomb`` and ``viscous``, by cause. [of the figure]
     """
 
     name: str
@@ -96,6 +97,7 @@ class FrictionFit:
     viscous_std: float
     speed: float
     torque: float
+    parts: dict[str, dict[str, float]] = field(default_factory=dict[str, dict[str, float]])
 
     @property
     def law(self) -> LawEntry:
@@ -177,6 +179,7 @@ def fit_friction(data: FrictionData, source: str = "") -> FrictionFit:
         viscous_std=float(fits["constant"].std[1]),
         speed=_rms(moving.motor_velocity),
         torque=_rms(moving.friction_torque),
+        parts={"coulomb": regression.parts_of(0), "viscous": fits["constant"].parts_of(1)},
     )
 
 

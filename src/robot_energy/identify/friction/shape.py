@@ -244,6 +244,7 @@ def _borrowed(
         fit,
         coulomb=float(found.values[0]),
         coulomb_std=float(found.std[0]),
+        parts={**fit.parts, "coulomb": found.parts_of(0)},
         laws={**fit.laws, "exponential": law},
         errors={**fit.errors, "exponential": error},
         chosen="exponential",

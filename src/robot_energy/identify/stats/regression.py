@@ -47,6 +47,8 @@ class Fit:
         weight: On each row in the fit, 0 where unused, same shape. [1/unit of the target]
         parts: Deviations of the parameters by cause, shape (P,) each; their squares add up to
             the diagonal of the covariance.
+        moves: Of the parameters by one deviation of each constant error, by cause, shape
+            (P, errors) each.
     """
 
     names: tuple[str, ...]
@@ -57,6 +59,20 @@ class Fit:
     residual: Float
     weight: Float
     parts: Mapping[str, Float] = field(default_factory=dict[str, Float])
+    moves: Mapping[str, Float] = field(default_factory=dict[str, Float])
+
+    def errors(self) -> dict[str, Float]:
+        """Return independent errors of the parameters by cause, those of the scatter too.
+
+        Returns:
+            Moves by one deviation of each, shape (P, errors) each; their products sum to the
+            covariance.
+        """
+        rest = self.covariance - sum(
+            (moves @ moves.T for moves in self.moves.values()), np.zeros_like(self.covariance)
+        )
+        size, direction = np.linalg.eigh(0.5 * (rest + rest.T))
+        return {SCATTER: direction * np.sqrt(np.maximum(size, 0.0)), **self.moves}
 
     @property
     def std(self) -> Float:
@@ -69,6 +85,14 @@ class Fit:
         used = self.weight > 0.0
         squares = (np.where(used, self.residual, 0.0) ** 2).sum(axis=0)
         return np.sqrt(squares / np.maximum(used.sum(axis=0), 1))
+
+    def parts_of(self, place: int) -> dict[str, float]:
+        """Return the deviations of one parameter by cause.
+
+        Args:
+            place: Of the parameter.
+        """
+        return {cause: float(part[place]) for cause, part in self.parts.items()}
 
     def interval(self, confidence: float = 0.95) -> Float:
         """Return half widths of the confidence intervals, shape (P,).

@@ -16,9 +16,11 @@ import numpy as np
 
 from robot_energy.blocks import Float
 from robot_energy.errors import ModelFileError
-from robot_energy.identify.stats.regression import Fit
+from robot_energy.identify.stats.regression import CONFIDENCE, Fit
 
 ROOT3 = sqrt(3.0)
+QUANTILE = 1.959964  # of a normal distribution: half a 95 % interval
+SMALL = 1e-3  # of the greatest part: less does not count
 METER, TORQUE, THERMOMETER, BODIES, DRIVE_POWER = (
     "meter", "torque", "thermometer", "bodies", "drive power"
 )  # fmt: skip
@@ -72,22 +74,41 @@ def with_systematic(fit: Fit, columns: Float, changes: Changes) -> Fit:
     size = columns.shape[-1]
     weighted = (columns * (fit.weight**2)[..., None]).reshape(-1, size)
     normal = weighted.T @ columns.reshape(-1, size)
-    covariance, parts = fit.covariance.copy(), dict(fit.parts)
+    covariance, parts, moves = fit.covariance.copy(), dict(fit.parts), dict(fit.moves)
     for cause, own in changes.items():
         right = np.stack([weighted.T @ change.ravel() for change in own], axis=1)
         moved = np.linalg.lstsq(normal, right, rcond=None)[0]
         covariance = covariance + moved @ moved.T
         parts[cause] = np.hypot(parts.get(cause, 0.0), np.linalg.norm(moved, axis=1))
-    return replace(fit, covariance=covariance, parts=parts)
+        moves[cause] = moved if cause not in moves else np.hstack([moves[cause], moved])
+    return replace(fit, covariance=covariance, parts=parts, moves=moves)
 
 
 def total(parts: Mapping[str, float]) -> float:
     """Return the deviation that independent parts make together.
 
+    The gain of a meter is uniform within its class, and where it is the greatest part, 1.96 of
+    its deviations would hold the truth always. So the 95 % interval is that of the sum of a normal
+    and a uniform error, and the deviation is the one whose 1.96 make this interval.
+
     Args:
         parts: Deviations by cause. [any unit]
     """
-    return float(np.linalg.norm(list(parts.values())))
+    from scipy.optimize import brentq
+    from scipy.stats import norm
+
+    reach = ROOT3 * parts.get(METER, 0.0)
+    rest = float(np.linalg.norm([part for cause, part in parts.items() if cause != METER]))
+    if not (np.isfinite(rest) and rest > SMALL * reach > 0.0):
+        return rest if rest > SMALL * reach else CONFIDENCE * reach / QUANTILE
+
+    def beyond(half: float) -> float:
+        """Share above ``half``, less what is wanted: the mean of the normal distribution."""
+        low, high = (half - reach) / rest, (half + reach) / rest
+        below = [u * norm.cdf(u) + norm.pdf(u) for u in (low, high)]
+        return (below[1] - below[0]) * rest / (2.0 * reach) - (0.5 + 0.5 * CONFIDENCE)
+
+    return float(brentq(beyond, 0.0, reach + 10.0 * rest)) / QUANTILE
 
 
 def moved_by(fit: Fit, cause: str, moves: Float) -> Fit:
@@ -99,8 +120,12 @@ def moved_by(fit: Fit, cause: str, moves: Float) -> Fit:
         moves: Of the figures by one standard deviation of it, shape (P,). [of the figures]
     """
     part = np.hypot(fit.parts.get(cause, 0.0), np.abs(moves))
+    own = moves[:, None]
+    if cause in fit.moves:
+        own = np.hstack([fit.moves[cause], own])
     return replace(
         fit,
         covariance=fit.covariance + np.outer(moves, moves),
         parts={**fit.parts, cause: part},
+        moves={**fit.moves, cause: own},
     )

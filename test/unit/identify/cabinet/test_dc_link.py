@@ -82,6 +82,9 @@ def solved_by_hand(energy, braking, rests, interval=0.1):
         bus_power=power,
         rigid_power=np.stack([power, 0.0 * power], axis=1),
         friction_power=np.zeros((len(time), 2)),
+        motor_velocity=np.zeros((len(time), 2)),
+        motor_torque=np.zeros((len(time), 2)),
+        motor_temperature_degc=np.full((len(time), 2), np.nan),
     )
     return Recording(Path("hand"), model_of(), None, samples, meter, "", ())  # pyright: ignore
 

@@ -198,3 +198,25 @@ def test_a_law_that_cannot_be_fitted_leaves_the_other_rows():
     assert found.gain is None
     plain = found.to_dict()["study"]["rows"][0]
     assert plain["viscous"]["viscous"]["value"] == pytest.approx(3.2e-3, rel=0.1)
+
+
+def test_a_thermometer_that_is_off_moves_the_law_along_its_slope():
+    """The law at the true temperature is off by its slope times the offset."""
+    data = replace(measurement(noise=1e-4), thermometer=2.0)
+    fit = fit_friction(data)
+    law = viscous_law(fit.law)
+    for degc in (25.0, 45.0, 65.0):
+        slope = B / C * np.exp(-degc / C)
+        assert float(law.std(degc)) == pytest.approx(2.0 * slope, rel=0.02)
+    assert fit.coulomb_std < 1e-4
+
+
+def test_a_torque_constant_that_is_off_moves_all_friction_by_its_share():
+    data = measurement(noise=1e-4)
+    fit = fit_friction(replace(data, changes={"torque": 0.03 * data.friction_torque}))
+    assert fit.coulomb_std == pytest.approx(0.03 * COULOMB, rel=0.01)
+    assert fit.parts["coulomb"]["torque"] == pytest.approx(0.03 * COULOMB, rel=0.01)
+    law = viscous_law(fit.law)
+    for degc in (25.0, 65.0):
+        assert float(law.std(degc)) == pytest.approx(0.03 * float(law.viscous(degc)), rel=0.02)
+    assert fit.law.std == pytest.approx(float(law.std(fit.law.fitted_degc[0])), rel=0.02)

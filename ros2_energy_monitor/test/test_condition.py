@@ -1,0 +1,113 @@
+"""Learned figures and wear on the topic, in /diagnostics, on disk; live equals replay."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
+from ros2_energy_msgs.msg import FrictionCondition, WearAlarm
+
+from robot_energy.condition.drift_test import Drift, FrictionChange
+from robot_energy.condition.learner import Learning
+from robot_energy.errors import ParameterError
+from robot_energy.pipeline import EnergyPipeline
+from robot_energy.rig import VirtualRig, load_profile
+from robot_energy_papers.learning_study import joint_block, work
+from ros2_energy_monitor.base.publishers import latched
+from ros2_energy_monitor.base.settings import settings_of
+from ros2_energy_monitor.nodes.energy_monitor import EnergyMonitor
+from ros2_energy_monitor.nodes.power_monitor import PowerMonitor
+
+EFFORT = {"joint_states.effort_meaning": "motor_torque"}
+SINCE_NS = 1_700_000_000 * 10**9
+
+
+@pytest.fixture
+def output():
+    """A minute of a rig at work."""
+    profile = load_profile("kr16")
+    return VirtualRig(profile, work(profile, 1), seed=1, rate_hz=50.0).step(6000)
+
+
+def fed(node, output) -> None:
+    """Feed the node's pipeline tick by tick."""
+    joints = joint_block(output.joints)
+    for start, stop in pairwise(range(0, len(joints) + 1, 20)):
+        part = joints[slice(start, stop)]
+        first, last = part.stamp_ns[0] - 10**9 // 50, part.stamp_ns[-1]
+        rest = [
+            block[(block.stamp_ns > first) & (block.stamp_ns <= last)]
+            for block in (output.temperatures, output.meter)
+        ]
+        node._pipeline.step(part, *(block if len(block) else None for block in rest))
+        node._condition.tick()
+
+
+def topic(bench):
+    received: list[FrictionCondition] = []
+    bench.tester.create_subscription(
+        FrictionCondition, "energy/condition", received.append, latched(1)
+    )
+    return received
+
+
+def test_learned_figures_are_published_and_equal_those_of_a_replay(bench, output):
+    node = bench.add(EnergyMonitor, model="kr16", state_folder="", learning="apply", **EFFORT)
+    fed(node, output)
+    node._condition._publish()
+    received = topic(bench)
+    message = bench.spin_until(lambda: received and received[-1], "energy/condition")
+    assert message.learning == "apply"
+    assert message.in_use
+    assert [joint.name for joint in message.joints] == list(node.model.joint_names)
+    assert all(joint.valid and 0.7 < joint.multiplier < 1.5 for joint in message.joints)
+    assert len(message.joints[0].bucket_multiplier) == len(message.bucket_speed) * len(
+        message.bucket_temperature_degc
+    )
+    whole = EnergyPipeline(node.model, settings_of(node.parameters))
+    whole.step(joint_block(output.joints), output.temperatures, output.meter)
+    assert whole.power.condition.state() == node._pipeline.power.condition.state()
+
+
+def test_wear_warns_in_diagnostics_and_on_the_topic(bench):
+    node = bench.add(EnergyMonitor, model="kr16", state_folder="", **EFFORT)
+    test = node._pipeline.power.condition.wear.joints[1]
+    test.changes = [FrictionChange(SINCE_NS, 1.0, False, 0.14)]
+    test.drift = Drift(0.15, 0.01, SINCE_NS, 1.0, False)
+    node._condition._publish()
+    received = topic(bench)
+    message = bench.spin_until(lambda: received and received[-1], "energy/condition")
+    (alarm,) = message.alarms
+    assert (alarm.joint, alarm.kind, alarm.change) == ("joint_a2", WearAlarm.ROSE, 0.15)
+    assert alarm.since.sec == 1_700_000_000
+    found = node._condition.findings()
+    assert found.level == DiagnosticStatus.WARN
+    assert "friction of joint_a2 rose" in found.message
+    test.drift = Drift(-0.08, 0.01, SINCE_NS, 1.0, True)
+    found = node._condition.findings()
+    assert found.level == DiagnosticStatus.OK
+    assert "as after re-greasing" in found.message
+
+
+def test_what_was_learned_survives_the_node(bench, output, tmp_path):
+    folder = str(tmp_path)
+    node = bench.add(EnergyMonitor, model="kr16", state_folder=folder, **EFFORT)
+    fed(node, output)
+    kept = node._pipeline.power.condition.friction.filtered
+    bench.remove(node)
+    node = bench.add(EnergyMonitor, model="kr16", state_folder=folder, **EFFORT)
+    np.testing.assert_array_equal(node._pipeline.power.condition.friction.filtered, kept)
+
+
+@pytest.mark.parametrize("node_type", [EnergyMonitor, PowerMonitor])
+def test_learning_can_be_switched_off(bench, node_type):
+    node = bench.add(node_type, model="kr16", state_folder="", learning="off")
+    assert node._condition._publisher is None
+    assert node._condition.findings().values["learning"] == Learning.OFF
+
+
+def test_an_unknown_word_is_refused(bench):
+    with pytest.raises(ParameterError, match="one of off, observe, apply"):
+        bench.add(PowerMonitor, model="kr16", state_folder="", learning="always")

@@ -1,0 +1,40 @@
+"""Condition of a robot over many recordings in the order of time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Unpack
+
+from robot_energy.api.inputs import ModelName, model_of
+from robot_energy.api.replay import ReplayOptions, run_replay
+from robot_energy.errors import BagError
+from robot_energy.results.condition import ConditionReport, condition_report
+
+
+def condition_over(
+    bags: Sequence[str | Path], model: ModelName, **options: Unpack[ReplayOptions]
+) -> ConditionReport:
+    """Learn from recordings of one robot, each beginning with what the one before has taught.
+
+    Args:
+        bags: MCAP files or rosbag2 folders, oldest first.
+        model: A model, its file, or the name of a shipped one.
+        **options: What is read and how: see `ReplayOptions`.
+
+    Returns:
+        What was learned after the last recording.
+
+    Raises:
+        BagError: If there is none, or one cannot be read.
+        RobotEnergyError: If the model or an option cannot be used.
+    """
+    if not bags:
+        raise BagError("no recording was given", "one or more, oldest first")
+    used, learned = model_of(model), options.pop("learned", None)
+    learner = None
+    for bag in bags:
+        learner = run_replay(bag, used, learned=learned, **options).pipeline.power.condition
+        learned = learner.state()
+    assert learner is not None
+    return condition_report(learner, used)

@@ -1,0 +1,219 @@
+"""Do bands hold? Shares of measured powers and energies within the 90 % bands of predictions.
+
+Plants of the virtual rig, drawn at random and with effects that no model has a term for, are
+identified from three recordings, run for ten minutes with a meter, and then make runs that
+neither has seen: other motions, started cold, warm, hot, and colder and hotter than the
+recordings of the identification. Simulated throughout: nothing was measured on a robot.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from statistics import median
+
+import numpy as np
+
+from robot_energy.accounting.averaging import MeanBlock
+from robot_energy.accounting.record import Calibrated
+from robot_energy.api.identify import identify_all
+from robot_energy.bag_replay import Replay, replay
+from robot_energy.model import RobotModel
+from robot_energy.motion import random_program, tool_above
+from robot_energy.pipeline import Output, Settings
+from robot_energy.rig import PlantProfile, RigConfig, VirtualRig, load_profile, random_profile
+from robot_energy.rig.record import record
+from robot_energy.uncertainty.band import Z90, power_std
+from robot_energy_papers.experiment import MIN_HEIGHT, TOOL
+
+BODY = "kr16"
+AMBIENT = 22.0  # degC
+MEAN = 1.0  # of the powers without a meter that are compared [s]
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """What the rig does in one recording.
+
+    Attributes:
+        name: Of the recording.
+        degc: Temperature of motors and gears at the start. [degC]
+        duration: [s]
+        dwell: Rest after every motion. [s]
+        speedup: Factor on how fast temperatures change. [-]
+    """
+
+    name: str
+    degc: float
+    duration: float
+    dwell: float
+    speedup: float = 1.0
+
+
+TRAINING = (
+    Recorded("train_25", 25.0, 60.0, 0.5),
+    Recorded("train_40", 40.0, 60.0, 0.2),
+    Recorded("train_60", 60.0, 60.0, 0.5),
+)
+METERED = Recorded("ten_minutes", 30.0, 600.0, 0.5)
+RUNS = (
+    Recorded("cold", 28.0, 60.0, 0.2),
+    Recorded("warm", 45.0, 60.0, 0.5),
+    Recorded("hot", 60.0, 60.0, 0.2),
+    Recorded("colder than identified", 10.0, 60.0, 0.3),
+    Recorded("hotter than identified", 75.0, 60.0, 0.2),
+)
+
+
+@dataclass(frozen=True)
+class Covered:
+    """One run, with and without the ten minutes at the meter.
+
+    Attributes:
+        plant: Which.
+        run: Name of the run.
+        error: Predicted over measured energy, less 1. [-]
+        half: Half width of the band of the energy after ten minutes with a meter, over the
+            measured energy. [-]
+        half_alone: The same without a meter. [-]
+        readings: Of the meter, 0.1 s each.
+        inside: Of them, within the band of power.
+        half_power: Median half width of that band over the mean power. [-]
+        means: Means over a second.
+        inside_alone: Of them, within the band of power without a meter.
+        half_power_alone: Median half width of that band over the mean power. [-]
+    """
+
+    plant: str
+    run: str
+    error: float
+    half: float
+    half_alone: float
+    readings: int
+    inside: int
+    half_power: float
+    means: int
+    inside_alone: int
+    half_power_alone: float
+
+
+def band_coverage(
+    folder: Path,
+    plants: Sequence[int | None],
+    *,
+    hard: bool = True,
+    runs: Sequence[Recorded] = RUNS,
+    training: Sequence[Recorded] = TRAINING,
+    metered: Recorded = METERED,
+    say: Callable[[str], None] = lambda _: None,
+) -> Iterator[Covered]:
+    """Yield how the bands of each run fared.
+
+    Args:
+        folder: For the recordings.
+        plants: Seeds of drawn plants; None: the standard plant of the KR 16 class.
+        hard: Whether the rig has effects that no model has a term for.
+        runs: Held-out runs.
+        training: For the identification.
+        metered: The run whose meter calibrates the bands.
+        say: Takes what is going on.
+
+    Raises:
+        RobotEnergyError: If a plant cannot be identified.
+    """
+    for plant in plants:
+        name = "standard" if plant is None else f"plant {plant}"
+        profile = load_profile(BODY) if plant is None else random_profile(BODY, plant)
+        rig = _Rig(profile, RigConfig.hard() if hard else RigConfig(), folder / name)
+        say(f"{name}: recording")
+        bags = [rig.record(one, seed) for seed, one in enumerate(training, 1)]
+        say(f"{name}: identifying")
+        model = identify_all(bags, BODY, "motor_torque", held_out=False).model
+        say(f"{name}: ten minutes with a meter")
+        first = replay(rig.record(metered, 10), model)
+        kept = first.ledger.calibration.state()
+        for seed, one in enumerate(runs, 20):
+            yield _covered(name, one.name, rig.record(one, seed), model, kept)
+
+
+class _Rig:
+    """Records one plant."""
+
+    def __init__(self, profile: PlantProfile, config: RigConfig, folder: Path) -> None:
+        self._profile, self._config, self._folder = profile, config, folder
+        robot, _ = profile.mechanics()
+        self._limits = profile.motion_limits(robot)
+        self._above = tool_above(robot, TOOL, MIN_HEIGHT)
+
+    def record(self, what: Recorded, seed: int) -> Path:
+        program = random_program(self._limits, seed, dwell=what.dwell, accept=self._above)
+        config = replace(self._config, thermal_speedup=what.speedup)
+        rig = VirtualRig(self._profile, program, config, seed, what.degc, AMBIENT)
+        return record(rig, what.duration, self._folder / what.name.replace(" ", "_")).path
+
+
+def _covered(plant: str, run: str, bag: Path, model: RobotModel, kept: Calibrated) -> Covered:
+    after, after_means = _replayed(bag, model, 0.1, kept)
+    alone, means = _replayed(bag, model, MEAN, None)
+    comparison, calibration = after.ledger.comparison, after.ledger.calibration
+    measured = comparison.measured_energy
+    known = np.isfinite(means.measured_power)
+    half = Z90 * power_std(means.deviation[known])
+    off = np.abs(means.predicted_power_at_meter[known] - means.measured_power[known])
+    power = measured / comparison.compared_ns * 1e9
+    return Covered(
+        plant,
+        run,
+        comparison.predicted_energy / measured - 1.0,
+        after.ledger.energy_band.half / measured,
+        Z90 * alone.ledger.energy_band.std / measured,
+        calibration.readings,
+        calibration.inside,
+        float(np.nanmedian(after_means.band_half)) / power,
+        len(off),
+        int((off <= half).sum()),
+        float(np.median(half)) / power,
+    )
+
+
+def _replayed(
+    bag: Path, model: RobotModel, period: float, kept: Calibrated | None
+) -> tuple[Replay, MeanBlock]:
+    blocks: list[MeanBlock] = []
+
+    def take(output: Output) -> None:
+        if output.means is not None:
+            blocks.append(output.means)
+
+    result = replay(
+        bag,
+        model,
+        settings=Settings(power_period=period),
+        on_output=take,
+        keep_means=True,
+        calibration=kept,
+    )
+    return result, MeanBlock.concatenate(blocks)
+
+
+def summary(rows: Sequence[Covered]) -> dict[str, float]:
+    """Return shares within the bands, and median half widths, over all runs.
+
+    Args:
+        rows: Of any plants.
+
+    Returns:
+        By name; shares and widths without unit.
+    """
+    count = len(rows)
+    return {
+        "power, with meter": sum(one.inside for one in rows) / sum(one.readings for one in rows),
+        "energy, with meter": sum(abs(one.error) <= one.half for one in rows) / count,
+        "power, without": sum(one.inside_alone for one in rows) / sum(one.means for one in rows),
+        "energy, without": sum(abs(one.error) <= one.half_alone for one in rows) / count,
+        "median half width, power, with meter": median(one.half_power for one in rows),
+        "median half width, energy, with meter": median(one.half for one in rows),
+        "median half width, power, without": median(one.half_power_alone for one in rows),
+        "median half width, energy, without": median(one.half_alone for one in rows),
+    }

@@ -1,0 +1,241 @@
+"""How sure the tool says it is, and how often it was right: all on the virtual rig.
+
+Intervals of identified figures, bands of predicted power and energy, what a monitor learns, wear,
+temperatures without a sensor. Each is proven by repetition on plants drawn at random.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from robot_energy.blocks import Float
+from robot_energy.condition.learner import Learning
+from robot_energy.files.temporary_folder import TemporaryFolder
+from robot_energy.rig import load_profile
+from robot_energy_papers.band_coverage import Covered, Recorded, band_coverage
+from robot_energy_papers.interval_coverage import (
+    GROUPS,
+    IntervalCoverage,
+    Judged,
+    coverages,
+    repetitions,
+)
+from robot_energy_papers.job_pool import Progress, Steps, job_pool
+from robot_energy_papers.learning_study import LearningRow, learning_study
+from robot_energy_papers.thermal_study import ROBOTS, HiddenPlant, hidden_sensors
+
+NOMINAL = np.linspace(0.05, 0.99, 48)
+"""Shares that intervals state. [-]"""
+
+
+@dataclass(frozen=True)
+class BandRuns:
+    """What the rig does for the bands.
+
+    Attributes:
+        training: For the identification.
+        metered: With a meter, which calibrates the bands.
+        held_out: Runs that neither has seen.
+    """
+
+    training: tuple[Recorded, ...]
+    metered: Recorded
+    held_out: tuple[Recorded, ...]
+
+
+SHORT = BandRuns(
+    (Recorded("train_25", 25.0, 30.0, 0.5), Recorded("train_55", 55.0, 30.0, 0.5)),
+    Recorded("metered", 30.0, 60.0, 0.5),
+    (Recorded("cold", 28.0, 20.0, 0.2), Recorded("warm", 50.0, 20.0, 0.2)),
+)
+
+
+@dataclass(frozen=True)
+class CertaintyStudySize:
+    """How much is done.
+
+    Attributes:
+        robots: Whose bodies the plants have; each repetition has the next.
+        repetitions: Identifications of plants within the form of the model.
+        hard: Identifications of plants with every effect of the rig.
+        bands: Runs behind the bands; None for the full ones.
+        band_plants: Drawn plants behind the bands.
+        thermal: Drawn plants whose temperature sensors are hidden.
+        learning_robots: Plants of the rig whose model is mistaken, watched by a learner.
+        learning_minutes: How long each works. [min]
+    """
+
+    robots: tuple[str, ...]
+    repetitions: int
+    hard: int
+    bands: BandRuns | None
+    band_plants: int
+    thermal: int
+    learning_robots: tuple[str, ...]
+    learning_minutes: int
+
+
+FULL = CertaintyStudySize(("kr16", "irb4600", "ur5e"), 60, 30, None, 10, 6, ("kr16", "irb4600"), 30)
+QUICK = CertaintyStudySize(("ur5e",), 1, 0, SHORT, 1, 0, ("kr16",), 6)
+
+
+@dataclass(frozen=True)
+class LearningResult:
+    """One plant at work, predicted with figures that are 30 % and 15 % too low.
+
+    Attributes:
+        robot: Name of the plant.
+        with_torque: Whether joint states carry motor torque.
+        off: Without learning, minute by minute.
+        applied: With what was learned.
+    """
+
+    robot: str
+    with_torque: bool
+    off: list[LearningRow]
+    applied: list[LearningRow]
+
+
+@dataclass(frozen=True)
+class Certainty:
+    """Everything the study found.
+
+    Attributes:
+        seed: Seed of the study.
+        scale: How much was done.
+        intervals: Identified figures of each repetition, within the form of the model.
+        hard: The same with every effect of the rig.
+        bands: Held-out runs with their bands.
+        thermal: Plants whose temperature sensors were hidden.
+        learning: What was learned of plants at work.
+    """
+
+    seed: int
+    scale: CertaintyStudySize
+    intervals: list[list[Judged]]
+    hard: list[list[Judged]]
+    bands: list[Covered]
+    thermal: list[HiddenPlant]
+    learning: list[LearningResult]
+
+    @property
+    def coverages(self) -> list[IntervalCoverage]:
+        """How often intervals held the truth, within the form of the model."""
+        return coverages(self.intervals)
+
+    @property
+    def hard_coverages(self) -> list[IntervalCoverage]:
+        """The same with every effect of the rig."""
+        return coverages(self.hard)
+
+
+def reliability_of(found: list[list[Judged]]) -> dict[str, tuple[Float, Float]]:
+    """Return stated and observed shares of intervals that hold the truth, by group.
+
+    Args:
+        found: Figures of each repetition.
+    """
+    from scipy.stats import norm
+
+    curves: dict[str, tuple[Float, Float]] = {}
+    limits = np.asarray(norm.ppf(0.5 + 0.5 * NOMINAL))
+    for group in GROUPS:
+        errors = np.abs([e.deviations for part in found for e in part if e.group == group])
+        known = errors[np.isfinite(errors)]
+        if len(known):
+            curves[group] = NOMINAL, (known[:, None] <= limits).mean(axis=0)
+    return curves
+
+
+def study(
+    folder: Path,
+    seed: int,
+    scale: CertaintyStudySize,
+    workers: int = 1,
+    progress: Progress | None = None,
+) -> Certainty:
+    """Do the whole study.
+
+    Runs that do not depend on each other are spread over processes; the result does not depend
+    on how many.
+
+    Args:
+        folder: Of the study; no bag is kept.
+        seed: Seed of everything that is drawn.
+        scale: How much to do.
+        workers: Processes in addition to this one; 1 means to do all of it here.
+        progress: Called with the share done, 0 to 1.
+
+    Returns:
+        What was found.
+
+    Raises:
+        RobotEnergyError: If rig, recordings or fits fail.
+    """
+    del folder
+    first = 1000 * seed
+    plants = [(robot, torque) for robot in scale.learning_robots for torque in (True, False)]
+    count = scale.repetitions + scale.hard + scale.band_plants + scale.thermal + len(plants)
+    steps = Steps(count, progress)
+    with job_pool(workers, steps.done) as run:
+        own, hard = (
+            [run(repetitions, scale.robots, [first + k], kind) for k in range(number)]
+            for number, kind in ((scale.repetitions, False), (scale.hard, True))
+        )
+        banded = [run(bands_of, first + k, scale.bands) for k in range(1, scale.band_plants + 1)]
+        hidden = [
+            run(hidden_sensors, ROBOTS[k % len(ROBOTS)], first + k) for k in range(scale.thermal)
+        ]
+        learned = [
+            run(learning_result, robot, torque, scale.learning_minutes, seed)
+            for robot, torque in plants
+        ]
+        return Certainty(
+            seed,
+            scale,
+            [found for job in own for found in job.result()],
+            [found for job in hard for found in job.result()],
+            [found for job in banded for found in job.result()],
+            [job.result() for job in hidden],
+            [job.result() for job in learned],
+        )
+
+
+def bands_of(plant_seed: int, runs: BandRuns | None) -> list[Covered]:
+    """Identify one plant with every effect of the rig, and see how its bands fare.
+
+    Args:
+        plant_seed: Seed of the plant.
+        runs: What the rig does; None for the full runs.
+
+    Raises:
+        RobotEnergyError: If the plant cannot be identified.
+    """
+    given = {}
+    if runs is not None:
+        given = {"training": runs.training, "metered": runs.metered, "runs": runs.held_out}
+    with TemporaryFolder() as place:
+        return list(band_coverage(place.path, [plant_seed], **given))
+
+
+def learning_result(robot: str, with_torque: bool, minutes: int, seed: int) -> LearningResult:
+    """Let a monitor with a mistaken model watch one plant, without and with learning.
+
+    Args:
+        robot: Name of the plant.
+        with_torque: Whether joint states carry motor torque.
+        minutes: How long. [min]
+        seed: Of work and sensors.
+
+    Raises:
+        RobotEnergyError: If the rig cannot be set up.
+    """
+    profile = load_profile(robot)
+    off, applied = (
+        learning_study(profile, way, with_torque, minutes, seed=seed)[0]
+        for way in (Learning.OFF, Learning.APPLY)
+    )
+    return LearningResult(robot, with_torque, off, applied)

@@ -1,0 +1,38 @@
+"""The figures of the certainty study as plain numbers: for JSON, and for the page."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from robot_energy.results.base import plain
+from robot_energy_papers.band_coverage import summary
+from robot_energy_papers.certainty import Certainty, LearningResult
+
+LABEL = "virtual rig, plants drawn at random; nothing here was measured on a robot"
+
+
+def figures(result: Certainty) -> dict[str, Any]:
+    """Return every figure of the study, ready for JSON; shares are 0 to 1.
+
+    Args:
+        result: The study.
+    """
+    return {
+        "label": LABEL,
+        "seed": result.seed,
+        "intervals": [plain(row) for row in result.coverages],
+        "intervals_hard": [plain(row) for row in result.hard_coverages],
+        "bands": summary(result.bands) if result.bands else {},
+        "bands_by_run": [plain(row) for row in result.bands],
+        "thermal": [plain(row) for row in result.thermal],
+        "learning": [_learning(row) for row in result.learning],
+    }
+
+
+def _learning(row: LearningResult) -> dict[str, Any]:
+    return {
+        "robot": row.robot,
+        "with_torque": row.with_torque,
+        "error_without": [minute.error for minute in row.off],
+        "error_with": [minute.error for minute in row.applied],
+    }

@@ -1,0 +1,97 @@
+"""How fast a learner learns and when wear is found, on the virtual rig; exit code 1 if missed.
+
+Usage: ``python test/bench/condition.py [--quick]``; whole: about ten minutes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from robot_energy.condition.learner import Learning
+from robot_energy.rig import RigConfig, load_profile, random_profile
+from robot_energy_papers.learning_study import learning_study
+from robot_energy_papers.wear_study import detection
+
+LAST = 10  # minutes over which the error at the end is taken
+
+
+def learner(quick: bool) -> tuple[Table, bool]:
+    """Error against the meter, minute by minute."""
+    table = Table(title="Learner: friction 30 % and constant losses 15 % off, cold to warm")
+    for heading in ("plant", "learns from", "first minute", "last ten", "worst of them", "at end"):
+        table.add_column(heading)
+    reached = True
+    plants = {"kr16": load_profile("kr16"), "irb4600": load_profile("irb4600")}
+    if not quick:
+        plants |= {f"kr16, drawn {n}": random_profile("kr16", n) for n in (3, 7)}
+    for name, profile in plants.items():
+        for with_torque in (True, False):
+            for hard in (False,) if quick else (False, True):
+                config = RigConfig.hard() if hard else None
+                minutes = 15 if quick else 30
+                rows, _ = learning_study(
+                    profile, Learning.APPLY, with_torque, minutes, config=config
+                )
+                errors = [row.error for row in rows]
+                last = float(np.mean(errors[-LAST:]))
+                reached &= abs(last) < 0.03
+                table.add_row(
+                    name + (", hard" if hard else ""),
+                    "torque and meter" if with_torque else "meter",
+                    f"{100 * errors[0]:+.1f} %",
+                    f"{100 * last:+.2f} %",
+                    f"{100 * max(map(abs, errors[-LAST:])):.2f} %",
+                    f"{rows[-1].degc:.0f} degC",
+                )
+    return table, reached
+
+
+def wear(quick: bool) -> tuple[Table, bool]:
+    """Time until wear of one axis is found."""
+    table = Table(title="Wear of one axis: +15 % at once; 15 to 60 degC, payloads change")
+    for heading in ("plant", "axis", "found after", "in motion", "axes named", "size stated"):
+        table.add_column(heading)
+    reached = True
+    cases = [("kr16", load_profile("kr16"), False, 1)]
+    if not quick:
+        cases += [("drawn 3, hard", random_profile("kr16", 3), True, joint) for joint in range(6)]
+    for name, profile, hard, joint in cases:
+        row = detection(profile, joint, 0.15, 3.0 if quick else 8.0, 2.0, hard=hard)
+        reached &= row.motion <= 1.0 and row.named == (joint,)
+        table.add_row(
+            name,
+            f"A{joint + 1}",
+            "not found" if math.isnan(row.found) else f"{60 * row.found:.0f} min",
+            f"{60 * row.motion:.0f} min",
+            ", ".join(f"A{each + 1}" for each in row.named),
+            f"{100 * row.size:+.1f} +- {100 * row.std:.1f} %",
+        )
+    return table, reached
+
+
+def main() -> int:
+    """Run both studies and print their tables."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--quick", action="store_true", help="few plants, short")
+    quick = parser.parse_args().quick
+    console, missed = Console(width=110), []
+    goals = {
+        "within 3 % of the meter in 30 min of work": learner,
+        "+15 % of one axis within one hour of its motion, on the right axis": wear,
+    }
+    for goal, study in goals.items():
+        table, reached = study(quick)
+        console.print(table)
+        console.print(f"  {'met   ' if reached else 'MISSED'} {goal}", highlight=False)
+        missed += [] if reached else [goal]
+    return 1 if missed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,119 @@
+"""Calibrated bands: shares of readings within them, restarts, cutting, place of the meter."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from accounts import IDENTITY, NAMES, SECOND, power_block, restarted, steady
+from robot_energy.accounting.account import EnergyAccount
+from robot_energy.accounting.averaging import MeanBlock
+from robot_energy.blocks import MeterBlock, MeterLocation, MeterMeaning
+from robot_energy.uncertainty.band import LOSS_GRID, Z90, BandKind
+
+RATE = 50  # samples a second
+READINGS = 10  # a second
+
+
+def readings(seconds: int, error, location=MeterLocation.GRID, first: float = 0.0) -> MeterBlock:
+    """Means over 0.1 s of 100 W and an error."""
+    stamp = round(first * SECOND) + (np.arange(seconds * READINGS) + 1) * (SECOND // READINGS)
+    nothing = np.full(len(stamp), np.nan)
+    watts = 100.0 + np.broadcast_to(error, len(stamp))
+    interval = np.full(len(stamp), 1.0 / READINGS)
+    return MeterBlock(stamp, watts, nothing, interval, MeterMeaning.MEAN_OVER_INTERVAL, location)
+
+
+def counted(error, seconds=900, cuts=(), location=MeterLocation.GRID):
+    """An account of 100 W that is compared with a meter, and its means."""
+    account = EnergyAccount(len(NAMES))
+    account.measure(readings(seconds, error, location))
+    block = steady(0, seconds, 100.0, RATE)
+    bounds = [0, *cuts, len(block)]
+    means = [account.step(block[slice(start, stop)]) for start, stop in pairwise(bounds)]
+    return account, MeanBlock.concatenate([one for one in means if one is not None])
+
+
+@pytest.mark.parametrize("size", [0.5, 30.0])
+def test_nine_of_ten_readings_lie_within_the_band_whatever_their_errors(size):
+    rng = np.random.default_rng(1)
+    error = size * rng.standard_t(3, 9000)
+    account, means = counted(error)
+    late = means.stamp_ns > 300 * SECOND
+    assert (means.band[late] == BandKind.CALIBRATED).all()
+    held = (
+        np.abs(error[3000:])[:, None]
+        <= np.interp(np.arange(3000, 9000), means.stamp_ns * READINGS / SECOND, means.band_half)[
+            :, None
+        ]
+    )
+    assert held.mean() == pytest.approx(0.9, abs=0.02)
+    calibration = account.calibration
+    assert calibration.inside / calibration.readings == pytest.approx(0.9, abs=0.03)
+
+
+def test_the_band_is_that_of_the_figures_until_a_meter_is_read():
+    account = EnergyAccount(len(NAMES))
+    means = account.step(steady(0, 10, 100.0, RATE))
+    assert means is not None
+    assert (means.band == BandKind.PARAMETRIC).all()
+    # loss_dc 3 W, loss_grid 4 W and two axes of 2 W each, independent
+    half = means.band_half[means.period > 0]
+    assert half == pytest.approx(Z90 * np.sqrt(9.0 + 16.0 + 4.0 + 4.0))
+    band = account.energy_band
+    assert band.kind is BandKind.PARAMETRIC
+    assert band.std == pytest.approx(10.0 * np.sqrt(33.0))
+    assert band.half == pytest.approx(Z90 * band.std)
+
+
+def test_a_systematic_error_widens_the_band_of_energies():
+    """An error of 20 W is 3.5 deviations of the mean power."""
+    account, _ = counted(20.0)
+    band = account.energy_band
+    assert band.kind is BandKind.CALIBRATED
+    assert band.half == pytest.approx(20.0 * 900, rel=0.01)
+    small, _ = counted(1.0)
+    assert 0.7 * band.std < small.energy_band.half < Z90 * band.std
+
+
+def test_how_the_input_is_cut_makes_no_difference():
+    rng = np.random.default_rng(2)
+    error = rng.normal(0.0, 10.0, 9000)
+    whole, means = counted(error)
+    cut, means_cut = counted(error, cuts=sorted(rng.choice(45_000, 300, replace=False)))
+    assert whole.state(IDENTITY) == cut.state(IDENTITY)
+    np.testing.assert_array_equal(means.band, means_cut.band)
+    np.testing.assert_allclose(means.band_half, means_cut.band_half, rtol=1e-12)
+
+
+def test_a_restart_keeps_the_calibration():
+    account, _ = counted(20.0)
+    fresh = restarted(account)
+    assert fresh.energy_band == account.energy_band
+    means = fresh.step(steady(901, 911, 100.0, RATE))  # without a meter
+    assert means is not None
+    assert (means.band == BandKind.CALIBRATED).all()
+    half = means.band_half[means.period > 0]
+    assert half == pytest.approx(20.0, rel=0.1)  # the error of the readings before
+
+
+def test_a_meter_on_the_dc_bus_says_nothing_of_the_loss_before_it():
+    account, means = counted(-30.0, location=MeterLocation.DC_BUS)
+    assert means.band[-1] == BandKind.CALIBRATED  # 30 W lie before the bus: no error there
+    loss = Z90 * means.deviation[-1, LOSS_GRID]
+    assert means.band_half[-1] >= loss
+    assert means.band_half[-1] == pytest.approx(loss, rel=0.2)
+    assert account.energy_band.half >= loss * 900
+
+
+def test_a_jump_back_of_the_stamps_scores_nothing_across_it():
+    account = EnergyAccount(len(NAMES))
+    account.measure(readings(60, 5.0))
+    account.step(steady(0, 60, 100.0, RATE))
+    before = account.calibration.readings
+    assert before > 500
+    again = power_block(np.arange(10, 20, 0.02) * SECOND, np.full(500, 100.0), segment=1)
+    account.step(again)
+    assert account.calibration.readings <= before + 1

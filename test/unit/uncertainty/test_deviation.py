@@ -1,0 +1,182 @@
+"""Deviations of power and energy, against models whose figures are off by one deviation."""
+
+from __future__ import annotations
+
+import copy
+from typing import Any
+
+import numpy as np
+import pytest
+
+import robots
+from robot_energy.blocks import TemperatureBlock
+from robot_energy.model import RobotModel, validate
+from robot_energy.model.payload import payload
+from robot_energy.physics.friction import FrictionModel
+from robot_energy.pipeline import EnergyPipeline, Settings
+from robot_energy.pipeline.friction_certainty import FrictionCertainty
+from robot_energy.starter.priors import CLASSES
+from robot_energy.uncertainty.band import Z90, energy_variances, half_width, scores
+from robot_energy.uncertainty.deviation import names_of, payload_shares
+from robot_energy.uncertainty.priors import SPREAD
+
+NAMES = names_of(("shoulder", "elbow"))
+
+
+def data() -> dict[str, Any]:
+    """The two-link arm with loss models; no figure has a deviation of its own yet."""
+    found = robots.two_link_data()
+    found["drive"] = "loss_model"
+    for joint in found["joints"]:
+        joint["friction"]["viscous"] = {"law": "constant", "viscous": robots.figure(2e-4)}
+        joint["losses"] = {
+            "constant": robots.figure(3.0),
+            "linear": robots.figure(0.01),
+            "quadratic": robots.figure(1e-5),
+            "copper": robots.figure(0.5),
+        }
+    return found
+
+
+def place(found: dict[str, Any], path: str) -> dict[str, Any]:
+    """The figure at a path such as ``joints.0.friction.coulomb``."""
+    here: Any = found
+    for key in path.split("."):
+        here = here[int(key)] if key.isdigit() else here[key]
+    return here
+
+
+def certain(found: dict[str, Any]) -> dict[str, Any]:
+    """Every figure with a deviation of 0."""
+    for joint in found["joints"]:
+        joint["friction"]["coulomb"]["std"] = 0.0
+        joint["friction"]["viscous"]["viscous"]["std"] = 0.0
+        for figure in joint["losses"].values():
+            figure["std"] = 0.0
+    for name in ("loss_grid", "loss_dc"):
+        found["cabinet"][name]["std"] = 0.0
+    return found
+
+
+def made(found: dict[str, Any]) -> RobotModel:
+    return validate(found, "test").with_urdf(robots.TWO_LINK_URDF, "test")
+
+
+def run(model: RobotModel, seconds: float = 4.0) -> EnergyPipeline:
+    stamp = 50.0 + np.arange(0.0, seconds, 0.004)
+    angle = np.stack([2.0 * stamp, 3.0 * stamp], axis=1)
+    rate = np.array([2.0, 3.0])
+    pipeline = EnergyPipeline(model, Settings(temperature_wait=0.0))
+    degc = TemperatureBlock(np.array([49 * 10**9]), np.full((1, 2), 20.0))
+    block = robots.joint_block(stamp, np.sin(angle), rate * np.cos(angle))
+    pipeline.step(block, degc)
+    pipeline.flush()
+    return pipeline
+
+
+def net(pipeline: EnergyPipeline) -> float:
+    registers = pipeline.ledger.registers
+    return registers.cabinet("grid_import") - registers.cabinet("grid_return")
+
+
+def stds(pipeline: EnergyPipeline) -> dict[str, float]:
+    registers = pipeline.ledger.registers
+    variances = energy_variances(registers.joule[registers.deviations])
+    return dict(zip(NAMES, np.sqrt(variances).tolist(), strict=True))
+
+
+@pytest.mark.parametrize(
+    ("path", "std", "name"),
+    [
+        ("joints.0.friction.coulomb", 1e-3, "friction of shoulder"),
+        ("joints.1.friction.viscous.viscous", 1e-5, "friction of elbow"),
+        ("joints.0.losses.constant", 0.05, "drive of shoulder"),
+        ("joints.1.losses.linear", 1e-3, "drive of elbow"),
+        ("joints.1.losses.quadratic", 1e-5, "drive of elbow"),
+        ("joints.0.losses.copper", 5e-3, "drive of shoulder"),
+        ("cabinet.loss_dc", 0.05, "constant loss, DC side"),
+        ("cabinet.loss_grid", 0.5, "constant loss, grid side"),
+    ],
+)
+def test_the_deviation_of_an_energy_is_what_one_deviation_of_its_figure_changes(path, std, name):
+    """Friction also changes the torque, and with it copper loss: second order, left out."""
+    found = certain(data())
+    place(found, path)["std"] = std
+    if "friction" in path:
+        for joint in found["joints"]:
+            joint["losses"]["copper"]["value"] = 0.0
+    base = run(made(found))
+    changed = copy.deepcopy(found)
+    place(changed, path)["value"] += std
+    expected = abs(net(run(made(changed))) - net(base))
+    assert expected > 1e-3
+    assert stds(base)[name] == pytest.approx(expected, rel=0.02)
+    others = {one: value for one, value in stds(base).items() if one.split(" ")[0] in name}
+    assert sum(value > 0 for value in others.values()) == 1
+
+
+def test_what_figures_cause_grows_with_time_and_the_rest_with_its_root():
+    one, two = (stds(run(made(data()), seconds)) for seconds in (np.pi * 2, np.pi * 4))
+    assert two["friction of elbow"] == pytest.approx(2.0 * one["friction of elbow"], rel=0.05)
+    rest = "what the model leaves out"
+    assert two[rest] == pytest.approx(np.sqrt(2.0) * one[rest], rel=0.05)
+
+
+def test_nothing_of_the_bus_is_unsure_while_the_brake_takes_all():
+    found = data()
+    found["cabinet"]["loss_dc"] = robots.figure(0.0)
+    pipeline = EnergyPipeline(made(found), Settings(temperature_wait=0.0))
+    stamp = 50.0 + np.arange(0.0, 2.0, 0.002)
+    fast = np.stack([np.cos(6.0 * stamp), 0.0 * stamp], axis=1)
+    rate = np.stack([-6.0 * np.sin(6.0 * stamp), 0.0 * stamp], axis=1)
+    power = pipeline.step(robots.joint_block(stamp, fast, rate)).power
+    assert power is not None
+    braked = power.brake_power > 0
+    assert 10 < braked.sum() < len(power)
+    columns = dict(zip(NAMES, np.delete(power.deviation, 6, axis=1).T, strict=True))
+    assert (columns["friction of shoulder"][braked] == 0).all()
+    assert (columns["drive of elbow"][braked] == 0).all()
+    assert (columns["constant loss, grid side"][braked] > 0).all()
+    assert (columns["friction of shoulder"][~braked] > 0).any()
+
+
+def test_the_payload_has_its_share_of_the_torque():
+    bare = robots.two_link()
+    assert (payload_shares(bare) == 0).all()
+    body = payload("fore", 5.0, (0.3, 0.0, 0.0))
+    loaded = bare.changed(payload=(body,))
+    shares = payload_shares(loaded)
+    # Static torque of the elbow: payload 5 kg at 0.3 m, link 2 kg at 0.15 m.
+    assert shares[1] == pytest.approx(5.0 * 0.3 / (5.0 * 0.3 + 2.0 * 0.15), abs=0.05)
+
+
+def test_priors_are_those_of_first_models():
+    for entry in CLASSES.values():
+        for name in ("coulomb", "viscous", "copper", "constant", "linear", "quadratic"):
+            assert getattr(entry, name).spread == SPREAD[name]
+        assert entry.loss_grid.spread == SPREAD["loss_grid"]
+        assert entry.loss_dc.spread == SPREAD["loss_dc"]
+
+
+@pytest.mark.parametrize("scale", [0.2, 1.0, 1.6, 1.7, 5.0])
+def test_a_score_is_the_scale_of_the_band_that_just_holds_the_error(scale):
+    rest, temperature = np.array([3.0, 3.0]), np.array([0.0, 2.0])
+    error = half_width(rest, temperature, scale)
+    np.testing.assert_allclose(scores(error, rest, temperature), scale, rtol=1e-12)
+
+
+def test_readings_never_narrow_what_an_unknown_temperature_adds():
+    assert half_width(0.0, 2.0, 0.1) == pytest.approx(Z90 * 2.0)
+
+
+def test_viscous_friction_is_less_sure_beyond_its_range_and_without_a_temperature():
+    model = robots.two_link()  # fitted from 20 to 80 degC, no deviation of its own
+    certainty, friction = FrictionCertainty(model), FrictionModel.from_model(model)
+    degc = np.array([[np.nan, 40.0], [40.0, 40.0], [10.0, 40.0], [0.0, 40.0]])
+    std, shared = certainty.std(degc)
+    relative = std[:, 0] / friction.viscous(np.nan_to_num(degc, nan=25.0))[:, 0]
+    assert relative[1] == pytest.approx(SPREAD["viscous"])
+    assert relative[1] < relative[2] < relative[3]
+    assert relative[0] >= relative[1]
+    assert shared[1, 0] == 0.0
+    assert 0.0 < shared[2, 0] < shared[3, 0] < std[3, 0]
