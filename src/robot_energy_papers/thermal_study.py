@@ -16,6 +16,7 @@ import numpy as np
 from robot_energy.blocks import (
     EffortMeaning,
     Float,
+    Int,
     JointBlock,
     PowerBlock,
     Quality,
@@ -102,7 +103,7 @@ class _Run:
 
     joints: list[JointBlock]
     temperatures: list[TemperatureBlock | None]
-    stamp_ns: Float
+    stamp_ns: Int
     motor_degc: Float
     grid_power: Float
 
@@ -286,6 +287,9 @@ def study(plants: int, report: Callable[[float], None] = lambda _: None) -> list
     Args:
         plants: How many, of the robots in turn.
         report: Called with the share done.
+
+    Returns:
+        One entry per plant.
     """
     found: list[HiddenPlant] = []
     for number in range(plants):

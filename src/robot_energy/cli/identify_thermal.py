@@ -35,7 +35,11 @@ examples:
 
 
 def add_parser(commands: Any) -> None:
-    """Add the sub-command."""
+    """Add the sub-command.
+
+    Args:
+        commands: Sub-parsers of ``identify``.
+    """
     text = "motor temperatures from losses"
     parser = add_command(commands, "thermal", run, text, DESCRIPTION, EPILOG)
     add_bags(parser, required=False, effort="")
@@ -53,7 +57,7 @@ def add_parser(commands: Any) -> None:
 
 
 def _degc(text: str) -> float:
-    value = number(text)
+    value = float(number(text))
     if not -40.0 <= value <= 60.0:
         raise ArgumentTypeError(f"{value:g} degC is no air that a robot works in")
     return value
@@ -62,8 +66,15 @@ def _degc(text: str) -> float:
 def run(args: Namespace) -> int:
     """Identify and report.
 
+    Args:
+        args: Of the command.
+
+    Returns:
+        The exit code.
+
     Raises:
-        RobotEnergyError: If recordings, log or model cannot be used.
+        ModelFileError: If options do not fit together, or the model cannot be used.
+        RobotEnergyError: If recordings or log cannot be used.
     """
     from robot_energy.report.document import Document
     from robot_energy.report.thermal import thermal_document

@@ -2,6 +2,9 @@
 
 ``C_m dT_m/dt = P_m - G_m (T_m - T_s)``,
 ``C_s dT_s/dt = P_s + G_m (T_m - T_s) - G_s (T_s - T_a)``, heat held over a step.
+
+Source: heat balances of two bodies; lumped-parameter networks of motors as in P. Mellor,
+D. Roberts, D. Turner, IEE Proc. B 138 (1991) 205.
 """
 
 from __future__ import annotations

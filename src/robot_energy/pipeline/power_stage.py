@@ -259,8 +259,11 @@ class PowerStage:
             mark(quality, np.logical_or.reduce(stale, axis=1), Quality.TEMPERATURE_STALE)
         reading = temperature
         if self.thermal.on and (estimated := self.thermal.estimated(reading)).any():
+            whole = bool(estimated.all())
             temperature, viscous, std, shared = (
-                np.where(estimated, of_motors, now)
+                np.broadcast_to(of_motors, now.shape)
+                if whole
+                else np.where(estimated, of_motors, now)
                 for of_motors, now in zip(
                     self._estimate(), (reading, viscous, std, shared), strict=True
                 )

@@ -25,7 +25,7 @@ from robot_energy.physics.motor_heat import MotorHeat
 
 MIN_RISE = 3.0  # K between the coldest and the warmest reading
 MIN_WINDOWS = 60  # of 10 s
-MIN_SPANS = 1.5  # time constants of the structure that a run must last to tell a second node
+MIN_GAIN = 0.5  # K of held-out error, as a thermometer is off, that a second node must save
 TRAIN_SHARE = 0.6  # of the only run; the rest is the test
 READING_STD = 0.5  # K
 CORRELATED = 6  # windows whose errors are alike: one minute
@@ -119,13 +119,10 @@ def fit_network(
     for label, keys in (("one node", ONE), ("two nodes", TWO)):
         errors[label] = _held_out(runs, keys, ambient_degc)
         orders[label] = _rms(errors[label][0] - errors[label][1])
-    order = "two nodes" if orders["two nodes"] < GAIN * orders["one node"] else "one node"
+    better = orders["one node"] - orders["two nodes"] >= MIN_GAIN
+    order = "two nodes" if better else "one node"
     keys = ONE if order == "one node" else TWO
     values, covariance = _fit(runs, keys, ambient_degc)
-    longest = max(map(len, runs)) * WINDOW
-    if keys is TWO and longest < MIN_SPANS * np.exp(values[TWO.index("structure_time")]):
-        order, keys = "one node", ONE  # what lies beyond the recordings is the prior's
-        values, covariance = _fit(runs, keys, ambient_degc)
     _, measured, held = errors[order]
     rms, held_rms = orders[order], _rms(held - measured)
     if not rms < GAIN * held_rms:
@@ -225,11 +222,12 @@ def free_run(heat: MotorHeat, run: ThermalRun, ambient_degc: float, start: float
     above = run.start_degc - ambient_degc
     begin = np.linalg.solve(modes, np.array([above, start * above]))
     driven = np.linalg.solve(modes, gain @ power)
-    return ambient_degc + sum(
+    above_ambient = [
         modes[0, mode]
         * lfilter([1.0], [1.0, -decay[mode]], driven[mode], zi=[decay[mode] * begin[mode]])[0]
         for mode in range(2)
-    )
+    ]
+    return ambient_degc + np.sum(above_ambient, axis=0)
 
 
 def _heat(keys: Sequence[str], values: Float) -> MotorHeat:
@@ -277,7 +275,8 @@ def _fit(runs: Sequence[ThermalRun], keys: Sequence[str], ambient: float) -> tup
     bounds = (np.append(low, np.zeros(len(runs))), np.append(high, np.full(len(runs), 1.2)))
     found = least_squares(residual, first, bounds=bounds, x_scale="jac", max_nfev=60)
     noise = max(float(np.mean(found.fun**2)) * CORRELATED, 1.0)
-    covariance = np.linalg.pinv(found.jac.T @ found.jac) * noise
+    slopes = np.asarray(found.jac, dtype=np.float64)
+    covariance = np.linalg.pinv(slopes.T @ slopes) * noise
     return np.asarray(found.x[:count]), covariance[:count, :count]
 
 
@@ -336,6 +335,5 @@ def _entry(
     entry = JointThermal(capacity=found[0], conductance=found[1], idle=found[2], std=rms)
     if len(found) > len(ONE):
         keys = ("structure_capacity", "structure_conductance", "friction_to_motor")
-        more = dict(zip(keys, found[3:], strict=True))
-        entry = entry.model_copy(update=more)
+        entry = entry.model_copy(update={**dict(zip(keys, found[3:], strict=True))})
     return entry

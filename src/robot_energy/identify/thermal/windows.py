@@ -124,6 +124,13 @@ def _runs(stamp_ns: Int, drive: Float, friction: Float, degc: Float) -> list[The
         read = np.isfinite(degc[rows])
         readings[window[read]] = degc[rows][read]  # the last one stays
         runs.append(
-            ThermalRun(np.arange(count) * WINDOW, *heats, awake, readings, float(degc[rows[0]]))
+            ThermalRun(
+                np.arange(count) * WINDOW,
+                heats[0],
+                heats[1],
+                awake,
+                readings,
+                float(degc[rows[0]]),
+            )
         )
     return runs
