@@ -361,13 +361,10 @@ class PowerBlock(Block):
 
 
 def sum_over_joints(values: Float) -> Float:
-    """Sum ``(N, n)`` over joints in a fixed order, so that it never depends on ``N``.
+    """Sum over joints in a fixed order, so that the sum never depends on ``N``.
 
     Args:
-        values: Any per-joint quantity, shape (N, n). [-]
-
-    Returns:
-        The sum, shape (N,).
+        values: Any quantity of the joints, shape (N, n); the sums are (N,). [-]
     """
     total = np.zeros(len(values))
     for joint in range(values.shape[1]):
