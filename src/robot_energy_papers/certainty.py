@@ -15,7 +15,14 @@ from robot_energy.blocks import Float
 from robot_energy.condition.learner import Learning
 from robot_energy.files.temporary_folder import TemporaryFolder
 from robot_energy.rig import load_profile, random_profile
-from robot_energy_papers.band_coverage import Covered, Recorded, band_coverage
+from robot_energy_papers.band_coverage import (
+    METERED,
+    RUNS,
+    TRAINING,
+    Covered,
+    Recorded,
+    band_coverage,
+)
 from robot_energy_papers.interval_coverage import (
     GROUPS,
     IntervalCoverage,
@@ -231,11 +238,16 @@ def bands_of(plant_seed: int, runs: BandRuns | None) -> list[Covered]:
     Raises:
         RobotEnergyError: If the plant cannot be identified.
     """
-    given = {}
-    if runs is not None:
-        given = {"training": runs.training, "metered": runs.metered, "runs": runs.held_out}
+    used = runs or BandRuns(TRAINING, METERED, RUNS)
     with TemporaryFolder() as place:
-        return list(band_coverage(place.path, [plant_seed], **given))
+        rows = band_coverage(
+            place.path,
+            [plant_seed],
+            training=used.training,
+            metered=used.metered,
+            runs=used.held_out,
+        )
+        return list(rows)
 
 
 def worn_axis(joint: int, plant_seed: int) -> WearRow:

@@ -7,15 +7,16 @@ straight into the pipeline that a monitor runs.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from robot_energy.blocks import EffortMeaning, JointBlock
 from robot_energy.condition.learner import Learning
 from robot_energy.model import RobotModel, load
+from robot_energy.model.joint import Joint
 from robot_energy.motion import MotionLimits, Program, random_program
 from robot_energy.pipeline import EnergyPipeline, Settings
 from robot_energy.rig import PlantProfile, RigConfig, RigJoints, RigOutput, VirtualRig
@@ -47,20 +48,24 @@ def mistaken(model: RobotModel, friction: float, losses: float) -> RobotModel:
         friction: Factor on Coulomb and viscous friction of all joints. [-]
         losses: Factor on the constant losses of the cabinet. [-]
     """
+    kept = ("c", "velocity", "smooth_velocity", "load_coulomb", "motor_temperature_degc")
 
     def scaled(entry: Any, factor: float) -> Any:
         if isinstance(entry, dict):
-            if "value" in entry:
-                return {**entry, "value": factor * entry["value"]}
-            kept = ("c", "velocity", "smooth_velocity", "load_coulomb", "motor_temperature_degc")
+            entries = cast("dict[str, Any]", entry)
+            if "value" in entries:
+                return {**entries, "value": factor * entries["value"]}
             return {
-                key: value if key in kept else scaled(value, factor) for key, value in entry.items()
+                key: value if key in kept else scaled(value, factor)
+                for key, value in entries.items()
             }
-        if isinstance(entry, list | tuple) and all(isinstance(v, float) for v in entry):
-            return [factor * value for value in entry]
-        return entry
+        if isinstance(entry, list | tuple):
+            values = cast("Sequence[Any]", entry)
+            if all(isinstance(value, float) for value in values):
+                return [factor * value for value in values]
+        return cast("Any", entry)
 
-    joints = []
+    joints: list[Joint] = []
     for joint in model.joints:
         plain = joint.friction.model_dump()
         law = plain["viscous"]

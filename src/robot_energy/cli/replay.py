@@ -138,7 +138,7 @@ def _replay(
     """Replay; the first run, which is shown, also writes the bag."""
     from robot_energy.api.replay import run_replay
 
-    options = options_of(args) | {
+    options: dict[str, Any] = options_of(args) | {
         "out": args.out if shown is not None else None,
         "overwrite": args.overwrite,
     }

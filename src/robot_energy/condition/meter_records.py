@@ -65,7 +65,8 @@ class MeterGatherer:
         return found
 
     def _record(self, time: float) -> WearRecord | None:
-        duration, residual, friction, degc = np.array([row[:4] for row in self._rows]).T
+        rows: Float = np.array([row[:4] for row in self._rows])
+        duration, residual, friction, degc = rows[:, 0], rows[:, 1], rows[:, 2], rows[:, 3]
         slope, off, noise, weight = 0.0, residual, np.inf, duration
         for _ in range(4):
             near = np.minimum(1.0, HUBER * noise / np.maximum(np.abs(off), 1e-9))
@@ -78,7 +79,7 @@ class MeterGatherer:
             return None
         ratio = max(1.0 + slope, MIN_RATIO)
         held = np.zeros((DEGC_BUCKETS, SPEED_BUCKETS))
-        held[:, SPEED_BUCKETS // 2] = shares(degc_place(np.mean(degc)), DEGC_BUCKETS)
+        held[:, SPEED_BUCKETS // 2] = shares(degc_place(np.asarray(np.mean(degc))), DEGC_BUCKETS)
         return WearRecord(
             round(np.mean([row[4] for row in self._rows])),
             round(self.hours - time / 7200.0, DIGITS),

@@ -111,10 +111,11 @@ class MeterWindows:
         stamp = np.concatenate([self._stamp[-1:], stamp_ns])
         value = np.concatenate([self._power[-1:], power])
         half = 0.5 * NANOSECOND * np.diff(stamp)[:, None]
-        more = np.cumsum((value[1:] + value[:-1]) * half, axis=0)
-        base = self._total[-1:] if len(self._total) else np.zeros((1, power.shape[1]))
+        more: Float = np.cumsum((value[1:] + value[:-1]) * half, axis=0)
+        zero: Float = np.zeros((1, power.shape[1]))
+        base = self._total[-1:] if len(self._total) else zero
         if not len(self._stamp):
-            more = np.concatenate([np.zeros((1, power.shape[1])), more])
+            more = np.concatenate([zero, more])
         old = int(np.searchsorted(self._stamp, stamp_ns[-1] - KEPT_NS))
         self._stamp = np.concatenate([self._stamp[old:], stamp_ns])
         self._total = np.concatenate([self._total[old:], base + more])
@@ -128,7 +129,8 @@ class MeterWindows:
         pieces, self._pieces = self._pieces[slice(0, ready)], self._pieces[slice(ready, None)]
         pieces = pieces[pieces.start_ns >= self._stamp[0]]
         spans = np.stack([pieces.start_ns, pieces.end_ns])
-        ends = [np.interp(spans, self._stamp, total) for total in self._total.T]
+        columns: list[Float] = list(self._total.T)
+        ends = [np.interp(spans, self._stamp, total) for total in columns]
         measured = pieces.mean_power * pieces.duration
         energies = np.stack([measured, pieces.duration, *(end[1] - end[0] for end in ends)], axis=1)
         for start, end, part in zip(*spans.tolist(), energies, strict=True):

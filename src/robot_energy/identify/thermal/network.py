@@ -115,7 +115,8 @@ def fit_network(
         raise NotIdentifiableError(
             f"{name} warms by {high - low:.1f} K", f"at least {MIN_RISE:g} K", "record a cold start"
         )
-    orders, errors = {}, {}
+    orders: dict[str, float] = {}
+    errors: dict[str, tuple[Float, Float, Float]] = {}
     for label, keys in (("one node", ONE), ("two nodes", TWO)):
         errors[label] = _held_out(runs, keys, ambient_degc)
         orders[label] = _rms(errors[label][0] - errors[label][1])
@@ -218,11 +219,11 @@ def free_run(heat: MotorHeat, run: ThermalRun, ambient_degc: float, start: float
     motor = run.drive_heat + share * run.friction_heat + float(heat.idle[0]) * run.awake
     power = np.stack([motor, (1.0 - share) * run.friction_heat])
     transition, gain = (part[0] for part in heat.step(WINDOW))
-    decay, modes = np.linalg.eig(transition)
+    decay, modes = (np.asarray(part, dtype=np.float64) for part in np.linalg.eig(transition))
     above = run.start_degc - ambient_degc
     begin = np.linalg.solve(modes, np.array([above, start * above]))
-    driven = np.linalg.solve(modes, gain @ power)
-    above_ambient = [
+    driven = np.asarray(np.linalg.solve(modes, gain @ power), dtype=np.float64)
+    above_ambient: list[Float] = [
         modes[0, mode]
         * lfilter([1.0], [1.0, -decay[mode]], driven[mode], zi=[decay[mode] * begin[mode]])[0]
         for mode in range(2)
