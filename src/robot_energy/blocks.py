@@ -47,8 +47,7 @@ class Quality(IntFlag):
     LEARNED = 4096
 
 
-# Bits of samples whose torque says little of a model.
-DOUBTFUL = Quality.ACCELERATION_INCOMPLETE | Quality.AFTER_GAP | Quality.NOT_FINITE
+DOUBTFUL = Quality.ACCELERATION_INCOMPLETE | Quality.AFTER_GAP | Quality.NOT_FINITE  # torques
 
 
 class Phase(IntEnum):
@@ -173,11 +172,9 @@ class JointBlock(Block):
         segment: Segment number, shape (N,).
         quality: Quality bits, shape (N,).
         joint_position: Shape (N, n). [rad] or [m]
-        joint_velocity: Shape (N, n). [rad/s] or [m/s] NaN in every joint where the robot
-            does not report it; the derivative stage fills it.
+        joint_velocity: Shape (N, n); NaN until derived where not reported. [rad/s] or [m/s]
         joint_acceleration: Shape (N, n). [rad/s^2] or [m/s^2] NaN until differentiated.
-        joint_effort: As the driver sent it, NaN where it sent none, shape (N, n). Its
-            meaning, side and unit are a setting, never inferred.
+        joint_effort: As the driver sent it, NaN for none, shape (N, n); meaning: a setting.
     """
 
     segment: Int
@@ -361,13 +358,13 @@ class PowerBlock(Block):
 
 
 def sum_over_joints(values: Float) -> Float:
-    """Sum ``(N, n)`` over joints in a fixed order, so that it never depends on ``N``.
+    """Sum over joints in a fixed order, so that the sum never depends on ``N``.
 
     Args:
-        values: Any per-joint quantity, shape (N, n). [-]
+        values: Any quantity of the joints, shape (N, n). [-]
 
     Returns:
-        The sum, shape (N,).
+        Shape (N,).
     """
     total = np.zeros(len(values))
     for joint in range(values.shape[1]):

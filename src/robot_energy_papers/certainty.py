@@ -14,7 +14,7 @@ import numpy as np
 from robot_energy.blocks import Float
 from robot_energy.condition.learner import Learning
 from robot_energy.files.temporary_folder import TemporaryFolder
-from robot_energy.rig import load_profile
+from robot_energy.rig import load_profile, random_profile
 from robot_energy_papers.band_coverage import Covered, Recorded, band_coverage
 from robot_energy_papers.interval_coverage import (
     GROUPS,
@@ -26,7 +26,9 @@ from robot_energy_papers.interval_coverage import (
 from robot_energy_papers.job_pool import Progress, Steps, job_pool
 from robot_energy_papers.learning_study import LearningRow, learning_study
 from robot_energy_papers.thermal_study import ROBOTS, HiddenPlant, hidden_sensors
+from robot_energy_papers.wear_study import WearRow, detection
 
+WEAR, BEFORE, AFTER = 0.15, 8.0, 2.0  # of friction [-]; work before and after it [h]
 NOMINAL = np.linspace(0.05, 0.99, 48)
 """Shares that intervals state. [-]"""
 
@@ -64,6 +66,7 @@ class CertaintyStudySize:
         bands: Runs behind the bands; None for the full ones.
         band_plants: Drawn plants behind the bands.
         thermal: Drawn plants whose temperature sensors are hidden.
+        wear: Axes of one plant that wear by 15 %, each in a run of its own.
         learning_robots: Plants of the rig whose model is mistaken, watched by a learner.
         learning_minutes: How long each works. [min]
     """
@@ -74,12 +77,15 @@ class CertaintyStudySize:
     bands: BandRuns | None
     band_plants: int
     thermal: int
+    wear: int
     learning_robots: tuple[str, ...]
     learning_minutes: int
 
 
-FULL = CertaintyStudySize(("kr16", "irb4600", "ur5e"), 60, 30, None, 10, 6, ("kr16", "irb4600"), 30)
-QUICK = CertaintyStudySize(("ur5e",), 1, 0, SHORT, 1, 0, ("kr16",), 6)
+FULL = CertaintyStudySize(
+    ("kr16", "irb4600", "ur5e"), 60, 30, None, 10, 6, 6, ("kr16", "irb4600"), 30
+)
+QUICK = CertaintyStudySize(("ur5e",), 1, 0, SHORT, 1, 0, 0, ("kr16",), 6)
 
 
 @dataclass(frozen=True)
@@ -110,6 +116,7 @@ class Certainty:
         hard: The same with every effect of the rig.
         bands: Held-out runs with their bands.
         thermal: Plants whose temperature sensors were hidden.
+        wear: Axes that wore.
         learning: What was learned of plants at work.
     """
 
@@ -119,6 +126,7 @@ class Certainty:
     hard: list[list[Judged]]
     bands: list[Covered]
     thermal: list[HiddenPlant]
+    wear: list[WearRow]
     learning: list[LearningResult]
 
     @property
@@ -178,7 +186,14 @@ def study(
     del folder
     first = 1000 * seed
     plants = [(robot, torque) for robot in scale.learning_robots for torque in (True, False)]
-    count = scale.repetitions + scale.hard + scale.band_plants + scale.thermal + len(plants)
+    count = (
+        scale.repetitions
+        + scale.hard
+        + scale.band_plants
+        + scale.thermal
+        + scale.wear
+        + len(plants)
+    )
     steps = Steps(count, progress)
     with job_pool(workers, steps.done) as run:
         own, hard = (
@@ -189,6 +204,7 @@ def study(
         hidden = [
             run(hidden_sensors, ROBOTS[k % len(ROBOTS)], first + k) for k in range(scale.thermal)
         ]
+        worn = [run(worn_axis, joint, first + 3) for joint in range(scale.wear)]
         learned = [
             run(learning_result, robot, torque, scale.learning_minutes, seed)
             for robot, torque in plants
@@ -200,6 +216,7 @@ def study(
             [found for job in hard for found in job.result()],
             [found for job in banded for found in job.result()],
             [job.result() for job in hidden],
+            [job.result() for job in worn],
             [job.result() for job in learned],
         )
 
@@ -219,6 +236,19 @@ def bands_of(plant_seed: int, runs: BandRuns | None) -> list[Covered]:
         given = {"training": runs.training, "metered": runs.metered, "runs": runs.held_out}
     with TemporaryFolder() as place:
         return list(band_coverage(place.path, [plant_seed], **given))
+
+
+def worn_axis(joint: int, plant_seed: int) -> WearRow:
+    """Let one axis of a drawn plant wear by 15 % after eight hours, and look for two more.
+
+    Args:
+        joint: Index of the axis.
+        plant_seed: Seed of the plant.
+
+    Raises:
+        RobotEnergyError: If the rig cannot be set up.
+    """
+    return detection(random_profile("kr16", plant_seed), joint, WEAR, BEFORE, AFTER)
 
 
 def learning_result(robot: str, with_torque: bool, minutes: int, seed: int) -> LearningResult:

@@ -25,6 +25,7 @@ def figures(result: Certainty) -> dict[str, Any]:
         "bands": summary(result.bands) if result.bands else {},
         "bands_by_run": [plain(row) for row in result.bands],
         "thermal": [plain(row) for row in result.thermal],
+        "wear": [plain(row) for row in result.wear],
         "learning": [_learning(row) for row in result.learning],
     }
 

@@ -26,7 +26,7 @@ def context(result: Certainty) -> dict[str, Any]:
         "result": result,
         "data": figures(result),
         "quick": result.scale.repetitions < 50,
-        "thermal": [
+        "hidden": [
             {
                 "name": row.name,
                 "warm": float(np.nanmax(row.warm_rms)),

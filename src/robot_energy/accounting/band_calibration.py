@@ -3,7 +3,8 @@
 The score of a reading is its error over the standard deviation of the prediction. The scale of the
 power is the 90 % quantile of the scores of a phase, followed online: a score above the scale
 raises it nine times as much as one below lowers it, so that in the long run one in ten lies
-above, whatever their distribution and their correlation (conformal quantile tracking). The
+above, whatever their distribution and their correlation (conformal quantile tracking). Scores
+count from the next whole second on. The
 scale of energies is the conformal quantile of the scores of the newest half minutes: the k-th
 smallest of n, ``k = ceil((1 - a) (n + 1))``. The share ``a`` that may lie above is 0.1; a score
 above the scale lowers it at once, and each below raises it a little again (adaptive conformal
@@ -21,6 +22,7 @@ from itertools import pairwise
 from statistics import NormalDist
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robot_energy.accounting.averaging import MeanBlock
 from robot_energy.accounting.integration import SampleIntervals
@@ -41,6 +43,7 @@ from robot_energy.uncertainty.band import (
 from robot_energy.units import MAX_COUNTER
 
 COVERED = 0.9  # share of the readings that a band holds
+SECOND_NS = 1_000_000_000
 READING_NS = 100_000_000  # readings of so much time are one, if a meter reads faster
 SLOT_NS = 20_000_000  # resolution of the deviation and of the phase behind a reading
 STRETCH_NS = 30_000_000_000  # whose energies are scored
@@ -96,7 +99,9 @@ class BandCalibration:
 
     def _forget(self) -> None:
         """Drop what is not scored yet."""
-        self._waiting = Compared.empty()
+        self._second: int | None = None  # up to which all is scored
+        self._noted: list[tuple[Int, NDArray[np.uint8], Int, Float]] = []
+        self._waiting: list[Compared] = []
         self._slot: Int = np.empty(0, dtype=np.int64)
         self._slots: Int = np.empty((0, len(PARTS) + len(Phase)), dtype=np.int64)
         self._reading: Int = np.empty((0, 5), dtype=np.int64)
@@ -136,29 +141,45 @@ class BandCalibration:
                 self._forget()
             if stop > start:
                 rows = slice(start, stop)
-                self._note(
-                    block[rows], intervals.duration_ns[rows], intervals.energy[rows, deviations]
-                )
-                waiting = Compared.concatenate([self._waiting, compared[pieces[number]]])
-                due = int(np.searchsorted(waiting.available_ns, int(stamp[stop - 1]), side="right"))
-                self._waiting = waiting[slice(due, None)]
-                scored = self._score(waiting[slice(0, due)])
-                self._set(scored, means, periods[number])
-                self._slot, self._slots = self._slot[-MAX_SLOTS:], self._slots[-MAX_SLOTS:]
-                for old in list(self._deviations)[:-MAX_STRETCHES]:
-                    del self._deviations[old]
+                energy = intervals.energy[rows, deviations]
+                noted = (stamp[rows], block.phase[rows], intervals.duration_ns[rows], energy)
+                self._noted.append(noted)
+                self._waiting.append(compared[pieces[number]])
+                self._set(self._scored(int(stamp[stop - 1])), means, periods[number])
 
-    def _note(self, block: PowerBlock, duration_ns: Int, energy: Float) -> None:
+    def _scored(self, now_ns: int) -> list[tuple[int, int, float]]:
+        """Return when each reading up to the last whole second counts, its phase and its score."""
+        second = now_ns // SECOND_NS
+        if second == self._second:
+            return []
+        self._second = second
+        stamp, phase, duration, energy = (
+            np.concatenate(columns) for columns in zip(*self._noted, strict=True)
+        )
+        self._noted.clear()
+        self._note(stamp, phase, duration, energy)
+        waiting = Compared.concatenate(self._waiting)
+        due = int(np.searchsorted(waiting.available_ns, second * SECOND_NS, side="right"))
+        self._waiting = [waiting[slice(due, None)]]
+        scored = self._score(waiting[slice(0, due)])
+        self._slot, self._slots = self._slot[-MAX_SLOTS:], self._slots[-MAX_SLOTS:]
+        for old in list(self._deviations)[:-MAX_STRETCHES]:
+            del self._deviations[old]
+        return scored
+
+    def _note(
+        self, stamp_ns: Int, phase: NDArray[np.uint8], duration_ns: Int, energy: Float
+    ) -> None:
         """Keep deviations and phases until the meter reads."""
         whole = np.rint(energy * NANOJOULE).astype(np.int64)
-        table = np.zeros((len(block), len(PARTS) + len(Phase)), dtype=np.int64)
+        table = np.zeros((len(stamp_ns), len(PARTS) + len(Phase)), dtype=np.int64)
         table[:, : len(PARTS)] = whole[:, PARTS]
-        table[np.arange(len(block)), len(PARTS) + block.phase] = duration_ns
-        slot = block.stamp_ns // SLOT_NS
+        table[np.arange(len(stamp_ns)), len(PARTS) + phase] = duration_ns
+        slot = stamp_ns // SLOT_NS
         starts = _starts(slot)
         self._slot = np.concatenate([self._slot, slot[starts]])
         self._slots = np.concatenate([self._slots, np.add.reduceat(table, starts, axis=0)])
-        stretch = block.stamp_ns // STRETCH_NS
+        stretch = stamp_ns // STRETCH_NS
         starts = _starts(stretch)
         whole = np.concatenate([whole, duration_ns[:, None]], axis=1)
         for number, row in zip(
@@ -168,7 +189,7 @@ class BandCalibration:
             self._deviations[number] = row if known is None else known + row
 
     def _score(self, compared: Compared) -> list[tuple[int, int, float]]:
-        """Return when each reading that is complete was known, its phase, and its score."""
+        """Return the whole second from which each complete reading counts, its phase, its score."""
         if not len(compared):
             return []
         table = np.stack(
@@ -202,7 +223,8 @@ class BandCalibration:
         known = np.append(readings[1:, 0], self._reading[0, 0])
         keep = int(np.searchsorted(self._slot, (int(end[-1]) - 2 * READING_NS) // SLOT_NS))
         self._slot, self._slots = self._slot[keep:], self._slots[keep:]
-        return list(zip(known.tolist(), phase.tolist(), score.tolist(), strict=True))
+        counts = -(-known // SECOND_NS) * SECOND_NS
+        return list(zip(counts.tolist(), phase.tolist(), score.tolist(), strict=True))
 
     def _score_stretch(self, end_ns: int, duration_ns: int, measured: int, predicted: int) -> None:
         noted = self._deviations.get(end_ns // STRETCH_NS)
@@ -225,20 +247,20 @@ class BandCalibration:
         if means is None:
             self._follow(scored, 0, None)
             return
-        done = 0
-        for row, (stamp, phase) in enumerate(
-            zip(means.stamp_ns[periods].tolist(), means.phase[periods].tolist(), strict=True),
-            periods.start,
+        done, found = 0, list[float]()
+        for stamp, phase in zip(
+            means.stamp_ns[periods].tolist(), means.phase[periods].tolist(), strict=True
         ):
             done = self._follow(scored, done, stamp)
-            if scale := self._scale(phase):
-                one = slice(row, row + 1)
-                bus, grid, temperature = means.deviation[one, PARTS].T
-                same = scale if self.location is MeterLocation.GRID else Z90
-                half = half_width(bus, temperature, scale)
-                means.band_half[one] = np.hypot(half, same * grid)
-                means.band[one] = BandKind.CALIBRATED
+            found.append(self._scale(phase) or 0.0)
         self._follow(scored, done, None)
+        scale = np.array(found)
+        if (scale > 0.0).any():
+            bus, grid, temperature = means.deviation[periods][:, PARTS].T
+            same = scale if self.location is MeterLocation.GRID else Z90
+            half = np.hypot(half_width(bus, temperature, scale), same * grid)
+            means.band_half[periods] = np.where(scale > 0.0, half, means.band_half[periods])
+            means.band[periods][scale > 0.0] = BandKind.CALIBRATED
 
     def _follow(self, scored: list[tuple[int, int, float]], done: int, until_ns: int | None) -> int:
         """Take scores up to a stamp; return how many are taken in all."""

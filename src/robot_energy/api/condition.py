@@ -31,10 +31,9 @@ def condition_over(
     """
     if not bags:
         raise BagError("no recording was given", "one or more, oldest first")
-    used, learned = model_of(model), options.pop("learned", None)
-    learner = None
+    used, learner = model_of(model), None
     for bag in bags:
-        learner = run_replay(bag, used, learned=learned, **options).pipeline.power.condition
-        learned = learner.state()
+        learner = run_replay(bag, used, **options).pipeline.power.condition
+        options["learned"] = learner.state()
     assert learner is not None
     return condition_report(learner, used)

@@ -35,7 +35,7 @@ WANDER_HOURS = 3.0  # of motion
 LEAST_SCATTER = 0.001  # of a record [-]
 CHANGE = 1.0  # of a change that was found, before its size is known [-]
 
-MIN_Z = 5.5  # of a change
+MIN_Z = 6.5  # of a change
 MIN_SIZE = 0.01  # of a change [-]
 MIN_BEFORE, MIN_AFTER = 3, 3  # records before and after the beginning of a change
 MIN_RAMP = 12.0  # shortest ramp; what is shorter is a step [h]

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import StrEnum
+from itertools import groupby
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +36,7 @@ from robot_energy.inputs.meter.power_curve import MeterCurve
 from robot_energy.model import RobotModel
 from robot_energy.physics.drivetrain import Drivetrain
 
+MAX_ROWS = 1000  # of a part that friction is learned from; of more, every second, third, ...
 PART_NS = 5_000_000_000  # of stamps that are learned from together
 
 
@@ -106,6 +108,7 @@ class ConditionLearner:
         self.wear = WearMonitor(model.joint_names)
         self.end_ns: int | None = None
         self._windows = MeterWindows(3, curve)  # predicted, friction, added
+        self._readings: list[MeterBlock] = []  # since the last part
         self._open: list[PowerBlock] = []  # of the part that has not ended
         self._part: int | None = None
         self._use = self._figures()
@@ -138,7 +141,7 @@ class ConditionLearner:
             block: In order of arrival.
         """
         if self.learns:
-            self._windows.measure(block)
+            self._readings.append(block)
 
     def cuts(self, stamp_ns: Int, before_ns: int) -> list[int]:
         """Return where samples must be cut, so that what was learned holds from there on.
@@ -239,13 +242,17 @@ class ConditionLearner:
         block = PowerBlock.concatenate(self._open)
         self._open.clear()
         self._part = None
+        for _, alike in groupby(self._readings, lambda r: (r.meaning, r.location)):
+            self._windows.measure(MeterBlock.concatenate(list(alike)))
+        self._readings.clear()
         use = self._use
         friction, known = block.friction_power, None
         if use.any:
             known = self._multiplier(use, block.motor_velocity, block.motor_temperature_degc)
             if self.applies:
                 friction = friction / known
-        part = self.reader.read(block, friction)
+        rows = slice(None, None, max(1, len(block) // MAX_ROWS))
+        part = self.reader.read(block[rows], friction[rows])
         if part is not None:
             self.wear.step(self.friction.step(part))
         for window in self._compared(block, friction, known, use):

@@ -66,7 +66,7 @@ class MeterGatherer:
 
     def _record(self, time: float) -> WearRecord | None:
         duration, residual, friction, degc = np.array([row[:4] for row in self._rows]).T
-        slope, off, noise = 0.0, residual, np.inf
+        slope, off, noise, weight = 0.0, residual, np.inf, duration
         for _ in range(4):
             near = np.minimum(1.0, HUBER * noise / np.maximum(np.abs(off), 1e-9))
             weight = duration * near

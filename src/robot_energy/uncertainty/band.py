@@ -46,7 +46,9 @@ class EnergyBand:
     kind: BandKind
 
 
-def half_width(rest: Float | float, temperature: Float | float, scale: float = Z90) -> Float:
+def half_width(
+    rest: Float | float, temperature: Float | float, scale: Float | float = Z90
+) -> Float:
     """Return half the width of a band.
 
     Readings of the meter at known temperatures may show that the figures are better known than
@@ -60,7 +62,7 @@ def half_width(rest: Float | float, temperature: Float | float, scale: float = Z
     Returns:
         Same shape and unit.
     """
-    return np.hypot(scale * np.asarray(rest), max(scale, Z90) * np.asarray(temperature))
+    return np.hypot(scale * np.asarray(rest), np.maximum(scale, Z90) * np.asarray(temperature))
 
 
 def scores(error: Float, rest: Float, temperature: Float) -> Float:
