@@ -9,8 +9,6 @@ depends on how the input is cut.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -102,7 +100,7 @@ class ThermalObserver:
         start[3, 3] = HEAT_STD**2
         self._covariance = np.tile(start, (count, 1, 1))
         self._used = np.full(count, np.nan)  # reading of the last correction
-        self._open: list[tuple[Any, ...]] = []  # of the window that has not ended
+        self._open: list[PowerBlock] = []  # of the window that has not ended
         self._reading: Float = np.full(n_joints, np.nan)
         self._window: int | None = None
         self._last_ns, self._segment = 0, -1
@@ -163,11 +161,7 @@ class ThermalObserver:
         if not self.on:
             return
         self._reading = reading_degc
-        seen = block.motor_torque_measured
-        friction = () if np.isnan(seen[0]).all() and np.isnan(seen[-1]).all() else (block,)
-        self._open.append(
-            (block.stamp_ns, block.segment, block.drive_loss, block.friction_power, friction)
-        )
+        self._open.append(block)
 
     def state(self) -> ThermalRecord | None:
         """Return what must be kept across a restart; None before the first window has ended."""
@@ -205,15 +199,14 @@ class ThermalObserver:
     @np.errstate(invalid="ignore", over="ignore")
     def _end_window(self, windows: int) -> None:
         """Move on by the window that ended, and by the time without samples after it."""
-        stamps, segments, drives, frictions, blocks = zip(*self._open, strict=True)
-        self._open.clear()
-        stamp, segment = np.concatenate(stamps), np.concatenate(segments)
+        stamp = np.concatenate([block.stamp_ns for block in self._open])
+        segment = np.concatenate([block.segment for block in self._open])
         elapsed = differences(stamp, self._last_ns) * NANOSECOND
         elapsed[differences(segment, self._segment) != 0] = 0.0
         self._last_ns, self._segment = int(stamp[-1]), int(segment[-1])
         drive, friction = (
-            elapsed @ np.nan_to_num(np.concatenate(parts)[:, self._own], posinf=0.0, neginf=0.0)
-            for parts in (drives, frictions)
+            elapsed @ np.nan_to_num(self._columns(name), posinf=0.0, neginf=0.0)
+            for name in ("drive_loss", "friction_power")
         )
         heat = self._heat
         worked = np.stack([drive + heat.share * friction, (1.0 - heat.share) * friction], axis=-1)
@@ -223,10 +216,9 @@ class ThermalObserver:
         new = ~np.isnan(reading) & (reading != self._used)
         self._used = np.where(new, reading, self._used)
         self._correct(reading, np.where(new, SENSOR_STD**2, np.inf))
-        with_torque = [block for part in blocks for block in part]
-        if with_torque and np.isnan(reading).any() and len(with_torque) == len(stamps):
-            block = PowerBlock.concatenate(with_torque)
-            self._correct(*self._by_friction(block, elapsed, np.isnan(reading)))
+        if np.isnan(reading).any():
+            self._correct(*self._by_friction(elapsed, np.isnan(reading)))
+        self._open.clear()
         if windows > 1:
             self._cool((windows - 1) * WINDOW_NS)
         self.end_ns = max(self._last_ns, 0)
@@ -269,31 +261,36 @@ class ThermalObserver:
         covariance = self._covariance - gain[:, :, None] * column[:, None, :]
         self._covariance = 0.5 * (covariance + covariance.swapaxes(-1, -2))
 
-    def _by_friction(
-        self, block: PowerBlock, elapsed: Float, unknown: NDArray[np.bool_]
-    ) -> tuple[Float, Float]:
+    def _columns(self, name: str) -> Float:
+        """An array of the window for the estimated motors; in one order however it was cut."""
+        parts = [getattr(block, name)[:, self._own] for block in self._open]
+        return np.asfortranarray(np.concatenate(parts))
+
+    def _by_friction(self, elapsed: Float, unknown: NDArray[np.bool_]) -> tuple[Float, Float]:
         """Temperature at which friction is what the torque shows, linear around the estimate.
 
         Measured torque less all but viscous friction is ``fv w``; over the window
         ``fv = sum(w (tau - other)) / sum(w^2)``.
         """
-        own = self._own
-        speed = block.motor_velocity[:, own]
-        rest = (block.motor_torque_measured - block.motor_torque)[:, own]
-        seen = np.isfinite(rest) & (block.friction_power[:, own] > 0.0)
-        seen &= ((block.quality & np.uint32(DOUBTFUL)) == 0)[:, None]
+        own, measured = self._own, self._columns("motor_torque_measured")
+        if np.isnan(measured).all():
+            return self._x[:, 0], np.full(len(self._x), np.inf)
+        speed = self._columns("motor_velocity")
+        rest = measured - self._columns("motor_torque") + self._columns("viscous") * speed
+        quality = np.concatenate([block.quality for block in self._open])
+        seen = np.isfinite(rest) & (self._columns("friction_power") > 0.0)
+        seen &= ((quality & np.uint32(DOUBTFUL)) == 0)[:, None]
         weight = np.where(seen, elapsed[:, None], 0.0)
         squares = (weight * speed**2).sum(axis=0)
-        change = np.where(seen, weight * rest * speed, 0.0).sum(axis=0)
-        coulomb = (weight * np.abs(speed) * block.coulomb[:, own]).sum(axis=0)
+        work = np.where(seen, weight * rest * speed, 0.0).sum(axis=0)
+        coulomb = (weight * np.abs(speed) * self._columns("coulomb")).sum(axis=0)
         whole = self._whole(self._x[:, 0])
         value = self._friction.viscous(whole)[own]
         slope = (self._friction.viscous(whole + 1.0) - self._friction.viscous(whole - 1.0))[own]
         law = np.nan_to_num(self._friction.viscous_std(whole)[own])
         says = unknown & (value * squares > MIN_WORK) & (slope < 0.0)
         squares, slope = np.where(says, squares, 1.0), np.where(says, 0.5 * slope, -1.0)
-        # The torque was predicted with the friction of the window, `block.viscous`.
-        off = (change / squares + block.viscous[-1, own] - value) / slope
+        off = (work / squares - value) / slope
         error = np.hypot(law, COULOMB_SHARE * coulomb / squares) / slope
         alone = error**2 + LAG_STD**2
         odd = off**2 > MAX_ODDITY**2 * (self._covariance[:, 0, 0] + alone)

@@ -257,18 +257,18 @@ class PowerStage:
             shared = np.where(stale, line.viscous_fallback_std[row], shared)
             temperature = np.where(stale, np.nan, temperature)
             mark(quality, np.logical_or.reduce(stale, axis=1), Quality.TEMPERATURE_STALE)
-        reading = temperature
-        if self.thermal.on and (estimated := self.thermal.estimated(reading)).any():
-            whole = bool(estimated.all())
-            temperature, viscous, std, shared = (
-                np.broadcast_to(of_motors, now.shape)
-                if whole
-                else np.where(estimated, of_motors, now)
-                for of_motors, now in zip(
-                    self._estimate(), (reading, viscous, std, shared), strict=True
-                )
-            )
-            mark(quality, np.logical_or.reduce(estimated, axis=1), Quality.TEMPERATURE_ESTIMATED)
+        reading, thermal = temperature, self.thermal
+        lacks = thermal.on and bool(thermal.stuck.any() or not np.isfinite(reading.sum()))
+        if lacks and (estimated := thermal.estimated(reading)).any():
+            temperature = reading.copy()
+            found = (temperature, viscous, std, shared)  # own copies of the rows
+            if whole := bool(estimated.all()):
+                quality |= np.uint32(Quality.TEMPERATURE_ESTIMATED)
+            else:
+                marked = np.logical_or.reduce(estimated, axis=1)
+                mark(quality, marked, Quality.TEMPERATURE_ESTIMATED)
+            for values, of_motors in zip(found, self._estimate(), strict=True):
+                np.copyto(values, of_motors, where=True if whole else estimated)
         self.fallback_use.note(stamp_ns, temperature, seen[row[-1]], self._timeline)
         return coulomb, viscous, std, shared, temperature, reading
 

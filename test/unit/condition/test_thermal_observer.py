@@ -121,6 +121,7 @@ def test_models_without_a_network_are_as_before():
 def test_any_cutting_gives_the_same(seed):
     rng = np.random.default_rng(seed)
     block = turning(seconds=300.0, effort=2.0)
+    block.joint_effort[rng.random(len(block)) < 0.3] = np.nan
     stamp = block.stamp_ns
     gap, jump = sorted(rng.integers(50, len(block) - 50, 2))
     stamp[gap:] += 95 * S
