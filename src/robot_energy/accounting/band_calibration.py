@@ -4,14 +4,15 @@ The score of a reading is its error over the standard deviation of the predictio
 power is the 90 % quantile of the scores of a phase, followed online: a score above the scale
 raises it nine times as much as one below lowers it, so that in the long run one in ten lies
 above, whatever their distribution and their correlation (conformal quantile tracking). Scores
-count from the next whole second on. The
-scale of energies is the conformal quantile of the scores of the newest half minutes: the k-th
-smallest of n, ``k = ceil((1 - a) (n + 1))``. The share ``a`` that may lie above is 0.1; a score
-above the scale lowers it at once, and each below raises it a little again (adaptive conformal
-inference). What ten minutes of one motion show of the model does
-not hold for all others, so ten minutes as the model's deviations expect them are always
-among them. All is causal and all sums are integers, so the cutting of the input makes no
-difference.
+count from the next whole second on.
+
+The scale of energies is the conformal quantile of the scores of the newest half minutes: the k-th
+smallest of n, ``k = ceil((1 - a) (n + 1))``. The share ``a`` that may lie above moves by
+``0.15 (0.1 - 1)`` at a score above the scale and by ``0.15 * 0.1`` at one below (adaptive
+conformal inference). What ten minutes of one motion show of the model does not hold for all
+others, so ten minutes as the model's deviations expect them are always among them.
+
+All is causal and all sums are integers, so the cutting of the input makes no difference.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ from robot_energy.blocks import Float, Int, MeterLocation, Phase, PowerBlock, di
 from robot_energy.timeline.pieces import Compared
 from robot_energy.uncertainty.band import (
     BUS,
+    FORM,
     LOSS_GRID,
     TEMPERATURE,
     Z90,
@@ -52,7 +54,8 @@ MAX_SLOTS = 20_000  # that wait for the meter: minutes
 MAX_STRETCHES = 16  # that wait for the meter
 MAX_SCORES = 64  # half minutes behind the scale of energies
 MIN_SCORES = 9  # of them: fewer have no conformal quantile of 90 %
-ADAPTATION = 0.1  # of the share of energies outside, by each score
+ADAPTATION = 0.15  # of the share of energies that may lie outside, by each score ...
+MAX_OUTSIDE = 0.16  # ... up to this
 EXPECTED = tuple(NormalDist().inv_cdf(0.5 + (place + 0.5) / 40) for place in range(20))
 """Scores of ten minutes if the deviations of the model are right: sizes of normal errors."""
 MIN_READINGS = 60  # scored in a phase before its scale is used
@@ -237,7 +240,7 @@ class BandCalibration:
             error = np.array([abs(predicted - measured) / NANOJOULE])
             (score,) = scores(error, np.array([rest]), np.array([temperature])).tolist()
             moved = self._outside + ADAPTATION * (1.0 - COVERED - (score > self._energy_scale()))
-            self._outside = min(max(moved, 0.0), 1.0 - COVERED)
+            self._outside = min(max(moved, 0.0), MAX_OUTSIDE)
             self._scores.append(score)
 
     def _set(
@@ -313,7 +316,7 @@ class BandCalibration:
             deviation: Integrals of the deviations, shape (K,). [J]
         """
         rest, temperature = energy_parts(deviation)
-        std = math.hypot(rest, temperature)
+        std = math.hypot(rest, temperature, float(deviation[FORM]))
         if len(self._scores) < MIN_SCORES:
             return EnergyBand(std, Z90 * std, BandKind.PARAMETRIC)
         scale, loss = self._energy_scale(), 0.0
@@ -344,7 +347,7 @@ class BandCalibration:
         if kept.readings[POOLED] >= self._count[POOLED]:
             self.location = MeterLocation[kept.location]
             self._log_scale, self._count = [*kept.log_scale], [*kept.readings]
-            self._outside = min(max(kept.energy_outside, 0.0), 1.0 - COVERED)
+            self._outside = min(max(kept.energy_outside, 0.0), MAX_OUTSIDE)
         self._scores = deque([*kept.energy_scores, *self._scores], maxlen=MAX_SCORES)
 
     def interrupt(self) -> None:

@@ -14,8 +14,8 @@ from robot_energy.uncertainty.deviation import CABINET_DEVIATIONS
 Z90 = 1.6448536269514722
 """Half width of the middle 90 % of a normal distribution, over its standard deviation."""
 _FIRST = len(CABINET_DEVIATIONS)
-LOSS_GRID, BUS, TEMPERATURE, _RANDOM = (
-    CABINET_DEVIATIONS.index(name) for name in ("loss_grid", "bus", "temperature", "random")
+LOSS_GRID, BUS, TEMPERATURE, FORM, _RANDOM = (
+    CABINET_DEVIATIONS.index(name) for name in ("loss_grid", "bus", "temperature", "form", "random")
 )
 _SYSTEMATIC = [CABINET_DEVIATIONS.index(name) for name in ("bodies", "payload", "loss_dc")]
 
@@ -105,13 +105,15 @@ def energy_variances(deviation: Float) -> Float:
     Returns:
         In the order of `robot_energy.uncertainty.deviation.names_of`, shape (K - 1,). [J^2]
     """
-    columns = [*_SYSTEMATIC, LOSS_GRID, TEMPERATURE]
+    columns = [*_SYSTEMATIC, LOSS_GRID, TEMPERATURE, FORM]
     random = max(float(deviation[_RANDOM]), 0.0)
     return np.concatenate([deviation[columns] ** 2, [random], deviation[_FIRST:] ** 2])
 
 
 def energy_parts(deviation: Float, at_bus: bool = False) -> tuple[float, float]:
-    """Return the standard deviation of an energy in two parts.
+    """Return the standard deviation of an energy in two parts, without that of the model's form.
+
+    What the form leaves out a meter shows, and without one it is added.
 
     Args:
         deviation: Integrals of the deviations, shape (K,). [J]
@@ -122,6 +124,8 @@ def energy_parts(deviation: Float, at_bus: bool = False) -> tuple[float, float]:
     """
     variances = energy_variances(deviation)
     place = len(_SYSTEMATIC)
-    left_out = float(variances[place + 1]) + (float(variances[place]) if at_bus else 0.0)
+    left_out = float(variances[place + 1] + variances[place + 2]) + (
+        float(variances[place]) if at_bus else 0.0
+    )
     rest = math.sqrt(max(float(variances.sum()) - left_out, 0.0))
     return rest, float(abs(deviation[TEMPERATURE]))

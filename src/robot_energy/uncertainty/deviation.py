@@ -12,7 +12,8 @@ drive; that adds them a little too much (Minkowski), never too little. Of ``s(fv
 alike at all joints (an unknown temperature) is a column of the robot. What the brake resistor takes
 never reaches the grid: there the columns are 0.
 
-What no figure of the model explains (delays, elasticity, effects without a parameter) is taken as
+What the form of the model leaves out of friction and drive losses is a share of them; a meter
+shows it, so it counts only without one. What no figure explains (delays, elasticity) is taken as
 a share of the shaft power with a short correlation time; its variance grows with time.
 """
 
@@ -39,11 +40,15 @@ from robot_energy.uncertainty.priors import (
 )
 
 CABINET_DEVIATIONS = (
-    "bodies", "payload", "loss_dc", "loss_grid", "temperature", "random", "bus",
+    "bodies", "payload", "loss_dc", "loss_grid", "temperature", "form", "random", "bus",
 )  # fmt: skip
 """Columns of the robot; ``random`` is in W^2 s, ``bus`` the root sum of squares of all but
-``loss_grid`` and ``temperature``."""
+``loss_grid``, ``temperature`` and ``form``."""
 JOINT_DEVIATIONS = ("friction", "drive")
+FORM = 0.1
+"""What the form of friction and drive losses leaves out, over their power. [-]
+
+Real losses follow other laws of speed, load and temperature than those of the model."""
 UNEXPLAINED = 0.2
 """Standard deviation of the power that no figure explains, over the sum of |shaft power|. [-]"""
 UNEXPLAINED_TIME = 0.02
@@ -143,7 +148,7 @@ class PowerDeviation:
         size, n_joints = rigid_power.shape
         first = len(CABINET_DEVIATIONS)
         columns = np.empty((size, first + len(JOINT_DEVIATIONS) * n_joints), order="F")
-        bodies, payload, loss_dc, loss_grid, temperature, random, bus = columns[:, :first].T
+        bodies, payload, loss_dc, loss_grid, temperature, form, random, bus = columns[:, :first].T
         friction, drive = columns[:, first : first + n_joints], columns[:, first + n_joints :]
         speed, shaft = np.abs(motor_velocity), np.abs(rigid_power + friction_power)
         std, shared = viscous_std
@@ -161,11 +166,13 @@ class PowerDeviation:
         carried = self._payload_share
         if self._payload_mass > 0:
             carried = carried * np.minimum(payload_mass / self._payload_mass, 1.0)[:, None]
-        table = np.empty((n_joints, 5, size))
+        table = np.empty((n_joints, 6, size))
         table[:, 0], table[:, 1] = rigid_power.T, (rigid_power * carried).T
         table[:, 2], table[:, 3] = shaft.T, (shared * speed**2).T
         table[:, 4] = (friction**2 + drive**2).T
-        rigid, of_payload, moved, temperature[:], squares = _in_order(table)
+        table[:, 5] = (friction_power + np.abs(drive_loss)).T
+        rigid, of_payload, moved, temperature[:], squares, lost = _in_order(table)
+        np.multiply(FORM, lost, out=form)
         np.multiply(self._payload, of_payload, out=payload)
         np.multiply(self._bodies, rigid - of_payload, out=bodies)
         loss_dc[:] = self._loss_dc
@@ -177,7 +184,7 @@ class PowerDeviation:
         if self._returned:
             reaches[balance.grid_power < balance.loss_grid] = self._returned
         if (reaches < 1.0).any():
-            for column in (bodies, payload, temperature, loss_dc, *friction.T, *drive.T):
+            for column in (bodies, payload, temperature, form, loss_dc, *friction.T, *drive.T):
                 column *= reaches
             squares *= reaches**2
         np.sqrt(squares + unexplained, out=bus)
@@ -256,6 +263,7 @@ def names_of(joint_names: Sequence[str]) -> tuple[str, ...]:
         "constant loss, DC side",
         "constant loss, grid side",
         "temperature of the friction",
+        "form of friction and drive losses",
         "what the model leaves out",
         *(f"friction of {name}" for name in joint_names),
         *(f"drive of {name}" for name in joint_names),

@@ -17,7 +17,7 @@ from robot_energy.pipeline import EnergyPipeline, Settings
 from robot_energy.pipeline.friction_certainty import FrictionCertainty
 from robot_energy.starter.priors import CLASSES
 from robot_energy.uncertainty.band import Z90, energy_variances, half_width, scores
-from robot_energy.uncertainty.deviation import names_of, payload_shares
+from robot_energy.uncertainty.deviation import CABINET_DEVIATIONS, names_of, payload_shares
 from robot_energy.uncertainty.priors import SPREAD
 
 NAMES = names_of(("shoulder", "elbow"))
@@ -133,7 +133,13 @@ def test_nothing_of_the_bus_is_unsure_while_the_brake_takes_all():
     assert power is not None
     braked = power.brake_power > 0
     assert 10 < braked.sum() < len(power)
-    columns = dict(zip(NAMES, np.delete(power.deviation, 6, axis=1).T, strict=True))
+    columns = dict(
+        zip(
+            NAMES,
+            np.delete(power.deviation, CABINET_DEVIATIONS.index("bus"), axis=1).T,
+            strict=True,
+        )
+    )
     assert (columns["friction of shoulder"][braked] == 0).all()
     assert (columns["drive of elbow"][braked] == 0).all()
     assert (columns["constant loss, grid side"][braked] > 0).all()
