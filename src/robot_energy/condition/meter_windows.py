@@ -115,10 +115,10 @@ class MeterWindows:
         zero: Float = np.zeros((1, power.shape[1]))
         base = self._total[-1:] if len(self._total) else zero
         if not len(self._stamp):
-            more = np.concatenate([zero, more])
+            more = np.concatenate((zero, more))
         old = int(np.searchsorted(self._stamp, stamp_ns[-1] - KEPT_NS))
         self._stamp = np.concatenate([self._stamp[old:], stamp_ns])
-        self._total = np.concatenate([self._total[old:], base + more])
+        self._total = np.concatenate([self._total[old:], np.asarray(base + more)])
         self._power = np.concatenate([self._power[old:], power])
 
     def _windows(self, until_ns: int) -> Iterator[Window]:
