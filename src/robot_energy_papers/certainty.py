@@ -235,6 +235,9 @@ def bands_of(plant_seed: int, runs: BandRuns | None) -> list[Covered]:
         plant_seed: Seed of the plant.
         runs: What the rig does; None for the full runs.
 
+    Returns:
+        One row per held-out run.
+
     Raises:
         RobotEnergyError: If the plant cannot be identified.
     """
@@ -257,6 +260,9 @@ def worn_axis(joint: int, plant_seed: int) -> WearRow:
         joint: Index of the axis.
         plant_seed: Seed of the plant.
 
+    Returns:
+        When it was found.
+
     Raises:
         RobotEnergyError: If the rig cannot be set up.
     """
@@ -271,6 +277,9 @@ def learning_result(robot: str, with_torque: bool, minutes: int, seed: int) -> L
         with_torque: Whether joint states carry motor torque.
         minutes: How long. [min]
         seed: Of work and sensors.
+
+    Returns:
+        Errors minute by minute.
 
     Raises:
         RobotEnergyError: If the rig cannot be set up.

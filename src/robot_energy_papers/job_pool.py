@@ -53,6 +53,9 @@ def job_pool(
 
     Yields:
         The function; it takes a function and its arguments.
+
+    Raises:
+        RigError: If a process ended by itself.
     """
     if workers <= 1:
 
