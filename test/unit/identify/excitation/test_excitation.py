@@ -15,6 +15,7 @@ from robot_energy.identify.dynamics.dynamics import DynamicsSettings, identify_d
 from robot_energy.identify.excitation.criterion import ExcitationCriterion, sampled
 from robot_energy.identify.excitation.excitation import ExcitationSettings, optimise_excitation
 from robot_energy.identify.excitation.limits import ExcitationLimits, Floor
+from robot_energy.identify.stats.regression import SCATTER
 from robot_energy.model import load
 from robot_energy.motion import (
     FourierBasis,
@@ -229,7 +230,7 @@ def test_six_axes_within_seconds(six_axes):
 
 
 def deviations(motion):
-    """Standard deviations that identification gives from ten seconds on the rig."""
+    """Scatter that identification finds from ten seconds on the rig, without constant errors."""
     config = replace(RigConfig.plain(), encoder=True, torque_noise=True)
     rig = VirtualRig(load_profile("kr16"), motion, config, seed=3, start_temperature_degc=40.0)
     joints = rig.step(250 * 10).joints
@@ -240,7 +241,7 @@ def deviations(motion):
         joints.measured_motor_torque,
     )
     choice = DynamicsSettings(columns=standard_columns(0.01), delay_span=0.0)
-    return identify_dynamics(parts, load("kr16"), choice).fit.std
+    return identify_dynamics(parts, load("kr16"), choice).fit.parts[SCATTER]
 
 
 def test_excited_motion_tells_more_than_random_programs_of_the_same_length(six_axes):
