@@ -40,6 +40,7 @@ TYPES: dict[Any, RosParameter.Type] = {
     tuple[float, ...]: RosParameter.Type.DOUBLE_ARRAY,
 }
 # Overrides that rclpy itself declares or reads.
+OFF = "off"
 MAX_ROUNDING = 1e-3  # of a number of ticks, so that 8.333 counts as a third of 25
 OF_RCLPY = ("use_sim_time", "start_type_description_service", "qos_overrides")
 
@@ -325,6 +326,11 @@ def _declare_one(
         raise missing from None
     except (InvalidParameterTypeException, InvalidParameterValueException):
         value = given[name].value if name in given else None
+        if value is False and OFF in entry.choices:  # YAML reads the word off as false
+            node.declare_parameter(
+                name, OFF, _descriptor(entry, read_only=read_only), ignore_override=True
+            )
+            return OFF
         raise ParameterError(
             f"parameter '{name}' of {node.get_name()} is {value!r}", entry.expected
         ) from None
