@@ -25,6 +25,7 @@ from rclpy.parameter import Parameter
 from robot_energy.errors import PageError, RobotEnergyError
 from robot_energy.files.output_files import GENERATOR, FileKind, check_file, write_file
 from ros2_energy_monitor.base.run_node import ros
+from ros2_energy_monitor.base.shared_memory import clear_ports
 from ros2_energy_monitor.executables import EXECUTABLES
 from ros2_energy_monitor.web.robot_feed import SERVICES
 
@@ -42,7 +43,7 @@ NODES: dict[str, dict[str, Any]] = {
     "console": {},
 }
 DEFAULT_PROFILE = "shelly_pro_3em"
-PATIENCE = 30.0  # until a node sees itself in the graph [s]
+PATIENCE = 60.0  # until a node sees itself in the graph [s]
 
 
 @dataclass(frozen=True)
@@ -216,6 +217,7 @@ def main(args: Sequence[str] | None = None) -> int:
     options, rest = parser.parse_args(words[:cut]), words[cut:]
     has_file = "--params-file" in rest
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "OFF"  # robots of the network do not count
+    clear_ports()  # of a process that was killed
     try:
         check_file(options.out, POLICY, "the policy")
         with ros(rest) as context:

@@ -155,6 +155,9 @@ def record_plant(
         seed: Of motions, noise and constant errors.
         folder: For the bags.
         drive_power: Whether the power of each drive is measured.
+
+    Returns:
+        One bag per temperature.
     """
     bags: list[Bag] = []
     for number, degc in enumerate(DEGC):
@@ -194,6 +197,9 @@ def repetition(robot: str, seed: int, hard: bool, folder: Path) -> list[Judged]:
         seed: Of everything that is drawn.
         hard: As of `plant`.
         folder: For the bags.
+
+    Returns:
+        Every figure that was identified.
     """
     profile, config = plant(robot, seed, hard)
     bags = record_plant(profile, config, seed, folder, drive_power=bool(seed % 2))
@@ -208,6 +214,9 @@ def judged(result: FullIdentification, profile: PlantProfile, config: RigConfig)
         result: The identification.
         profile: The plant.
         config: Its effects.
+
+    Returns:
+        Those that have a group here.
     """
     model = result.model
     found = result.step("dynamics").found
@@ -296,6 +305,9 @@ def repetitions(
         seeds: Of the repetitions.
         hard: As of `plant`.
         progress: Called with robot and seed before each.
+
+    Returns:
+        Figures of each repetition.
     """
     found: list[list[Judged]] = []
     for seed in seeds:
@@ -312,6 +324,9 @@ def coverages(found: Sequence[Sequence[Judged]]) -> list[IntervalCoverage]:
 
     Args:
         found: Figures of each repetition.
+
+    Returns:
+        One entry per group that has figures.
     """
     rows: list[IntervalCoverage] = []
     for group in GROUPS:

@@ -5,6 +5,7 @@ import re
 import pytest
 
 from chromium import browser, needs_browser
+from page_client import wait_until
 from page_messages import power_states, recorded, registers
 from robot_energy.page.access import page_access
 from robot_energy.page.hub import PageHub
@@ -115,6 +116,15 @@ def test_nothing_is_wider_than_a_phone(opened):
         "document.querySelector('#flow svg').getAttribute('viewBox').split(' ')[2] < 400", ""
     )
     assert opened.run("return document.documentElement.scrollWidth") == 390
+
+
+def test_a_page_that_is_left_keeps_no_connection(window, recording, url, saved):
+    streams = recording[0].hub.on_tick.__self__._app._stream._news
+    for _ in range(3):
+        window.open(url)
+        wait_until(lambda: streams, "the stream of the page")
+        window.open(saved)
+        wait_until(lambda: not streams, "the end of the stream of the page that was left")
 
 
 def test_the_lines_are_read_with_the_keyboard(opened):

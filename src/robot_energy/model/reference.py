@@ -79,6 +79,7 @@ def _titles() -> dict[str, str]:
         "Payload": "`payload`",
         "Joint": "`joints`",
         "JointFriction": "`friction` of a joint",
+        "JointThermal": "`thermal` of a joint",
         "Stribeck": "`stribeck` of the friction",
         "Coupling": "`coupling`",
         "Cabinet": "`cabinet`",

@@ -187,7 +187,7 @@ def deviations_table(unit: str, parts: Mapping[str, Mapping[str, float]], page: 
 
     Args:
         unit: Of the figures.
-        parts: By figure and cause.
+        parts: By figure and cause. [of the figure]
         page: Where to.
     """
     causes = list(dict.fromkeys(cause for own in parts.values() for cause in own))

@@ -27,6 +27,7 @@ COMMANDS = {
     "friction": ["identify", "friction", BAG, "--model", "kr16", "--effort", "motor_torque"],
     "friction_study": ["identify", "friction", "--log", "runs.csv", "--mapping", "runs.yaml",
                        "--train", "40:", "--test", ":35"],
+    "thermal": ["identify", "thermal", "--log", "heat.csv", "--mapping", "heat.yaml"],
     "cabinet": ["identify", "cabinet", BAG, "--model", "kr16"],
     "drives": ["identify", "drives", BAG, "--model", "kr16", "--effort", "motor_torque"],
     "dynamics": ["identify", "dynamics", BAG, "--model", "kr16", "--effort", "motor_torque"],
@@ -67,6 +68,14 @@ def runs(folder):
         },
     }
     (folder / "runs.yaml").write_text(json.dumps(mapping))
+    # Two hours of a motor of 1000 A^2 s/K and 20 min, at 22 degC, in steps of 10 s.
+    time, degc = np.arange(0.0, 7200.0, 10.0), [22.0]
+    current = np.where(time % 3000.0 < 1800.0, 5.0, 1.0)
+    for heat in current[:-1] ** 2:
+        degc.append(degc[-1] + 10.0 * (heat - (degc[-1] - 22.0) / 1.2) / 1000.0)
+    rows = np.column_stack([time, 0.0 * time, 0.0 * time, current, degc, 0.0 * time])
+    write_csv(folder / "heat.csv", "t,q_axle,w_axle,i_axle,c_axle,run", rows.tolist())
+    (folder / "heat.yaml").write_text(json.dumps(mapping))
 
 
 def misfit(value, schema, definitions, where="$"):

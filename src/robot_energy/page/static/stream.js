@@ -37,6 +37,9 @@ export async function act(robot, action, text) {
 async function readEvents(handle) {
   const abort = new AbortController();
   let alarm = setTimeout(() => abort.abort(), 2 * SILENCE);
+  // A page that is left may live on in the cache of the browser: it keeps no connection.
+  const leave = () => abort.abort();
+  addEventListener("pagehide", leave);
   try {
     const answer = await fetch("api/events", { headers: headers(), signal: abort.signal });
     if (answer.status === 401) throw new Error("token");
@@ -56,6 +59,7 @@ async function readEvents(handle) {
       }
     }
   } finally {
+    removeEventListener("pagehide", leave);
     clearTimeout(alarm);
     abort.abort();
   }

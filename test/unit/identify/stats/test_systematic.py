@@ -5,7 +5,7 @@ import pytest
 
 from robot_energy.errors import ModelFileError
 from robot_energy.identify.stats.regression import fit, jackknife, regress, student
-from robot_energy.identify.stats.systematic import SensorLimits, moved_by, with_systematic
+from robot_energy.identify.stats.systematic import SensorLimits, moved_by, total, with_systematic
 
 NAMES = ("level", "slope")
 
@@ -73,3 +73,26 @@ def test_a_scatter_from_two_blocks_counts_as_students_t_says():
     columns, target = np.ones((40, 1)), np.repeat([1.0, 2.0], 20)
     found = fit(columns, target, ("mean",), jackknife(np.arange(40) // 20), "ols")
     assert found.interval(0.95)[0] == pytest.approx(12.706 * 0.5, rel=1e-3)
+
+
+def test_the_gain_of_a_meter_is_uniform_within_its_class():
+    """1.96 deviations are the 95 % interval: of a uniform error, 0.95 of its limit."""
+    limit = 3.0
+    assert total({"meter": limit / 3**0.5}) * 1.96 == pytest.approx(0.95 * limit, rel=1e-3)
+    assert total({"scatter": 3.0, "torque": 4.0}) == pytest.approx(5.0)
+    assert total({}) == 0.0
+    random = np.random.default_rng(1)
+    errors = np.abs(random.normal(0.0, 1.0, 400_000) + random.uniform(-limit, limit, 400_000))
+    half = 1.96 * total({"scatter": 1.0, "meter": limit / 3**0.5})
+    assert half == pytest.approx(float(np.quantile(errors, 0.95)), rel=5e-3)
+
+
+def test_independent_errors_of_a_fit_sum_to_its_covariance(line):
+    columns, target, block = line
+    found = regress(columns, target, block, NAMES)
+    found = with_systematic(found, columns, {"gain": (0.01 * target, 0.1 * columns[:, 1])})
+    found = moved_by(found, "gain", np.array([0.1, 0.2]))
+    errors = found.errors()
+    assert errors["gain"].shape == (2, 3)
+    whole = sum(moves @ moves.T for moves in errors.values())
+    np.testing.assert_allclose(whole, found.covariance, rtol=1e-9)
