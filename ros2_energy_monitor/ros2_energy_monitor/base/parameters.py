@@ -40,7 +40,6 @@ TYPES: dict[Any, RosParameter.Type] = {
     tuple[float, ...]: RosParameter.Type.DOUBLE_ARRAY,
 }
 # Overrides that rclpy itself declares or reads.
-OFF = "off"
 MAX_ROUNDING = 1e-3  # of a number of ticks, so that 8.333 counts as a third of 25
 OF_RCLPY = ("use_sim_time", "start_type_description_service", "qos_overrides")
 
@@ -126,10 +125,8 @@ class AccountParameters(MeterInputs, Common):
     )
     learning: str = parameter(
         "What is learned of friction and constant losses while the robot works: off for nothing; "
-        "observe to publish it; apply to predict with it.",
-        str(Learning.OBSERVE),
-        choices=tuple(map(str, Learning)),
-    )
+        "observe to publish it; apply to predict with it.", "observe", choices=tuple(Learning)
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -326,11 +323,9 @@ def _declare_one(
         raise missing from None
     except (InvalidParameterTypeException, InvalidParameterValueException):
         value = given[name].value if name in given else None
-        if value is False and OFF in entry.choices:  # YAML reads the word off as false
-            node.declare_parameter(
-                name, OFF, _descriptor(entry, read_only=read_only), ignore_override=True
-            )
-            return OFF
+        if value is False and "off" in entry.choices:  # YAML reads the word off as false
+            node.declare_parameter(name, "off", _descriptor(entry, read_only=read_only), True)
+            return "off"
         raise ParameterError(
             f"parameter '{name}' of {node.get_name()} is {value!r}", entry.expected
         ) from None
