@@ -101,9 +101,10 @@ def test_what_was_learned_survives_the_node(bench, output, tmp_path):
     np.testing.assert_array_equal(node._pipeline.power.condition.friction.filtered, kept)
 
 
+@pytest.mark.parametrize("word", ["off", False])  # YAML reads off as false
 @pytest.mark.parametrize("node_type", [EnergyMonitor, PowerMonitor])
-def test_learning_can_be_switched_off(bench, node_type):
-    node = bench.add(node_type, model="kr16", state_folder="", learning="off")
+def test_learning_can_be_switched_off(bench, node_type, word):
+    node = bench.add(node_type, model="kr16", state_folder="", learning=word)
     assert node._condition._publisher is None
     assert node._condition.findings().values["learning"] == Learning.OFF
 

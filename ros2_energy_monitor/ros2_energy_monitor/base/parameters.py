@@ -125,10 +125,8 @@ class AccountParameters(MeterInputs, Common):
     )
     learning: str = parameter(
         "What is learned of friction and constant losses while the robot works: off for nothing; "
-        "observe to publish it; apply to predict with it.",
-        str(Learning.OBSERVE),
-        choices=tuple(map(str, Learning)),
-    )
+        "observe to publish it; apply to predict with it.", "observe", choices=tuple(Learning)
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -325,6 +323,9 @@ def _declare_one(
         raise missing from None
     except (InvalidParameterTypeException, InvalidParameterValueException):
         value = given[name].value if name in given else None
+        if value is False and "off" in entry.choices:  # YAML reads the word off as false
+            node.declare_parameter(name, "off", _descriptor(entry, read_only=read_only), True)
+            return "off"
         raise ParameterError(
             f"parameter '{name}' of {node.get_name()} is {value!r}", entry.expected
         ) from None
