@@ -4,7 +4,7 @@
 
 Every repetition draws a plant, its sensors and their constant errors, and motions; half of them
 have the power of each drive as well as the meter. `robot_energy_papers.interval_coverage` says
-what is drawn. 60 repetitions take about 12 minutes on one core.
+what is drawn. 60 repetitions take about a quarter of an hour on a free core.
 """
 
 from __future__ import annotations
