@@ -116,7 +116,8 @@ class MeterWindows:
         base = self._total[-1:] if len(self._total) else zero
         if not len(self._stamp):
             more = np.concatenate((zero, more))
-        old = int(np.searchsorted(self._stamp, stamp_ns[-1] - KEPT_NS))
+        oldest = int(stamp_ns[-1]) - KEPT_NS
+        old = int(np.searchsorted(self._stamp, oldest))
         self._stamp = np.concatenate([self._stamp[old:], stamp_ns])
         self._total = np.concatenate([self._total[old:], np.asarray(base + more)])
         self._power = np.concatenate([self._power[old:], power])
