@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 from robot_energy.api.inputs import BagSource, ModelName, Stages, model_of, silent
 from robot_energy.blocks import EffortMeaning
 from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.data.bags import Bag, BagFacts, Span, facts
-from robot_energy.identify.stats.systematic import DEFAULT_LIMITS, SensorLimits
+from robot_energy.identify.data.bags import BagFacts, Span, facts
+from robot_energy.identify.stats.systematic import SensorLimits
 from robot_energy.identify.steps import Subject
 from robot_energy.model import RobotModel, save
 from robot_energy.results.base import Result
@@ -304,13 +304,10 @@ def identify_all(
     from robot_energy.results.identification import identification_report
 
     given = model_of(model)
-    fitted, refused = _bags(
-        BagSource(_paths(bags), effort, inputs, sensors=sensors),
-        given,
-        drive_power,
-        drive_joints,
-    )
-    tests, _ = _bags(BagSource(_paths(test), effort, inputs), given, drive_power, drive_joints)
+    drives = drive_power, drive_joints
+    source = BagSource(_paths(bags), effort, inputs, sensors=sensors)
+    fitted, refused = source.lazy(given, *drives)
+    tests, _ = BagSource(_paths(test), effort, inputs).lazy(given, *drives)
     known: list[tuple[BagFacts, Span]] = []
     evidence: list[Evidence] = []
     for bag in (*fitted, *tests):
@@ -345,33 +342,6 @@ def identify_all(
     tested = [entry for entry, _ in known[len(fitted) :]]
     found = identification_report(whole, written, read, tested, energy, notes)
     return IdentificationResult(written, found)
-
-
-def _bags(
-    source: BagSource,
-    model: RobotModel,
-    drive_power: str | None,
-    drive_joints: Sequence[str] | None,
-) -> tuple[list[Bag], str]:
-    """The bags, and why their effort cannot be used; empty if it can, or was not stated."""
-    from robot_energy.identify.drives.drive_power import read_drive_power
-    from robot_energy.identify.run_all import usable_effort
-
-    meaning, read = source.meaning()
-    refused = usable_effort(model, meaning)
-    used = EffortMeaning.NONE if refused else meaning
-    return [
-        Bag(
-            path,
-            used,
-            read,
-            read_drive_power(path, drive_power, model.joint_names, drive_joints)
-            if drive_power
-            else None,
-            sensors=source.sensors or DEFAULT_LIMITS,
-        )
-        for path in map(Path, source.bags)
-    ], refused
 
 
 def _require_something(whole: FullIdentification) -> None:

@@ -16,6 +16,7 @@ from robot_energy.model import RobotModel, load
 from robot_energy.presets import ROBOTS
 
 if TYPE_CHECKING:
+    from robot_energy.identify.data.bags import Bag
     from robot_energy.identify.data.recordings import Recording
     from robot_energy.identify.data.signals import Channels
     from robot_energy.identify.friction.samples import FrictionData
@@ -213,3 +214,36 @@ class BagSource:
             name = Path(bag).name
             found[str(bag) if name in found else name] = sampled
         return found
+
+    def lazy(
+        self, model: RobotModel, drive_power: str | None, drive_joints: Sequence[str] | None
+    ) -> tuple[list[Bag], str]:
+        """Return the bags as identification reads them again and again, in parts.
+
+        Args:
+            model: Of the robot.
+            drive_power: Topic of an array with the power of each drive. [W]
+            drive_joints: Joints in the order of that array; None: of the model.
+
+        Returns:
+            The bags, and why their effort cannot be used; empty if it can, or was not stated.
+
+        Raises:
+            RobotEnergyError: If a bag or the parameter file cannot be used.
+        """
+        from robot_energy.identify.data.bags import Bag
+        from robot_energy.identify.drives.drive_power import read_drive_power
+        from robot_energy.identify.run_all import usable_effort
+        from robot_energy.identify.stats.systematic import DEFAULT_LIMITS
+
+        meaning, read = self.meaning()
+        refused = usable_effort(model, meaning)
+        used = EffortMeaning.NONE if refused else meaning
+        sensors = self.sensors or DEFAULT_LIMITS
+        bags: list[Bag] = []
+        for path in map(Path, self.bags):
+            power = None
+            if drive_power:
+                power = read_drive_power(path, drive_power, model.joint_names, drive_joints)
+            bags.append(Bag(path, used, read, power, sensors=sensors))
+        return bags, refused
