@@ -36,6 +36,7 @@ from robot_energy_papers.thermal_study import ROBOTS, HiddenPlant, hidden_sensor
 from robot_energy_papers.wear_study import WearRow, detection
 
 WEAR, BEFORE, AFTER = 0.15, 8.0, 2.0  # of friction [-]; work before and after it [h]
+FRESH = 10  # first plant on which no constant of the bands was chosen
 NOMINAL = np.linspace(0.05, 0.99, 48)
 """Shares that intervals state. [-]"""
 
@@ -207,7 +208,7 @@ def study(
             [run(repetitions, scale.robots, [first + k], kind) for k in range(number)]
             for number, kind in ((scale.repetitions, False), (scale.hard, True))
         )
-        banded = [run(bands_of, first + k, scale.bands) for k in range(1, scale.band_plants + 1)]
+        banded = [run(bands_of, first + FRESH + k, scale.bands) for k in range(scale.band_plants)]
         hidden = [
             run(hidden_sensors, ROBOTS[k % len(ROBOTS)], first + k) for k in range(scale.thermal)
         ]
