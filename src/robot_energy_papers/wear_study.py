@@ -2,8 +2,8 @@
 
 Detection runs the rig with real wear: friction of one axis is multiplied in the plant, and the
 monitor sees joint states, temperatures and motor torque alone. The hall swings between 15 and
-60 degC once a day, and the payload changes every half hour; half of the changes are not told to
-the monitor.
+60 degC once a day, and the payload changes every half hour; half of the changes are
+unknown to the monitor.
 
 A thousand hours of a rig are too long to compute. For false alarms a day is recorded as the
 detector takes it, in parts of five seconds, several times with other noise and payloads. Each
@@ -34,7 +34,7 @@ DAY = 24  # h
 COLD, HOT = 15.0, 60.0  # of the hall [degC]
 RATE = 25.0  # of the joint states [Hz]
 CHANGE_EVERY = 30  # min between two payloads
-UNTOLD = 3.0  # greatest mass that the monitor is not told [kg]
+HIDDEN = 3.0  # greatest mass that the monitor does not get [kg]
 
 
 @dataclass(frozen=True)
@@ -110,16 +110,16 @@ class Shift:
             self._minute += 1
 
     def _carry(self) -> None:
-        """Take another payload, told to the monitor or not."""
+        """Take another payload, known to the monitor or not."""
         if not self._model.payload:
             return
         body = self._model.payload[0]
         kind = self._random.integers(4)
-        told = body.mass * (self._random.uniform(0.2, 1.0) if kind == 2 else 1.0)
-        true = told + (self._random.uniform(0.0, UNTOLD) if kind == 3 else 0.0)
+        known = body.mass * (self._random.uniform(0.2, 1.0) if kind == 2 else 1.0)
+        true = known + (self._random.uniform(0.0, HIDDEN) if kind == 3 else 0.0)
         carried = [
             payload(body.link, float(mass), body.centre_of_mass, body.inertia)
-            for mass in (true, told)
+            for mass in (true, known)
         ]
         self._rig.change(payload=carried[:1])
         self._pipeline.torque.set_payload(carried[1])

@@ -1,4 +1,4 @@
-"""Records whose law, load and wear are known: found, sized, and nothing else taken for wear."""
+"""Records whose law, load and wear are known: found, sized, and no other effect taken for it."""
 
 import numpy as np
 import pytest

@@ -87,7 +87,7 @@ def test_it_continues_from_its_state():
         WearMonitor(("a",)).restore(whole.state())
 
 
-def test_a_fall_is_told_from_a_rise():
+def test_a_fall_and_a_rise_are_different_alarms():
     fell = WearAlarm("A2", Drift(-0.08, 0.01, 10**18, 1.0, True))
     assert "fell, as after re-greasing or running in, and is 8.0 +- 1.0 % below" in fell.sentence
     assert not fell.warns

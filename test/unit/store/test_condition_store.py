@@ -69,7 +69,7 @@ def test_nothing_is_kept_where_nothing_is_learned(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_estimated_temperatures_are_kept_beside_and_need_no_learning(tmp_path):
+def test_estimated_temperatures_are_kept_and_need_no_learning(tmp_path):
     model = robots.one_wheel()
     entry = {"capacity": robots.figure(400.0), "conductance": robots.figure(0.5)}
     thermal = JointThermal.model_validate(entry)

@@ -88,7 +88,7 @@ class CabinetFit:
             readings lie inside rest.
         generating: ``P_l,grid``; None if it never brakes hard enough, or not at the grid.
         loss_grid: P_l,grid, None where the data do not tell it. [W]
-        loss_grid_std: None too where only the sum of both losses is told. [W]
+        loss_grid_std: None too where only the sum of both losses is identifiable. [W]
         loss_dc: P_l,DC. [W]
         loss_dc_std: [W]
         notes: What the data cannot separate and what was done instead, one sentence each.

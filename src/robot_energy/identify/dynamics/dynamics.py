@@ -57,7 +57,7 @@ class DynamicsSettings:
     """How to identify.
 
     Attributes:
-        columns: What is fitted beside the links.
+        columns: What is fitted in addition to the links.
         method: ``ols``, ``wls`` or ``irls``.
         filters: Of the channels.
         delay_span: Delays of the torque up to this are looked for, 0: none. [s]

@@ -50,7 +50,7 @@ class ExcitationCriterion:
     Args:
         model: The robot.
         limits: Within which it moves.
-        columns: What is fitted beside the links.
+        columns: What is fitted in addition to the links.
         seed: Of the states behind the scales.
     """
 

@@ -46,7 +46,7 @@ class ExcitationSettings:
         starts: Random motions to begin with; the best result is kept.
         iterations: At most, of each.
         seed: Of the starts.
-        columns: What is to be fitted beside the links.
+        columns: What is to be fitted in addition to the links.
     """
 
     criterion: Criterion = "determinant"
