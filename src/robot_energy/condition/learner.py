@@ -120,6 +120,7 @@ class ConditionLearner:
         self._readings: list[MeterBlock] = []  # since the last part
         self._open: list[PowerBlock] = []  # of the part that has not ended
         self._part: int | None = None
+        self._taught = (self.friction.table(), self.friction.valid)
         self._use = self._figures()
 
     @property
@@ -238,6 +239,7 @@ class ConditionLearner:
         self.meter.restore(record.meter)
         self.wear.restore(record.wear)
         self.end_ns = record.end_ns
+        self._taught = (self.friction.table(), self.friction.valid)
         self._use = self._figures()
 
     def restart(self) -> None:
@@ -258,6 +260,7 @@ class ConditionLearner:
         part = self._motion(pieces)
         if part is not None:
             self.wear.step(self.friction.step(part))
+            self._taught = (self.friction.table(), self.friction.valid)
         last = blocks[-1]
         for window in self._compared(pieces, use):
             self._learn_from_meter(window, last.motor_temperature_degc[-1])
@@ -312,8 +315,11 @@ class ConditionLearner:
         """Predicted power, friction the meter can learn of, what was added; shape (3, N). [W]"""
         block, friction, known = piece
         seen = block.phase != Phase.GENERATING  # else the brake resistor takes the difference
-        open_joints = np.where(use.by_torque, 0.0, 1.0)
-        learnable = np.where(seen, sum_over_joints(friction * open_joints), 0.0)
+        if use.by_torque.any():
+            friction_seen = friction * np.where(use.by_torque, 0.0, 1.0)
+        else:
+            friction_seen = friction
+        learnable = np.where(seen, sum_over_joints(friction_seen), 0.0)
         added = np.zeros(len(block))
         if self.applies:
             added += (use.factor - 1.0) * learnable + use.offset
@@ -331,9 +337,9 @@ class ConditionLearner:
     def _figures(self) -> _InUse:
         """What holds from now on."""
         factor, offset = self.meter.filtered if self.meter.valid else (1.0, 0.0)
-        by_torque = self.friction.valid
+        table, by_torque = self._taught
         return _InUse(
-            self.friction.table(),
+            table,
             by_torque,
             1.0 if by_torque.all() else factor,
             offset,
