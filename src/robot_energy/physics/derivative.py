@@ -14,10 +14,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from robot_energy.blocks import NANOSECOND, Float, Int, JointBlock, Quality, mark
+from robot_energy.blocks import NANOSECOND, Float, Int, JointBlock, Quality, mark, windows_of
 
 
 class Derivative:
@@ -175,7 +174,7 @@ class _QuadraticFit:
         self._first, self._last = start + int(offsets[0]), stop + int(offsets[-1])
         # u and the weights are (offsets, rows), so that every operation runs along the rows
         near = (self._part(stamp) - instants[0]).astype(np.float64)  # whole numbers, exact
-        around = sliding_window_view(near, len(rows))
+        around = windows_of(near, len(rows))
         self._u = around - (instants - instants[0]).astype(np.float64)
         self._u *= NANOSECOND / scale
         shortest_behind, shortest_ahead = int(behind.min()), int(ahead.min())

@@ -22,9 +22,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 
-from robot_energy.blocks import Float, Int, differences
+from robot_energy.blocks import Float, Int, differences, windows_of
 from robot_energy.model import RobotModel
 from robot_energy.model.drive_models import DRIVE_MODELS, LossDrive
 from robot_energy.model.figure import Tag
@@ -110,9 +109,11 @@ class PowerDeviation:
         slot = stamp_ns // SLOT_NS
         begins = differences(slot, self._slot) != 0
         self._slot = int(slot[-1])
+        if not begins.any():
+            return np.maximum(self._recent.max(), power)
         values = np.concatenate([self._recent, np.nan_to_num(power[begins])])
         self._recent = values[-RECENT_SLOTS:]
-        peaks = sliding_window_view(values, RECENT_SLOTS).max(axis=1)
+        peaks = windows_of(values, RECENT_SLOTS).max(axis=1)
         return np.maximum(peaks[np.cumsum(begins)], power)
 
     def columns(
