@@ -166,7 +166,7 @@ class Averager:
         number = block.stamp_ns // self._period_ns
         carried = self._open
         previous = number[0] if carried is None else carried.end.stamp_ns[0] // self._period_ns
-        starts = np.flatnonzero(differences(number, int(previous)))
+        starts = differences(number, int(previous)).nonzero()[0]
         bounds = starts if len(starts) and starts[0] == 0 else np.concatenate([[0], starts])
         duration_ns = np.add.reduceat(intervals.duration_ns, bounds)
         if shaft is None:
@@ -216,11 +216,14 @@ class Averager:
         """
         stamp, segment = block.stamp_ns, block.segment
         before = self._last or (int(stamp[0]), int(segment[0]))
-        step = differences(stamp, before[0])
-        unknown = (block.phase == Phase.UNKNOWN) & (differences(segment, before[1]) == 0)
-        time_ns = np.where(unknown & (duration_ns == 0), np.maximum(step, 0), duration_ns)
+        time_ns, unknown = duration_ns, block.phase == Phase.UNKNOWN
+        if unknown.any():
+            unknown &= (differences(segment, before[1]) == 0) & (duration_ns == 0)
+            time_ns = np.where(unknown, np.maximum(differences(stamp, before[0]), 0), duration_ns)
         self._last = (int(stamp[-1]), int(segment[-1]))
-        piece = np.repeat(np.arange(len(bounds)), np.diff(bounds, append=len(block)))
+        piece = np.zeros(len(block), dtype=np.int64)
+        piece[bounds[1:]] = 1
+        np.cumsum(piece, out=piece)
         shape = (len(bounds), len(Phase))
         cell = piece * len(Phase) + block.phase
         held = np.bincount(cell, weights=time_ns, minlength=len(bounds) * len(Phase))

@@ -197,7 +197,7 @@ class ConditionLearner:
         if not self.learns:
             return
         part = block.stamp_ns // PART_NS
-        starts = np.flatnonzero(np.diff(part)) + 1
+        starts = (part[1:] != part[:-1]).nonzero()[0] + 1
         for start, stop in zip([0, *starts.tolist()], [*starts.tolist(), len(block)], strict=True):
             if self._part is not None and part[start] != self._part:
                 self._end_part()

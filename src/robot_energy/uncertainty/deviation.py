@@ -23,10 +23,11 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from robot_energy.blocks import Float, Int, differences, windows_of
+from robot_energy.blocks import Float, Int, differences
 from robot_energy.model import RobotModel
 from robot_energy.model.drive_models import DRIVE_MODELS, LossDrive
 from robot_energy.model.figure import Tag
+from robot_energy.physics.derivative import windows_of
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.equations import Balance
 from robot_energy.physics.rigid_body import Robot
@@ -159,7 +160,7 @@ class PowerDeviation:
             std = np.where(np.isnan(std), self._viscous_prior * viscous, std)
             shared = np.nan_to_num(shared)
         variance = std**2
-        if alike := bool(shared.any()):
+        if shared.any():
             variance -= shared**2
         variance *= squared
         np.maximum(variance, 0.0, out=variance)
