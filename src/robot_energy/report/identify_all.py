@@ -21,6 +21,7 @@ from robot_energy.report.identification import (
     friction_document,
     link_section,
     losses_section,
+    low_pass_text,
 )
 from robot_energy.report.parameters import changes_document
 from robot_energy.results.drives import DrivesReport
@@ -167,6 +168,8 @@ def _read(report: IdentificationReport, page: Document) -> None:
     )
     if report.meter_delay is not None:
         page.paragraph(delay_text("the power meter", report.meter_delay))
+    if report.meter_time_constant is not None:
+        page.paragraph(low_pass_text("the power meter", report.meter_time_constant))
     page.notes([f"{entry.name}: {problem}" for entry in bags for problem in entry.problems])
 
 

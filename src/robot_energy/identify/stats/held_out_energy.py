@@ -285,6 +285,8 @@ def held_out_energy(
 def _test(bag: Bag, fitted: FullIdentification, kind: Kind, number: int, seen: Float) -> Tested:
     if fitted.meter_delay is not None:  # the same meter
         bag = replace(bag, meter_delay=fitted.meter_delay.applied)
+    if fitted.meter_time_constant is not None:
+        bag = replace(bag, meter_time_constant=fitted.meter_time_constant.applied)
     models = {GIVEN: fitted.given, **{step.subject: step.model for step in fitted.steps}}
     predictions: dict[str, HeldOutPrediction] = {}
     done: dict[int, HeldOutPrediction] = {}
