@@ -5,7 +5,8 @@ over temperature on what the bodies leave; then the supply. One meter for all te
 cabinet first, while nothing moves, and the drives from the rest, then both again, each with
 the other, until they agree. Where the power of each
 drive is measured, the drives come first, because the cabinet is the meter less the drives.
-What the DC link stores is last: drives and constants decide when it fills.
+What the DC link stores follows: drives and constants decide when it fills. Thermal networks of
+the motors are last, as the losses are their heat.
 Every step reads the recordings with the model that the step before left. What the
 recordings do not allow is left out with a sentence, and what is no better than the model
 already has is not taken.
@@ -167,7 +168,7 @@ def order_of(bags: Sequence[Bag]) -> tuple[Subject, ...]:
         bags: Of the fit.
     """
     if any(bag.drive_power is not None for bag in bags):
-        return ("dynamics", "friction", "drives", "cabinet", "capacitor")
+        return ("dynamics", "friction", "drives", "cabinet", "capacitor", "thermal")
     return SUBJECTS
 
 

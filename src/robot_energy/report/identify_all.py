@@ -24,10 +24,12 @@ from robot_energy.report.identification import (
     low_pass_text,
 )
 from robot_energy.report.parameters import changes_document
+from robot_energy.report.thermal import thermal_document
 from robot_energy.results.drives import DrivesReport
 from robot_energy.results.dynamics import DynamicsReport
 from robot_energy.results.identification import FrictionReport, IdentificationReport, StepReport
 from robot_energy.results.model import count_tags
+from robot_energy.results.thermal import ThermalReport
 
 TITLES = {
     "dynamics": "Dynamics: bodies, rotors and friction",
@@ -35,6 +37,7 @@ TITLES = {
     "cabinet": "Constant losses of the cabinet",
     "drives": "Drives: electrical power",
     "capacitor": "Energy of the DC link",
+    "thermal": "Thermal networks of the motors",
 }
 
 
@@ -207,6 +210,8 @@ def _step(step: StepReport, report: IdentificationReport, page: Document) -> Non
             drives_document(found, page)
         case LinkFit() as fit:
             link_section(fit, page)
+        case ThermalReport() as found:
+            thermal_document(found, page)
     page.notes(step.notes)
 
 

@@ -19,11 +19,12 @@ from robot_energy.identify.friction.temperature_study import Study
 from robot_energy.identify.run_all import FullIdentification
 from robot_energy.identify.stats.held_out_energy import HeldOutEnergy
 from robot_energy.identify.stats.lag import Delay
-from robot_energy.identify.steps import DynamicsFound, FrictionFound, Step
+from robot_energy.identify.steps import DynamicsFound, FrictionFound, Step, ThermalFound
 from robot_energy.model import RobotModel
 from robot_energy.results.base import Number, Result
 from robot_energy.results.drives import DrivesReport, drives_report
 from robot_energy.results.dynamics import DynamicsReport, dynamics_report
+from robot_energy.results.thermal import ThermalReport
 
 
 @dataclass(frozen=True)
@@ -149,7 +150,7 @@ def cabinet_report(found: SupplyFound) -> CabinetReport:
     )
 
 
-StepFound = DynamicsReport | FrictionReport | CabinetFit | DrivesReport | LinkFit
+StepFound = DynamicsReport | FrictionReport | CabinetFit | DrivesReport | LinkFit | ThermalReport
 
 
 @dataclass(frozen=True)
@@ -253,5 +254,7 @@ def _found(step: Step) -> StepFound | None:
             return FrictionReport("measured", found.fits, found.refused)
         case DrivesFound() as found:
             return drives_report(found)
+        case ThermalFound() as found:
+            return ThermalReport("losses", found.ambient_degc, found.fits, found.refused)
         case found:
             return found

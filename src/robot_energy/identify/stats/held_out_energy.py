@@ -270,7 +270,11 @@ def held_out_energy(
             whole
             if kind == "test"
             else identify_everything(
-                fold.train, whole.given, skip, strict=False, share_shape=whole.share_shape
+                fold.train,
+                whole.given,
+                (*skip, "thermal"),  # of no effect where temperatures are measured
+                strict=False,
+                share_shape=whole.share_shape,
             )
         )
         seen = temperature_ranges(read_all(fold.train, whole.given))
