@@ -19,15 +19,15 @@ from robot_energy.cli.identify_inputs import (
 from robot_energy.cli.terminal import add_command, present, progress
 from robot_energy.errors import ModelFileError
 
-SUBJECTS = ("dynamics", "friction", "cabinet", "drives", "capacitor")
+SUBJECTS = ("dynamics", "friction", "cabinet", "drives", "capacitor", "thermal")
 
 DESCRIPTION = """\
 Identify everything that the recordings allow, in this order: bodies and rotors from
 measured torque, friction over temperature, constant losses of the cabinet, losses of the
-drives, energy that the DC link stores. Other parameters keep the values of the model, and
-a sentence says what to record for them. Then the energy of the old and the new model is
-compared with the meter on recordings that the fit has not seen: whole recordings in turn, or
-those of --test.
+drives, energy that the DC link stores, thermal networks of the motors. Other parameters keep
+the values of the model, and a sentence says what to record for them. Then the energy of the
+old and the new model is compared with the meter on recordings that the fit has not seen:
+whole recordings in turn, or those of --test.
 """
 EPILOG = """\
 examples:

@@ -102,7 +102,9 @@ def test_each_step_begins_with_what_the_one_before_left(
         "cabinet",
         "drives",
         "capacitor",
+        "thermal",
     ]
+    assert "at least 600 s" in whole.step("thermal").reason
     assert {"dynamics", "friction", "drives"} <= set(whole.taken)
     bodies = whole.step("dynamics").model.urdf_xml
     assert bodies != model.urdf_xml
@@ -116,6 +118,21 @@ def test_each_step_begins_with_what_the_one_before_left(
     )
     for one, other in zip(alone.model.joints, whole.model.joints, strict=True):
         assert one.friction.coulomb.value == pytest.approx(other.friction.coulomb.value, rel=1e-12)
+
+
+def test_a_long_recording_from_cold_shows_the_thermal_networks(
+    tmp_path: Path, folder: Path, model: RobotModel
+) -> None:
+    profile = two_link_profile(tmp_path)
+    rig = VirtualRig(profile, PROGRAM, RigConfig(thermal_speedup=8.0), 1, 22.0, 22.0, rate_hz=50.0)
+    record(rig, 900.0, tmp_path / "long")
+    others = ("dynamics", "friction", "cabinet", "drives", "capacitor")
+    found = identify_everything([Bag(tmp_path / "long", TORQUE)], model, others)
+    assert found.taken == ("thermal",)
+    assert found.step("thermal").found.ambient_degc == pytest.approx(22.0, abs=1.0)
+    networks = [joint.thermal for joint in found.model.joints]
+    assert any(network is not None for network in networks)
+    assert all(joint.thermal is None for joint in model.joints)
 
 
 @pytest.mark.parametrize(
@@ -209,9 +226,13 @@ def test_bodies_are_told_at_one_temperature(
 
 def test_drives_come_first_where_their_power_is_measured(folder: Path) -> None:
     bags = bags_in(folder)
-    assert order_of(bags) == ("dynamics", "friction", "cabinet", "drives", "capacitor")
+    assert order_of(bags) == (
+        "dynamics", "friction", "cabinet", "drives", "capacitor", "thermal",
+    )  # fmt: skip
     bags[1] = replace(bags[1], drive_power=NEVER)
-    assert order_of(bags) == ("dynamics", "friction", "drives", "cabinet", "capacitor")
+    assert order_of(bags) == (
+        "dynamics", "friction", "drives", "cabinet", "capacitor", "thermal",
+    )  # fmt: skip
 
 
 def test_the_cabinet_is_the_meter_less_measured_drives(tmp_path: Path) -> None:
