@@ -119,7 +119,7 @@ MODULES = {
         messages metrics monitoring recording robot_state saved_page settings web_app web_server
     """,
     "robot_energy.physics": """
-        cabinet derivative drive drivetrain effort effort_check equations friction
+        cabinet derivative drive drivetrain effort effort_check electrical_power equations friction
         limit_utilisation motor_heat rigid_body torque transmission
     """,
     "robot_energy.physics.urdf": """
