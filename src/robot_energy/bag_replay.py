@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -204,15 +205,18 @@ def replay(
     try:
         spans = _spans(bag, result, time_range) if time_range else {}
         changes: list[PayloadChange] = []
-        for output, more in _outputs(bag, result, spans, writer is not None, processes, progress):
-            result.jobs.step(pipeline.ledger)
-            changes += more
-            if writer is not None:
-                writer.write(output, pipeline.ledger, changes)
-            if result.predicted_curve is not None and output.means is not None:
-                add_means(result.predicted_curve, output.means)
-            if on_output is not None:
-                on_output(output)
+        with closing(
+            _outputs(bag, result, spans, writer is not None, processes, progress)
+        ) as outputs:
+            for output, more in outputs:
+                result.jobs.step(pipeline.ledger)
+                changes += more
+                if writer is not None:
+                    writer.write(output, pipeline.ledger, changes)
+                if result.predicted_curve is not None and output.means is not None:
+                    add_means(result.predicted_curve, output.means)
+                if on_output is not None:
+                    on_output(output)
         result.jobs.finish(pipeline.ledger)
         newest_ns = result.joint_states.newest_ns
         result.notes += [*result.temperatures.doubts, *result.temperatures.clock_doubts(newest_ns)]
@@ -234,7 +238,7 @@ def _outputs(
     by_second: bool,
     processes: int,
     progress: Progress | None,
-) -> Iterator[tuple[Output, tuple[PayloadChange, ...]]]:
+) -> Generator[tuple[Output, tuple[PayloadChange, ...]]]:
     """Run the stages; yield what each step gave, and the payloads that were set in it."""
     pipeline = result.pipeline
     inputs = BagInputs(result.joint_states, result.temperatures, result.meter, [])
@@ -244,19 +248,18 @@ def _outputs(
     steps = torque_steps(steps, pipeline.torque, result.payload)
     if processes > 1:
         steps = read_ahead(steps)
-    for step in steps:
-        if step.inputs is None or step.stages is None:
-            yield pipeline.advance(step.torque, step.temperatures, step.meter), step.changes
-        else:  # objects of the process that has read
-            result.joint_states, result.temperatures = (
-                step.inputs.joint_states,
-                step.inputs.temperatures,
-            )
-            result.meter, result.problems = step.inputs.meter, step.inputs.problems
-            pipeline.torque, result.payload = step.stages
-            yield pipeline.finish(step.torque), step.changes
-        if progress is not None and step.share is not None:
-            progress(step.share)
+    with closing(steps):
+        for step in steps:
+            if step.inputs is None or step.stages is None:
+                yield pipeline.advance(step.torque, step.temperatures, step.meter), step.changes
+            else:  # as they are in the process that has read
+                read = step.inputs
+                result.joint_states, result.temperatures = read.joint_states, read.temperatures
+                result.meter, result.problems = read.meter, read.problems
+                pipeline.torque, result.payload = step.stages
+                yield pipeline.finish(step.torque), step.changes
+            if progress is not None and step.share is not None:
+                progress(step.share)
 
 
 def _spans(bag: BagReader, result: Replay, time_range: TimeRange) -> dict[str, LogTimes]:

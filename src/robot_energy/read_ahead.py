@@ -5,7 +5,7 @@ from __future__ import annotations
 import pickle
 import signal
 import warnings
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from contextlib import suppress
 from multiprocessing import get_all_start_methods, get_context
 from multiprocessing.connection import Connection
@@ -24,7 +24,7 @@ def can_read_ahead() -> bool:
     return "fork" in get_all_start_methods()
 
 
-def read_ahead(items: Iterator[T]) -> Iterator[T]:
+def read_ahead(items: Iterator[T]) -> Generator[T]:
     """Yield the items of an iterator that runs in a process of its own.
 
     The items are those of the iterator, in their order. What it changes, it changes in its own

@@ -6,7 +6,7 @@ depends on whether it does.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Generator, Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -80,7 +80,7 @@ def read_steps(
     spans: Mapping[str, LogTimes],
     by_second: bool,
     jobs: RecordedJobs,
-) -> Iterator[BagStep]:
+) -> Generator[BagStep]:
     """Read a bag, part by part.
 
     Args:
@@ -123,7 +123,7 @@ def read_steps(
 
 def torque_steps(
     steps: Iterator[BagStep], stage: TorqueStage, payload: PayloadReader
-) -> Iterator[BagStep]:
+) -> Generator[BagStep]:
     """Compute the torque of what was read.
 
     Args:

@@ -125,6 +125,9 @@ class EnergyPipeline:
 
         Args:
             torque: The last one, if any.
+
+        Returns:
+            The completed samples of the stages behind the torque.
         """
         parts = [
             self.power.step(torque) if torque is not None else None,
