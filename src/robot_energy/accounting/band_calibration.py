@@ -171,8 +171,11 @@ class BandCalibration:
         self, stamp_ns: Int, phase: NDArray[np.uint8], duration_ns: Int, energy: Float
     ) -> None:
         """Keep deviations and phases until the meter reads."""
-        whole = np.rint(energy * NANOJOULE).astype(np.int64)
-        table = np.zeros((len(stamp_ns), len(PARTS) + len(Phase)), dtype=np.int64)
+        columns = energy.shape[1]
+        whole = np.empty((len(stamp_ns), columns + 1), dtype=np.int64, order="F")
+        whole[:, :columns] = np.rint(energy * NANOJOULE)
+        whole[:, columns] = duration_ns
+        table = np.zeros((len(stamp_ns), len(PARTS) + len(Phase)), dtype=np.int64, order="F")
         table[:, : len(PARTS)] = whole[:, PARTS]
         table[np.arange(len(stamp_ns)), len(PARTS) + phase] = duration_ns
         slot = stamp_ns // SLOT_NS
@@ -181,7 +184,6 @@ class BandCalibration:
         self._slots = np.concatenate([self._slots, np.add.reduceat(table, starts, axis=0)])
         stretch = stamp_ns // STRETCH_NS
         starts = _starts(stretch)
-        whole = np.concatenate([whole, duration_ns[:, None]], axis=1)
         for number, row in zip(
             stretch[starts].tolist(), np.add.reduceat(whole, starts, axis=0), strict=True
         ):

@@ -73,10 +73,15 @@ class FrictionCertainty:
     def _known(self, degc: Float) -> tuple[Float, Float]:
         """Deviations at measured temperatures."""
         friction, inside = self._friction, np.clip(degc, *self._edges)
-        total, own = friction.viscous_std(degc), friction.viscous_std(inside)
-        if np.isnan(total).any():
+        own, edge = friction.viscous_std(inside), None
+        if np.isnan(own).any():
             edge = friction.viscous(inside)
             own = np.where(np.isnan(own), self._prior * edge, own)
+        if not ((inside < degc) | (inside > degc)).any():  # all within their ranges
+            return own, np.zeros_like(own)
+        total = friction.viscous_std(degc)
+        if np.isnan(total).any():
+            edge = friction.viscous(inside) if edge is None else edge
             colder, warmer = np.maximum(inside - degc, 0.0), np.maximum(degc - inside, 0.0)
             grown = np.hypot(own, (COLDER * colder + WARMER * warmer) * edge)
             total = np.where(np.isnan(total), grown, total)
