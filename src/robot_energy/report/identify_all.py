@@ -139,6 +139,10 @@ def _came_of(step: StepReport) -> str:
             return (
                 f"{fit.energy:.0f} J, 95 % interval {fit.interval[0]:.0f} to {fit.interval[1]:.0f}"
             )
+        case ThermalReport() as found:
+            worst = max(fit.rms for fit in found.axes)
+            motors = counted(len(found.axes), "motor")
+            return f"{motors}, free run at most {worst:.1f} K off (RMS)"
         case None:
             return ""
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import io
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 import drive_reports
 from plants import PROGRAM, two_link_profile
@@ -26,6 +28,10 @@ from robot_energy.identify.run_all import (
 from robot_energy.identify.stats.held_out_energy import GIVEN, folds_of, held_out_energy
 from robot_energy.identify.steps import DynamicsFound
 from robot_energy.model import RobotModel, load
+from robot_energy.report.document import Document
+from robot_energy.report.identify_all import identification_overview
+from robot_energy.report.printing import print_document
+from robot_energy.results.identification import identification_report
 from robot_energy.results.replay import replay_report
 from robot_energy.rig import RigConfig, VirtualRig
 from robot_energy.rig.record import record
@@ -133,6 +139,11 @@ def test_a_long_recording_from_cold_shows_the_thermal_networks(
     networks = [joint.thermal for joint in found.model.joints]
     assert any(network is not None for network in networks)
     assert all(joint.thermal is None for joint in model.joints)
+    shown = identification_report(found, found.model, (), (), None)
+    page, stream = Document(), io.StringIO()
+    identification_overview(shown, page)
+    print_document(page, Console(width=200, file=stream))
+    assert "free run at most" in stream.getvalue()
 
 
 @pytest.mark.parametrize(
