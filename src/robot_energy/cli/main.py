@@ -51,6 +51,8 @@ EXTRAS = {
     "clarabel": "identify",
     "threadpoolctl": "identify",
     "matplotlib": "report",
+    "trimesh": "printing",
+    "shapely": "printing",
     "jinja2": "papers",
     "starlette": "dashboard",
     "uvicorn": "dashboard",
