@@ -120,7 +120,7 @@ MODULES = {
         messages metrics monitoring recording robot_state saved_page settings web_app web_server
     """,
     "robot_energy.physics": """
-        cabinet derivative drive drivetrain effort effort_check equations friction
+        cabinet derivative drive drivetrain effort effort_check electrical_power equations friction
         limit_utilisation motor_heat rigid_body torque transmission
     """,
     "robot_energy.physics.urdf": """
@@ -163,9 +163,9 @@ MODULES = {
     "robot_energy_papers": """
         accuracy band_coverage calibration certainty certainty_numbers certainty_page
         drawings drawn_plants drive_study effects experiment held_out interval_coverage
-        job_pool learning_study machines mantis models pages paper_a paper_a_numbers
-        paper_a_page paper_b paper_b_numbers paper_b_page soaked_rigs thermal_study wall
-        wear_study
+        job_pool learning_study machines mantis models more_recordings pages paper_a
+        paper_a_numbers paper_a_page paper_b paper_b_numbers paper_b_page soaked_rigs
+        thermal_study wall wear_study
     """,
     "robot_energy_papers.cli": """
         reproduce study_folder

@@ -45,7 +45,7 @@ CABINET_DEVIATIONS = (
 """Columns of the robot; ``random`` is in W^2 s, ``bus`` the root sum of squares of all but
 ``loss_grid``, ``temperature`` and ``form``."""
 JOINT_DEVIATIONS = ("friction", "drive")
-FORM = 0.1
+FORM = 0.06
 """What the form of friction and drive losses leaves out, over their power. [-]
 
 Real losses follow other laws of speed, load and temperature than those of the model."""
