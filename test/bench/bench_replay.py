@@ -42,7 +42,7 @@ def run(folder: Path, quick: bool) -> tuple[Table, dict[str, object], dict[str, 
     """Measure replay and the alternative on both kinds of bag."""
     seconds = 60 if quick else 600
     messages = seconds * RATE
-    table = Table(title=f"replay of {seconds} s, {RATE} Hz, 6 joints, one thread")
+    table = Table(title=f"replay of {seconds} s, {RATE} Hz, 6 joints")
     for column in (
         "bag",
         "program",
