@@ -54,6 +54,9 @@ MODULES = {
         first_bytes output_files output_folder output_streams placement regular_file
         temporary_folder
     """,
+    "robot_energy.fleet": """
+        joint_sums
+    """,
     "robot_energy.identify": """
         bounds causes plausibility provenance run_all steps turns
     """,
@@ -194,6 +197,7 @@ LAYERS = (
     ("results",),
     ("report",),
     ("api",),
+    ("fleet",),
     ("cli", "__main__"),
     ("robot_energy_papers",),
 )
