@@ -4,8 +4,8 @@ For moving samples, motor side, ``y = measured - rigid torque`` is a linear func
 
 ``y = fc sgn(w) + sum_k fv_k h_k(T) w + offset + m p + ...``,
 
-with hats h_k of temperature (linear interpolation between `NODES_DEGC`), and p the torque of one
-more kilogram at the payload. The sums of the products of these columns hold all that a least
+with hats h_k of temperature (linear interpolation between `NODES_DEGC`), and p the torque by which
+gravity of one more kilogram at the payload loads the motor. The sums of the products of these columns hold all that a least
 squares fit of any of them needs, and the sums of two bags are the sums of both together.
 """
 
@@ -120,11 +120,10 @@ class JointSums:
 
     @np.errstate(invalid="ignore", over="ignore", divide="ignore")
     def _add(self, torque: TorqueBlock, power: PowerBlock, period: Float) -> None:
-        motion = tuple(
-            np.ascontiguousarray(values)
-            for values in (torque.joint_position, torque.joint_velocity, torque.joint_acceleration)
-        )
-        heavier = self._loaded.joint_torque(*motion) - self._bare.joint_torque(*motion)
+        position = np.ascontiguousarray(torque.joint_position)
+        rest = np.zeros_like(position)
+        heavier = self._loaded.joint_torque(position, rest, rest)
+        heavier -= self._bare.joint_torque(position, rest, rest)
         per_mass = self._drivetrain.motor_torque_from_joint(heavier)
         measured, rigid = power.motor_torque_measured, torque.motor_torque_rigid
         speed = power.motor_velocity

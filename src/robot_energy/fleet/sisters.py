@@ -1,0 +1,157 @@
+"""Which robots differ from their sisters, at equal temperature and work.
+
+A figure of every bag, such as the logarithm of the friction of a joint, is
+
+``y = u[robot] + z . b + e``,
+
+with what bags differ in, z: shares of temperature and speed. b comes from the differences between
+the bags of the same robot alone, so a robot that always runs warm is not taken for a bad one. Of
+the levels u one is drawn aside after the other, the farthest first, and compared with the others:
+
+``t = (u_i - mean of the others) / sqrt(tau^2 + se_i^2 + s^2 / m)``,
+
+where s is the standard deviation of the m others, se the standard error of a level, and
+``tau^2 = s^2 - mean(se^2)`` how much sound sisters differ. Without faults t has Student's
+distribution of m - 1 degrees. The largest number of robots set aside at which the last one is
+still beyond the limit is the number of those that differ (generalised extreme Studentised deviate
+test, B. Rosner, Technometrics 25 (1983) 165), so that several faults do not hide each other.
+All limits are divided by the number of comparisons.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from robot_energy.blocks import Float, Int
+
+MIN_SISTERS = 5  # robots with a figure, below which none is compared
+MAX_SHARE = 0.3  # of the robots that may differ from the others
+MAX_FALSE = 0.01  # probability of anything false in a whole report
+HUBER = 2.0  # standard deviations, beyond which a bag weighs less
+ROUNDS = 12
+RIDGE = 1e-3  # of one bag, on every coefficient: a share that does not vary has none
+
+
+@dataclass(frozen=True)
+class Levels:
+    """Levels of the robots, with what bags differ in taken off.
+
+    Attributes:
+        level: NaN for a robot with too few bags, shape (R,). [unit of the figure]
+        std: Standard error, shape (R,).
+        bags: Bags behind each, shape (R,).
+        rest: Of each bag, its figure without ``z . b``, shape (B,).
+    """
+
+    level: Float
+    std: Float
+    bags: Int
+    rest: Float
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """A robot that differs from its sisters.
+
+    Attributes:
+        robot: Its number.
+        size: Its level less the mean of the sound ones. [unit of the figure]
+        std: Standard deviation of the size, by the scatter of bags and of sound sisters.
+        certainty: Probability that it is no chance, all comparisons considered. [-]
+    """
+
+    robot: int
+    size: float
+    std: float
+    certainty: float
+
+
+def levels(figure: Float, robot: Int, work: Float, counted: np.ndarray, least: int = 3) -> Levels:
+    """Return the levels of the robots at equal work.
+
+    Args:
+        figure: Of each bag; NaN where unknown, shape (B,). [any unit]
+        robot: Number of each bag's robot, shape (B,).
+        work: What bags differ in, shape (B, K). [-]
+        counted: Which bags count for the level, such as the newest, shape (B,).
+        least: Bags of a robot that has a level.
+
+    Returns:
+        One level for each robot number up to the largest.
+    """
+    known = np.isfinite(figure) & np.isfinite(work).all(axis=1)
+    robots = int(robot.max()) + 1 if len(robot) else 0
+    y, number, z = figure[known], robot[known], work[known]
+    weight = np.ones(len(y))
+    slope = np.zeros(z.shape[1])
+    for _ in range(ROUNDS):
+        total = np.maximum(np.bincount(number, weight, robots), 1e-12)
+
+        def inside(values: Float, total: Float = total, weight: Float = weight) -> Float:
+            mean = np.bincount(number, weight * values, robots) / total
+            return values - mean[number]
+
+        own = np.column_stack([inside(column) for column in z.T]) if z.shape[1] else z
+        normal = (own * weight[:, None]).T @ own + RIDGE * np.eye(z.shape[1])
+        slope = np.linalg.solve(normal, (own * weight[:, None]).T @ inside(y))
+        off = np.abs(inside(y - z @ slope))
+        scatter = 1.4826 * float(np.median(off)) + 1e-12 if len(off) else 1.0
+        weight = np.minimum(1.0, HUBER * scatter / np.maximum(off, 1e-12))
+    rest = np.full(len(figure), np.nan)
+    rest[known] = y - z @ slope
+    level, std = np.full(robots, np.nan), np.full(robots, np.nan)
+    used = known & counted
+    bags = np.bincount(robot[used], minlength=robots)
+    for one in np.flatnonzero(bags >= least).tolist():
+        values = rest[used & (robot == one)]
+        level[one] = np.median(values)
+        # of a median of normal values: pi / 2 times the variance of their mean
+        std[one] = float(values.std(ddof=1)) * np.sqrt(0.5 * np.pi / len(values))
+    return Levels(level, std, bags, rest)
+
+
+def stand_out(level: Float, std: Float, comparisons: int) -> list[Deviation]:
+    """Return the robots that differ from the others.
+
+    Args:
+        level: NaN for a robot that is not compared, shape (R,). [any unit]
+        std: Standard errors, shape (R,).
+        comparisons: Kinds of figures that the report compares robots by.
+
+    Returns:
+        The farthest first; empty where there are too few robots.
+    """
+    from scipy.stats import t
+
+    known = np.flatnonzero(np.isfinite(level))
+    if len(known) < MIN_SISTERS:
+        return []
+    left, aside, found = known.tolist(), list[int](), 0
+    for _ in range(max(1, int(MAX_SHARE * len(known)))):
+        if len(left) < MIN_SISTERS:
+            break
+        scores = [abs(_compared(level, std, one, [s for s in left if s != one])[2]) for one in left]
+        worst = int(np.argmax(scores))
+        chance = 2.0 * float(t.sf(scores[worst], len(left) - 2)) * len(left) * comparisons
+        aside.append(left.pop(worst))
+        if chance < MAX_FALSE:
+            found = len(aside)
+    left += aside[found:]
+    result: list[Deviation] = []
+    for one in aside[:found]:
+        size, spread, score = _compared(level, std, one, left)
+        chance = 2.0 * float(t.sf(abs(score), len(left) - 1)) * len(known) * comparisons
+        result.append(Deviation(one, size, spread, max(0.0, 1.0 - chance)))
+    return result
+
+
+def _compared(level: Float, std: Float, one: int, others: list[int]) -> tuple[float, float, float]:
+    """Deviation of a robot from others, its standard deviation, and their ratio."""
+    count = len(others)
+    variance = float(level[others].var(ddof=1))
+    between = max(variance - float((std[others] ** 2).mean()), 0.0)
+    spread = float(np.sqrt(between + std[one] ** 2 + variance / count)) + 1e-12
+    size = float(level[one] - level[others].mean())
+    return size, spread, size / spread
