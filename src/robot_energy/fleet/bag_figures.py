@@ -72,9 +72,7 @@ def _load(gram: Float, rows: Int) -> tuple[Float, Float, Float]:
     """Squares of p, its products with y, and variance of y; friction and offset taken off."""
     speed = gram[..., VISCOUS, :].sum(axis=-2)  # products of the velocity with all columns
     own = np.stack([gram[..., SIGN, :], speed, gram[..., OFFSET, :]], axis=-2)
-    inner = np.stack(
-        [own[..., SIGN], own[..., VISCOUS].sum(axis=-1), own[..., OFFSET]], axis=-1
-    )
+    inner = np.stack([own[..., SIGN], own[..., VISCOUS].sum(axis=-1), own[..., OFFSET]], axis=-1)
     unit, length = _scaled(inner)
     pair = [PAYLOAD, MEASURED]
     right = own[..., pair] / length[..., None]

@@ -5,8 +5,9 @@ For moving samples, motor side, ``y = measured - rigid torque`` is a linear func
 ``y = fc sgn(w) + sum_k fv_k h_k(T) w + offset + m p + ...``,
 
 with hats h_k of temperature (linear interpolation between `NODES_DEGC`), and p the torque by which
-gravity of one more kilogram at the payload loads the motor. The sums of the products of these columns hold all that a least
-squares fit of any of them needs, and the sums of two bags are the sums of both together.
+gravity of one more kilogram at the payload loads the motor. The sums of the products of these
+columns hold all that a least squares fit of any of them needs, and the sums of two bags are the
+sums of both together.
 """
 
 from __future__ import annotations
@@ -59,8 +60,7 @@ class JointSums:
         body = payload(*_carrier(model))
         self._loaded = self._robot.with_payload([body])
         self._bare = self._robot.with_payload([])
-        still = np.asarray([joint.standstill_velocity for joint in model.joints])
-        self._floor = ABOVE_STANDSTILL * (np.abs(self._drivetrain.transmission) @ still)
+        self._floor = ABOVE_STANDSTILL * motor_standstill(model)
         self._fallback_degc = model.temperature.fallback_degc
         self._waiting: list[TorqueBlock] = []
         self._before: tuple[int, int] | None = None  # stamp and segment of the newest sample
@@ -148,6 +148,16 @@ class JointSums:
             self.rows[joint] += len(columns)
             self.time[joint] += period[rows].sum()
             self.heat[joint] += degc[rows, joint].sum()
+
+
+def motor_standstill(model: RobotModel) -> Float:
+    """Return the speeds below which motors stand, shape (n,). [rad/s]
+
+    Args:
+        model: The robot's model.
+    """
+    still = np.asarray([joint.standstill_velocity for joint in model.joints])
+    return np.abs(Drivetrain.from_model(model).transmission) @ still
 
 
 def gram_of(upper: Sequence[float] | Float) -> Float:
