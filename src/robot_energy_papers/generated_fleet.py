@@ -37,7 +37,8 @@ PROGRAMMES = ("palletising", "assembly")
 MOVES = 6  # of a cycle
 CYCLES = 6  # in a bag
 RATE, NIGHT_RATE = 50.0, 2.0  # of the joint states [Hz]
-NIGHT_TIME = 3600.0  # recorded of a night [s]
+NIGHT_TIME = 1800.0  # recorded of a night [s]
+OVERRIDE = 0.8  # share of full speed [-]
 MAX_PAUSE = 100.0  # behind the cycles [s]
 FRICTION_SPREAD = 0.05  # of the friction of an axis over the robots, standard deviation [-]
 TORQUE_SPREAD = 0.01  # of their torque constants [-]
@@ -47,6 +48,7 @@ WARM = (3.0, 25.0)  # motors above the hall when a bag begins [K]
 WORN, WORN_AXIS, WEAR_FROM, WEAR = 6, 2, 0.5, 0.4  # robot, axis, from which share on, at the end
 MISLOADED, MISSING = 11, 5.0  # robot, and what it carries less than its model file says [kg]
 AWAKE = 16  # robot that stands by all night
+SECOND_NS = 1_000_000_000
 
 
 @dataclass(frozen=True)
@@ -74,20 +76,33 @@ class FleetPlan:
 
 
 @dataclass(frozen=True)
-class FleetBag:
-    """One bag of the fleet.
+class Visit:
+    """A time at one robot that is recorded.
 
     Attributes:
-        bag: Its folder.
-        robot: Name of the robot.
-        programme: What it did; empty for a night.
-        jobs: File of its jobs; None for a night.
+        robot: Its name.
+        name: Of the bag.
+        rig: The robot.
+        duration: Of the recording. [s]
+        programme: What the robot does; empty for a night.
+        start: Stamp of the first sample. [s since 1970]
+        cycle: Length of a cycle; 0 for a night. [s]
     """
 
-    bag: Path
     robot: str
+    name: str
+    rig: VirtualRig
+    duration: float
     programme: str
-    jobs: Path | None
+    start: int
+    cycle: float
+
+    @property
+    def jobs(self) -> list[tuple[float, float]]:
+        """Begin and end of every cycle. [s since 1970]"""
+        count = CYCLES if self.cycle else 0
+        return [(self.start + k * self.cycle, self.start + (k + 1) * self.cycle)
+                for k in range(count)]  # fmt: skip
 
 
 def name_of(robot: int) -> str:
@@ -99,18 +114,14 @@ def name_of(robot: int) -> str:
     return f"robot-{robot + 1:02d}"
 
 
-def generate(folder: str | Path, plan: FleetPlan) -> Iterator[FleetBag]:
-    """Record the fleet.
+def visits(plan: FleetPlan) -> Iterator[Visit]:
+    """Set up the robots, each at the times at which it is recorded.
 
     Args:
-        folder: Where the bags go, a folder for each robot.
         plan: What is made.
 
     Yields:
-        Every bag, once it is written.
-
-    Raises:
-        RobotEnergyError: If a bag cannot be written.
+        Robot after robot, in order of time.
     """
     profile = load_profile(ROBOT)
     limits = profile.motion_limits(profile.mechanics()[0])
@@ -119,18 +130,17 @@ def generate(folder: str | Path, plan: FleetPlan) -> Iterator[FleetBag]:
         for place in range(len(PROGRAMMES))
     ]
     for robot in range(plan.robots):
-        yield from _robot(Path(folder) / name_of(robot), plan, profile, limits, programmes, robot)
+        yield from _visits(plan, profile, limits, programmes, robot)
 
 
-def _robot(
-    folder: Path,
+def _visits(
     plan: FleetPlan,
     profile: PlantProfile,
     limits: MotionLimits,
     programmes: list[np.ndarray],
     robot: int,
-) -> Iterator[FleetBag]:
-    """Record one robot."""
+) -> Iterator[Visit]:
+    """The times at one robot."""
     own = np.random.default_rng([plan.seed, robot])
     spread = np.exp(FRICTION_SPREAD * own.standard_normal((3, profile.n_joints)))
     plant = replace(
@@ -142,70 +152,84 @@ def _robot(
     )
     hard = RigConfig.hard()
     config = replace(hard, sensors=replace(hard.sensors, torque_constant_error=TORQUE_SPREAD))
-    night = replace(config, sensors=replace(config.sensors, meter_rate=1.0, temperature_rate=0.02))
-    kind = plan.faulty().get(name_of(robot), "")
+    dark = replace(config, sensors=replace(config.sensors, meter_rate=1.0, temperature_rate=0.02))
+    name, device = name_of(robot), 1000 * plan.seed + robot
+    kind = plan.faulty().get(name, "")
     carried = load(profile.body).payload[0]
-    last_day = 7 * plan.weeks - 1
     for day in range(7 * plan.weeks):
         if day % 7 >= WORKDAYS:
             continue
         weather = np.random.default_rng([plan.seed, 10_000 + day]).uniform(*HALL_DEGC)
         for shift, hour in enumerate(SHIFTS):
             place = (day + shift) % len(PROGRAMMES)
-            begin = BEGIN + timedelta(days=day, hours=hour, seconds=float(own.uniform(0, 18_000)))
-            vias = np.tile(programmes[place], (CYCLES, 1))
-            rest = np.full(len(vias), 0.3)
+            begin = BEGIN + timedelta(days=day, hours=hour, seconds=int(own.uniform(0, 18_000)))
+            rest = np.full(CYCLES * MOVES, 0.3)
             rest[-1] += own.uniform(0.0, MAX_PAUSE)
+            program = Program(np.tile(programmes[place], (CYCLES, 1)), limits, rest, OVERRIDE)
+            start = round(begin.timestamp())
             rig = VirtualRig(
-                plant,
-                program := Program(vias, limits, rest, 0.8),
-                config,
-                int(own.integers(2**31)),
-                weather + own.uniform(*WARM),
-                weather,
-                _stamp_ns(begin),
-                RATE,
-                device_seed=1000 * plan.seed + robot,
-            )
+                plant, program, config, int(own.integers(2**31)), weather + own.uniform(*WARM),
+                weather, start * SECOND_NS, RATE, device_seed=device,
+            )  # fmt: skip
             if kind == "payload":
                 less = carried.mass - MISSING
                 rig.change(payload=[payload(carried.link, less, carried.centre_of_mass)])
             if kind == "friction":
-                worn = np.ones(profile.n_joints)
-                worn[WORN_AXIS] += WEAR * max(day / last_day - WEAR_FROM, 0.0) / (1.0 - WEAR_FROM)
-                rig.change(wear=worn)
-            bag = folder / f"{begin:%Y-%m-%d}-shift{shift + 1}"
-            record(rig, program.period, bag)
-            cycle = (program.period - rest[-1]) / CYCLES
-            yield FleetBag(
-                bag, name_of(robot), PROGRAMMES[place], _jobs(bag, PROGRAMMES[place], begin, cycle)
-            )
+                rig.change(wear=_wear(profile.n_joints, day / (7 * plan.weeks - 1)))
+            yield Visit(
+                name, f"{begin:%F}-shift{shift + 1}", rig, program.period, PROGRAMMES[place], start,
+                (program.period - float(rest[-1]) + float(rest[0])) / CYCLES,
+            )  # fmt: skip
         if kind == "standby":
             begin = BEGIN + timedelta(days=day, hours=NIGHT)
+            start = round(begin.timestamp())
             still = Program(programmes[0][:1], limits, 1.0)
             rig = VirtualRig(
-                plant, still, night, int(own.integers(2**31)), weather + 10.0, weather,
-                _stamp_ns(begin), NIGHT_RATE, device_seed=1000 * plan.seed + robot,
+                plant, still, dark, int(own.integers(2**31)), weather + 10.0, weather,
+                start * SECOND_NS, NIGHT_RATE, device_seed=device,
             )  # fmt: skip
-            bag = folder / f"{begin:%Y-%m-%d}-night"
-            record(rig, NIGHT_TIME, bag)
-            yield FleetBag(bag, name_of(robot), "", None)
+            yield Visit(name, f"{begin:%F}-night", rig, NIGHT_TIME, "", start, 0.0)
 
 
-def _stamp_ns(moment: datetime) -> int:
-    return round(moment.timestamp()) * 1_000_000_000
+def _wear(n_joints: int, share: float) -> np.ndarray:
+    """Factor on the friction of each axis after a share of the time."""
+    worn = np.ones(n_joints)
+    worn[WORN_AXIS] += WEAR * max(share - WEAR_FROM, 0.0) / (1.0 - WEAR_FROM)
+    return worn
 
 
-def _jobs(bag: Path, name: str, begin: datetime, cycle: float) -> Path:
-    """Write the jobs of a bag beside it: its cycles."""
-    start = float(round(begin.timestamp()))
-    path = bag.with_name(bag.name + "-jobs.yaml")
-    lines = [
-        f"  - {{name: {name}, begin: {start + k * cycle:.3f}, end: {start + (k + 1) * cycle:.3f}}}\n"
-        for k in range(CYCLES)
-    ]
-    path.write_text("jobs:\n" + "".join(lines))
-    return path
+def write_bags(folder: Path, plan: FleetPlan) -> int:
+    """Record the fleet to bags: a folder for each robot, and ``bags.csv``, the table of all.
+
+    Args:
+        folder: Where to; made here.
+        plan: What is made.
+
+    Returns:
+        How many bags there are.
+
+    Raises:
+        RobotEnergyError: If a bag cannot be written.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    count = 0
+    with (folder / "bags.csv").open("w", newline="") as file:
+        rows = csv.writer(file)
+        rows.writerow(["bag", "robot", "programme", "jobs"])
+        for visit in visits(plan):
+            bag, jobs = folder / visit.robot / visit.name, ""
+            record(visit.rig, visit.duration, bag)
+            if visit.jobs:
+                lines = [
+                    f"  - {{name: {visit.programme}, begin: {begin:.3f}, end: {end:.3f}}}\n"
+                    for begin, end in visit.jobs
+                ]
+                place = bag.with_name(f"{bag.name}-jobs.yaml")
+                place.write_text("jobs:\n" + "".join(lines))
+                jobs = str(place)
+            rows.writerow([bag, visit.robot, visit.programme, jobs])
+            count += 1
+    return count
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -225,14 +249,8 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--sound", action="store_true", help="without the three faults")
     args = parser.parse_args(argv)
     plan = FleetPlan(args.robots, args.weeks, args.seed, not args.sound)
-    begun, count = time.perf_counter(), 0
-    args.folder.mkdir(parents=True, exist_ok=True)
-    with (args.folder / "bags.csv").open("w", newline="") as file:
-        rows = csv.writer(file)
-        rows.writerow(["bag", "robot", "programme", "jobs"])
-        for one in generate(args.folder, plan):
-            count += 1
-            rows.writerow([one.bag, one.robot, one.programme, one.jobs or ""])
+    begun = time.perf_counter()
+    count = write_bags(args.folder, plan)
     size = sum(path.stat().st_size for path in args.folder.rglob("*") if path.is_file())
     print(f"{count} bags, {size / 1e6:.0f} MB, {time.perf_counter() - begun:.0f} s")
     return 0

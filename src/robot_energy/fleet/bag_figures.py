@@ -3,7 +3,9 @@
 Both are fitted together, so that neither stands for the other: friction has the sign of the
 velocity, a load keeps its sign where the joint turns back.
 
-``y = multiplier friction_model + m p + offset``
+``y = multiplier friction_model + m p + m' i + offset``
+
+with m' for inertia alone, whose accelerations are less certain than gravity.
 """
 
 from __future__ import annotations
@@ -13,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from robot_energy.blocks import Float, Int
-from robot_energy.fleet.joint_sums import MEASURED, MODEL, OFFSET, PAYLOAD, SIGN, VISCOUS
+from robot_energy.fleet.joint_sums import INERTIA, MEASURED, MODEL, OFFSET, PAYLOAD, SIGN, VISCOUS
 
 MIN_ROWS = 200  # samples of a joint in motion, below which a bag says nothing of it
 TINY = 1e-6  # of the length of a column: less is taken as dependent on the others
@@ -43,7 +45,7 @@ def bag_figures(gram: Float, rows: Int) -> BagFigures:
         One row for each bag.
     """
     enough = rows >= MIN_ROWS
-    fitted = _solved(gram, [MODEL, PAYLOAD, OFFSET])
+    fitted = _solved(gram, [MODEL, PAYLOAD, INERTIA, OFFSET])
     multiplier = np.where(enough & (fitted[..., 0] > 0.0), fitted[..., 0], np.nan)
     square, product, noise = _load(gram, np.maximum(rows, 1))
     weight = np.where(enough & (noise > 0.0), 1.0 / np.maximum(noise, 1e-12), 0.0)
@@ -69,10 +71,12 @@ def _solved(gram: Float, columns: list[int]) -> Float:
 
 
 def _load(gram: Float, rows: Int) -> tuple[Float, Float, Float]:
-    """Squares of p, its products with y, and variance of y; friction and offset taken off."""
+    """Squares of p, its products with y, and variance of y, less friction, inertia, offset."""
     speed = gram[..., VISCOUS, :].sum(axis=-2)  # products of the velocity with all columns
-    own = np.stack([gram[..., SIGN, :], speed, gram[..., OFFSET, :]], axis=-2)
-    inner = np.stack([own[..., SIGN], own[..., VISCOUS].sum(axis=-1), own[..., OFFSET]], axis=-1)
+    own = np.stack([gram[..., SIGN, :], speed, gram[..., INERTIA, :], gram[..., OFFSET, :]], -2)
+    inner = np.stack(
+        [own[..., SIGN], own[..., VISCOUS].sum(-1), own[..., INERTIA], own[..., OFFSET]], -1
+    )
     unit, length = _scaled(inner)
     pair = [PAYLOAD, MEASURED]
     right = own[..., pair] / length[..., None]

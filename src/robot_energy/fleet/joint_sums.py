@@ -2,12 +2,12 @@
 
 For moving samples, motor side, ``y = measured - rigid torque`` is a linear function of unknowns,
 
-``y = fc sgn(w) + sum_k fv_k h_k(T) w + offset + m p + ...``,
+``y = fc sgn(w) + sum_k fv_k h_k(T) w + offset + m (p + i) + ...``,
 
-with hats h_k of temperature (linear interpolation between `NODES_DEGC`), and p the torque by which
-gravity of one more kilogram at the payload loads the motor. The sums of the products of these
-columns hold all that a least squares fit of any of them needs, and the sums of two bags are the
-sums of both together.
+with hats h_k of temperature (linear interpolation between `NODES_DEGC`), p the torque by which
+gravity of one more kilogram at the payload loads the motor, and i that by its inertia. The sums
+of the products of these columns hold all that a least squares fit of any of them needs, and the
+sums of two bags are the sums of both together.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ NODE_STEP = 5.0  # between two nodes of temperature [K]
 NODES_DEGC = np.arange(0.0, 90.0 + NODE_STEP, NODE_STEP)
 NODES = len(NODES_DEGC)
 SIGN, VISCOUS, OFFSET = 0, slice(1, 1 + NODES), 1 + NODES
-PAYLOAD, MODEL, RIGID, MEASURED = OFFSET + 1, OFFSET + 2, OFFSET + 3, OFFSET + 4
+PAYLOAD, INERTIA, MODEL, RIGID, MEASURED = (OFFSET + 1 + number for number in range(5))
 COLUMNS = MEASURED + 1
 UPPER = np.triu_indices(COLUMNS)
 THINNED_NS = 40_000_000  # one sample of so much time is taken [ns]
@@ -120,17 +120,23 @@ class JointSums:
 
     @np.errstate(invalid="ignore", over="ignore", divide="ignore")
     def _add(self, torque: TorqueBlock, power: PowerBlock, period: Float) -> None:
-        position = np.ascontiguousarray(torque.joint_position)
-        rest = np.zeros_like(position)
-        heavier = self._loaded.joint_torque(position, rest, rest)
-        heavier -= self._bare.joint_torque(position, rest, rest)
-        per_mass = self._drivetrain.motor_torque_from_joint(heavier)
+        motion = tuple(
+            np.ascontiguousarray(values)
+            for values in (torque.joint_position, torque.joint_velocity, torque.joint_acceleration)
+        )
+        rest = (motion[0], np.zeros_like(motion[0]), np.zeros_like(motion[0]))
+        gravity, whole = (
+            self._drivetrain.motor_torque_from_joint(
+                self._loaded.joint_torque(*given) - self._bare.joint_torque(*given)
+            )
+            for given in (rest, motion)
+        )
         measured, rigid = power.motor_torque_measured, torque.motor_torque_rigid
         speed = power.motor_velocity
         model = power.friction_power / speed
         degc = power.motor_temperature_degc
         degc = np.where(np.isnan(degc), self._fallback_degc, degc)
-        good = (np.abs(speed) > self._floor) & np.isfinite(measured + rigid + model + per_mass)
+        good = (np.abs(speed) > self._floor) & np.isfinite(measured + rigid + model + whole)
         good &= ((power.quality & np.uint32(DOUBTFUL)) == 0)[:, None]
         for joint in np.flatnonzero(good.any(axis=0)).tolist():
             rows = good[:, joint]
@@ -140,7 +146,8 @@ class JointSums:
             columns[:, SIGN] = np.sign(w)
             columns[:, VISCOUS] = shares(place, NODES) * w[:, None]
             columns[:, OFFSET] = 1.0
-            columns[:, PAYLOAD] = per_mass[rows, joint]
+            columns[:, PAYLOAD] = gravity[rows, joint]
+            columns[:, INERTIA] = (whole - gravity)[rows, joint]
             columns[:, MODEL] = model[rows, joint]
             columns[:, RIGID] = rigid[rows, joint]
             columns[:, MEASURED] = measured[rows, joint] - rigid[rows, joint]

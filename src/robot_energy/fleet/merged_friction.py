@@ -1,6 +1,6 @@
 """Friction of one joint from the merged sums of many bags, as `identify friction` fits it.
 
-The offset of a bag and what gravity of a wrong payload adds to it are fitted in every bag by
+The offset of a bag and what a wrong payload adds to it are fitted in every bag by
 itself and taken off. What is left is one fit of ``fc sgn(w) + fv(T) w`` for all robots, with fv
 at the nodes of temperature. Deviations come from leaving out one robot after the other (or one
 bag, where there are few robots), and from the constant errors of sensors.
@@ -17,6 +17,7 @@ from robot_energy.blocks import Float, Int
 from robot_energy.errors import NotIdentifiableError
 from robot_energy.fleet.joint_sums import (
     COLUMNS,
+    INERTIA,
     MEASURED,
     MODEL,
     NODES,
@@ -105,16 +106,16 @@ class TorqueScore:
 
 
 def without_nuisances(gram: Float) -> Float:
-    """Return sums from which the offset and the gravity of a payload of each bag are taken.
+    """Return sums from which the offset and the payload of each bag are taken.
 
     Args:
         gram: Shape (B, COLUMNS, COLUMNS).
     """
-    pair = [OFFSET, PAYLOAD]
-    inner = gram[:, pair][:, :, pair]
+    own = [OFFSET, PAYLOAD, INERTIA]
+    inner = gram[:, own][:, :, own]
     length = np.sqrt(np.maximum(np.diagonal(inner, axis1=1, axis2=2), 1e-30))
-    unit = inner / (length[:, :, None] * length[:, None, :]) + DAMPING * np.eye(2)
-    right = gram[:, pair] / length[:, :, None]
+    unit = inner / (length[:, :, None] * length[:, None, :]) + DAMPING * np.eye(len(own))
+    right = gram[:, own] / length[:, :, None]
     return gram - np.swapaxes(right, 1, 2) @ np.linalg.solve(unit, right)
 
 

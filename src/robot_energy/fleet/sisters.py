@@ -36,7 +36,7 @@ RIDGE = 1e-3  # of one bag, on every coefficient: a share that does not vary has
 
 @dataclass(frozen=True)
 class Levels:
-    """Levels of the robots, with what bags differ in taken off.
+    """Levels of the robots at the mean of what bags differ in.
 
     Attributes:
         level: NaN for a robot with too few bags, shape (R,). [unit of the figure]
@@ -83,7 +83,8 @@ def levels(figure: Float, robot: Int, work: Float, counted: np.ndarray, least: i
     """
     known = np.isfinite(figure) & np.isfinite(work).all(axis=1)
     robots = int(robot.max()) + 1 if len(robot) else 0
-    y, number, z = figure[known], robot[known], work[known]
+    y, number = figure[known], robot[known]
+    z = work[known] - work[known].mean(axis=0) if known.any() else work[known]
     weight = np.ones(len(y))
     slope = np.zeros(z.shape[1])
     for _ in range(ROUNDS):
