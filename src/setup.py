@@ -27,6 +27,7 @@ CORE = [
 ]
 IDENTIFY = ["clarabel>=0.9,<1", "threadpoolctl>=3.1"]
 REPORT = ["matplotlib>=3.8"]
+FLEET = ["distributed>=2025.1"]
 DASHBOARD = ["prometheus-client>=0.20", "starlette>=0.37", "uvicorn>=0.30"]
 PAPERS = ["Jinja2>=3.1", *IDENTIFY, *REPORT]
 
@@ -68,8 +69,9 @@ setup(
         "identify": IDENTIFY,
         "report": REPORT,
         "dashboard": DASHBOARD,
+        "fleet": FLEET,
         "papers": PAPERS,
-        "all": [*PAPERS, *DASHBOARD],
+        "all": [*PAPERS, *DASHBOARD, *FLEET],
         # Not `tests_require`: with it newer setuptools make colcon find no tests.
         "test": ["pytest", "hypothesis"],
     },
