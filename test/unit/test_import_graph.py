@@ -56,7 +56,8 @@ MODULES = {
         temporary_folder
     """,
     "robot_energy.fleet": """
-        bag_figures bag_joints findings hour_sums identify joint_sums merged_friction merged_laws
+        bag_figures bag_joints dataset findings hour_sums identify joint_sums merged_friction
+        merged_laws
         report sisters tables wear_history
     """,
     "robot_energy.identify": """

@@ -48,8 +48,8 @@ def run(args: Namespace) -> int:
     Raises:
         RobotEnergyError: If dataset or model cannot be used.
     """
+    from robot_energy.fleet.dataset import read_tables
     from robot_energy.fleet.identify import identify_fleet
-    from robot_energy.fleet.tables import read_tables
     from robot_energy.model import load
     from robot_energy.report.document import Document
     from robot_energy.report.fleet import fleet_friction_document

@@ -71,8 +71,8 @@ def run(args: Namespace) -> int:
     Raises:
         RobotEnergyError: If dataset, settings or outputs cannot be used.
     """
+    from robot_energy.fleet.dataset import read_tables
     from robot_energy.fleet.report import fleet_report
-    from robot_energy.fleet.tables import read_tables
     from robot_energy.page.settings import load_settings
     from robot_energy.report.document import Document
     from robot_energy.report.fleet import fleet_document

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import polars as pl
 
-from robot_energy.errors import ReportError
 from robot_energy.fleet.hour_sums import HourSums
 from robot_energy.results.replay import ReplayReport
-from robot_energy.shown_text import shown
 
 FLOATS = pl.List(pl.Float64)
 SCHEMAS: dict[str, dict[str, Any]] = {
@@ -149,53 +146,3 @@ def tables_of(bags: Iterable[Rows]) -> FleetTables:
     return FleetTables(
         **{name: pl.DataFrame(rows[name], schema=schema) for name, schema in SCHEMAS.items()}
     )
-
-
-def read_tables(dataset: str | Path) -> FleetTables:
-    """Read the tables of a dataset: one folder of Parquet files for each, perhaps partitioned.
-
-    Args:
-        dataset: Its folder.
-
-    Returns:
-        Its rows; a table that is not there is empty, but for that of the runs.
-
-    Raises:
-        ReportError: If there is none, or a table lacks columns.
-    """
-    frames: dict[str, pl.DataFrame] = {}
-    for name, schema in SCHEMAS.items():
-        files = sorted((Path(dataset) / name).rglob("*.parquet"))
-        if not files:
-            if name == "runs":
-                raise ReportError(
-                    f"'{shown(str(dataset))}' holds no table of runs",
-                    "the folder of a dataset",
-                    "make one with: robot-energy fleet run",
-                )
-            frames[name] = pl.DataFrame(schema=schema)
-            continue
-        frame = pl.scan_parquet(files, hive_partitioning=True)
-        lacking = sorted(set(schema) - set(frame.collect_schema().names()))
-        if lacking:
-            raise ReportError(
-                f"the table of {name} in '{shown(str(dataset))}' lacks {', '.join(lacking)}",
-                "the columns of this version",
-                "run the bags again with: robot-energy fleet run",
-            )
-        columns = [pl.col(column).cast(kind) for column, kind in schema.items()]
-        frames[name] = frame.select(columns).collect()
-    return FleetTables(**frames)
-
-
-def write_tables(tables: FleetTables, dataset: str | Path) -> None:
-    """Write tables as one file each.
-
-    Args:
-        tables: Of a fleet.
-        dataset: Folder; made here.
-    """
-    for name in SCHEMAS:
-        place = Path(dataset) / name
-        place.mkdir(parents=True, exist_ok=True)
-        getattr(tables, name).write_parquet(place / "part.parquet")
