@@ -59,6 +59,9 @@ def judged(report: FleetReport, faults: dict[str, str]) -> FleetRow:
     Args:
         report: Of the fleet.
         faults: Kind of the fault by robot.
+
+    Returns:
+        What was found, missed and false.
     """
     named = {(one.robot, CAUSES.get(one.kind, one.kind)) for one in report.findings}
     causes = {(robot, kind) for robot, kind in named if kind in ("payload", "friction", "standby")}

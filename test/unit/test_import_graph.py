@@ -40,7 +40,8 @@ MODULES = {
         torque unseen
     """,
     "robot_energy.cli": """
-        check completion export identify identify_all identify_cabinet identify_drives
+        check completion export fleet fleet_identify fleet_report
+        identify identify_all identify_cabinet identify_drives
         identify_dynamics identify_excitation identify_friction identify_inputs
         identify_thermal import_logs info kinds layouts main memory models monitoring
         numbers page predict replay replay_options report robots schema simulate
@@ -55,7 +56,9 @@ MODULES = {
         temporary_folder
     """,
     "robot_energy.fleet": """
-        joint_sums
+        bag_figures bag_joints dataset findings hour_sums identify joint_sums merged_friction
+        merged_laws
+        report sisters tables wear_history
     """,
     "robot_energy.identify": """
         bounds causes plausibility provenance run_all steps turns
@@ -137,13 +140,13 @@ MODULES = {
     """,
     "robot_energy.report": """
         canvas condition document drives dynamics efficiency_figure energy energy_figure
-        evaluation excitation formats friction_figure headline held_out html
+        evaluation excitation fleet fleet_figures formats friction_figure headline held_out html
         identification identify_all jobs kinds layout model parameters power_figure
         prediction prediction_figure printing recordings replay series
         temperature_figure thermal torque_figure trend_figure
     """,
     "robot_energy.results": """
-        base check condition drives dynamics energy evaluation excitation identification
+        base check condition drives dynamics energy evaluation excitation fleet identification
         model prediction replay schema thermal uncertainty
     """,
     "robot_energy.rig": """
@@ -164,7 +167,8 @@ MODULES = {
     """,
     "robot_energy_papers": """
         accuracy band_coverage calibration certainty certainty_numbers certainty_page
-        drawings drawn_plants drive_study effects experiment held_out interval_coverage
+        drawings drawn_plants drive_study effects experiment fleet_study generated_fleet held_out
+        interval_coverage
         job_pool learning_study machines mantis models pages paper_a paper_a_numbers
         paper_a_page paper_b paper_b_numbers paper_b_page soaked_rigs thermal_study wall
         wear_study

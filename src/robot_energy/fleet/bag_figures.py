@@ -38,7 +38,7 @@ def bag_figures(gram: Float, rows: Int) -> BagFigures:
     """Return the figures of bags.
 
     Args:
-        gram: Sums of products, shape (B, n, COLUMNS, COLUMNS).
+        gram: Sums of products, shape (B, n, COLUMNS, COLUMNS). [units of both columns]
         rows: Samples behind them, shape (B, n).
 
     Returns:

@@ -99,6 +99,26 @@ def bag_joints(tables: FleetTables, model_id: str, robots: Sequence[str]) -> Bag
     )
 
 
+def sums_of_joint(tables: FleetTables, bags: BagJoints, joint: str) -> tuple[Float, Int]:
+    """Return the sums of products of one joint, and the samples behind them.
+
+    Args:
+        tables: Of the fleet.
+        bags: Which bags.
+        joint: Name of the joint.
+
+    Returns:
+        Shape (B, COLUMNS, COLUMNS) and (B,); 0 where a bag has none.
+    """
+    order = pl.DataFrame({"key": bags.key})
+    rows = order.join(tables.joints.filter(pl.col("joint") == joint), on="key", how="left")
+    count = rows["friction_rows"].fill_null(0).to_numpy()
+    gram = np.zeros((len(count), *_SHAPE))
+    upper = rows.filter(pl.col("friction_rows") > 0)["friction_sums"].explode().to_numpy()
+    gram[count > 0] = gram_of(upper.reshape(-1, len(UPPER[0])))
+    return gram, count
+
+
 def wear_records(rows: pl.DataFrame) -> list[WearRecord]:
     """Return the records of one joint of one robot, in order of time.
 

@@ -9,8 +9,9 @@ from math import exp, expm1
 
 import numpy as np
 import polars as pl
+from numpy.typing import NDArray
 
-from robot_energy.blocks import Float
+from robot_energy.blocks import Float, Int
 from robot_energy.condition.wear import REMEDY, WearAlarm
 from robot_energy.fleet.bag_joints import BagJoints, wear_records
 from robot_energy.fleet.sisters import Deviation, Levels, levels, stand_out
@@ -24,13 +25,13 @@ MIN_MASS = 0.5  # of a payload [kg]
 MIN_ENERGY = 0.05  # of a job [-]
 MIN_STANDBY = 0.25  # hours of a recorded day
 STANDBY_SCALE = 0.1  # below it, hours of standby are all alike [h]
-MIN_RECENT = 3  # bags of a robot in the time that counts
+MIN_RECENT = 5  # newest bags of a robot that count, however old they are
 KINDS = ("payload", "wear", "friction", "standby", "energy")
 DAY_NS = 86_400_000_000_000
 
 
 @dataclass(frozen=True)
-class Compared:
+class RobotsCompared:
     """Robots of one model after all comparisons.
 
     Attributes:
@@ -44,18 +45,21 @@ class Compared:
     comparisons: int
 
 
-def compare(tables: FleetTables, bags: BagJoints, duty: Sequence[float]) -> Compared:
+def compare(tables: FleetTables, bags: BagJoints, duty: Sequence[float]) -> RobotsCompared:
     """Compare robots of one model with each other, and each with itself before.
 
     Args:
         tables: Of the fleet.
         bags: Of these robots.
         duty: Share of motion in the time of the bags of each robot. [-]
+
+    Returns:
+        What was found, and the levels behind it.
     """
     jobs = tables.jobs.filter(pl.col("robot").is_in(bags.robots) & (pl.col("gap_time") == 0.0))
     programmes = sorted(jobs["name"].unique().to_list())
     comparisons = len(bags.joints) + 2 + len(programmes)
-    recent = _recent(bags.stamp_ns)
+    recent = _recent(bags.stamp_ns, bags.robot)
     findings: list[FleetFinding] = []
 
     def found(levels: Levels) -> list[Deviation]:
@@ -63,14 +67,14 @@ def compare(tables: FleetTables, bags: BagJoints, duty: Sequence[float]) -> Comp
 
     speeds = bags.work[..., -2]
     usual = np.where(np.isfinite(speeds), speeds, 0.0)
-    mass = levels(bags.figures.mass, bags.robot, usual, recent, MIN_RECENT)
+    mass = levels(bags.figures.mass, bags.robot, usual, recent)
     findings += [
         _payload(bags.robots[one.robot], one) for one in found(mass) if abs(one.size) >= MIN_MASS
     ]
     friction: list[Levels] = []
     for joint, name in enumerate(bags.joints):
         figure = np.log(bags.figures.multiplier[:, joint])
-        own = levels(figure, bags.robot, bags.work[:, joint], recent, MIN_RECENT)
+        own = levels(figure, bags.robot, bags.work[:, joint], recent)
         friction.append(own)
         findings += [
             _friction(bags.robots[one.robot], name, one)
@@ -92,13 +96,18 @@ def compare(tables: FleetTables, bags: BagJoints, duty: Sequence[float]) -> Comp
             for one in found(_of_jobs(part, bags))
             if abs(expm1(one.size)) >= MIN_ENERGY
         ]
-    return Compared(_ordered(findings), tuple(friction), comparisons)
+    return RobotsCompared(_ordered(findings), tuple(friction), comparisons)
 
 
-def _recent(stamp_ns: np.ndarray) -> np.ndarray:
-    if not len(stamp_ns):
-        return np.zeros(0, dtype=np.bool_)
-    return stamp_ns >= stamp_ns.max() - RECENT * (stamp_ns.max() - stamp_ns.min())
+def _recent(stamp_ns: Int, robot: Int) -> NDArray[np.bool_]:
+    """Which bags lie in the last quarter of the time, or are the newest of their robot."""
+    found = np.zeros(len(stamp_ns), dtype=np.bool_)
+    if len(stamp_ns):
+        found = stamp_ns >= stamp_ns.max() - RECENT * (stamp_ns.max() - stamp_ns.min())
+    for one in np.unique(robot).tolist():
+        own = np.flatnonzero(robot == one)
+        found[own[np.argsort(stamp_ns[own])[-MIN_RECENT:]]] = True
+    return found
 
 
 def _of_jobs(jobs: pl.DataFrame, bags: BagJoints) -> Levels:
@@ -114,10 +123,11 @@ def _of_jobs(jobs: pl.DataFrame, bags: BagJoints) -> Levels:
     rows = np.array([place[key] for key in own["key"].to_list()], dtype=np.int64)
     temperatures = bags.work[rows, :, :-2].mean(axis=1)
     figure = np.log(own.to_series(2).to_numpy())
-    return levels(figure, bags.robot[rows], temperatures, _recent(bags.stamp_ns)[rows], MIN_RECENT)
+    recent = _recent(bags.stamp_ns[rows], bags.robot[rows])
+    return levels(figure, bags.robot[rows], temperatures, recent)
 
 
-def _standby(tables: FleetTables, robots: Sequence[str]) -> tuple[Float, np.ndarray]:
+def _standby(tables: FleetTables, robots: Sequence[str]) -> tuple[Float, Int]:
     """Logarithm of the standby of every robot and recorded day, and its robot."""
     days = (
         tables.hours.filter(pl.col("robot").is_in(robots))
@@ -165,7 +175,7 @@ def _worn(
     return findings
 
 
-def _change(rest: Float, stamp_ns: np.ndarray) -> tuple[float, float]:
+def _change(rest: Float, stamp_ns: Int) -> tuple[float, float]:
     """Friction of the last quarter of the time over that of the first, less 1; its deviation."""
     known = np.isfinite(rest)
     rest, stamp_ns = rest[known], stamp_ns[known]

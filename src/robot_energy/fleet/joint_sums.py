@@ -171,7 +171,7 @@ def gram_of(upper: Sequence[float] | Float) -> Float:
     """Return sums of products from their upper triangles.
 
     Args:
-        upper: Row by row, shape (..., COLUMNS (COLUMNS + 1) / 2).
+        upper: Row by row, shape (..., COLUMNS (COLUMNS + 1) / 2). [units of both columns]
 
     Returns:
         Shape (..., COLUMNS, COLUMNS).

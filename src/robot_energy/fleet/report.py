@@ -13,7 +13,7 @@ import polars as pl
 
 from robot_energy.blocks import Float
 from robot_energy.fleet.bag_joints import BagJoints, bag_joints
-from robot_energy.fleet.findings import Compared, compare
+from robot_energy.fleet.findings import RobotsCompared, compare
 from robot_energy.fleet.sisters import MIN_SISTERS, Levels
 from robot_energy.fleet.tables import FleetTables
 from robot_energy.page.settings import JOULE_PER_KWH, PageSettings
@@ -65,7 +65,7 @@ def fleet_report(
     for model_id in models:
         sisters = sorted(read.filter(pl.col("model_id") == model_id)["robot"].unique().to_list())
         bags = bag_joints(tables, model_id, sisters)
-        compared = compare(tables, bags, _duty(hours, sisters))
+        compared = compare(tables, bags, duty_of(tables.hours, sisters))
         findings += compared.findings
         friction += _curves(bags, compared)
         comparisons += compared.comparisons
@@ -217,14 +217,19 @@ def _model_errors(read: pl.DataFrame) -> tuple[ModelError, ...]:
     )  # fmt: skip
 
 
-def _duty(hours: pl.DataFrame, robots: Sequence[str]) -> list[float]:
-    """Share of motion in the time of the bags of each robot."""
+def duty_of(hours: pl.DataFrame, robots: Sequence[str]) -> list[float]:
+    """Return the share of motion in the time of the bags of each robot.
+
+    Args:
+        hours: Table of the fleet.
+        robots: Their names.
+    """
     sums = hours.group_by("robot").agg(pl.col("motion_time", "observed_time").sum())
     share = {robot: motion / time if time else 0.0 for robot, motion, time in sums.iter_rows()}
     return [share.get(robot, 0.0) for robot in robots]
 
 
-def _curves(bags: BagJoints, compared: Compared) -> list[FrictionCurve]:
+def _curves(bags: BagJoints, compared: RobotsCompared) -> list[FrictionCurve]:
     return [
         _curve(bags, joint, own, compared.findings) for joint, own in enumerate(compared.friction)
     ]

@@ -11,7 +11,7 @@ the levels u one is drawn aside after the other, the farthest first, and compare
 ``t = (u_i - mean of the others) / sqrt(tau^2 + se_i^2 + s^2 / m)``,
 
 where s is the standard deviation of the m others, se the standard error of a level, and
-``tau^2 = s^2 - mean(se^2)`` how much sound sisters differ. Without faults t has Student's
+``tau^2 = s^2 - median(se^2)`` how much sound sisters differ. Without faults t has Student's
 distribution of m - 1 degrees. The largest number of robots set aside at which the last one is
 still beyond the limit is the number of those that differ (generalised extreme Studentised deviate
 test, B. Rosner, Technometrics 25 (1983) 165), so that several faults do not hide each other.
@@ -31,6 +31,9 @@ MAX_SHARE = 0.3  # of the robots that may differ from the others
 MAX_FALSE = 0.01  # probability of anything false in a whole report
 HUBER = 2.0  # standard deviations, beyond which a bag weighs less
 ROUNDS = 12
+TINY = 1e-12  # against a division by 0
+MEDIAN_TO_STD = 1.4826  # of the absolute deviation of a normal variable
+PRIOR_BAGS = 5.0  # that the usual scatter of a bag counts for, beside a robot's own
 RIDGE = 1e-3  # of one bag, on every coefficient: a share that does not vary has none
 
 
@@ -98,18 +101,22 @@ def levels(figure: Float, robot: Int, work: Float, counted: np.ndarray, least: i
         normal = (own * weight[:, None]).T @ own + RIDGE * np.eye(z.shape[1])
         slope = np.linalg.solve(normal, (own * weight[:, None]).T @ inside(y))
         off = np.abs(inside(y - z @ slope))
-        scatter = 1.4826 * float(np.median(off)) + 1e-12 if len(off) else 1.0
-        weight = np.minimum(1.0, HUBER * scatter / np.maximum(off, 1e-12))
+        scale = MEDIAN_TO_STD * float(np.median(off)) + TINY if len(off) else 1.0
+        weight = np.minimum(1.0, HUBER * scale / np.maximum(off, 1e-12))
     rest = np.full(len(figure), np.nan)
     rest[known] = y - z @ slope
-    level, std = np.full(robots, np.nan), np.full(robots, np.nan)
+    level = np.full(robots, np.nan)
     used = known & counted
     bags = np.bincount(robot[used], minlength=robots)
+    scatter = np.full(robots, np.nan)
     for one in np.flatnonzero(bags >= least).tolist():
         values = rest[used & (robot == one)]
         level[one] = np.median(values)
-        # of a median of normal values: pi / 2 times the variance of their mean
-        std[one] = float(values.std(ddof=1)) * np.sqrt(0.5 * np.pi / len(values))
+        scatter[one] = MEDIAN_TO_STD * float(np.median(np.abs(values - level[one])))
+    usual = float(np.nanmedian(scatter)) if np.isfinite(scatter).any() else 0.0
+    own = (bags * scatter**2 + PRIOR_BAGS * usual**2) / (bags + PRIOR_BAGS)
+    # of a median of normal values: pi / 2 times the variance of their mean
+    std = np.sqrt(own * 0.5 * np.pi / np.maximum(bags, 1))
     return Levels(level, std, bags, rest)
 
 
@@ -118,7 +125,7 @@ def stand_out(level: Float, std: Float, comparisons: int) -> list[Deviation]:
 
     Args:
         level: NaN for a robot that is not compared, shape (R,). [any unit]
-        std: Standard errors, shape (R,).
+        std: Standard errors, shape (R,). [as the level]
         comparisons: Kinds of figures that the report compares robots by.
 
     Returns:
@@ -129,30 +136,35 @@ def stand_out(level: Float, std: Float, comparisons: int) -> list[Deviation]:
     known = np.flatnonzero(np.isfinite(level))
     if len(known) < MIN_SISTERS:
         return []
-    left, aside, found = known.tolist(), list[int](), 0
+    left, aside, found = known, list[int](), 0
     for _ in range(max(1, int(MAX_SHARE * len(known)))):
         if len(left) < MIN_SISTERS:
             break
-        scores = [abs(_compared(level, std, one, [s for s in left if s != one])[2]) for one in left]
+        scores = np.abs(_scores(level[left], std[left]))
         worst = int(np.argmax(scores))
         chance = 2.0 * float(t.sf(scores[worst], len(left) - 2)) * len(left) * comparisons
-        aside.append(left.pop(worst))
+        aside.append(int(left[worst]))
+        left = np.delete(left, worst)
         if chance < MAX_FALSE:
             found = len(aside)
-    left += aside[found:]
+    sound = np.setdiff1d(known, aside[:found])
     result: list[Deviation] = []
     for one in aside[:found]:
-        size, spread, score = _compared(level, std, one, left)
-        chance = 2.0 * float(t.sf(abs(score), len(left) - 1)) * len(known) * comparisons
+        size = float(level[one] - level[sound].mean())
+        variance = float(level[sound].var(ddof=1))
+        between = max(variance - float(np.median(std[sound] ** 2)), 0.0)
+        spread = float(np.sqrt(between + std[one] ** 2 + variance / len(sound))) + TINY
+        chance = 2.0 * float(t.sf(abs(size) / spread, len(sound) - 1)) * len(known) * comparisons
         result.append(Deviation(one, size, spread, max(0.0, 1.0 - chance)))
     return result
 
 
-def _compared(level: Float, std: Float, one: int, others: list[int]) -> tuple[float, float, float]:
-    """Deviation of a robot from others, its standard deviation, and their ratio."""
-    count = len(others)
-    variance = float(level[others].var(ddof=1))
-    between = max(variance - float((std[others] ** 2).mean()), 0.0)
-    spread = float(np.sqrt(between + std[one] ** 2 + variance / count)) + 1e-12
-    size = float(level[one] - level[others].mean())
-    return size, spread, size / spread
+def _scores(level: Float, std: Float) -> Float:
+    """Deviation of every robot from the mean of the others, over its standard deviation."""
+    count = len(level) - 1
+    centred = level - level.mean()
+    mean = -centred / count  # of the others
+    square = float(centred @ centred) - centred**2
+    variance = np.maximum(square - count * mean**2, 0.0) / (count - 1)
+    between = np.maximum(variance - float(np.median(std**2)), 0.0)
+    return (centred - mean) / (np.sqrt(between + std**2 + variance / count) + TINY)
