@@ -24,6 +24,7 @@ from robot_energy.cli import (
     check,
     completion,
     export,
+    fleet,
     identify,
     import_logs,
     info,
@@ -57,6 +58,9 @@ EXTRAS = {
     "starlette": "dashboard",
     "uvicorn": "dashboard",
     "prometheus_client": "dashboard",
+    "dask": "fleet",
+    "distributed": "fleet",
+    "fsspec": "fleet",
 }
 FEW = 6  # choices that are all named, even where one of them is near
 COMMANDS = "robot_energy.commands"  # group of entry points: modules with add_parser
@@ -150,8 +154,8 @@ def build_parser() -> ArgumentParser:
     parser.set_defaults(debug=False, run=run_help)
     commands = parser.add_subparsers(title="commands", metavar="COMMAND")
     for module in (
-        replay, report, export, import_logs, check, test, identify, predict, models, kinds, info,
-        simulate, schema, layouts, monitoring,
+        replay, report, export, import_logs, check, test, identify, fleet, predict, models, kinds,
+        info, simulate, schema, layouts, monitoring,
         *_further(),
         completion,
     ):  # fmt: skip
