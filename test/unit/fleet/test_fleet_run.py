@@ -162,7 +162,7 @@ def test_registers_are_those_of_a_replay(hall, sequential):
 
 
 def test_energy_of_a_wheel_is_what_is_worked_out_by_hand(tmp_path):
-    """Motor at 20 rad/s with 0.9 N m: 18 W at the shaft, 50 W constant, for 10 s; the meter reads 80 W."""
+    """Motor at 20 rad/s with 0.9 N m: 18 W at the shaft, 50 W constant; the meter reads 80 W."""
     bag, model = wheel_bag(tmp_path), wheel_model(tmp_path)
     jobs = tmp_path / "jobs.yaml"
     begin = read_start(bag)
