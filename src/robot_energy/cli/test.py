@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from robot_energy.cli.memory import keep_freed_memory
+from robot_energy.freed_memory import keep_freed_memory
 from robot_energy.cli.replay_options import AT_FALLBACK, BAG, DAMAGED, add_replay, options_of
 from robot_energy.cli.robots import model_named
 from robot_energy.cli.terminal import add_command, add_json, check_outputs, present, progress
