@@ -215,7 +215,7 @@ def write_bags(folder: Path, plan: FleetPlan) -> int:
     count = 0
     with (folder / "bags.csv").open("w", newline="") as file:
         rows = csv.writer(file)
-        rows.writerow(["bag", "robot", "programme", "jobs"])
+        rows.writerow(["bag", "model", "robot", "programme", "jobs", "effort"])
         for visit in visits(plan):
             bag, jobs = folder / visit.robot / visit.name, ""
             record(visit.rig, visit.duration, bag)
@@ -227,7 +227,7 @@ def write_bags(folder: Path, plan: FleetPlan) -> int:
                 place = bag.with_name(f"{bag.name}-jobs.yaml")
                 place.write_text("jobs:\n" + "".join(lines))
                 jobs = str(place)
-            rows.writerow([bag, visit.robot, visit.programme, jobs])
+            rows.writerow([bag, ROBOT, visit.robot, visit.programme, jobs, "motor_torque"])
             count += 1
     return count
 

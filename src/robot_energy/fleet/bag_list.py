@@ -164,7 +164,9 @@ def find_bags(where: str, split: bool = False, complete: bool = False) -> Iterat
         for one in roots:
             infos |= cast("Infos", system.find(one, detail=True))
     except (OSError, ValueError, ImportError) as error:
-        raise DatasetError(f"{where} cannot be read ({error})", "a folder, pattern or bag") from error
+        raise DatasetError(
+            f"{where} cannot be read ({error})", "a folder, pattern or bag"
+        ) from error
     folders: dict[str, list[str]] = {}
     for path in sorted(infos):
         folders.setdefault(str(PurePosixPath(path).parent), []).append(path)

@@ -147,9 +147,7 @@ def _hash_of(path: Path, place: BagPlace) -> str:
     return whole.hexdigest()
 
 
-def _replayed(
-    bag: FleetBag, bag_hash: str, path: Path, model: RobotModel, scratch: Path
-) -> BagRow:
+def _replayed(bag: FleetBag, bag_hash: str, path: Path, model: RobotModel, scratch: Path) -> BagRow:
     options: Row = dict(bag.options)
     for name, text in bag.texts.items():
         file = scratch / f"{name}.yaml"
@@ -293,7 +291,5 @@ def _fitting(row: Row) -> Row:
 
     found = {name: value for name, value in row.items() if name in SCHEMA}
     for name, columns in TABLES.items():
-        found[name] = [
-            {column: one.get(column) for column in columns} for one in row.get(name, [])
-        ]
+        found[name] = [{column: one.get(column) for column in columns} for one in row.get(name, [])]
     return found

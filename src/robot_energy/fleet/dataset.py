@@ -136,9 +136,7 @@ def _described(table: str, texts: Mapping[str, tuple[str, str]]) -> Columns:
 
 
 HOURS = _described("hours", _HOURS)
-JOINTS = _described("joints", _SUMS) | _integers(
-    JOINT_REGISTERS, "microjoule", "uJ", "register {}"
-)
+JOINTS = _described("joints", _SUMS) | _integers(JOINT_REGISTERS, "microjoule", "uJ", "register {}")
 METER_ERRORS: Columns = {
     "degc": TableColumn(FLOAT, "degC", "middle of the bin of the mean motor temperature"),
     "compared_ns": TableColumn(INTEGER, "ns", "time compared"),
@@ -190,7 +188,9 @@ class Dataset:
         if not self.folder.is_dir():
             raise DatasetError(f"{folder} is no folder", "the folder of a dataset, or a new one")
         foreign = [
-            entry.name for entry in self.folder.iterdir() if not entry.name.startswith(("robot=", "."))
+            entry.name
+            for entry in self.folder.iterdir()
+            if not entry.name.startswith(("robot=", "."))
         ]
         if foreign:
             raise DatasetError(
@@ -281,8 +281,12 @@ def read_tables(folder: str | Path) -> FleetTables:
     """
     time = {"observed_time": "observed_ns", "compared_time": "compared_ns", "time": "observed_ns",
             "gap_time": "gap_ns"}  # fmt: skip
-    energy = {"grid_energy": "grid_import", "brake_energy": "brake",
-              "measured_energy": "measured", "predicted_energy_at_meter": "predicted_at_meter"}
+    energy = {
+        "grid_energy": "grid_import",
+        "brake_energy": "brake",
+        "measured_energy": "measured",
+        "predicted_energy_at_meter": "predicted_at_meter",
+    }
     wanted = {*SCHEMAS["runs"], *time.values(), *(f"{name}_microjoule" for name in energy.values())}
     tables = [name for name in SCHEMAS if name in TABLES]
     rows = scan(folder).select([name for name in RUNS if name in wanted] + tables).collect()

@@ -168,9 +168,7 @@ def on_dask(
                 cluster.close()
 
 
-def _on_client(
-    client: Any, bags: Iterator[FleetBag], models: Models, max_scratch: int
-) -> Source:
+def _on_client(client: Any, bags: Iterator[FleetBag], models: Models, max_scratch: int) -> Source:
     """Few bags at a time are at the scheduler, however many there are."""
     from distributed import as_completed
     from distributed.client import FutureCancelledError
@@ -194,8 +192,9 @@ def _on_client(
             row = refused(bag, died)
         except FutureCancelledError as error:
             raise DatasetError(
-                "the scheduler was lost", "one that runs until the end", "run the command again: "
-                "what the dataset holds is not done twice"
+                "the scheduler was lost",
+                "one that runs until the end",
+                "run the command again: what the dataset holds is not done twice",
             ) from error
         return bag, row
 
@@ -225,7 +224,5 @@ def why_refused(done: FleetRun) -> list[tuple[str, int]]:
     Args:
         done: A run.
     """
-    reasons = Counter(
-        reason.replace(address, "BAG") for address, reason in done.refused.items()
-    )
+    reasons = Counter(reason.replace(address, "BAG") for address, reason in done.refused.items())
     return reasons.most_common()

@@ -21,6 +21,7 @@ from robot_energy.report.canvas import (
 )
 from robot_energy.results.fleet import FrictionCurve, ModelError, RobotEnergy
 
+PANELS = 2  # beside each other: they must be read on a phone
 MAX_BARS = 40  # robots that are drawn
 SECOND_NS = 1_000_000_000
 
@@ -113,15 +114,15 @@ def _grid(
     draw: Callable[[Any, FrictionCurve], None],
     label: str,
 ) -> None:
-    wide, high = panel_grid(len(curves))
-    with canvas(path, (2.9 * wide + 0.6, 2.3 * high + 0.8)) as figure:
-        grid = panels(figure, len(curves))
+    wide, high = panel_grid(len(curves), PANELS)
+    with canvas(path, (2.8 * wide + 0.5, 1.9 * high + 0.5)) as figure:
+        grid = panels(figure, len(curves), PANELS)
         for axes, curve in zip(grid.flat, curves, strict=False):
             draw(axes, curve)
             axes.axhline(1.0, color="#9a9a9a", linewidth=0.8)
             axes.set_title(curve.joint, fontsize=9, loc="left")
             if curve.robots:
-                axes.legend(loc="best", fontsize=7)
+                axes.legend(loc="best")
         for axes in grid[:, 0]:
             axes.set_ylabel("friction / model")
         for axes in grid[-1]:
