@@ -136,15 +136,15 @@ def stand_out(level: Float, std: Float, comparisons: int) -> list[Deviation]:
     known = np.flatnonzero(np.isfinite(level))
     if len(known) < MIN_SISTERS:
         return []
-    left, aside, found = known, list[int](), 0
+    left: list[int] = known.tolist()
+    aside, found = list[int](), 0
     for _ in range(max(1, int(MAX_SHARE * len(known)))):
         if len(left) < MIN_SISTERS:
             break
         scores = np.abs(_scores(level[left], std[left]))
         worst = int(np.argmax(scores))
         chance = 2.0 * float(stdtr(len(left) - 2, -scores[worst])) * len(left) * comparisons
-        aside.append(int(left[worst]))
-        left = np.delete(left, worst)
+        aside.append(left.pop(worst))
         if chance < MAX_FALSE:
             found = len(aside)
     sound = np.setdiff1d(known, aside[:found])

@@ -75,8 +75,9 @@ def friction_by_week(curves: Sequence[FrictionCurve], path: Target) -> None:
         dates = [datetime.fromtimestamp(one / SECOND_NS, UTC) for one in curve.weeks_ns]
         middle = (curve.week_low, curve.week_middle, curve.week_high)
         _drawn(axes, dates, middle, curve.robots, curve.by_week)
-        axes.set_xticks(dates[:: max(1, len(dates) // 3)])
-        axes.xaxis.set_major_formatter(lambda value, _: _day(value))
+        ticks = dates[:: max(1, len(dates) // 3)]
+        axes.set_xticks(ticks)
+        axes.set_xticklabels([f"{one:%b %d}" for one in ticks])
 
     _grid(curves, path, draw, "week, its middle")
 
@@ -100,12 +101,6 @@ def error_by_temperature(errors: Sequence[ModelError], path: Target) -> None:
         axes.axhline(0.0, color="#9a9a9a", linewidth=0.8)
         axes.set_xlabel("mean motor temperature of a bag [degC]")
         axes.set_ylabel("predicted -\nmeasured [%]")
-
-
-def _day(value: float) -> str:
-    from matplotlib.dates import num2date
-
-    return f"{num2date(value):%b %d}"
 
 
 def _grid(
