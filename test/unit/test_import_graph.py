@@ -17,8 +17,8 @@ import robot_energy
 SOURCES = Path(robot_energy.__file__).parent.parent
 MODULES = {
     "robot_energy": """
-        __main__ bag_replay blocks config_file energy_bag errors kinds log_formats prediction
-        recorded_jobs replay_topics schema_errors shown_text time_series units
+        __main__ bag_replay blocks config_file energy_bag errors freed_memory kinds log_formats
+        prediction recorded_jobs replay_topics schema_errors shown_text time_series units
     """,
     "robot_energy.accounting": """
         account account_record averaging band_calibration comparison energy_curve event_log
@@ -40,10 +40,10 @@ MODULES = {
         torque unseen
     """,
     "robot_energy.cli": """
-        check completion export fleet fleet_identify fleet_report
+        check completion export fleet fleet_identify fleet_report fleet_run
         identify identify_all identify_cabinet identify_drives
         identify_dynamics identify_excitation identify_friction identify_inputs
-        identify_thermal import_logs info kinds layouts main memory models monitoring
+        identify_thermal import_logs info kinds layouts main models monitoring
         numbers page predict replay replay_options report robots schema simulate
         stopping terminal test
     """,
@@ -56,9 +56,8 @@ MODULES = {
         temporary_folder
     """,
     "robot_energy.fleet": """
-        bag_figures bag_joints dataset findings hour_sums identify joint_sums merged_friction
-        merged_laws
-        report sisters tables wear_history
+        bag_figures bag_joints bag_list bag_row dataset findings hour_sums identify joint_sums
+        merged_friction merged_laws meter_errors report run sisters tables wear_history
     """,
     "robot_energy.identify": """
         bounds causes plausibility provenance run_all steps turns
@@ -179,7 +178,7 @@ MODULES = {
 }
 # From the ground up; each line may import from itself and from the lines above it.
 LAYERS = (
-    ("errors", "units", "kinds", "blocks", "shown_text"),
+    ("errors", "units", "kinds", "blocks", "shown_text", "freed_memory"),
     ("files",),
     ("config_file", "schema_errors", "model"),
     ("physics", "timeline", "cdr"),
@@ -206,7 +205,18 @@ LAYERS = (
     ("robot_energy_papers",),
 )
 # Nothing online imports these.
-OFFLINE = ("identify", "report", "rig", "motion", "cli", "starter", "check", "page", "layouts")
+OFFLINE = (
+    "identify",
+    "fleet",
+    "report",
+    "rig",
+    "motion",
+    "cli",
+    "starter",
+    "check",
+    "page",
+    "layouts",
+)
 ONLINE = (
     "pipeline", "inputs", "messages", "accounting", "uncertainty", "condition", "store",
     "timeline", "cdr",

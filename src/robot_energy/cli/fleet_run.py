@@ -36,6 +36,7 @@ examples:
   robot-energy fleet run /bags --model kr16 --out energy --watch 30
 """
 SHOWN = 10  # reasons
+PACKED_WATCHING = 64  # rows of a robot and day that are merged while watching
 LOG_EVERY = 30.0  # between two lines where there is no terminal [s]
 
 
@@ -105,17 +106,19 @@ def run(args: Namespace) -> int:
     bags = None if args.watch else _bags(args, models)
     scratch = int(args.scratch * 1e9)
     done = FleetRun()
-    if args.workers == 0 and args.scheduler is None:
-        pool = nullcontext(in_turn(scratch))
-    else:
-        workers = args.workers or _cores()
-        pool = on_dask(args.scheduler, workers, args.memory, scratch)
-    with pool as replays:
-        for round_ in [bags] if bags is not None else _rounds(args, models):
-            with _shown(round_, done) as show:
-                run_fleet(round_, models.models, dataset, replays, done, show)
-            if args.watch:
-                done.bags = done.there = 0
+    with dataset.locked():
+        nothing = bags is not None and all(dataset.has(bag.name) for bag in bags)
+        if nothing or (args.workers == 0 and args.scheduler is None):
+            pool = nullcontext(in_turn(scratch))
+        else:
+            pool = on_dask(args.scheduler, args.workers or _cores(), args.memory, scratch)
+        with pool as replays:
+            for round_ in [bags] if bags is not None else _rounds(args, models):
+                if args.watch:
+                    done.bags = done.there = 0
+                with _shown(round_, done) as show:
+                    run_fleet(round_, models.models, dataset, replays, done, show)
+                dataset.pack(PACKED_WATCHING if args.watch else 2)
     _print(args, done, time.monotonic() - begun)
     return DAMAGED if done.refused else 0
 

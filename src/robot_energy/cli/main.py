@@ -56,6 +56,9 @@ EXTRAS = {
     "starlette": "dashboard",
     "uvicorn": "dashboard",
     "prometheus_client": "dashboard",
+    "dask": "fleet",
+    "distributed": "fleet",
+    "fsspec": "fleet",
 }
 FEW = 6  # choices that are all named, even where one of them is near
 COMMANDS = "robot_energy.commands"  # group of entry points: modules with add_parser

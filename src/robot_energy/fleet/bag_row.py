@@ -24,7 +24,7 @@ from robot_energy.blocks import Phase
 from robot_energy.errors import DatasetError, RobotEnergyError
 from robot_energy.files.temporary_folder import TemporaryFolder
 from robot_energy.fleet.bag_list import BagPlace, FleetBag
-from robot_energy.fleet.dataset import JOINT_REGISTERS, UNKNOWN_DATE, row_bytes
+from robot_energy.fleet.dataset import JOINT_REGISTERS, SCHEMA, TABLES, UNKNOWN_DATE, row_bytes
 from robot_energy.fleet.hour_sums import HourSums
 from robot_energy.fleet.joint_sums import JointSums
 from robot_energy.fleet.meter_errors import MeterErrors
@@ -281,14 +281,18 @@ def _mean_degc(joints: list[Row]) -> float | None:
 def _sealed(bag: FleetBag, name: str, row: Row, date: str, observed_time: float) -> BagRow:
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
     return BagRow(
-        name, bag.robot, date, row_bytes(_fitting(row)), row["reason"], observed_time, peak
+        name,
+        bag.robot,
+        date,
+        row_bytes(_fitting(row | {"name": name})),
+        row["reason"],
+        observed_time,
+        peak,
     )
 
 
 def _fitting(row: Row) -> Row:
     """Only the columns of the schema, in lists of rows too."""
-    from robot_energy.fleet.dataset import SCHEMA, TABLES
-
     found = {name: value for name, value in row.items() if name in SCHEMA}
     for name, columns in TABLES.items():
         found[name] = [{column: one.get(column) for column in columns} for one in row.get(name, [])]

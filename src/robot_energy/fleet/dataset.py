@@ -1,18 +1,22 @@
-"""The dataset of a fleet: one Parquet file for each bag, by robot and date.
+"""The dataset of a fleet: Parquet files by robot and date, one row for each bag.
 
 ``DATASET/robot=R/date=YYYY-MM-DD/BAG-STATE-SETTINGS.parquet`` holds one row: all figures of one
 bag, with jobs, clock hours, joints and errors against the meter as lists in it. So a bag is there
-whole or not at all, and files can be copied, moved and merged as they are. The three parts of the
-name are hashes of the bag's address, of its size and time of change, and of model, options and
-version: a bag that is there unchanged is found by the name alone.
+whole or not at all. The three parts of the name are hashes of the bag's address, of its size and
+time of change, and of model, options and version: a bag that is there unchanged is found by the
+name alone. At the end of a run the rows of each robot and day are merged into one file, sorted by
+name: however the rows came, the same bags give the same bytes.
 """
 
 from __future__ import annotations
 
+import fcntl
+import hashlib
 import io
-from collections.abc import Iterable, Mapping
+from collections.abc import Generator, Iterable, Mapping
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 from urllib.parse import quote
 
 import polars as pl
@@ -25,6 +29,8 @@ from robot_energy.fleet.tables import SCHEMAS, FleetTables
 
 INTEGER, FLOAT, TEXT = pl.Int64(), pl.Float64(), pl.String()
 PER_JOULE, PER_SECOND = 1e-6, 1e-9
+PACKED = "rows-"  # begin of the names of files with many rows
+LOCK = ".lock"
 UNKNOWN_DATE = "unknown"  # of a bag that could not be read
 JOINT_REGISTERS = (
     "shaft_positive", "shaft_negative", "rigid", "friction", "drive_loss",
@@ -57,6 +63,7 @@ def _integers(names: Iterable[str], ending: str, unit: str, text: str) -> Column
 _PHASES = tuple(phase.name.lower() for phase in Phase)
 
 RUNS: Columns = {
+    "name": TableColumn(TEXT, "", "hashes of the bag's address, of its state, of the settings"),
     "key": TableColumn(TEXT, "", "hash of bag, model, options and version; unique once read"),
     "bag": TableColumn(TEXT, "", "address of the bag"),
     "bag_hash": TableColumn(TEXT, "", "SHA-256 of its files with messages; null if unreadable"),
@@ -125,7 +132,7 @@ _SUMS = {"joint": ("", "name"), "friction_rows": ("", "samples behind friction_s
          "wear_stamp_ns": ("ns since 1970", "of the records of the wear alarm"),
          "wear_hours": ("h", "time that they cover"), "wear_time": ("s", "in motion"),
          "wear_excess": ("-", "excess of friction over the model"),
-         "wear_variance": ("-", "of it"), "wear_features": ("-", "temperature and load")}  # fmt: skip
+         "wear_variance": ("-", "of it"), "wear_features": ("-", "what it was at")}  # fmt: skip
 
 
 def _described(table: str, texts: Mapping[str, tuple[str, str]]) -> Columns:
@@ -163,10 +170,13 @@ def row_bytes(row: Mapping[str, Any]) -> bytes:
     Args:
         row: Values by the columns of `SCHEMA`; what is left out is null.
     """
-    target = io.BytesIO()
     whole = {name: [row.get(name)] for name in SCHEMA}
-    frame = pl.DataFrame(whole, schema=SCHEMA, strict=True)
-    frame.write_parquet(target, metadata={"generator": GENERATOR})
+    return _parquet(pl.DataFrame(whole, schema=SCHEMA, strict=True))
+
+
+def _parquet(rows: pl.DataFrame) -> bytes:
+    target = io.BytesIO()
+    rows.write_parquet(target, statistics=False, metadata={"generator": GENERATOR})
     return target.getvalue()
 
 
@@ -182,22 +192,37 @@ class Dataset:
 
     def __init__(self, folder: str | Path) -> None:
         self.folder = Path(folder)
-        self._files: dict[str, set[Path]] = {}
+        self._rows: dict[str, dict[str, set[Path]]] = {}  # files of a row by its bag and name
         if not self.folder.exists():
             return
         if not self.folder.is_dir():
             raise DatasetError(f"{folder} is no folder", "the folder of a dataset, or a new one")
-        foreign = [
-            entry.name
-            for entry in self.folder.iterdir()
-            if not entry.name.startswith(("robot=", "."))
-        ]
+        known = ("robot=", ".")
+        foreign = [e.name for e in self.folder.iterdir() if not e.name.startswith(known)]
         if foreign:
             raise DatasetError(
                 f"{folder} holds '{min(foreign)}'", "a dataset of this tool, or an empty folder"
             )
         for path in self.files():
-            self._files.setdefault(path.stem.partition("-")[0], set()).add(path)
+            for name in _names(path):
+                self._of(name).setdefault(name, set()).add(path)
+
+    @contextmanager
+    def locked(self) -> Generator[None]:
+        """Keep other commands from writing to it.
+
+        Raises:
+            DatasetError: If one does, or the folder cannot be made.
+        """
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            with (self.folder / LOCK).open("w") as lock:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                yield
+        except BlockingIOError as error:
+            raise DatasetError(
+                f"another command writes to {self.folder}", "one at a time", "wait, or stop it"
+            ) from error
 
     def files(self) -> list[Path]:
         """Return all files, in order of their names."""
@@ -207,19 +232,18 @@ class Dataset:
         """Return whether a bag is there unchanged; older rows of it are removed.
 
         Args:
-            name: Of its file, without the folder.
+            name: Of its row.
         """
-        found = self._files.get(name.partition("-")[0], set())
-        same = sorted(path for path in found if path.stem == name)
-        for path in found - set(same[:1]) if same else set[Path]():
-            self._remove(path)
-        return bool(same)
+        found = self._of(name)
+        if name in found:
+            self._keep(name)
+        return name in found
 
     def add(self, name: str, robot: str, date: str, data: bytes) -> Path:
         """Put the row of a bag in place, whole or not at all, and remove older rows of it.
 
         Args:
-            name: Of the file, without the folder.
+            name: Of the row.
             robot: Name of the robot.
             date: UTC day.
             data: From `row_bytes`.
@@ -230,24 +254,77 @@ class Dataset:
         Raises:
             DatasetError: If it cannot be written.
         """
-        part = quote(robot, safe=" ")
-        path = self.folder / f"robot={part}" / f"date={date}" / f"{name}.parquet"
+        path = self.folder / f"robot={quote(robot, safe=' ')}" / f"date={date}" / f"{name}.parquet"
+        self._write(path, data)
+        self._of(name).setdefault(name, set()).add(path)
+        self._keep(name)
+        return path
+
+    def pack(self, least: int = 2) -> None:
+        """Merge the files of each robot and day, which are quicker to read as one.
+
+        Args:
+            least: Files of single rows from which on it is done.
+
+        Raises:
+            DatasetError: If one cannot be written.
+        """
+        parts: dict[Path, list[Path]] = {}
+        for path in self.files():
+            parts.setdefault(path.parent, []).append(path)
+        for paths in parts.values():
+            single = [path for path in paths if not path.stem.startswith(PACKED)]
+            if len(single) >= least or (single and len(paths) > len(single)):
+                self._merge(paths)
+
+    def _of(self, name: str) -> dict[str, set[Path]]:
+        return self._rows.setdefault(name.partition("-")[0], {})
+
+    def _keep(self, name: str) -> None:
+        """Remove all other rows of the bag."""
+        own = self._of(name)
+        for other in [other for other in own if other != name]:
+            for path in own.pop(other):
+                if path.stem.startswith(PACKED):
+                    self._merge([path], other)
+                else:
+                    path.unlink(missing_ok=True)
+
+    def _merge(self, paths: list[Path], without: str = "") -> None:
+        """Replace files of one folder by one that holds their rows."""
+        rows = pl.read_parquet(paths, hive_partitioning=False, glob=False, missing_columns="insert")
+        rows = (
+            rows.select(SCHEMA.names())
+            .cast(cast("Any", dict(SCHEMA)))
+            .filter(pl.col("name") != without)
+        )
+        rows = rows.unique("name").sort("name")
+        names = cast("list[str]", rows["name"].to_list())
+        ending = hashlib.sha256("".join(names).encode()).hexdigest()[:16]
+        target = paths[0].parent / f"{PACKED}{ending}.parquet"
+        if names:
+            self._write(target, _parquet(rows))
+        for path in paths:
+            if path != target or not names:
+                path.unlink(missing_ok=True)
+        for name in names:
+            self._of(name)[name] = self._of(name).get(name, set()) - set(paths) | {target}
+
+    def _write(self, path: Path, data: bytes) -> None:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise DatasetError(
                 f"{path.parent} cannot be made ({error.strerror})", "a folder that can be written"
             ) from error
-        write_file(path, data, PARQUET, "the row of a bag", DatasetError)
-        own = self._files.setdefault(name.partition("-")[0], set())
-        for older in own - {path}:
-            self._remove(older)
-        own.add(path)
-        return path
+        write_file(path, data, PARQUET, "rows of bags", DatasetError)
 
-    def _remove(self, path: Path) -> None:
-        path.unlink(missing_ok=True)
-        self._files[path.stem.partition("-")[0]].discard(path)
+
+def _names(path: Path) -> list[str]:
+    """Names of the rows of a file."""
+    if not path.stem.startswith(PACKED):
+        return [path.stem]
+    return pl.read_parquet(path, columns=["name"], hive_partitioning=False)["name"].to_list()
 
 
 def scan(folder: str | Path) -> pl.LazyFrame:

@@ -136,7 +136,7 @@ def on_dask(
     Raises:
         DatasetError: If the scheduler does not answer.
     """
-    import dask
+    import dask.config
     from distributed import Client, LocalCluster
 
     failures = {"distributed.scheduler.allowed-failures": ALLOWED_FAILURES}
@@ -149,7 +149,7 @@ def on_dask(
                     threads_per_worker=1,
                     memory_limit=memory,
                     host="127.0.0.1",
-                    dashboard_address=None,
+                    dashboard_address=cast("Any", None),
                 )
             client = Client(cluster or scheduler, timeout=TIMEOUT)
         except (OSError, ValueError) as error:

@@ -141,9 +141,9 @@ def stand_out(level: Float, std: Float, comparisons: int) -> list[Deviation]:
     for _ in range(max(1, int(MAX_SHARE * len(known)))):
         if len(left) < MIN_SISTERS:
             break
-        scores = np.abs(_scores(level[left], std[left]))
-        worst = int(np.argmax(scores))
-        chance = 2.0 * float(stdtr(len(left) - 2, -scores[worst])) * len(left) * comparisons
+        scores: list[float] = np.abs(_scores(level[left], std[left])).tolist()
+        worst = scores.index(max(scores))
+        chance = 2.0 * float(stdtr(len(left) - 2, -max(scores))) * len(left) * comparisons
         aside.append(left.pop(worst))
         if chance < MAX_FALSE:
             found = len(aside)
