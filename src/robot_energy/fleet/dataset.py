@@ -359,7 +359,6 @@ def read_tables(folder: str | Path) -> FleetTables:
     Raises:
         DatasetError: If there is none.
     """
-    rows = scan(folder).collect()
     time = {"observed_time": "observed_ns", "compared_time": "compared_ns", "time": "observed_ns",
             "gap_time": "gap_ns"}  # fmt: skip
     energy = {
@@ -368,6 +367,9 @@ def read_tables(folder: str | Path) -> FleetTables:
         "measured_energy": "measured",
         "predicted_energy_at_meter": "predicted_at_meter",
     }
+    wanted = {*SCHEMAS["runs"], *time.values(), *(f"{name}_microjoule" for name in energy.values())}
+    tables = [name for name in SCHEMAS if name in TABLES]
+    rows = scan(folder).select([name for name in RUNS if name in wanted] + tables).collect()
 
     def shaped(table: pl.DataFrame, name: str) -> pl.DataFrame:
         more = [(pl.col(f"{f}_microjoule") * PER_JOULE).alias(t) for t, f in energy.items()
@@ -386,7 +388,7 @@ def read_tables(folder: str | Path) -> FleetTables:
         return shaped(own.explode(name).unnest(name), name)
 
     return FleetTables(
-        runs=shaped(rows.drop(*TABLES), "runs"),
+        runs=shaped(rows.drop(tables), "runs"),
         jobs=table("jobs"),
         hours=table("hours"),
         joints=table("joints"),

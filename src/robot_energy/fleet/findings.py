@@ -149,8 +149,13 @@ def _worn(
 ) -> list[FleetFinding]:
     """Joints whose friction has changed for good, by the test for wear over all their bags."""
     findings: list[FleetFinding] = []
-    rows = tables.joints.filter(pl.col("key").is_in(bags.key))
-    for (robot, joint), own in rows.group_by("robot", "joint", maintain_order=True):
+    rows = (
+        tables.joints.lazy()
+        .filter(pl.col("robot").is_in(bags.robots) & (pl.col("friction_rows") > 0))
+        .select("robot", "joint", pl.col("^wear_.*$"))
+        .collect()
+    )
+    for (robot, joint), own in rows.partition_by("robot", "joint", as_dict=True).items():
         number, place = bags.robots.index(str(robot)), bags.joints.index(str(joint))
         test = wear_history(wear_records(own), duty[number])
         if not test.changes:

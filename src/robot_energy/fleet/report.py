@@ -251,15 +251,24 @@ def _curve(
     weeks = np.unique(week)
     usual = np.exp(own.rest - np.nanmedian(own.rest)) * np.nanmedian(multiplier)
     by_week = _medians(usual, bags.robot, week, weeks, len(bags.robots))
+    low, middle, high = (_across(by_degc, share) for share in (RANGE[0], 0.5, RANGE[1]))
+    week_low, week_middle, week_high = (
+        _across(by_week, share) for share in (RANGE[0], 0.5, RANGE[1])
+    )
+    first_ns = int(bags.stamp_ns.min())
     return FrictionCurve(
-        name,
-        tuple(((seen + 0.5) * CURVE_STEP).tolist()),
-        *(_across(by_degc, share) for share in (0.5, *RANGE)),
-        tuple(named),
-        tuple(_numbers(by_degc[number]) for number in numbers),
-        tuple(int(bags.stamp_ns.min() + (one + 0.5) * WEEK_NS) for one in weeks.tolist()),
-        *(_across(by_week, share) for share in (RANGE[0], 0.5, RANGE[1])),
-        tuple(_numbers(by_week[number]) for number in numbers),
+        joint=name,
+        degc=tuple(((seen + 0.5) * CURVE_STEP).tolist()),
+        middle=middle,
+        low=low,
+        high=high,
+        robots=tuple(named),
+        by_degc=tuple(_numbers(by_degc[number]) for number in numbers),
+        weeks_ns=tuple(first_ns + round((one + 0.5) * WEEK_NS) for one in weeks.tolist()),
+        week_low=week_low,
+        week_middle=week_middle,
+        week_high=week_high,
+        by_week=tuple(_numbers(by_week[number]) for number in numbers),
     )
 
 
