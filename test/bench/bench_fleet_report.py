@@ -1,7 +1,7 @@
 """How long a report takes on ten thousand bags: reading the dataset, and the report.
 
-``PYTHONPATH=test python test/bench/bench_fleet_report.py [BAGS]`` generates a week of four robots and
-writes its rows again, as other robots and other weeks, until there are so many.
+``PYTHONPATH=test python test/bench/bench_fleet_report.py [BAGS]`` generates a week of four robots
+and writes its rows again, as other robots and other weeks, until there are so many.
 """
 
 import sys

@@ -37,7 +37,7 @@ class RobotsCompared:
     Attributes:
         findings: What was found.
         friction: Levels of the friction of each joint, logarithms; in the order of the model.
-        comparisons: Kinds of figures.
+        comparisons: Kinds of figures, of all models.
     """
 
     findings: tuple[FleetFinding, ...]
@@ -45,20 +45,23 @@ class RobotsCompared:
     comparisons: int
 
 
-def compare(tables: FleetTables, bags: BagJoints, duty: Sequence[float]) -> RobotsCompared:
+def compare(
+    tables: FleetTables, bags: BagJoints, duty: Sequence[float], models: int = 1
+) -> RobotsCompared:
     """Compare robots of one model with each other, and each with itself before.
 
     Args:
         tables: Of the fleet.
         bags: Of these robots.
         duty: Share of motion in the time of the bags of each robot. [-]
+        models: In the whole report, whose robots are compared each.
 
     Returns:
         What was found, and the levels behind it.
     """
     jobs = tables.jobs.filter(pl.col("robot").is_in(bags.robots) & (pl.col("gap_time") == 0.0))
     programmes = sorted(jobs["name"].unique().to_list())
-    comparisons = len(bags.joints) + 2 + len(programmes)
+    comparisons = models * (len(bags.joints) + 2 + len(programmes))
     recent = _recent(bags.stamp_ns, bags.robot)
     findings: list[FleetFinding] = []
 

@@ -65,10 +65,10 @@ def fleet_report(
     for model_id in models:
         sisters = sorted(read.filter(pl.col("model_id") == model_id)["robot"].unique().to_list())
         bags = bag_joints(tables, model_id, sisters)
-        compared = compare(tables, bags, duty_of(tables.hours, sisters))
+        compared = compare(tables, bags, duty_of(tables.hours, sisters), len(models))
         findings += compared.findings
         friction += _curves(bags, compared)
-        comparisons += compared.comparisons
+        comparisons = max(comparisons, compared.comparisons)
         if len(sisters) < MIN_SISTERS:
             notes.append(
                 f"{len(sisters)} robots with model {model_id}: sisters are compared from "
