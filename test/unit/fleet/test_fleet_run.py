@@ -1,10 +1,13 @@
 """Many bags to one dataset, on real Dask workers: whole, resumed, equal to the bit."""
 
+import json
 import os
 import shutil
 import signal
 import subprocess
 import sys
+from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 import fsspec
@@ -60,8 +63,12 @@ def sequential(hall, tmp_path_factory):
 
 def workers():
     """The processes that Dask has started."""
-    own = psutil.Process().children(recursive=True)
-    return [one for one in own if "spawn_main" in " ".join(one.cmdline())]
+    found = []
+    for one in psutil.Process().children(recursive=True):
+        with suppress(psutil.Error):
+            if "spawn_main" in " ".join(one.cmdline()):
+                found.append(one)
+    return found
 
 
 def test_workers_that_are_killed_change_no_bit(hall, sequential, tmp_path):
@@ -81,6 +88,27 @@ def test_workers_that_are_killed_change_no_bit(hall, sequential, tmp_path):
     assert (done.read, len(done.refused)) == (9, 1)
     assert content(tmp_path / "d") == content(sequential[0])
     assert content(tmp_path / "again") == content(sequential[0])
+
+
+def test_workers_that_die_before_they_are_ready_are_replaced(hall, sequential, tmp_path):
+    """Dask alone would wait for ever."""
+    seen = set()
+
+    def kill_both_twice(done):
+        if done.read != 2 or seen:
+            return
+        first = {one.pid for one in workers()}
+        while len(seen) < 2 * len(first):
+            for one in workers():
+                if one.pid not in seen:
+                    one.send_signal(signal.SIGKILL)
+                    seen.add(one.pid)
+
+    with on_dask(workers=2) as replays:
+        done = replayed(hall, tmp_path / "d", replays, kill_both_twice)
+    assert len(seen) >= 4
+    assert done.read == 9
+    assert content(tmp_path / "d") == content(sequential[0])
 
 
 def test_a_second_run_reads_nothing_and_changes_nothing(hall, sequential):
@@ -123,8 +151,6 @@ def test_few_bags_are_at_the_scheduler_however_many_there_are(hall, sequential, 
 
     models, dataset = FleetModels(), Dataset(tmp_path / "d")
     one = list_bags(str(hall / "r1"), models, "kr16", {})[0]
-    from dataclasses import replace
-
     bags = [replace(one, programme=str(number)) for number in range(40)]
     done = run_fleet(bags, models.models, dataset, counted)
     assert done.read == 40
@@ -202,6 +228,39 @@ def test_a_bag_on_another_file_system_gives_the_same_figures(sequential, tmp_pat
     near = near.filter(pl.col("bag").str.contains("bag4"))
     own = {"name", "key", "bag", "robot"}
     assert far.drop(own).to_dicts() == near.drop(own).to_dicts()
+
+
+@pytest.fixture
+def scheduler(tmp_path):
+    """A scheduler and two workers, as `howto_fleet.md` starts them on three hosts."""
+    file = tmp_path / "scheduler.json"
+    dask = [sys.executable, "-m", "dask"]
+    where = ["--scheduler-file", str(file), "--no-dashboard"]
+    worker = ["worker", "--nworkers", "1", "--nthreads", "1", "--memory-limit", "2GB"]
+    commands = [["scheduler", "--host", "127.0.0.1", "--port", "0"], worker, worker]
+    processes = [
+        subprocess.Popen(
+            [*dask, *words, *where],
+            cwd=tmp_path,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        for words in commands
+    ]
+    while not file.exists():
+        assert all(process.poll() is None for process in processes)
+    yield json.loads(file.read_text())["address"]
+    for process in reversed(processes):
+        process.terminate()
+    for process in processes:
+        process.wait()
+
+
+def test_workers_of_another_command_give_the_same_bits(hall, sequential, tmp_path, scheduler):
+    with on_dask(scheduler) as replays:
+        done = replayed(hall, tmp_path / "d", replays)
+    assert (done.read, len(done.refused)) == (9, 1)
+    assert content(tmp_path / "d") == content(sequential[0])
 
 
 def test_a_scheduler_that_does_not_answer_is_said(tmp_path, monkeypatch):
