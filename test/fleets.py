@@ -1,5 +1,6 @@
 """Small generated fleets, as tables and as datasets."""
 
+from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
 
@@ -43,19 +44,21 @@ def written(folder, tables) -> Path:
     }
     place = Dataset(folder)
     for run in tables.runs.iter_rows(named=True):
-        row = exact(run) | {"grid_return_microjoule": 0, "date": "2026-03-02"}
-        for name, own in parts.items():
+        name = f"{run['key']:0>8}-0-0"
+        date = datetime.fromtimestamp(run["start_ns"] // 10**9, UTC).date().isoformat()
+        row = exact(run) | {"name": name, "date": date}
+        for table, own in parts.items():
             rows = own.get((run["key"],), pl.DataFrame()).iter_rows(named=True)
-            row[name] = [exact(one) | {"grid_return_microjoule": 0} for one in rows]
-            known = TABLES[name]
-            row[name] = [{k: v for k, v in one.items() if k in known} for one in row[name]]
-        place.add(f"{run['key']:>08}-0-0", run["robot"], row["date"], row_bytes(row))
+            known = TABLES[table]
+            row[table] = [{k: v for k, v in exact(one).items() if k in known} for one in rows]
+        place.add(name, run["robot"], date, row_bytes(row))
+    place.pack()
     return Path(folder)
 
 
 def exact(row) -> dict:
     """A row with energies and times as the whole numbers of a dataset."""
-    found = dict(row)
+    found = dict(row) | {"grid_return_microjoule": 0}
     for name, other in EXACT.items():
         value = found.get(name)
         if value is not None:

@@ -13,6 +13,7 @@ import time
 from argparse import ArgumentParser
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -110,7 +111,7 @@ def _rows(visit: Visit, model: RobotModel, key: int) -> Rows:
         (pipeline.ledger.comparison.joule.tolist()),
     )
     known = [row["motor_temperature_degc"] for row in rows]
-    jobs: list[dict[str, object]] = []
+    jobs: list[dict[str, Any]] = []
     for begin, end in visit.jobs:
         first, last = round(begin / NANOSECOND), round(end / NANOSECOND)
         inside = (stamp_ns >= first) & (stamp_ns <= last)

@@ -39,6 +39,7 @@ CYCLES = 6  # in a bag
 RATE, NIGHT_RATE = 50.0, 2.0  # of the joint states [Hz]
 NIGHT_TIME = 1800.0  # recorded of a night [s]
 OVERRIDE = 0.8  # share of full speed [-]
+REST = 0.3  # at every pose [s]
 MAX_PAUSE = 100.0  # behind the cycles [s]
 FRICTION_SPREAD = 0.05  # of the friction of an axis over the robots, standard deviation [-]
 TORQUE_SPREAD = 0.01  # of their torque constants [-]
@@ -49,6 +50,7 @@ WORN, WORN_AXIS, WEAR_FROM, WEAR = 6, 2, 0.5, 0.4  # robot, axis, from which sha
 MISLOADED, MISSING = 11, 5.0  # robot, and what it carries less than its model file says [kg]
 AWAKE = 16  # robot that stands by all night
 SECOND_NS = 1_000_000_000
+MAX_SEED = 2_147_483_647
 
 
 @dataclass(frozen=True)
@@ -163,12 +165,13 @@ def _visits(
         for shift, hour in enumerate(SHIFTS):
             place = (day + shift) % len(PROGRAMMES)
             begin = BEGIN + timedelta(days=day, hours=hour, seconds=int(own.uniform(0, 18_000)))
-            rest = np.full(CYCLES * MOVES, 0.3)
-            rest[-1] += own.uniform(0.0, MAX_PAUSE)
+            rest = np.full(CYCLES * MOVES, REST)
+            pause = own.uniform(0.0, MAX_PAUSE)
+            rest[-1] += pause
             program = Program(np.tile(programmes[place], (CYCLES, 1)), limits, rest, OVERRIDE)
             start = round(begin.timestamp())
             rig = VirtualRig(
-                plant, program, config, int(own.integers(2**31)), weather + own.uniform(*WARM),
+                plant, program, config, int(own.integers(MAX_SEED)), weather + own.uniform(*WARM),
                 weather, start * SECOND_NS, RATE, device_seed=device,
             )  # fmt: skip
             if kind == "payload":
@@ -178,14 +181,14 @@ def _visits(
                 rig.change(wear=_wear(profile.n_joints, day / (7 * plan.weeks - 1)))
             yield Visit(
                 name, f"{begin:%F}-shift{shift + 1}", rig, program.period, PROGRAMMES[place], start,
-                (program.period - float(rest[-1]) + float(rest[0])) / CYCLES,
+                (program.period - pause) / CYCLES,
             )  # fmt: skip
         if kind == "standby":
             begin = BEGIN + timedelta(days=day, hours=NIGHT)
             start = round(begin.timestamp())
             still = Program(programmes[0][:1], limits, 1.0)
             rig = VirtualRig(
-                plant, still, dark, int(own.integers(2**31)), weather + 10.0, weather,
+                plant, still, dark, int(own.integers(MAX_SEED)), weather + 10.0, weather,
                 start * SECOND_NS, NIGHT_RATE, device_seed=device,
             )  # fmt: skip
             yield Visit(name, f"{begin:%F}-night", rig, NIGHT_TIME, "", start, 0.0)
@@ -215,7 +218,7 @@ def write_bags(folder: Path, plan: FleetPlan) -> int:
     count = 0
     with (folder / "bags.csv").open("w", newline="") as file:
         rows = csv.writer(file)
-        rows.writerow(["bag", "robot", "programme", "jobs"])
+        rows.writerow(["bag", "model", "robot", "programme", "jobs", "effort"])
         for visit in visits(plan):
             bag, jobs = folder / visit.robot / visit.name, ""
             record(visit.rig, visit.duration, bag)
@@ -227,7 +230,7 @@ def write_bags(folder: Path, plan: FleetPlan) -> int:
                 place = bag.with_name(f"{bag.name}-jobs.yaml")
                 place.write_text("jobs:\n" + "".join(lines))
                 jobs = str(place)
-            rows.writerow([bag, visit.robot, visit.programme, jobs])
+            rows.writerow([bag, ROBOT, visit.robot, visit.programme, jobs, "motor_torque"])
             count += 1
     return count
 

@@ -41,7 +41,11 @@ LOG_EVERY = 30.0  # between two lines where there is no terminal [s]
 
 
 def add_parser(commands: Any) -> None:
-    """Add the sub-command."""
+    """Add the sub-command.
+
+    Args:
+        commands: Of `robot-energy fleet`.
+    """
     text = "replay many bags into one dataset"
     parser = add_command(commands, "run", run, text, DESCRIPTION, EPILOG)
     parser.add_argument("bags", metavar="FOLDER|PATTERN|CSV", help="where the bags are")

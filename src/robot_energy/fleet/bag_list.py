@@ -129,6 +129,9 @@ class FleetModels:
         Args:
             name: Model file, or name of a shipped model.
 
+        Returns:
+            The hash, by which `models` has the model.
+
         Raises:
             ModelFileError: If it cannot be used.
         """

@@ -292,13 +292,7 @@ class Dataset:
 
     def _merge(self, paths: list[Path], without: str = "") -> None:
         """Replace files of one folder by one that holds their rows."""
-        rows = pl.read_parquet(paths, hive_partitioning=False, glob=False, missing_columns="insert")
-        rows = (
-            rows.select(SCHEMA.names())
-            .cast(cast("Any", dict(SCHEMA)))
-            .filter(pl.col("name") != without)
-        )
-        rows = rows.unique("name").sort("name")
+        rows = _scan(paths).filter(pl.col("name") != without).unique("name").sort("name").collect()
         names = cast("list[str]", rows["name"].to_list())
         ending = hashlib.sha256("".join(names).encode()).hexdigest()[:16]
         target = paths[0].parent / f"{PACKED}{ending}.parquet"
@@ -318,6 +312,18 @@ class Dataset:
                 f"{path.parent} cannot be made ({error.strerror})", "a folder that can be written"
             ) from error
         write_file(path, data, PARQUET, "rows of bags", DatasetError)
+
+
+def _scan(files: list[Path]) -> pl.LazyFrame:
+    """Rows of files, of earlier versions too."""
+    return pl.scan_parquet(
+        files,
+        hive_partitioning=False,
+        glob=False,
+        schema=SCHEMA,
+        missing_columns="insert",
+        extra_columns="ignore",
+    )
 
 
 def _names(path: Path) -> list[str]:
@@ -341,10 +347,7 @@ def scan(folder: str | Path) -> pl.LazyFrame:
         raise DatasetError(
             f"{folder} holds no row", "a dataset of `robot-energy fleet run`", "run it first"
         )
-    rows = pl.scan_parquet(
-        files, hive_partitioning=False, missing_columns="insert", schema=SCHEMA, glob=False
-    )
-    return rows.unique("key", keep="first", maintain_order=True)
+    return _scan(files).unique("key", keep="first", maintain_order=True)
 
 
 def read_tables(folder: str | Path) -> FleetTables:
@@ -356,7 +359,6 @@ def read_tables(folder: str | Path) -> FleetTables:
     Raises:
         DatasetError: If there is none.
     """
-    rows = scan(folder).collect()
     time = {"observed_time": "observed_ns", "compared_time": "compared_ns", "time": "observed_ns",
             "gap_time": "gap_ns"}  # fmt: skip
     energy = {
@@ -365,6 +367,9 @@ def read_tables(folder: str | Path) -> FleetTables:
         "measured_energy": "measured",
         "predicted_energy_at_meter": "predicted_at_meter",
     }
+    wanted = {*SCHEMAS["runs"], *time.values(), *(f"{name}_microjoule" for name in energy.values())}
+    tables = [name for name in SCHEMAS if name in TABLES]
+    rows = scan(folder).select([name for name in RUNS if name in wanted] + tables).collect()
 
     def shaped(table: pl.DataFrame, name: str) -> pl.DataFrame:
         more = [(pl.col(f"{f}_microjoule") * PER_JOULE).alias(t) for t, f in energy.items()
@@ -383,7 +388,7 @@ def read_tables(folder: str | Path) -> FleetTables:
         return shaped(own.explode(name).unnest(name), name)
 
     return FleetTables(
-        runs=shaped(rows.drop(*TABLES), "runs"),
+        runs=shaped(rows.drop(tables), "runs"),
         jobs=table("jobs"),
         hours=table("hours"),
         joints=table("joints"),

@@ -37,7 +37,7 @@ class RobotsCompared:
     Attributes:
         findings: What was found.
         friction: Levels of the friction of each joint, logarithms; in the order of the model.
-        comparisons: Kinds of figures.
+        comparisons: Kinds of figures, of all models.
     """
 
     findings: tuple[FleetFinding, ...]
@@ -45,20 +45,23 @@ class RobotsCompared:
     comparisons: int
 
 
-def compare(tables: FleetTables, bags: BagJoints, duty: Sequence[float]) -> RobotsCompared:
+def compare(
+    tables: FleetTables, bags: BagJoints, duty: Sequence[float], models: int = 1
+) -> RobotsCompared:
     """Compare robots of one model with each other, and each with itself before.
 
     Args:
         tables: Of the fleet.
         bags: Of these robots.
         duty: Share of motion in the time of the bags of each robot. [-]
+        models: In the whole report, whose robots are compared each.
 
     Returns:
         What was found, and the levels behind it.
     """
     jobs = tables.jobs.filter(pl.col("robot").is_in(bags.robots) & (pl.col("gap_time") == 0.0))
     programmes = sorted(jobs["name"].unique().to_list())
-    comparisons = len(bags.joints) + 2 + len(programmes)
+    comparisons = models * (len(bags.joints) + 2 + len(programmes))
     recent = _recent(bags.stamp_ns, bags.robot)
     findings: list[FleetFinding] = []
 
@@ -149,8 +152,13 @@ def _worn(
 ) -> list[FleetFinding]:
     """Joints whose friction has changed for good, by the test for wear over all their bags."""
     findings: list[FleetFinding] = []
-    rows = tables.joints.filter(pl.col("key").is_in(bags.key))
-    for (robot, joint), own in rows.group_by("robot", "joint", maintain_order=True):
+    rows = (
+        tables.joints.lazy()
+        .filter(pl.col("robot").is_in(bags.robots) & (pl.col("friction_rows") > 0))
+        .select("robot", "joint", pl.col("^wear_.*$"))
+        .collect()
+    )
+    for (robot, joint), own in rows.partition_by("robot", "joint", as_dict=True).items():
         number, place = bags.robots.index(str(robot)), bags.joints.index(str(joint))
         test = wear_history(wear_records(own), duty[number])
         if not test.changes:

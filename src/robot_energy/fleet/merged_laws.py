@@ -39,6 +39,7 @@ from robot_energy.model.figure import PositiveFigure
 from robot_energy.model.friction_laws import ConstantLaw, ExponentialLaw, LawEntry, TableLaw
 from robot_energy.physics.friction import viscous_law
 
+FINE = 40  # steps of the scale of the exponential law, about the best of the coarse ones
 SMOOTH = 1e-3  # weight of no bend at a node against its mean square of speed
 DAMPING = 1e-6  # of a column of length 1, where a bag does not show a nuisance
 
@@ -203,8 +204,9 @@ def exponential_law(merged: MergedSums) -> tuple[LawEntry, Fit]:
             "the viscous friction does not fall with temperature towards a limit >= 0",
             "points that do",
         )
-    fine = np.geomspace(SCALES[max(best - 1, 0)], SCALES[min(best + 1, len(SCALES) - 1)], 41)
-    scale = float(min(fine, key=lambda one: cost(float(one))))
+    low, high = float(SCALES[max(best - 1, 0)]), float(SCALES[min(best + 1, len(SCALES) - 1)])
+    fine = [low * (high / low) ** (step / FINE) for step in range(FINE + 1)]
+    scale = min(fine, key=cost)
     found = merged.fit(shape(scale), ("hot viscous", "cold viscous"))
     hot, cold = (float(value) for value in found.values[1:])
     slope = cold * np.exp(-above / scale) * above / scale**2

@@ -65,10 +65,10 @@ def fleet_report(
     for model_id in models:
         sisters = sorted(read.filter(pl.col("model_id") == model_id)["robot"].unique().to_list())
         bags = bag_joints(tables, model_id, sisters)
-        compared = compare(tables, bags, duty_of(tables.hours, sisters))
+        compared = compare(tables, bags, duty_of(tables.hours, sisters), len(models))
         findings += compared.findings
         friction += _curves(bags, compared)
-        comparisons += compared.comparisons
+        comparisons = max(comparisons, compared.comparisons)
         if len(sisters) < MIN_SISTERS:
             notes.append(
                 f"{len(sisters)} robots with model {model_id}: sisters are compared from "
@@ -251,15 +251,24 @@ def _curve(
     weeks = np.unique(week)
     usual = np.exp(own.rest - np.nanmedian(own.rest)) * np.nanmedian(multiplier)
     by_week = _medians(usual, bags.robot, week, weeks, len(bags.robots))
+    low, middle, high = (_across(by_degc, share) for share in (RANGE[0], 0.5, RANGE[1]))
+    week_low, week_middle, week_high = (
+        _across(by_week, share) for share in (RANGE[0], 0.5, RANGE[1])
+    )
+    first_ns = int(bags.stamp_ns.min())
     return FrictionCurve(
-        name,
-        tuple(((seen + 0.5) * CURVE_STEP).tolist()),
-        *(_across(by_degc, share) for share in (0.5, *RANGE)),
-        tuple(named),
-        tuple(_numbers(by_degc[number]) for number in numbers),
-        tuple(int(bags.stamp_ns.min() + (one + 0.5) * WEEK_NS) for one in weeks.tolist()),
-        *(_across(by_week, share) for share in (RANGE[0], 0.5, RANGE[1])),
-        tuple(_numbers(by_week[number]) for number in numbers),
+        joint=name,
+        degc=tuple(((seen + 0.5) * CURVE_STEP).tolist()),
+        middle=middle,
+        low=low,
+        high=high,
+        robots=tuple(named),
+        by_degc=tuple(_numbers(by_degc[number]) for number in numbers),
+        weeks_ns=tuple(first_ns + round((one + 0.5) * WEEK_NS) for one in weeks.tolist()),
+        week_low=week_low,
+        week_middle=week_middle,
+        week_high=week_high,
+        by_week=tuple(_numbers(by_week[number]) for number in numbers),
     )
 
 

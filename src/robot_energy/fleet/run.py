@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import logging
+import threading
 from collections import Counter
 from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import contextmanager
@@ -17,6 +19,8 @@ from robot_energy.model import RobotModel
 ALLOWED_FAILURES = 20  # deaths of workers under one bag before the bag is given up
 PER_THREAD = 4  # bags at the scheduler for each thread of its workers
 MIN_WAITING = 16
+LOST = "10s"  # after which a worker that is gone and does not come back is replaced
+HEAL_EVERY = 2.0  # s
 TIMEOUT = "30s"  # for the scheduler to answer
 MAX_SCRATCH = 20_000_000_000  # bytes
 
@@ -139,8 +143,12 @@ def on_dask(
     import dask.config
     from distributed import Client, LocalCluster
 
-    failures = {"distributed.scheduler.allowed-failures": ALLOWED_FAILURES}
-    with dask.config.set(cast("Any", failures)):
+    settings = {
+        "distributed.scheduler.allowed-failures": ALLOWED_FAILURES,
+        "distributed.deploy.lost-worker-timeout": LOST,
+    }
+    ended = threading.Event()
+    with dask.config.set(cast("Any", settings)):
         cluster = None
         try:
             if scheduler is None:
@@ -150,9 +158,13 @@ def on_dask(
                     memory_limit=memory,
                     host="127.0.0.1",
                     dashboard_address=cast("Any", None),
+                    silence_logs=logging.ERROR,
                 )
+                keep = threading.Thread(target=_keep, args=(cluster, workers, ended), daemon=True)
+                keep.start()
             client = Client(cluster or scheduler, timeout=TIMEOUT)
         except (OSError, ValueError) as error:
+            ended.set()
             if cluster is not None:
                 cluster.close()
             raise DatasetError(
@@ -163,9 +175,21 @@ def on_dask(
         try:
             yield lambda bags, models: _on_client(client, bags, models, max_scratch)
         finally:
+            ended.set()
             client.close()
             if cluster is not None:
                 cluster.close()
+
+
+def _keep(cluster: Any, workers: int, ended: threading.Event) -> None:
+    """Replace workers that died before they were ready, which Dask leaves dead."""
+    from distributed.core import Status
+
+    while not ended.wait(HEAL_EVERY):
+        for name, worker in list(cluster.workers.items()):
+            if worker.status in (Status.failed, Status.closed):
+                cluster.workers.pop(name, None)
+        cluster.scale(workers)
 
 
 def _on_client(client: Any, bags: Iterator[FleetBag], models: Models, max_scratch: int) -> Source:

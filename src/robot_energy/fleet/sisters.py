@@ -131,20 +131,20 @@ def stand_out(level: Float, std: Float, comparisons: int) -> list[Deviation]:
     Returns:
         The farthest first; empty where there are too few robots.
     """
-    from scipy.stats import t
+    from scipy.special import stdtr
 
     known = np.flatnonzero(np.isfinite(level))
     if len(known) < MIN_SISTERS:
         return []
-    left, aside, found = known, list[int](), 0
+    left: list[int] = known.tolist()
+    aside, found = list[int](), 0
     for _ in range(max(1, int(MAX_SHARE * len(known)))):
         if len(left) < MIN_SISTERS:
             break
-        scores = np.abs(_scores(level[left], std[left]))
-        worst = int(np.argmax(scores))
-        chance = 2.0 * float(t.sf(scores[worst], len(left) - 2)) * len(left) * comparisons
-        aside.append(int(left[worst]))
-        left = np.delete(left, worst)
+        scores: list[float] = np.abs(_scores(level[left], std[left])).tolist()
+        worst = scores.index(max(scores))
+        chance = 2.0 * float(stdtr(len(left) - 2, -max(scores))) * len(left) * comparisons
+        aside.append(left.pop(worst))
         if chance < MAX_FALSE:
             found = len(aside)
     sound = np.setdiff1d(known, aside[:found])
@@ -154,7 +154,7 @@ def stand_out(level: Float, std: Float, comparisons: int) -> list[Deviation]:
         variance = float(level[sound].var(ddof=1))
         between = max(variance - float(np.median(std[sound] ** 2)), 0.0)
         spread = float(np.sqrt(between + std[one] ** 2 + variance / len(sound))) + TINY
-        chance = 2.0 * float(t.sf(abs(size) / spread, len(sound) - 1)) * len(known) * comparisons
+        chance = 2.0 * float(stdtr(len(sound) - 1, -abs(size) / spread)) * len(known) * comparisons
         result.append(Deviation(one, size, spread, max(0.0, 1.0 - chance)))
     return result
 

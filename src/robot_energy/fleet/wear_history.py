@@ -9,6 +9,7 @@ change of friction hardly touches; it is added to the variance of every record.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -44,12 +45,13 @@ def wear_history(records: Sequence[WearRecord], duty: float) -> DriftTest:
 
 
 def _merged(records: list[WearRecord]) -> list[WearRecord]:
-    groups = np.array_split(np.arange(len(records)), min(len(records), MAX_KEPT))
+    groups = min(len(records), MAX_KEPT)
+    edges = [number * len(records) // groups for number in range(groups + 1)]
     found: list[WearRecord] = []
-    for group in groups:
-        one = records[int(group[0])]
-        for place in group[1:].tolist():
-            one = one.merged(records[place])
+    for first, last in pairwise(edges):
+        one = records[first]
+        for later in records[first + 1 : last]:
+            one = one.merged(later)
         found.append(one)
     return found
 

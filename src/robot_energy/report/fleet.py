@@ -20,6 +20,7 @@ from robot_energy.report.formats import (
     percent,
     signed_percent,
     significant,
+    uncertain,
 )
 from robot_energy.report.headline import duration
 from robot_energy.report.identification import friction_document
@@ -45,13 +46,34 @@ def fleet_document(report: FleetReport, page: Document, settings: PageSettings) 
         page: Where to.
         settings: Prices and emissions.
     """
-    page.heading("At a glance")
-    page.add(_tiles(report, settings))
+    with page.only("page"):
+        page.heading("At a glance")
+        page.add(_tiles(report, settings))
+    with page.only("terminal"):
+        page.paragraph(fleet_headline(report))
     _findings(report, page)
     _energy(report, page, settings)
     _friction(report, page)
     _errors(report, page)
     _method(report, page)
+
+
+def fleet_headline(report: FleetReport) -> str:
+    """Return the report in one line.
+
+    Args:
+        report: What was found.
+    """
+    energy = sum(one.grid_energy for one in report.robots)
+    standby = sum(one.standby_energy for one in report.robots)
+    time = sum(one.observed_time for one in report.robots)
+    concerned = ", ".join(dict.fromkeys(one.robot for one in report.findings))
+    return (
+        f"{counted(len(report.robots), 'robot')}, {counted(report.bags, 'bag')}, {duration(time)}: "
+        f"{number(energy / JOULE_PER_KWH, 2)} kWh from the grid, predicted, "
+        f"{percent(standby / energy if energy else None)} of it in standby; "
+        + (f"look at {concerned}" if concerned else "no robot to look at")
+    )
 
 
 def fleet_friction_document(report: FleetFriction, page: Document) -> None:
@@ -156,8 +178,8 @@ def _findings(report: FleetReport, page: Document) -> None:
 def _size(one: FleetFinding) -> str:
     unit = {"payload": " kg", "standby": " h a day"}.get(one.kind, " %")
     factor = 100.0 if unit == " %" else 1.0
-    std = "" if one.std is None else f" +- {factor * one.std:.2g}"
-    return f"{factor * one.size:+.3g}{std}{unit}"
+    text = uncertain(factor * one.size, factor * one.std if one.std else 0.0)
+    return f"{'+' if one.size > 0 else ''}{text}{unit}"
 
 
 def _sure(one: FleetFinding) -> str:

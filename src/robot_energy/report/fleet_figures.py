@@ -21,6 +21,7 @@ from robot_energy.report.canvas import (
 )
 from robot_energy.results.fleet import FrictionCurve, ModelError, RobotEnergy
 
+PANELS = 2  # beside each other: they must be read on a phone
 MAX_BARS = 40  # robots that are drawn
 SECOND_NS = 1_000_000_000
 
@@ -74,8 +75,9 @@ def friction_by_week(curves: Sequence[FrictionCurve], path: Target) -> None:
         dates = [datetime.fromtimestamp(one / SECOND_NS, UTC) for one in curve.weeks_ns]
         middle = (curve.week_low, curve.week_middle, curve.week_high)
         _drawn(axes, dates, middle, curve.robots, curve.by_week)
-        axes.set_xticks(dates[:: max(1, len(dates) // 3)])
-        axes.xaxis.set_major_formatter(lambda value, _: _day(value))
+        ticks = dates[:: max(1, len(dates) // 3)]
+        axes.set_xticks(ticks)
+        axes.set_xticklabels([f"{one:%b %d}" for one in ticks])
 
     _grid(curves, path, draw, "week, its middle")
 
@@ -101,27 +103,21 @@ def error_by_temperature(errors: Sequence[ModelError], path: Target) -> None:
         axes.set_ylabel("predicted -\nmeasured [%]")
 
 
-def _day(value: float) -> str:
-    from matplotlib.dates import num2date
-
-    return f"{num2date(value):%b %d}"
-
-
 def _grid(
     curves: Sequence[FrictionCurve],
     path: Target,
     draw: Callable[[Any, FrictionCurve], None],
     label: str,
 ) -> None:
-    wide, high = panel_grid(len(curves))
-    with canvas(path, (2.9 * wide + 0.6, 2.3 * high + 0.8)) as figure:
-        grid = panels(figure, len(curves))
+    wide, high = panel_grid(len(curves), PANELS)
+    with canvas(path, (2.8 * wide + 0.5, 1.9 * high + 0.5)) as figure:
+        grid = panels(figure, len(curves), PANELS)
         for axes, curve in zip(grid.flat, curves, strict=False):
             draw(axes, curve)
             axes.axhline(1.0, color="#9a9a9a", linewidth=0.8)
             axes.set_title(curve.joint, fontsize=9, loc="left")
             if curve.robots:
-                axes.legend(loc="best", fontsize=7)
+                axes.legend(loc="best")
         for axes in grid[:, 0]:
             axes.set_ylabel("friction / model")
         for axes in grid[-1]:
