@@ -26,7 +26,7 @@ MODULES = {
         record_repair registers settings shaft_comparison
     """,
     "robot_energy.api": """
-        condition evaluate identify inputs online_monitor power_table predict replay
+        condition evaluate identify inputs online_monitor optimize power_table predict replay
     """,
     "robot_energy.bag": """
         mcap_block mcap_file mcap_records mcap_summary metadata ownership packed
@@ -43,7 +43,7 @@ MODULES = {
         check completion export identify identify_all identify_cabinet identify_drives
         identify_dynamics identify_excitation identify_friction identify_inputs
         identify_thermal import_logs info kinds layouts main memory models monitoring
-        numbers page predict replay replay_options report robots schema simulate
+        numbers optimize page predict replay replay_options report robots schema simulate
         stopping terminal test
     """,
     "robot_energy.condition": """
@@ -114,6 +114,13 @@ MODULES = {
         planar planned ptp ptp_file ptp_loop sequence tool_corners tool_motion
         tool_path tool_timing trajectory_io
     """,
+    "robot_energy.optimize": """
+        candidates chain deviations forms plan ptp_form rest_states run search task
+        trajectory_form
+    """,
+    "robot_energy.optimize.measures": """
+        move_overrides one_override regenerative rest_pose rest_state slack table
+    """,
     "robot_energy.page": """
         access alarms energy_flow event_stream headless_browser history hub job_rows json_numbers
         messages metrics monitoring recording robot_state saved_page settings web_app web_server
@@ -135,13 +142,14 @@ MODULES = {
     "robot_energy.report": """
         canvas condition document drives dynamics efficiency_figure energy energy_figure
         evaluation excitation formats friction_figure headline held_out html
-        identification identify_all jobs kinds layout model parameters power_figure
+        identification identify_all jobs kinds layout model optimization
+        optimization_figure parameters power_figure
         prediction prediction_figure printing recordings replay series
         temperature_figure thermal torque_figure trend_figure
     """,
     "robot_energy.results": """
         base check condition drives dynamics energy evaluation excitation identification
-        model prediction replay schema thermal uncertainty
+        model optimization optimization_figures prediction replay schema thermal uncertainty
     """,
     "robot_energy.rig": """
         config lubricant output plant profile random_plant record sensors supply
@@ -163,8 +171,8 @@ MODULES = {
         accuracy band_coverage calibration certainty certainty_numbers certainty_page
         drawings drawn_plants drive_study effects experiment held_out interval_coverage
         job_pool learning_study machines mantis models pages paper_a paper_a_numbers
-        paper_a_page paper_b paper_b_numbers paper_b_page soaked_rigs thermal_study wall
-        wear_study
+        paper_a_page paper_b paper_b_numbers paper_b_page savings_study soaked_rigs
+        thermal_study wall wear_study
     """,
     "robot_energy_papers.cli": """
         reproduce study_folder
@@ -190,7 +198,7 @@ LAYERS = (
         "starter",
         "layouts",
     ),
-    ("identify", "rig", "check", "page"),
+    ("identify", "rig", "check", "page", "optimize"),
     ("results",),
     ("report",),
     ("api",),
@@ -198,7 +206,9 @@ LAYERS = (
     ("robot_energy_papers",),
 )
 # Nothing online imports these.
-OFFLINE = ("identify", "report", "rig", "motion", "cli", "starter", "check", "page", "layouts")
+OFFLINE = (
+    "identify", "report", "rig", "motion", "cli", "starter", "check", "page", "layouts", "optimize",
+)  # fmt: skip
 ONLINE = (
     "pipeline", "inputs", "messages", "accounting", "uncertainty", "condition", "store",
     "timeline", "cdr",

@@ -31,6 +31,7 @@ from robot_energy.cli import (
     layouts,
     models,
     monitoring,
+    optimize,
     predict,
     replay,
     report,
@@ -148,8 +149,8 @@ def build_parser() -> ArgumentParser:
     parser.set_defaults(debug=False, run=run_help)
     commands = parser.add_subparsers(title="commands", metavar="COMMAND")
     for module in (
-        replay, report, export, import_logs, check, test, identify, predict, models, kinds, info,
-        simulate, schema, layouts, monitoring,
+        replay, report, export, import_logs, check, test, identify, predict, optimize, models,
+        kinds, info, simulate, schema, layouts, monitoring,
         *_further(),
         completion,
     ):  # fmt: skip

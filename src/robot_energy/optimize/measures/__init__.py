@@ -1,0 +1,23 @@
+"""Measures that save energy, one file each; importing the package registers them."""
+
+from robot_energy.optimize.measures import (
+    move_overrides,
+    one_override,
+    regenerative,
+    rest_pose,
+    rest_state,
+    slack,
+)
+from robot_energy.optimize.measures.table import MEASURES, Measure, register_measure
+
+__all__ = [
+    "MEASURES",
+    "Measure",
+    "move_overrides",
+    "one_override",
+    "regenerative",
+    "register_measure",
+    "rest_pose",
+    "rest_state",
+    "slack",
+]

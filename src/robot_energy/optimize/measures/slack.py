@@ -1,0 +1,25 @@
+"""Slack: time in which the robot would wait is used for slower moves, where that pays."""
+
+from __future__ import annotations
+
+from robot_energy.optimize.measures.table import MEASURES, Measure
+from robot_energy.optimize.plan import CyclePlan
+from robot_energy.optimize.search import cheapest
+from robot_energy.optimize.task import Task
+
+
+def _plan(task: Task) -> CyclePlan | None:
+    if task.cycle_time is None:
+        return None
+    return task.plan(cheapest(task.table, task.allowed, task.time, task.wait_power))
+
+
+MEASURES.register(
+    Measure(
+        name="slack",
+        label="slower moves instead of waiting",
+        line="own shares for each move, within the cycle time",
+        changes="speed, acceleration, wait",
+        plan=_plan,
+    )
+)

@@ -1,0 +1,113 @@
+"""Programs of point-to-point moves: read, changed, and written back as the same kind of file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from robot_energy.blocks import Float
+from robot_energy.files.output_files import COMMENT, TEXT, write_file
+from robot_energy.motion.planned import SampledMotion
+from robot_energy.motion.ptp import MotionLimits
+from robot_energy.motion.ptp_file import ProgramFile, program_for, read_program
+from robot_energy.motion.ptp_loop import Program
+from robot_energy.optimize.candidates import ACCELERATIONS, SPEEDS, Candidates, PtpMoves
+from robot_energy.optimize.plan import CyclePlan
+from robot_energy.optimize.task import Task
+from robot_energy.physics.rigid_body import Robot
+
+DIGITS = 6  # of shares in a file, after the point
+
+
+class PtpForm:
+    """A YAML file of point-to-point moves.
+
+    Args:
+        path: The file.
+        robot: That runs it.
+
+    Attributes:
+        moves: Its moves.
+        base: How they are made now.
+        needed: Rest before each move, shape (K,). [s]
+        joint_position: Where, shape (K, n). [rad] or [m]
+        labels: Of the moves.
+        speeds: Shares of speed that are tried. [-]
+        accelerations: Shares of acceleration that are tried. [-]
+        notes: What was assumed, one sentence each.
+
+    Raises:
+        MotionError: If it cannot be read or run by this robot.
+    """
+
+    def __init__(self, path: str | Path, robot: Robot) -> None:
+        self._file: ProgramFile = read_program(path)
+        loaded = program_for(self._file, robot.limits, str(path))
+        full = program_for(
+            self._file.model_copy(
+                update={"override": 1.0, "speed_share": 1.0, "acceleration_share": 1.0}
+            ),
+            robot.limits,
+            str(path),
+        )
+        self._names = robot.joint_names
+        self._program: Program = loaded.program
+        self._limits: MotionLimits = full.program.limits
+        program = self._program
+        self.moves = PtpMoves.of_program(program, self._limits)
+        self.base = Candidates(
+            np.arange(program.moves),
+            program.override * program.speed_share,
+            program.override**2 * program.acceleration_share,
+        )
+        self.needed: Float = program.dwell.copy()
+        self.joint_position: Float = program.via
+        count = program.moves
+        self.labels = tuple(f"{k + 1} to {(k + 1) % count + 1}" for k in range(count))
+        self.speeds, self.accelerations = SPEEDS, ACCELERATIONS
+        self.notes = loaded.notes
+
+    def _changed(self, task: Task, plan: CyclePlan) -> ProgramFile:
+        chosen = task.table.candidates[plan.row]
+        return self._file.model_copy(
+            update={
+                "override": 1.0,
+                "speed_share": np.round(chosen.speed, DIGITS).tolist(),
+                "acceleration_share": np.round(chosen.acceleration, DIGITS).tolist(),
+                "jerk_time": float(self._program.limits.jerk_time),
+                "dwell": np.round(plan.rest, DIGITS).tolist(),
+            }
+        )
+
+    def motion(self, task: Task, plan: CyclePlan, robot: Robot) -> SampledMotion:
+        """Return a plan as a motion for a prediction.
+
+        Args:
+            task: The task.
+            plan: A plan of it.
+            robot: The robot.
+
+        Returns:
+            The motion.
+        """
+        program = program_for(self._changed(task, plan), robot.limits).program
+        return SampledMotion(
+            program, self._names, program.period, instants=program.instants.tolist()
+        )
+
+    def write(self, path: Path, task: Task, plan: CyclePlan) -> None:
+        """Write a plan as a program of the same kind.
+
+        Args:
+            path: The file.
+            task: The task.
+            plan: A plan of it.
+
+        Raises:
+            ReportError: If it cannot be written.
+        """
+        document = self._changed(task, plan).model_dump(mode="json", exclude_none=True)
+        text = yaml.safe_dump(document, sort_keys=False, default_flow_style=None, width=100)
+        write_file(path, (COMMENT + text).encode(), TEXT, "the program")
