@@ -22,12 +22,12 @@ from robot_energy.blocks import Float
 from robot_energy.model import RobotModel
 from robot_energy.motion import Program, random_program, tool_above
 from robot_energy.motion.ptp import MotionLimits
-from robot_energy.optimize.candidates import Candidates, PtpMoves, grid
-from robot_energy.optimize.chain import TORQUE_SHARE, PowerChain, Use
-from robot_energy.optimize.plan import CostTable, CyclePlan, saving
-from robot_energy.optimize.run import Optimum, optimise, shares_of
-from robot_energy.optimize.search import cheapest
-from robot_energy.optimize.task import Task, make_task
+from robot_energy.optimization.candidates import Candidates, PtpMoves, grid
+from robot_energy.optimization.chain import TORQUE_SHARE, PowerChain, Use
+from robot_energy.optimization.plan import CostTable, CyclePlan, saving
+from robot_energy.optimization.run import Optimum, optimise, shares_of
+from robot_energy.optimization.search import cheapest
+from robot_energy.optimization.task import Task, make_task
 from robot_energy.rig import PlantProfile, RigConfig, VirtualRig, random_profile
 from robot_energy_papers.band_coverage import AMBIENT, BODY, DrawnRig, Recorded
 from robot_energy_papers.experiment import MIN_HEIGHT, TOOL

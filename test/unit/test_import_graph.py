@@ -114,11 +114,11 @@ MODULES = {
         planar planned ptp ptp_file ptp_loop sequence tool_corners tool_motion
         tool_path tool_timing trajectory_io
     """,
-    "robot_energy.optimize": """
+    "robot_energy.optimization": """
         candidates chain deviations forms plan ptp_form rest_states run search task
         trajectory_form
     """,
-    "robot_energy.optimize.measures": """
+    "robot_energy.optimization.measures": """
         move_overrides one_override regenerative rest_pose rest_state slack table
     """,
     "robot_energy.page": """
@@ -171,8 +171,8 @@ MODULES = {
         accuracy band_coverage calibration certainty certainty_numbers certainty_page
         drawings drawn_plants drive_study effects experiment held_out interval_coverage
         job_pool learning_study machines mantis models pages paper_a paper_a_numbers
-        paper_a_page paper_b paper_b_numbers paper_b_page savings_study soaked_rigs
-        thermal_study wall wear_study
+        paper_a_page paper_b paper_b_numbers paper_b_page savings savings_numbers savings_page
+        savings_study soaked_rigs thermal_study wall wear_study
     """,
     "robot_energy_papers.cli": """
         reproduce study_folder
@@ -198,7 +198,7 @@ LAYERS = (
         "starter",
         "layouts",
     ),
-    ("identify", "rig", "check", "page", "optimize"),
+    ("identify", "rig", "check", "page", "optimization"),
     ("results",),
     ("report",),
     ("api",),
@@ -207,7 +207,8 @@ LAYERS = (
 )
 # Nothing online imports these.
 OFFLINE = (
-    "identify", "report", "rig", "motion", "cli", "starter", "check", "page", "layouts", "optimize",
+    "identify", "report", "rig", "motion", "cli", "starter", "check", "page", "layouts",
+    "optimization",
 )  # fmt: skip
 ONLINE = (
     "pipeline", "inputs", "messages", "accounting", "uncertainty", "condition", "store",

@@ -14,11 +14,11 @@ from robot_energy.blocks import PLAUSIBLE_DEGC, Float
 from robot_energy.errors import MotionError
 from robot_energy.model import RobotModel
 from robot_energy.motion.planned import MAX_DURATION
-from robot_energy.optimize.chain import PowerChain
-from robot_energy.optimize.forms import ProgramForm, read_form
-from robot_energy.optimize.rest_states import ASSUMED, RestState
-from robot_energy.optimize.run import Optimum, optimise
-from robot_energy.optimize.task import make_task
+from robot_energy.optimization.chain import PowerChain
+from robot_energy.optimization.forms import ProgramForm, read_form
+from robot_energy.optimization.rest_states import ASSUMED, RestState
+from robot_energy.optimization.run import Optimum, optimise
+from robot_energy.optimization.task import make_task
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.results.optimization import OptimizationReport
 from robot_energy.results.optimization_figures import optimization_report

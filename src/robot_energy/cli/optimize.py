@@ -87,7 +87,7 @@ def run(args: Namespace) -> int:
     """
     from robot_energy.api.optimize import optimize
     from robot_energy.files.placement import all_or_none
-    from robot_energy.optimize.rest_states import read_rest_states
+    from robot_energy.optimization.rest_states import read_rest_states
     from robot_energy.report.document import Document
     from robot_energy.report.optimization import optimization_document
     from robot_energy.report.optimization_figure import measures_and_front

@@ -7,11 +7,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from robot_energy.model.drive_models import DRIVE_MODELS
-from robot_energy.optimize.forms import ProgramForm
-from robot_energy.optimize.plan import Cost, CostTable, Saving
-from robot_energy.optimize.rest_states import break_even
-from robot_energy.optimize.run import Optimum, Tried, together
-from robot_energy.optimize.task import Task
+from robot_energy.optimization.forms import ProgramForm
+from robot_energy.optimization.plan import Cost, CostTable, Saving
+from robot_energy.optimization.rest_states import break_even
+from robot_energy.optimization.run import Optimum, Tried, together
+from robot_energy.optimization.task import Task
 from robot_energy.prediction import predict
 from robot_energy.results.model import model_used
 from robot_energy.results.optimization import (
@@ -179,7 +179,8 @@ def _at(task: Task, index: int) -> Task:
 
 
 def _break_even(task: Task) -> tuple[BreakEven, ...]:
-    share = float((task.table.held.energy / task.table.braked.energy).mean())
+    braked = float(task.table.braked.energy.mean())
+    share = float(task.table.held.energy.mean()) / braked if braked > 0 else 1.0
     return tuple(
         BreakEven(state.name, break_even(state, share), state.wake_time, state.source)
         for state in task.table.states

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from robot_energy.kinds import Kind, Kinds
-from robot_energy.optimize.plan import Cost, CyclePlan
-from robot_energy.optimize.task import Task
+from robot_energy.optimization.plan import Cost, CyclePlan
+from robot_energy.optimization.task import Task
 
 
 def _cost(task: Task, plan: CyclePlan) -> Cost:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from robot_energy.blocks import Float, Int
 from robot_energy.errors import MotionError
-from robot_energy.optimize.plan import Cost, CostTable, CyclePlan
+from robot_energy.optimization.plan import Cost, CostTable, CyclePlan
 
 GAP = 1e-5  # of the energy, to the proven optimum [-]
 MAX_TIME = 5.0  # s of one solution
@@ -55,7 +55,7 @@ def cheapest(
     scale = max(float(np.abs(price).max()), 1e-9)
     solved = milp(
         price / scale,
-        integrality=np.ones(size),
+        integrality=np.ones(size, dtype=np.int64),
         bounds=Bounds(0, 1),
         constraints=[
             LinearConstraint(one, 1, 1),

@@ -13,9 +13,9 @@ from robot_energy.motion.planned import SampledMotion
 from robot_energy.motion.ptp import MotionLimits
 from robot_energy.motion.ptp_file import ProgramFile, program_for, read_program
 from robot_energy.motion.ptp_loop import Program
-from robot_energy.optimize.candidates import ACCELERATIONS, SPEEDS, Candidates, PtpMoves
-from robot_energy.optimize.plan import CyclePlan
-from robot_energy.optimize.task import Task
+from robot_energy.optimization.candidates import ACCELERATIONS, SPEEDS, Candidates, PtpMoves
+from robot_energy.optimization.plan import CyclePlan
+from robot_energy.optimization.task import Task
 from robot_energy.physics.rigid_body import Robot
 
 DIGITS = 6  # of shares in a file, after the point
@@ -66,7 +66,8 @@ class PtpForm:
         self.joint_position: Float = program.via
         count = program.moves
         self.labels = tuple(f"{k + 1} to {(k + 1) % count + 1}" for k in range(count))
-        self.speeds, self.accelerations = SPEEDS, ACCELERATIONS
+        self.speeds: Float = SPEEDS
+        self.accelerations: Float = ACCELERATIONS
         self.notes = loaded.notes
 
     def _changed(self, task: Task, plan: CyclePlan) -> ProgramFile:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from robot_energy.optimize.measures.table import MEASURES, Measure
-from robot_energy.optimize.plan import CyclePlan
-from robot_energy.optimize.rest_states import RestState
-from robot_energy.optimize.task import Task
+from robot_energy.optimization.measures.table import MEASURES, Measure
+from robot_energy.optimization.plan import CyclePlan
+from robot_energy.optimization.rest_states import RestState
+from robot_energy.optimization.task import Task
 
 
 def best_states(task: Task, plan: CyclePlan) -> CyclePlan:

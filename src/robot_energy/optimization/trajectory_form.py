@@ -22,9 +22,9 @@ from robot_energy.motion.trajectory_io import (
     write_csv,
     write_trajectory,
 )
-from robot_energy.optimize.candidates import SPEEDS, Candidates
-from robot_energy.optimize.plan import CyclePlan
-from robot_energy.optimize.task import Task
+from robot_energy.optimization.candidates import SPEEDS, Candidates
+from robot_energy.optimization.plan import CyclePlan
+from robot_energy.optimization.task import Task
 from robot_energy.physics.rigid_body import Robot
 
 STILL = 1e-4  # rad/s or m/s, below which all joints rest
@@ -138,7 +138,8 @@ class TrajectoryForm:
         self.needed = needed
         self.joint_position = self._motion.sample(begin).joint_position
         self.labels = tuple(f"{b:.2f} s to {e:.2f} s" for b, e in zip(begin, end, strict=True))
-        self.speeds, self.accelerations = SPEEDS, np.ones(1)
+        self.speeds: Float = SPEEDS
+        self.accelerations: Float = np.ones(1)
         self.notes = (
             *given.notes,
             f"{path} states no acceleration limits: no joint accelerates harder than it does "
@@ -215,7 +216,7 @@ def _rests(motion: JointTrajectory, name: str) -> tuple[Float, Float, Float]:
     """Begin and end of each move, and the rest before it."""
     time = motion.instants
     at = motion.sample(time)
-    still = (np.abs(at.joint_velocity) <= STILL).all(axis=1)
+    still = np.asarray((np.abs(at.joint_velocity) <= STILL).all(axis=1))
     still[[0, -1]] = True
     stops = np.flatnonzero(still)
     begin: list[float] = []

@@ -171,10 +171,10 @@ def grid(moves: Moves, speed: Float = SPEEDS, acceleration: Float = ACCELERATION
     Returns:
         Move by move, S times A of each; of two that last equally long the one with less speed.
     """
-    move, fast, rise = (
-        axis.ravel()
-        for axis in np.meshgrid(np.arange(moves.count), speed, acceleration, indexing="ij")
-    )
+    pairs = len(speed) * len(acceleration)
+    move = np.repeat(np.arange(moves.count), pairs)
+    fast = np.tile(np.repeat(speed, len(acceleration)), moves.count)
+    rise = np.tile(acceleration, len(speed) * moves.count)
     found = Candidates(move, fast, rise)
     # A short move never cruises: a higher speed changes nothing.
     key = np.stack([move.astype(np.float64), rise, np.round(moves.duration(found), 9)], axis=1)

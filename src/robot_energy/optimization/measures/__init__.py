@@ -1,6 +1,6 @@
 """Measures that save energy, one file each; importing the package registers them."""
 
-from robot_energy.optimize.measures import (
+from robot_energy.optimization.measures import (
     move_overrides,
     one_override,
     regenerative,
@@ -8,7 +8,7 @@ from robot_energy.optimize.measures import (
     rest_state,
     slack,
 )
-from robot_energy.optimize.measures.table import MEASURES, Measure, register_measure
+from robot_energy.optimization.measures.table import MEASURES, Measure, register_measure
 
 __all__ = [
     "MEASURES",

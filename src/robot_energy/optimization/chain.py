@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from robot_energy.blocks import NANOSECOND, Float, Int
 from robot_energy.model import RobotModel
 from robot_energy.motion.ptp import Trajectory
-from robot_energy.optimize.candidates import SAMPLES, Candidates, Moves, Samples, blocks
-from robot_energy.optimize.deviations import EnergyDeviations
+from robot_energy.optimization.candidates import SAMPLES, Candidates, Moves, Samples, blocks
+from robot_energy.optimization.deviations import EnergyDeviations
 from robot_energy.physics.cabinet import CabinetStage
 from robot_energy.physics.drive import drive_from_model
 from robot_energy.physics.drivetrain import Drivetrain

@@ -9,9 +9,10 @@ import numpy as np
 
 from robot_energy.blocks import Float, Int
 from robot_energy.errors import MotionError
-from robot_energy.optimize.candidates import Candidates
-from robot_energy.optimize.chain import Use
-from robot_energy.optimize.rest_states import RestState, rest_cost
+from robot_energy.optimization.candidates import Candidates
+from robot_energy.optimization.chain import Use
+from robot_energy.optimization.deviations import FORM_OF_HOLDING
+from robot_energy.optimization.rest_states import RestState, rest_cost
 from robot_energy.uncertainty.band import Z90
 
 
@@ -140,6 +141,7 @@ class CostTable:
         brake = float(moved.brake.sum())
         columns = moved.columns.sum(axis=0)
         errors = np.zeros((len(self.states), 2))
+        places = np.zeros(self.moves)
         peak = float(moved.peak.max())
         for via, (duration, state) in enumerate(zip(plan.rest.tolist(), plan.state, strict=True)):
             if duration <= 0:
@@ -159,12 +161,13 @@ class CostTable:
                 )  # fmt: skip
             energy = energy + at.by_temperature[via] * share
             columns = columns + at.columns[via] * share
+            places[via] = FORM_OF_HOLDING * at.energy[via] * share
             peak = max(peak, float(at.peak[via]))
         return Cost(
             duration=float(moved.duration.sum() + plan.rest.sum()),
             energy=float(energy.mean()),
             peak=peak,
             brake=brake,
-            columns=np.concatenate([columns, errors.ravel()]),
+            columns=np.concatenate([columns, errors.ravel(), places]),
             by_temperature=energy,
         )

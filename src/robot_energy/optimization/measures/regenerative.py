@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from robot_energy.model.figure import PositiveFigure
-from robot_energy.optimize.chain import PowerChain
-from robot_energy.optimize.measures.table import MEASURES, Measure
-from robot_energy.optimize.plan import Cost, CostTable, CyclePlan
-from robot_energy.optimize.task import Task
+from robot_energy.optimization.chain import PowerChain
+from robot_energy.optimization.measures.table import MEASURES, Measure
+from robot_energy.optimization.plan import Cost, CostTable, CyclePlan
+from robot_energy.optimization.task import Task
 
 
 def _plan(task: Task) -> CyclePlan | None:

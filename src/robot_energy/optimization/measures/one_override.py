@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from robot_energy.optimize.measures.table import MEASURES, Measure
-from robot_energy.optimize.plan import CyclePlan
-from robot_energy.optimize.search import uniform
-from robot_energy.optimize.task import Task
+from robot_energy.optimization.measures.table import MEASURES, Measure
+from robot_energy.optimization.plan import CyclePlan
+from robot_energy.optimization.search import uniform
+from robot_energy.optimization.task import Task
 
 
 def _plan(task: Task) -> CyclePlan | None:

@@ -10,8 +10,11 @@ What the form of friction and drive losses leaves out is a curve over speed that
 is taken as a share ``e(|w|)`` of these losses, linear between the speeds of `KNOTS`, with
 independent values there: losses at one speed err alike, at other speeds differently. Two more
 columns are for what the form of the cabinet leaves out: the power at rest, which is no constant
-(fans, holding), and the energy that drives feed back, of which a DC link keeps a part that its
-model does not have.
+(fans), and the energy that drives feed back, of which a DC link keeps a part that its model does
+not have. And each place of rest has a column of its own, for what holding there costs.
+
+The four constants were chosen on plants 100 to 111 of the rig (src/doc/decisions/0105); how often
+bands hold was counted on others.
 """
 
 from __future__ import annotations
@@ -37,13 +40,15 @@ from robot_energy.uncertainty.priors import (
 
 KNOTS = np.array([0.0, 0.15, 0.5, 1.0])
 """Speeds over that of the limit, between which the missing form of the losses is linear. [-]"""
-FORM = np.array([0.1, 0.1, 0.1, 0.1])
+FORM = np.array([0.5, 0.25, 0.2, 0.2])
 """Standard deviation of the share of friction and drive losses that their form leaves out, at each
 of these speeds. [-]"""
-FORM_AT_REST = 0.1
-"""The same of the power at rest. [-]"""
+FORM_AT_REST = 0.28
+"""The same of the losses that flow all the time. [-]"""
 FORM_FED_BACK = 0.5
 """The same of the power that the drives feed back. [-]"""
+FORM_OF_HOLDING = 0.17
+"""The same of the power at rest, different at each place. [-]"""
 
 
 class EnergyDeviations:

@@ -9,11 +9,11 @@ from robot_energy.blocks import Float
 from robot_energy.errors import MotionError
 from robot_energy.motion.load_motion import BAG, YAML
 from robot_energy.motion.planned import SampledMotion
-from robot_energy.optimize.candidates import Candidates, Moves
-from robot_energy.optimize.plan import CyclePlan
-from robot_energy.optimize.ptp_form import PtpForm
-from robot_energy.optimize.task import Task
-from robot_energy.optimize.trajectory_form import TrajectoryForm
+from robot_energy.optimization.candidates import Candidates, Moves
+from robot_energy.optimization.plan import CyclePlan
+from robot_energy.optimization.ptp_form import PtpForm
+from robot_energy.optimization.task import Task
+from robot_energy.optimization.trajectory_form import TrajectoryForm
 from robot_energy.physics.rigid_body import Robot
 
 
