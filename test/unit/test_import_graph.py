@@ -115,11 +115,11 @@ MODULES = {
         tool_path tool_timing trajectory_io
     """,
     "robot_energy.optimization": """
-        candidates chain deviations forms plan ptp_form rest_states run search task
+        candidates chain deviations forms place plan ptp_form rest_states run search task
         trajectory_form
     """,
     "robot_energy.optimization.measures": """
-        move_overrides one_override regenerative rest_pose rest_state slack table
+        move_overrides one_override place regenerative rest_pose rest_state slack table
     """,
     "robot_energy.page": """
         access alarms energy_flow event_stream headless_browser history hub job_rows json_numbers

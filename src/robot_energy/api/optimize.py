@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +16,11 @@ from robot_energy.model import RobotModel
 from robot_energy.motion.planned import MAX_DURATION
 from robot_energy.optimization.chain import PowerChain
 from robot_energy.optimization.forms import ProgramForm, read_form
+from robot_energy.optimization.place import Placement, best_place
+from robot_energy.optimization.ptp_form import PtpForm
 from robot_energy.optimization.rest_states import ASSUMED, RestState
 from robot_energy.optimization.run import Optimum, optimise
-from robot_energy.optimization.task import make_task
+from robot_energy.optimization.task import Task, make_task
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.results.optimization import OptimizationReport
 from robot_energy.results.optimization_figures import optimization_report
@@ -68,6 +70,8 @@ def optimize(
     standby: bool | Sequence[RestState] = False,
     regenerative: bool = False,
     peak_limit: float | None = None,
+    place: Sequence[float] | None = None,
+    link: str = "tool0",
     topic: str | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> OptimizationResult:
@@ -83,6 +87,9 @@ def optimize(
             figures; or the states of this robot.
         regenerative: Whether a regenerative supply is judged as well.
         peak_limit: Of the power from the grid. [W]
+        place: Half widths of a box in the base frame, in which the workpiece may be shifted, shape
+            (3,); for point-to-point moves. [m]
+        link: Frame that holds the work.
         topic: Of the JointTrajectory in a bag.
         progress: Called with the share done, 0 to 1.
 
@@ -107,23 +114,46 @@ def optimize(
     chain = PowerChain(used, _temperatures(temperature, used))
     form = read_form(program, Robot.from_model(used), topic)
     states = (ASSUMED if standby else ()) if isinstance(standby, bool) else tuple(standby)
-    task = make_task(
-        chain,
-        form.moves,
-        form.base,
-        form.needed,
-        form.joint_position,
-        cycle_time=cycle_time,
-        states=states,
-        peak_limit=np.inf if peak_limit is None else peak_limit,
-        regeneration=REGENERATION if regenerative else None,
-        speeds=form.speeds,
-        accelerations=form.accelerations,
-        progress=progress,
+
+    def task_of(one: ProgramForm) -> Task:
+        return make_task(
+            chain,
+            one.moves,
+            one.base,
+            one.needed,
+            one.joint_position,
+            cycle_time=cycle_time,
+            states=states,
+            peak_limit=np.inf if peak_limit is None else peak_limit,
+            regeneration=REGENERATION if regenerative else None,
+            elsewhere=one is not form,
+            speeds=one.speeds,
+            accelerations=one.accelerations,
+            progress=progress,
+        )
+
+    task, moved = task_of(form), None
+    name, chosen = str(program), form
+    if place is not None:
+        if not isinstance(form, PtpForm):
+            raise MotionError(
+                f"'{program}' is no program of moves", "point-to-point moves, to be shifted"
+            )
+        placed = best_place(form, chain, np.asarray(place, dtype=np.float64), link)
+        chosen = form.moved(placed.joint_position, chain.robot)
+        moved = task_of(chosen)
+        task = replace(task, variants={"place": moved.table.cost(moved.base)})
+        notes.append(_where(placed))
+    found = optimise(task, moved)
+    return OptimizationResult(name, optimization_report(found, chosen, name, notes), found, chosen)
+
+
+def _where(placed: Placement) -> str:
+    shift = ", ".join(f"{1e3 * value:+.0f}" for value in placed.offset)
+    return (
+        f"the workpiece is shifted by {shift} mm in the base frame, the best of {placed.tried} "
+        f"places, {placed.reachable} of them within all limits; collisions were not checked"
     )
-    found = optimise(task)
-    name = str(program)
-    return OptimizationResult(name, optimization_report(found, form, name, notes), found, form)
 
 
 def _temperatures(given: float | tuple[float, float], model: RobotModel) -> Float:

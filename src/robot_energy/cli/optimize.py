@@ -63,6 +63,15 @@ def add_parser(commands: Any) -> None:
     parser.add_argument(
         "--peak-limit", type=number, metavar="W", help="greatest power from the grid"
     )
+    parser.add_argument(
+        "--place",
+        metavar="X,Y,Z",
+        help="the workpiece may be shifted by up to this to either side, in the base frame [m]; "
+        "for point-to-point moves",
+    )
+    parser.add_argument(
+        "--tool", default="tool0", metavar="LINK", help="frame that holds the work (default tool0)"
+    )
     parser.add_argument("--topic", metavar="NAME", help="of the JointTrajectory in a bag")
     output = parser.add_argument_group("output")
     output.add_argument(
@@ -87,6 +96,7 @@ def run(args: Namespace) -> int:
     """
     from robot_energy.api.optimize import optimize
     from robot_energy.files.placement import all_or_none
+    from robot_energy.motion.load_motion import joint_list
     from robot_energy.optimization.rest_states import read_rest_states
     from robot_energy.report.document import Document
     from robot_energy.report.optimization import optimization_document
@@ -103,6 +113,8 @@ def run(args: Namespace) -> int:
             standby=states,
             regenerative=args.regenerative,
             peak_limit=args.peak_limit,
+            place=None if args.place is None else joint_list(args.place, "--place", (3,)).tolist(),
+            link=args.tool,
             topic=args.topic,
             progress=show,
         )

@@ -96,6 +96,7 @@ class CostTable:
         held: What a second of rest before each move needs while the drives hold.
         braked: The same on brakes.
         states: Ways to rest that may be used.
+        elsewhere: Whether the places of rest are others than in the program it is compared with.
     """
 
     def __init__(
@@ -105,7 +106,9 @@ class CostTable:
         held: Use,
         braked: Use,
         states: Sequence[RestState] = (),
+        elsewhere: bool = False,
     ) -> None:
+        self.elsewhere = elsewhere
         self.candidates, self.use = candidates, use
         self.held, self.braked, self.states = held, braked, tuple(states)
 
@@ -141,7 +144,7 @@ class CostTable:
         brake = float(moved.brake.sum())
         columns = moved.columns.sum(axis=0)
         errors = np.zeros((len(self.states), 2))
-        places = np.zeros(self.moves)
+        places = np.zeros((2, self.moves))
         peak = float(moved.peak.max())
         for via, (duration, state) in enumerate(zip(plan.rest.tolist(), plan.state, strict=True)):
             if duration <= 0:
@@ -161,13 +164,13 @@ class CostTable:
                 )  # fmt: skip
             energy = energy + at.by_temperature[via] * share
             columns = columns + at.columns[via] * share
-            places[via] = FORM_OF_HOLDING * at.energy[via] * share
+            places[int(self.elsewhere), via] = FORM_OF_HOLDING * at.energy[via] * share
             peak = max(peak, float(at.peak[via]))
         return Cost(
             duration=float(moved.duration.sum() + plan.rest.sum()),
             energy=float(energy.mean()),
             peak=peak,
             brake=brake,
-            columns=np.concatenate([columns, errors.ravel(), places]),
+            columns=np.concatenate([columns, errors.ravel(), places.ravel()]),
             by_temperature=energy,
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from robot_energy.blocks import Float
 from robot_energy.files.output_files import COMMENT, TEXT, write_file
 from robot_energy.motion.planned import SampledMotion
 from robot_energy.motion.ptp import MotionLimits
-from robot_energy.motion.ptp_file import ProgramFile, program_for, read_program
+from robot_energy.motion.ptp_file import DEGREE, ProgramFile, program_for, read_program
 from robot_energy.motion.ptp_loop import Program
 from robot_energy.optimization.candidates import ACCELERATIONS, SPEEDS, Candidates, PtpMoves
 from robot_energy.optimization.plan import CyclePlan
@@ -19,6 +20,7 @@ from robot_energy.optimization.task import Task
 from robot_energy.physics.rigid_body import Robot
 
 DIGITS = 6  # of shares in a file, after the point
+ANGLE_DIGITS = 9  # of configurations
 
 
 class PtpForm:
@@ -27,6 +29,7 @@ class PtpForm:
     Args:
         path: The file.
         robot: That runs it.
+        file: Its content, where it was changed.
 
     Attributes:
         moves: Its moves.
@@ -37,13 +40,16 @@ class PtpForm:
         speeds: Shares of speed that are tried. [-]
         accelerations: Shares of acceleration that are tried. [-]
         notes: What was assumed, one sentence each.
+        full_limits: Limits of speed and acceleration at shares of 1, with the jerk time of the
+            program.
 
     Raises:
         MotionError: If it cannot be read or run by this robot.
     """
 
-    def __init__(self, path: str | Path, robot: Robot) -> None:
-        self._file: ProgramFile = read_program(path)
+    def __init__(self, path: str | Path, robot: Robot, file: ProgramFile | None = None) -> None:
+        self._path = path
+        self._file: ProgramFile = read_program(path) if file is None else file
         loaded = program_for(self._file, robot.limits, str(path))
         full = program_for(
             self._file.model_copy(
@@ -54,9 +60,11 @@ class PtpForm:
         )
         self._names = robot.joint_names
         self._program: Program = loaded.program
-        self._limits: MotionLimits = full.program.limits
         program = self._program
-        self.moves = PtpMoves.of_program(program, self._limits)
+        self.full_limits: MotionLimits = replace(
+            full.program.limits, jerk_time=program.limits.jerk_time
+        )
+        self.moves = PtpMoves(program.via, np.roll(program.via, -1, axis=0), self.full_limits)
         self.base = Candidates(
             np.arange(program.moves),
             program.override * program.speed_share,
@@ -69,6 +77,25 @@ class PtpForm:
         self.speeds: Float = SPEEDS
         self.accelerations: Float = ACCELERATIONS
         self.notes = loaded.notes
+
+    def moved(self, joint_position: Float, robot: Robot) -> PtpForm:
+        """Return the same program with other configurations.
+
+        Args:
+            joint_position: Shape (K, n). [rad] or [m]
+            robot: The robot.
+
+        Returns:
+            The program.
+
+        Raises:
+            MotionError: If a configuration breaks a limit.
+        """
+        degrees = self._file.angle_unit == "deg"
+        unit = np.where(robot.limits.prismatic, 1.0, DEGREE if degrees else 1.0)
+        rows = np.round(joint_position / unit, ANGLE_DIGITS).tolist()
+        via = [dict(zip(self._names, row, strict=True)) for row in rows]
+        return PtpForm(self._path, robot, self._file.model_copy(update={"via": via}))
 
     def _changed(self, task: Task, plan: CyclePlan) -> ProgramFile:
         chosen = task.table.candidates[plan.row]

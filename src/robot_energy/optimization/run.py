@@ -55,11 +55,12 @@ class Optimum:
     front: list[tuple[CyclePlan, Cost]]
 
 
-def optimise(task: Task) -> Optimum:
+def optimise(task: Task, moved: Task | None = None) -> Optimum:
     """Try every measure alone, then all together.
 
     Args:
         task: The program and what may be changed.
+        moved: The same with the moves that take the place of its own in the choice.
 
     Returns:
         The choice, each measure and the trade-offs.
@@ -69,9 +70,11 @@ def optimise(task: Task) -> Optimum:
     """
     base = task.table.cost(task.base)
     task = task.near(together(task))
+    tried = tuple(_try(task, base, measure) for measure in MEASURES.values())
+    if moved is not None:
+        task = moved.near(together(moved))
     plan = together(task)
     cost = task.table.cost(plan)
-    tried = tuple(_try(task, base, measure) for measure in MEASURES.values())
     free = CyclePlan(task.base.row, task.needed, task.base.state)
     return Optimum(
         task, base, tried, plan, cost, saving(base, cost), front(task.table, task.allowed, free)

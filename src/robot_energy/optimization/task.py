@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ from robot_energy.errors import MotionError
 from robot_energy.model import RobotModel
 from robot_energy.optimization.candidates import ACCELERATIONS, SPEEDS, Candidates, Moves, grid
 from robot_energy.optimization.chain import TORQUE_SHARE, PowerChain
-from robot_energy.optimization.plan import CostTable, CyclePlan
+from robot_energy.optimization.plan import Cost, CostTable, CyclePlan
 from robot_energy.optimization.rest_states import RestState
 
 NEAR = np.array([0.85, 0.92, 1.0, 1.08, 1.16])  # shares around a choice, over its own [-]
@@ -35,6 +35,8 @@ class Task:
         joint_position: Where the robot rests before each move, shape (K, n). [rad] or [m]
         peak_limit: Of the power from the grid. [W]
         regeneration: Share that a supply would return which is to be judged; None: not asked. [-]
+        variants: Cost of the program as it is but for one change that needs other moves, by the
+            name of the measure.
     """
 
     chain: PowerChain
@@ -47,6 +49,7 @@ class Task:
     joint_position: Float
     peak_limit: float
     regeneration: float | None = None
+    variants: Mapping[str, Cost] = field(default_factory=dict[str, Cost])
 
     @property
     def moving_time(self) -> float:
@@ -115,6 +118,7 @@ class Task:
             table.held,
             table.braked,
             table.states,
+            table.elsewhere,
         )
         fit = (use.torque_use <= TORQUE_SHARE) & (use.peak <= self.peak_limit)
         return replace(self, table=wider, allowed=np.concatenate([self.allowed, fit]))
@@ -131,6 +135,7 @@ def make_task(
     states: Sequence[RestState] = (),
     peak_limit: float = np.inf,
     regeneration: float | None = None,
+    elsewhere: bool = False,
     speeds: Float = SPEEDS,
     accelerations: Float = ACCELERATIONS,
     progress: Callable[[float], None] | None = None,
@@ -147,6 +152,7 @@ def make_task(
         states: Ways to rest that may be used.
         peak_limit: Of the power from the grid. [W]
         regeneration: Share that a supply would return which is to be judged. [-]
+        elsewhere: Whether the robot rests at other places than in the program it is compared with.
         speeds: Shares of speed that are tried, shape (S,). [-]
         accelerations: Shares of acceleration that are tried, shape (A,). [-]
         progress: Called with the share done, 0 to 1.
@@ -165,7 +171,12 @@ def make_task(
     )
     use = chain.moves(moves, every, progress)
     table = CostTable(
-        every, use, chain.rests(joint_position), chain.rests(joint_position, holding=False), states
+        every,
+        use,
+        chain.rests(joint_position),
+        chain.rests(joint_position, holding=False),
+        states,
+        elsewhere,
     )
     allowed = (use.torque_use <= TORQUE_SHARE) & (use.peak <= peak_limit)
     rows = np.arange(len(base))

@@ -175,7 +175,9 @@ def _at(task: Task, index: int) -> Task:
         )
         for one in (table.use, table.held, table.braked)
     )
-    return replace(task, table=CostTable(table.candidates, use, held, braked, table.states))
+    return replace(
+        task, table=CostTable(table.candidates, use, held, braked, table.states, table.elsewhere)
+    )
 
 
 def _break_even(task: Task) -> tuple[BreakEven, ...]:

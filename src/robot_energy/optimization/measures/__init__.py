@@ -3,6 +3,7 @@
 from robot_energy.optimization.measures import (
     move_overrides,
     one_override,
+    place,
     regenerative,
     rest_pose,
     rest_state,
@@ -15,6 +16,7 @@ __all__ = [
     "Measure",
     "move_overrides",
     "one_override",
+    "place",
     "regenerative",
     "register_measure",
     "rest_pose",

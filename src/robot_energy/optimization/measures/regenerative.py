@@ -27,7 +27,7 @@ def _cost(task: Task, plan: CyclePlan) -> Cost:
     chosen = task.table.candidates[plan.row]
     table = CostTable(
         chosen, chain.moves(task.moves, chosen), task.table.held, task.table.braked,
-        task.table.states,
+        task.table.states, task.table.elsewhere,
     )  # fmt: skip
     return table.cost(CyclePlan(np.arange(len(chosen)), plan.rest, plan.state))
 
