@@ -21,7 +21,8 @@ from robot_energy.optimization.ptp_form import PtpForm
 from robot_energy.optimization.rest_states import ASSUMED, RestState
 from robot_energy.optimization.run import Optimum, optimise
 from robot_energy.optimization.task import Task, make_task
-from robot_energy.physics.rigid_body import Robot
+from robot_energy.optimization.timed_form import TimedForm
+from robot_energy.optimization.timed_moves import law_limits, timed_moves
 from robot_energy.results.optimization import OptimizationReport
 from robot_energy.results.optimization_figures import optimization_report
 
@@ -70,6 +71,7 @@ def optimize(
     standby: bool | Sequence[RestState] = False,
     regenerative: bool = False,
     peak_limit: float | None = None,
+    time_law: bool = False,
     place: Sequence[float] | None = None,
     link: str = "tool0",
     topic: str | None = None,
@@ -87,6 +89,8 @@ def optimize(
             figures; or the states of this robot.
         regenerative: Whether a regenerative supply is judged as well.
         peak_limit: Of the power from the grid. [W]
+        time_law: Whether moves may follow time laws of their own; what is written is a trajectory
+            then.
         place: Half widths of a box in the base frame, in which the workpiece may be shifted, shape
             (3,); for point-to-point moves. [m]
         link: Frame that holds the work.
@@ -112,7 +116,7 @@ def optimize(
         if value is not None and not 0 < value <= most:
             raise MotionError(f"the {name} is {value}", "a value > 0")
     chain = PowerChain(used, _temperatures(temperature, used))
-    form = read_form(program, Robot.from_model(used), topic)
+    form = read_form(program, chain.robot, topic)
     states = (ASSUMED if standby else ()) if isinstance(standby, bool) else tuple(standby)
 
     def task_of(one: ProgramForm) -> Task:
@@ -126,14 +130,15 @@ def optimize(
             states=states,
             peak_limit=np.inf if peak_limit is None else peak_limit,
             regeneration=REGENERATION if regenerative else None,
-            elsewhere=one is not form,
+            elsewhere=one.joint_position is not form.joint_position,
             speeds=one.speeds,
             accelerations=one.accelerations,
             progress=progress,
         )
 
     task, moved = task_of(form), None
-    name, chosen = str(program), form
+    name = str(program)
+    chosen: ProgramForm = form
     if place is not None:
         if not isinstance(form, PtpForm):
             raise MotionError(
@@ -144,6 +149,12 @@ def optimize(
         moved = task_of(chosen)
         task = replace(task, variants={"place": moved.table.cost(moved.base)})
         notes.append(_where(placed))
+    if time_law:
+        limits = law_limits(chain, chosen.acceleration, chosen.jerk)
+        laws = timed_moves(chain, chosen.moves, chosen.base, limits, progress=progress)
+        chosen = TimedForm(chosen, laws, chain.robot)
+        moved = replace(task_of(chosen), variants=task.variants)
+        task = task if place is not None else moved
     found = optimise(task, moved)
     return OptimizationResult(name, optimization_report(found, chosen, name, notes), found, chosen)
 

@@ -64,6 +64,11 @@ def add_parser(commands: Any) -> None:
         "--peak-limit", type=number, metavar="W", help="greatest power from the grid"
     )
     parser.add_argument(
+        "--time-law",
+        action="store_true",
+        help="moves may follow time laws of their own; --out writes a trajectory then",
+    )
+    parser.add_argument(
         "--place",
         metavar="X,Y,Z",
         help="the workpiece may be shifted by up to this to either side, in the base frame [m]; "
@@ -113,6 +118,7 @@ def run(args: Namespace) -> int:
             standby=states,
             regenerative=args.regenerative,
             peak_limit=args.peak_limit,
+            time_law=args.time_law,
             place=None if args.place is None else joint_list(args.place, "--place", (3,)).tolist(),
             link=args.tool,
             topic=args.topic,

@@ -7,7 +7,7 @@ in one array of samples, so that the power chain runs over thousands of them at 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -31,11 +31,17 @@ class Candidates:
         move: Index of the move.
         speed: Share of the speed limits. [-]
         acceleration: Share of the acceleration limits. [-]
+        law: Time law of its own, -1 for none; left out: none at all.
     """
 
     move: Int
     speed: Float
     acceleration: Float
+    law: Int = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+
+    def __post_init__(self) -> None:
+        if len(self.law) != len(self.move):
+            object.__setattr__(self, "law", np.full(len(self.move), -1))
 
     def __len__(self) -> int:
         """Return the number of candidates."""
@@ -43,7 +49,18 @@ class Candidates:
 
     def __getitem__(self, rows: slice | Int) -> Candidates:
         """Return some of them."""
-        return Candidates(self.move[rows], self.speed[rows], self.acceleration[rows])
+        return Candidates(
+            self.move[rows], self.speed[rows], self.acceleration[rows], self.law[rows]
+        )
+
+    def __add__(self, other: Candidates) -> Candidates:
+        """Return both, one after the other."""
+        return Candidates(
+            np.concatenate([self.move, other.move]),
+            np.concatenate([self.speed, other.speed]),
+            np.concatenate([self.acceleration, other.acceleration]),
+            np.concatenate([self.law, other.law]),
+        )
 
 
 @dataclass(frozen=True)

@@ -71,6 +71,12 @@ class PowerChain:
         model: The robot's model.
         motor_temperature_degc: At which the program runs, shape (T, n). [degC]
 
+    Attributes:
+        robot: Its rigid bodies.
+        drivetrain: Motor side <-> joint side.
+        friction: Of all axes.
+        drive: Of all axes.
+
     Raises:
         RobotEnergyError: If the model cannot be used.
     """
@@ -79,12 +85,12 @@ class PowerChain:
         self.model = model
         self.motor_temperature_degc = motor_temperature_degc
         self.robot = Robot.from_model(model)
-        self._drivetrain = Drivetrain.from_model(model)
-        self._friction = FrictionModel.from_model(model)
-        self._drive = drive_from_model(model)
+        self.drivetrain = Drivetrain.from_model(model)
+        self.friction = FrictionModel.from_model(model)
+        self.drive = drive_from_model(model)
         self._deviations = EnergyDeviations(model)
         still = np.asarray([joint.standstill_velocity for joint in model.joints])
-        self._standstill = np.abs(self._drivetrain.transmission) @ still
+        self._standstill = np.abs(self.drivetrain.transmission) @ still
 
     def moves(
         self,
@@ -126,10 +132,10 @@ class PowerChain:
         joint_torque = self.robot.joint_torque(
             path.joint_position, path.joint_velocity, path.joint_acceleration
         )
-        speed = self._drivetrain.motor_velocity_from_joint(path.joint_velocity)
-        rigid = self._drivetrain.motor_torque_from_joint(
+        speed = self.drivetrain.motor_velocity_from_joint(path.joint_velocity)
+        rigid = self.drivetrain.motor_torque_from_joint(
             joint_torque
-        ) + self._drivetrain.rotor_torque(path.joint_acceleration)
+        ) + self.drivetrain.rotor_torque(path.joint_acceleration)
         rigid = rigid * holding
         standing = np.abs(speed) <= self._standstill
         moving = np.where(standing, 0.0, speed)
@@ -162,13 +168,13 @@ class PowerChain:
     ) -> tuple[Float, Float, Float, Float, Float]:
         """Energy, peak, brake energy, columns and use of the torque limits at one temperature."""
         shape = speed.shape
-        coulomb = np.broadcast_to(self._friction.coulomb, shape)
-        viscous = np.broadcast_to(self._friction.viscous(degc), shape)
-        friction = self._friction.torque(speed, rigid, coulomb, viscous, standing)
+        coulomb = np.broadcast_to(self.friction.coulomb, shape)
+        viscous = np.broadcast_to(self.friction.viscous(degc), shape)
+        friction = self.friction.torque(speed, rigid, coulomb, viscous, standing)
         torque = rigid + friction
         rigid_power, friction_power = rigid * speed, friction * speed
         shaft = rigid_power + friction_power
-        electrical, _ = self._drive.input_power(
+        electrical, _ = self.drive.input_power(
             shaft, speed, torque, np.broadcast_to(degc, shape).copy()
         )
         stamp = np.rint(np.cumsum(weight) / NANOSECOND).astype(np.int64)
@@ -188,7 +194,7 @@ class PowerChain:
             np.where(excess > 0, share, 1.0),
             excess,
         )
-        use = np.abs(self._drivetrain.joint_torque_from_motor(torque)) / self.robot.limits.effort
+        use = np.abs(self.drivetrain.joint_torque_from_motor(torque)) / self.robot.limits.effort
         lasting = balance.grid_power - balance.capacitor_power
         return (
             np.add.reduceat(lasting * weight, first),

@@ -26,6 +26,8 @@ class ProgramForm(Protocol):
     labels: tuple[str, ...]
     speeds: Float
     accelerations: Float
+    acceleration: Float
+    jerk: Float
     notes: tuple[str, ...]
 
     @property

@@ -19,6 +19,7 @@ from robot_energy.optimization.plan import CyclePlan
 from robot_energy.optimization.task import Task
 from robot_energy.physics.rigid_body import Robot
 
+MIN_JERK_TIME = 0.01  # s, over which a time law builds up acceleration where nothing is stated
 DIGITS = 6  # of shares in a file, after the point
 ANGLE_DIGITS = 9  # of configurations
 
@@ -39,6 +40,8 @@ class PtpForm:
         labels: Of the moves.
         speeds: Shares of speed that are tried. [-]
         accelerations: Shares of acceleration that are tried. [-]
+        acceleration: Limits of acceleration, shape (n,). [rad/s^2] or [m/s^2]
+        jerk: Limits of jerk, shape (n,). [rad/s^3] or [m/s^3]
         notes: What was assumed, one sentence each.
         full_limits: Limits of speed and acceleration at shares of 1, with the jerk time of the
             program.
@@ -76,13 +79,15 @@ class PtpForm:
         self.labels = tuple(f"{k + 1} to {(k + 1) % count + 1}" for k in range(count))
         self.speeds: Float = SPEEDS
         self.accelerations: Float = ACCELERATIONS
+        self.acceleration: Float = self.full_limits.acceleration
+        self.jerk: Float = 2.0 * self.acceleration / max(self.full_limits.jerk_time, MIN_JERK_TIME)
         self.notes = loaded.notes
 
     def moved(self, joint_position: Float, robot: Robot) -> PtpForm:
         """Return the same program with other configurations.
 
         Args:
-            joint_position: Shape (K, n). [rad] or [m]
+            joint_position: Configurations, shape (K, n). [rad] or [m]
             robot: The robot.
 
         Returns:

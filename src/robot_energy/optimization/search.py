@@ -2,7 +2,7 @@
 
 One candidate of each move is chosen so that ``sum(E) - P sum(T)`` is least and ``sum(T)`` is at
 most the time there is; ``P`` is the power of the wait that the moves shorten. This is a
-multiple-choice knapsack, solved exactly by HiGHS through `scipy.optimize.milp`.
+multiple-choice knapsack, solved by dynamic programming over the time.
 """
 
 from __future__ import annotations
@@ -14,8 +14,7 @@ from robot_energy.blocks import Float, Int
 from robot_energy.errors import MotionError
 from robot_energy.optimization.plan import Cost, CostTable, CyclePlan
 
-GAP = 1e-5  # of the energy, to the proven optimum [-]
-MAX_TIME = 5.0  # s of one solution
+STEPS = 5000  # of the time that is left above that of the fastest choice
 PRICES = 41  # of a second, along the front
 PEAKS = 7  # limits of the peak, along the front
 MAX_FRONT = 40  # points that are kept
@@ -38,35 +37,38 @@ def cheapest(
     Raises:
         MotionError: If the moves cannot be made within the time.
     """
-    from scipy.optimize import Bounds, LinearConstraint, milp
-    from scipy.sparse import csr_array
-
     rows = _efficient(table, allowed, wait_power)
-    move = table.candidates.move[rows]
-    duration = table.use.duration[rows]
-    fastest = sum(duration[move == k].min() for k in range(table.moves))
+    duration = table.use.duration
+    ways = [rows[table.candidates.move[rows] == move] for move in range(table.moves)]
+    fastest = float(sum(duration[one].min() for one in ways))
     if fastest > time * (1 + 1e-9) + 1e-9:
         raise MotionError(
             f"the moves need at least {fastest:.4g} s", f"at most {time:.4g} s", "allow more time"
         )
-    price = table.use.energy[rows] - wait_power * duration
-    size = len(rows)
-    one = csr_array((np.ones(size), (move, np.arange(size))), shape=(table.moves, size))
-    scale = max(float(np.abs(price).max()), 1e-9)
-    solved = milp(
-        price / scale,
-        integrality=np.ones(size, dtype=np.int64),
-        bounds=Bounds(0, 1),
-        constraints=[
-            LinearConstraint(one, 1, 1),
-            LinearConstraint(duration[None, :], -np.inf, max(time, fastest)),
-        ],
-        options={"mip_rel_gap": GAP, "time_limit": MAX_TIME},
-    )
-    if solved.x is None:
-        raise MotionError(f"no choice of speeds was found ({solved.message})", "one")
-    taken = rows[solved.x > 0.5]
-    return taken[np.argsort(table.candidates.move[taken])]
+    price = table.use.energy - wait_power * duration
+    best = np.array([one[np.argmin(price[one])] for one in ways])
+    if duration[best].sum() <= time:
+        return best
+    # least[t]: cost of the moves so far within t steps of the time above that of the fastest
+    step = max(time - fastest, 0.0) / STEPS + 1e-12
+    least = np.zeros(STEPS + 1)
+    taken = np.zeros((table.moves, STEPS + 1), dtype=np.int64)
+    needs: list[Int] = []
+    for move, one in enumerate(ways):
+        extra = np.ceil((duration[one] - duration[one].min()) / step - 1e-6)
+        needs.append(np.minimum(extra, STEPS + 1).astype(np.int64))
+        cost = np.full((len(one), STEPS + 1), np.inf)
+        for row, need in enumerate(needs[-1].tolist()):
+            if need <= STEPS:
+                cost[row, need:] = least[: STEPS + 1 - need] + price[one[row]]
+        taken[move] = cost.argmin(axis=0)
+        least = cost.min(axis=0)
+    left, found = STEPS, np.empty(table.moves, dtype=np.int64)
+    for move in range(table.moves - 1, -1, -1):
+        row = int(taken[move, left])
+        found[move] = ways[move][row]
+        left -= int(needs[move][row])
+    return found
 
 
 def _efficient(table: CostTable, allowed: NDArray[np.bool_], wait_power: float) -> Int:
@@ -101,8 +103,9 @@ def uniform(
     """
     found = table.candidates
     best: tuple[float, Int] | None = None
-    for speed in np.unique(found.speed):
-        for rise in np.unique(found.acceleration):
+    plain = found.law < 0
+    for speed in np.unique(found.speed[plain]):
+        for rise in np.unique(found.acceleration[plain]):
             rows = _with_shares(table, speed, rise)
             if rows is None or not allowed[rows].all():
                 continue

@@ -15,6 +15,7 @@ from robot_energy.optimization.candidates import ACCELERATIONS, SPEEDS, Candidat
 from robot_energy.optimization.chain import TORQUE_SHARE, PowerChain
 from robot_energy.optimization.plan import Cost, CostTable, CyclePlan
 from robot_energy.optimization.rest_states import RestState
+from robot_energy.optimization.timed_moves import TimedMoves
 
 NEAR = np.array([0.85, 0.92, 1.0, 1.08, 1.16])  # shares around a choice, over its own [-]
 PERCENT = 100.0  # shares are whole per cent, as robot languages take them
@@ -85,6 +86,11 @@ class Task:
                 state[wait_at] = wait_in
         return CyclePlan(row, rest, tuple(state))
 
+    @property
+    def plain(self) -> NDArray[np.bool_]:
+        """Allowed candidates without a time law, shape (P,)."""
+        return self.allowed & (self.table.candidates.law < 0)
+
     def model(self) -> RobotModel:
         """The robot's model."""
         return self.chain.model
@@ -96,24 +102,23 @@ class Task:
             plan: A good one.
         """
         table = self.table
-        chosen = table.candidates[plan.row]
-        move, fast, rise = (
+        chosen = table.candidates[plan.row[table.candidates.law[plan.row] < 0]]
+        if not len(chosen):
+            return self
+        place, fast, rise = (
             axis.ravel()
-            for axis in np.meshgrid(chosen.move, np.arange(len(NEAR)), np.arange(len(NEAR)),
-                                    indexing="ij")
+            for axis in np.meshgrid(
+                np.arange(len(chosen)), np.arange(len(NEAR)), np.arange(len(NEAR)), indexing="ij"
+            )
         )  # fmt: skip
         speed, acceleration = (
-            np.clip(np.round(PERCENT * share[move] * NEAR[step]), 1, PERCENT) / PERCENT
+            np.clip(np.round(PERCENT * share[place] * NEAR[step]), 1, PERCENT) / PERCENT
             for share, step in ((chosen.speed, fast), (chosen.acceleration, rise))
         )
-        more = Candidates(move, speed, acceleration)
+        more = Candidates(chosen.move[place], speed, acceleration)
         use = self.chain.moves(self.moves, more)
         wider = CostTable(
-            Candidates(
-                np.concatenate([table.candidates.move, more.move]),
-                np.concatenate([table.candidates.speed, more.speed]),
-                np.concatenate([table.candidates.acceleration, more.acceleration]),
-            ),
+            table.candidates + more,
             table.use + use,
             table.held,
             table.braked,
@@ -163,12 +168,9 @@ def make_task(
     Raises:
         MotionError: If the program does not fit into the cycle time.
     """
-    ways = grid(moves, speeds, accelerations)
-    every = Candidates(
-        np.concatenate([base.move, ways.move]),
-        np.concatenate([base.speed, ways.speed]),
-        np.concatenate([base.acceleration, ways.acceleration]),
-    )
+    every = base + grid(moves, speeds, accelerations)
+    if isinstance(moves, TimedMoves):
+        every = every + moves.candidates
     use = chain.moves(moves, every, progress)
     table = CostTable(
         every,

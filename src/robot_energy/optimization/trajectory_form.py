@@ -15,7 +15,7 @@ from robot_energy.blocks import Float, Int
 from robot_energy.errors import MotionError
 from robot_energy.motion.joint_trajectory import JointTrajectory
 from robot_energy.motion.planned import SampledMotion
-from robot_energy.motion.ptp import Trajectory
+from robot_energy.motion.ptp import DEFAULT_JERK_TIME, Trajectory
 from robot_energy.motion.trajectory_io import (
     read_bag_trajectory,
     read_csv_trajectory,
@@ -41,6 +41,7 @@ class StretchedMoves:
         velocity: Velocity limits, shape (n,). [rad/s] or [m/s]
 
     Attributes:
+        hardest: Greatest acceleration of each joint, shape (n,). [rad/s^2] or [m/s^2]
         fastest: Greatest factor on the speed of each move, shape (K,). [-]
     """
 
@@ -53,6 +54,7 @@ class StretchedMoves:
         with np.errstate(divide="ignore", invalid="ignore"):
             by_speed = np.where(fast > 0, velocity / fast, np.inf).min(axis=1)
             by_force = np.where(hard > 0, hard.max(axis=0) / hard, np.inf).min(axis=1)
+        self.hardest: Float = hard.max(axis=0)
         self.fastest = np.maximum(np.minimum(by_speed, np.sqrt(by_force)), 1e-9)
 
     @property
@@ -136,6 +138,8 @@ class TrajectoryForm:
         count = len(begin)
         self.base = Candidates(np.arange(count), 1.0 / self.moves.fastest, np.ones(count))
         self.needed = needed
+        self.acceleration: Float = self.moves.hardest
+        self.jerk: Float = self.acceleration / DEFAULT_JERK_TIME
         self.joint_position = self._motion.sample(begin).joint_position
         self.labels = tuple(f"{b:.2f} s to {e:.2f} s" for b, e in zip(begin, end, strict=True))
         self.speeds: Float = SPEEDS

@@ -75,7 +75,7 @@ class MoveChange(Result):
     Attributes:
         move: From where to where.
         speed_before: Share of the speed limits. [-]
-        speed: As chosen. [-]
+        speed: As chosen; None for a time law of its own. [-]
         acceleration_before: Share of the acceleration limits. [-]
         acceleration: As chosen. [-]
         duration_before: [s]
@@ -86,9 +86,9 @@ class MoveChange(Result):
 
     move: str
     speed_before: float
-    speed: float
+    speed: Number
     acceleration_before: float
-    acceleration: float
+    acceleration: Number
     duration_before: float
     duration: float
     energy_before: float

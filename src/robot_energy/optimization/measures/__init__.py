@@ -8,6 +8,7 @@ from robot_energy.optimization.measures import (
     rest_pose,
     rest_state,
     slack,
+    time_law,
 )
 from robot_energy.optimization.measures.table import MEASURES, Measure, register_measure
 
@@ -22,4 +23,5 @@ __all__ = [
     "rest_pose",
     "rest_state",
     "slack",
+    "time_law",
 ]

@@ -9,7 +9,7 @@ from robot_energy.optimization.task import Task
 
 
 def _plan(task: Task) -> CyclePlan:
-    return task.plan(cheapest(task.table, task.allowed, task.moving_time, task.wait_power))
+    return task.plan(cheapest(task.table, task.plain, task.moving_time, task.wait_power))
 
 
 MEASURES.register(

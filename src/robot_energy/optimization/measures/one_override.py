@@ -9,7 +9,7 @@ from robot_energy.optimization.task import Task
 
 
 def _plan(task: Task) -> CyclePlan | None:
-    row = uniform(task.table, task.allowed, task.moving_time, task.wait_power)
+    row = uniform(task.table, task.plain, task.moving_time, task.wait_power)
     return None if row is None else task.plan(row)
 
 

@@ -11,7 +11,7 @@ from robot_energy.optimization.task import Task
 def _plan(task: Task) -> CyclePlan | None:
     if task.cycle_time is None:
         return None
-    return task.plan(cheapest(task.table, task.allowed, task.time, task.wait_power))
+    return task.plan(cheapest(task.table, task.plain, task.time, task.wait_power))
 
 
 MEASURES.register(
