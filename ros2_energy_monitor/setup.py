@@ -19,9 +19,7 @@ setup(
         (f"share/{NAME}/launch", sorted(glob("launch/*.launch.py"))),
         (f"share/{NAME}/config", sorted(glob("config/*.yaml"))),
     ],
-    entry_points={
-        "console_scripts": [f"{name} = {module}:main" for name, module in EXECUTABLES.items()]
-    },
+    entry_points={"console_scripts": [f"{name} = {NAME}.__main__:main" for name in EXECUTABLES]},
     install_requires=["setuptools"],
     # Not `tests_require`: with it newer setuptools make colcon find no tests.
     extras_require={

@@ -1,23 +1,42 @@
-"""``python -m ros2_energy_monitor NAME ...`` is ``ros2 run ros2_energy_monitor NAME ...``."""
+"""Start of every executable: ``ros2 run ros2_energy_monitor NAME`` and ``python -m``."""
 
 from __future__ import annotations
 
+import signal
 import sys
 from importlib import import_module
+from pathlib import Path
+from types import ModuleType
 
 from ros2_energy_monitor.executables import EXECUTABLES
 
 
 def main() -> int:
-    """Run the executable that the first argument names."""
-    name = sys.argv[1] if len(sys.argv) > 1 else ""
+    """Run the executable whose name the script has, else that of the first argument."""
+    script = Path(sys.argv[0]).name
+    name = script if script in EXECUTABLES else "".join(sys.argv[1:2])
     if name not in EXECUTABLES:
         found = f"there is no executable '{name}'" if name else "no executable is named"
         expected = f"expected one of: {', '.join(EXECUTABLES)}"
         print(f"ros2_energy_monitor: {found}; {expected}.", file=sys.stderr)
         return 2
-    sys.argv[:2] = [name]
-    return int(import_module(EXECUTABLES[name]).main() or 0)
+    if name != script:
+        sys.argv[:2] = [name]
+    return int(_load(EXECUTABLES[name]).main() or 0)
+
+
+def _load(module: str) -> ModuleType:
+    """Import a module; SIGINT ends the process meanwhile.
+
+    As KeyboardInterrupt it could be raised, and lost, inside of any import.
+    """
+    if signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+        return import_module(module)
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    try:
+        return import_module(module)
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 if __name__ == "__main__":

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from builtin_interfaces.msg import Duration
 from rclpy.serialization import serialize_message
+from ros2_energy_msgs.msg import PowerState
 from ros2_energy_msgs.srv import PredictTrajectory, SetPayload
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
@@ -98,6 +99,10 @@ def compare(answer, run) -> None:
     assert answer.success, answer.message
     assert answer.duration == run["time"]["duration"]
     assert answer.predicted_import_energy == run["energy"]["grid_import"] > 0
+    sure = run["uncertainty"]
+    assert answer.predicted_energy_std == sure["std"] > 0
+    assert 2.0 * answer.predicted_energy_band == pytest.approx(sure["upper"] - sure["lower"])
+    assert answer.band == PowerState.BAND_PARAMETRIC
     assert answer.predicted_return_energy == run["energy"]["grid_return"]
     assert answer.brake_energy == run["energy"]["brake"]
     assert answer.predicted_peak_power == run["power"]["predicted_peak_grid_power"]
@@ -115,6 +120,18 @@ def test_the_service_equals_the_command(client, tmp_path):
     run = by_command(tmp_path, trajectory, "--temperature", "40", "--repeat", "3")
     answer = client.ask(trajectory=trajectory, repeat=3, motor_temperature_degc=[40.0] * 6)
     compare(answer, run)
+
+
+def test_what_the_meter_has_shown_scales_the_band(node, client):
+    """Every window 3 deviations off: q^2 = (0.35 + 9) / 2."""
+    bare = client.ask(trajectory=swing())
+    state = node.ledger.calibration.state()
+    seen = state.model_copy(update={"location": "GRID", "energy_scores": (3.0,) * 24})
+    node.ledger.calibration.restore(seen)
+    answer = client.ask(trajectory=swing())
+    assert answer.band == PowerState.BAND_CALIBRATED
+    assert answer.predicted_energy_std == bare.predicted_energy_std
+    assert answer.predicted_energy_band > 1.5 * bare.predicted_energy_band
 
 
 def test_temperatures_follow_the_names_and_the_fallback_fills(client, tmp_path):

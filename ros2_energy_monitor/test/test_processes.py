@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import os
 import re
 import signal
 import subprocess
@@ -72,6 +73,28 @@ def test_help_says_what_a_node_does_and_starts_nothing(name, monkeypatch, capsys
     output = capsys.readouterr().out
     assert f"usage: ros2 run ros2_energy_monitor {name} --ros-args" in output
     assert output.splitlines()[0].endswith(".")
+
+
+def test_an_interrupt_cannot_be_lost_while_modules_load(monkeypatch, tmp_path: Path):
+    """An import that catches KeyboardInterrupt, as some libraries do, must not keep the node."""
+    (tmp_path / "slow_to_import.py").write_text(
+        "import os, signal\n"
+        "try:\n"
+        "    os.kill(os.getpid(), signal.SIGINT)\n"
+        "except KeyboardInterrupt:\n"
+        "    pass\n"
+        "def main():\n"
+        "    return 7\n"
+    )
+    program = (
+        "import sys, ros2_energy_monitor.__main__ as start\n"
+        "start.EXECUTABLES['slow'] = 'slow_to_import'\n"
+        "sys.argv = ['slow']\n"
+        "raise SystemExit(start.main())\n"
+    )
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
+    ended = subprocess.run([sys.executable, "-c", program], timeout=LIMIT)
+    assert ended.returncode == -signal.SIGINT
 
 
 @pytest.mark.parametrize("name", ["energy_monitor", "virtual_robot"])

@@ -3,7 +3,8 @@
 Plants of the virtual rig, drawn at random and with effects that no model has a term for, are
 identified from three recordings, run for ten minutes with a meter, and then make runs that
 neither has seen: other motions, started cold, warm, hot, and colder and hotter than the
-recordings of the identification. Simulated throughout: nothing was measured on a robot.
+recordings of the identification. The band of an energy is the one before its run: the meter of
+the run itself does not count. Simulated throughout: nothing was measured on a robot.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from statistics import median
 import numpy as np
 
 from robot_energy.accounting.averaging import MeanBlock
+from robot_energy.accounting.band_calibration import BandCalibration
 from robot_energy.accounting.record import Calibrated
 from robot_energy.api.identify import identify_all
 from robot_energy.bag_replay import Replay, replay
@@ -172,6 +174,9 @@ def _covered(plant: str, run: str, bag: Path, model: RobotModel, kept: Calibrate
     after, after_means = _replayed(bag, model, 0.1, kept)
     alone, means = _replayed(bag, model, MEAN, None)
     comparison, calibration = after.ledger.comparison, after.ledger.calibration
+    registers, before = after.ledger.registers, BandCalibration()
+    before.restore(kept)
+    band = before.energy_band(registers.joule[registers.deviations])
     measured = comparison.measured_energy
     known = np.isfinite(means.measured_power)
     half = Z90 * power_std(means.deviation[known])
@@ -181,7 +186,7 @@ def _covered(plant: str, run: str, bag: Path, model: RobotModel, kept: Calibrate
         plant,
         run,
         comparison.predicted_energy / measured - 1.0,
-        after.ledger.energy_band.half / measured,
+        band.half / measured,
         Z90 * alone.ledger.energy_band.std / measured,
         calibration.readings,
         calibration.inside,

@@ -15,6 +15,7 @@ time of day alone.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -198,6 +199,28 @@ def recorded_days(
     return found
 
 
+def _simulated(
+    days: list[list[list[WearRecord]]], joint: int, hours: float, random: np.random.Generator
+) -> Iterator[tuple[int, WearRecord]]:
+    """Yield simulated records of a joint with their hours, see the module."""
+    start_ns = days[0][joint][0].stamp_ns
+    by_hour = [
+        [
+            [r for r in day[joint] if (r.stamp_ns - start_ns) % (DAY * HOUR_NS) // HOUR_NS == h]
+            for day in days
+        ]
+        for h in range(DAY)
+    ]
+    moved = 0.0
+    for hour in range(round(hours)):
+        choice = by_hour[hour % DAY]
+        for record in choice[int(random.integers(len(choice)))]:
+            moved += record.time / 3600.0
+            excess = record.excess + record.variance**0.5 * random.standard_normal()
+            stamp_ns = start_ns + hour * HOUR_NS + record.stamp_ns % HOUR_NS
+            yield hour, record._replace(excess=excess, hours=moved, stamp_ns=stamp_ns)
+
+
 def false_alarms(days: list[list[list[WearRecord]]], hours: float, seed: int = 0) -> int:
     """Count the alarms of simulated hours without wear.
 
@@ -211,21 +234,63 @@ def false_alarms(days: list[list[list[WearRecord]]], hours: float, seed: int = 0
     """
     random, count = np.random.default_rng(seed), 0
     for joint in range(len(days[0])):
-        start_ns = days[0][joint][0].stamp_ns
-        by_hour = [
-            [
-                [r for r in day[joint] if (r.stamp_ns - start_ns) % (DAY * HOUR_NS) // HOUR_NS == h]
-                for day in days
-            ]
-            for h in range(DAY)
-        ]
-        test, moved = DriftTest(), 0.0
-        for hour in range(round(hours)):
-            choice = by_hour[hour % DAY]
-            for record in choice[int(random.integers(len(choice)))]:
-                moved += record.time / 3600.0
-                excess = record.excess + record.variance**0.5 * random.standard_normal()
-                stamp_ns = start_ns + hour * HOUR_NS + record.stamp_ns % HOUR_NS
-                fresh = record._replace(excess=excess, hours=moved, stamp_ns=stamp_ns)
-                count += test.step(fresh)
+        test = DriftTest()
+        count += sum(test.step(record) for _, record in _simulated(days, joint, hours, random))
     return count
+
+
+@dataclass(frozen=True)
+class SlowWearRow:
+    """One axis whose friction rises slowly.
+
+    Attributes:
+        joint: Its index.
+        found: Time from the beginning of wear until the alarm; NaN if there was none. [h]
+        motion: Motion of this axis in that time. [h]
+        true: Rise at the alarm. [-]
+        size: Stated then. [-]
+        std: Its standard deviation. [-]
+    """
+
+    joint: int
+    found: float
+    motion: float
+    true: float
+    size: float
+    std: float
+
+
+def slow_wear(
+    days: list[list[list[WearRecord]]],
+    joint: int,
+    per_hour: float,
+    before: float = 48.0,
+    after: float = 240.0,
+    seed: int = 0,
+) -> SlowWearRow:
+    """Let one axis wear slowly in simulated hours, and see when it is found.
+
+    Args:
+        days: Of `recorded_days`, of one plant.
+        joint: The axis.
+        per_hour: Rise of its friction in an hour of motion. [-]
+        before: Time without wear. [h]
+        after: Time with it. [h]
+        seed: Of the draws.
+
+    Returns:
+        What was found.
+    """
+    test, begun = DriftTest(), 0.0
+    random = np.random.default_rng(seed)
+    for hour, record in _simulated(days, joint, before + after, random):
+        if hour < before:
+            begun = record.hours
+        rise = per_hour * max(record.hours - begun, 0.0)
+        worn = record._replace(excess=record.excess + float(np.log1p(rise)))
+        if test.step(worn) and hour >= before and not test.drift.fell:
+            motion = record.hours - begun
+            drift = test.drift
+            return SlowWearRow(joint, hour - before, motion, rise, drift.size, drift.std)
+    nan = float("nan")
+    return SlowWearRow(joint, nan, nan, per_hour * after, nan, nan)

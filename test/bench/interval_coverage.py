@@ -1,6 +1,6 @@
 """How often the 95 % intervals of identified figures hold the truth, on plants of the rig.
 
-    python test/bench/interval_coverage.py [--hard] [--quick]
+    python test/bench/interval_coverage.py [--hard] [--quick] [--more]
 
 Every repetition draws a plant, its sensors and their constant errors, and motions; half of them
 have the power of each drive as well as the meter. `robot_energy_papers.interval_coverage` says
@@ -14,8 +14,10 @@ import json
 import os
 import sys
 import time
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -24,8 +26,24 @@ from rich.console import Console
 
 from robot_energy.report.printing import table
 from robot_energy_papers.interval_coverage import coverages, repetitions
+from robot_energy_papers.more_recordings import more_recordings
 
 GOAL = (0.90, 0.98)
+
+
+def more(robots: list[str], seeds: range, hard: bool, show: Callable[[str, int], None]) -> int:
+    """Print the intervals that do not meet those from fewer recordings; exit code 1 if any."""
+    figures = apart = 0
+    for seed in seeds:
+        robot = robots[seed % len(robots)]
+        show(robot, seed)
+        with TemporaryDirectory() as folder:
+            for row in more_recordings(robot, seed, hard, Path(folder)):
+                figures, apart = figures + row.figures, apart + len(row.disjoint)
+                for name in row.disjoint:
+                    print(f"{robot} {seed}: from {row.recordings} recordings and one more: {name}")
+    print(f"{apart} of {figures} intervals do not meet those from one recording less")
+    return int(apart > 0 and not hard)
 
 
 def main() -> int:
@@ -36,6 +54,11 @@ def main() -> int:
     parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--hard", action="store_true", help="effects without a term in the model")
     parser.add_argument("--quick", action="store_true", help="three repetitions, no goals")
+    parser.add_argument(
+        "--more",
+        action="store_true",
+        help="count intervals that one more recording makes disjoint",
+    )
     parser.add_argument("--json", type=Path, help="write the figures")
     args = parser.parse_args()
     count = 3 if args.quick else args.repetitions
@@ -45,6 +68,8 @@ def main() -> int:
     def show(robot: str, seed: int) -> None:
         print(f"{seed - args.first_seed + 1}/{count} {robot}", file=sys.stderr, flush=True)
 
+    if args.more:
+        return more(args.robots, seeds, args.hard, show)
     found = repetitions(args.robots, seeds, args.hard, show)
     rows = coverages(found)
     kind = "every effect of the rig" if args.hard else "within the form of the model"

@@ -18,7 +18,8 @@ SOURCES = Path(robot_energy.__file__).parent.parent
 MODULES = {
     "robot_energy": """
         __main__ bag_replay blocks config_file energy_bag errors kinds log_formats prediction
-        recorded_jobs replay_topics schema_errors shown_text time_series units
+        read_ahead recorded_jobs replay_steps replay_topics schema_errors shown_text time_series
+        units
     """,
     "robot_energy.accounting": """
         account account_record averaging band_calibration comparison energy_curve event_log
@@ -127,7 +128,7 @@ MODULES = {
         messages metrics monitoring recording robot_state saved_page settings web_app web_server
     """,
     "robot_energy.physics": """
-        cabinet derivative drive drivetrain effort effort_check equations friction
+        cabinet derivative drive drivetrain effort effort_check electrical_power equations friction
         limit_utilisation motor_heat rigid_body torque transmission
     """,
     "robot_energy.physics.urdf": """
@@ -171,9 +172,9 @@ MODULES = {
     "robot_energy_papers": """
         accuracy band_coverage calibration certainty certainty_numbers certainty_page
         drawings drawn_plants drive_study effects experiment held_out interval_coverage
-        job_pool learning_study machines mantis models pages paper_a paper_a_numbers
-        paper_a_page paper_b paper_b_numbers paper_b_page savings savings_numbers savings_page
-        savings_study soaked_rigs thermal_study wall wear_study
+        job_pool learning_study machines mantis models more_recordings pages paper_a
+        paper_a_numbers paper_a_page paper_b paper_b_numbers paper_b_page savings
+        savings_numbers savings_page savings_study soaked_rigs thermal_study wall wear_study
     """,
     "robot_energy_papers.cli": """
         reproduce study_folder
@@ -193,6 +194,8 @@ LAYERS = (
     (
         "bag_replay",
         "energy_bag",
+        "read_ahead",
+        "replay_steps",
         "replay_topics",
         "prediction",
         "recorded_jobs",

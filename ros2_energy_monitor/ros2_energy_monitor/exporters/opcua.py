@@ -99,6 +99,13 @@ def _of(origin: str, power: str, energy: str) -> tuple[Measurement, ...]:
     )
 
 
+def _band(
+    name: str, topic: Topic, field: str, factor: float, unit: tuple[int, str, str]
+) -> Measurement:
+    """Part of a 90 % band; the standard has none."""
+    return Measurement(PREDICTED, name, topic, field, factor, True, unit)
+
+
 PREDICTED, MEASURED = "predicted", "measured"
 OBJECTS = {
     PREDICTED: ("PredictedEnergy", "computed by a model from joint states and temperatures"),
@@ -106,6 +113,15 @@ OBJECTS = {
 }
 MEASUREMENTS = (
     *_of(PREDICTED, "predicted_grid_power", "predicted_import_energy"),
+    _band("ActivePowerBandLower", Topic.POWER, "predicted_power_lower", 1.0, WATT),
+    _band("ActivePowerBandUpper", Topic.POWER, "predicted_power_upper", 1.0, WATT),
+    _band(
+        "ActiveEnergyBandHalfWidth",
+        Topic.REGISTERS,
+        "predicted_energy_band",
+        1.0 / ENERGY_UNITS["Wh"],
+        WATT_HOUR,
+    ),
     *_of(MEASURED, "measured_power", "measured_energy"),
 )
 

@@ -91,6 +91,7 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
             self.model,
             lambda: self._pipeline.torque.next_payload,
             lambda: self._pipeline.friction.latest().motor_temperature_degc[0],
+            lambda: self.ledger.calibration.state(),
         )
         self.exit_stack.callback(prediction.close)
         prediction.open()

@@ -13,6 +13,7 @@ from rclpy.node import Node
 from ros2_energy_msgs.msg import JointEnergy
 from ros2_energy_msgs.srv import PredictTrajectory
 
+from robot_energy.accounting.record import Calibrated
 from robot_energy.accounting.registers import Registers
 from robot_energy.blocks import NANOSECOND, Float
 from robot_energy.errors import MotionError, RobotEnergyError
@@ -42,6 +43,7 @@ class PredictionService:
         payload: Gives the bodies that the robot carries now.
         motor_temperature_degc: Gives the newest motor temperatures, NaN where unknown,
             shape (n,). [degC]
+        calibration: Gives what the meter has shown of the bands so far.
     """
 
     def __init__(
@@ -51,9 +53,11 @@ class PredictionService:
         model: RobotModel,
         payload: Callable[[], Sequence[Payload]],
         motor_temperature_degc: Callable[[], Float],
+        calibration: Callable[[], Calibrated],
     ) -> None:
         self._node, self._guard, self._model = node, guard, model
         self._payload, self._newest = payload, motor_temperature_degc
+        self._calibration = calibration
         self._stop = Event()
         self._thread: ThreadPoolExecutor | None = None
         self._work: Future[Answer] | None = None
@@ -79,8 +83,9 @@ class PredictionService:
             message = "a prediction is under way; expected one at a time; ask again when it is done"
             return PredictTrajectory.Response(message=message)
         model, carried, newest = self._model, tuple(self._payload()), self._newest().copy()
+        kept = self._calibration()
         self._work = self._thread.submit(
-            lambda: predicted(model, request, carried, newest, self._stop.is_set)
+            lambda: predicted(model, request, carried, newest, kept, self._stop.is_set)
         )
         self._work.add_done_callback(lambda _: self._service.wake())
         return None
@@ -111,6 +116,7 @@ def predicted(
     request: Any,
     carried: Sequence[Payload],
     newest_degc: Float,
+    calibration: Calibrated,
     stopped: Callable[[], bool] = lambda: False,
 ) -> Answer:
     """Predict a trajectory.
@@ -122,6 +128,7 @@ def predicted(
             them carry nothing.
         newest_degc: Motor temperatures where the request has none; NaN where unknown,
             shape (n,). [degC]
+        calibration: What a meter has shown of the bands of this model.
         stopped: Asked for every block of samples whether to give up.
 
     Returns:
@@ -156,13 +163,19 @@ def predicted(
     )
     ledger, energy = result.ledger, result.ledger.registers
     observed = energy.time.observed_ns * NANOSECOND
+    ledger.calibration.restore(calibration)
+    band = ledger.energy_band
     imported, returned = energy.cabinet("grid_import"), energy.cabinet("grid_return")
     where = ", ".join(result.extrapolated)
     outside = f"; friction of {where} was not identified at that temperature" if where else ""
     return {
-        "message": f"{imported:.6g} J from the grid in {result.duration:.6g} s{outside}",
+        "message": f"{imported:.6g} J +- {band.half:.3g} J from the grid in {result.duration:.6g} s"
+        f"{outside}",
         "duration": result.duration,
         "predicted_import_energy": imported,
+        "predicted_energy_std": band.std,
+        "predicted_energy_band": band.half,
+        "band": int(band.kind),
         "predicted_return_energy": returned,
         "brake_energy": energy.cabinet("brake"),
         "predicted_peak_power": ledger.peak_power,

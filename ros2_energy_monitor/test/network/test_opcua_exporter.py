@@ -111,6 +111,20 @@ def test_power_and_energy_with_units_and_numbers(serve, eventually):
     assert "model" in origin
 
 
+def test_the_band_stands_with_the_prediction(serve, eventually):
+    out, url = serve()
+    newest = Newest(1000.0)
+    state, energy = power(), registers()
+    state.predicted_power_lower, state.predicted_power_upper = 400.0, 600.5
+    energy.predicted_energy_band = 7.2e6
+    newest.take(Topic.POWER, state, time.monotonic())
+    newest.take(Topic.REGISTERS, energy, time.monotonic())
+    updated(out, newest, eventually)
+    names = ("ActivePowerBandLower", "ActivePowerBandUpper", "ActiveEnergyBandHalfWidth")
+    values = asyncio.run(read(url, *(("PredictedEnergy", name) for name in names)))
+    assert [one.Value.Value for one in values] == [400.0, 600.5, 2000.0]
+
+
 @pytest.mark.parametrize(
     ("message", "predicted", "measured"),
     [

@@ -102,10 +102,26 @@ class MeanBlock(Block):
 
 
 @dataclass(frozen=True)
+class _Ends(Block):
+    """What is shown of the last samples of periods, as in `PowerBlock`."""
+
+    motor_velocity: Float
+    motor_torque: Float
+    motor_torque_measured: Float
+    coulomb: Float
+    viscous: Float
+    motor_temperature_degc: Float
+    payload_mass: Float
+
+
+SHOWN = tuple(_Ends.__annotations__)
+
+
+@dataclass(frozen=True)
 class _Open:
     """The period that has not ended yet."""
 
-    end: PowerBlock  # its last sample so far
+    end: _Ends  # its last sample so far
     energy: Float
     duration_ns: np.int64
     quality: np.uint32
@@ -150,7 +166,7 @@ class Averager:
         number = block.stamp_ns // self._period_ns
         carried = self._open
         previous = number[0] if carried is None else carried.end.stamp_ns[0] // self._period_ns
-        starts = np.flatnonzero(differences(number, int(previous)))
+        starts = differences(number, int(previous)).nonzero()[0]
         bounds = starts if len(starts) and starts[0] == 0 else np.concatenate([[0], starts])
         duration_ns = np.add.reduceat(intervals.duration_ns, bounds)
         if shaft is None:
@@ -163,14 +179,16 @@ class Averager:
         )
         quality = np.bitwise_or.reduceat(block.quality, bounds)
         held_ns, seen = self._phases(block, intervals.duration_ns, bounds)
-        ends = block[np.append(bounds[1:], len(block)) - 1]
+        last = np.append(bounds[1:], len(block)) - 1
+        shown = [getattr(block, name).T.take(last, axis=-1).T for name in SHOWN]
+        ends = _Ends(block.stamp_ns[last], *shown)
         if carried is not None and len(starts) and starts[0] == 0:
             energy = np.concatenate([carried.energy[None, :], energy])
             duration_ns = np.append(carried.duration_ns, duration_ns)
             quality = np.append(carried.quality, quality)
             held_ns = np.concatenate([carried.held_ns, held_ns])
             seen = np.concatenate([carried.seen, seen])
-            ends = PowerBlock.concatenate([carried.end, ends])
+            ends = _Ends.concatenate([carried.end, ends])
         elif carried is not None:
             energy[0] += carried.energy
             duration_ns[0] += carried.duration_ns
@@ -198,11 +216,14 @@ class Averager:
         """
         stamp, segment = block.stamp_ns, block.segment
         before = self._last or (int(stamp[0]), int(segment[0]))
-        step = differences(stamp, before[0])
-        unknown = (block.phase == Phase.UNKNOWN) & (differences(segment, before[1]) == 0)
-        time_ns = np.where(unknown & (duration_ns == 0), np.maximum(step, 0), duration_ns)
+        time_ns, unknown = duration_ns, block.phase == Phase.UNKNOWN
+        if unknown.any():
+            unknown &= (differences(segment, before[1]) == 0) & (duration_ns == 0)
+            time_ns = np.where(unknown, np.maximum(differences(stamp, before[0]), 0), duration_ns)
         self._last = (int(stamp[-1]), int(segment[-1]))
-        piece = np.repeat(np.arange(len(bounds)), np.diff(bounds, append=len(block)))
+        piece = np.zeros(len(block), dtype=np.int64)
+        piece[bounds[1:]] = 1
+        np.cumsum(piece, out=piece)
         shape = (len(bounds), len(Phase))
         cell = piece * len(Phase) + block.phase
         held = np.bincount(cell, weights=time_ns, minlength=len(bounds) * len(Phase))
@@ -225,7 +246,7 @@ class Averager:
         )
 
     def _close(
-        self, last: PowerBlock, energy: Float, duration_ns: Int, quality: Bits, phase: Int
+        self, last: _Ends, energy: Float, duration_ns: Int, quality: Bits, phase: Int
     ) -> MeanBlock:
         stamp = last.stamp_ns
         before = np.concatenate(
@@ -240,10 +261,10 @@ class Averager:
             power = energy / duration[:, None]
             power[duration == 0] = np.nan
             coverage = np.clip(duration / ((stamp - before) * NANOSECOND), 0.0, 1.0)
-        n_joints = last.rigid_power.shape[1]
+        n_joints = last.motor_velocity.shape[1]
         split = len(CABINET_REGISTERS)
         end = split + len(JOINT_REGISTERS) * n_joints
-        deviation = power[:, end : end + last.deviation.shape[1]]
+        deviation = power[:, end:-n_joints]
         measured = self._show(stamp)
         return MeanBlock(
             stamp_ns=stamp,
@@ -256,7 +277,7 @@ class Averager:
             deviation=deviation,
             band_half=Z90 * power_std(deviation),
             band=np.full(len(stamp), BandKind.PARAMETRIC),
-            shaft_power_measured=power[:, end + deviation.shape[1] :],
+            shaft_power_measured=power[:, -n_joints:],
             motor_velocity=last.motor_velocity,
             motor_torque=last.motor_torque,
             motor_torque_measured=last.motor_torque_measured,

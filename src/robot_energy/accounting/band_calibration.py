@@ -6,11 +6,12 @@ raises it nine times as much as one below lowers it, so that in the long run one
 above, whatever their distribution and their correlation (conformal quantile tracking). Scores
 count from the next whole second on.
 
-The scale of energies is the conformal quantile of the scores of the newest half minutes: the k-th
-smallest of n, ``k = ceil((1 - a) (n + 1))``. The share ``a`` that may lie above moves by
-``0.15 (0.1 - 1)`` at a score above the scale and by ``0.15 * 0.1`` at one below (adaptive
-conformal inference). What ten minutes of one motion show of the model does not hold for all
-others, so ten minutes as the model's deviations expect them are always among them.
+The scale ``Z q`` of energies rests on windows of 5 s. Their scores e/s, with the standard
+deviation s of the systematic part, have a mean m and a variance v over the newest ten minutes:
+``q^2 = (p^2 + m^2) / 2 + v / 4``. The first term is the bias that all work shares: ten minutes at
+one piece of work are one sample of it, and what is known before (``p^2``) another. The second
+is what differs from motion to motion: other work is taken to have four motions of its own,
+however often it repeats them. So repetitions of one program never narrow the band of others.
 
 All is causal and all sums are integers, so the cutting of the input makes no difference.
 """
@@ -20,7 +21,6 @@ from __future__ import annotations
 import math
 from collections import deque
 from itertools import pairwise
-from statistics import NormalDist
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,16 +48,14 @@ COVERED = 0.9  # share of the readings that a band holds
 SECOND_NS = 1_000_000_000
 READING_NS = 100_000_000  # readings of so much time are one, if a meter reads faster
 SLOT_NS = 20_000_000  # resolution of the deviation and of the phase behind a reading
-STRETCH_NS = 30_000_000_000  # whose energies are scored
+STRETCH_NS = 5_000_000_000  # whose energies are scored: about a motion
 MIN_SHARE = 0.5  # of a stretch that must be compared
 MAX_SLOTS = 20_000  # that wait for the meter: minutes
 MAX_STRETCHES = 16  # that wait for the meter
-MAX_SCORES = 64  # half minutes behind the scale of energies
-MIN_SCORES = 9  # of them: fewer have no conformal quantile of 90 %
-ADAPTATION = 0.15  # of the share of energies that may lie outside, by each score ...
-MAX_OUTSIDE = 0.18  # ... up to this
-EXPECTED = tuple(NormalDist().inv_cdf(0.5 + (place + 0.5) / 40) for place in range(20))
-"""Scores of ten minutes if the deviations of the model are right: sizes of normal errors."""
+MAX_SCORES = 120  # windows behind the scale of energies: ten minutes
+MIN_SCORES = 12  # of them: a minute
+BIAS = 0.35  # square of the bias before a meter was read, over that of the deviation [-]
+DISTINCT = 4.0  # motions that differ in other work
 MIN_READINGS = 60  # scored in a phase before its scale is used
 FIRST_STEP = 0.5  # of the logarithm of a scale, falling with the root of the count ...
 MIN_STEP = 0.01  # ... down to this
@@ -95,7 +93,6 @@ class BandCalibration:
         self._log_scale = [math.log(Z90)] * len(Phase)
         self._count = [0] * len(Phase)
         self._scores: deque[float] = deque(maxlen=MAX_SCORES)
-        self._outside = 1.0 - COVERED  # share of energies that may lie outside
         self.readings = self.inside = self.inside_parametric = 0
         self._last_ns: int | None = None
         self._forget()
@@ -174,8 +171,11 @@ class BandCalibration:
         self, stamp_ns: Int, phase: NDArray[np.uint8], duration_ns: Int, energy: Float
     ) -> None:
         """Keep deviations and phases until the meter reads."""
-        whole = np.rint(energy * NANOJOULE).astype(np.int64)
-        table = np.zeros((len(stamp_ns), len(PARTS) + len(Phase)), dtype=np.int64)
+        columns = energy.shape[1]
+        whole = np.empty((len(stamp_ns), columns + 1), dtype=np.int64, order="F")
+        whole[:, :columns] = np.rint(energy * NANOJOULE)
+        whole[:, columns] = duration_ns
+        table = np.zeros((len(stamp_ns), len(PARTS) + len(Phase)), dtype=np.int64, order="F")
         table[:, : len(PARTS)] = whole[:, PARTS]
         table[np.arange(len(stamp_ns)), len(PARTS) + phase] = duration_ns
         slot = stamp_ns // SLOT_NS
@@ -184,7 +184,6 @@ class BandCalibration:
         self._slots = np.concatenate([self._slots, np.add.reduceat(table, starts, axis=0)])
         stretch = stamp_ns // STRETCH_NS
         starts = _starts(stretch)
-        whole = np.concatenate([whole, duration_ns[:, None]], axis=1)
         for number, row in zip(
             stretch[starts].tolist(), np.add.reduceat(whole, starts, axis=0), strict=True
         ):
@@ -235,13 +234,12 @@ class BandCalibration:
             return
         share = duration_ns / int(noted[-1])
         at_bus = self.location is MeterLocation.DC_BUS
-        rest, temperature = energy_parts(noted[:-1] * (share / NANOJOULE), at_bus)
+        noted = noted[:-1] * (share / NANOJOULE)
+        rest, temperature = energy_parts(noted, at_bus, systematic=True)
         if rest > 0:
             error = np.array([abs(predicted - measured) / NANOJOULE])
             (score,) = scores(error, np.array([rest]), np.array([temperature])).tolist()
-            moved = self._outside + ADAPTATION * (1.0 - COVERED - (score > self._energy_scale()))
-            self._outside = min(max(moved, 0.0), MAX_OUTSIDE)
-            self._scores.append(score)
+            self._scores.append(math.copysign(score, predicted - measured))
 
     def _set(
         self, scored: list[tuple[int, int, float]], means: MeanBlock | None, periods: slice
@@ -305,9 +303,9 @@ class BandCalibration:
         """Half width of the band of an energy over its deviation."""
         if len(self._scores) < MIN_SCORES:
             return Z90
-        every = sorted([*self._scores, *EXPECTED])
-        place = math.ceil((1.0 - self._outside) * (len(every) + 1))
-        return every[min(place, len(every)) - 1]
+        seen = np.array(self._scores)
+        mean = float(seen.mean())
+        return Z90 * math.sqrt((BIAS + mean**2) / 2.0 + float(seen.var()) / DISTINCT)
 
     def energy_band(self, deviation: Float) -> EnergyBand:
         """Return how sure an energy from the grid is.
@@ -319,10 +317,9 @@ class BandCalibration:
         std = math.hypot(rest, temperature, float(deviation[FORM]))
         if len(self._scores) < MIN_SCORES:
             return EnergyBand(std, Z90 * std, BandKind.PARAMETRIC)
-        scale, loss = self._energy_scale(), 0.0
-        if self.location is MeterLocation.DC_BUS:
-            rest, temperature = energy_parts(deviation, at_bus=True)
-            loss = Z90 * float(deviation[LOSS_GRID])
+        scale, at_bus = self._energy_scale(), self.location is MeterLocation.DC_BUS
+        rest, temperature = energy_parts(deviation, at_bus, systematic=True)
+        loss = Z90 * float(deviation[LOSS_GRID]) if at_bus else 0.0
         half = float(half_width(rest, temperature, scale))
         return EnergyBand(std, math.hypot(half, loss), BandKind.CALIBRATED)
 
@@ -333,7 +330,6 @@ class BandCalibration:
             log_scale=tuple(self._log_scale),
             readings=tuple(self._count),
             energy_scores=tuple(self._scores),
-            energy_outside=self._outside,
         )
 
     def restore(self, kept: Calibrated) -> None:
@@ -347,7 +343,6 @@ class BandCalibration:
         if kept.readings[POOLED] >= self._count[POOLED]:
             self.location = MeterLocation[kept.location]
             self._log_scale, self._count = [*kept.log_scale], [*kept.readings]
-            self._outside = min(max(kept.energy_outside, 0.0), MAX_OUTSIDE)
         self._scores = deque([*kept.energy_scores, *self._scores], maxlen=MAX_SCORES)
 
     def interrupt(self) -> None:

@@ -272,15 +272,13 @@ class Calibrated(RecordPart):
         location: Where the meter sat, name of a `MeterLocation`.
         log_scale: Logarithm of the scale of power by phase, the first of all phases.
         readings: Of the meter, behind each.
-        energy_scores: Of the newest half minutes, oldest first.
-        energy_outside: Share of energies that may lie outside their band now. [-]
+        energy_scores: Of the newest windows, oldest first.
     """
 
     location: Literal["UNKNOWN", "GRID", "DC_BUS"]
     log_scale: tuple[Power, ...]
     readings: tuple[Count, ...]
     energy_scores: tuple[Power, ...]
-    energy_outside: Power
 
 
 class AccountRecord(RecordPart):

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 from itertools import groupby
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +27,7 @@ from robot_energy.blocks import (
     sum_over_joints,
 )
 from robot_energy.condition.buckets import interpolated
-from robot_energy.condition.joint_friction import FrictionLearner, MotionReader
+from robot_energy.condition.joint_friction import FrictionLearner, MotionReader, MotionSums
 from robot_energy.condition.meter_fit import MeterFit
 from robot_energy.condition.meter_windows import METER_WAIT, MeterWindows, Window
 from robot_energy.condition.record import ConditionRecord
@@ -75,6 +76,14 @@ class _InUse:
         return bool(self.by_torque.any() or self.factor != 1.0 or self.offset != 0.0)
 
 
+class _Piece(NamedTuple):
+    """Samples of a part, with friction by the model file and its learned multiplier, or None."""
+
+    block: PowerBlock
+    friction: Float
+    known: Float | None
+
+
 class ConditionLearner:
     """Learns multipliers on friction and the constant losses from power samples.
 
@@ -111,6 +120,7 @@ class ConditionLearner:
         self._readings: list[MeterBlock] = []  # since the last part
         self._open: list[PowerBlock] = []  # of the part that has not ended
         self._part: int | None = None
+        self._taught = (self.friction.table(), self.friction.valid)
         self._use = self._figures()
 
     @property
@@ -187,7 +197,7 @@ class ConditionLearner:
         if not self.learns:
             return
         part = block.stamp_ns // PART_NS
-        starts = np.flatnonzero(np.diff(part)) + 1
+        starts = (part[1:] != part[:-1]).nonzero()[0] + 1
         for start, stop in zip([0, *starts.tolist()], [*starts.tolist(), len(block)], strict=True):
             if self._part is not None and part[start] != self._part:
                 self._end_part()
@@ -229,6 +239,7 @@ class ConditionLearner:
         self.meter.restore(record.meter)
         self.wear.restore(record.wear)
         self.end_ns = record.end_ns
+        self._taught = (self.friction.table(), self.friction.valid)
         self._use = self._figures()
 
     def restart(self) -> None:
@@ -239,26 +250,45 @@ class ConditionLearner:
     @np.errstate(invalid="ignore", over="ignore")
     def _end_part(self) -> None:
         """Learn from the samples of a part."""
-        block = PowerBlock.concatenate(self._open)
-        self._open.clear()
+        blocks, self._open = self._open, []
         self._part = None
         for _, alike in groupby(self._readings, lambda r: (r.meaning, r.location)):
             self._windows.measure(MeterBlock.concatenate(list(alike)))
         self._readings.clear()
         use = self._use
+        pieces = [self._piece(block, use) for block in blocks]
+        part = self._motion(pieces)
+        if part is not None:
+            self.wear.step(self.friction.step(part))
+            self._taught = (self.friction.table(), self.friction.valid)
+        last = blocks[-1]
+        for window in self._compared(pieces, use):
+            self._learn_from_meter(window, last.motor_temperature_degc[-1])
+        self.end_ns = int(last.stamp_ns[-1])
+        self._use = self._figures()
+
+    def _piece(self, block: PowerBlock, use: _InUse) -> _Piece:
         friction, known = block.friction_power, None
         if use.any:
             known = self._multiplier(use, block.motor_velocity, block.motor_temperature_degc)
             if self.applies:
                 friction = friction / known
-        rows = slice(None, None, max(1, len(block) // MAX_ROWS))
-        part = self.reader.read(block[rows], friction[rows])
-        if part is not None:
-            self.wear.step(self.friction.step(part))
-        for window in self._compared(block, friction, known, use):
-            self._learn_from_meter(window, block.motor_temperature_degc[-1])
-        self.end_ns = int(block.stamp_ns[-1])
-        self._use = self._figures()
+        return _Piece(block, friction, known)
+
+    def _motion(self, pieces: list[_Piece]) -> MotionSums | None:
+        """Sum up what measured torque says in every second, third, ... sample of a part."""
+        step = max(1, sum(len(piece.block) for piece in pieces) // MAX_ROWS)
+        blocks: list[PowerBlock] = []
+        friction: list[Float] = []
+        first = 0
+        for piece in pieces:
+            rows = slice(first, None, step)
+            blocks.append(piece.block[rows])
+            friction.append(piece.friction[rows])
+            first = (first - len(piece.block)) % step
+        if all(np.isnan(block.shaft_power_measured).all() for block in blocks):
+            return None
+        return self.reader.read(PowerBlock.concatenate(blocks), np.concatenate(friction))
 
     def _learn_from_meter(self, window: Window, motor_temperature_degc: Float) -> None:
         """Take one window of the meter; wear of the whole robot is of joints without torque."""
@@ -269,25 +299,34 @@ class ConditionLearner:
             degc = float(self.reader.temperature(motor_temperature_degc).mean())
             self.wear.step_meter(window.stamp_ns, window.duration, residual, friction, degc)
 
-    def _compared(
-        self, block: PowerBlock, friction: Float, known: Float | None, use: _InUse
-    ) -> Iterator[Window]:
-        """Compare with the meter: predicted power, friction it can learn of, what was added."""
-        location = self._windows.location
-        if location is MeterLocation.UNKNOWN:
+    def _compared(self, pieces: list[_Piece], use: _InUse) -> Iterator[Window]:
+        """Compare with the meter."""
+        if self._windows.location is MeterLocation.UNKNOWN:
             return
+        stamp, segment = (
+            np.concatenate([getattr(piece.block, name) for piece in pieces])
+            for name in ("stamp_ns", "segment")
+        )
+        power = np.concatenate([self._powers(piece, use) for piece in pieces], axis=1)
+        until = (int(stamp[-1]) // PART_NS + 1) * PART_NS - METER_WAIT
+        yield from self._windows.step(stamp, segment, power.T, until)
+
+    def _powers(self, piece: _Piece, use: _InUse) -> Float:
+        """Predicted power, friction the meter can learn of, what was added; shape (3, N). [W]"""
+        block, friction, known = piece
         seen = block.phase != Phase.GENERATING  # else the brake resistor takes the difference
-        open_joints = np.where(use.by_torque, 0.0, 1.0)
-        learnable = np.where(seen, sum_over_joints(friction * open_joints), 0.0)
+        if use.by_torque.any():
+            friction_seen = friction * np.where(use.by_torque, 0.0, 1.0)
+        else:
+            friction_seen = friction
+        learnable = np.where(seen, sum_over_joints(friction_seen), 0.0)
         added = np.zeros(len(block))
         if self.applies:
             added += (use.factor - 1.0) * learnable + use.offset
         elif known is not None:  # what torque has taught is not learned again
             taught = sum_over_joints(np.where(use.by_torque, (known - 1.0) * friction, 0.0))
             added -= np.where(seen, taught, 0.0)
-        power = np.stack([block.supply.power_at(location), learnable, added], axis=1)
-        until = (int(block.stamp_ns[-1]) // PART_NS + 1) * PART_NS - METER_WAIT
-        yield from self._windows.step(block.stamp_ns, block.segment, power, until)
+        return np.stack([block.supply.power_at(self._windows.location), learnable, added])
 
     def _multiplier(self, use: _InUse, velocity: Float, degc: Float) -> Float:
         if not use.by_torque.any():
@@ -298,9 +337,9 @@ class ConditionLearner:
     def _figures(self) -> _InUse:
         """What holds from now on."""
         factor, offset = self.meter.filtered if self.meter.valid else (1.0, 0.0)
-        by_torque = self.friction.valid
+        table, by_torque = self._taught
         return _InUse(
-            self.friction.table(),
+            table,
             by_torque,
             1.0 if by_torque.all() else factor,
             offset,

@@ -59,16 +59,17 @@ class MeterWindows:
 
     def _begin(self, energies: int) -> None:
         """Forget what was predicted: the stamps have jumped, or samples are missing."""
-        self._stamp: Int = np.empty(0, dtype=np.int64)
-        self._total: Float = np.empty((0, energies))  # energy up to each stamp [J]
-        self._power: Float = np.empty((0, energies))
+        self._stamps: Int = np.empty(0, dtype=np.int64)  # with room behind those that are kept
+        self._totals: Float = np.empty((energies, 0))  # energy up to each stamp, likewise [J]
+        self._kept = slice(0, 0)
+        self._power: Float = np.empty((energies, 0))  # of the newest sample
         self._segment: int | None = None
         self._drop()
 
     def _drop(self) -> None:
         """Begin a new window with the next piece."""
         self._end_ns = 0  # of the newest piece in it
-        self._sum: Float = np.zeros(2 + self._total.shape[1])  # measured, duration, predicted
+        self._sum: Float = np.zeros(2 + len(self._totals))  # measured, duration, predicted
 
     def measure(self, block: MeterBlock) -> None:
         """Take readings.
@@ -108,30 +109,49 @@ class MeterWindows:
         if not good.all():  # nothing is known of the time around such samples
             self._begin(power.shape[1])
             return
-        stamp = np.concatenate([self._stamp[-1:], stamp_ns])
-        value = np.concatenate([self._power[-1:], power])
-        half = 0.5 * NANOSECOND * np.diff(stamp)[:, None]
-        more: Float = np.cumsum((value[1:] + value[:-1]) * half, axis=0)
-        zero: Float = np.zeros((1, power.shape[1]))
-        base = self._total[-1:] if len(self._total) else zero
-        if not len(self._stamp):
-            more = np.concatenate((zero, more))
-        oldest = int(stamp_ns[-1]) - KEPT_NS
-        old = int(np.searchsorted(self._stamp, oldest))
-        self._stamp = np.concatenate([self._stamp[old:], stamp_ns])
-        self._total = np.concatenate([self._total[old:], np.asarray(base + more)])
-        self._power = np.concatenate([self._power[old:], power])
+        kept = self._stamps[self._kept]
+        stamp = np.concatenate([kept[-1:], stamp_ns])
+        value = np.concatenate([self._power, power.T], axis=1)
+        half = 0.5 * NANOSECOND * np.diff(stamp)
+        more: Float = np.cumsum((value[:, 1:] + value[:, :-1]) * half, axis=1)
+        start = self._kept.start + int(np.searchsorted(kept, int(stamp_ns[-1]) - KEPT_NS))
+        end = self._kept.stop
+        base = self._totals[:, max(end - 1, 0) : end]
+        if end + len(stamp_ns) > len(self._stamps):
+            self._move(slice(start, end), 2 * (end - start + len(stamp_ns)))
+            start, end = 0, end - start
+        stop = end + len(stamp_ns)
+        self._stamps[end:stop] = stamp_ns
+        if len(kept):
+            np.add(base, more, out=self._totals[:, end:stop])
+        else:
+            self._totals[:, 0], self._totals[:, 1:stop] = 0.0, more
+        self._kept, self._power = slice(start, stop), value[:, -1:]
+
+    def _move(self, kept: slice, room: int) -> None:
+        """Move what is kept to the beginning of arrays with more room."""
+        size = kept.stop - kept.start
+        stamps, totals = np.empty(room, dtype=np.int64), np.empty((len(self._totals), room))
+        stamps[:size], totals[:, :size] = self._stamps[kept], self._totals[:, kept]
+        self._stamps, self._totals = stamps, totals
 
     def _windows(self, until_ns: int) -> Iterator[Window]:
-        if not len(self._stamp):
+        stamp = self._stamps[self._kept]
+        if not len(stamp):
             return
-        limit = min(until_ns, int(self._stamp[-1]))
+        limit = min(until_ns, int(stamp[-1]))
         ready = int(np.searchsorted(self._pieces.end_ns, limit, side="right"))
         pieces, self._pieces = self._pieces[slice(0, ready)], self._pieces[slice(ready, None)]
-        pieces = pieces[pieces.start_ns >= self._stamp[0]]
+        pieces = pieces[pieces.start_ns >= stamp[0]]
+        if not len(pieces):
+            return
         spans = np.stack([pieces.start_ns, pieces.end_ns])
-        columns: list[Float] = list(self._total.T)
-        ends = [np.interp(spans, self._stamp, total) for total in columns]
+        around = slice(
+            int(np.searchsorted(stamp, spans[0, 0], side="right")) - 1,
+            int(np.searchsorted(stamp, spans[1, -1])) + 1,
+        )
+        columns: list[Float] = list(self._totals[:, self._kept][:, around])
+        ends = [np.interp(spans, stamp[around], total) for total in columns]
         measured = pieces.mean_power * pieces.duration
         energies = np.stack([measured, pieces.duration, *(end[1] - end[0] for end in ends)], axis=1)
         for start, end, part in zip(*spans.tolist(), energies, strict=True):

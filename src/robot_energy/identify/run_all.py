@@ -5,7 +5,8 @@ over temperature on what the bodies leave; then the supply. One meter for all te
 cabinet first, while nothing moves, and the drives from the rest, then both again, each with
 the other, until they agree. Where the power of each
 drive is measured, the drives come first, because the cabinet is the meter less the drives.
-What the DC link stores is last: drives and constants decide when it fills.
+What the DC link stores follows: drives and constants decide when it fills. Thermal networks of
+the motors are last, as the losses are their heat.
 Every step reads the recordings with the model that the step before left. What the
 recordings do not allow is left out with a sentence, and what is no better than the model
 already has is not taken.
@@ -23,7 +24,7 @@ from robot_energy.errors import (
     NotIdentifiableError,
 )
 from robot_energy.identify.cabinet.dc_link import Voltages
-from robot_energy.identify.cabinet.meter_delay import meter_delay_of
+from robot_energy.identify.cabinet.meter_delay import meter_delay_of, meter_time_constant_of
 from robot_energy.identify.data.bags import Bag, BagFacts, powers_of
 from robot_energy.identify.drives.all_drives import DrivesFound
 from robot_energy.identify.provenance import identified_from
@@ -54,6 +55,7 @@ class FullIdentification:
         steps: In the order in which they were done.
         meter_delay: Of the power meter behind the joint states; undone where it is sure. None
             where it cannot be told.
+        meter_time_constant: Of a low pass in the power meter; likewise.
         share_shape: Whether axes of too small a range borrowed the temperature shape of others.
     """
 
@@ -61,6 +63,7 @@ class FullIdentification:
     steps: tuple[Step, ...]
     meter_delay: Delay | None = None
     share_shape: bool = False
+    meter_time_constant: Delay | None = None
 
     @property
     def model(self) -> RobotModel:
@@ -114,13 +117,18 @@ def identify_everything(
     now = model
     order = order_of(bags)
     delay: Delay | None = None
+    low_pass: Delay | None = None
     in_time = False
     base = model
     for number, subject in enumerate(order):
         if progress is not None:
             progress(subject, number / len(order))
         if subject in SUPPLY and subject not in skip and not in_time:
-            delay, in_time = meter_delay_of(*powers_of(bags, now)), True
+            in_time = True
+            low_pass = meter_time_constant_of(*powers_of(bags, now))
+            if low_pass is not None:
+                bags = [replace(bag, meter_time_constant=low_pass.applied) for bag in bags]
+            delay = meter_delay_of(*powers_of(bags, now))
             if delay is not None:
                 bags = [replace(bag, meter_delay=delay.applied) for bag in bags]
         if subject in skip:
@@ -150,7 +158,7 @@ def identify_everything(
                 now = steps[-1].model
         elif subject == "friction":
             base = now
-    return FullIdentification(model, tuple(steps), delay, share_shape)
+    return FullIdentification(model, tuple(steps), delay, share_shape, low_pass)
 
 
 def order_of(bags: Sequence[Bag]) -> tuple[Subject, ...]:
@@ -160,7 +168,7 @@ def order_of(bags: Sequence[Bag]) -> tuple[Subject, ...]:
         bags: Of the fit.
     """
     if any(bag.drive_power is not None for bag in bags):
-        return ("dynamics", "friction", "drives", "cabinet", "capacitor")
+        return ("dynamics", "friction", "drives", "cabinet", "capacitor", "thermal")
     return SUBJECTS
 
 

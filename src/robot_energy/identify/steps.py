@@ -40,12 +40,16 @@ from robot_energy.identify.plausibility import (
     check_total,
 )
 from robot_energy.identify.stats.cross_validation import GAIN
+from robot_energy.identify.thermal.network import ThermalFit, fit_networks, with_networks
+from robot_energy.identify.thermal.windows import runs_of_recordings, without_networks
 from robot_energy.model import RobotModel
 from robot_energy.model.friction_laws import FRICTION_LAWS
 from robot_energy.physics.friction import viscous_law
 
-Subject = Literal["dynamics", "friction", "cabinet", "drives", "capacitor"]
-SUBJECTS: tuple[Subject, ...] = ("dynamics", "friction", "cabinet", "drives", "capacitor")
+Subject = Literal["dynamics", "friction", "cabinet", "drives", "capacitor", "thermal"]
+SUBJECTS: tuple[Subject, ...] = (
+    "dynamics", "friction", "cabinet", "drives", "capacitor", "thermal",
+)  # fmt: skip
 MAX_MOTION_TIME = 240.0  # s of motion for the dynamics: more tells little, and memory grows with it
 
 
@@ -84,7 +88,22 @@ class FrictionFound:
     refused: tuple[str, ...]
 
 
-Found = DynamicsFound | FrictionFound | CabinetFit | DrivesFound | LinkFit
+@dataclass(frozen=True)
+class ThermalFound:
+    """Thermal networks of the motors.
+
+    Attributes:
+        ambient_degc: Temperature of the air: the coldest first reading. [degC]
+        fits: One per motor that could be identified.
+        refused: Why the others could not, one sentence each.
+    """
+
+    ambient_degc: float
+    fits: tuple[ThermalFit, ...]
+    refused: tuple[str, ...]
+
+
+Found = DynamicsFound | FrictionFound | CabinetFit | DrivesFound | LinkFit | ThermalFound
 
 
 @dataclass(frozen=True)
@@ -353,10 +372,21 @@ def capacitor_step(
     return Step("capacitor", fit, "", written, (note,))
 
 
+def _thermal(bags: Sequence[Bag], model: RobotModel, source: str) -> Step:
+    """Thermal networks come last: the losses are their heat."""
+    recordings = read_all(bags, without_networks(model))
+    runs = [runs_of_recordings(recordings, joint) for joint in range(len(model.joints))]
+    ambient, fits, refused = fit_networks(model.joint_names, runs, source=source)
+    note = f"the air is taken to be as warm as the coldest first reading, {ambient:.1f} degC"
+    found = ThermalFound(ambient, tuple(fits), tuple(refused))
+    return Step("thermal", found, "", with_networks(model, fits, ambient), (note,))
+
+
 STEPS: dict[Subject, Callable[[Sequence[Bag], RobotModel, str], Step]] = {
     "dynamics": _dynamics,
     "friction": friction_step,
     "cabinet": _cabinet,
     "drives": drives_step,
     "capacitor": capacitor_step,
+    "thermal": _thermal,
 }

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from scipy.interpolate import PchipInterpolator
 
 REFERENCE_DEGC = 20.0  # at which copper losses are stated
+UNBOUNDED = (-np.inf, np.inf)
 CACHED = 30_000  # numbers worked on at a time, so few that they stay in the cache
 
 
@@ -62,7 +63,7 @@ def exponential_viscous(
     a: float,
     b: float,
     c: float,
-    fitted_degc: tuple[float, float] = (-np.inf, np.inf),
+    fitted_degc: tuple[float, float] = UNBOUNDED,
 ) -> Float:
     """Return viscous friction by the exponential law ``fv(T) = a + b exp(-T / c)``.
 
@@ -78,7 +79,9 @@ def exponential_viscous(
     Returns:
         fv, same shape, motor side; NaN where the temperature is NaN. [N m s/rad]
     """
-    degc = np.clip(_float(motor_temperature_degc), *fitted_degc)
+    degc = _float(motor_temperature_degc)
+    if fitted_degc != UNBOUNDED:
+        degc = np.clip(degc, *fitted_degc)
     return a + b * np.exp(-degc / c)
 
 

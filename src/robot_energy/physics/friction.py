@@ -47,7 +47,7 @@ class ViscousLaw:
         lower_degc: Lower end of the fitted range. [degC]
         upper_degc: Upper end. [degC]
         formula: fv of temperatures in ``used_degc``. [N m s/rad]
-        deviation: Standard deviation of ``formula`` at temperatures in ``known_degc``; NaN for
+        deviation: Standard deviation of ``formula`` at temperatures in ``known_degc``; None for
             unknown. [N m s/rad]
         used_degc: Range in which ``formula`` is used; beyond it the value at its ends is held.
             None for the fitted range. [degC]
@@ -57,7 +57,7 @@ class ViscousLaw:
     lower_degc: float
     upper_degc: float
     formula: Callable[[Float], Float]
-    deviation: Callable[[Float], Float]
+    deviation: Callable[[Float], Float] | None
     used_degc: tuple[float, float] | None = None
     known_degc: tuple[float, float] | None = None
 
@@ -94,6 +94,8 @@ class ViscousLaw:
             NaN. [N m s/rad]
         """
         values = np.asarray(motor_temperature_degc, dtype=np.float64)
+        if self.deviation is None:
+            return np.full_like(values, np.nan)
         finite = np.isfinite(values)
         degc = np.where(finite, values, 0.0)
         low, high = self.known_degc or (self.lower_degc, self.upper_degc)
@@ -209,11 +211,7 @@ def _table(entry: TableLaw) -> ViscousLaw:
     curve = table_curve(points, entry.viscous)
     deviations = entry.std
 
-    def between(degc: Float) -> Float:
-        if deviations is None:
-            return np.full(np.shape(degc), np.nan)
-        return np.interp(degc, points, deviations)
-
+    between = None if deviations is None else lambda t: np.interp(t, points, deviations)
     return ViscousLaw(points[0], points[-1], lambda t: np.asarray(curve(t)), between)
 
 
@@ -361,10 +359,9 @@ def with_fixed_friction(model: RobotModel, motor_temperature_degc: float) -> Rob
     return model.changed(joints=joints)
 
 
-def _level(std: float | None) -> Callable[[Float], Float]:
-    """The same deviation at every temperature; NaN for none."""
-    value = np.nan if std is None else std
-    return lambda degc: np.full(np.shape(degc), value)
+def _level(std: float | None) -> Callable[[Float], Float] | None:
+    """The same deviation at every temperature; None for none."""
+    return None if std is None else lambda degc: np.full(np.shape(degc), std)
 
 
 def _values(figures: list[PositiveFigure | None]) -> Float:

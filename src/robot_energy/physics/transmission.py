@@ -7,6 +7,8 @@ ratios on the diagonal, wrist coupling off it. The power is the same on both sid
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -108,10 +110,20 @@ def mapped(matrix: Float, values: Float) -> Float:
     Returns:
         Shape (..., n); the product of both units.
     """
-    result = values * np.diagonal(matrix)
-    for row, column in zip(*np.nonzero(matrix - np.diag(np.diagonal(matrix))), strict=True):
-        result[..., row] += matrix[row, column] * values[..., column]
+    diagonal, coupling = _entries(matrix.tobytes(), len(matrix))
+    result = values * diagonal
+    for row, column, entry in coupling:
+        result[..., row] += entry * values[..., column]
     return result
+
+
+@lru_cache(maxsize=64)
+def _entries(matrix: bytes, size: int) -> tuple[Float, list[tuple[int, int, float]]]:
+    """The diagonal of a matrix, and the place and value of every other entry that is not 0."""
+    whole = np.frombuffer(matrix).reshape(size, size)
+    diagonal = np.diagonal(whole)
+    places = np.argwhere(whole - np.diag(diagonal)).tolist()
+    return diagonal.copy(), [(row, column, float(whole[row, column])) for row, column in places]
 
 
 def _matching(transmission: ArrayLike, values: ArrayLike) -> tuple[Float, Float]:

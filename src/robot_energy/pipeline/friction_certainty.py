@@ -14,13 +14,19 @@ COLDER, WARMER = 0.05, 0.02
 
 Viscous friction of cold gears rises by 2 to 5 % per kelvin, of warm ones it falls by 1 to 3 %,
 and the value at the edge is held."""
+LAW_FORM = 0.004
+"""What the form of a law leaves out beyond its fitted range, as a share of the coefficient. [1/K]
+
+Gears lag behind their motors and Coulomb friction falls with temperature; the covariance of a law
+holds none of that."""
 
 
 class FrictionCertainty:
     """Standard deviations of viscous coefficients.
 
     A law that states no deviation has that of the prior for its tag. Beyond its fitted range
-    the deviation at the edge grows with the distance, unless the law itself has one there. What an
+    the deviation at the edge grows with the distance, unless the law itself has one there, and what
+    the form of the law leaves out is added. What an
     unknown temperature and the distance add errs alike at all joints: all are warm or cold
     together.
 
@@ -67,11 +73,18 @@ class FrictionCertainty:
     def _known(self, degc: Float) -> tuple[Float, Float]:
         """Deviations at measured temperatures."""
         friction, inside = self._friction, np.clip(degc, *self._edges)
-        total, own = friction.viscous_std(degc), friction.viscous_std(inside)
-        if np.isnan(total).any():
+        own, edge = friction.viscous_std(inside), None
+        if np.isnan(own).any():
             edge = friction.viscous(inside)
             own = np.where(np.isnan(own), self._prior * edge, own)
+        if not ((inside < degc) | (inside > degc)).any():  # all within their ranges
+            return own, np.zeros_like(own)
+        total = friction.viscous_std(degc)
+        if np.isnan(total).any():
+            edge = friction.viscous(inside) if edge is None else edge
             colder, warmer = np.maximum(inside - degc, 0.0), np.maximum(degc - inside, 0.0)
             grown = np.hypot(own, (COLDER * colder + WARMER * warmer) * edge)
             total = np.where(np.isnan(total), grown, total)
+        form = LAW_FORM * np.abs(degc - inside) * friction.viscous(degc)
+        total = np.hypot(total, form)
         return total, np.sqrt(np.maximum(total**2 - own**2, 0.0))

@@ -38,6 +38,7 @@ class FrictionTimeline:
         self._line = initial  # its first row, of stamp zero, holds before all others
         self._before: FrictionBlock | None = None  # the line before friction jumped back
         self._used: FrictionBlock = initial  # the row at the newest torque
+        self._part = (initial, 0, 0, initial)  # line, first and last row, the rows last in use
         self._first: FrictionBlock | None = None  # the first row of all, at the start
         self._start_ns: int | None = None  # first torque
         self._alone_ns: int | None = None  # torque has jumped back to here, friction has not
@@ -122,9 +123,11 @@ class FrictionTimeline:
         elif self._start_ns is None:
             self._start_ns = int(stamp_ns[0])
         first, last = int(row.min()), int(row.max())
-        part = line[slice(first, last + 1)]
+        if self._part[0] is not line or self._part[1:3] != (first, last):
+            self._part = (line, first, last, line[slice(first, last + 1)])
+        part = self._part[3]
         row -= first
-        self._used = part[slice(int(row[-1]), int(row[-1]) + 1)]
+        self._used = part if first == last else part[slice(int(row[-1]), int(row[-1]) + 1)]
         self._prune(int(stamp_ns[0]) - HISTORY_NS)
         return part, row
 

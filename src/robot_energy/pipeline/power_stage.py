@@ -113,11 +113,14 @@ class PowerStage:
         if self._waiting is not None:
             block = TorqueBlock.concatenate([self._waiting, block])
         stamp = block.stamp_ns
-        backward = np.flatnonzero(np.diff(stamp) < 0)
-        epoch = int(backward[-1]) + 1 if len(backward) else 0
+        backward = stamp[1:] < stamp[:-1]
+        epoch = int(backward.nonzero()[0][-1]) + 1 if backward.any() else 0
         until = int(stamp[-1]) - self._wait_ns
         ready = epoch + int(np.searchsorted(stamp[epoch:], until, side="right"))
-        self._waiting = block[slice(ready, None)] if ready < len(block) else None
+        if ready == len(block):
+            self._waiting = None
+            return self._release(block)
+        self._waiting = block[slice(ready, None)] if ready else block
         return self._release(block[slice(0, ready)]) if ready else None
 
     def restart(self) -> None:
@@ -137,7 +140,7 @@ class PowerStage:
         stamp = block.stamp_ns
         before = int(stamp[0]) if self._last_ns is None else self._last_ns
         self._last_ns = int(stamp[-1])
-        jumps = np.flatnonzero(differences(stamp, before) < 0).tolist()
+        jumps = (differences(stamp, before) < 0).nonzero()[0].tolist()
         windows = self.thermal.cuts(stamp, before, not jumps)
         cuts = sorted({*jumps, *windows, *self.condition.cuts(stamp, before)})
         parts: list[PowerBlock] = []
@@ -145,7 +148,7 @@ class PowerStage:
             if stop > start:
                 self.condition.begin(int(stamp[start]))
                 self.thermal.begin(int(stamp[start]), self.watch.stuck)
-                parts.append(self._power(block[slice(start, stop)]))
+                parts.append(self._power(block[slice(start, stop)] if cuts else block))
                 self.condition.step(parts[-1])
             if stop in jumps:
                 self._timeline.jump_back(int(stamp[stop]))

@@ -19,7 +19,7 @@ from robot_energy.report.formats import (
     significant,
     uncertain,
 )
-from robot_energy.report.identification import AT_BOUND, HELD_OUT, delay_text
+from robot_energy.report.identification import AT_BOUND, HELD_OUT, delay_text, low_pass_text
 from robot_energy.results.base import known
 from robot_energy.results.drives import DrivesReport, LossTerm, TotalPower
 
@@ -180,6 +180,8 @@ def _total(total: TotalPower, page: Document) -> None:
     )
     if total.meter_delay is not None:
         page.paragraph(delay_text("the meter", total.meter_delay))
+    if total.meter_time_constant is not None:
+        page.paragraph(low_pass_text("the meter", total.meter_time_constant))
     page.notes(total.notes)
 
 

@@ -138,6 +138,8 @@ def cabinet_document(report: CabinetReport, page: Document) -> None:
     losses_section(report.losses, page)
     if report.meter_delay is not None:
         page.paragraph(delay_text("the meter", report.meter_delay))
+    if report.meter_time_constant is not None:
+        page.paragraph(low_pass_text("the meter", report.meter_time_constant))
     if report.link is not None:
         link_section(report.link, page)
     if report.link_reason:
@@ -252,6 +254,21 @@ def delay_text(what: str, delay: Delay) -> str:
         f"delay of {what} behind the joint states: "
         f"{uncertain(1e3 * delay.value, 1e3 * delay.std)} ms would lower the held-out error by "
         f"{percent(delay.gain)}: {delay_use(delay, 'undone')}"
+    )
+
+
+def low_pass_text(what: str, constant: Delay) -> str:
+    """Return the time constant of a low pass in one line.
+
+    Args:
+        what: Of what.
+        constant: The estimate.
+    """
+    if constant.value == 0.0:
+        return f"no low pass in {what} lowers the held-out error"
+    return (
+        f"low pass in {what}: {uncertain(1e3 * constant.value, 1e3 * constant.std)} ms would lower "
+        f"the held-out error by {percent(constant.gain)}: {delay_use(constant, 'undone')}"
     )
 
 

@@ -21,12 +21,15 @@ from robot_energy.report.identification import (
     friction_document,
     link_section,
     losses_section,
+    low_pass_text,
 )
 from robot_energy.report.parameters import changes_document
+from robot_energy.report.thermal import thermal_document
 from robot_energy.results.drives import DrivesReport
 from robot_energy.results.dynamics import DynamicsReport
 from robot_energy.results.identification import FrictionReport, IdentificationReport, StepReport
 from robot_energy.results.model import count_tags
+from robot_energy.results.thermal import ThermalReport
 
 TITLES = {
     "dynamics": "Dynamics: bodies, rotors and friction",
@@ -34,6 +37,7 @@ TITLES = {
     "cabinet": "Constant losses of the cabinet",
     "drives": "Drives: electrical power",
     "capacitor": "Energy of the DC link",
+    "thermal": "Thermal networks of the motors",
 }
 
 
@@ -135,6 +139,10 @@ def _came_of(step: StepReport) -> str:
             return (
                 f"{fit.energy:.0f} J, 95 % interval {fit.interval[0]:.0f} to {fit.interval[1]:.0f}"
             )
+        case ThermalReport() as found:
+            worst = max(fit.rms for fit in found.axes)
+            motors = counted(len(found.axes), "motor")
+            return f"{motors}, free run at most {worst:.1f} K off (RMS)"
         case None:
             return ""
 
@@ -167,6 +175,8 @@ def _read(report: IdentificationReport, page: Document) -> None:
     )
     if report.meter_delay is not None:
         page.paragraph(delay_text("the power meter", report.meter_delay))
+    if report.meter_time_constant is not None:
+        page.paragraph(low_pass_text("the power meter", report.meter_time_constant))
     page.notes([f"{entry.name}: {problem}" for entry in bags for problem in entry.problems])
 
 
@@ -204,6 +214,8 @@ def _step(step: StepReport, report: IdentificationReport, page: Document) -> Non
             drives_document(found, page)
         case LinkFit() as fit:
             link_section(fit, page)
+        case ThermalReport() as found:
+            thermal_document(found, page)
     page.notes(step.notes)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from robot_energy.blocks import Float
 from robot_energy.errors import ShapeError
 from robot_energy.report.canvas import COLOURS, LINES, Axes, Target, canvas
-from robot_energy.report.formats import EnergyFormat
+from robot_energy.report.formats import EnergyFormat, typeset
 from robot_energy.report.series import Series
 
 MINUTE = 60.0  # s
@@ -23,7 +23,8 @@ def power_and_energy(
     """Draw power, residual and energy over time, below each other.
 
     The residual, predicted minus measured, is drawn where a measured curve is among the
-    series; without one there is no such panel.
+    series; without one there is no such panel. The 90 % band of a predicted energy stands at the
+    end of its curve.
 
     Args:
         series: Curves of one recording; at most one of them measured.
@@ -98,12 +99,24 @@ def _at(measured: Series, time: Float) -> Float:
 def _energy(axes: Axes, series: Sequence[Series], second: float, place: str) -> None:
     scale = EnergyFormat(max(abs(float(curve.energy[-1])) for curve in series))
     for curve in series:
+        label = f"{curve.label}: {scale.joule(float(curve.energy[-1]))} {scale.unit}"
+        if np.isfinite(curve.energy_half):
+            half = f"+- {scale.joule(curve.energy_half)} {scale.unit}"
+            label += typeset(f" {half} (90 % band)")
+            axes.errorbar(
+                curve.energy_time[-1] / second,
+                curve.energy[-1] / scale.factor,
+                curve.energy_half / scale.factor,
+                color=COLOURS[curve.role],
+                capsize=4.0,
+                clip_on=False,
+            )
         axes.plot(
             curve.energy_time / second,
             curve.energy / scale.factor,
             LINES[curve.role],
             color=COLOURS[curve.role],
-            label=f"{curve.label}: {scale.joule(float(curve.energy[-1]))} {scale.unit}",
+            label=label,
         )
     axes.legend(loc="upper left")
     axes.set_ylabel(f"energy at {place} [{scale.unit}]")

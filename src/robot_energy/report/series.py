@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -31,6 +31,7 @@ class Series:
         power: Mean of each point, shape (K,). [W]
         energy_time: Ends of the points, shape (L,). [s]
         energy: Counted from the start, level where nothing is known, shape (L,). [J]
+        energy_half: Half width of the 90 % band of the last energy; NaN for none. [J]
     """
 
     label: str
@@ -39,6 +40,7 @@ class Series:
     power: Float
     energy_time: Float
     energy: Float
+    energy_half: float = float("nan")
 
 
 def compared_series(
@@ -125,10 +127,18 @@ def curves_of(results: Sequence[Replay], changes: Sequence[str | None]) -> list[
         label, role = (f"predicted, {change}", "fixed") if change else (label, "predicted")
         pair = compared_series(result, label, role)
         if pair is not None:
-            curves += pair[1 if curves else 0 :]
+            curves += [*pair[:1], _with_band(pair[1], result)][1 if curves else 0 :]
         elif (curve := predicted_series(result, label, role)) is not None:
-            curves.append(curve)
+            curves.append(_with_band(curve, result))
     return curves
+
+
+def _with_band(curve: Series, result: Replay) -> Series:
+    """The curve with the band of the replay's energy, by the share of it that is shown."""
+    registers = result.ledger.registers
+    net = registers.cabinet("grid_import") - registers.cabinet("grid_return")
+    shown = abs(float(curve.energy[-1]) / net) if net else float("nan")
+    return replace(curve, energy_half=result.ledger.energy_band.half * shown)
 
 
 def _series(label: str, role: Role, rows: EnergyRows, start_ns: int, column: int) -> Series:

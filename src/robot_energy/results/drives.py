@@ -65,6 +65,7 @@ class TotalPower(Result):
         held_out: ``recordings`` or ``blocks``.
         ways: Predictions of held-out readings, by way.
         meter_delay: Of the meter behind the joint states; None where it cannot be told.
+        meter_time_constant: Of a low pass in the meter; likewise.
         notes: What the readings do not tell, one sentence each.
         parts: Of the standard deviations, by column of the fit and cause.
     """
@@ -81,6 +82,7 @@ class TotalPower(Result):
     held_out: str
     ways: dict[str, EnergyScore]
     meter_delay: Delay | None
+    meter_time_constant: Delay | None
     notes: tuple[str, ...]
     parts: dict[str, dict[str, float]]
 
@@ -141,6 +143,7 @@ def total_power(found: TotalFound) -> TotalPower:
         held_out=found.held_out,
         ways=found.scores,
         meter_delay=found.delay,
+        meter_time_constant=found.low_pass,
         notes=tuple(_not_told(fit)),
         parts=fit.losses.parts,
     )

@@ -19,11 +19,12 @@ from robot_energy.identify.friction.temperature_study import Study
 from robot_energy.identify.run_all import FullIdentification
 from robot_energy.identify.stats.held_out_energy import HeldOutEnergy
 from robot_energy.identify.stats.lag import Delay
-from robot_energy.identify.steps import DynamicsFound, FrictionFound, Step
+from robot_energy.identify.steps import DynamicsFound, FrictionFound, Step, ThermalFound
 from robot_energy.model import RobotModel
 from robot_energy.results.base import Number, Result
 from robot_energy.results.drives import DrivesReport, drives_report
 from robot_energy.results.dynamics import DynamicsReport, dynamics_report
+from robot_energy.results.thermal import ThermalReport
 
 
 @dataclass(frozen=True)
@@ -113,6 +114,7 @@ class CabinetReport(Result):
     Attributes:
         losses: Constant losses.
         meter_delay: Of the meter behind the joint states; None where it cannot be told.
+        meter_time_constant: Of a low pass in the meter; likewise.
         link: Energy of the DC link; None where it was not told.
         link_taken: Whether the model has it.
         link_reason: Why not; empty if it has.
@@ -123,6 +125,7 @@ class CabinetReport(Result):
 
     losses: CabinetFit
     meter_delay: Delay | None
+    meter_time_constant: Delay | None
     link: LinkFit | None
     link_taken: bool
     link_reason: str
@@ -136,10 +139,18 @@ def cabinet_report(found: SupplyFound) -> CabinetReport:
         found: Cabinet and DC link.
     """
     taken = found.link is not None and not found.reason
-    return CabinetReport(found.cabinet, found.delay, found.link, taken, found.reason, found.note)
+    return CabinetReport(
+        found.cabinet,
+        found.delay,
+        found.low_pass,
+        found.link,
+        taken,
+        found.reason,
+        found.note,
+    )
 
 
-StepFound = DynamicsReport | FrictionReport | CabinetFit | DrivesReport | LinkFit
+StepFound = DynamicsReport | FrictionReport | CabinetFit | DrivesReport | LinkFit | ThermalReport
 
 
 @dataclass(frozen=True)
@@ -174,6 +185,7 @@ class IdentificationReport(Result):
         tests: Bags of the test alone.
         steps: In the order in which they were done.
         meter_delay: Of the meter behind the joint states; None where it cannot be told.
+        meter_time_constant: Of a low pass in the meter; likewise.
         energy: Energy on what was held out; None if there was no test.
         mean_error: Mean size of its error at the meter, by stage; empty without a meter. [-]
         notes: What does not fit the model as given, one sentence each.
@@ -187,6 +199,7 @@ class IdentificationReport(Result):
     tests: tuple[BagFacts, ...]
     steps: tuple[StepReport, ...]
     meter_delay: Delay | None
+    meter_time_constant: Delay | None
     energy: HeldOutEnergy | None
     mean_error: dict[str, float]
     notes: tuple[str, ...] = ()
@@ -224,6 +237,7 @@ def identification_report(
             for step in whole.steps
         ),
         meter_delay=whole.meter_delay,
+        meter_time_constant=whole.meter_time_constant,
         energy=test,
         mean_error={stage: test.mean_error(stage) for stage in test.stages}
         if test is not None and test.metered
@@ -240,5 +254,7 @@ def _found(step: Step) -> StepFound | None:
             return FrictionReport("measured", found.fits, found.refused)
         case DrivesFound() as found:
             return drives_report(found)
+        case ThermalFound() as found:
+            return ThermalReport("losses", found.ambient_degc, found.fits, found.refused)
         case found:
             return found

@@ -32,8 +32,8 @@ class EnergyUncertainty(Result):
 
     Attributes:
         std: Standard deviation from the figures of the model. [J]
-        band: ``parametric``: from that alone; ``calibrated``: scaled so that 90 % of what the
-            meter measured in half minutes lay within.
+        band: ``parametric``: from that alone; ``calibrated``: scaled by the errors that a
+            meter showed in windows of 5 s.
         lower: Of the 90 % band. [J]
         upper: Of the 90 % band. [J]
         half_relative: Half width over the energy. [-]

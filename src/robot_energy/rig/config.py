@@ -18,7 +18,7 @@ HARD = (
     "meter_filter",
     "temperature_error",
 )
-"""Effects that neither the model files nor the identification have a term for."""
+"""Effects that no model file has a term for; the identification undoes the low pass of a meter."""
 
 
 @dataclass(frozen=True)

@@ -110,7 +110,9 @@ def energy_variances(deviation: Float) -> Float:
     return np.concatenate([deviation[columns] ** 2, [random], deviation[_FIRST:] ** 2])
 
 
-def energy_parts(deviation: Float, at_bus: bool = False) -> tuple[float, float]:
+def energy_parts(
+    deviation: Float, at_bus: bool = False, systematic: bool = False
+) -> tuple[float, float]:
     """Return the standard deviation of an energy in two parts, without that of the model's form.
 
     What the form leaves out a meter shows, and without one it is added.
@@ -118,6 +120,7 @@ def energy_parts(deviation: Float, at_bus: bool = False) -> tuple[float, float]:
     Args:
         deviation: Integrals of the deviations, shape (K,). [J]
         at_bus: Whether the energy is that of the DC bus.
+        systematic: Whether to leave out what no figure explains.
 
     Returns:
         All but the temperature, and the temperature. [J]
@@ -127,5 +130,7 @@ def energy_parts(deviation: Float, at_bus: bool = False) -> tuple[float, float]:
     left_out = float(variances[place + 1] + variances[place + 2]) + (
         float(variances[place]) if at_bus else 0.0
     )
+    if systematic:
+        left_out += float(variances[place + 3])
     rest = math.sqrt(max(float(variances.sum()) - left_out, 0.0))
     return rest, float(abs(deviation[TEMPERATURE]))

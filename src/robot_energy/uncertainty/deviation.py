@@ -22,12 +22,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 
 from robot_energy.blocks import Float, Int, differences
 from robot_energy.model import RobotModel
 from robot_energy.model.drive_models import DRIVE_MODELS, LossDrive
 from robot_energy.model.figure import Tag
+from robot_energy.physics.derivative import windows_of
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.equations import Balance
 from robot_energy.physics.rigid_body import Robot
@@ -45,7 +45,7 @@ CABINET_DEVIATIONS = (
 """Columns of the robot; ``random`` is in W^2 s, ``bus`` the root sum of squares of all but
 ``loss_grid``, ``temperature`` and ``form``."""
 JOINT_DEVIATIONS = ("friction", "drive")
-FORM = 0.1
+FORM = 0.06
 """What the form of friction and drive losses leaves out, over their power. [-]
 
 Real losses follow other laws of speed, load and temperature than those of the model."""
@@ -81,6 +81,7 @@ class PowerDeviation:
         self._coulomb = np.asarray(
             [figure_std(joint.friction.coulomb, "coulomb") for joint in model.joints]
         )
+        self._coulomb_squared = self._coulomb**2
         self._viscous_prior = np.asarray(
             [relative_std("viscous", tag_of(joint.friction.viscous)) for joint in model.joints]
         )
@@ -113,9 +114,11 @@ class PowerDeviation:
         slot = stamp_ns // SLOT_NS
         begins = differences(slot, self._slot) != 0
         self._slot = int(slot[-1])
+        if not begins.any():
+            return np.maximum(self._recent.max(), power)
         values = np.concatenate([self._recent, np.nan_to_num(power[begins])])
         self._recent = values[-RECENT_SLOTS:]
-        peaks = sliding_window_view(values, RECENT_SLOTS).max(axis=1)
+        peaks = windows_of(values, RECENT_SLOTS).max(axis=1)
         return np.maximum(peaks[np.cumsum(begins)], power)
 
     def columns(
@@ -155,13 +158,18 @@ class PowerDeviation:
         bodies, payload, loss_dc, loss_grid, temperature, form, random, bus = columns[:, :first].T
         friction, drive = columns[:, first : first + n_joints], columns[:, first + n_joints :]
         speed, shaft = np.abs(motor_velocity), np.abs(rigid_power + friction_power)
+        squared = speed**2
         std, shared = viscous_std
-        unknown = np.isnan(std)
-        if unknown.any():
-            std = np.where(unknown, self._viscous_prior * viscous, std)
+        if np.isnan(std.sum()):
+            std = np.where(np.isnan(std), self._viscous_prior * viscous, std)
             shared = np.nan_to_num(shared)
-        variance = (std**2 - shared**2) * speed**2
-        np.sqrt(self._coulomb**2 + np.maximum(variance, 0.0), out=friction)
+        variance = std**2
+        if shared.any():
+            variance -= shared**2
+        variance *= squared
+        np.maximum(variance, 0.0, out=variance)
+        variance += self._coulomb_squared
+        np.sqrt(variance, out=friction)
         friction *= speed
         if self._drive is None:
             np.multiply(self._drive_share, shaft, out=drive)
@@ -170,12 +178,15 @@ class PowerDeviation:
         carried = self._payload_share
         if self._payload_mass > 0:
             carried = carried * np.minimum(payload_mass / self._payload_mass, 1.0)[:, None]
-        table = np.empty((n_joints, 6, size))
-        table[:, 0], table[:, 1] = rigid_power.T, (rigid_power * carried).T
-        table[:, 2], table[:, 3] = shaft.T, (shared * speed**2).T
-        table[:, 4] = (friction**2 + drive**2).T
-        table[:, 5] = (friction_power + np.abs(drive_loss)).T
-        rigid, of_payload, moved, temperature[:], squares, lost = _in_order(table)
+        table = np.empty((6, n_joints, size))
+        table[0], table[2] = rigid_power.T, shaft.T
+        np.multiply(rigid_power, carried, out=table[1].T)
+        np.multiply(shared, squared, out=table[3].T)
+        np.multiply(friction, friction, out=table[4].T)
+        table[4] += (drive**2).T
+        np.abs(drive_loss, out=table[5].T)
+        table[5] += friction_power.T
+        rigid, of_payload, moved, temperature[:], squares, lost = _in_order(table.swapaxes(0, 1))
         np.multiply(FORM, lost, out=form)
         np.multiply(self._payload, of_payload, out=payload)
         np.multiply(self._bodies, rigid - of_payload, out=bodies)
@@ -192,8 +203,9 @@ class PowerDeviation:
                 column *= reaches
             squares *= reaches**2
         np.sqrt(squares + unexplained, out=bus)
-        np.fmin(columns, MAX_DEVIATION, out=columns)
-        np.fmax(columns, -MAX_DEVIATION, out=columns)
+        if not max(float(columns.max()), -float(columns.min())) <= MAX_DEVIATION:
+            np.fmin(columns, MAX_DEVIATION, out=columns)
+            np.fmax(columns, -MAX_DEVIATION, out=columns)
         return columns
 
 

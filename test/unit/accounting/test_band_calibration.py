@@ -68,14 +68,26 @@ def test_the_band_is_that_of_the_figures_until_a_meter_is_read():
     assert band.half == pytest.approx(Z90 * band.std)
 
 
-def test_a_systematic_error_widens_the_band_of_energies():
-    """An error of 20 W is 3.5 deviations of the mean power."""
+def test_a_bias_widens_the_band_of_energies_and_its_absence_narrows_it_little():
+    """20 W are m = 3.48 deviations of 5.74 W: q^2 = (0.35 + m^2) / 2; none of it: q^2 = 0.175."""
     account, _ = counted(20.0)
     band = account.energy_band
     assert band.kind is BandKind.CALIBRATED
-    assert band.half == pytest.approx(20.0 * 900, rel=0.01)
-    small, _ = counted(1.0)
-    assert 0.7 * band.std < small.energy_band.half < Z90 * band.std
+    mean = 20.0 / np.sqrt(33.0)
+    assert band.half == pytest.approx(Z90 * np.sqrt((0.35 + mean**2) / 2) * band.std, rel=0.01)
+    assert band.half > 20.0 * 900  # the same work goes on
+    exact, _ = counted(0.0)
+    assert exact.energy_band.half == pytest.approx(Z90 * np.sqrt(0.175) * band.std, rel=0.01)
+
+
+def test_repeating_a_program_does_not_narrow_the_band_of_energies():
+    """Errors of -30 and +30 W in turn cancel over a program; other work has other motions."""
+    per_window = 5 * READINGS
+    error = np.tile(np.repeat([30.0, -30.0], per_window), 9000 // (2 * per_window))
+    once, often = counted(error[:1800], 180)[0].energy_band, counted(error)[0].energy_band
+    expected = Z90 * np.sqrt(0.175 + 30.0**2 / 33.0 / 4)
+    assert once.half / once.std == pytest.approx(expected, rel=0.05)
+    assert often.half / often.std == pytest.approx(expected, rel=0.05)
 
 
 def test_how_the_input_is_cut_makes_no_difference():

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import io
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 import drive_reports
 from plants import PROGRAM, two_link_profile
@@ -15,7 +17,7 @@ from robot_energy.blocks import EffortMeaning, Phase
 from robot_energy.identify.data.bags import Bag, facts
 from robot_energy.identify.data.recordings import Recording
 from robot_energy.identify.drives.all_drives import DrivesFound
-from robot_energy.identify.drives.drive_power import MeasuredDrivePower, read_drive_power
+from robot_energy.identify.drives.drive_power import MeasuredDrivePower, drive_topics
 from robot_energy.identify.run_all import (
     FullIdentification,
     identify_everything,
@@ -26,6 +28,10 @@ from robot_energy.identify.run_all import (
 from robot_energy.identify.stats.held_out_energy import GIVEN, folds_of, held_out_energy
 from robot_energy.identify.steps import DynamicsFound
 from robot_energy.model import RobotModel, load
+from robot_energy.report.document import Document
+from robot_energy.report.identify_all import identification_overview
+from robot_energy.report.printing import print_document
+from robot_energy.results.identification import identification_report
 from robot_energy.results.replay import replay_report
 from robot_energy.rig import RigConfig, VirtualRig
 from robot_energy.rig.record import record
@@ -102,7 +108,9 @@ def test_each_step_begins_with_what_the_one_before_left(
         "cabinet",
         "drives",
         "capacitor",
+        "thermal",
     ]
+    assert "at least 600 s" in whole.step("thermal").reason
     assert {"dynamics", "friction", "drives"} <= set(whole.taken)
     bodies = whole.step("dynamics").model.urdf_xml
     assert bodies != model.urdf_xml
@@ -116,6 +124,26 @@ def test_each_step_begins_with_what_the_one_before_left(
     )
     for one, other in zip(alone.model.joints, whole.model.joints, strict=True):
         assert one.friction.coulomb.value == pytest.approx(other.friction.coulomb.value, rel=1e-12)
+
+
+def test_a_long_recording_from_cold_shows_the_thermal_networks(
+    tmp_path: Path, folder: Path, model: RobotModel
+) -> None:
+    profile = two_link_profile(tmp_path)
+    rig = VirtualRig(profile, PROGRAM, RigConfig(thermal_speedup=8.0), 1, 22.0, 22.0, rate_hz=50.0)
+    record(rig, 900.0, tmp_path / "long")
+    others = ("dynamics", "friction", "cabinet", "drives", "capacitor")
+    found = identify_everything([Bag(tmp_path / "long", TORQUE)], model, others)
+    assert found.taken == ("thermal",)
+    assert found.step("thermal").found.ambient_degc == pytest.approx(22.0, abs=1.0)
+    networks = [joint.thermal for joint in found.model.joints]
+    assert any(network is not None for network in networks)
+    assert all(joint.thermal is None for joint in model.joints)
+    shown = identification_report(found, found.model, (), (), None)
+    page, stream = Document(), io.StringIO()
+    identification_overview(shown, page)
+    print_document(page, Console(width=200, file=stream))
+    assert "free run at most" in stream.getvalue()
 
 
 @pytest.mark.parametrize(
@@ -209,16 +237,20 @@ def test_bodies_are_told_at_one_temperature(
 
 def test_drives_come_first_where_their_power_is_measured(folder: Path) -> None:
     bags = bags_in(folder)
-    assert order_of(bags) == ("dynamics", "friction", "cabinet", "drives", "capacitor")
+    assert order_of(bags) == (
+        "dynamics", "friction", "cabinet", "drives", "capacitor", "thermal",
+    )  # fmt: skip
     bags[1] = replace(bags[1], drive_power=NEVER)
-    assert order_of(bags) == ("dynamics", "friction", "drives", "cabinet", "capacitor")
+    assert order_of(bags) == (
+        "dynamics", "friction", "drives", "cabinet", "capacitor", "thermal",
+    )  # fmt: skip
 
 
 def test_the_cabinet_is_the_meter_less_measured_drives(tmp_path: Path) -> None:
     """The meter at the DC bus shows the drives and 90 W of the rig's DC side."""
     kr16 = load("kr16")
     path = drive_reports.record(tmp_path / "bag", 1, 20.0)
-    power = read_drive_power(path, "/drive_power", kr16.joint_names)
+    power = drive_topics("/drive_power").read(path, kr16.joint_names)
     bags = [Bag(path, TORQUE, None, power)]
     result = identify_everything(bags, kr16, ("dynamics", "friction"))
     assert isinstance(result.step("drives").found, DrivesFound)

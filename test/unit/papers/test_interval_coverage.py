@@ -10,6 +10,7 @@ from robot_energy.identify.turns import in_turns
 from robot_energy.physics.friction import viscous_law
 from robot_energy_papers import interval_coverage as study
 from robot_energy_papers.interval_coverage import Judged, coverages
+from robot_energy_papers.more_recordings import disjoint
 
 
 @pytest.fixture(scope="module")
@@ -46,6 +47,18 @@ def test_with_exact_sensors_the_figures_are_those_that_are_called_true(plant, re
         for entry in by_group[group]:
             assert entry.value == pytest.approx(entry.truth, rel=share), entry.name
     assert np.mean([entry.held for entry in by_group["bodies"]]) > 0.9
+
+
+def test_a_further_recording_gives_no_disjoint_intervals(plant, bags, result):
+    given = study.given_model("kr16", 2)
+    three = identify_everything(bags[:3], given, ("capacitor",), strict=False)
+    fewer, more = study.judged(three, *plant), study.judged(result, *plant)
+    count, apart = disjoint(fewer, more)
+    assert count > 60
+    assert apart == ()
+    narrow = [replace(entry, std=0.01 * entry.std) for entry in fewer]
+    _, apart = disjoint(narrow, [replace(entry, std=0.01 * entry.std) for entry in more])
+    assert apart
 
 
 def test_cabinet_and_drives_agree_when_the_turns_end(bags, result):

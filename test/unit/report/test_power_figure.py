@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -40,6 +41,15 @@ def test_axes_say_quantity_and_unit_and_the_residual_needs_a_meter(tmp_path: Pat
     for text in ("power at the DC bus [W]", "measured [W]", "energy at the DC bus [J]"):
         assert f">{text}<" in labels
     assert "measured [W]" not in (tmp_path / "without.svg").read_text()
+
+
+def test_the_band_of_the_energy_stands_at_the_end_of_its_curve(tmp_path: Path) -> None:
+    banded = [CURVES[0], replace(CURVES[1], energy_half=25.0)]
+    power_and_energy(banded, tmp_path / "with.svg")
+    power_and_energy(CURVES[:2], tmp_path / "without.svg")
+    with_band, without = ((tmp_path / f"{name}.svg").read_text() for name in ("with", "without"))
+    assert "25.0 J (90 % band)" in with_band
+    assert "band" not in without
 
 
 def test_bad_requests_are_refused(tmp_path: Path) -> None:

@@ -1,10 +1,14 @@
-"""Delay of the power meter behind the joint states, from the data.
+"""Delay and low pass of the power meter behind the joint states, from the data.
 
 A meter averages, filters and sends on a way of its own. For every delay the readings are
 moved, and shaft power and the columns of the losses, summed over all drives, are averaged
 over the same time. All factors are free, so
 losses need not be known yet. Readings while the drives brake, or the DC link gives what they
 fed back, are left out at every delay: the meter then sees less, which would look like a delay.
+
+A first-order low pass ``T dy/dt = x - y`` is found in the same way, with low-passed columns;
+what the drives feed back counts as 0 in it, and the DC link as empty. It is undone in
+`robot_energy.identify.data.recordings`. An energy counter has none.
 """
 
 from __future__ import annotations
@@ -14,8 +18,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from robot_energy.blocks import NANOSECOND, Float, Int, MeterBlock
-from robot_energy.identify.data.recordings import Recording
+from robot_energy.blocks import NANOSECOND, Float, Int, MeterBlock, MeterMeaning
+from robot_energy.identify.data.recordings import Recording, without_low_pass
 from robot_energy.identify.drives.drive_data import DriveData, drive_data
 from robot_energy.identify.drives.drive_delay import MIN_GAIN
 from robot_energy.identify.drives.drive_power import MeasuredDrivePower
@@ -30,6 +34,7 @@ SHARE = 0.01  # and up to this share of the recorded time: seconds of motion hid
 STEPS = 20  # on each side of zero,
 FINE = 10  # then on each side of the best of them
 MIN_ROWS = 100
+MAX_TIME_CONSTANT = 1.0  # s: low passes up to this are tried
 
 
 def estimate_meter_delay(data: DriveData, span: float = SPAN) -> Delay | None:
@@ -48,7 +53,7 @@ def estimate_meter_delay(data: DriveData, span: float = SPAN) -> Delay | None:
     span = min(span, SHARE * len(data) * data.period)
     columns = _columns(data)
     coarse = span * np.arange(-STEPS, STEPS + 1) / STEPS
-    error = _errors(data, columns, coarse)
+    error = _errors(data, [(lag, columns) for lag in coarse.tolist()])
     if error is None:
         return None
     best = int(np.argmin(error.sum(axis=0)))
@@ -56,8 +61,71 @@ def estimate_meter_delay(data: DriveData, span: float = SPAN) -> Delay | None:
     if found.at_edge:
         return found
     fine = coarse[best] + span / STEPS * np.arange(-FINE, FINE + 1) / FINE
-    error = _errors(data, columns, np.append(fine, 0.0))
+    error = _errors(data, [(lag, columns) for lag in [*fine.tolist(), 0.0]])
     return None if error is None else best_delay(fine, error[:, :-1], error[:, -1], span, MIN_GAIN)
+
+
+def estimate_time_constant(data: DriveData) -> Delay | None:
+    """Estimate the time constant of a low pass in the meters of all recordings.
+
+    Args:
+        data: Samples of all drives, with meters.
+
+    Returns:
+        The estimate, applied only where no delay alone explains the readings as well; None where
+        the readings are too few to tell, or are those of a counter.
+    """
+    counted = any(m is not None and m.meaning is MeterMeaning.CUMULATIVE for m in data.meters)
+    if counted or not np.isfinite(data.period) or data.period <= 0.0:
+        return None
+    span = min(MAX_TIME_CONSTANT, SHARE * len(data) * data.period)
+    columns = _columns(data)
+    grid = span * np.arange(STEPS + 1) / STEPS
+    delays = grid[1:] * SPAN / MAX_TIME_CONSTANT
+    tries = [(0.0, _low_passed(data, columns, constant)) for constant in grid.tolist()]
+    error = _errors(data, [*tries, *((lag, columns) for lag in delays.tolist())])
+    if error is None:
+        return None
+    filtered, moved = error[:, : len(grid)], error[:, len(grid) :].sum(axis=0).min()
+    found = best_delay(grid, filtered, filtered[:, 0], span, MIN_GAIN)
+    return found if filtered.sum(axis=0).min() < moved else replace(found, applied=0.0)
+
+
+def _low_passed(data: DriveData, columns: Float, constant: float) -> Float:
+    """The columns behind a low pass [s] that starts settled in every stretch."""
+    from scipy.signal import lfilter
+
+    if constant == 0.0:
+        return columns
+    kept = float(np.exp(-data.period / constant))
+    known = np.isfinite(columns[:, :1])
+    shaft = data.shaft_power.sum(axis=1)[:, None]
+    passed = np.where(shaft > 0.0, np.column_stack([shaft, columns[:, 1:]]), 0.0)
+    drawn = np.where(known, columns, passed)
+    edges = np.flatnonzero(np.diff(data.stretch)) + 1
+    parts = [
+        lfilter([1.0 - kept], [1.0, -kept], part, axis=0, zi=kept * part[:1])[0]
+        for part in np.split(np.nan_to_num(drawn), edges)
+    ]
+    return np.where(known, np.concatenate(parts), np.nan)
+
+
+def meter_time_constant_of(
+    recordings: Sequence[Recording], powers: Sequence[MeasuredDrivePower | None] | None = None
+) -> Delay | None:
+    """Estimate one low pass for the meters of recordings, by the torque of their model.
+
+    Args:
+        recordings: Run with one model.
+        powers: Measured power of the drives of each, None without.
+
+    Returns:
+        The time constant; None without a meter, or where the readings are too few to tell.
+    """
+    if all(part.meter is None for part in recordings):
+        return None
+    powers = powers or [None] * len(recordings)
+    return estimate_time_constant(drive_data(recordings, powers, measured_torque=False))
 
 
 def meter_delay_of(
@@ -78,16 +146,20 @@ def meter_delay_of(
     return estimate_meter_delay(drive_data(recordings, powers, measured_torque=False))
 
 
-def with_meters_earlier(data: DriveData, delay: float) -> DriveData:
-    """Return the samples with the delay of the meters undone.
+def with_meters_earlier(data: DriveData, delay: float, time_constant: float = 0.0) -> DriveData:
+    """Return the samples with delay and low pass of the meters undone.
 
     Args:
         data: Samples of all drives, with meters.
         delay: Of the readings behind the samples. [s]
+        time_constant: Of the low pass. [s]
     """
-    if delay == 0.0:
+    if delay == 0.0 and time_constant == 0.0:
         return data
-    moved = tuple(None if meter is None else _earlier(meter, delay) for meter in data.meters)
+    moved = tuple(
+        None if meter is None else _earlier(without_low_pass(meter, time_constant), delay)
+        for meter in data.meters
+    )
     return replace(data, meters=moved)
 
 
@@ -116,10 +188,10 @@ def _moved(
     return np.concatenate(power), np.concatenate(means)
 
 
-def _errors(data: DriveData, columns: Float, lags: Float) -> Float | None:
-    """Squared error of every fold, predicted from the others, shape (folds, lags).
+def _errors(data: DriveData, tries: Sequence[tuple[float, Float]]) -> Float | None:
+    """Squared error of every fold, predicted from the others, shape (folds, tries).
 
-    The same readings at all lags; None if they are too few.
+    Each try has a lag [s] and columns; the same readings in all; None if they are too few.
     """
     parts: list[Float] = []
     targets: list[Float] = []
@@ -128,7 +200,7 @@ def _errors(data: DriveData, columns: Float, lags: Float) -> Float | None:
         if meter is None or len(rows) < 2:
             continue
         limits = data.limits[number]
-        tried = [_moved(meter, limits, lag, data, rows, columns[rows]) for lag in lags.tolist()]
+        tried = [_moved(meter, limits, lag, data, rows, of[rows]) for lag, of in tries]
         same = np.logical_and.reduce([np.isfinite(mean[:, 0]) for _, mean in tried])
         parts.append(np.stack([mean[same] for _, mean in tried]))
         targets.append(tried[0][0][same])

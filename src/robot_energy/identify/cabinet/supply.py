@@ -14,7 +14,7 @@ from robot_energy.errors import NotIdentifiableError
 from robot_energy.identify.cabinet.cabinet import CabinetFit, fit_cabinet, with_cabinet
 from robot_energy.identify.cabinet.dc_link import LinkFit, Voltages, fit_link, with_link
 from robot_energy.identify.cabinet.link_readings import rebalanced
-from robot_energy.identify.cabinet.meter_delay import meter_delay_of
+from robot_energy.identify.cabinet.meter_delay import meter_delay_of, meter_time_constant_of
 from robot_energy.identify.data.recordings import Recording
 from robot_energy.identify.stats.lag import Delay
 from robot_energy.model import RobotModel
@@ -30,6 +30,7 @@ class SupplyFound:
         reason: Why the link is not in the model; empty if it is.
         note: What was taken for its voltages; empty if it is not in the model.
         delay: Of the meter behind the joint states; undone where it is sure.
+        low_pass: Time constant of a low pass in the meter; likewise.
         model: With all that was taken.
     """
 
@@ -38,6 +39,7 @@ class SupplyFound:
     reason: str
     note: str
     delay: Delay | None
+    low_pass: Delay | None
     model: RobotModel
 
 
@@ -57,6 +59,9 @@ def fit_supply(
     Raises:
         NotIdentifiableError: If not even the constants are told.
     """
+    low_pass = meter_time_constant_of(recordings)
+    if low_pass is not None:
+        recordings = [part.with_meter_earlier(0.0, low_pass.applied) for part in recordings]
     delay = meter_delay_of(recordings)
     if delay is not None:
         recordings = [part.with_meter_earlier(delay.applied) for part in recordings]
@@ -65,7 +70,7 @@ def fit_supply(
     model = with_cabinet(given, cabinet, source)
     link, reason = _link(recordings, model)
     if link is None:
-        return SupplyFound(cabinet, None, reason, "", delay, model)
+        return SupplyFound(cabinet, None, reason, "", delay, low_pass, model)
     # Judged after both rounds: before, readings at rest may still be too low.
     linked, _ = with_link(model, link, source, voltages)
     again = fit_cabinet([rebalanced(part, linked.cabinet) for part in recordings])
@@ -74,9 +79,9 @@ def fit_supply(
         if link is not None and not reason:
             cabinet, model = again, with_cabinet(given, again, source)
     if link is None or reason:
-        return SupplyFound(cabinet, link, reason, "", delay, model)
+        return SupplyFound(cabinet, link, reason, "", delay, low_pass, model)
     model, note = with_link(model, link, source, voltages)
-    return SupplyFound(cabinet, link, "", note, delay, model)
+    return SupplyFound(cabinet, link, "", note, delay, low_pass, model)
 
 
 def _link(recordings: Sequence[Recording], model: RobotModel) -> tuple[LinkFit | None, str]:

@@ -40,6 +40,7 @@ class Bag:
         drive_power: Measured power of its drives, None without.
         spans: Stretches that count. [ns]
         meter_delay: Of the power meter behind the joint states, undone when read. [s]
+        meter_time_constant: Of a low pass in the power meter, undone when read. [s]
         sensors: Limits of the constant errors of its sensors.
     """
 
@@ -49,6 +50,7 @@ class Bag:
     drive_power: MeasuredDrivePower | None = None
     spans: tuple[Span, ...] = (EVER,)
     meter_delay: float = 0.0
+    meter_time_constant: float = 0.0
     sensors: SensorLimits = DEFAULT_LIMITS
 
     @property
@@ -68,7 +70,7 @@ class Bag:
         """
         recording = read_recording(self.path, model, self.effort, None, progress, self.inputs)
         recording = replace(recording, sensors=self.sensors)
-        return recording.with_meter_earlier(self.meter_delay)
+        return recording.with_meter_earlier(self.meter_delay, self.meter_time_constant)
 
     def read(self, model: RobotModel) -> list[Recording]:
         """Return the stretches that count, read with a model, each as a recording of its own.

@@ -34,6 +34,8 @@ from robot_energy.pipeline import Output, Settings
 from robot_energy.replay_topics import Topics
 from robot_energy.timeline.pieces import Compared
 
+APART = 2.5  # usual times between readings of a meter, beyond which no slope is taken
+
 
 @dataclass(frozen=True)
 class Recording:
@@ -98,15 +100,17 @@ class Recording:
             compared=(),
         )
 
-    def with_meter_earlier(self, delay: float) -> Recording:
-        """Return the recording with a delay of its meter undone, compared again.
+    def with_meter_earlier(self, delay: float, time_constant: float = 0.0) -> Recording:
+        """Return the recording with delay and low pass of its meter undone, compared again.
 
         Args:
             delay: Of the readings behind the joint states. [s]
+            time_constant: Of the low pass. [s]
         """
-        if delay == 0.0 or self.meter is None:
+        if (delay == 0.0 and time_constant == 0.0) or self.meter is None:
             return self
-        meter = replace(self.meter, stamp_ns=self.meter.stamp_ns - round(delay / NANOSECOND))
+        meter = without_low_pass(self.meter, time_constant)
+        meter = replace(meter, stamp_ns=meter.stamp_ns - round(delay / NANOSECOND))
         comparison = Comparison(**self.limits.__dict__)
         comparison.measure(meter)
         supply = self.power.supply
@@ -114,6 +118,30 @@ class Recording:
             supply.stamp_ns, supply.segment, supply.power_at(meter.location)
         )
         return replace(self, meter=meter, compared=(compared,))
+
+
+def without_low_pass(meter: MeterBlock, constant: float) -> MeterBlock:
+    """Return readings with a low pass of the meter undone: ``x = y + T dy/dt``.
+
+    The slope is that of the readings on both sides, which is exact for means over equal
+    intervals of a power that is linear between their middles.
+
+    Args:
+        meter: Readings; those of a counter stay as they are.
+        constant: Its time constant. [s]
+    """
+    known = np.flatnonzero(np.isfinite(meter.power))
+    if constant == 0.0 or len(known) < 2:
+        return meter
+    seconds = (meter.stamp_ns[known] - meter.stamp_ns[0]) * NANOSECOND
+    step = np.diff(seconds)
+    edges = np.flatnonzero((step <= 0.0) | (step > APART * float(np.median(step)))) + 1
+    power = meter.power.copy()
+    for rows in np.split(np.arange(len(known)), edges):
+        if len(rows) > 1:
+            place = known[rows]
+            power[place] += constant * np.gradient(power[place], seconds[rows])
+    return replace(meter, power=power)
 
 
 def with_meter(recordings: Sequence[Recording]) -> list[Recording]:

@@ -6,7 +6,11 @@ from dataclasses import dataclass
 
 from robot_energy.blocks import MeterLocation
 from robot_energy.errors import NotIdentifiableError
-from robot_energy.identify.cabinet.meter_delay import estimate_meter_delay, with_meters_earlier
+from robot_energy.identify.cabinet.meter_delay import (
+    estimate_meter_delay,
+    estimate_time_constant,
+    with_meters_earlier,
+)
 from robot_energy.identify.drives.drive_data import DriveData, location
 from robot_energy.identify.drives.drive_delay import estimate_power_delay, with_delay_undone
 from robot_energy.identify.drives.drives import DrivesFit, fit_drives, with_drives
@@ -30,6 +34,7 @@ class TotalFound:
         scores: On held-out data, by way.
         delay: Of the meter behind the joint states; undone where it is sure. None where it
             cannot be told.
+        low_pass: Time constant of a low pass in the meter; likewise.
     """
 
     data: Sums
@@ -37,6 +42,7 @@ class TotalFound:
     held_out: str
     scores: dict[str, EnergyScore]
     delay: Delay | None = None
+    low_pass: Delay | None = None
 
     @property
     def place(self) -> MeterLocation:
@@ -111,12 +117,15 @@ def find_drives(
         drives = fit_drives(data, source, cutoff)
     total = None
     if location(data) is not None:
+        low_pass = estimate_time_constant(data)
+        if low_pass is not None:
+            data = with_meters_earlier(data, 0.0, low_pass.applied)
         lag = estimate_meter_delay(data)
         if lag is not None:
             data = with_meters_earlier(data, lag.applied)
         pieces = sums(data, model)
         fit = fit_total(pieces)
-        total = TotalFound(pieces, fit, *compare_total(pieces, model), lag)
+        total = TotalFound(pieces, fit, *compare_total(pieces, model), lag, low_pass)
     if drives is None and total is None:
         raise NotIdentifiableError(
             "the recordings have neither the power of the drives nor a power meter",

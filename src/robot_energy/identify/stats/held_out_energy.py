@@ -270,7 +270,11 @@ def held_out_energy(
             whole
             if kind == "test"
             else identify_everything(
-                fold.train, whole.given, skip, strict=False, share_shape=whole.share_shape
+                fold.train,
+                whole.given,
+                (*skip, "thermal"),  # of no effect where temperatures are measured
+                strict=False,
+                share_shape=whole.share_shape,
             )
         )
         seen = temperature_ranges(read_all(fold.train, whole.given))
@@ -285,6 +289,8 @@ def held_out_energy(
 def _test(bag: Bag, fitted: FullIdentification, kind: Kind, number: int, seen: Float) -> Tested:
     if fitted.meter_delay is not None:  # the same meter
         bag = replace(bag, meter_delay=fitted.meter_delay.applied)
+    if fitted.meter_time_constant is not None:
+        bag = replace(bag, meter_time_constant=fitted.meter_time_constant.applied)
     models = {GIVEN: fitted.given, **{step.subject: step.model for step in fitted.steps}}
     predictions: dict[str, HeldOutPrediction] = {}
     done: dict[int, HeldOutPrediction] = {}

@@ -85,8 +85,8 @@ class StuckTemperatureDetector:
             heat[~np.isfinite(heat)] = 0.0
         np.rint(heat, out=heat)
         number = stamp_ns // WINDOW_NS
-        starts = np.flatnonzero(differences(number, int(number[0]) if first else self._window or 0))
-        bounds = [0, *(row for row in starts.tolist() if row), len(stamp_ns)]
+        starts = (number[1:] != number[:-1]).nonzero()[0] + 1
+        bounds = [0, *starts.tolist(), len(stamp_ns)]
         marks: NDArray[np.bool_] | None = None
         for start, stop in pairwise(bounds):
             window = int(number[start])

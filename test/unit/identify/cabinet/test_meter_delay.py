@@ -8,12 +8,18 @@ import numpy as np
 import pytest
 
 from plants import PROGRAM, two_link_profile
-from robot_energy.blocks import EffortMeaning, MeterMeaning
-from robot_energy.identify.cabinet.meter_delay import estimate_meter_delay, with_meters_earlier
+from robot_energy.blocks import EffortMeaning, MeterBlock, MeterLocation, MeterMeaning
+from robot_energy.identify.cabinet.meter_delay import (
+    estimate_meter_delay,
+    estimate_time_constant,
+    with_meters_earlier,
+)
 from robot_energy.identify.data.bags import Bag
-from robot_energy.identify.data.recordings import read_recording
+from robot_energy.identify.data.recordings import read_recording, without_low_pass
 from robot_energy.identify.drives.all_drives import find_drives
 from robot_energy.identify.drives.drive_data import drive_data
+from robot_energy.identify.drives.total_power import fit_total
+from robot_energy.identify.drives.total_sums import sums
 from robot_energy.model import load
 from robot_energy.rig import RigConfig, Sensors, VirtualRig
 from robot_energy.rig.record import record
@@ -77,3 +83,49 @@ def test_a_bag_with_a_delay_is_read_without_it(recording):
 def test_few_readings_tell_no_delay(recording):
     short = replace(recording, meter=recording.meter[:50])
     assert estimate_meter_delay(data_of(short)) is None
+
+
+@pytest.fixture(scope="module")
+def filtered(tmp_path_factory):
+    """The same rig, its meter behind a low pass of 0.25 s."""
+    folder = tmp_path_factory.mktemp("filtered")
+    profile = two_link_profile(folder)
+    config = RigConfig(sensors=Sensors(meter_rate=20.0, meter_filter=0.25)).having("meter_filter")
+    record(VirtualRig(profile, PROGRAM, config, 1, 40.0), 40.0, folder / "bag")
+    model = load(folder / "two_link.yaml")
+    return read_recording(folder / "bag", model, EffortMeaning.MOTOR_TORQUE)
+
+
+def test_a_low_pass_is_found_and_undone(recording, filtered):
+    found = estimate_time_constant(data_of(filtered))
+    assert found.applied == pytest.approx(0.25, rel=0.25)  # the model is not the plant
+    back = filtered.with_meter_earlier(0.0, found.applied)
+    assert estimate_time_constant(data_of(back)).applied == 0.0
+    sharp = find_drives(data_of(recording), recording.model).total
+    found_again = find_drives(data_of(filtered), filtered.model).total
+    assert found_again.low_pass.applied == found.applied
+    assert found_again.fit.constant == pytest.approx(sharp.fit.constant, rel=0.12)
+    blurred = fit_total(sums(data_of(filtered), filtered.model))
+    assert found_again.fit.losses.rms < 0.5 * blurred.losses.rms
+
+
+def test_a_meter_without_low_pass_and_a_late_one_are_left_as_they_are(recording):
+    for meter in (recording, recording.with_meter_earlier(-0.137)):
+        found = estimate_time_constant(data_of(meter))
+        assert found is None or found.applied == 0.0
+
+
+def test_a_ramp_behind_a_low_pass_lags_by_its_time_constant():
+    """A settled low pass of a ramp of 50 W/s lags by ``50 T``; a gap takes no slope across it."""
+    seconds = np.concatenate([np.arange(20) * 0.1, 100.0 + np.arange(20) * 0.1])
+    ramp = 300.0 + 50.0 * (seconds % 100.0)
+    nothing = np.full(len(seconds), np.nan)
+    meter = MeterBlock(
+        np.rint(seconds * 1e9).astype(np.int64),
+        ramp - 50.0 * 0.3,
+        nothing,
+        np.full(len(seconds), 0.1),
+        MeterMeaning.MEAN_OVER_INTERVAL,
+        MeterLocation.GRID,
+    )
+    np.testing.assert_allclose(without_low_pass(meter, 0.3).power, ramp, rtol=1e-9)
