@@ -27,7 +27,7 @@ MODULES = {
         record_repair registers settings shaft_comparison
     """,
     "robot_energy.api": """
-        condition evaluate identify inputs online_monitor power_table predict replay
+        condition evaluate identify inputs online_monitor optimize power_table predict replay
     """,
     "robot_energy.bag": """
         mcap_block mcap_file mcap_records mcap_summary metadata ownership packed reader sources
@@ -44,8 +44,8 @@ MODULES = {
         check completion export fleet fleet_identify fleet_report fleet_run identify identify_all
         identify_cabinet identify_drives identify_dynamics identify_excitation identify_friction
         identify_inputs identify_thermal import_logs info kinds layouts main models monitoring
-        numbers page predict replay replay_options report robots schema simulate stopping terminal
-        test
+        numbers optimize page predict replay replay_options report robots schema simulate stopping
+        terminal test
     """,
     "robot_energy.condition": """
         buckets drift_test joint_friction learner meter_fit meter_records meter_windows record
@@ -118,6 +118,13 @@ MODULES = {
         ptp_file ptp_loop sequence slicing tool_corners tool_motion tool_path tool_timing
         trajectory_io
     """,
+    "robot_energy.optimization": """
+        candidates chain deviations forms path_power place plan ptp_form rest_states run search task
+        time_law timed_form timed_moves trajectory_form
+    """,
+    "robot_energy.optimization.measures": """
+        move_overrides one_override place regenerative rest_pose rest_state slack table time_law
+    """,
     "robot_energy.page": """
         access alarms energy_flow event_stream headless_browser history hub job_rows json_numbers
         messages metrics monitoring recording robot_state saved_page settings web_app web_server
@@ -139,12 +146,13 @@ MODULES = {
     "robot_energy.report": """
         canvas condition document drives dynamics efficiency_figure energy energy_figure evaluation
         excitation fleet fleet_figures formats friction_figure headline held_out html identification
-        identify_all jobs kinds layout model parameters power_figure prediction prediction_figure
-        printing recordings replay series temperature_figure thermal torque_figure trend_figure
+        identify_all jobs kinds layout model optimization optimization_figure parameters
+        power_figure prediction prediction_figure printing recordings replay series
+        temperature_figure thermal torque_figure trend_figure
     """,
     "robot_energy.results": """
         base check condition drives dynamics energy evaluation excitation fleet identification model
-        prediction replay schema thermal uncertainty
+        optimization optimization_figures prediction replay schema thermal uncertainty
     """,
     "robot_energy.rig": """
         config lubricant output plant profile random_plant record sensors supply thermal virtual_rig
@@ -165,8 +173,8 @@ MODULES = {
         accuracy band_coverage calibration certainty certainty_numbers certainty_page drawings
         drawn_plants drive_study effects experiment fleet_study generated_fleet held_out
         interval_coverage job_pool learning_study machines mantis models more_recordings pages
-        paper_a paper_a_numbers paper_a_page paper_b paper_b_numbers paper_b_page soaked_rigs
-        thermal_study wall wear_study
+        paper_a paper_a_numbers paper_a_page paper_b paper_b_numbers paper_b_page savings
+        savings_numbers savings_page savings_study soaked_rigs thermal_study wall wear_study
     """,
     "robot_energy_papers.cli": """
         reproduce study_folder
@@ -194,7 +202,7 @@ LAYERS = (
         "starter",
         "layouts",
     ),
-    ("identify", "rig", "check", "page"),
+    ("identify", "rig", "check", "page", "optimization"),
     ("results",),
     ("report",),
     ("api",),
@@ -215,6 +223,9 @@ OFFLINE = (
     "page",
     "layouts",
 )
+    "identify", "report", "rig", "motion", "cli", "starter", "check", "page", "layouts",
+    "optimization",
+)  # fmt: skip
 ONLINE = (
     "pipeline", "inputs", "messages", "accounting", "uncertainty", "condition", "store",
     "timeline", "cdr",
