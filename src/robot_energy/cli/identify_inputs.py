@@ -103,7 +103,7 @@ def drive_power_topics(args: Namespace) -> DrivePowerTopics | None:
         args: Of the command.
 
     Raises:
-        RobotEnergyError: If the options do not fit together.
+        ModelFileError: If the options do not fit together.
     """
     from robot_energy.identify.drives.drive_power import drive_topics
 
