@@ -161,14 +161,14 @@ def optimize(
             )
         changed = form
         if any_order:
-            changed = form.reordered(best_order(form, chain), chain.robot)
+            changed = form.reordered(best_order(form, chain, task.wait_power), chain.robot)
             moved = task_of(changed)
             variants["order"] = moved.table.cost(moved.base)
         if place is not None:
             box = np.asarray(place, dtype=np.float64)
-            placed = alone = best_place(changed, chain, box, link)
+            placed = alone = best_place(changed, chain, box, link, task.wait_power)
             if any_order:
-                alone = best_place(form, chain, box, link)
+                alone = best_place(form, chain, box, link, task.wait_power)
             at_place = task_of(form.moved(alone.joint_position, chain.robot))
             variants["place"] = at_place.table.cost(at_place.base)
             notes.append(_where(placed))

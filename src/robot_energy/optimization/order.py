@@ -20,14 +20,16 @@ from robot_energy.optimization.ptp_form import PtpForm
 
 EXACT = 11  # configurations
 MAX_CONFIGURATIONS = 60
+MIN_CHANGE = 1e-6  # J; less is rounding
 
 
-def best_order(form: PtpForm, chain: PowerChain) -> Int:
+def best_order(form: PtpForm, chain: PowerChain, wait_power: float = 0.0) -> Int:
     """Return the cheapest order of the configurations of a program that is not slower.
 
     Args:
         form: The program; its moves have the same shares of speed and acceleration.
         chain: The robot at its temperatures.
+        wait_power: Power of the wait that takes what is left of the cycle. [W]
 
     Returns:
         Indices of the configurations, shape (K,); as it is if no other order saves energy.
@@ -50,11 +52,11 @@ def best_order(form: PtpForm, chain: PowerChain) -> Int:
         np.full(count**2, form.base.acceleration[0]),
     )
     use = chain.moves(PtpMoves(via[start], via[goal], form.full_limits), every)
-    energy = use.energy.reshape(count, count)
+    energy = (use.energy - wait_power * use.duration).reshape(count, count)
     order = _exact(energy) if count <= EXACT else _turned(energy)
     now = np.arange(count)
     duration = use.duration.reshape(count, count)
-    better = _round(energy, order) < _round(energy, now) * (1 - 1e-9)
+    better = _round(energy, order) < _round(energy, now) - MIN_CHANGE
     return order if better and _round(duration, order) <= _round(duration, now) + 1e-9 else now
 
 
@@ -95,6 +97,6 @@ def _turned(cost: Float) -> Int:
         better = False
         for begin, end in combinations(range(1, len(cost) + 1), 2):
             other = np.concatenate([order[:begin], order[begin:end][::-1], order[end:]])
-            if _round(cost, other) < _round(cost, order) * (1 - 1e-9):
+            if _round(cost, other) < _round(cost, order) - MIN_CHANGE:
                 order, better = other, True
     return order
