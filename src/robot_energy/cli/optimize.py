@@ -14,7 +14,7 @@ Look for the speeds, accelerations, pauses and states at rest with which a progr
 energy, at the motor temperatures that you give. What each measure saves has a 90 % band, in which
 errors that both programs share cancel; a saving smaller than its band is not claimed. Faster can be
 cheaper, and a cold robot can need other speeds than a warm one. Nothing is measured here.
-Collisions are not checked; paths stay as they are.
+Collisions are not checked; paths stay as they are but for --place and --any-order.
 """
 EPILOG = """\
 examples:
