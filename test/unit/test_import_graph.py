@@ -119,11 +119,12 @@ MODULES = {
         trajectory_io
     """,
     "robot_energy.optimization": """
-        candidates chain deviations forms path_power place plan ptp_form rest_states run search task
-        time_law timed_form timed_moves trajectory_form
+        candidates chain deviations forms levelling order path_power place plan ptp_form rest_states
+        run search task time_law timed_form timed_moves trajectory_form
     """,
     "robot_energy.optimization.measures": """
-        move_overrides one_override place regenerative rest_pose rest_state slack table time_law
+        move_overrides one_override order place regenerative rest_pose rest_state slack table
+        time_law
     """,
     "robot_energy.page": """
         access alarms energy_flow event_stream headless_browser history hub job_rows json_numbers

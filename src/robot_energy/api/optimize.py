@@ -13,10 +13,13 @@ from robot_energy.api.inputs import ModelName, model_of
 from robot_energy.blocks import PLAUSIBLE_DEGC, Float
 from robot_energy.errors import MotionError
 from robot_energy.model import RobotModel
+from robot_energy.motion.load_motion import load_motion
 from robot_energy.motion.planned import MAX_DURATION
 from robot_energy.optimization.chain import PowerChain
 from robot_energy.optimization.forms import ProgramForm, read_form
+from robot_energy.optimization.order import best_order
 from robot_energy.optimization.place import Placement, best_place
+from robot_energy.optimization.plan import Cost
 from robot_energy.optimization.ptp_form import PtpForm
 from robot_energy.optimization.rest_states import ASSUMED, RestState
 from robot_energy.optimization.run import Optimum, optimise
@@ -24,7 +27,7 @@ from robot_energy.optimization.task import Task, make_task
 from robot_energy.optimization.timed_form import TimedForm
 from robot_energy.optimization.timed_moves import law_limits, timed_moves
 from robot_energy.results.optimization import OptimizationReport
-from robot_energy.results.optimization_figures import optimization_report
+from robot_energy.results.optimization_figures import optimization_report, with_supply
 
 TEMPERATURES = 3  # at which a range is looked at
 REGENERATION = 0.9  # share that a regenerative supply returns, assumed [-]
@@ -72,6 +75,8 @@ def optimize(
     regenerative: bool = False,
     peak_limit: float | None = None,
     time_law: bool = False,
+    level: Sequence[str | Path] = (),
+    any_order: bool = False,
     place: Sequence[float] | None = None,
     link: str = "tool0",
     topic: str | None = None,
@@ -91,6 +96,9 @@ def optimize(
         peak_limit: Of the power from the grid. [W]
         time_law: Whether moves may follow time laws of their own; what is written is a trajectory
             then.
+        level: Programs of further robots of this model on the same supply, whose starts within
+            the cycle time are shifted so that the peak is least.
+        any_order: Whether the configurations of point-to-point moves may be visited in any order.
         place: Half widths of a box in the base frame, in which the workpiece may be shifted, shape
             (3,); for point-to-point moves. [m]
         link: Frame that holds the work.
@@ -115,6 +123,10 @@ def optimize(
     ):
         if value is not None and not 0 < value <= most:
             raise MotionError(f"the {name} is {value}", "a value > 0")
+    if level and cycle_time is None:
+        raise MotionError(
+            "no cycle time was given for robots on one supply", "the cycle time that all have"
+        )
     chain = PowerChain(used, _temperatures(temperature, used))
     form = read_form(program, chain.robot, topic)
     states = (ASSUMED if standby else ()) if isinstance(standby, bool) else tuple(standby)
@@ -136,27 +148,45 @@ def optimize(
             progress=progress,
         )
 
-    task, moved = task_of(form), None
+    task: Task = task_of(form)
+    moved: Task | None = None
     name = str(program)
     chosen: ProgramForm = form
-    if place is not None:
+    variants: dict[str, Cost] = {}
+    if place is not None or any_order:
         if not isinstance(form, PtpForm):
             raise MotionError(
-                f"'{program}' is no program of moves", "point-to-point moves, to be shifted"
+                f"'{program}' is no program of moves",
+                "point-to-point moves, whose place or order can change",
             )
-        placed = best_place(form, chain, np.asarray(place, dtype=np.float64), link)
-        chosen = form.moved(placed.joint_position, chain.robot)
-        moved = task_of(chosen)
-        task = replace(task, variants={"place": moved.table.cost(moved.base)})
-        notes.append(_where(placed))
+        changed = form
+        if any_order:
+            changed = form.reordered(best_order(form, chain, task.wait_power), chain.robot)
+            moved = task_of(changed)
+            variants["order"] = moved.table.cost(moved.base)
+        if place is not None:
+            box = np.asarray(place, dtype=np.float64)
+            placed = alone = best_place(changed, chain, box, link, task.wait_power)
+            if any_order:
+                alone = best_place(form, chain, box, link, task.wait_power)
+            at_place = task_of(form.moved(alone.joint_position, chain.robot))
+            variants["place"] = at_place.table.cost(at_place.base)
+            notes.append(_where(placed))
+            changed = changed.moved(placed.joint_position, chain.robot)
+            moved = task_of(changed)
+        chosen, task = changed, replace(task, variants=variants)
     if time_law:
         limits = law_limits(chain, chosen.acceleration, chosen.jerk)
         laws = timed_moves(chain, chosen.moves, chosen.base, limits, progress=progress)
         chosen = TimedForm(chosen, laws, chain.robot)
         moved = replace(task_of(chosen), variants=task.variants)
-        task = task if place is not None else moved
+        task = task if variants else moved
     found = optimise(task, moved)
-    return OptimizationResult(name, optimization_report(found, chosen, name, notes), found, chosen)
+    report = optimization_report(found, chosen, name, notes)
+    if level and cycle_time is not None:
+        others = [(str(one), load_motion(one, chain.robot, topic=topic).motion) for one in level]
+        report = with_supply(report, found, chosen, others, cycle_time)
+    return OptimizationResult(name, report, found, chosen)
 
 
 def _where(placed: Placement) -> str:

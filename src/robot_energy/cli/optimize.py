@@ -14,7 +14,7 @@ Look for the speeds, accelerations, pauses and states at rest with which a progr
 energy, at the motor temperatures that you give. What each measure saves has a 90 % band, in which
 errors that both programs share cancel; a saving smaller than its band is not claimed. Faster can be
 cheaper, and a cold robot can need other speeds than a warm one. Nothing is measured here.
-Collisions are not checked; paths stay as they are.
+Collisions are not checked; paths stay as they are but for --place and --any-order.
 """
 EPILOG = """\
 examples:
@@ -69,6 +69,19 @@ def add_parser(commands: Any) -> None:
         help="moves may follow time laws of their own; --out writes a trajectory then",
     )
     parser.add_argument(
+        "--level",
+        action="append",
+        default=[],
+        metavar="PROGRAM",
+        help="program of another robot of this model on the same supply; starts within the cycle "
+        "time are shifted so that the peak is least; several times for several robots",
+    )
+    parser.add_argument(
+        "--any-order",
+        action="store_true",
+        help="the configurations of point-to-point moves are independent: their order may change",
+    )
+    parser.add_argument(
         "--place",
         metavar="X,Y,Z",
         help="the workpiece may be shifted by up to this to either side, in the base frame [m]; "
@@ -107,7 +120,7 @@ def run(args: Namespace) -> int:
     from robot_energy.report.optimization import optimization_document
     from robot_energy.report.optimization_figure import measures_and_front
 
-    check_outputs(args, [args.program, args.model, args.rest_states])
+    check_outputs(args, [args.program, args.model, args.rest_states, *args.level])
     states = args.standby if args.rest_states is None else read_rest_states(args.rest_states)
     with progress(f"{args.program}: every move in every way") as show:
         found = optimize(
@@ -118,6 +131,8 @@ def run(args: Namespace) -> int:
             standby=states,
             regenerative=args.regenerative,
             peak_limit=args.peak_limit,
+            level=args.level,
+            any_order=args.any_order,
             time_law=args.time_law,
             place=None if args.place is None else joint_list(args.place, "--place", (3,)).tolist(),
             link=args.tool,

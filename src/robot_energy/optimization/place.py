@@ -41,7 +41,9 @@ class Placement:
     reachable: int
 
 
-def best_place(form: PtpForm, chain: PowerChain, box: Float, link: str) -> Placement:
+def best_place(
+    form: PtpForm, chain: PowerChain, box: Float, link: str, wait_power: float = 0.0
+) -> Placement:
     """Look for the place where the program as it is needs least energy.
 
     Args:
@@ -50,6 +52,7 @@ def best_place(form: PtpForm, chain: PowerChain, box: Float, link: str) -> Place
         box: Half widths of the box, in the base frame, shape (3,); 0 for an axis that is
             fixed. [m]
         link: Frame that holds the work.
+        wait_power: Power of the wait that takes what is left of the cycle. [W]
 
     Returns:
         The place; where it is now if none is better.
@@ -62,7 +65,7 @@ def best_place(form: PtpForm, chain: PowerChain, box: Float, link: str) -> Place
         raise MotionError(
             f"the box has half widths {box.tolist()} m", "three lengths >= 0 m, one of them > 0"
         )
-    search = _Search(form, chain, link)
+    search = _Search(form, chain, link, wait_power)
     steps = [np.linspace(-1.0, 1.0, POINTS) if side >= SMALL else np.zeros(1) for side in box]
     best, offset = search.best(np.array(list(product(*steps))) * box, np.zeros(3))
     finer = box / (POINTS - 1)
@@ -74,7 +77,8 @@ def best_place(form: PtpForm, chain: PowerChain, box: Float, link: str) -> Place
 class _Search:
     """Costs of the program at many places at once."""
 
-    def __init__(self, form: PtpForm, chain: PowerChain, link: str) -> None:
+    def __init__(self, form: PtpForm, chain: PowerChain, link: str, wait_power: float) -> None:
+        self._wait = wait_power
         self._form, self._chain = form, chain
         self._poses = [chain.robot.link_pose(via, link) for via in form.joint_position]
         self._kinematics = [
@@ -122,7 +126,7 @@ class _Search:
         )
 
     def _costs(self, places: Float) -> tuple[Float, Float, Float]:
-        """Energy and period of a cycle, and the use of the torque limits, at each place."""
+        """Energy less that of a wait as long, period, and use of the torque limits."""
         count, moves, joints = places.shape
         start = places.reshape(-1, joints)
         goal = np.roll(places, -1, axis=1).reshape(-1, joints)
@@ -133,8 +137,9 @@ class _Search:
         use = self._chain.moves(PtpMoves(start, goal, limits), every)
         needed = self._form.needed
         rest = self._chain.rests(start).energy.reshape(count, moves) @ needed
+        period = use.duration.reshape(count, moves).sum(axis=1) + needed.sum()
         return (
-            use.energy.reshape(count, moves).sum(axis=1) + rest,
-            use.duration.reshape(count, moves).sum(axis=1) + needed.sum(),
+            use.energy.reshape(count, moves).sum(axis=1) + rest - self._wait * period,
+            period,
             use.torque_use.reshape(count, moves).max(axis=1),
         )

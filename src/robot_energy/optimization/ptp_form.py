@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from robot_energy.blocks import Float
+from robot_energy.blocks import Float, Int
 from robot_energy.files.output_files import COMMENT, TEXT, write_file
 from robot_energy.motion.planned import SampledMotion
 from robot_energy.motion.ptp import MotionLimits
@@ -101,6 +101,20 @@ class PtpForm:
         rows = np.round(joint_position / unit, ANGLE_DIGITS).tolist()
         via = [dict(zip(self._names, row, strict=True)) for row in rows]
         return PtpForm(self._path, robot, self._file.model_copy(update={"via": via}))
+
+    def reordered(self, order: Int, robot: Robot) -> PtpForm:
+        """Return the same program with its configurations in another order, each with its rest.
+
+        Args:
+            order: Indices of the configurations, shape (K,).
+            robot: The robot.
+
+        Returns:
+            The program.
+        """
+        via = [self._file.via[k] for k in order.tolist()]
+        update = {"via": via, "dwell": self.needed[order].tolist()}
+        return PtpForm(self._path, robot, self._file.model_copy(update=update))
 
     def _changed(self, task: Task, plan: CyclePlan) -> ProgramFile:
         chosen = task.table.candidates[plan.row]

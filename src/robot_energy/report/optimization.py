@@ -13,7 +13,7 @@ from robot_energy.report.formats import (
     tags_text,
 )
 from robot_energy.report.optimization_figure import measures_and_front
-from robot_energy.results.optimization import MeasureResult, OptimizationReport
+from robot_energy.results.optimization import CommonSupply, MeasureResult, OptimizationReport
 
 
 def optimization_document(report: OptimizationReport, page: Document) -> None:
@@ -75,6 +75,8 @@ def optimization_document(report: OptimizationReport, page: Document) -> None:
             ],
             report.break_even,
         )
+    if report.supply is not None:
+        _supply(page, report, report.supply)
     _front(page, report, scale)
     page.heading("How to try it", 3)
     for number, step in enumerate(report.how_to_try, 1):
@@ -146,6 +148,20 @@ def _temperatures(page: Document, report: OptimizationReport, scale: EnergyForma
             Column("cycle of\nthat choice", "best_duration", fixed(2), "s"),
         ],
         report.temperatures,
+    )
+
+
+def _supply(page: Document, report: OptimizationReport, supply: CommonSupply) -> None:
+    page.rows(
+        "Robots on one supply: starts with the least peak",
+        [Column("program", "program"), Column("start", "start", fixed(2), "s")],
+        report.starts,
+    )
+    watt = fixed(0)
+    page.paragraph(
+        f"peak of the supply {watt(supply.peak_power_together)} W with all starts at once, "
+        f"{watt(supply.peak_power)} W with these, mean {watt(supply.mean_power)} W; means over "
+        "20 ms"
     )
 
 

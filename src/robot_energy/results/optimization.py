@@ -164,6 +164,34 @@ class BreakEven(Result):
 
 
 @dataclass(frozen=True)
+class StartTime(Result):
+    """When a robot on a common supply starts.
+
+    Attributes:
+        program: Of the robot.
+        start: After the beginning of the common cycle. [s]
+    """
+
+    program: str
+    start: float
+
+
+@dataclass(frozen=True)
+class CommonSupply(Result):
+    """Power of a supply for several robots.
+
+    Attributes:
+        peak_power_together: Greatest, with all starts at once. [W]
+        peak_power: Greatest, with the starts as chosen. [W]
+        mean_power: Whatever the starts. [W]
+    """
+
+    peak_power_together: float
+    peak_power: float
+    mean_power: float
+
+
+@dataclass(frozen=True)
 class OptimizationReport(Result):
     """A program, and how it needs less energy for the same work.
 
@@ -181,6 +209,8 @@ class OptimizationReport(Result):
         front: Trade-offs of energy, time and peak power, without waits, from fast to slow.
         temperatures: At each temperature that was asked for.
         break_even: States at rest.
+        starts: Of this robot, as chosen, and of the others on its supply; empty without others.
+        supply: Power of that supply; None without others.
         checked_energy: Of the choice by the prediction of live operation. [J]
         how_to_try: What to do on the robot, in this order.
         problems: What makes the figures doubtful, one sentence each.
@@ -202,6 +232,8 @@ class OptimizationReport(Result):
     front: tuple[FrontPoint, ...]
     temperatures: tuple[TemperatureFigures, ...]
     break_even: tuple[BreakEven, ...]
+    starts: tuple[StartTime, ...]
+    supply: CommonSupply | None
     checked_energy: float
     how_to_try: tuple[str, ...]
     problems: tuple[str, ...]

@@ -6,16 +6,23 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
+from robot_energy.blocks import NANOSECOND, Float
+from robot_energy.errors import MotionError
 from robot_energy.model.drive_models import DRIVE_MODELS
+from robot_energy.motion.planned import PlannedMotion
 from robot_energy.optimization.forms import ProgramForm
+from robot_energy.optimization.levelling import level_starts, samples_of
 from robot_energy.optimization.plan import Cost, CostTable, Saving
 from robot_energy.optimization.rest_states import break_even
 from robot_energy.optimization.run import Optimum, Tried, together
 from robot_energy.optimization.task import Task
-from robot_energy.prediction import predict
+from robot_energy.prediction import START_NS, predict
 from robot_energy.results.model import model_used
 from robot_energy.results.optimization import (
     BreakEven,
+    CommonSupply,
     CycleFigures,
     FrontPoint,
     MeasureResult,
@@ -23,6 +30,7 @@ from robot_energy.results.optimization import (
     OptimizationReport,
     RestChange,
     SavingFigures,
+    StartTime,
     TemperatureFigures,
 )
 
@@ -30,6 +38,7 @@ NOT_CLAIMED = "not claimed: smaller than its uncertainty"
 NOTHING = "changes nothing here"
 COSTS = "needs more energy here"
 DOES_NOT_APPLY = "does not apply"
+MIN_WAIT = 1e-3  # s; less is rounding
 MIN_CHANGE = 1e-6  # of the energy, that is more than rounding [-]
 MAX_DIFFERENCE = 0.01  # between the two ways to predict the choice [-]
 MIN_CYCLES = 20  # of each program, in a test on the robot
@@ -78,11 +87,69 @@ def optimization_report(
         front=tuple(FrontPoint(c.duration, c.energy, c.peak) for _, c in found.front),
         temperatures=_temperatures(found),
         break_even=_break_even(task),
+        starts=(),
+        supply=None,
         checked_energy=checked,
         how_to_try=_how_to_try(found),
         problems=tuple(problems),
         notes=(*form.notes, *notes, *_notes(found)),
     )
+
+
+def with_supply(
+    report: OptimizationReport,
+    found: Optimum,
+    form: ProgramForm,
+    others: Sequence[tuple[str, PlannedMotion]],
+    cycle_time: float,
+) -> OptimizationReport:
+    """Return the report with starts of this robot and others that share its supply and model.
+
+    Args:
+        report: Of this robot.
+        found: What was found for it.
+        form: Its program.
+        others: Name and motion of the others; each waits until the cycle is over.
+        cycle_time: Of all. [s]
+
+    Returns:
+        With starts and supply.
+
+    Raises:
+        MotionError: If a motion cannot be predicted, or is longer than the cycle.
+    """
+    task = found.task
+    motion = form.motion(task, found.plan, task.chain.robot)
+    robots = [(report.program, motion), *others]
+    curves: list[Float] = []
+    for name, one in robots:
+        if one.duration > cycle_time + MIN_WAIT:
+            raise MotionError(
+                f"{name} takes {one.duration:.4g} s", f"at most the cycle time, {cycle_time:g} s"
+            )
+        curves.append(_power(task, name, one, cycle_time))
+    level = level_starts(curves, cycle_time)
+    return replace(
+        report,
+        starts=tuple(
+            StartTime(name, start)
+            for (name, _), start in zip(robots, level.start.tolist(), strict=True)
+        ),
+        supply=CommonSupply(level.peak_before, level.peak, level.mean),
+    )
+
+
+def _power(task: Task, name: str, motion: PlannedMotion, cycle_time: float) -> Float:
+    """Mean power over short steps of one cycle, the wait with the power of the first rest."""
+    degc = task.chain.motor_temperature_degc.mean(axis=0)
+    means = predict(task.model(), motion, degc, name).means
+    if means is None:
+        raise MotionError(f"{name} is too short", "a motion of some samples")
+    power = means.mean("grid_import") - means.mean("grid_return")
+    time = (means.stamp_ns - START_NS) * NANOSECOND - 0.5 * means.period
+    count = samples_of(cycle_time)
+    middle = (np.arange(count) + 0.5) * cycle_time / count
+    return np.where(middle > motion.duration, power[0], np.interp(middle, time, power))
 
 
 def _cycle(cost: Cost) -> CycleFigures:

@@ -3,6 +3,7 @@
 from robot_energy.optimization.measures import (
     move_overrides,
     one_override,
+    order,
     place,
     regenerative,
     rest_pose,
@@ -17,6 +18,7 @@ __all__ = [
     "Measure",
     "move_overrides",
     "one_override",
+    "order",
     "place",
     "regenerative",
     "register_measure",
