@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
 from pathlib import Path
-
-import numpy as np
 
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.energy_curve import EnergyCurve, add_compared, add_means
@@ -17,7 +15,7 @@ from robot_energy.bag import BagReader
 from robot_energy.bag.mcap_records import LogTimes
 from robot_energy.bag.ownership import foreign_entries
 from robot_energy.bag.time_range import TimeRange
-from robot_energy.blocks import EffortMeaning, JointBlock
+from robot_energy.blocks import EffortMeaning
 from robot_energy.condition.record import ConditionRecord
 from robot_energy.energy_bag import EnergyBagWriter
 from robot_energy.errors import BagError, UnknownJointError
@@ -32,12 +30,14 @@ from robot_energy.inputs.temperatures.temperatures import TemperatureIngest
 from robot_energy.messages import PayloadReader
 from robot_energy.model import RobotModel, load, shipped_models
 from robot_energy.pipeline import EnergyPipeline, Output, Settings
+from robot_energy.pipeline.payload_timeline import PayloadChange
+from robot_energy.read_ahead import can_read_ahead, read_ahead
 from robot_energy.recorded_jobs import Job, RecordedJobs
+from robot_energy.replay_steps import BagInputs, read_steps, torque_steps
 from robot_energy.replay_topics import Topics, find_temperatures, find_topics
 from robot_energy.timeline.pieces import Compared
 
 SECOND_NS = 1_000_000_000
-ROWS = 4096  # samples in one step at most
 Progress = Callable[[float], None]
 
 
@@ -108,6 +108,7 @@ def replay(
     time_range: TimeRange | None = None,
     jobs: Sequence[Job] = (),
     calibration: Calibrated | None = None,
+    processes: int = 1,
 ) -> Replay:
     """Run a bag through the pipeline.
 
@@ -130,6 +131,8 @@ def replay(
             they stay in use, payloads from the beginning.
         jobs: Jobs and cycles to count, in order of time.
         calibration: Of the bands, from an earlier account of the same model and meter.
+        processes: 2: reading and torque are a process of their own; 3: two; which changes
+            no figure.
 
     Returns:
         The energy account and the rejection log of every input.
@@ -196,21 +199,28 @@ def replay(
     if out is not None:
         check_folder(out, foreign_entries, overwrite, (path,), BagError)
         writer = EnergyBagWriter(out, overwrite, model, bag.origin, Path(path))
+    if processes > 1 and not can_read_ahead():
+        result.notes.append("this system cannot fork processes: the bag was read by one")
+        processes = 1
     try:
         spans = _spans(bag, result, time_range) if time_range else {}
-        for output in _outputs(bag, result, spans, sliced=writer is not None, progress=progress):
-            result.jobs.step(pipeline.ledger)
-            if writer is not None:
-                writer.write(output, pipeline.ledger, result.payload.changes)
-            if result.predicted_curve is not None and output.means is not None:
-                add_means(result.predicted_curve, output.means)
-            if on_output is not None:
-                on_output(output)
+        changes: list[PayloadChange] = []
+        with closing(
+            _outputs(bag, result, spans, writer is not None, processes, progress)
+        ) as outputs:
+            for output, more in outputs:
+                result.jobs.step(pipeline.ledger)
+                changes += more
+                if writer is not None:
+                    writer.write(output, pipeline.ledger, changes)
+                if result.predicted_curve is not None and output.means is not None:
+                    add_means(result.predicted_curve, output.means)
+                if on_output is not None:
+                    on_output(output)
         result.jobs.finish(pipeline.ledger)
-        result.problems += bag.problems
         newest_ns = result.joint_states.newest_ns
-        result.notes += [*temperatures.doubts, *temperatures.clock_doubts(newest_ns)]
-        result.notes += [*meter.clock_doubts(), *pipeline.torque.effort_check.doubts()]
+        result.notes += [*result.temperatures.doubts, *result.temperatures.clock_doubts(newest_ns)]
+        result.notes += [*result.meter.clock_doubts(), *pipeline.torque.effort_check.doubts()]
         _require_samples(result)
         if writer is not None:
             writer.close()
@@ -225,36 +235,31 @@ def _outputs(
     bag: BagReader,
     result: Replay,
     spans: dict[str, LogTimes],
-    sliced: bool,
+    by_second: bool,
+    processes: int,
     progress: Progress | None,
-) -> Iterator[Output]:
-    used, pipeline = result.topics, result.pipeline
-    metered = tuple(result.meter.source.topics) if used.meter else ()
-    states = used.joint_states or ()
-    topics = (*states, used.payload, *(used.temperatures or ()), *metered)
-    names = [name for name in topics if name]
-    start, end = next((spans[name] for name in states if name in spans), (bag.start_ns, bag.end_ns))
-    for part in bag.parts(names, spans):
-        readings = [part[topic] for topic in used.temperatures or () if topic in part]
-        temperatures = result.temperatures.step(readings) if readings else None
-        metering = [part[topic] for topic in metered if topic in part]
-        meter = result.meter.step(metering) if metering else None
-        if used.payload in part:
-            result.payload.step(part[used.payload])
-        batches = [part[topic] for topic in states if topic in part]
-        joints = result.joint_states.step(batches) if batches else None
-        for index, block in enumerate(_slices(joints, sliced, result.jobs)):
-            first = index == 0
-            yield pipeline.step(block, temperatures if first else None, meter if first else None)
-        if progress is not None and batches and start is not None and end is not None:
-            progress(min(1.0, (int(batches[0].log_time_ns[-1]) - start) / max(end - start, 1)))
-    yield pipeline.step(None, result.temperatures.flush(), result.meter.flush())
-    for block in _slices(result.joint_states.flush(), sliced, result.jobs):
-        if block is not None:
-            yield pipeline.step(block)
-    yield pipeline.flush()
-    if progress is not None:
-        progress(1.0)
+) -> Generator[tuple[Output, tuple[PayloadChange, ...]]]:
+    """Run the stages; yield what each step gave, and the payloads that were set in it."""
+    pipeline = result.pipeline
+    inputs = BagInputs(result.joint_states, result.temperatures, result.meter, [])
+    steps = read_steps(bag, inputs, result.topics, spans, by_second, result.jobs)
+    if processes > 2:
+        steps = read_ahead(steps)
+    steps = torque_steps(steps, pipeline.torque, result.payload)
+    if processes > 1:
+        steps = read_ahead(steps)
+    with closing(steps):
+        for step in steps:
+            if step.inputs is None or step.stages is None:
+                yield pipeline.advance(step.torque, step.temperatures, step.meter), step.changes
+            else:  # as they are in the process that has read
+                read = step.inputs
+                result.joint_states, result.temperatures = read.joint_states, read.temperatures
+                result.meter, result.problems = read.meter, read.problems
+                pipeline.torque, result.payload = step.stages
+                yield pipeline.finish(step.torque), step.changes
+            if progress is not None and step.share is not None:
+                progress(step.share)
 
 
 def _spans(bag: BagReader, result: Replay, time_range: TimeRange) -> dict[str, LogTimes]:
@@ -269,20 +274,6 @@ def _spans(bag: BagReader, result: Replay, time_range: TimeRange) -> dict[str, L
         **dict.fromkeys(topics.temperatures or (), (earlier, last)),
         **({topics.payload: (0, last)} if topics.payload else {}),
     }
-
-
-def _slices(
-    block: JointBlock | None, by_second: bool, jobs: RecordedJobs
-) -> list[JointBlock] | list[None]:
-    """Cut into blocks that fit the caches; at whole seconds for the registers' rate; for jobs."""
-    if block is None:
-        return [None]
-    cuts = np.arange(ROWS, len(block), ROWS)
-    if by_second:
-        cuts = np.flatnonzero(np.diff(block.stamp_ns // SECOND_NS)) + 1
-    cuts = np.union1d(cuts, jobs.cuts(block.stamp_ns))
-    bounds = [0, *cuts.tolist(), len(block)]
-    return [block[slice(start, stop)] for start, stop in pairwise(bounds)]
 
 
 def _require_samples(result: Replay) -> None:

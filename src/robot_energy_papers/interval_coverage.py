@@ -18,7 +18,7 @@ import numpy as np
 
 from robot_energy.blocks import EffortMeaning
 from robot_energy.identify.data.bags import Bag
-from robot_energy.identify.drives.drive_power import read_drive_power
+from robot_energy.identify.drives.drive_power import DrivePowerTopics
 from robot_energy.identify.dynamics.dynamics import Dynamics
 from robot_energy.identify.dynamics.inertials import with_link_parameters
 from robot_energy.identify.run_all import FullIdentification, identify_everything
@@ -167,7 +167,7 @@ def record_plant(
         path = record(rig, SECONDS, folder / f"{degc:.0f}degc", drive_power=drive_power).path
         powers = None
         if drive_power:
-            powers = read_drive_power(path, DRIVE_POWER, rig.joint_names)
+            powers = DrivePowerTopics((DRIVE_POWER,)).read(path, rig.joint_names)
         bags.append(Bag(path, EffortMeaning.MOTOR_TORQUE, drive_power=powers, sensors=LIMITS))
     return bags
 

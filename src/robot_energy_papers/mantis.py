@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from robot_energy.blocks import NANOSECOND, EffortMeaning, Float
 from robot_energy.identify.data.recordings import Recording, read_recording
 from robot_energy.identify.drives.drive_data import BRIDGED
-from robot_energy.identify.drives.drive_power import MeasuredDrivePower, read_drive_power
+from robot_energy.identify.drives.drive_power import DrivePowerTopics, MeasuredDrivePower
 from robot_energy.identify.excitation.excitation import ExcitationSettings, optimise_excitation
 from robot_energy.identify.excitation.limits import ExcitationLimits
 from robot_energy.model import RobotModel
@@ -216,7 +216,7 @@ def read_run(path: Path, model: RobotModel) -> PrintRun:
         The run.
     """
     recording = read_recording(path, model, EffortMeaning.MOTOR_TORQUE)
-    power = read_drive_power(path, DRIVE_POWER, model.joint_names)
+    power = DrivePowerTopics((DRIVE_POWER,)).read(path, model.joint_names)
     stamp = recording.torque.stamp_ns
     lead = round(LEAD / NANOSECOND)
     return PrintRun(recording, power, int(stamp[0]) + lead, int(stamp[-1]) - lead)

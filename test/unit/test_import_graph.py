@@ -18,7 +18,8 @@ SOURCES = Path(robot_energy.__file__).parent.parent
 MODULES = {
     "robot_energy": """
         __main__ bag_replay blocks config_file energy_bag errors kinds log_formats prediction
-        recorded_jobs replay_topics schema_errors shown_text time_series units
+        read_ahead recorded_jobs replay_steps replay_topics schema_errors shown_text time_series
+        units
     """,
     "robot_energy.accounting": """
         account account_record averaging band_calibration comparison energy_curve event_log
@@ -119,7 +120,7 @@ MODULES = {
         messages metrics monitoring recording robot_state saved_page settings web_app web_server
     """,
     "robot_energy.physics": """
-        cabinet derivative drive drivetrain effort effort_check equations friction
+        cabinet derivative drive drivetrain effort effort_check electrical_power equations friction
         limit_utilisation motor_heat rigid_body torque transmission
     """,
     "robot_energy.physics.urdf": """
@@ -184,6 +185,8 @@ LAYERS = (
     (
         "bag_replay",
         "energy_bag",
+        "read_ahead",
+        "replay_steps",
         "replay_topics",
         "prediction",
         "recorded_jobs",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import faulthandler
 import inspect
 import signal
 import sys
@@ -26,6 +27,7 @@ from ros2_energy_monitor.base.shared_memory import clear_ports
 
 EXIT_BAD_SETUP = 2
 PATIENCE = 0.2  # longest time until a signal is noticed [s]
+MAX_END = 20.0  # after this the process ends, and says where the middleware hangs [s]
 
 
 class Closable(Protocol):
@@ -117,7 +119,9 @@ def run(make_node: Callable[..., Node], args: Sequence[str] | None = None) -> in
 
     Returns:
         Exit code: 0 after the usage, SIGINT, SIGTERM, a shutdown from outside or that of a
-        managed node; 2 if the node could not be set up, after one sentence in the log.
+        managed node; 2 if the node could not be set up, after one sentence in the log. The
+        process ends with 1, and the stack of every thread, if the middleware does not let it end
+        within 20 s; what had to be written is written by then.
     """
     name = getattr(make_node, "NAME", "robot_energy")
     if {"-h", "--help"}.intersection(sys.argv[1:] if args is None else args):
@@ -136,6 +140,7 @@ def run(make_node: Callable[..., Node], args: Sequence[str] | None = None) -> in
                     _close(node)
             finally:
                 stop.ignore()
+                faulthandler.dump_traceback_later(MAX_END, exit=True)
                 node.destroy_node()
     except RobotEnergyError as error:
         get_logger(name).fatal(str(error))
@@ -147,6 +152,7 @@ def run(make_node: Callable[..., Node], args: Sequence[str] | None = None) -> in
         return 0
     finally:
         stop.ignore()
+        faulthandler.cancel_dump_traceback_later()
     return 0
 
 

@@ -11,10 +11,12 @@ from robot_energy.api.inputs import BagSource, ModelName, Stages, model_of, sile
 from robot_energy.blocks import EffortMeaning
 from robot_energy.errors import NotIdentifiableError
 from robot_energy.identify.data.bags import BagFacts, Span, facts
+from robot_energy.identify.drives.drive_power import drive_topics
 from robot_energy.identify.stats.systematic import SensorLimits
 from robot_energy.identify.steps import Subject
 from robot_energy.model import RobotModel, save
 from robot_energy.results.base import Result
+from robot_energy.units import DqScaling
 
 if TYPE_CHECKING:
     from robot_energy.check.evidence import Evidence
@@ -257,8 +259,9 @@ def identify_all(
     test: Names = (),
     held_out: bool = True,
     skip: Sequence[Subject] = (),
-    drive_power: str | None = None,
+    drive_power: str | Sequence[str] | None = None,
     drive_joints: Sequence[str] | None = None,
+    dq_scaling: DqScaling = "peak",
     link_voltages: tuple[float, float] | None = None,
     share_shape: bool = False,
     inputs: str | Path | None = None,
@@ -276,8 +279,10 @@ def identify_all(
         test: Recordings for the test alone.
         held_out: Whether to test the energy on held-out recordings.
         skip: Subjects that stay as the model has them.
-        drive_power: Topic of an array with the power of each drive. [W]
-        drive_joints: Joints in the order of that array; None: of the model.
+        drive_power: Topic of an array with the power of each drive [W], or four: currents d and
+            q [A], voltages d and q [V] (paper B eq. 1).
+        drive_joints: Joints in the order of these arrays; None: of the model.
+        dq_scaling: What the amplitudes of the four are: ``peak``, ``rms`` or ``power_invariant``.
         link_voltages: Of the DC link: rectified mains, start of the brake chopper. [V]
         share_shape: Whether axes of too small a range borrow the temperature shape of others.
         inputs: Parameter file of a monitor: read the bags as that node reads its topics.
@@ -304,10 +309,10 @@ def identify_all(
     from robot_energy.results.identification import identification_report
 
     given = model_of(model)
-    drives = drive_power, drive_joints
+    drives = drive_topics(drive_power, drive_joints, dq_scaling)
     source = BagSource(_paths(bags), effort, inputs, sensors=sensors)
-    fitted, refused = source.lazy(given, *drives)
-    tests, _ = BagSource(_paths(test), effort, inputs).lazy(given, *drives)
+    fitted, refused = source.lazy(given, drives)
+    tests, _ = BagSource(_paths(test), effort, inputs).lazy(given, drives)
     known: list[tuple[BagFacts, Span]] = []
     evidence: list[Evidence] = []
     for bag in (*fitted, *tests):

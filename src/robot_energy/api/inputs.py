@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from robot_energy.identify.data.bags import Bag
     from robot_energy.identify.data.recordings import Recording
     from robot_energy.identify.data.signals import Channels
+    from robot_energy.identify.drives.drive_power import DrivePowerTopics
     from robot_energy.identify.friction.samples import FrictionData
     from robot_energy.identify.stats.systematic import SensorLimits
     from robot_energy.inputs.sources import Inputs
@@ -216,14 +217,13 @@ class BagSource:
         return found
 
     def lazy(
-        self, model: RobotModel, drive_power: str | None, drive_joints: Sequence[str] | None
+        self, model: RobotModel, drive_power: DrivePowerTopics | None
     ) -> tuple[list[Bag], str]:
         """Return the bags as identification reads them again and again, in parts.
 
         Args:
             model: Of the robot.
-            drive_power: Topic of an array with the power of each drive. [W]
-            drive_joints: Joints in the order of that array; None: of the model.
+            drive_power: Where the bags have the power of each drive, if they have.
 
         Returns:
             The bags, and why their effort cannot be used; empty if it can, or was not stated.
@@ -232,7 +232,6 @@ class BagSource:
             RobotEnergyError: If a bag or the parameter file cannot be used.
         """
         from robot_energy.identify.data.bags import Bag
-        from robot_energy.identify.drives.drive_power import read_drive_power
         from robot_energy.identify.run_all import usable_effort
         from robot_energy.identify.stats.systematic import DEFAULT_LIMITS
 
@@ -242,8 +241,6 @@ class BagSource:
         sensors = self.sensors or DEFAULT_LIMITS
         bags: list[Bag] = []
         for path in map(Path, self.bags):
-            power = None
-            if drive_power:
-                power = read_drive_power(path, drive_power, model.joint_names, drive_joints)
+            power = drive_power and drive_power.read(path, model.joint_names)
             bags.append(Bag(path, used, read, power, sensors=sensors))
         return bags, refused

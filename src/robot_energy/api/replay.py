@@ -61,6 +61,8 @@ class ReplayOptions(TypedDict, total=False):
         learning: What is learned of friction and constant losses: ``off``, ``observe`` (default)
             or ``apply``, to predict with it.
         learned: What an earlier recording has taught, the `state` of its learner.
+        processes: 2: a process of its own reads the bag and computes torque, ahead of this one;
+            3: reading and torque are two. No figure changes.
         out: Folder of a new bag for the energy topics.
         overwrite: Whether an existing ``out`` may be replaced.
         progress: Called with the share done, 0 to 1.
@@ -84,6 +86,7 @@ class ReplayOptions(TypedDict, total=False):
     start: float | None
     end: float | None
     jobs: str | Path | None
+    processes: int
     out: str | Path | None
     overwrite: bool
     progress: Callable[[float], None] | None
@@ -302,6 +305,7 @@ def run_replay(
         time_range=TimeRange(options.get("start"), options.get("end")),
         learned=options.get("learned"),
         jobs=load_jobs(jobs) if (jobs := options.get("jobs")) else (),
+        processes=options.get("processes", 1),
     )
     result.notes[:0] = notes
     return result

@@ -78,6 +78,11 @@ class RawBatch:
             length=self.length[rows],
         )
 
+    def copy(self) -> RawBatch:
+        """Return the messages in a buffer of their own, without what lies between them."""
+        messages = [self.row(number) for number in range(len(self))]
+        return self.from_messages(self.topic, self.msgtype, self.log_time_ns, messages)
+
     def pieces(self, max_bytes: int) -> Iterator[tuple[int, RawBatch]]:
         """Yield the batch in pieces of bounded size, each with its first row.
 

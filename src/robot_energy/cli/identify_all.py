@@ -8,11 +8,13 @@ from typing import Any
 
 from robot_energy.cli.identify_inputs import (
     add_bags,
+    add_drive_power,
     add_link_voltages,
     add_results,
     add_sensors,
     add_share_shape,
     check_results,
+    drive_power_topics,
     link_voltages,
     sensor_limits,
 )
@@ -50,15 +52,7 @@ def add_parser(commands: Any) -> None:
     parser.add_argument(
         "--test", nargs="+", default=[], metavar="BAG", help="recordings for the test alone"
     )
-    parser.add_argument(
-        "--drive-power", metavar="TOPIC", help="array with the power of each drive [W]"
-    )
-    parser.add_argument(
-        "--drive-joints",
-        nargs="+",
-        metavar="JOINT",
-        help="joints in the order of that array (default: of the model)",
-    )
+    add_drive_power(parser)
     parser.add_argument(
         "--skip", nargs="+", choices=SUBJECTS, default=[], help="leave these as the model has them"
     )
@@ -95,6 +89,7 @@ def run(args: Namespace) -> int:
         skip=args.skip,
         drive_power=args.drive_power,
         drive_joints=args.drive_joints,
+        dq_scaling=args.dq_scaling,
         link_voltages=link_voltages(args),
         share_shape=args.share_shape,
         inputs=args.inputs,
@@ -110,8 +105,7 @@ def run(args: Namespace) -> int:
 
 def _check(args: Namespace) -> None:
     """Refuse options that do not fit together."""
-    if args.drive_joints and not args.drive_power:
-        raise ModelFileError("--drive-joints without --drive-power", "both or none")
+    drive_power_topics(args)
     if args.test and args.no_test:
         raise ModelFileError("--test and --no-test exclude each other", "one of them")
     places = [Path(bag).resolve() for bag in (*args.bags, *args.test)]

@@ -9,11 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 from robot_energy.cli.identify_inputs import (
     add_bags,
+    add_drive_power,
     add_results,
     add_sensors,
     bags_of,
     check_results,
     check_source,
+    drive_power_topics,
 )
 from robot_energy.cli.numbers import frequency
 from robot_energy.cli.terminal import add_command, present
@@ -58,15 +60,7 @@ def add_parser(commands: Any) -> None:
         effort="what the effort in the joint states means; without it the model's own torque "
         "is used, rigid bodies and friction",
     )
-    parser.add_argument(
-        "--drive-power", metavar="TOPIC", help="array with the power of each drive [W]"
-    )
-    parser.add_argument(
-        "--drive-joints",
-        nargs="+",
-        metavar="JOINT",
-        help="joints in the order of that array (default: of the model)",
-    )
+    add_drive_power(parser)
     for kind in LOG_FORMATS.values():
         if kind.recording is not None:
             parser.add_argument(
@@ -165,7 +159,6 @@ def _data(args: Namespace) -> tuple[DriveData, RobotModel | None, str]:
         return data, None, "log"
     from robot_energy.blocks import EffortMeaning
     from robot_energy.identify.causes import refuse_meter, refuse_torque, torque_evidence
-    from robot_energy.identify.drives.drive_power import read_drive_power
     from robot_energy.identify.plausibility import check_signs
     from robot_energy.model import load
 
@@ -182,12 +175,8 @@ def _data(args: Namespace) -> tuple[DriveData, RobotModel | None, str]:
         else:
             bags = args.bags
         recordings = bags_of(args, bags).recordings(model)
-        powers = [
-            read_drive_power(bag, args.drive_power, model.joint_names, args.drive_joints)
-            if args.drive_power
-            else None
-            for bag in bags
-        ]
+        topics = drive_power_topics(args)
+        powers = [topics and topics.read(bag, model.joint_names) for bag in bags]
     measured = effort is not EffortMeaning.NONE
     if measured:
         check_signs(recordings, effort)

@@ -11,9 +11,11 @@ from robot_energy.cli.numbers import number
 from robot_energy.cli.robots import add_robot
 from robot_energy.cli.terminal import add_json, check_outputs, progress
 from robot_energy.errors import ModelFileError
+from robot_energy.units import DQ_FACTORS
 
 if TYPE_CHECKING:
     from robot_energy.api.inputs import BagSource
+    from robot_energy.identify.drives.drive_power import DrivePowerTopics
     from robot_energy.identify.stats.systematic import SensorLimits
 
 SENSORS = (
@@ -64,6 +66,51 @@ def add_bags(
         help="parameter file of a monitor node: read the bags as that node reads its topics; or "
         "name of a robot whose driver is known (see: robot-energy kinds)",
     )
+
+
+def add_drive_power(parser: ArgumentParser) -> None:
+    """Add where the bags have the power of each drive.
+
+    Args:
+        parser: Of the command.
+    """
+    parser.add_argument(
+        "--drive-power",
+        nargs="+",
+        metavar="TOPIC",
+        help="array with the power of each drive [W]; or four arrays, from which the power is "
+        "computed: currents d and q [A], voltages d and q [V]",
+    )
+    parser.add_argument(
+        "--drive-joints",
+        nargs="+",
+        metavar="JOINT",
+        help="joints in the order of these arrays (default: of the model)",
+    )
+    parser.add_argument(
+        "--dq-scaling",
+        choices=tuple(DQ_FACTORS),
+        default="peak",
+        help="what the four are: peak or RMS values of a phase, or those of the power-invariant "
+        "transformation (default: peak)",
+    )
+
+
+def drive_power_topics(args: Namespace) -> DrivePowerTopics | None:
+    """Return where the bags have the power of each drive; None without `--drive-power`.
+
+    Args:
+        args: Of the command.
+
+    Raises:
+        RobotEnergyError: If the options do not fit together.
+    """
+    from robot_energy.identify.drives.drive_power import drive_topics
+
+    if not args.drive_power and (args.drive_joints or args.dq_scaling != "peak"):
+        option = "--drive-joints" if args.drive_joints else "--dq-scaling"
+        raise ModelFileError(f"{option} without --drive-power", "both or none")
+    return drive_topics(args.drive_power, args.drive_joints, args.dq_scaling)
 
 
 def add_results(parser: ArgumentParser, what: str, plot: str = "") -> None:

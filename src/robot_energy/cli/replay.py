@@ -8,7 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 from robot_energy.cli.memory import keep_freed_memory
 from robot_energy.cli.page import add_page, page_settings, recorded_page, serve_page
-from robot_energy.cli.replay_options import BAG, DAMAGED, add_jobs, add_replay, options_of
+from robot_energy.cli.replay_options import (
+    BAG,
+    DAMAGED,
+    PROCESSES,
+    add_jobs,
+    add_replay,
+    options_of,
+)
 from robot_energy.cli.robots import model_named
 from robot_energy.cli.terminal import (
     add_command,
@@ -45,6 +52,7 @@ examples:
   robot-energy replay bag --model my_robot.yaml --inputs energy_monitor.yaml
   robot-energy replay bag --model kr16 --effort motor_torque
   robot-energy replay bag --model kr16 --serve
+  robot-energy replay long_bag --model kr16 --processes 2
   robot-energy replay bag --robot fr3 --model my_fr3.yaml --json - | jq .comparison
 """
 
@@ -54,6 +62,7 @@ def add_parser(commands: Any) -> None:
     text = "where the energy of a recorded bag went"
     parser = add_command(commands, "replay", run, text, DESCRIPTION, EPILOG)
     parser.add_argument("bag", help=BAG)
+    parser.add_argument("--processes", **PROCESSES)
     outputs = parser.add_argument_group("outputs")
     outputs.add_argument(
         "--out", metavar="BAG", help="write the energy topics (/energy/...) into a new bag"

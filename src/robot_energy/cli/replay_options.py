@@ -93,6 +93,13 @@ SETTINGS: dict[str, dict[str, Any]] = {
         "says, else 2 s)",
     },
 }
+PROCESSES: dict[str, Any] = {
+    "type": int,
+    "choices": (1, 2, 3),
+    "default": 1,
+    "help": "2: a process of its own reads the bag and computes torque, ahead of the one that "
+    "counts energy; 3: reading and torque are two; no figure changes (default 1)",
+}
 
 
 def add_replay(
@@ -146,4 +153,4 @@ def add_jobs(parser: ArgumentParser) -> None:
 def options_of(args: Namespace) -> dict[str, Any]:
     """Return what was given, under the names of `ReplayOptions`."""
     given = {name: getattr(args, name) for name in ("robot", *TOPICS, *PART, *SETTINGS)}
-    return given | {"jobs": getattr(args, "jobs", None)}
+    return given | {"jobs": getattr(args, "jobs", None), "processes": getattr(args, "processes", 1)}

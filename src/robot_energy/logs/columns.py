@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from robot_energy.inputs.joint_states.correction import MAX_SCALE, JointCorrection
 from robot_energy.inputs.meter.source import LOAD_NEGATIVE, LOAD_POSITIVE
-from robot_energy.units import ENERGY_UNITS, POWER_UNITS
+from robot_energy.units import ENERGY_UNITS, POWER_UNITS, DqScaling
 
 PLACEHOLDER = "{joint}"
 DEGREE = 0.017453292519943295  # rad
@@ -38,6 +38,7 @@ SPELLINGS = {
 }
 """Units in the words of files, small letters, and in those of a mapping. Grad is German."""
 CORRECTED = ("position", "velocity", "effort")
+ROTOR_FRAME = ("current_d", "current_q", "voltage_d", "voltage_q")
 
 Text = Annotated[str, Field(min_length=1)]
 Number = Annotated[float, Field(allow_inf_nan=False)]
@@ -181,6 +182,13 @@ class Joints(MappingEntry):
         position: May be left out for ``identify drives``, as of a test bench.
         temperature: Of the motors.
         drive_power: Electrical power that each drive takes, positive into the drive.
+        current_d: Of each drive, along the flux of the rotor; with the three below instead of
+            ``drive_power``, which is computed from them (paper B eq. 1).
+        current_q: Across the flux.
+        voltage_d: Along the flux.
+        voltage_q: Across the flux.
+        dq_scaling: What these amplitudes are: ``peak`` of a phase, ``rms`` of a phase, or those
+            of the power-invariant transformation.
     """
 
     names: Names
@@ -190,6 +198,11 @@ class Joints(MappingEntry):
     effort: EffortColumns | None = None
     temperature: Columns[Literal["degc", "celsius", "kelvin"]] | None = None
     drive_power: Columns[Literal["W", "kW", "mW"]] | None = None
+    current_d: Columns[Literal["ampere", "milliampere"]] | None = None
+    current_q: Columns[Literal["ampere", "milliampere"]] | None = None
+    voltage_d: Columns[Literal["V", "mV"]] | None = None
+    voltage_q: Columns[Literal["V", "mV"]] | None = None
+    dq_scaling: DqScaling = "peak"
 
     @model_validator(mode="after")
     def _check(self) -> Joints:
@@ -197,6 +210,9 @@ class Joints(MappingEntry):
             raise ValueError("each joint name once")
         if self.position is None and self.velocity is None:
             raise ValueError("position or velocity, or both")
+        given = [getattr(self, name) is not None for name in ROTOR_FRAME]
+        if any(given) and (not all(given) or self.drive_power is not None):
+            raise ValueError(f"all of {', '.join(ROTOR_FRAME)}, or drive_power instead")
         lists: dict[str, list[Any] | None] = {"keys": self.keys}
         for name, group in self.quantities():
             lists[f"columns for {name}"] = group.columns
@@ -218,7 +234,7 @@ class Joints(MappingEntry):
 
     def quantities(self) -> Iterator[tuple[str, Columns[Any]]]:
         """Yield key and columns of every quantity that the log has."""
-        for name in (*CORRECTED, "temperature", "drive_power"):
+        for name in (*CORRECTED, "temperature", "drive_power", *ROTOR_FRAME):
             if (group := getattr(self, name)) is not None:
                 yield name, group
 

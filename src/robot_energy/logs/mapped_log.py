@@ -14,6 +14,7 @@ from robot_energy.errors import LogFormatError
 from robot_energy.logs.columns import (
     FACTORS,
     PLACEHOLDER,
+    ROTOR_FRAME,
     SPELLINGS,
     ZEROS,
     Columns,
@@ -38,6 +39,7 @@ from robot_energy.logs.rows import (
 )
 from robot_energy.logs.table import LogTable, TableRows
 from robot_energy.physics.drivetrain import Drivetrain
+from robot_energy.physics.electrical_power import electrical_power
 
 
 class MappedLog:
@@ -241,6 +243,12 @@ class MappedLog:
             reading = np.full(len(values), power.factor)
             for key, (_, factor) in power.factors().items():
                 reading = reading * (values[:, keys == key][:, 0] * factor)
+        drive_power = quantity("drive_power")
+        if joints.current_q is not None:
+            current_d, current_q, voltage_d, voltage_q = map(quantity, ROTOR_FRAME)
+            drive_power = electrical_power(
+                current_d, current_q, voltage_d, voltage_q, joints.dq_scaling
+            )
         body = values[:, keys == "payload"]
         without = len(BODY) - body.shape[1]  # of a point mass
         payload = np.hstack([body, np.zeros((len(body), without))]) if body.shape[1] else None
@@ -251,7 +259,7 @@ class MappedLog:
             effort,
             quantity("temperature"),
             reading,
-            quantity("drive_power"),
+            drive_power,
             payload,
         )
 
@@ -382,7 +390,7 @@ def contents_of(logs: Sequence[MappedLog], mapping: LogMapping) -> RecordingCont
         MeterMeaning[power.meaning.upper()] if power and metered else MeterMeaning.UNKNOWN,
         MeterLocation[power.location.upper()] if power and metered else MeterLocation.UNKNOWN,
         power.interval if power and power.interval else float("nan"),
-        have("drive_power"),
+        have("drive_power") or all(map(have, ROTOR_FRAME)),
         mapping.payload.link if mapping.payload and have("payload") else "",
     )
 

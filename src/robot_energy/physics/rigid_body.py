@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -95,6 +96,11 @@ class Robot:
         return cls(
             model.urdf_xml, model.joint_names, model.gravity, model.payload, model.massless_links
         )
+
+    def __reduce__(self) -> tuple[type[Robot], tuple[Any, ...]]:
+        """Pickle what it was built from: Pinocchio's own objects cannot be."""
+        urdf_xml, gravity, massless_links = self._given
+        return Robot, (urdf_xml, self.joint_names, gravity, self.payload, massless_links)
 
     def with_payload(self, payload: Sequence[Payload]) -> Robot:
         """Return this robot with another payload instead of its own.

@@ -80,15 +80,33 @@ class EnergyPipeline:
         Returns:
             The completed samples of every stage.
         """
+        torque = None
+        if joints is not None:
+            torque = self.torque.plan(joints) if planned else self.torque.step(joints)
+        return self.advance(torque, temperatures, meter)
+
+    def advance(
+        self,
+        torque: TorqueBlock | None,
+        temperatures: TemperatureBlock | None = None,
+        meter: MeterBlock | None = None,
+    ) -> Output:
+        """Go on from torques that were computed elsewhere.
+
+        Args:
+            torque: What `torque` gave for the joint states, if anything.
+            temperatures: As in `step`.
+            meter: As in `step`.
+
+        Returns:
+            The completed samples of every stage.
+        """
         friction = self.friction.step(temperatures) if temperatures is not None else None
         if friction is not None:
             self.power.friction(friction)
         if meter is not None:
             self.ledger.measure(meter)
             self.power.condition.measure(meter)
-        torque = None
-        if joints is not None:
-            torque = self.torque.plan(joints) if planned else self.torque.step(joints)
         power = self.power.step(torque) if torque is not None else None
         means = self.ledger.step(power) if power is not None else None
         return Output(torque, friction, power, means, meter)
@@ -100,7 +118,17 @@ class EnergyPipeline:
 
     def flush(self) -> Output:
         """Complete what still waits, as at the end of a bag."""
-        torque = self.torque.flush()
+        return self.finish(self.torque.flush())
+
+    def finish(self, torque: TorqueBlock | None) -> Output:
+        """Complete what still waits behind the torque.
+
+        Args:
+            torque: The last one, if any.
+
+        Returns:
+            The completed samples of the stages behind the torque.
+        """
         parts = [
             self.power.step(torque) if torque is not None else None,
             self.power.flush(),

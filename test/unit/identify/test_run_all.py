@@ -17,7 +17,7 @@ from robot_energy.blocks import EffortMeaning, Phase
 from robot_energy.identify.data.bags import Bag, facts
 from robot_energy.identify.data.recordings import Recording
 from robot_energy.identify.drives.all_drives import DrivesFound
-from robot_energy.identify.drives.drive_power import MeasuredDrivePower, read_drive_power
+from robot_energy.identify.drives.drive_power import MeasuredDrivePower, drive_topics
 from robot_energy.identify.run_all import (
     FullIdentification,
     identify_everything,
@@ -250,7 +250,7 @@ def test_the_cabinet_is_the_meter_less_measured_drives(tmp_path: Path) -> None:
     """The meter at the DC bus shows the drives and 90 W of the rig's DC side."""
     kr16 = load("kr16")
     path = drive_reports.record(tmp_path / "bag", 1, 20.0)
-    power = read_drive_power(path, "/drive_power", kr16.joint_names)
+    power = drive_topics("/drive_power").read(path, kr16.joint_names)
     bags = [Bag(path, TORQUE, None, power)]
     result = identify_everything(bags, kr16, ("dynamics", "friction"))
     assert isinstance(result.step("drives").found, DrivesFound)

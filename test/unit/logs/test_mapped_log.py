@@ -12,7 +12,7 @@ from logbook import WHEEL_MAPPING, mapping, read_bag, wheel_csv, write_csv
 from places import ROOT
 from robot_energy.blocks import MeterLocation, MeterMeaning
 from robot_energy.errors import BagError, LogFormatError
-from robot_energy.identify.drives.drive_power import read_drive_power
+from robot_energy.identify.drives.drive_power import drive_topics
 from robot_energy.logs import import_log, load_mapping, open_logs
 
 EXAMPLES = ROOT / "src" / "examples" / "mappings"
@@ -83,7 +83,7 @@ def test_power_of_the_drives_reaches_the_bag_in_watt(tmp_path: Path) -> None:
     }
     report = import_log(log, mapping(joints=joints), tmp_path / "bag")
     assert report.drive_powers == 2
-    power = read_drive_power(tmp_path / "bag", "/drive_power", ["axle"])
+    power = drive_topics("/drive_power").read(tmp_path / "bag", ["axle"])
     assert power.power.tolist() == [[1500.0], [-2000.0]]
     assert np.diff(power.stamp_ns).tolist() == [2_000_000_000]
     middle = power.stamp_ns[:1] + 1_000_000_000

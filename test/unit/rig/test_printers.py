@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from robot_energy.identify.drives.drive_power import read_drive_power
+from robot_energy.identify.drives.drive_power import drive_topics
 from robot_energy.model import load
 from robot_energy.motion import InverseKinematics, Trajectory
 from robot_energy.physics.drive import drive_from_model
@@ -97,7 +97,7 @@ def test_recorded_drive_power_is_what_the_drives_say(tmp_path):
     written = record(rigs[0], 2.0, tmp_path / "bag", drive_power=True)
     assert written.messages[DRIVE_POWER] == 500
     expected = RigOutput.concatenate(list(outputs(rigs[1], 2.0)))
-    found = read_drive_power(tmp_path / "bag", DRIVE_POWER, rigs[0].joint_names)
+    found = drive_topics(DRIVE_POWER).read(tmp_path / "bag", rigs[0].joint_names)
     np.testing.assert_array_equal(found.power, expected.joints.measured_drive_power)
     error = found.power - expected.truth.drive_power
     assert 0.4 < error.std() < 0.7

@@ -1,4 +1,4 @@
-"""Measured electrical power of each drive, from a topic without names or stamps of its own."""
+"""Measured electrical power of each drive, from topics without names or stamps of their own."""
 
 from __future__ import annotations
 
@@ -12,8 +12,12 @@ from robot_energy.bag import BagReader
 from robot_energy.blocks import NANOSECOND, Float, Int
 from robot_energy.cdr import Decoder
 from robot_energy.errors import MissingTopicError
+from robot_energy.logs.columns import ROTOR_FRAME
+from robot_energy.physics.electrical_power import electrical_power
 from robot_energy.timeline.stamps import valid_stamps
+from robot_energy.units import DqScaling
 
+MAX_BETWEEN = 0.1  # time between two messages of a current or voltage that is bridged [s]
 ARRAYS = ("std_msgs/msg/Float64MultiArray", "std_msgs/msg/Float32MultiArray")
 
 
@@ -52,25 +56,81 @@ class MeasuredDrivePower:
         return np.where(inside[:, None], between, np.nan)
 
 
-def read_drive_power(
-    path: str | Path, topic: str, names: Sequence[str], order: Sequence[str] | None = None
-) -> MeasuredDrivePower:
-    """Read the power of the drives from a bag, by the time each message was recorded.
+@dataclass(frozen=True)
+class DrivePowerTopics:
+    """Where a bag has the power of the drives: arrays with one value per drive.
 
-    Args:
-        path: MCAP file or rosbag2 folder.
-        topic: Of a Float64MultiArray or Float32MultiArray, one value per drive. [W]
-        names: Joints of the model.
-        order: Joints in the order of the values; None for that of the model.
-
-    Returns:
-        The readings.
+    Attributes:
+        topics: Of Float64MultiArray or Float32MultiArray: one with powers [W], or four with
+            currents d and q [A] and voltages d and q [V], from which the power is computed (paper
+            B eq. 1) at each message of the second.
+        joints: In the order of the values; None: as in the model.
+        scaling: What the amplitudes of the four are.
 
     Raises:
-        MissingTopicError: If the topic is absent, of another type, has another number of
-            values, or the order lacks a joint.
-        BagError: If the bag cannot be read.
+        MissingTopicError: If there are neither one nor four topics.
     """
+
+    topics: tuple[str, ...]
+    joints: tuple[str, ...] | None = None
+    scaling: DqScaling = "peak"
+
+    def __post_init__(self) -> None:
+        if len(self.topics) not in (1, len(ROTOR_FRAME)):
+            raise MissingTopicError(
+                f"{len(self.topics)} topics for the power of the drives",
+                f"one with powers, or four: {', '.join(ROTOR_FRAME)}",
+            )
+
+    def read(self, path: str | Path, names: Sequence[str]) -> MeasuredDrivePower:
+        """Read the power of the drives, by the time each message was recorded.
+
+        Args:
+            path: MCAP file or rosbag2 folder.
+            names: Joints of the model.
+
+        Returns:
+            The readings; NaN where a current or voltage is missing for longer than 0.1 s.
+
+        Raises:
+            MissingTopicError: If a topic is absent, of another type, has another number of
+                values, or the order lacks a joint.
+            BagError: If the bag cannot be read.
+        """
+        parts = [_read_array(path, topic, names, self.joints) for topic in self.topics]
+        if len(parts) == 1:
+            return parts[0]
+        stamp_ns = parts[1].stamp_ns
+        values = [part.at(stamp_ns, MAX_BETWEEN) for part in parts]
+        power = electrical_power(*values, scaling=self.scaling)
+        return MeasuredDrivePower(stamp_ns, power, sum(part.refused for part in parts))
+
+
+def drive_topics(
+    topics: str | Sequence[str] | None,
+    joints: Sequence[str] | None = None,
+    scaling: DqScaling = "peak",
+) -> DrivePowerTopics | None:
+    """Return where bags have the power of the drives; None if no topic is given.
+
+    Args:
+        topics: One or four, see `DrivePowerTopics`.
+        joints: In the order of the values; None: as in the model.
+        scaling: What the amplitudes of the four are.
+
+    Raises:
+        MissingTopicError: If there are neither one nor four topics.
+    """
+    if not topics:
+        return None
+    given = (topics,) if isinstance(topics, str) else tuple(topics)
+    return DrivePowerTopics(given, None if joints is None else tuple(joints), scaling)
+
+
+def _read_array(
+    path: str | Path, topic: str, names: Sequence[str], order: Sequence[str] | None
+) -> MeasuredDrivePower:
+    """Read one value per drive from a topic, by the time it was recorded."""
     bag = BagReader(path)
     info = bag.require(topic, ARRAYS)
     given = tuple(order or names)

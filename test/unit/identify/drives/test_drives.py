@@ -10,13 +10,14 @@ import pytest
 
 import drive_reports
 from drive_reports import contents
+from driver_messages import Driver
 from places import ROOT
 from robot_energy.bag_replay import replay
 from robot_energy.blocks import MeterLocation
 from robot_energy.cli.main import main
 from robot_energy.errors import LogFormatError, MissingTopicError, NotIdentifiableError
 from robot_energy.identify.drives.drive_data import drive_data_of_logs
-from robot_energy.identify.drives.drive_power import read_drive_power
+from robot_energy.identify.drives.drive_power import drive_topics
 from robot_energy.identify.drives.drives import fit_drives, with_drives
 from robot_energy.identify.drives.efficiency import fitted_efficiency
 from robot_energy.identify.drives.losses import MIN_SHARE, fit_losses, loss_columns
@@ -212,13 +213,13 @@ def test_a_drive_that_stands_in_the_rest_is_left_out_of_the_comparison():
 
 def test_the_order_of_the_array_is_that_of_the_named_joints(bags):
     names = load("kr16").joint_names
-    plain = read_drive_power(bags[0], "/drive_power", names)
-    turned = read_drive_power(bags[0], "/drive_power", names, names[::-1])
+    plain = drive_topics("/drive_power").read(bags[0], names)
+    turned = drive_topics("/drive_power", names[::-1]).read(bags[0], names)
     np.testing.assert_array_equal(turned.power, plain.power[:, ::-1])
-    rotated = read_drive_power(bags[0], "/drive_power", names, (*names[1:], names[0]))
+    rotated = drive_topics("/drive_power", (*names[1:], names[0])).read(bags[0], names)
     np.testing.assert_array_equal(rotated.power[:, 0], plain.power[:, -1])
     with pytest.raises(MissingTopicError, match="lacks joint_a6"):
-        read_drive_power(bags[0], "/drive_power", names, names[:5])
+        drive_topics("/drive_power", names[:5]).read(bags[0], names)
 
 
 @pytest.fixture(scope="module")
@@ -322,6 +323,71 @@ def test_a_test_bench_without_positions_and_times_is_enough(tmp_path):
     expected = {"constant": 4.0, "linear": 0.02, "quadratic": 0.0, "copper": 0.7}
     assert axis["losses"]["values"] == pytest.approx(expected, rel=1e-5, abs=1e-9)
     assert main(["identify", "dynamics", *words[2:]]) == 2
+
+
+def test_currents_and_voltages_of_a_log_are_its_drive_power(tmp_path):
+    """The same drive twice: with its power, and with ``P = 3/2 (i_q u_q + i_d u_d)``, paper B
+    eq. 1, split in d and q at random and in other units."""
+    rng = np.random.default_rng(6)
+    rows = []
+    for _ in range(40):
+        speed, torque = rng.uniform(-200, 200), rng.uniform(1, 5)
+        power = torque * speed + 4 + 0.02 * abs(speed) + 0.7 * torque**2
+        current_d, voltage_d, current_q = rng.uniform(-1, 1), rng.uniform(-40, 40), torque / 0.6
+        voltage_q = (power / 1.5 - current_d * voltage_d) / current_q
+        values = (speed, torque, power, 1e3 * current_d, current_q, voltage_d, voltage_q)
+        rows += [";".join(f"{value:.9g}" for value in values)] * 50
+    log = tmp_path / "bench.csv"
+    log.write_text("\n".join(rows))
+    quantities = {
+        "power": "  drive_power: {columns: [p], unit: W}\n",
+        "dq": "  current_d: {columns: [id], unit: milliampere}\n"
+        "  current_q: {columns: [iq], unit: ampere}\n"
+        "  voltage_d: {columns: [ud], unit: V}\n"
+        "  voltage_q: {columns: [uq], unit: V}\n",
+    }
+    quantities["half"] = "".join(quantities["dq"].splitlines(keepends=True)[:2])
+    found = {}
+    for name, lines in quantities.items():
+        mapping, report = tmp_path / f"{name}.yaml", tmp_path / f"{name}.json"
+        mapping.write_text(
+            "schema_version: 1\ncolumn_names: [w, tau, p, id, iq, ud, uq]\ntime: {rate: 100}\n"
+            "joints:\n  names: [drive]\n  velocity: {columns: [w], unit: rad_per_s}\n"
+            "  effort: {columns: [tau], unit: newton_metre}\n" + lines
+        )
+        words = ["identify", "drives", "--log", str(log), "--mapping", str(mapping)]
+        code = main([*words, "--json", str(report)])
+        assert code == (2 if name == "half" else 0)
+        if code == 0:
+            (axis,) = json.loads(report.read_text())["drives"]["axes"]
+            found[name] = axis["losses"]["values"]
+    assert found["dq"] == pytest.approx(found["power"], rel=1e-6, abs=1e-6)
+
+
+def test_currents_and_voltages_of_a_bag_are_its_drive_power(bags, tmp_path):
+    """Four topics that were made from the power of a recording give that power back."""
+    names = load("kr16").joint_names
+    plain = drive_topics("/drive_power").read(bags[0], names)
+    direct, across = 0.3 * plain.power, 0.7 * plain.power
+    values = {"/i_d": np.full_like(direct, -2.0), "/i_q": np.full_like(direct, 5.0)}
+    values |= {"/u_d": direct / (1.5 * -2.0), "/u_q": across / (1.5 * 5.0)}
+    driver = Driver(names)
+    stamps = plain.stamp_ns.tolist()
+    bag = driver.write(
+        tmp_path,
+        [
+            driver.array(stamp, topic, row, "std_msgs")
+            for topic, rows in values.items()
+            for stamp, row in zip(stamps, rows, strict=True)
+        ],
+    )
+    computed = drive_topics(tuple(values)).read(bag, names)
+    assert np.ptp(computed.stamp_ns - plain.stamp_ns) == 0
+    assert computed.power == pytest.approx(plain.power, rel=1e-9)
+    rms = drive_topics(tuple(values), scaling="rms").read(bag, names)
+    assert rms.power == pytest.approx(2.0 * plain.power, rel=1e-9)
+    with pytest.raises(MissingTopicError):
+        drive_topics(("/i_d", "/i_q"))
 
 
 DATA = os.environ.get("ROBOT_ENERGY_DATA", "")

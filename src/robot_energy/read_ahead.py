@@ -1,0 +1,96 @@
+"""An iterator in a process of its own, which works ahead of the process that takes its items."""
+
+from __future__ import annotations
+
+import pickle
+import signal
+import warnings
+from collections.abc import Generator, Iterator
+from contextlib import suppress
+from multiprocessing import get_all_start_methods, get_context
+from multiprocessing.connection import Connection
+from typing import TypeVar
+
+from robot_energy.errors import BagError
+
+T = TypeVar("T")
+
+PIPE_BYTES = 2**20  # items that wait; a process that is further ahead waits itself
+SET_PIPE_SIZE = 1031  # F_SETPIPE_SZ of Linux
+
+
+def can_read_ahead() -> bool:
+    """Whether this system can run an iterator in a process of its own."""
+    return "fork" in get_all_start_methods()
+
+
+def read_ahead(items: Iterator[T]) -> Generator[T]:
+    """Yield the items of an iterator that runs in a process of its own.
+
+    The items are those of the iterator, in their order. What it changes, it changes in its own
+    process only: what must come back is part of an item.
+
+    Args:
+        items: Not begun yet; its items can be pickled.
+
+    Yields:
+        Its items.
+
+    Raises:
+        BagError: If the process ended before its last item.
+        Exception: What the iterator raises.
+    """
+    context = get_context("fork")
+    receive, send = context.Pipe(duplex=False)
+    _widen(send)
+    process = context.Process(target=_serve, args=(items, send, receive))
+    with warnings.catch_warnings():  # of threads, which hold nothing that the process needs
+        warnings.simplefilter("ignore", DeprecationWarning)
+        process.start()
+    send.close()
+    try:
+        while True:
+            try:
+                item, error, more = pickle.loads(receive.recv_bytes())
+            except EOFError:
+                process.join()
+                raise BagError(
+                    f"the process that reads ahead ended with code {process.exitcode}",
+                    "one that reads to the end",
+                    "try again with --processes 1",
+                ) from None
+            if error is not None:
+                raise error
+            if not more:
+                return
+            yield item
+    finally:
+        receive.close()
+        process.kill()
+        process.join()
+
+
+def _widen(pipe: Connection) -> None:
+    """Let a pipe hold more, where the system allows it."""
+    from fcntl import fcntl  # which is where processes can be forked
+
+    with suppress(OSError):
+        fcntl(pipe.fileno(), SET_PIPE_SIZE, PIPE_BYTES)
+
+
+def _serve(items: Iterator[T], send: Connection, receive: Connection) -> None:
+    """Send items, then what was raised or that there are no more; stop where nobody takes them."""
+    receive.close()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the other process ends this one
+    try:
+        error: Exception | None = None
+        try:
+            for item in items:
+                send.send_bytes(pickle.dumps((item, None, True), pickle.HIGHEST_PROTOCOL))
+        except BrokenPipeError:
+            raise
+        except Exception as raised:
+            error = raised
+        send.send_bytes(pickle.dumps((None, error, False)))
+    except BrokenPipeError:
+        return

@@ -1,0 +1,161 @@
+"""What of a replay comes before the power: reading a bag, and the torque of what was read.
+
+Both are iterators without a return path, so each can run in a process of its own, and nothing
+depends on whether it does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Iterator, Mapping
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from robot_energy.bag import BagReader
+from robot_energy.bag.mcap_records import LogTimes
+from robot_energy.blocks import JointBlock, MeterBlock, TemperatureBlock, TorqueBlock
+from robot_energy.cdr.batch import RawBatch
+from robot_energy.inputs.joint_states.joint_states import JointStateIngest
+from robot_energy.inputs.meter.meter import MeterIngest
+from robot_energy.inputs.temperatures.temperatures import TemperatureIngest
+from robot_energy.messages import PayloadReader
+from robot_energy.pipeline import TorqueStage
+from robot_energy.pipeline.payload_timeline import PayloadChange
+from robot_energy.recorded_jobs import RecordedJobs
+from robot_energy.replay_topics import Topics
+
+SECOND_NS = 1_000_000_000
+ROWS = 4096  # samples in one step at most
+
+
+@dataclass
+class BagInputs:
+    """What reads a bag, and has counted what it read.
+
+    Attributes:
+        joint_states: Accounting and joints of the joint states.
+        temperatures: Accounting of the temperatures.
+        meter: Accounting of the meter.
+        problems: What was wrong with the bag, one sentence each.
+    """
+
+    joint_states: JointStateIngest
+    temperatures: TemperatureIngest
+    meter: MeterIngest
+    problems: list[str]
+
+
+@dataclass
+class BagStep:
+    """What one step took from a bag.
+
+    Attributes:
+        joints: Joint states; None after they have become torque.
+        torque: Torques that became complete.
+        temperatures: Motor temperatures.
+        meter: Meter readings.
+        payload: Messages of payloads, before they are in force.
+        changes: Payloads that were accepted.
+        share: How much of the bag is read, 0 to 1; None within a part.
+        inputs: After the last step: what has read.
+        stages: After the last step: the stage of the torque, and the reader of payloads.
+    """
+
+    joints: JointBlock | None = None
+    torque: TorqueBlock | None = None
+    temperatures: TemperatureBlock | None = None
+    meter: MeterBlock | None = None
+    payload: RawBatch | None = None
+    changes: tuple[PayloadChange, ...] = ()
+    share: float | None = None
+    inputs: BagInputs | None = None
+    stages: tuple[TorqueStage, PayloadReader] | None = None
+
+
+def read_steps(
+    bag: BagReader,
+    inputs: BagInputs,
+    topics: Topics,
+    spans: Mapping[str, LogTimes],
+    by_second: bool,
+    jobs: RecordedJobs,
+) -> Generator[BagStep]:
+    """Read a bag, part by part.
+
+    Args:
+        bag: The bag.
+        inputs: What reads it.
+        topics: Topics to read.
+        spans: From when to when each topic is read; all of it where it is not named. [ns]
+        by_second: Whether steps end at whole seconds.
+        jobs: Whose begins and ends make steps short.
+
+    Yields:
+        Steps without torque, the last one with the inputs.
+    """
+    metered = tuple(inputs.meter.source.topics) if topics.meter else ()
+    states = topics.joint_states or ()
+    wanted = (*states, topics.payload, *(topics.temperatures or ()), *metered)
+    start, end = next((spans[name] for name in states if name in spans), (bag.start_ns, bag.end_ns))
+    for part in bag.parts([name for name in wanted if name], spans):
+        readings = [part[topic] for topic in topics.temperatures or () if topic in part]
+        metering = [part[topic] for topic in metered if topic in part]
+        batches = [part[topic] for topic in states if topic in part]
+        first = BagStep(
+            temperatures=inputs.temperatures.step(readings) if readings else None,
+            meter=inputs.meter.step(metering) if metering else None,
+            payload=part[topics.payload].copy() if topics.payload in part else None,
+        )
+        joints = inputs.joint_states.step(batches) if batches else None
+        *steps, last = _cut(joints, by_second, jobs, first)
+        yield from steps
+        if batches and start is not None and end is not None:
+            done = (int(batches[0].log_time_ns[-1]) - start) / max(end - start, 1)
+            last.share = min(1.0, done)
+        yield last
+    yield BagStep(temperatures=inputs.temperatures.flush(), meter=inputs.meter.flush())
+    if (joints := inputs.joint_states.flush()) is not None:
+        yield from _cut(joints, by_second, jobs, BagStep())
+    inputs.problems += bag.problems
+    yield BagStep(share=1.0, inputs=inputs)
+
+
+def torque_steps(
+    steps: Iterator[BagStep], stage: TorqueStage, payload: PayloadReader
+) -> Generator[BagStep]:
+    """Compute the torque of what was read.
+
+    Args:
+        steps: From `read_steps`.
+        stage: Computes it.
+        payload: Puts payloads into force.
+
+    Yields:
+        The steps with torque, the last one with both stages.
+    """
+    for step in steps:
+        if step.payload is not None:
+            known = len(payload.changes)
+            payload.step(step.payload)
+            step.changes, step.payload = tuple(payload.changes[known:]), None
+        if step.joints is not None:
+            step.torque, step.joints = stage.step(step.joints), None
+        if step.inputs is not None:
+            step.torque, step.stages = stage.flush(), (stage, payload)
+        yield step
+
+
+def _cut(
+    block: JointBlock | None, by_second: bool, jobs: RecordedJobs, first: BagStep
+) -> list[BagStep]:
+    """Cut into steps that fit the caches; at whole seconds for the registers' rate; for jobs."""
+    if block is None:
+        return [first]
+    cuts = np.arange(ROWS, len(block), ROWS)
+    if by_second:
+        cuts = np.flatnonzero(np.diff(block.stamp_ns // SECOND_NS)) + 1
+    cuts = np.union1d(cuts, jobs.cuts(block.stamp_ns))
+    bounds = [0, *cuts.tolist(), len(block)]
+    parts = [block[slice(start, stop)] for start, stop in pairwise(bounds)]
+    return [replace(first, joints=parts[0]), *(BagStep(joints=part) for part in parts[1:])]
