@@ -25,6 +25,7 @@ from robot_energy.results.drives import DrivesReport
 from robot_energy.results.dynamics import DynamicsReport
 from robot_energy.results.evaluation import EvaluationReport
 from robot_energy.results.excitation import ExcitationReport
+from robot_energy.results.fleet import FleetFriction, FleetReport
 from robot_energy.results.identification import (
     CabinetReport,
     FrictionReport,
@@ -32,6 +33,7 @@ from robot_energy.results.identification import (
     IdentificationReport,
 )
 from robot_energy.results.model import ModelReport
+from robot_energy.results.optimization import OptimizationReport
 from robot_energy.results.prediction import PredictionsReport
 from robot_energy.results.replay import ReplayReport
 from robot_energy.results.thermal import ThermalReport
@@ -42,6 +44,7 @@ RESULTS: dict[str, type[Result]] = {
     for kind in (
         ReplayReport,
         PredictionsReport,
+        OptimizationReport,
         FrictionReport,
         FrictionStudyReport,
         ThermalReport,
@@ -53,6 +56,8 @@ RESULTS: dict[str, type[Result]] = {
         ModelReport,
         CheckReport,
         EvaluationReport,
+        FleetReport,
+        FleetFriction,
     )
 }
 READABLE = (ReplayReport, PredictionsReport)  # that a page is made from
