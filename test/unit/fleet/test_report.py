@@ -100,6 +100,21 @@ def test_a_bag_that_could_not_be_read_is_named_and_counts_for_nothing(tables, re
     assert again.findings == report.findings
 
 
+def test_a_fleet_without_measured_torque_has_energies_and_standby(tables, report):
+    bare = tables.joints.with_columns(
+        friction_rows=pl.lit(0, pl.Int64),
+        **{
+            name: pl.lit([], kind)
+            for name, kind in tables.joints.schema.items()
+            if isinstance(kind, pl.List)
+        },
+    )
+    found = fleet_report(FleetTables(tables.runs, tables.jobs, tables.hours, bare), "fleet")
+    assert found.robots == report.robots
+    assert found.friction == ()
+    assert [one.kind for one in found.findings] == ["standby"]
+
+
 def test_one_model_from_all_bags_is_better_on_bags_it_has_not_seen(tables):
     model = load("kr16")
     found, written = identify_fleet(tables, model, "fleet")
