@@ -119,7 +119,7 @@ def _of_jobs(jobs: pl.DataFrame, runs: pl.DataFrame, robots: Sequence[str]) -> L
     measured = jobs["measured_energy"].null_count() == 0
     name = "measured_energy" if measured else "energy"
     own = (
-        jobs.group_by("key")
+        jobs.group_by("key", maintain_order=True)
         .agg(pl.col(name).mean())
         .filter(pl.col(name) > 0.0)
         .join(runs.select("key", "robot", "start_ns", "motor_temperature_degc"), on="key")
@@ -141,7 +141,7 @@ def _standby(tables: FleetTables, robots: Sequence[str]) -> tuple[Float, Int]:
     """Logarithm of the standby of every robot and recorded day, and its robot."""
     days = (
         tables.hours.filter(pl.col("robot").is_in(robots))
-        .group_by("robot", pl.col("hour_ns") // DAY_NS)
+        .group_by("robot", pl.col("hour_ns") // DAY_NS, maintain_order=True)
         .agg(pl.col("standby_time").sum() / 3600.0)
         .sort("robot", "hour_ns")
     )
