@@ -144,10 +144,13 @@ def on_dask(
     from distributed import Client, LocalCluster
 
     settings = {
+        "distributed.worker.profile.enabled": False,  # looks at the stack every 10 ms
+        "distributed.admin.tick.interval": "1s",
         "distributed.scheduler.allowed-failures": ALLOWED_FAILURES,
         "distributed.deploy.lost-worker-timeout": LOST,
     }
     ended = threading.Event()
+    logging.getLogger("tornado.application").setLevel(logging.CRITICAL)  # workers that died
     with dask.config.set(cast("Any", settings)):
         cluster = None
         try:
