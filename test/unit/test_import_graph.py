@@ -222,10 +222,8 @@ OFFLINE = (
     "check",
     "page",
     "layouts",
-)
-    "identify", "report", "rig", "motion", "cli", "starter", "check", "page", "layouts",
     "optimization",
-)  # fmt: skip
+)
 ONLINE = (
     "pipeline", "inputs", "messages", "accounting", "uncertainty", "condition", "store",
     "timeline", "cdr",
