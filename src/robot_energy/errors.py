@@ -74,6 +74,10 @@ class PayloadError(RobotEnergyError, ValueError):
     """A payload cannot exist: negative mass, an inertia tensor of no body."""
 
 
+class DatasetError(RobotEnergyError, ValueError):
+    """A dataset of a fleet, or the list of its bags, cannot be used."""
+
+
 class ShapeError(RobotEnergyError, ValueError):
     """An array has the wrong shape."""
 

@@ -6,10 +6,20 @@ import time
 
 from robot_energy.bag import BagReader
 from robot_energy.bag_replay import replay
-from robot_energy.cli.memory import keep_freed_memory
+from robot_energy.freed_memory import keep_freed_memory
 from robot_energy.inputs.joint_states.joint_states import JointStateIngest
 from robot_energy.model import load
 from robot_energy.physics.rigid_body import Robot
+
+
+def ahead(bag: str, model_name: str, processes: str) -> dict[str, float]:
+    """Replay in several processes."""
+    keep_freed_memory()
+    model = load(model_name)
+    begin = time.perf_counter()
+    result = replay(bag, model, processes=int(processes))
+    wall = time.perf_counter() - begin
+    return {"wall": wall, "energy": result.ledger.registers.cabinet("grid_import")}
 
 
 def main(bag: str, model_name: str) -> dict[str, float]:

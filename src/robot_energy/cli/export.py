@@ -5,12 +5,12 @@ from __future__ import annotations
 from argparse import Namespace
 from typing import TYPE_CHECKING, Any
 
-from robot_energy.cli.memory import keep_freed_memory
 from robot_energy.cli.replay_options import BAG, DAMAGED, add_replay, options_of
 from robot_energy.cli.robots import model_named
 from robot_energy.cli.terminal import add_command, console, progress, wrote
 from robot_energy.errors import ReportError
 from robot_energy.files.output_files import CSV, PARQUET, FileKind, check_file, write_file
+from robot_energy.freed_memory import keep_freed_memory
 from robot_energy.shown_text import shown
 
 if TYPE_CHECKING:

@@ -24,6 +24,7 @@ from robot_energy.cli import (
     check,
     completion,
     export,
+    fleet,
     identify,
     import_logs,
     info,
@@ -52,10 +53,15 @@ EXTRAS = {
     "clarabel": "identify",
     "threadpoolctl": "identify",
     "matplotlib": "report",
+    "trimesh": "printing",
+    "shapely": "printing",
     "jinja2": "papers",
     "starlette": "dashboard",
     "uvicorn": "dashboard",
     "prometheus_client": "dashboard",
+    "dask": "fleet",
+    "distributed": "fleet",
+    "fsspec": "fleet",
 }
 FEW = 6  # choices that are all named, even where one of them is near
 COMMANDS = "robot_energy.commands"  # group of entry points: modules with add_parser
@@ -149,8 +155,8 @@ def build_parser() -> ArgumentParser:
     parser.set_defaults(debug=False, run=run_help)
     commands = parser.add_subparsers(title="commands", metavar="COMMAND")
     for module in (
-        replay, report, export, import_logs, check, test, identify, predict, optimize, models,
-        kinds, info, simulate, schema, layouts, monitoring,
+        replay, report, export, import_logs, check, test, identify, fleet, predict, optimize,
+        models, kinds, info, simulate, schema, layouts, monitoring,
         *_further(),
         completion,
     ):  # fmt: skip

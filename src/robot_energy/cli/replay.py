@@ -6,7 +6,6 @@ from argparse import Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from robot_energy.cli.memory import keep_freed_memory
 from robot_energy.cli.page import add_page, page_settings, recorded_page, serve_page
 from robot_energy.cli.replay_options import (
     BAG,
@@ -26,6 +25,7 @@ from robot_energy.cli.terminal import (
     progress,
 )
 from robot_energy.errors import ReportError
+from robot_energy.freed_memory import keep_freed_memory
 
 if TYPE_CHECKING:
     from robot_energy.bag_replay import Replay

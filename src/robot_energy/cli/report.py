@@ -6,11 +6,11 @@ from argparse import Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from robot_energy.cli.memory import keep_freed_memory
 from robot_energy.cli.page import add_page_settings
 from robot_energy.cli.replay_options import BAG, DAMAGED, add_jobs, add_replay, options_of
 from robot_energy.cli.robots import model_named
 from robot_energy.cli.terminal import add_command, check_report, console, progress, sign, wrote
+from robot_energy.freed_memory import keep_freed_memory
 
 if TYPE_CHECKING:
     from robot_energy.report.replay import ReplayCurves

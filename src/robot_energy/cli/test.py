@@ -7,11 +7,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from robot_energy.cli.memory import keep_freed_memory
 from robot_energy.cli.replay_options import AT_FALLBACK, BAG, DAMAGED, add_replay, options_of
 from robot_energy.cli.robots import model_named
 from robot_energy.cli.terminal import add_command, add_json, check_outputs, present, progress
 from robot_energy.errors import ModelFileError
+from robot_energy.freed_memory import keep_freed_memory
 
 if TYPE_CHECKING:
     from robot_energy.results.evaluation import EvaluationReport

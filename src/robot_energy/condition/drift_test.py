@@ -119,6 +119,25 @@ class DriftTest:
             self.drift = self._drift()
         return found is not None
 
+    def take(self, records: list[WearRecord]) -> None:
+        """Take what is known of a robot at once, and look for changes until there is no more.
+
+        Args:
+            records: Of the whole time, oldest first; they are kept as they are.
+        """
+        self.records = [
+            one for one in records if np.isfinite([one.excess, one.variance, *one.features]).all()
+        ]
+        self.refused += len(records) - len(self.records)
+        for _ in range(MAX_CHANGES):
+            found = self._search()
+            if found is None:
+                break
+            self._note(found)
+        if self.changes:
+            self.changes.sort(key=lambda change: change.hours)
+            self.drift = self._drift()
+
     def restore(self, records: list[WearRecord], changes: list[FrictionChange]) -> None:
         """Continue from what was kept.
 

@@ -106,6 +106,17 @@ class WearMonitor:
         tests = zip((*self._names, WHOLE_ROBOT), (*self.joints, self.robot), strict=True)
         return tuple(WearAlarm(name, test.drift) for name, test in tests if test.changes)
 
+    def records(self) -> list[list[WearRecord]]:
+        """Return what the tests of the joints hold, in model order, oldest record first.
+
+        A last record may be shorter than the others: what has been gathered since.
+        """
+        last = self._gatherer.open_records()
+        return [
+            [*test.records, *([last[joint]] if joint in last else [])]
+            for joint, test in enumerate(self.joints)
+        ]
+
     def state(self) -> WearState:
         """Return what must be kept across a restart; the open records are not."""
         gatherer = self._gatherer

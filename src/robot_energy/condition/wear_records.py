@@ -20,6 +20,7 @@ from robot_energy.condition.joint_friction import MotionSums
 
 RECORD_TIME = 300.0  # motion of a record [s]
 MIN_DIRECTION = 60.0  # of it in each direction [s]
+MIN_OPEN = 15.0  # the same of the last record of a recording, which may be shorter [s]
 MAX_PARTS = 2000  # that wait for motion in the other direction
 HUBER = 2.5  # parts further from the median, in robust standard deviations, weigh less
 LAGS = (1200.0, 7200.0)  # means of the motor temperature, time constants [s]
@@ -115,6 +116,11 @@ class MotionGatherer:
             parts.clear()
             self._times[:, joint] = 0.0
         return found
+
+    def open_records(self) -> dict[int, WearRecord]:
+        """Return the records that are not complete, but say something already, by joint."""
+        enough = self._times.min(axis=0) >= MIN_OPEN
+        return {joint: self._record(joint) for joint in np.flatnonzero(enough).tolist()}
 
     def _above_means(self, part: MotionSums) -> Float:
         """How far the motors are above their mean temperatures, shape (2, n). [K]"""

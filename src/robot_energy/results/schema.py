@@ -25,6 +25,7 @@ from robot_energy.results.drives import DrivesReport
 from robot_energy.results.dynamics import DynamicsReport
 from robot_energy.results.evaluation import EvaluationReport
 from robot_energy.results.excitation import ExcitationReport
+from robot_energy.results.fleet import FleetFriction, FleetReport
 from robot_energy.results.identification import (
     CabinetReport,
     FrictionReport,
@@ -55,6 +56,8 @@ RESULTS: dict[str, type[Result]] = {
         ModelReport,
         CheckReport,
         EvaluationReport,
+        FleetReport,
+        FleetFriction,
     )
 }
 READABLE = (ReplayReport, PredictionsReport)  # that a page is made from

@@ -8,6 +8,7 @@ from itertools import product
 import numpy as np
 import pytest
 
+from fleets import dataset
 from logbook import wheel_bag, wheel_model, write_csv
 from places import ROOT
 from robot_energy.blocks import EffortMeaning, MeterLocation
@@ -39,6 +40,8 @@ COMMANDS = {
     "check": ["check", BAG, "--model", "kr16", "--effort", "motor_torque"],
     "test": ["test", BAG, "--model", "kr16", "--effort", "motor_torque"],
     "model": ["models", "check", "kr16"],
+    "fleet_report": ["fleet", "report", "fleet"],
+    "fleet_friction": ["fleet", "identify", "fleet", "--model", "kr16"],
 }  # fmt: skip
 TYPES = {
     "object": dict, "array": list, "string": str, "boolean": bool, "null": type(None),
@@ -130,6 +133,8 @@ def test_a_command_fits_the_schema_and_the_terminal(name, tmp_path, monkeypatch,
     wheel_bag(tmp_path, power=None).rename("wheel")
     wheel_model(tmp_path)
     runs(tmp_path)
+    if name.startswith("fleet"):
+        dataset(tmp_path / "fleet", 2, faults=False)
     with recorded_documents() as documents:
         assert main([*map(str, COMMANDS[name]), "--json", "x.json"]) == 0
     assert documents or name == "check"  # whose findings are lines without tables

@@ -167,7 +167,7 @@ def fit_friction(data: FrictionData, source: str = "") -> FrictionFit:
         name=moving.name,
         coulomb=coulomb,
         coulomb_std=float(regression.std[0]),
-        points=_points(laws, span),
+        points=points_of(laws, span),
         laws=laws,
         errors=errors,
         chosen=chosen,
@@ -257,8 +257,13 @@ def moving_samples(data: FrictionData) -> FrictionData:
     return moving
 
 
-def _points(laws: dict[str, LawEntry], span: tuple[float, float]) -> tuple[Point, ...]:
-    """The free curve: the table where there is one, else the constant."""
+def points_of(laws: dict[str, LawEntry], span: tuple[float, float]) -> tuple[Point, ...]:
+    """Return the free curve: the table where there is one, else the constant.
+
+    Args:
+        laws: Every law that could be fitted.
+        span: Of the motor temperature. [degC]
+    """
     table, constant = laws.get("table"), laws["constant"]
     if isinstance(table, TableLaw):
         return tuple(

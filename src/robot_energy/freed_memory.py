@@ -1,4 +1,4 @@
-"""How the command keeps its memory."""
+"""How a process that replays bags keeps its memory."""
 
 from __future__ import annotations
 

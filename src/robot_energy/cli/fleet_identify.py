@@ -1,0 +1,68 @@
+"""`robot-energy fleet identify`: one friction model from all bags of a fleet."""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from typing import Any
+
+from robot_energy.cli.identify_inputs import add_results, add_sensors, check_results, sensor_limits
+from robot_energy.cli.terminal import add_command, present
+
+DESCRIPTION = """\
+Identify one model of friction over temperature from all bags of a fleet, through the sums that
+`fleet run` has kept: no bag is read again. Robots that differ from their sisters, or have changed,
+are left out. Figures on the newest fifth of the bags, which their fit has not seen, say how good
+it is.
+"""
+EPILOG = """\
+example:
+  robot-energy fleet identify dataset --model kr16 --out fleet.yaml
+"""
+
+
+def add_parser(commands: Any) -> None:
+    """Add the sub-command.
+
+    Args:
+        commands: Sub-parsers of the command above.
+    """
+    text = "one friction model from all bags"
+    parser = add_command(commands, "identify", run, text, DESCRIPTION, EPILOG)
+    parser.add_argument("dataset", help="folder that `fleet run` wrote")
+    parser.add_argument(
+        "--model", required=True, help="model file or shipped model with which the bags were run"
+    )
+    add_sensors(parser)
+    add_results(parser, "this friction", "write the laws over temperature as a figure")
+
+
+def run(args: Namespace) -> int:
+    """Identify and report.
+
+    Args:
+        args: Of the sub-command.
+
+    Returns:
+        0.
+
+    Raises:
+        RobotEnergyError: If dataset or model cannot be used.
+    """
+    from robot_energy.fleet.dataset import read_tables
+    from robot_energy.fleet.identify import identify_fleet
+    from robot_energy.model import load
+    from robot_energy.report.document import Document
+    from robot_energy.report.fleet import fleet_friction_document
+    from robot_energy.report.friction_figure import friction_over_temperature
+
+    check_results(args)
+    tables = read_tables(args.dataset)
+    found, model = identify_fleet(tables, load(args.model), args.dataset, sensor_limits(args))
+    page = Document("Friction of a fleet", f"Identified from {args.dataset}.")
+    fleet_friction_document(found, page)
+
+    def plot(path: str) -> None:
+        friction_over_temperature(found.axes, path, title=args.dataset)
+
+    present(args, found, page, plot=plot, model=model)
+    return 0

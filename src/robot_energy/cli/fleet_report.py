@@ -1,0 +1,87 @@
+"""`robot-energy fleet report`: energy and condition of a fleet, and robots to look at."""
+
+from __future__ import annotations
+
+from argparse import ArgumentTypeError, Namespace
+from typing import Any
+
+from robot_energy.cli.page import add_page_settings
+from robot_energy.cli.terminal import add_command, add_json, check_outputs, present
+
+DESCRIPTION = """\
+Report on the dataset of a fleet: energy of robots, programmes and shifts, standby and its cost,
+the error of the model by temperature, friction over temperature and time, and robots that differ
+from their sisters at equal temperature or have changed: wear, a wrong payload, standby; with how
+sure that is.
+"""
+EPILOG = """\
+examples:
+  robot-energy fleet report dataset
+  robot-energy fleet report dataset --html fleet.html --page-settings prices.yaml
+  robot-energy fleet report dataset --json report.json
+"""
+
+
+def add_parser(commands: Any) -> None:
+    """Add the sub-command.
+
+    Args:
+        commands: Sub-parsers of the command above.
+    """
+    text = "energy and condition of a fleet"
+    parser = add_command(commands, "report", run, text, DESCRIPTION, EPILOG)
+    parser.add_argument("dataset", help="folder that `fleet run` wrote")
+    parser.add_argument(
+        "--html",
+        "--report",
+        dest="report",
+        metavar="FILE",
+        help="the report as one page: .html, or .pdf where a Chromium is installed",
+    )
+    add_json(parser)
+    parser.add_argument(
+        "--shifts",
+        type=_hours,
+        metavar="H,H,...",
+        default=(6, 14, 22),
+        help="hours of the day, local time, at which shifts begin (default 6,14,22)",
+    )
+    add_page_settings(parser)
+
+
+def _hours(text: str) -> tuple[int, ...]:
+    try:
+        hours = tuple(int(part) for part in text.split(","))
+    except ValueError:
+        hours = ()
+    if not hours or list(hours) != sorted(set(hours)) or not 0 <= hours[0] <= hours[-1] <= 23:
+        raise ArgumentTypeError(f"'{text[:40]}' is no rising list of hours such as 6,14,22")
+    return hours
+
+
+def run(args: Namespace) -> int:
+    """Read the tables and report.
+
+    Args:
+        args: Of the sub-command.
+
+    Returns:
+        0.
+
+    Raises:
+        RobotEnergyError: If dataset, settings or outputs cannot be used.
+    """
+    from robot_energy.fleet.dataset import read_tables
+    from robot_energy.fleet.report import fleet_report
+    from robot_energy.page.settings import load_settings
+    from robot_energy.report.document import Document
+    from robot_energy.report.fleet import fleet_document
+    from robot_energy.report.formats import counted
+
+    check_outputs(args, [args.dataset, args.page_settings])
+    settings = load_settings(args.page_settings or "")
+    report = fleet_report(read_tables(args.dataset), args.dataset, settings, args.shifts)
+    page = Document(f"Fleet: {counted(len(report.robots), 'robot')}")
+    fleet_document(report, page, settings)
+    present(args, report, page)
+    return 0

@@ -1,0 +1,1 @@
+"""Many bags of many robots: run, reported, identified."""

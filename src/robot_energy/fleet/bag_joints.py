@@ -1,0 +1,158 @@
+"""The rows of joints as arrays, one row for each bag."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import polars as pl
+
+from robot_energy.blocks import Float, Int
+from robot_energy.condition.wear_records import FEATURES, WearRecord
+from robot_energy.fleet.bag_figures import BagFigures, bag_figures
+from robot_energy.fleet.joint_sums import (
+    COLUMNS,
+    NODES,
+    SIGN,
+    UPPER,
+    VISCOUS,
+    gram_of,
+)
+from robot_energy.fleet.tables import FleetTables
+
+PART = 2000  # bags whose sums are held at once
+POOLED = 2  # nodes of temperature that make one share
+
+
+@dataclass(frozen=True)
+class BagJoints:
+    """Bags with moving joints, of robots with one model.
+
+    Attributes:
+        robots: Names.
+        joints: Names, in the order of the model.
+        key: Of each bag, shape (B,).
+        robot: Number of its robot, shape (B,).
+        stamp_ns: Its begin, shape (B,). [ns]
+        figures: Friction against the model and mass.
+        degc: Mean motor temperature, shape (B, n). [degC]
+        work: What bags differ in: shares of w^2 at temperatures, mean and square speed,
+            shape (B, n, K). [-]
+    """
+
+    robots: tuple[str, ...]
+    joints: tuple[str, ...]
+    key: list[str]
+    robot: Int
+    stamp_ns: Int
+    figures: BagFigures
+    degc: Float
+    work: Float
+
+
+def bag_joints(tables: FleetTables, model_id: str, robots: Sequence[str]) -> BagJoints:
+    """Return the bags of robots with one model.
+
+    Args:
+        tables: Of the fleet.
+        model_id: Of the model.
+        robots: Names, in the order of their numbers.
+    """
+    runs = (
+        tables.runs.lazy()
+        .filter((pl.col("model_id") == model_id) & (pl.col("reason") == ""))
+        .select("key", "start_ns")
+    )
+    rows = tables.joints.lazy().join(runs, on="key").filter(pl.col("friction_rows") > 0).collect()
+    joints = tuple(rows["joint"].unique(maintain_order=True).to_list())
+    bags = rows.select("key", "robot", "start_ns").unique("key").sort("start_ns", "key")
+    place = {key: number for number, key in enumerate(bags["key"].to_list())}
+    size, n_joints = len(place), len(joints)
+    count = np.zeros((size, n_joints), dtype=np.int64)
+    degc = np.full((size, n_joints), np.nan)
+    multiplier, work = np.full((size, n_joints), np.nan), np.zeros((size, n_joints, WORK))
+    mass = np.full(size, np.nan)
+    row = np.array([place[key] for key in rows["key"].to_list()], dtype=np.int64)
+    column = np.array([joints.index(name) for name in rows["joint"].to_list()], dtype=np.int64)
+    count[row, column] = rows["friction_rows"].to_numpy()
+    degc[row, column] = rows["motor_temperature_degc"].fill_null(np.nan).to_numpy()
+    upper = rows["friction_sums"].explode().to_numpy().reshape(-1, len(UPPER[0]))
+    for first in range(0, size, PART):
+        own = (row >= first) & (row < first + PART)
+        gram = np.zeros((min(PART, size - first), n_joints, *_SHAPE))
+        gram[row[own] - first, column[own]] = gram_of(upper[own])
+        part = slice(first, first + PART)
+        found = bag_figures(gram, count[part])
+        multiplier[part], mass[part] = found.multiplier, found.mass
+        work[part] = _work(gram, count[part])
+    names = {name: number for number, name in enumerate(robots)}
+    return BagJoints(
+        tuple(robots),
+        joints,
+        list(place),
+        np.array([names[name] for name in bags["robot"].to_list()], dtype=np.int64),
+        bags["start_ns"].to_numpy(),
+        BagFigures(multiplier, mass),
+        degc,
+        work,
+    )
+
+
+def sums_of_joint(tables: FleetTables, bags: BagJoints, joint: str) -> tuple[Float, Int]:
+    """Return the sums of products of one joint, and the samples behind them.
+
+    Args:
+        tables: Of the fleet.
+        bags: Which bags.
+        joint: Name of the joint.
+
+    Returns:
+        Shape (B, COLUMNS, COLUMNS) and (B,); 0 where a bag has none.
+    """
+    order = pl.DataFrame({"key": bags.key})
+    rows = order.join(tables.joints.filter(pl.col("joint") == joint), on="key", how="left")
+    count = rows["friction_rows"].fill_null(0).to_numpy()
+    gram = np.zeros((len(count), *_SHAPE))
+    upper = rows.filter(pl.col("friction_rows") > 0)["friction_sums"].explode().to_numpy()
+    gram[count > 0] = gram_of(upper.reshape(-1, len(UPPER[0])))
+    return gram, count
+
+
+def wear_records(rows: pl.DataFrame) -> list[WearRecord]:
+    """Return the records of one joint of one robot, in order of time.
+
+    Args:
+        rows: Of the table of joints.
+    """
+    found = [
+        WearRecord(stamp_ns, hours, time, excess, variance, tuple(features))
+        for one in rows.iter_rows(named=True)
+        for stamp_ns, hours, time, excess, variance, features in zip(
+            one["wear_stamp_ns"],
+            one["wear_hours"],
+            one["wear_time"],
+            one["wear_excess"],
+            one["wear_variance"],
+            np.reshape(one["wear_features"], (-1, FEATURES)).tolist(),
+            strict=True,
+        )
+    ]
+    return sorted(found)
+
+
+def _work(gram: Float, count: Int) -> Float:
+    """Shares of w^2 at pooled nodes of temperature, and log of mean and square speed."""
+    square = gram[..., VISCOUS, VISCOUS].sum(axis=-1)
+    total = np.maximum(square.sum(axis=-1, keepdims=True), 1e-300)
+    edges = np.arange(0, NODES, POOLED)
+    pooled = np.add.reduceat(square / total, edges, axis=-1)
+    amount = np.abs(gram[..., SIGN, VISCOUS].sum(axis=-1))
+    rows = np.maximum(count, 1)
+    with np.errstate(divide="ignore"):
+        speeds = np.log(np.stack([amount / rows, np.sqrt(total[..., 0] / rows)], axis=-1))
+    return np.concatenate([pooled, speeds], axis=-1)
+
+
+_SHAPE = (COLUMNS, COLUMNS)
+WORK = len(range(0, NODES, POOLED)) + 2

@@ -1,0 +1,325 @@
+"""The bags of a fleet: found in a folder, by a pattern or in a CSV table, on any file system.
+
+Addresses are those of fsspec: a local path, or a URL such as ``s3://recordings/2026``.
+"""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path, PurePosixPath
+from typing import Any, cast
+
+from fsspec.core import url_to_fs  # type: ignore[import-untyped]
+
+from robot_energy import __version__
+from robot_energy.bag.mcap_records import MAGIC
+from robot_energy.bag.metadata import FILE_NAME
+from robot_energy.errors import DatasetError
+from robot_energy.model import RobotModel, load
+from robot_energy.recorded_jobs import load_jobs
+from robot_energy.shown_text import shown
+
+COLUMNS = ("bag", "model", "robot", "programme", "shift", "jobs", "effort")
+MESSAGES = (".mcap", ".db3", ".zstd")  # endings of files with messages
+CHANGED = ("ETag", "mtime", "LastModified", "last_modified", "updated", "created")
+DIGITS = 16  # of a hash in a name
+UNREAD = "unread"  # instead of the state of a bag that is to be tried again
+
+Infos = dict[str, dict[str, Any]]
+
+
+def digest(*parts: object) -> str:
+    """Return a short hash of plain values.
+
+    Args:
+        *parts: The values.
+    """
+    text = json.dumps(parts, sort_keys=True, default=str)
+    return hashlib.sha256(text.encode()).hexdigest()[:DIGITS]
+
+
+@dataclass(frozen=True)
+class BagPlace:
+    """Where a bag is.
+
+    Attributes:
+        address: Local path, or URL.
+        files: Addresses of its files with messages and metadata; none if it is not there.
+        sizes: Of these files. [bytes]
+        state: Hash of their sizes and times of change.
+        is_folder: Whether it is a folder of rosbag2.
+        is_local: Whether it can be read where it is.
+    """
+
+    address: str
+    files: tuple[str, ...]
+    sizes: tuple[int, ...]
+    state: str
+    is_folder: bool
+    is_local: bool
+
+    @property
+    def size(self) -> int:
+        """Of all files. [bytes]"""
+        return sum(self.sizes)
+
+
+@dataclass(frozen=True)
+class FleetBag:
+    """A bag to replay, with all that a worker needs but the model.
+
+    Attributes:
+        place: Where it is.
+        robot: Name of its robot in the fleet.
+        programme: What the robot did; may be empty.
+        shift: When; may be empty.
+        model: File or name of its model.
+        options: Of the replay, plain values under the names of `ReplayOptions`.
+        texts: Text of files among the options, by option: workers need not have the files.
+        model_digest: Hash of the model.
+        version: Of this tool.
+    """
+
+    place: BagPlace
+    robot: str
+    programme: str = ""
+    shift: str = ""
+    model: str = ""
+    options: Mapping[str, Any] = field(default_factory=dict[str, Any])
+    texts: Mapping[str, str] = field(default_factory=dict[str, str])
+    model_digest: str = ""
+    version: str = __version__
+
+    @cached_property
+    def settings(self) -> str:
+        """Hash of model, options, version and what the list of bags says of the bag."""
+        words = (self.robot, self.programme, self.shift, self.version)
+        return digest(*words, self.model_digest, dict(self.options), dict(self.texts))
+
+    @cached_property
+    def name(self) -> str:
+        """Of its file in the dataset, and of its task."""
+        return f"{digest(self.place.address)}-{self.place.state}-{self.settings}"
+
+    @property
+    def unread_name(self) -> str:
+        """Of its file if it cannot be read, which the next run tries again."""
+        return f"{digest(self.place.address)}-{UNREAD}-{self.settings}"
+
+
+class FleetModels:
+    """The models of a fleet, each read once.
+
+    Attributes:
+        models: By their hashes.
+    """
+
+    def __init__(self) -> None:
+        self.models: dict[str, RobotModel] = {}
+        self._digests: dict[str, str] = {}
+
+    def digest_of(self, name: str) -> str:
+        """Read a model and return its hash.
+
+        Args:
+            name: Model file, or name of a shipped model.
+
+        Returns:
+            The hash, by which `models` has the model.
+
+        Raises:
+            ModelFileError: If it cannot be used.
+        """
+        if name not in self._digests:
+            model = load(name)
+            own = digest(model.model_dump(mode="json"), model.urdf_xml)
+            self._digests[name] = own
+            self.models[own] = model
+        return self._digests[name]
+
+
+def find_bags(where: str, split: bool = False, complete: bool = False) -> Iterator[BagPlace]:
+    """Find bags.
+
+    A folder with a metadata.yaml is a bag; elsewhere each MCAP file is.
+
+    Args:
+        where: Folder, pattern with ``*``, or one bag.
+        split: Whether each MCAP file is a bag of its own in folders of rosbag2 too.
+        complete: Whether to leave out what is still being written: folders without metadata,
+            MCAP files without their end.
+
+    Yields:
+        In order of their addresses.
+
+    Raises:
+        DatasetError: If the place cannot be read.
+    """
+    try:
+        system, root = cast("tuple[Any, str]", url_to_fs(where))
+        roots = cast("list[str]", system.glob(root) if "*" in root else [root])
+        infos: Infos = {}
+        for one in roots:
+            infos |= cast("Infos", system.find(one, detail=True))
+    except (OSError, ValueError, ImportError) as error:
+        raise DatasetError(
+            f"{where} cannot be read ({error})", "a folder, pattern or bag"
+        ) from error
+    folders: dict[str, list[str]] = {}
+    for path in sorted(infos):
+        folders.setdefault(str(PurePosixPath(path).parent), []).append(path)
+    for folder, paths in sorted(folders.items()):
+        messages = [path for path in paths if path.endswith(MESSAGES)]
+        metadata = f"{folder}/{FILE_NAME}"
+        mcap = [path for path in messages if path.endswith(".mcap")]
+        if messages and (metadata in paths or not mcap) and not (split and mcap):
+            if not complete or (metadata in paths and infos[metadata].get("size")):
+                yield _place(system, folder, infos, [*messages, metadata][: len(paths)])
+            continue
+        for path in mcap:
+            if not complete or _has_end(system, path, infos[path]):
+                yield _place(system, path, infos, [path])
+
+
+def _place(system: Any, address: str, infos: Infos, files: list[str]) -> BagPlace:
+    own = [(path, infos[path]) for path in files if path in infos]
+    state = digest(
+        [
+            (PurePosixPath(path).name, info.get("size"), [str(info.get(key)) for key in CHANGED])
+            for path, info in own
+        ]
+    )
+    is_local = _is_local(system)
+    named = address if is_local else str(system.unstrip_protocol(address))
+    places = [path if is_local else str(system.unstrip_protocol(path)) for path, _ in own]
+    sizes = tuple(int(info.get("size") or 0) for _, info in own)
+    return BagPlace(named, tuple(places), sizes, state, address not in infos, is_local)
+
+
+def _is_local(system: Any) -> bool:
+    names = cast("Any", system.protocol)
+    return "file" in ((names,) if isinstance(names, str) else tuple(names))
+
+
+def _has_end(system: Any, path: str, info: Mapping[str, Any]) -> bool:
+    """Whether an MCAP file was closed by its writer."""
+    size = int(info.get("size") or 0)
+    if size <= 2 * len(MAGIC):
+        return False
+    return cast("bytes", system.cat_file(path, start=size - len(MAGIC))) == MAGIC
+
+
+def list_bags(
+    where: str,
+    models: FleetModels,
+    model: str | None,
+    options: Mapping[str, Any],
+    robot: str | None = None,
+    split: bool = False,
+    complete: bool = False,
+) -> list[FleetBag]:
+    """Return the bags of a fleet.
+
+    Args:
+        where: Folder, pattern, bag or CSV table.
+        models: Where models are kept.
+        model: File or name of the model of bags for which a table names none.
+        options: Of the replay, for all bags.
+        robot: Name of the robot of all bags; None: that of the folder in which a bag lies.
+        split: As of `find_bags`.
+        complete: As of `find_bags`.
+
+    Returns:
+        The bags.
+
+    Raises:
+        DatasetError: If place or table cannot be used.
+        RobotEnergyError: If a model or a file of the options cannot be used.
+    """
+    given, texts = dict(options), dict[str, str]()
+    for name in ("jobs", "inputs"):
+        if path := given.pop(name, None):
+            texts[name] = _text(name, Path(str(path)))
+    base = FleetBag(BagPlace("", (), (), "", False, True), robot or "", model=model or "",
+                    options={key: value for key, value in given.items() if value is not None},
+                    texts=texts)  # fmt: skip
+    if where.lower().endswith(".csv"):
+        rows = list(_table(where, base, split, complete))
+    else:
+        rows = [replace(base, place=place) for place in find_bags(where, split, complete)]
+    found: list[FleetBag] = []
+    for bag in rows:
+        if not bag.model:
+            raise DatasetError(
+                f"no model for {bag.place.address}", "--model, or a column 'model' of the table"
+            )
+        folder = PurePosixPath(bag.place.address.rstrip("/")).parent.name
+        named = bag.robot or folder or "robot"
+        found.append(replace(bag, robot=named, model_digest=models.digest_of(bag.model)))
+    if not found and not complete:
+        raise DatasetError(
+            f"{where} holds no bag", "MCAP files or folders of rosbag2", "check the path"
+        )
+    return found
+
+
+def _text(name: str, path: Path) -> str:
+    """Text of a file among the options; a list of jobs is checked first."""
+    if name == "jobs":
+        load_jobs(path)
+    try:
+        return path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise DatasetError(f"{path} cannot be read ({error.strerror})", "a YAML file") from error
+
+
+def _table(where: str, base: FleetBag, split: bool, complete: bool) -> Iterator[FleetBag]:
+    """The rows of a CSV table; paths may start at its folder."""
+    try:
+        system, path = cast("tuple[Any, str]", url_to_fs(where))
+        text = cast("bytes", system.cat_file(path)).decode("utf-8-sig")
+    except (OSError, ValueError, ImportError) as error:
+        raise DatasetError(f"{where} cannot be read ({error})", "a CSV table in UTF-8") from error
+    rows = csv.DictReader(text.splitlines(), restkey="", restval="")
+    unknown = [name for name in rows.fieldnames or [] if name not in COLUMNS]
+    if unknown or "bag" not in (rows.fieldnames or []):
+        found = f"has the column '{shown(unknown[0])}'" if unknown else "has no column 'bag'"
+        raise DatasetError(f"{where} {found}", f"columns of {', '.join(COLUMNS)}; bag is needed")
+    folder = Path(where).parent
+    for number, row in enumerate(rows, start=2):
+        if row.get("") or not row["bag"]:
+            raise DatasetError(
+                f"line {number} of {where} has {'too many cells' if row.get('') else 'no bag'}",
+                "one cell for each column",
+            )
+        texts, options = dict(base.texts), dict(base.options)
+        if row.get("jobs"):
+            texts["jobs"] = _text("jobs", Path(_near(folder, row["jobs"])))
+        if row.get("effort"):
+            options["effort"] = row["effort"]
+        named = row.get("model") or base.model
+        own = replace(
+            base,
+            robot=row.get("robot") or base.robot,
+            programme=row.get("programme") or "",
+            shift=row.get("shift") or "",
+            model=_near(folder, named),
+            options=options,
+            texts=texts,
+        )
+        address = _near(folder, row["bag"])
+        places = list(find_bags(address, split, complete))
+        if not places and not complete:  # a row of the dataset will say so
+            places = [BagPlace(address, (), (), UNREAD, False, True)]
+        for place in places:
+            yield replace(own, place=place)
+
+
+def _near(folder: Path, name: str) -> str:
+    """A path that starts at the folder of the table, if it is there; else as it stands."""
+    return str(folder / name) if name and "://" not in name and (folder / name).exists() else name

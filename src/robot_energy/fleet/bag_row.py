@@ -1,0 +1,299 @@
+"""One bag of a fleet to one row of its dataset: what a worker does."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import resource
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path, PurePosixPath
+from typing import Any, cast
+
+from fsspec.core import url_to_fs  # type: ignore[import-untyped]
+
+from robot_energy import __version__
+from robot_energy.accounting.account_record import totals_of
+from robot_energy.accounting.record import Totals
+from robot_energy.api.replay import run_replay
+from robot_energy.bag.metadata import FILE_NAME
+from robot_energy.bag_replay import Replay
+from robot_energy.blocks import Phase
+from robot_energy.errors import DatasetError, RobotEnergyError
+from robot_energy.files.temporary_folder import TemporaryFolder
+from robot_energy.fleet.bag_list import BagPlace, FleetBag
+from robot_energy.fleet.dataset import JOINT_REGISTERS, SCHEMA, TABLES, UNKNOWN_DATE, row_bytes
+from robot_energy.fleet.hour_sums import HourSums
+from robot_energy.fleet.joint_sums import JointSums
+from robot_energy.fleet.meter_errors import MeterErrors
+from robot_energy.freed_memory import keep_freed_memory
+from robot_energy.identify.stats.threads import one_thread
+from robot_energy.model import RobotModel
+from robot_energy.results.replay import ReplayReport, replay_report
+
+PART = 1 << 20  # bytes that are hashed at once
+Row = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class BagRow:
+    """What a worker gives back.
+
+    Attributes:
+        name: Of the file in the dataset.
+        robot: Name of the robot.
+        date: UTC day of the first sample.
+        data: The Parquet file.
+        reason: Why the bag could not be used; empty where it could.
+        observed_time: Predicted. [s]
+        peak_memory: Most memory that the process has held so far. [bytes]
+    """
+
+    name: str
+    robot: str
+    date: str
+    data: bytes
+    reason: str
+    observed_time: float
+    peak_memory: int
+
+
+def refused(bag: FleetBag, error: BaseException, bag_hash: str | None = None) -> BagRow:
+    """Return the row of a bag that could not be used.
+
+    Args:
+        bag: The bag.
+        error: Why not.
+        bag_hash: Hash of its content; None if it could not be read, so that the next run tries
+            again.
+    """
+    if isinstance(error, RobotEnergyError):
+        found, expected, remedy = error.found, error.expected, error.remedy
+    elif isinstance(error, OSError):
+        found, expected, remedy = f"{bag.place.address} cannot be read ({error})", "a bag", ""
+    else:
+        found = f"unexpected error, {type(error).__name__}: {' '.join(str(error).split())}"
+        expected, remedy = "a bag that can be replayed", "report it with the bag"
+    row = _common(bag, bag_hash) | {"reason": found, "expected": expected, "remedy": remedy}
+    name = bag.unread_name if bag_hash is None else bag.name
+    return _sealed(bag, name, row, UNKNOWN_DATE, 0.0)
+
+
+@one_thread
+def replay_bag(bag: FleetBag, model: RobotModel, max_scratch: int) -> BagRow:
+    """Replay a bag; whatever is wrong with it becomes a row with the reason.
+
+    Args:
+        bag: The bag.
+        model: Its model.
+        max_scratch: Size up to which a remote bag is copied here. [bytes]
+
+    Returns:
+        Its row.
+
+    Raises:
+        DatasetError: If this process runs another version than the one that asks.
+    """
+    if bag.version != __version__:
+        raise DatasetError(
+            f"a worker runs version {__version__}",
+            f"version {bag.version}, as the command",
+            "install the same version on all hosts",
+        )
+    keep_freed_memory()
+    bag_hash = None
+    try:
+        with contextlib.ExitStack() as stack:
+            scratch = stack.enter_context(TemporaryFolder()).path
+            path = _here(bag.place, scratch, max_scratch)
+            bag_hash = _hash_of(path, bag.place)
+            return _replayed(bag, bag_hash, path, model, scratch)
+    except Exception as error:  # a bag stops no fleet
+        return refused(bag, error, None if isinstance(error, OSError) else bag_hash)
+
+
+def _here(place: BagPlace, scratch: Path, max_scratch: int) -> Path:
+    """The bag on this host: where it is, or a copy."""
+    if not place.files:
+        raise DatasetError(f"{place.address} holds no bag", "an MCAP file or a rosbag2 folder")
+    if place.is_local:
+        return Path(place.address)
+    if place.size > max_scratch:
+        raise DatasetError(
+            f"{place.address} has {place.size / 1e9:.2f} GB",
+            f"at most {max_scratch / 1e9:.2f} GB to copy to this host",
+            "raise --scratch, or split the bag",
+        )
+    target = scratch / "bag"
+    target.mkdir()
+    for address in place.files:
+        system, path = cast("tuple[Any, str]", url_to_fs(address))
+        system.get_file(path, str(target / PurePosixPath(path).name))
+    return target if place.is_folder else target / PurePosixPath(place.address).name
+
+
+def _hash_of(path: Path, place: BagPlace) -> str:
+    """SHA-256 of the files with messages, in the order of names."""
+    whole = hashlib.sha256()
+    for address in place.files:
+        name = PurePosixPath(address).name
+        if name == FILE_NAME:
+            continue
+        with (path / name if place.is_folder else path).open("rb") as file:
+            while part := file.read(PART):
+                whole.update(part)
+    return whole.hexdigest()
+
+
+def _replayed(bag: FleetBag, bag_hash: str, path: Path, model: RobotModel, scratch: Path) -> BagRow:
+    options: Row = dict(bag.options)
+    for name, text in bag.texts.items():
+        file = scratch / f"{name}.yaml"
+        file.write_text(text, encoding="utf-8")
+        options[name] = file
+    joints, hours, errors = JointSums(model), HourSums(model), MeterErrors()
+    takers: list[Callable[[Any], None]] = [joints.take, hours.take, errors.take]
+
+    def take(output: Any) -> None:
+        for taker in takers:
+            taker(output)
+
+    result = run_replay(path, model, on_output=take, keep_compared=True, **options)
+    report, totals = replay_report(result), totals_of(result.ledger)
+    rows = joints.table(result.pipeline.power.condition.wear)
+    start_ns = report.time.start_ns
+    day = UNKNOWN_DATE
+    if start_ns is not None:
+        day = f"{datetime.fromtimestamp(start_ns // 1_000_000_000, UTC):%Y-%m-%d}"
+    row = {
+        **_common(bag, bag_hash),
+        **_counted(result, report, totals),
+        "reason": "",
+        "problems": list(report.problems),
+        "date": day,
+        "motor_temperature_degc": _mean_degc(rows),
+        "jobs": list(_jobs(result, report)),
+        "hours": hours.table(),
+        "joints": [own | more for own, more in zip(rows, _joints(totals), strict=True)],
+        "meter_errors": errors.table(result.compared if result.topics.meter else ()),
+    }
+    return _sealed(bag, bag.name, row, day, report.time.observed_time)
+
+
+def _common(bag: FleetBag, bag_hash: str | None) -> Row:
+    """What holds for a bag whether it can be used or not."""
+    content = bag_hash or f"{bag.place.address} {bag.place.state}"
+    texts = {name: hashlib.sha256(text.encode()).hexdigest() for name, text in bag.texts.items()}
+    return {
+        "key": hashlib.sha256(f"{content} {bag.settings}".encode()).hexdigest(),
+        "bag": bag.place.address,
+        "bag_hash": bag_hash,
+        "robot": bag.robot,
+        "date": UNKNOWN_DATE,
+        "programme": bag.programme,
+        "shift": bag.shift,
+        "model_id": "",
+        "settings": json.dumps({"model": bag.model, **bag.options, **texts}, sort_keys=True),
+        "tool_version": bag.version,
+    }
+
+
+def _counted(result: Replay, report: ReplayReport, totals: Totals) -> Row:
+    """Registers, phases, comparison and quality of the whole bag."""
+    account, compared = result.ledger, totals.compared_ns > 0
+    phases: Row = {}
+    for phase in Phase:
+        name = phase.name.lower()
+        phases[f"{name}_ns"] = int(account.phase_ns[phase])
+        phases[f"{name}_import_microjoule"] = int(account.phase_energy_sum.microjoule[phase])
+    return {
+        **phases,
+        **_energies(totals),
+        "model_id": report.model.model_id,
+        "start_ns": report.time.start_ns,
+        "end_ns": report.time.end_ns,
+        "gap_count": totals.gap_count,
+        "jumps": totals.jumps,
+        "meter_location": report.comparison.meter_location if compared else None,
+        "power_error_rms": report.comparison.power_error_rms,
+        "measured_power_rms": report.comparison.measured_power_rms,
+        "energy_std": report.uncertainty.std,
+        "energy_lower": report.uncertainty.lower,
+        "energy_upper": report.uncertainty.upper,
+        "band": report.uncertainty.band,
+        "payload_mass": float(result.pipeline.torque.robot.payload_mass),
+        "samples": report.quality.samples,
+        "quality": [
+            {"name": name, "count": count} for name, count in report.quality.counts.items()
+        ],
+        "rejected": [
+            {"input": name, "reason": str(reason), "count": count}
+            for name, account in report.inputs.items()
+            for reason, count in account.rejected.items()
+        ],
+    }
+
+
+def _energies(totals: Totals) -> Row:
+    """Times and energies that a bag and a job have alike, exact."""
+    compared = totals.compared_ns > 0
+    cabinet = totals.cabinet_energy_microjoule
+    return {
+        **{f"{name}_microjoule": value for name, value in cabinet.items()},
+        "observed_ns": totals.observed_ns,
+        "gap_ns": totals.gap_ns,
+        "compared_ns": totals.compared_ns,
+        "measured_microjoule": totals.measured_energy_microjoule if compared else None,
+        "predicted_at_meter_microjoule": (
+            totals.predicted_energy_at_meter_microjoule if compared else None
+        ),
+    }
+
+
+def _jobs(result: Replay, report: ReplayReport) -> Iterator[Row]:
+    for counted, figures in zip(result.jobs.closed, report.jobs, strict=True):
+        yield {
+            **_energies(counted.counted),
+            "name": counted.name,
+            "start_ns": counted.start_ns,
+            "end_ns": counted.end_ns,
+            "energy_band": figures.energy_band,
+            "peak_grid_power": figures.peak_grid_power,
+        }
+
+
+def _joints(totals: Totals) -> Iterator[Row]:
+    registers = totals.joint_energy_microjoule
+    for joint in range(len(totals.shaft_compared_ns)):
+        yield {f"{name}_microjoule": registers[name][joint] for name in JOINT_REGISTERS}
+
+
+def _mean_degc(joints: list[Row]) -> float | None:
+    """Mean motor temperature over joints in motion, each weighted by its time."""
+    known = [row for row in joints if row["motor_temperature_degc"] is not None]
+    time = sum(row["motion_time"] for row in known)
+    heat = sum(row["motion_time"] * row["motor_temperature_degc"] for row in known)
+    return heat / time if time else None
+
+
+def _sealed(bag: FleetBag, name: str, row: Row, date: str, observed_time: float) -> BagRow:
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+    return BagRow(
+        name,
+        bag.robot,
+        date,
+        row_bytes(_fitting(row | {"name": name})),
+        row["reason"],
+        observed_time,
+        peak,
+    )
+
+
+def _fitting(row: Row) -> Row:
+    """Only the columns of the schema, in lists of rows too."""
+    found = {name: value for name, value in row.items() if name in SCHEMA}
+    for name, columns in TABLES.items():
+        found[name] = [{column: one.get(column) for column in columns} for one in row.get(name, [])]
+    return found

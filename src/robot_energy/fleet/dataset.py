@@ -1,0 +1,395 @@
+"""The dataset of a fleet: Parquet files by robot and date, one row for each bag.
+
+``DATASET/robot=R/date=YYYY-MM-DD/BAG-STATE-SETTINGS.parquet`` holds one row: all figures of one
+bag, with jobs, clock hours, joints and errors against the meter as lists in it. So a bag is there
+whole or not at all. The three parts of the name are hashes of the bag's address, of its size and
+time of change, and of model, options and version: a bag that is there unchanged is found by the
+name alone. At the end of a run the rows of each robot and day are merged into one file, sorted by
+name: however the rows came, the same bags give the same bytes.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import io
+from collections.abc import Generator, Iterable, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple, cast
+from urllib.parse import quote
+
+import polars as pl
+
+from robot_energy.accounting.registers import CABINET_REGISTERS
+from robot_energy.blocks import Phase
+from robot_energy.errors import DatasetError
+from robot_energy.files.output_files import GENERATOR, PARQUET, write_file
+from robot_energy.fleet.tables import SCHEMAS, FleetTables
+
+INTEGER, FLOAT, TEXT = pl.Int64(), pl.Float64(), pl.String()
+PER_JOULE, PER_SECOND = 1e-6, 1e-9
+PACKED = "rows-"  # begin of the names of files with many rows
+LOCK = ".lock"
+UNKNOWN_DATE = "unknown"  # of a bag that could not be read
+JOINT_REGISTERS = (
+    "shaft_positive", "shaft_negative", "rigid", "friction", "drive_loss",
+    "shaft_measured_positive", "shaft_measured_negative",
+    "shaft_predicted_positive", "shaft_predicted_negative",
+)  # fmt: skip
+
+
+class TableColumn(NamedTuple):
+    """One column.
+
+    Attributes:
+        kind: Of its values.
+        unit: Empty where there is none.
+        text: What it holds.
+    """
+
+    kind: pl.DataType
+    unit: str
+    text: str
+
+
+Columns = dict[str, TableColumn]
+
+
+def _integers(names: Iterable[str], ending: str, unit: str, text: str) -> Columns:
+    return {f"{n}_{ending}": TableColumn(INTEGER, unit, text.format(n)) for n in names}
+
+
+_PHASES = tuple(phase.name.lower() for phase in Phase)
+
+RUNS: Columns = {
+    "name": TableColumn(TEXT, "", "hashes of the bag's address, of its state, of the settings"),
+    "key": TableColumn(TEXT, "", "hash of bag, model, options and version; unique once read"),
+    "bag": TableColumn(TEXT, "", "address of the bag"),
+    "bag_hash": TableColumn(TEXT, "", "SHA-256 of its files with messages; null if unreadable"),
+    "robot": TableColumn(TEXT, "", "name of the robot in the fleet"),
+    "date": TableColumn(TEXT, "", "UTC day of the first sample"),
+    "programme": TableColumn(TEXT, "", "as the list of bags says; may be empty"),
+    "shift": TableColumn(TEXT, "", "as the list of bags says; may be empty"),
+    "model_id": TableColumn(TEXT, "", "of the model used"),
+    "settings": TableColumn(TEXT, "", "options of the replay, JSON"),
+    "tool_version": TableColumn(TEXT, "", "that made the row"),
+    "reason": TableColumn(TEXT, "", "why the bag could not be used: what was found; else empty"),
+    "expected": TableColumn(TEXT, "", "what was expected instead"),
+    "remedy": TableColumn(TEXT, "", "what can be done"),
+    "problems": TableColumn(pl.List(TEXT), "", "what was wrong with a bag that was used"),
+    "start_ns": TableColumn(INTEGER, "ns since 1970", "first sample"),
+    "end_ns": TableColumn(INTEGER, "ns since 1970", "last sample"),
+    "observed_ns": TableColumn(INTEGER, "ns", "time predicted"),
+    "gap_ns": TableColumn(INTEGER, "ns", "time not predicted"),
+    "gap_count": TableColumn(INTEGER, "", "gaps"),
+    "jumps": TableColumn(INTEGER, "", "jumps of the stamps"),
+    **_integers(CABINET_REGISTERS, "microjoule", "uJ", "register {}"),
+    **_integers(_PHASES, "ns", "ns", "time in phase {}"),
+    **_integers((f"{n}_import" for n in _PHASES), "microjoule", "uJ", "from the grid, phase {}"),
+    "meter_location": TableColumn(TEXT, "", "grid or dc_bus; null without a meter"),
+    "compared_ns": TableColumn(INTEGER, "ns", "time that meter and prediction cover"),
+    "measured_microjoule": TableColumn(INTEGER, "uJ", "measured over that time"),
+    "predicted_at_meter_microjoule": TableColumn(INTEGER, "uJ", "predicted over that time"),
+    "power_error_rms": TableColumn(FLOAT, "W", "predicted less measured, reading by reading"),
+    "measured_power_rms": TableColumn(FLOAT, "W", "of the measured power"),
+    "energy_std": TableColumn(FLOAT, "J", "standard deviation of the predicted net energy"),
+    "energy_lower": TableColumn(FLOAT, "J", "lower end of its 90 % band"),
+    "energy_upper": TableColumn(FLOAT, "J", "upper end of its 90 % band"),
+    "band": TableColumn(TEXT, "", "parametric, or calibrated by the meter"),
+    "payload_mass": TableColumn(FLOAT, "kg", "that the model carried at the end"),
+    "motor_temperature_degc": TableColumn(FLOAT, "degC", "mean over joints in motion"),
+    "samples": TableColumn(INTEGER, "", "joint states that gave a power"),
+    "quality": TableColumn(
+        pl.List(pl.Struct({"name": TEXT, "count": INTEGER})), "", "samples by quality bit"
+    ),
+    "rejected": TableColumn(
+        pl.List(pl.Struct({"input": TEXT, "reason": TEXT, "count": INTEGER})),
+        "",
+        "messages and values refused, by input and reason",
+    ),
+}
+JOBS: Columns = {
+    "name": TableColumn(TEXT, "", "of the job"),
+    "start_ns": TableColumn(INTEGER, "ns since 1970", "first sample"),
+    "end_ns": TableColumn(INTEGER, "ns since 1970", "last sample"),
+    "observed_ns": TableColumn(INTEGER, "ns", "time predicted"),
+    "gap_ns": TableColumn(INTEGER, "ns", "time not predicted"),
+    **_integers(CABINET_REGISTERS, "microjoule", "uJ", "register {}"),
+    "compared_ns": TableColumn(INTEGER, "ns", "time that meter and prediction cover"),
+    "measured_microjoule": TableColumn(INTEGER, "uJ", "measured over that time"),
+    "predicted_at_meter_microjoule": TableColumn(INTEGER, "uJ", "predicted over that time"),
+    "energy_band": TableColumn(FLOAT, "J", "half width of the 90 % band of the net energy"),
+    "peak_grid_power": TableColumn(FLOAT, "W", "highest predicted"),
+}
+_HOURS = {"hour_ns": ("ns since 1970", "begin of the UTC hour"), "observed_time": ("s", "in it"),
+          "motion_time": ("s", "not at rest"), "grid_energy": ("J", "from the grid"),
+          "standby_time": ("s", "at rest for 60 s or more, drives on"),
+          "standby_energy": ("J", "from the grid in standby")}  # fmt: skip
+_SUMS = {"joint": ("", "name"), "friction_rows": ("", "samples behind friction_sums"),
+         "motion_time": ("s", "of these samples"), "motor_temperature_degc": ("degC", "mean"),
+         "friction_sums": ("SI", "sums of products, upper triangle: see joint_sums.py"),
+         "wear_stamp_ns": ("ns since 1970", "of the records of the wear alarm"),
+         "wear_hours": ("h", "time that they cover"), "wear_time": ("s", "in motion"),
+         "wear_excess": ("-", "excess of friction over the model"),
+         "wear_variance": ("-", "of it"), "wear_features": ("-", "what it was at")}  # fmt: skip
+
+
+def _described(table: str, texts: Mapping[str, tuple[str, str]]) -> Columns:
+    """Columns that come as `tables` has them."""
+    kinds = pl.Schema(SCHEMAS[table])
+    own = {name: kind for name, kind in kinds.items() if name not in ("key", "robot")}
+    return {name: TableColumn(kind, *texts.get(name, ("", ""))) for name, kind in own.items()}
+
+
+HOURS = _described("hours", _HOURS)
+JOINTS = _described("joints", _SUMS) | _integers(JOINT_REGISTERS, "microjoule", "uJ", "register {}")
+METER_ERRORS: Columns = {
+    "degc": TableColumn(FLOAT, "degC", "middle of the bin of the mean motor temperature"),
+    "compared_ns": TableColumn(INTEGER, "ns", "time compared"),
+    "measured": TableColumn(FLOAT, "J", "measured energy"),
+    "error": TableColumn(FLOAT, "J", "predicted less measured"),
+    "error_squares": TableColumn(FLOAT, "W2 s", "sum of squared power error times time"),
+}
+TABLES: dict[str, Columns] = {
+    "jobs": JOBS, "hours": HOURS, "joints": JOINTS, "meter_errors": METER_ERRORS
+}  # fmt: skip
+"""Lists in a row, each with rows of its own."""
+SCHEMA = pl.Schema(
+    {name: column.kind for name, column in RUNS.items()}
+    | {
+        name: pl.List(pl.Struct({key: column.kind for key, column in columns.items()}))
+        for name, columns in TABLES.items()
+    }
+)
+
+
+def row_bytes(row: Mapping[str, Any]) -> bytes:
+    """Return the Parquet file of one bag; equal rows give equal bytes.
+
+    Args:
+        row: Values by the columns of `SCHEMA`; what is left out is null.
+    """
+    whole = {name: [row.get(name)] for name in SCHEMA}
+    return _parquet(pl.DataFrame(whole, schema=SCHEMA, strict=True))
+
+
+def _parquet(rows: pl.DataFrame) -> bytes:
+    target = io.BytesIO()
+    rows.write_parquet(target, statistics=False, metadata={"generator": GENERATOR})
+    return target.getvalue()
+
+
+class Dataset:
+    """The files of a dataset.
+
+    Args:
+        folder: Where they lie; made when the first row comes.
+
+    Raises:
+        DatasetError: If something else lies there.
+    """
+
+    def __init__(self, folder: str | Path) -> None:
+        self.folder = Path(folder)
+        self._rows: dict[str, dict[str, set[Path]]] = {}  # files of a row by its bag and name
+        if not self.folder.exists():
+            return
+        if not self.folder.is_dir():
+            raise DatasetError(f"{folder} is no folder", "the folder of a dataset, or a new one")
+        known = ("robot=", ".")
+        foreign = [e.name for e in self.folder.iterdir() if not e.name.startswith(known)]
+        if foreign:
+            raise DatasetError(
+                f"{folder} holds '{min(foreign)}'", "a dataset of this tool, or an empty folder"
+            )
+        for path in self.files():
+            for name in _names(path):
+                self._of(name).setdefault(name, set()).add(path)
+
+    @contextmanager
+    def locked(self) -> Generator[None]:
+        """Keep other commands from writing to it.
+
+        Raises:
+            DatasetError: If one does, or the folder cannot be made.
+        """
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            with (self.folder / LOCK).open("w") as lock:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                yield
+        except BlockingIOError as error:
+            raise DatasetError(
+                f"another command writes to {self.folder}", "one at a time", "wait, or stop it"
+            ) from error
+
+    def files(self) -> list[Path]:
+        """Return all files, in order of their names."""
+        return sorted(self.folder.glob("robot=*/date=*/*.parquet"))
+
+    def has(self, name: str) -> bool:
+        """Return whether a bag is there unchanged; older rows of it are removed.
+
+        Args:
+            name: Of its row.
+        """
+        found = self._of(name)
+        if name in found:
+            self._keep(name)
+        return name in found
+
+    def add(self, name: str, robot: str, date: str, data: bytes) -> Path:
+        """Put the row of a bag in place, whole or not at all, and remove older rows of it.
+
+        Args:
+            name: Of the row.
+            robot: Name of the robot.
+            date: UTC day.
+            data: From `row_bytes`.
+
+        Returns:
+            The file.
+
+        Raises:
+            DatasetError: If it cannot be written.
+        """
+        path = self.folder / f"robot={quote(robot, safe=' ')}" / f"date={date}" / f"{name}.parquet"
+        self._write(path, data)
+        self._of(name).setdefault(name, set()).add(path)
+        self._keep(name)
+        return path
+
+    def pack(self, least: int = 2) -> None:
+        """Merge the files of each robot and day, which are quicker to read as one.
+
+        Args:
+            least: Files of single rows from which on it is done.
+
+        Raises:
+            DatasetError: If one cannot be written.
+        """
+        parts: dict[Path, list[Path]] = {}
+        for path in self.files():
+            parts.setdefault(path.parent, []).append(path)
+        for paths in parts.values():
+            single = [path for path in paths if not path.stem.startswith(PACKED)]
+            if len(single) >= least or (single and len(paths) > len(single)):
+                self._merge(paths)
+
+    def _of(self, name: str) -> dict[str, set[Path]]:
+        return self._rows.setdefault(name.partition("-")[0], {})
+
+    def _keep(self, name: str) -> None:
+        """Remove all other rows of the bag."""
+        own = self._of(name)
+        for other in [other for other in own if other != name]:
+            for path in own.pop(other):
+                if path.stem.startswith(PACKED):
+                    self._merge([path], other)
+                else:
+                    path.unlink(missing_ok=True)
+
+    def _merge(self, paths: list[Path], without: str = "") -> None:
+        """Replace files of one folder by one that holds their rows."""
+        rows = _scan(paths).filter(pl.col("name") != without).unique("name").sort("name").collect()
+        names = cast("list[str]", rows["name"].to_list())
+        ending = hashlib.sha256("".join(names).encode()).hexdigest()[:16]
+        target = paths[0].parent / f"{PACKED}{ending}.parquet"
+        if names:
+            self._write(target, _parquet(rows))
+        for path in paths:
+            if path != target or not names:
+                path.unlink(missing_ok=True)
+        for name in names:
+            self._of(name)[name] = self._of(name).get(name, set()) - set(paths) | {target}
+
+    def _write(self, path: Path, data: bytes) -> None:
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise DatasetError(
+                f"{path.parent} cannot be made ({error.strerror})", "a folder that can be written"
+            ) from error
+        write_file(path, data, PARQUET, "rows of bags", DatasetError)
+
+
+def _scan(files: list[Path]) -> pl.LazyFrame:
+    """Rows of files, of earlier versions too."""
+    return pl.scan_parquet(
+        files,
+        hive_partitioning=False,
+        glob=False,
+        schema=SCHEMA,
+        missing_columns="insert",
+        extra_columns="ignore",
+    )
+
+
+def _names(path: Path) -> list[str]:
+    """Names of the rows of a file."""
+    if not path.stem.startswith(PACKED):
+        return [path.stem]
+    return pl.read_parquet(path, columns=["name"], hive_partitioning=False)["name"].to_list()
+
+
+def scan(folder: str | Path) -> pl.LazyFrame:
+    """Return all rows of a dataset, one of each bag: copies of a bag of one robot count once.
+
+    Args:
+        folder: Of the dataset.
+
+    Raises:
+        DatasetError: If there is none.
+    """
+    files = Dataset(folder).files()
+    if not files:
+        raise DatasetError(
+            f"{folder} holds no row", "a dataset of `robot-energy fleet run`", "run it first"
+        )
+    return _scan(files).unique("key", keep="first", maintain_order=True)
+
+
+def read_tables(folder: str | Path) -> FleetTables:
+    """Return the rows of a dataset as the tables that reports are made from.
+
+    Args:
+        folder: Of the dataset.
+
+    Raises:
+        DatasetError: If there is none.
+    """
+    time = {"observed_time": "observed_ns", "compared_time": "compared_ns", "time": "observed_ns",
+            "gap_time": "gap_ns"}  # fmt: skip
+    energy = {
+        "grid_energy": "grid_import",
+        "brake_energy": "brake",
+        "measured_energy": "measured",
+        "predicted_energy_at_meter": "predicted_at_meter",
+    }
+    wanted = {*SCHEMAS["runs"], *time.values(), *(f"{name}_microjoule" for name in energy.values())}
+    tables = [name for name in SCHEMAS if name in TABLES]
+    rows = scan(folder).select([name for name in RUNS if name in wanted] + tables).collect()
+
+    def shaped(table: pl.DataFrame, name: str) -> pl.DataFrame:
+        more = [(pl.col(f"{f}_microjoule") * PER_JOULE).alias(t) for t, f in energy.items()
+                if f"{f}_microjoule" in table.columns]  # fmt: skip
+        more += [(pl.col(f) * PER_SECOND).alias(t) for t, f in time.items() if f in table.columns]
+        if name == "jobs":
+            net = pl.col("grid_import_microjoule") - pl.col("grid_return_microjoule")
+            more.append((net * PER_JOULE).alias("energy"))
+        schema = pl.Schema(SCHEMAS[name])
+        return table.with_columns(more).select(
+            pl.col(column).cast(kind) for column, kind in schema.items()
+        )
+
+    def table(name: str) -> pl.DataFrame:
+        own = rows.select("key", "robot", pl.col(name)).filter(pl.col(name).list.len() > 0)
+        return shaped(own.explode(name).unnest(name), name)
+
+    return FleetTables(
+        runs=shaped(rows.drop(tables), "runs"),
+        jobs=table("jobs"),
+        hours=table("hours"),
+        joints=table("joints"),
+    )

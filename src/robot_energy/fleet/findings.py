@@ -1,0 +1,246 @@
+"""Which robots of a fleet need somebody to look, why, and how sure that is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from math import exp, expm1
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from robot_energy.blocks import Float, Int
+from robot_energy.condition.wear import REMEDY, WearAlarm
+from robot_energy.fleet.bag_joints import BagJoints, wear_records
+from robot_energy.fleet.sisters import Deviation, Levels, levels, stand_out
+from robot_energy.fleet.tables import FleetTables
+from robot_energy.fleet.wear_history import wear_history
+from robot_energy.results.fleet import FleetFinding
+
+RECENT = 0.25  # share of the time, at its end, for which robots are compared
+MIN_FRICTION = 0.10  # difference of friction that is worth a look [-]
+MIN_MASS = 0.5  # of a payload [kg]
+MIN_ENERGY = 0.05  # of a job [-]
+MIN_STANDBY = 0.25  # hours of a recorded day
+STANDBY_SCALE = 0.1  # below it, hours of standby are all alike [h]
+MIN_RECENT = 5  # newest bags of a robot that count, however old they are
+KINDS = ("payload", "wear", "friction", "standby", "energy")
+DAY_NS = 86_400_000_000_000
+
+
+@dataclass(frozen=True)
+class RobotsCompared:
+    """Robots of one model after all comparisons.
+
+    Attributes:
+        findings: What was found.
+        friction: Levels of the friction of each joint, logarithms; in the order of the model.
+        comparisons: Kinds of figures, of all models.
+    """
+
+    findings: tuple[FleetFinding, ...]
+    friction: tuple[Levels, ...]
+    comparisons: int
+
+
+def compare(
+    tables: FleetTables, bags: BagJoints, duty: Sequence[float], models: int = 1
+) -> RobotsCompared:
+    """Compare robots of one model with each other, and each with itself before.
+
+    Args:
+        tables: Of the fleet.
+        bags: Of these robots.
+        duty: Share of motion in the time of the bags of each robot. [-]
+        models: In the whole report, whose robots are compared each.
+
+    Returns:
+        What was found, and the levels behind it.
+    """
+    jobs = tables.jobs.filter(pl.col("robot").is_in(bags.robots) & (pl.col("gap_time") == 0.0))
+    programmes = sorted(jobs["name"].unique().to_list())
+    comparisons = models * (len(bags.joints) + 2 + len(programmes))
+    recent = _recent(bags.stamp_ns, bags.robot)
+    findings: list[FleetFinding] = []
+
+    def found(levels: Levels) -> list[Deviation]:
+        return stand_out(levels.level, levels.std, comparisons)
+
+    speeds = bags.work[..., -2]
+    usual = np.where(np.isfinite(speeds), speeds, 0.0)
+    mass = levels(bags.figures.mass, bags.robot, usual, recent)
+    findings += [
+        _payload(bags.robots[one.robot], one) for one in found(mass) if abs(one.size) >= MIN_MASS
+    ]
+    friction: list[Levels] = []
+    for joint, name in enumerate(bags.joints):
+        figure = np.log(bags.figures.multiplier[:, joint])
+        own = levels(figure, bags.robot, bags.work[:, joint], recent)
+        friction.append(own)
+        findings += [
+            _friction(bags.robots[one.robot], name, one)
+            for one in found(own)
+            if abs(expm1(one.size)) >= MIN_FRICTION
+        ]
+    findings += _worn(tables, bags, friction, duty)
+    standby, number = _standby(tables, bags.robots)
+    by_day = levels(standby, number, np.empty((len(standby), 0)), np.ones(len(standby), bool))
+    findings += [
+        _standing(bags.robots[one.robot], one, by_day)
+        for one in found(by_day)
+        if _hours(by_day.level[one.robot]) >= MIN_STANDBY and one.size > 0
+    ]
+    for name in programmes:
+        part = jobs.filter(pl.col("name") == name)
+        findings += [
+            _energy(bags.robots[one.robot], name, one)
+            for one in found(_of_jobs(part, bags))
+            if abs(expm1(one.size)) >= MIN_ENERGY
+        ]
+    return RobotsCompared(_ordered(findings), tuple(friction), comparisons)
+
+
+def _recent(stamp_ns: Int, robot: Int) -> NDArray[np.bool_]:
+    """Which bags lie in the last quarter of the time, or are the newest of their robot."""
+    found = np.zeros(len(stamp_ns), dtype=np.bool_)
+    if len(stamp_ns):
+        found = stamp_ns >= stamp_ns.max() - RECENT * (stamp_ns.max() - stamp_ns.min())
+    for one in np.unique(robot).tolist():
+        own = np.flatnonzero(robot == one)
+        found[own[np.argsort(stamp_ns[own])[-MIN_RECENT:]]] = True
+    return found
+
+
+def _of_jobs(jobs: pl.DataFrame, bags: BagJoints) -> Levels:
+    """Levels of the logarithm of the energy of a job, measured where all have a meter."""
+    measured = jobs["measured_energy"].null_count() == 0
+    own = (
+        jobs.group_by("key", "robot", maintain_order=True)
+        .agg(pl.col("measured_energy" if measured else "energy").mean())
+        .filter(pl.nth(2) > 0.0)
+    )
+    place = {key: number for number, key in enumerate(bags.key)}
+    own = own.filter(pl.col("key").is_in(bags.key))
+    rows = np.array([place[key] for key in own["key"].to_list()], dtype=np.int64)
+    temperatures = bags.work[rows, :, :-2].mean(axis=1)
+    figure = np.log(own.to_series(2).to_numpy())
+    recent = _recent(bags.stamp_ns[rows], bags.robot[rows])
+    return levels(figure, bags.robot[rows], temperatures, recent)
+
+
+def _standby(tables: FleetTables, robots: Sequence[str]) -> tuple[Float, Int]:
+    """Logarithm of the standby of every robot and recorded day, and its robot."""
+    days = (
+        tables.hours.filter(pl.col("robot").is_in(robots))
+        .group_by("robot", pl.col("hour_ns") // DAY_NS)
+        .agg(pl.col("standby_time").sum() / 3600.0)
+        .sort("robot", "hour_ns")
+    )
+    names = {name: number for number, name in enumerate(robots)}
+    number = np.array([names[name] for name in days["robot"].to_list()], dtype=np.int64)
+    return np.log1p(days["standby_time"].to_numpy() / STANDBY_SCALE), number
+
+
+def _hours(level: float) -> float:
+    return STANDBY_SCALE * expm1(level)
+
+
+def _worn(
+    tables: FleetTables, bags: BagJoints, friction: Sequence[Levels], duty: Sequence[float]
+) -> list[FleetFinding]:
+    """Joints whose friction has changed for good, by the test for wear over all their bags."""
+    findings: list[FleetFinding] = []
+    rows = (
+        tables.joints.lazy()
+        .filter(pl.col("robot").is_in(bags.robots) & (pl.col("friction_rows") > 0))
+        .select("robot", "joint", pl.col("^wear_.*$"))
+        .collect()
+    )
+    for (robot, joint), own in rows.partition_by("robot", "joint", as_dict=True).items():
+        number, place = bags.robots.index(str(robot)), bags.joints.index(str(joint))
+        test = wear_history(wear_records(own), duty[number])
+        if not test.changes:
+            continue
+        mine = bags.robot == number
+        size, std = _change(friction[place].rest[mine], bags.stamp_ns[mine])
+        if abs(size) < MIN_FRICTION or (size < 0) != test.drift.fell:
+            continue
+        alarm = WearAlarm(str(joint), test.drift)
+        since = datetime.fromtimestamp((test.drift.since_ns or 0) // 10**9, UTC)
+        what = "fell, as after re-greasing or running in" if alarm.drift.fell else "has risen"
+        text = (
+            f"friction of {joint} {what}: in the last quarter of the time it is "
+            f"{_percent(size, std)} that of the first, changing since {since:%F}"
+            + ("" if alarm.drift.fell else f"; {REMEDY}")
+        )
+        findings.append(
+            FleetFinding(
+                str(robot), "wear", str(joint), size, std, alarm.sure, test.drift.since_ns, text
+            )
+        )
+    return findings
+
+
+def _change(rest: Float, stamp_ns: Int) -> tuple[float, float]:
+    """Friction of the last quarter of the time over that of the first, less 1; its deviation."""
+    known = np.isfinite(rest)
+    rest, stamp_ns = rest[known], stamp_ns[known]
+    edge = RECENT * (stamp_ns.max() - stamp_ns.min())
+    first, last = rest[stamp_ns <= stamp_ns.min() + edge], rest[stamp_ns >= stamp_ns.max() - edge]
+    size = float(np.median(last) - np.median(first))
+    spread = [float(part.var()) * 0.5 * np.pi / len(part) for part in (first, last)]
+    return expm1(size), exp(size) * float(np.sqrt(sum(spread)))
+
+
+def _payload(robot: str, one: Deviation) -> FleetFinding:
+    more = "more" if one.size > 0 else "less"
+    text = (
+        f"gravity says that it carries {abs(one.size):.1f} +- {one.std:.1f} kg {more} than its "
+        "sisters by the same model file: state its payload, or look at what it carries"
+    )
+    return FleetFinding(robot, "payload", "", one.size, one.std, one.certainty, None, text)
+
+
+def _friction(robot: str, joint: str, one: Deviation) -> FleetFinding:
+    size, std = expm1(one.size), exp(one.size) * one.std
+    text = (
+        f"friction of {joint} is {_percent(size, std)} that of its sisters at equal temperature "
+        "and speed"
+    )
+    return FleetFinding(robot, "friction", joint, size, std, one.certainty, None, text)
+
+
+def _energy(robot: str, name: str, one: Deviation) -> FleetFinding:
+    size, std = expm1(one.size), exp(one.size) * one.std
+    text = f"a job '{name}' takes {_percent(size, std)} what its sisters need, equally warm"
+    return FleetFinding(robot, "energy", name, size, std, one.certainty, None, text)
+
+
+def _standing(robot: str, one: Deviation, by_day: Levels) -> FleetFinding:
+    own = _hours(float(by_day.level[one.robot]))
+    others = _hours(float(by_day.level[one.robot]) - one.size)
+    std = (own + STANDBY_SCALE) * one.std
+    text = (
+        f"stands with its drives on for {own:.1f} h of a recorded day, its sisters "
+        f"{max(others, 0.0):.1f} h: switch its drives off between shifts"
+    )
+    return FleetFinding(robot, "standby", "", own - others, std, one.certainty, None, text)
+
+
+def _percent(size: float, std: float) -> str:
+    return f"{100 * abs(size):.0f} +- {100 * std:.0f} % {'above' if size > 0 else 'below'}"
+
+
+def _ordered(findings: Sequence[FleetFinding]) -> tuple[FleetFinding, ...]:
+    """Those of one robot together, the robot with the gravest cause first."""
+    gravest: dict[str, int] = {}
+    for one in findings:
+        gravest[one.robot] = min(gravest.get(one.robot, len(KINDS)), KINDS.index(one.kind))
+    return tuple(
+        sorted(
+            findings,
+            key=lambda one: (gravest[one.robot], one.robot, KINDS.index(one.kind), one.subject),
+        )
+    )

@@ -1,0 +1,95 @@
+"""Time and energy of a bag by clock hours: what shifts, tariffs and standby are made of."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from robot_energy.blocks import NANOSECOND, Float, PowerBlock
+from robot_energy.condition.joint_friction import ABOVE_STANDSTILL
+from robot_energy.fleet.joint_sums import motor_standstill
+from robot_energy.model import RobotModel
+from robot_energy.pipeline import Output
+
+HOUR_NS = 3_600_000_000_000
+MIN_STANDBY = 60.0  # at rest with drives on, from which on it is standby [s]
+OBSERVED, MOTION, ENERGY, STANDBY, STANDBY_ENERGY = range(5)
+
+
+class HourSums:
+    """Gathers the sums of one bag.
+
+    Energy is that from the grid, by the trapezoidal rule between samples of one segment; what is
+    fed back does not count. Rest is standby once it has lasted `MIN_STANDBY`, from its beginning; a
+    robot rests while its motors are slower than motion that says something of friction, so that
+    noise of a reported velocity is no motion.
+
+    Args:
+        model: With which the bag is replayed.
+
+    Attributes:
+        hours: Sums by the stamp at which the hour begins: observed time [s], time not at rest [s],
+            energy [J], standby [s], energy in standby [J].
+    """
+
+    def __init__(self, model: RobotModel) -> None:
+        self._floor = ABOVE_STANDSTILL * motor_standstill(model)
+        self.hours: dict[int, Float] = {}
+        self._last: PowerBlock | None = None
+        self._rest: dict[int, Float] = {}  # sums of a rest that is not standby yet
+        self._rested = 0.0
+
+    def take(self, output: Output) -> None:
+        """Take what a step of the pipeline gave.
+
+        Args:
+            output: In time order.
+        """
+        block = output.power
+        if block is None:
+            return
+        if self._last is not None:
+            block = PowerBlock.concatenate([self._last, block])
+        self._last = block[slice(len(block) - 1, None)]
+        stamp, power = block.stamp_ns, np.maximum(np.nan_to_num(block.grid_power), 0.0)
+        time = np.where(np.diff(block.segment) == 0, np.diff(stamp) * NANOSECOND, 0.0)
+        energy = 0.5 * (power[1:] + power[:-1]) * time
+        rest = (np.abs(block.motor_velocity[:-1]) <= self._floor).all(axis=1) & (time > 0.0)
+        hour = stamp[:-1] // HOUR_NS
+        cuts = (np.flatnonzero((np.diff(hour) != 0) | (np.diff(rest) != 0)) + 1).tolist()
+        for start, stop in zip([0, *cuts], [*cuts, len(time)], strict=True):
+            if stop > start:
+                sums = (float(time[start:stop].sum()), float(energy[start:stop].sum()))
+                self._add(int(hour[start]) * HOUR_NS, bool(rest[start]), *sums)
+
+    def table(self) -> list[dict[str, Any]]:
+        """Return one row for each hour, of plain values."""
+        return [
+            {
+                "hour_ns": hour,
+                "observed_time": float(sums[OBSERVED]),
+                "motion_time": float(sums[MOTION]),
+                "grid_energy": float(sums[ENERGY]),
+                "standby_time": float(sums[STANDBY]),
+                "standby_energy": float(sums[STANDBY_ENERGY]),
+            }
+            for hour, sums in sorted(self.hours.items())
+        ]
+
+    def _add(self, hour: int, rest: bool, time: float, energy: float) -> None:
+        own = self.hours.setdefault(hour, np.zeros(5))
+        own[OBSERVED] += time
+        own[ENERGY] += energy
+        if not rest:
+            own[MOTION] += time
+            self._rest.clear()
+            self._rested = 0.0
+            return
+        self._rested += time
+        waiting = self._rest.setdefault(hour, np.zeros(2))
+        waiting += time, energy
+        if self._rested >= MIN_STANDBY:
+            for at, sums in self._rest.items():
+                self.hours[at][STANDBY:] += sums
+            self._rest.clear()

@@ -1,0 +1,288 @@
+"""The laws of viscous friction over temperature, fitted to merged sums of many bags.
+
+They are those of `robot_energy.identify.friction.laws`, whose samples are summed here: with fv at
+the nodes of temperature all sums of squares follow from the products of the columns.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from robot_energy.blocks import Float, Int
+from robot_energy.errors import NotIdentifiableError
+from robot_energy.fleet.joint_sums import (
+    COLUMNS,
+    INERTIA,
+    MEASURED,
+    NODES,
+    NODES_DEGC,
+    OFFSET,
+    PAYLOAD,
+    RIGID,
+    SIGN,
+    VISCOUS,
+)
+from robot_energy.identify.bounds import identified
+from robot_energy.identify.friction.laws import GRID, MIN_RANGE, MIN_SHARE, SCALES
+from robot_energy.identify.stats.regression import SCATTER, Fit, student
+from robot_energy.identify.stats.systematic import (
+    BODIES,
+    THERMOMETER,
+    TORQUE,
+    SensorLimits,
+    moved_by,
+)
+from robot_energy.model.figure import PositiveFigure
+from robot_energy.model.friction_laws import ConstantLaw, ExponentialLaw, LawEntry, TableLaw
+from robot_energy.physics.friction import viscous_law
+
+FINE = 40  # steps of the scale of the exponential law, about the best of the coarse ones
+SMOOTH = 1e-3  # weight of no bend at a node against its mean square of speed
+DAMPING = 1e-6  # of a column of length 1, where a bag does not show a nuisance
+
+
+@dataclass(frozen=True)
+class JointBags:
+    """Sums of one joint in B bags.
+
+    Attributes:
+        name: Of the joint.
+        gram: Sums of products, shape (B, COLUMNS, COLUMNS).
+        rows: Samples, shape (B,).
+        degc: Mean motor temperature, shape (B,). [degC]
+        robot: Number of the robot, shape (B,).
+        stamp_ns: When the bag begins, shape (B,). [ns]
+    """
+
+    name: str
+    gram: Float
+    rows: Int
+    degc: Float
+    robot: Int
+    stamp_ns: Int
+
+    def only(self, bags: np.ndarray) -> JointBags:
+        """Return some of the bags.
+
+        Args:
+            bags: Mask of shape (B,), or places.
+        """
+        return JointBags(
+            self.name,
+            self.gram[bags],
+            self.rows[bags],
+            self.degc[bags],
+            self.robot[bags],
+            self.stamp_ns[bags],
+        )
+
+
+def without_nuisances(gram: Float) -> Float:
+    """Return sums from which the offset and the payload of each bag are taken.
+
+    Args:
+        gram: Shape (B, COLUMNS, COLUMNS). [units of both columns]
+
+    Returns:
+        Same shape.
+    """
+    own = [OFFSET, PAYLOAD, INERTIA]
+    inner = gram[:, own][:, :, own]
+    length = np.sqrt(np.maximum(np.diagonal(inner, axis1=1, axis2=2), 1e-30))
+    unit = inner / (length[:, :, None] * length[:, None, :]) + DAMPING * np.eye(len(own))
+    right = gram[:, own] / length[:, :, None]
+    return gram - np.swapaxes(right, 1, 2) @ np.linalg.solve(unit, right)
+
+
+@dataclass(frozen=True)
+class MergedSums:
+    """Sums of a joint, for fits of any shape over temperature.
+
+    Attributes:
+        bags: Its bags.
+        whole: Their sums of products, shape (COLUMNS, COLUMNS).
+        group: Of bags that are left out together, shape (B,).
+        sensors: Standard deviations of constant errors.
+        own_bodies: Whether the bodies of the model come from measured torque.
+        source: Where the data come from.
+    """
+
+    bags: JointBags
+    whole: Float
+    group: Int
+    sensors: SensorLimits
+    own_bodies: bool
+    source: str
+
+    def fit(self, shape: Float, names: tuple[str, ...], bend: Float | None = None) -> Fit:
+        """Return fc and the coefficients of shapes of temperature, with their covariance.
+
+        Args:
+            shape: Values at the nodes, shape (NODES, K). [-]
+            names: Of the coefficients.
+            bend: Combinations of the coefficients that are 0 where the bags do not show them,
+                shape (M, K); None for none. [-]
+        """
+        shapes = _shapes(shape)
+        normal, right = shapes.T @ self.whole @ shapes, shapes.T @ self.whole[:, MEASURED]
+        if bend is not None:
+            normal[1:, 1:] += SMOOTH * float(np.trace(normal[1:, 1:])) / len(names) * bend.T @ bend
+        values = _solved(normal, right)
+        _, place = np.unique(self.group, return_inverse=True)
+        count = int(place.max()) + 1
+        parts = np.zeros((count, COLUMNS, COLUMNS))
+        np.add.at(parts, place, self.bags.gram)
+        left_out = np.array(
+            [_solved(normal - shapes.T @ part @ shapes, right - shapes.T @ part[:, MEASURED])
+             for part in parts]
+        )  # fmt: skip
+        moved = left_out - left_out.mean(axis=0)
+        covariance = moved.T @ moved * (count - 1) / count * student(count - 1.0) ** 2
+        if count == 1:  # nothing to leave out: nothing is known of the scatter
+            covariance = np.diag(np.full(len(values), np.inf))
+        scatter = np.sqrt(np.diag(covariance))
+        fit = Fit(
+            ("Coulomb", *names), values, covariance, np.array([float(count)]), count - 1.0,
+            np.empty(0), np.empty(0), {SCATTER: scatter},
+        )  # fmt: skip
+        rigid = shapes.T @ self.whole[:, RIGID]
+        if self.own_bodies:
+            return moved_by(fit, TORQUE, self.sensors.torque * values)
+        fit = moved_by(fit, TORQUE, self.sensors.torque * (values + _solved(normal, rigid)))
+        return moved_by(fit, BODIES, self.sensors.bodies * _solved(normal, rigid))
+
+
+def constant_law(merged: MergedSums) -> tuple[LawEntry, Fit]:
+    """Fit one viscous coefficient for all temperatures.
+
+    Args:
+        merged: Sums of the joint.
+
+    Returns:
+        The law, and fc with its coefficients.
+    """
+    fit = merged.fit(np.ones((NODES, 1)), ("viscous",))
+    value, std = float(fit.values[1]), float(fit.std[1])
+    return ConstantLaw(law="constant", viscous=identified(value, std, merged.source)), fit
+
+
+def exponential_law(merged: MergedSums) -> tuple[LawEntry, Fit]:
+    """Search the temperature scale c; everything else is linear for a given c.
+
+    Args:
+        merged: Sums of the joint.
+
+    Returns:
+        The law, and fc with its coefficients.
+
+    Raises:
+        NotIdentifiableError: If bags of one temperature, or no falling friction, are all there is.
+    """
+    span = float(np.ptp(merged.bags.degc))
+    if span < MIN_RANGE:
+        raise NotIdentifiableError(f"its bags lie within {span:.1f} K", f"{MIN_RANGE:g} K or more")
+    middle = float(np.average(merged.bags.degc, weights=merged.bags.rows))
+    above = NODES_DEGC - middle
+
+    def shape(scale: float) -> Float:
+        return np.column_stack([np.ones(NODES), np.exp(-above / scale)])
+
+    def cost(scale: float) -> float:
+        shapes = _shapes(shape(scale))
+        values = _solved(shapes.T @ merged.whole @ shapes, shapes.T @ merged.whole[:, MEASURED])
+        if (values[1:] < 0).any():
+            return float("inf")
+        return -float(values @ (shapes.T @ merged.whole[:, MEASURED]))
+
+    costs = [cost(float(scale)) for scale in SCALES]
+    best = int(np.argmin(costs))
+    if not np.isfinite(costs[best]):
+        raise NotIdentifiableError(
+            "the viscous friction does not fall with temperature towards a limit >= 0",
+            "points that do",
+        )
+    low, high = float(SCALES[max(best - 1, 0)]), float(SCALES[min(best + 1, len(SCALES) - 1)])
+    fine = [low * (high / low) ** (step / FINE) for step in range(FINE + 1)]
+    scale = min(fine, key=cost)
+    found = merged.fit(shape(scale), ("hot viscous", "cold viscous"))
+    hot, cold = (float(value) for value in found.values[1:])
+    slope = cold * np.exp(-above / scale) * above / scale**2
+    tangent = merged.fit(np.column_stack([shape(scale), slope]), ("hot", "cold", "scale"))
+    moves = np.zeros(4)
+    moves[2] = -cold / scale * merged.sensors.thermometer
+    tangent = moved_by(tangent, THERMOMETER, moves)
+    lift = float(np.exp(middle / scale))
+    to_law = np.array([[1, 0, 0], [0, lift, -cold * lift * middle / scale**2], [0, 0, 1.0]])
+    known = to_law @ tangent.covariance[1:, 1:] @ to_law.T
+    known = 0.5 * (known + known.T)
+    std = np.sqrt(np.diag(known)).tolist()
+    law = ExponentialLaw(
+        law="exponential",
+        a=identified(hot, std[0], merged.source),
+        b=identified(cold * lift, std[1], merged.source),
+        c=PositiveFigure(value=scale, tag="identified", std=std[2], source=merged.source),
+        fitted_degc=(float(merged.bags.degc.min()), float(merged.bags.degc.max())),
+        covariance=known.tolist(),
+    )
+    greatest = viscous_law(law).std(np.linspace(*law.fitted_degc, GRID)).max()
+    fit = replace(found, covariance=tangent.covariance[:3, :3], parts={
+        cause: part[:3] for cause, part in tangent.parts.items()
+    })  # fmt: skip
+    return law.model_copy(update={"std": float(greatest)}), fit
+
+
+def table_law(merged: MergedSums) -> tuple[LawEntry, Fit]:
+    """Fit the viscous coefficient at every node that the bags have seen.
+
+    Args:
+        merged: Sums of the joint.
+
+    Returns:
+        The law, and fc with its coefficients.
+
+    Raises:
+        NotIdentifiableError: If they have seen one.
+    """
+    seen = merged.whole[VISCOUS, VISCOUS].sum(axis=1)
+    kept = np.flatnonzero(seen >= MIN_SHARE * seen.sum())
+    if len(kept) < 2:
+        raise NotIdentifiableError("its motion lies at one temperature", "two that differ")
+    nodes = NODES_DEGC[kept]
+    shape = np.column_stack([np.interp(NODES_DEGC, nodes, row) for row in np.eye(len(kept))])
+    bend = np.diff(np.eye(len(kept)), 2, axis=0)
+    fit = merged.fit(shape, tuple(f"viscous at {node:.0f} degC" for node in nodes), bend)
+    slope = np.append(0.0, np.gradient(fit.values[1:], nodes))
+    fit = moved_by(fit, THERMOMETER, merged.sensors.thermometer * slope)
+    above = fit.values[1:] > 0.0
+    law = TableLaw(
+        law="table",
+        motor_temperature_degc=nodes.tolist(),
+        viscous=np.maximum(fit.values[1:], 0.0).tolist(),
+        std=fit.std[1:].tolist(),
+        tag="identified" if above.all() else "assumed",
+        source=merged.source,
+    )
+    return law, fit
+
+
+LAWS: dict[str, Callable[[MergedSums], tuple[LawEntry, Fit]]] = {
+    "constant": constant_law,
+    "exponential": exponential_law,
+    "table": table_law,
+}
+"""The simplest first."""
+
+
+def _shapes(shape: Float) -> Float:
+    """Columns of fc and of shapes of temperature, in all columns, shape (COLUMNS, 1 + K)."""
+    shapes = np.zeros((COLUMNS, 1 + shape.shape[1]))
+    shapes[SIGN, 0] = 1.0
+    shapes[VISCOUS, 1:] = shape
+    return shapes
+
+
+def _solved(normal: Float, right: Float) -> Float:
+    return np.linalg.lstsq(normal, right, rcond=1e-12)[0]

@@ -1,0 +1,294 @@
+"""The report of a fleet, from its tables."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import fields
+from datetime import UTC, datetime
+from typing import Any
+from zoneinfo import ZoneInfo
+
+import numpy as np
+import polars as pl
+
+from robot_energy.blocks import Float
+from robot_energy.fleet.bag_joints import BagJoints, bag_joints
+from robot_energy.fleet.findings import RobotsCompared, compare
+from robot_energy.fleet.sisters import MIN_SISTERS, Levels
+from robot_energy.fleet.tables import FleetTables
+from robot_energy.page.settings import JOULE_PER_KWH, PageSettings
+from robot_energy.results.fleet import (
+    FleetFinding,
+    FleetReport,
+    FrictionCurve,
+    ModelError,
+    ProgrammeEnergy,
+    RefusedBag,
+    RobotEnergy,
+    ShiftEnergy,
+)
+
+DEGC_STEP = 10.0  # of the table of the model's error [K]
+CURVE_STEP = 5.0  # of the curves of friction [K]
+MIN_ROBOTS = 3  # that make a middle and a range
+RANGE = (0.1, 0.9)
+WEEK_NS = 7 * 86_400_000_000_000
+SHIFTS = (6, 14, 22)  # hours at which a shift begins, where nothing else is said
+
+
+def fleet_report(
+    tables: FleetTables,
+    dataset: str,
+    settings: PageSettings | None = None,
+    shifts: Sequence[int] = SHIFTS,
+) -> FleetReport:
+    """Make the report of a fleet.
+
+    Args:
+        tables: Rows of all its bags.
+        dataset: Where they lie.
+        settings: Prices, emissions and the time zone; None for none and UTC.
+        shifts: Hours of the day, local time, at which a shift begins; rising.
+
+    Returns:
+        The report.
+    """
+    used = settings or PageSettings()
+    read = tables.runs.filter(pl.col("reason") == "")
+    hours = _priced(tables.hours, used, shifts)
+    robots = sorted(read["robot"].unique().to_list())
+    notes: list[str] = []
+    models = sorted(read["model_id"].unique().to_list())
+    findings: list[FleetFinding] = []
+    friction: list[FrictionCurve] = []
+    comparisons = 0
+    for model_id in models:
+        sisters = sorted(read.filter(pl.col("model_id") == model_id)["robot"].unique().to_list())
+        bags = bag_joints(tables, model_id, sisters)
+        compared = compare(tables, bags, duty_of(tables.hours, sisters), len(models))
+        findings += compared.findings
+        friction += _curves(bags, compared)
+        comparisons = max(comparisons, compared.comparisons)
+        if len(sisters) < MIN_SISTERS:
+            notes.append(
+                f"{len(sisters)} robots with model {model_id}: sisters are compared from "
+                f"{MIN_SISTERS} on; each was compared with itself before"
+            )
+    if not read["measured_energy"].is_not_null().any():
+        notes.append("no bag has a power meter: all energies are predicted")
+    refused = tables.runs.filter(pl.col("reason") != "")
+    return FleetReport(
+        dataset,
+        tuple(models),
+        _known(read["start_ns"].min()),
+        _known(read["end_ns"].max()),
+        len(read),
+        tuple(RefusedBag(*row) for row in refused.select("bag", "robot", "reason").iter_rows()),
+        _robots(read, tables.jobs, hours, robots),
+        _programmes(tables.jobs),
+        _shifts(hours, shifts),
+        _model_errors(read),
+        tuple(findings),
+        tuple(friction),
+        comparisons,
+        tuple(notes),
+    )
+
+
+def _known(value: Any) -> int | None:
+    return None if value is None else int(value)
+
+
+def _priced(hours: pl.DataFrame, settings: PageSettings, shifts: Sequence[int]) -> pl.DataFrame:
+    """Hours with their price and the number of their shift."""
+    zone = ZoneInfo(settings.timezone)
+    begins = hours["hour_ns"].unique().to_list()
+    local = [datetime.fromtimestamp(begin // 10**9, UTC).astimezone(zone).hour for begin in begins]
+    shift = [sum(one >= begin for begin in shifts) - 1 for one in local]
+    known = pl.DataFrame(
+        {
+            "hour_ns": begins,
+            "price": [settings.price_at(begin) for begin in begins],
+            "shift": [one % len(shifts) for one in shift],
+        },
+        schema={"hour_ns": pl.Int64, "price": pl.Float64, "shift": pl.Int64},
+    )
+    price = pl.col("price") / JOULE_PER_KWH
+    return hours.join(known, on="hour_ns", how="left").with_columns(
+        cost=pl.col("grid_energy") * price, standby_cost=pl.col("standby_energy") * price
+    )
+
+
+def _sum_known(name: str) -> pl.Expr:
+    """Sum of a column; null where every value is."""
+    return pl.when(pl.col(name).is_not_null().any()).then(pl.col(name).sum()).alias(name)
+
+
+def _robots(
+    read: pl.DataFrame, jobs: pl.DataFrame, hours: pl.DataFrame, robots: Sequence[str]
+) -> tuple[RobotEnergy, ...]:
+    metered = pl.col("measured_energy").is_not_null()
+    runs = read.group_by("robot").agg(
+        pl.len().alias("bags"),
+        pl.col("observed_time", "grid_energy").sum(),
+        _sum_known("measured_energy"),
+        pl.col("predicted_energy_at_meter").filter(metered).sum(),
+    )
+    standby = hours.group_by("robot").agg(
+        pl.col("standby_time", "standby_energy").sum(), _sum_known("standby_cost")
+    )
+    count = jobs.group_by("robot").agg(pl.len().alias("jobs"))
+    rows = (
+        pl.DataFrame({"robot": robots}, schema={"robot": pl.String})
+        .join(runs, on="robot", how="left")
+        .join(standby, on="robot", how="left")
+        .join(count, on="robot", how="left")
+        .with_columns(pl.col("jobs", "standby_time", "standby_energy").fill_null(0))
+        .with_columns(error=pl.col("predicted_energy_at_meter") / pl.col("measured_energy") - 1.0)
+        .sort("robot")
+    )
+    names = [one.name for one in fields(RobotEnergy)]
+    return tuple(RobotEnergy(**row) for row in rows.select(names).iter_rows(named=True))
+
+
+def _programmes(jobs: pl.DataFrame) -> tuple[ProgrammeEnergy, ...]:
+    whole = jobs.filter(pl.col("gap_time") == 0.0)
+    metered = pl.col("measured_energy").is_not_null()
+    robots = whole.group_by("name", "robot").agg(pl.col("energy").mean())
+    rows = (
+        whole.group_by("name")
+        .agg(
+            pl.col("robot").n_unique().alias("robots"),
+            pl.len().alias("jobs"),
+            pl.col("time").mean().alias("mean_time"),
+            pl.col("energy").mean().alias("mean_energy"),
+            (
+                pl.col("predicted_energy_at_meter").filter(metered).sum()
+                / pl.when(metered.any()).then(pl.col("measured_energy").sum())
+                - 1.0
+            ).alias("error"),
+        )
+        .join(
+            robots.group_by("name").agg(
+                pl.col("energy").min().alias("lowest"), pl.col("energy").max().alias("highest")
+            ),
+            on="name",
+        )
+        .sort("jobs", "name", descending=[True, False])
+    )
+    names = [one.name for one in fields(ProgrammeEnergy)]
+    return tuple(ProgrammeEnergy(**row) for row in rows.select(names).iter_rows(named=True))
+
+
+def _shifts(hours: pl.DataFrame, shifts: Sequence[int]) -> tuple[ShiftEnergy, ...]:
+    sums = hours.group_by("shift").agg(
+        pl.col("observed_time", "grid_energy", "standby_time", "standby_energy").sum(),
+        _sum_known("cost"),
+        _sum_known("standby_cost"),
+    )
+    found: list[ShiftEnergy] = []
+    for row in sums.sort("shift").iter_rows(named=True):
+        number = int(row.pop("shift"))
+        end = shifts[(number + 1) % len(shifts)]
+        found.append(ShiftEnergy(f"{shifts[number]:02d}:00 to {end:02d}:00", **row))
+    return tuple(found)
+
+
+def _model_errors(read: pl.DataFrame) -> tuple[ModelError, ...]:
+    known = read.filter(
+        (pl.col("measured_energy") > 0.0) & pl.col("motor_temperature_degc").is_not_null()
+    )
+    error = pl.col("predicted_energy_at_meter") / pl.col("measured_energy") - 1.0
+    low = (pl.col("motor_temperature_degc") // DEGC_STEP * DEGC_STEP).alias("low_degc")
+    rows = known.group_by(low).agg(
+        pl.len().alias("bags"),
+        (pl.col("predicted_energy_at_meter").sum() / pl.col("measured_energy").sum() - 1.0).alias(
+            "error"
+        ),
+        error.quantile(RANGE[0], "linear").alias("low"),
+        error.quantile(RANGE[1], "linear").alias("high"),
+    )
+    return tuple(
+        ModelError(
+            row["low_degc"], row["low_degc"] + DEGC_STEP, row["bags"], row["error"], row["low"],
+            row["high"],
+        )
+        for row in rows.sort("low_degc").iter_rows(named=True)
+    )  # fmt: skip
+
+
+def duty_of(hours: pl.DataFrame, robots: Sequence[str]) -> list[float]:
+    """Return the share of motion in the time of the bags of each robot.
+
+    Args:
+        hours: Table of the fleet.
+        robots: Their names.
+    """
+    sums = hours.group_by("robot").agg(pl.col("motion_time", "observed_time").sum())
+    share = {robot: motion / time if time else 0.0 for robot, motion, time in sums.iter_rows()}
+    return [share.get(robot, 0.0) for robot in robots]
+
+
+def _curves(bags: BagJoints, compared: RobotsCompared) -> list[FrictionCurve]:
+    return [
+        _curve(bags, joint, own, compared.findings) for joint, own in enumerate(compared.friction)
+    ]
+
+
+def _curve(
+    bags: BagJoints, joint: int, own: Levels, findings: Sequence[FleetFinding]
+) -> FrictionCurve:
+    name = bags.joints[joint]
+    named = [one.robot for one in findings if one.subject == name]
+    named = list(dict.fromkeys(named))
+    numbers = [bags.robots.index(one) for one in named]
+    degc = bags.degc[:, joint]
+    multiplier = bags.figures.multiplier[:, joint]
+    place = np.where(np.isfinite(degc), degc, -1.0) // CURVE_STEP
+    seen = np.unique(place[np.isfinite(multiplier) & (place >= 0)])
+    by_degc = _medians(multiplier, bags.robot, place, seen, len(bags.robots))
+    week = (bags.stamp_ns - bags.stamp_ns.min()) // WEEK_NS
+    weeks = np.unique(week)
+    usual = np.exp(own.rest - np.nanmedian(own.rest)) * np.nanmedian(multiplier)
+    by_week = _medians(usual, bags.robot, week, weeks, len(bags.robots))
+    low, middle, high = (_across(by_degc, share) for share in (RANGE[0], 0.5, RANGE[1]))
+    week_low, week_middle, week_high = (
+        _across(by_week, share) for share in (RANGE[0], 0.5, RANGE[1])
+    )
+    first_ns = int(bags.stamp_ns.min())
+    return FrictionCurve(
+        joint=name,
+        degc=tuple(((seen + 0.5) * CURVE_STEP).tolist()),
+        middle=middle,
+        low=low,
+        high=high,
+        robots=tuple(named),
+        by_degc=tuple(_numbers(by_degc[number]) for number in numbers),
+        weeks_ns=tuple(first_ns + round((one + 0.5) * WEEK_NS) for one in weeks.tolist()),
+        week_low=week_low,
+        week_middle=week_middle,
+        week_high=week_high,
+        by_week=tuple(_numbers(by_week[number]) for number in numbers),
+    )
+
+
+def _medians(values: Float, robot: Any, place: Any, places: Any, robots: int) -> Float:
+    """Median of each robot at each place, shape (robots, places); NaN where it has none."""
+    frame = pl.DataFrame({"robot": robot, "place": place, "value": values})
+    rows = frame.filter(pl.col("value").is_finite()).group_by("robot", "place").median()
+    found = np.full((robots, len(places)), np.nan)
+    column = np.searchsorted(places, rows["place"].to_numpy())
+    inside = column < len(places)
+    found[rows["robot"].to_numpy()[inside], column[inside]] = rows["value"].to_numpy()[inside]
+    return found
+
+
+def _across(values: Float, share: float) -> tuple[float | None, ...]:
+    """Quantile over the robots at each place; None where too few were seen."""
+    enough = np.isfinite(values).sum(axis=0) >= MIN_ROBOTS
+    known = np.where(enough, values, 0.0)
+    return _numbers(np.where(enough, np.nanquantile(known, share, axis=0), np.nan))
+
+
+def _numbers(values: Float) -> tuple[float | None, ...]:
+    return tuple(float(one) if np.isfinite(one) else None for one in values)

@@ -1,0 +1,252 @@
+"""Replay the bags of a fleet on Dask, or one after the other, into a dataset."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections import Counter
+from collections.abc import Callable, Generator, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any, cast
+
+from robot_energy.errors import DatasetError
+from robot_energy.fleet.bag_list import FleetBag
+from robot_energy.fleet.bag_row import BagRow, refused, replay_bag
+from robot_energy.fleet.dataset import Dataset
+from robot_energy.model import RobotModel
+
+ALLOWED_FAILURES = 20  # deaths of workers under one bag before the bag is given up
+PER_THREAD = 4  # bags at the scheduler for each thread of its workers
+MIN_WAITING = 16
+LOST = "10s"  # after which a worker that is gone and does not come back is replaced
+HEAL_EVERY = 2.0  # s
+TIMEOUT = "30s"  # for the scheduler to answer
+MAX_SCRATCH = 20_000_000_000  # bytes
+
+Models = dict[str, RobotModel]
+Source = Iterator[tuple[FleetBag, BagRow]]
+Replays = Callable[[Iterator[FleetBag], Models], Source]
+
+
+@dataclass
+class FleetRun:
+    """What a run has done.
+
+    Attributes:
+        bags: That were asked for.
+        there: Of them, that the dataset held already, unchanged.
+        read: Replayed.
+        refused: Address and reason of those that could not be used.
+        observed_time: Predicted, of the bags replayed. [s]
+        written: Size of their rows. [bytes]
+        peak_memory: Most memory that one worker has held. [bytes]
+        done_size: Size of the bags that are done. [bytes]
+    """
+
+    bags: int = 0
+    there: int = 0
+    read: int = 0
+    refused: dict[str, str] = field(default_factory=dict[str, str])
+    observed_time: float = 0.0
+    written: int = 0
+    peak_memory: int = 0
+    done_size: int = 0
+
+
+def run_fleet(
+    bags: Iterable[FleetBag],
+    models: Models,
+    dataset: Dataset,
+    replays: Replays,
+    done: FleetRun | None = None,
+    progress: Callable[[FleetRun], None] = lambda done: None,
+) -> FleetRun:
+    """Replay what the dataset does not hold yet.
+
+    Args:
+        bags: Of the fleet.
+        models: By their hashes.
+        dataset: Where the rows go.
+        replays: From `in_turn` or `on_dask`.
+        done: Of an earlier round, to be continued.
+        progress: Called after each bag.
+
+    Returns:
+        What was done.
+
+    Raises:
+        DatasetError: If a row cannot be written, or the scheduler is lost.
+    """
+    done = done or FleetRun()
+
+    def missing() -> Iterator[FleetBag]:
+        for bag in bags:
+            done.bags += 1
+            if dataset.has(bag.name):
+                done.there += 1
+                done.done_size += bag.place.size
+                progress(done)
+            else:
+                yield bag
+
+    for bag, row in replays(missing(), models):
+        dataset.add(row.name, row.robot, row.date, row.data)
+        if row.reason:
+            done.refused[bag.place.address] = row.reason
+        else:
+            done.read += 1
+            done.refused.pop(bag.place.address, None)
+        done.observed_time += row.observed_time
+        done.written += len(row.data)
+        done.peak_memory = max(done.peak_memory, row.peak_memory)
+        done.done_size += bag.place.size
+        progress(done)
+    return done
+
+
+def in_turn(max_scratch: int = MAX_SCRATCH) -> Replays:
+    """Return how bags are replayed one after the other in this process.
+
+    Args:
+        max_scratch: Size up to which a remote bag is copied. [bytes]
+    """
+
+    def replays(bags: Iterator[FleetBag], models: Models) -> Source:
+        for bag in bags:
+            yield bag, replay_bag(bag, models[bag.model_digest], max_scratch)
+
+    return replays
+
+
+@contextmanager
+def on_dask(
+    scheduler: str | None = None,
+    workers: int = 1,
+    memory: str = "2GB",
+    max_scratch: int = MAX_SCRATCH,
+) -> Generator[Replays]:
+    """Connect to a scheduler, or start one with workers that only this host can reach.
+
+    Args:
+        scheduler: Its address, such as ``tcp://10.0.0.5:8786``; None to start one.
+        workers: Processes to start, one bag at a time in each.
+        memory: Of each at most; one that needs more is started again.
+        max_scratch: Size up to which a worker copies a remote bag. [bytes]
+
+    Yields:
+        How bags are replayed.
+
+    Raises:
+        DatasetError: If the scheduler does not answer.
+    """
+    import dask.config
+    from distributed import Client, LocalCluster
+
+    settings = {
+        "distributed.scheduler.allowed-failures": ALLOWED_FAILURES,
+        "distributed.deploy.lost-worker-timeout": LOST,
+    }
+    ended = threading.Event()
+    with dask.config.set(cast("Any", settings)):
+        cluster = None
+        try:
+            if scheduler is None:
+                cluster = LocalCluster(
+                    n_workers=workers,
+                    threads_per_worker=1,
+                    memory_limit=memory,
+                    host="127.0.0.1",
+                    dashboard_address=cast("Any", None),
+                    silence_logs=logging.ERROR,
+                )
+                keep = threading.Thread(target=_keep, args=(cluster, workers, ended), daemon=True)
+                keep.start()
+            client = Client(cluster or scheduler, timeout=TIMEOUT)
+        except (OSError, ValueError) as error:
+            ended.set()
+            if cluster is not None:
+                cluster.close()
+            raise DatasetError(
+                f"the scheduler {scheduler or 'of this host'} does not answer ({error})",
+                "a running dask scheduler",
+                "start one with `dask scheduler`",
+            ) from error
+        try:
+            yield lambda bags, models: _on_client(client, bags, models, max_scratch)
+        finally:
+            ended.set()
+            client.close()
+            if cluster is not None:
+                cluster.close()
+
+
+def _keep(cluster: Any, workers: int, ended: threading.Event) -> None:
+    """Replace workers that died before they were ready, which Dask leaves dead."""
+    from distributed.core import Status
+
+    while not ended.wait(HEAL_EVERY):
+        for name, worker in list(cluster.workers.items()):
+            if worker.status in (Status.failed, Status.closed):
+                cluster.workers.pop(name, None)
+        cluster.scale(workers)
+
+
+def _on_client(client: Any, bags: Iterator[FleetBag], models: Models, max_scratch: int) -> Source:
+    """Few bags at a time are at the scheduler, however many there are."""
+    from distributed import as_completed
+    from distributed.client import FutureCancelledError
+    from distributed.scheduler import KilledWorker
+
+    kept: dict[str, Any] = {}
+    asked: dict[str, FleetBag] = {}
+    waiting = cast("Any", as_completed())
+
+    def next_row() -> tuple[FleetBag, BagRow]:
+        future = next(waiting)
+        bag = asked.pop(future.key)
+        try:
+            row = cast("BagRow", future.result())
+        except KilledWorker:
+            died = DatasetError(
+                f"workers died {ALLOWED_FAILURES} times while they replayed {bag.place.address}",
+                "workers with enough memory",
+                "raise --memory, or split the bag",
+            )
+            row = refused(bag, died)
+        except FutureCancelledError as error:
+            raise DatasetError(
+                "the scheduler was lost",
+                "one that runs until the end",
+                "run the command again: what the dataset holds is not done twice",
+            ) from error
+        return bag, row
+
+    for bag in bags:
+        threads = sum(client.nthreads().values())
+        while len(asked) >= max(MIN_WAITING, PER_THREAD * threads):
+            yield next_row()
+        own = bag.model_digest
+        if own not in kept:  # as a task, which another worker can repeat if one dies
+            kept[own] = client.submit(_same, models[own], key=f"model-{own}")
+        key = f"bag-{bag.name}"
+        if key in asked:  # named twice
+            continue
+        asked[key] = bag
+        waiting.add(client.submit(replay_bag, bag, kept[own], max_scratch, key=key))
+    while asked:
+        yield next_row()
+
+
+def _same(model: RobotModel) -> RobotModel:
+    return model
+
+
+def why_refused(done: FleetRun) -> list[tuple[str, int]]:
+    """Return the reasons of refused bags without their addresses, the most frequent first.
+
+    Args:
+        done: A run.
+    """
+    reasons = Counter(reason.replace(address, "BAG") for address, reason in done.refused.items())
+    return reasons.most_common()

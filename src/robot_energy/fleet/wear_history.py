@@ -1,0 +1,65 @@
+"""The test for wear over the bags of a robot, one joint after the other.
+
+A bag stands for the time around it: its hours of motion are the hours since the first bag times
+the share of motion in the bags. Bags differ by more than their own scatter, as gears are warmer
+or colder than their motors say. How much, the differences of neighbours in time show, which a
+change of friction hardly touches; it is added to the variance of every record.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from robot_energy.condition.drift_test import DriftTest
+from robot_energy.condition.wear_records import WearRecord
+
+MAX_KEPT = 48  # records of a joint; more are merged, neighbour with neighbour
+HOUR_NS = 3_600_000_000_000
+MEDIAN_TO_STD = 1.4826  # of the absolute deviation of a normal variable
+
+
+def wear_history(records: Sequence[WearRecord], duty: float) -> DriftTest:
+    """Test one joint of one robot.
+
+    Args:
+        records: Of all its bags, oldest first.
+        duty: Share of motion in the time of the bags. [-]
+
+    Returns:
+        The test after all records.
+    """
+    test = DriftTest()
+    if not records:
+        return test
+    first_ns = records[0].stamp_ns
+    dated = [
+        record._replace(hours=(record.stamp_ns - first_ns) / HOUR_NS * duty) for record in records
+    ]
+    merged = _merged(dated)
+    between = _between(merged)
+    test.take([record._replace(variance=record.variance + between) for record in merged])
+    return test
+
+
+def _merged(records: list[WearRecord]) -> list[WearRecord]:
+    groups = min(len(records), MAX_KEPT)
+    edges = [number * len(records) // groups for number in range(groups + 1)]
+    found: list[WearRecord] = []
+    for first, last in pairwise(edges):
+        one = records[first]
+        for later in records[first + 1 : last]:
+            one = one.merged(later)
+        found.append(one)
+    return found
+
+
+def _between(records: list[WearRecord]) -> float:
+    """Variance between neighbours beyond that of their own scatter."""
+    if len(records) < 3:
+        return 0.0
+    steps = np.abs(np.diff([record.excess for record in records]))
+    variance = (MEDIAN_TO_STD * float(np.median(steps))) ** 2 / 2.0
+    return max(variance - float(np.median([record.variance for record in records])), 0.0)

@@ -1,0 +1,337 @@
+"""The report of a fleet for terminal and page."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+
+from robot_energy.page.settings import JOULE_PER_KWH, PageSettings
+from robot_energy.report.document import Column, Document, Tiles
+from robot_energy.report.fleet_figures import (
+    energy_of_robots,
+    error_by_temperature,
+    friction_by_temperature,
+    friction_by_week,
+)
+from robot_energy.report.formats import (
+    aligned,
+    counted,
+    fixed,
+    number,
+    percent,
+    signed_percent,
+    significant,
+    uncertain,
+)
+from robot_energy.report.headline import duration
+from robot_energy.report.identification import friction_document
+from robot_energy.results.fleet import FleetFinding, FleetFriction, FleetReport, RobotEnergy
+from robot_energy.results.identification import FrictionReport
+
+HOUR = 3600.0  # s
+MAX_REFUSED = 50  # bags that are listed
+CAUSES = {
+    "payload": "payload",
+    "wear": "wear",
+    "friction": "friction",
+    "standby": "standby",
+    "energy": "energy of a job",
+}
+
+
+def fleet_document(report: FleetReport, page: Document, settings: PageSettings) -> None:
+    """Add the report of a fleet.
+
+    Args:
+        report: What was found.
+        page: Where to.
+        settings: Prices and emissions.
+    """
+    with page.only("page"):
+        page.heading("At a glance")
+        page.add(_tiles(report, settings))
+    with page.only("terminal"):
+        page.paragraph(fleet_headline(report))
+    _findings(report, page)
+    _energy(report, page, settings)
+    _friction(report, page)
+    _errors(report, page)
+    _method(report, page)
+
+
+def fleet_headline(report: FleetReport) -> str:
+    """Return the report in one line.
+
+    Args:
+        report: What was found.
+    """
+    energy = sum(one.grid_energy for one in report.robots)
+    standby = sum(one.standby_energy for one in report.robots)
+    time = sum(one.observed_time for one in report.robots)
+    concerned = ", ".join(dict.fromkeys(one.robot for one in report.findings))
+    return (
+        f"{counted(len(report.robots), 'robot')}, {counted(report.bags, 'bag')}, {duration(time)}: "
+        f"{number(energy / JOULE_PER_KWH, 2)} kWh from the grid, predicted, "
+        f"{percent(standby / energy if energy else None)} of it in standby; "
+        + (f"look at {concerned}" if concerned else "no robot to look at")
+    )
+
+
+def fleet_friction_document(report: FleetFriction, page: Document) -> None:
+    """Add the friction of a fleet, and how good it is on bags that the fit has not seen.
+
+    Args:
+        report: What was found.
+        page: Where to.
+    """
+    page.paragraph(
+        f"{counted(report.bags, 'bag')} of {counted(report.robots, 'robot')}"
+        + (f", without {', '.join(report.left_out)}, which differ" if report.left_out else "")
+    )
+    friction_document(FrictionReport("measured", report.axes, report.refused), page)
+    page.rows(
+        "Friction torque of the last fifth of the time, which its fit has not seen",
+        [
+            Column("axis", "joint"),
+            Column("RMS error", "rms", significant(3), "N m"),
+            Column("before", "rms_before", significant(3), "N m"),
+            Column("friction energy", "energy_error", signed_percent),
+            Column("before", "energy_error_before", signed_percent),
+        ],
+        report.held_out,
+    )
+
+
+def _tiles(report: FleetReport, settings: PageSettings) -> Tiles:
+    energy = sum(one.grid_energy for one in report.robots)
+    observed = sum(one.observed_time for one in report.robots)
+    standby = sum(one.standby_energy for one in report.robots)
+    time = sum(one.standby_time for one in report.robots)
+    concerned = dict.fromkeys(one.robot for one in report.findings)
+    found = [
+        (
+            "Robots to look at",
+            f"{len(concerned)} of {len(report.robots)}",
+            ", ".join(concerned) if concerned else "none differs or has changed",
+        ),
+        (
+            "Energy from the grid",
+            f"{number(energy / JOULE_PER_KWH, 2)} kWh",
+            f"predicted, {counted(report.bags, 'bag')} of {duration(observed)} in all",
+        ),
+        (
+            "Standby",
+            f"{number(standby / JOULE_PER_KWH, 2)} kWh",
+            f"{percent(standby / energy if energy else None)} of the energy, "
+            f"{duration(time)} at rest with drives on",
+        ),
+        ("Prediction against meter", signed_percent(_error(report)), "all bags with a meter"),
+    ]
+    cost = [one.cost for one in report.shifts]
+    if cost and None not in cost:
+        wasted = sum(one.standby_cost or 0.0 for one in report.shifts)
+        found.append(
+            (
+                "Cost",
+                f"{sum(one or 0.0 for one in cost):.2f} {settings.currency}",
+                f"{wasted:.2f} {settings.currency} of it in standby",
+            )
+        )
+    if settings.co2_kg_per_kwh is not None:
+        mass = energy / JOULE_PER_KWH * settings.co2_kg_per_kwh
+        source = f", {settings.co2_source}" if settings.co2_source else ""
+        found.append(("CO\u2082", f"{mass:.2f} kg", f"{settings.co2_kg_per_kwh:g} kg/kWh{source}"))
+    return Tiles(found)
+
+
+def _error(report: FleetReport) -> float | None:
+    pairs = [
+        (one.measured_energy, one.error)
+        for one in report.robots
+        if one.measured_energy is not None and one.error is not None
+    ]
+    measured = sum(one for one, _ in pairs)
+    return sum(one * (1.0 + error) for one, error in pairs) / measured - 1.0 if measured else None
+
+
+def _findings(report: FleetReport, page: Document) -> None:
+    page.heading("Robots to look at")
+    if not report.findings:
+        page.paragraph("No robot differs from its sisters, and none has changed.")
+    for one in report.findings:
+        good = one.kind in ("wear", "energy", "friction") and one.size < 0
+        page.paragraph(f"{one.robot}: {one.sentence}", "note" if good else "problem")
+    if report.findings:
+        page.rows(
+            "How much, and how sure",
+            [
+                Column("robot", "robot"),
+                Column("cause", lambda one: CAUSES[one.kind]),
+                Column("of", lambda one: one.subject or None),
+                Column("size", _size),
+                Column("certainty", _sure),
+                Column("since, UTC", _since),
+            ],
+            report.findings,
+        )
+
+
+def _size(one: FleetFinding) -> str:
+    unit = {"payload": " kg", "standby": " h a day"}.get(one.kind, " %")
+    factor = 100.0 if unit == " %" else 1.0
+    text = uncertain(factor * one.size, factor * one.std if one.std else 0.0)
+    return f"{'+' if one.size > 0 else ''}{text}{unit}"
+
+
+def _sure(one: FleetFinding) -> str:
+    return "> 99.99 %" if one.certainty > 0.9999 else percent(one.certainty, digits=2)
+
+
+def _since(one: FleetFinding) -> str | None:
+    if one.since_ns is None:
+        return None
+    return f"{datetime.fromtimestamp(one.since_ns // 10**9, tz=UTC):%F}"
+
+
+def _energy(report: FleetReport, page: Document, settings: PageSettings) -> None:
+    page.heading("Energy")
+    kwh = aligned([one.grid_energy / JOULE_PER_KWH for one in report.robots], 4)
+    priced = any(one.standby_cost is not None for one in report.robots)
+
+    def cost(name: str) -> Column:
+        return Column("its cost", name, fixed(2), settings.currency, total=True)
+
+    page.figure(
+        lambda path: energy_of_robots(report.robots, path),
+        "Energy from the grid of every robot, in what was recorded of it; standby is rest with "
+        "drives on for a minute or more.",
+    )
+    page.rows(
+        "Robots",
+        [
+            Column("", "robot"),
+            Column("bags", "bags", total=True),
+            Column("recorded", lambda one: one.observed_time / HOUR, fixed(2), "h", total=True),
+            Column("energy", _kwh, kwh, "kWh", total=True),
+            Column("error against\nthe meter", "error", signed_percent),
+            Column("jobs", "jobs", total=True),
+            Column("standby", lambda one: one.standby_time / HOUR, fixed(2), "h", total=True),
+            Column("energy in\nstandby", lambda one: one.standby_energy / JOULE_PER_KWH, kwh, "kWh",
+                   total=True),
+            *([cost("standby_cost")] if priced else []),
+        ],
+        report.robots,
+        "all",
+    )  # fmt: skip
+    if report.programmes:
+        page.rows(
+            "Programmes: energy of a job from the grid, predicted",
+            [
+                Column("", "name"),
+                Column("robots", "robots"),
+                Column("jobs", "jobs"),
+                Column("mean time", "mean_time", fixed(2), "s"),
+                Column("mean", lambda one: one.mean_energy / HOUR, significant(4), "Wh"),
+                Column("lowest robot", lambda one: one.lowest / HOUR, significant(4), "Wh"),
+                Column("highest robot", lambda one: one.highest / HOUR, significant(4), "Wh"),
+                Column("error against\nthe meter", "error", signed_percent),
+            ],
+            report.programmes,
+        )
+    page.rows(
+        f"Shifts, {settings.timezone}",
+        [
+            Column("", "name"),
+            Column("recorded", lambda one: one.observed_time / HOUR, fixed(2), "h", total=True),
+            Column("energy", _kwh, kwh, "kWh", total=True),
+            *(
+                [Column("cost", "cost", fixed(2), settings.currency, total=True)]
+                if priced
+                else []
+            ),
+            Column("standby", lambda one: one.standby_time / HOUR, fixed(2), "h", total=True),
+            Column("energy in\nstandby", lambda one: one.standby_energy / JOULE_PER_KWH, kwh, "kWh",
+                   total=True),
+            *([cost("standby_cost")] if priced else []),
+        ],
+        report.shifts,
+        "all",
+    )  # fmt: skip
+
+
+def _kwh(one: RobotEnergy) -> float:
+    return one.grid_energy / JOULE_PER_KWH
+
+
+def _friction(report: FleetReport, page: Document) -> None:
+    curves = [one for one in report.friction if one.degc]
+    if not curves:
+        return
+    with page.only("page"):
+        page.heading("Friction against the model")
+        page.figure(
+            lambda path: friction_by_temperature(curves, path),
+            "Measured friction torque over that of the model, by mean motor temperature of a "
+            "bag: median of the robots, the middle eight tenths of them, and robots to look at.",
+        )
+        page.figure(
+            lambda path: friction_by_week(curves, path),
+            "The same over time, at equal temperature and speed.",
+        )
+
+
+def _errors(report: FleetReport, page: Document) -> None:
+    if not report.model_errors:
+        return
+    page.heading("Error of the model by temperature")
+    page.figure(
+        lambda path: error_by_temperature(report.model_errors, path),
+        "Predicted minus measured energy, and the middle eight tenths of the bags.",
+    )
+    page.rows(
+        "Predicted minus measured energy, by mean motor temperature of a bag",
+        [
+            Column("from", "low_degc", fixed(0), "degC"),
+            Column("to", "high_degc", fixed(0), "degC"),
+            Column("bags", "bags"),
+            Column("error", "error", signed_percent),
+            Column("lowest tenth\nbelow", "low", signed_percent),
+            Column("highest tenth\nabove", "high", signed_percent),
+        ],
+        report.model_errors,
+    )
+
+
+def _method(report: FleetReport, page: Document) -> None:
+    page.heading("Data and method")
+    page.notes(report.notes)
+    shown = report.refused[:MAX_REFUSED]
+    if shown:
+        page.rows(
+            f"Bags that could not be read: {len(report.refused)}"
+            + (f", the first {MAX_REFUSED}" if len(shown) < len(report.refused) else ""),
+            [Column("bag", "bag"), Column("robot", "robot"), Column("reason", "reason")],
+            shown,
+        )
+    with page.only("page"):
+        page.pairs(
+            [
+                ("dataset", report.dataset),
+                ("from, to (UTC)", f"{_date(report.start_ns)} to {_date(report.end_ns)}"),
+                ("models", ", ".join(report.model_ids)),
+                ("kinds of figures compared", str(report.comparisons)),
+            ]
+        )
+        page.paragraph(
+            "Robots with the same model are compared by payload, friction of each joint, standby "
+            "and energy of a job, in the last quarter of the time and with temperature and speed "
+            "taken off. One differs where chance would set it so far apart in fewer than one of "
+            "a hundred reports, all comparisons together. A load that the model lacks keeps its "
+            "sign where a joint turns back, friction changes it: so a wrong payload is no wear. "
+            "A change of friction is found by the test of the live monitor, over all bags."
+        )
+
+
+def _date(stamp_ns: int | None) -> str:
+    if stamp_ns is None:
+        return "-"
+    return f"{datetime.fromtimestamp(stamp_ns // 10**9, tz=UTC):%F %R}"

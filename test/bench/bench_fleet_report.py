@@ -1,0 +1,61 @@
+"""How long a report takes on ten thousand bags: reading the dataset, and the report.
+
+``PYTHONPATH=test python test/bench/bench_fleet_report.py [BAGS]`` generates a week of four robots
+and writes its rows again, as other robots and other weeks, until there are so many.
+"""
+
+import sys
+import time
+from pathlib import Path
+
+import polars as pl
+
+from fleets import fleet, written
+from robot_energy.files.temporary_folder import TemporaryFolder
+from robot_energy.fleet.dataset import read_tables
+from robot_energy.fleet.report import fleet_report
+from robot_energy.fleet.tables import SCHEMAS, FleetTables
+
+ROBOTS, WEEKS = 4, 5
+WEEK_NS = 7 * 86_400_000_000_000
+STAMPS = ("start_ns", "end_ns", "hour_ns")
+
+
+def again(tables, copy):
+    """The same rows of other robots and another week."""
+    shift = copy % WEEKS * WEEK_NS
+    frames = {}
+    for name in SCHEMAS:
+        frame = getattr(tables, name)
+        moved = [pl.col(one) + shift for one in STAMPS if one in frame.columns]
+        if name == "joints":
+            moved.append(pl.col("wear_stamp_ns").list.eval(pl.element() + shift))
+        other = pl.col("robot") + f"-{copy // WEEKS:03d}"
+        frames[name] = frame.with_columns(*moved, key=pl.col("key") + f"c{copy}", robot=other)
+    return FleetTables(**frames)
+
+
+def main():
+    wanted = int(sys.argv[1]) if len(sys.argv) > 1 else 10_000
+    week = fleet(ROBOTS, faults=False)
+    copies = [again(week, copy) for copy in range(-(-wanted // len(week.runs)))]
+    tables = FleetTables(*(pl.concat([getattr(one, name) for one in copies]) for name in SCHEMAS))
+    with TemporaryFolder() as place:
+        folder = Path(written(place.path / "dataset", tables))
+        size = sum(path.stat().st_size for path in folder.rglob("*.parquet"))
+        begun, used = time.perf_counter(), time.process_time()
+        read = read_tables(folder)
+        between = time.perf_counter()
+        report = fleet_report(read, "dataset")
+        end = time.perf_counter()
+        used = time.process_time() - used
+    hours = sum(one.observed_time for one in report.robots) / 3600.0
+    print(
+        f"{report.bags} bags of {len(report.robots)} robots, {size / 1e6:.0f} MB "
+        f"({size / hours / 1e6:.2f} MB a recorded hour): read {between - begun:.1f} s, report "
+        f"{end - between:.1f} s, together {end - begun:.1f} s ({used:.1f} s of processor time)"
+    )
+
+
+if __name__ == "__main__":
+    main()

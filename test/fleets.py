@@ -1,0 +1,66 @@
+"""Small generated fleets, as tables and as datasets."""
+
+from datetime import UTC, datetime
+from functools import cache
+from pathlib import Path
+
+import polars as pl
+
+from robot_energy.fleet.dataset import TABLES, Dataset, row_bytes
+from robot_energy.fleet.tables import FleetTables
+from robot_energy_papers.fleet_study import fleet_tables
+from robot_energy_papers.generated_fleet import FleetPlan
+
+MICRO = 1e6
+EXACT = {
+    "observed_time": "observed_ns",
+    "time": "observed_ns",
+    "gap_time": "gap_ns",
+    "grid_energy": "grid_import_microjoule",
+    "energy": "grid_import_microjoule",
+    "brake_energy": "brake_microjoule",
+    "measured_energy": "measured_microjoule",
+    "predicted_energy_at_meter": "predicted_at_meter_microjoule",
+}
+
+
+@cache
+def fleet(robots, faults=True) -> FleetTables:
+    """A week of some robots; with faults one has another payload, one stands by at night."""
+    return fleet_tables(FleetPlan(robots=robots, weeks=1, seed=3, faults=faults))
+
+
+def dataset(folder, robots, faults=True) -> Path:
+    """The same as the dataset of `fleet run`."""
+    return written(folder, fleet(robots, faults))
+
+
+def written(folder, tables) -> Path:
+    """Tables as a dataset."""
+    parts = {
+        name: getattr(tables, name).partition_by("key", as_dict=True)
+        for name in TABLES
+        if hasattr(tables, name)
+    }
+    place = Dataset(folder)
+    for run in tables.runs.iter_rows(named=True):
+        name = f"{run['key']:0>8}-0-0"
+        date = datetime.fromtimestamp(run["start_ns"] // 10**9, UTC).date().isoformat()
+        row = exact(run) | {"name": name, "date": date}
+        for table, own in parts.items():
+            rows = own.get((run["key"],), pl.DataFrame()).iter_rows(named=True)
+            known = TABLES[table]
+            row[table] = [{k: v for k, v in exact(one).items() if k in known} for one in rows]
+        place.add(name, run["robot"], date, row_bytes(row))
+    place.pack()
+    return Path(folder)
+
+
+def exact(row) -> dict:
+    """A row with energies and times as the whole numbers of a dataset."""
+    found = dict(row) | {"grid_return_microjoule": 0}
+    for name, other in EXACT.items():
+        value = found.get(name)
+        if value is not None:
+            found[other] = round(value * (MICRO if other.endswith("joule") else 1e9))
+    return found

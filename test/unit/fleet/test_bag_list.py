@@ -1,0 +1,132 @@
+"""The bags of a fleet: found in folders, by patterns, in tables, on other file systems."""
+
+import shutil
+
+import fsspec
+import pytest
+
+from places import ROOT
+from robot_energy.errors import DatasetError
+from robot_energy.fleet.bag_list import FleetModels, find_bags, list_bags
+
+BAG = ROOT / "bags" / "kr16_all_topics"
+FILE = BAG / "kr16_all_topics_0.mcap"
+
+
+@pytest.fixture
+def hall(tmp_path):
+    """A rosbag2 folder of one robot, two bare MCAP files of another."""
+    shutil.copytree(BAG, tmp_path / "hall" / "r1" / "monday")
+    (tmp_path / "hall" / "r2").mkdir()
+    for name in ("a.mcap", "b.mcap"):
+        shutil.copy(FILE, tmp_path / "hall" / "r2" / name)
+    (tmp_path / "hall" / "notes.txt").write_text("no bag")
+    return tmp_path / "hall"
+
+
+def names(places):
+    return [place.address.rpartition("hall/")[2] for place in places]
+
+
+def test_folders_with_metadata_and_bare_files_are_bags(hall):
+    assert names(find_bags(str(hall))) == ["r1/monday", "r2/a.mcap", "r2/b.mcap"]
+    assert names(find_bags(str(hall / "r2" / "*"))) == ["r2/a.mcap", "r2/b.mcap"]
+    assert names(find_bags(str(hall / "r1" / "monday"))) == ["r1/monday"]
+    assert names(find_bags(f"file://{hall}/r2/a.mcap")) == ["r2/a.mcap"]
+
+
+def test_files_of_a_split_recording_can_be_bags_of_their_own(hall):
+    found = names(find_bags(str(hall / "r1"), split=True))
+    assert found == ["r1/monday/kr16_all_topics_0.mcap"]
+
+
+def test_what_is_still_being_written_is_left_out(hall):
+    whole = FILE.read_bytes()
+    (hall / "r2" / "b.mcap").write_bytes(whole[:-1])
+    (hall / "r1" / "monday" / "metadata.yaml").write_text("")
+    assert names(find_bags(str(hall), complete=True)) == ["r2/a.mcap"]
+    assert len(names(find_bags(str(hall)))) == 3
+    (hall / "r2" / "b.mcap").write_bytes(whole)
+    assert names(find_bags(str(hall), complete=True)) == ["r2/a.mcap", "r2/b.mcap"]
+
+
+def test_the_state_of_a_bag_changes_with_its_files(hall):
+    before = [place.state for place in find_bags(str(hall))]
+    assert before == [place.state for place in find_bags(str(hall))]
+    (hall / "r2" / "b.mcap").write_bytes(FILE.read_bytes()[:-1])
+    after = [place.state for place in find_bags(str(hall))]
+    assert after[:2] == before[:2]
+    assert after[2] != before[2]
+
+
+def test_robots_have_the_names_of_folders(hall):
+    found = list_bags(str(hall), FleetModels(), "kr16", {})
+    assert [bag.robot for bag in found] == ["r1", "r2", "r2"]
+    assert len({bag.name for bag in found}) == 3
+    named = list_bags(str(hall), FleetModels(), "kr16", {}, robot="left")
+    assert {bag.robot for bag in named} == {"left"}
+
+
+def test_model_options_and_what_a_table_says_change_the_settings(hall):
+    place, models = str(hall / "r1"), FleetModels()
+    plain = list_bags(place, models, "kr16", {})[0]
+    again = list_bags(place, models, "kr16", {"effort": None})[0]
+    assert plain.name == again.name
+    for other in (
+        list_bags(place, models, "ur3e", {}),
+        list_bags(place, models, "kr16", {"effort": "motor_torque"}),
+        list_bags(place, models, "kr16", {}, robot="left"),
+    ):
+        assert other[0].name != plain.name
+
+
+def test_a_table_names_bags_models_and_jobs(hall):
+    jobs = "jobs:\n  - {name: pick, begin: 0.0, end: 1.0}\n"
+    (hall / "jobs.yaml").write_text(jobs)
+    table = hall / "bags.csv"
+    table.write_text(
+        "bag,model,robot,programme,shift,jobs,effort\n"
+        "r1/monday,,left,pick,early,jobs.yaml,motor_torque\n"
+        "r2,ur3e,right,,,,\n"
+        "gone.mcap,,right,,,,\n"
+    )
+    first, *files, gone = list_bags(str(table), FleetModels(), "kr16", {})
+    said = (first.robot, first.programme, first.shift, first.texts["jobs"], first.options)
+    assert said == ("left", "pick", "early", jobs, {"effort": "motor_torque"})
+    assert [bag.model for bag in files] == ["ur3e", "ur3e"]
+    assert gone.place.files == ()
+
+
+@pytest.mark.parametrize(
+    ("text", "match"),
+    [
+        ("bags\nx\n", "has the column 'bags'"),
+        ("robot\nx\n", "has no column 'bag'"),
+        ("bag,robot\na,b,c\n", "line 2 .* too many cells"),
+        ("bag,robot\n,b\n", "line 2 .* has no bag"),
+    ],
+)
+def test_a_wrong_table_is_refused(tmp_path, text, match):
+    (tmp_path / "bags.csv").write_text(text)
+    with pytest.raises(DatasetError, match=match):
+        list_bags(str(tmp_path / "bags.csv"), FleetModels(), "kr16", {})
+
+
+def test_bags_are_found_on_other_file_systems():
+    system = fsspec.filesystem("memory")
+    system.pipe("/hall/r1/a.mcap", FILE.read_bytes())
+    system.pipe("/hall/r1/b.mcap", b"half")
+    try:
+        found = list(find_bags("memory://hall", complete=True))
+        assert [place.address for place in found] == ["memory:///hall/r1/a.mcap"]
+        assert found[0].size == FILE.stat().st_size
+        assert not found[0].is_local
+    finally:
+        system.rm("/hall", recursive=True)
+
+
+def test_a_folder_without_bags_and_a_bag_without_model_are_refused(hall):
+    with pytest.raises(DatasetError, match="holds no bag"):
+        list_bags(str(hall / "none"), FleetModels(), "kr16", {})
+    with pytest.raises(DatasetError, match="no model for"):
+        list_bags(str(hall), FleetModels(), None, {})

@@ -1,0 +1,338 @@
+"""Many bags to one dataset, on real Dask workers: whole, resumed, equal to the bit."""
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+
+import fsspec
+import polars as pl
+import psutil
+import pytest
+
+import robot_energy as re
+from logbook import wheel_bag, wheel_model
+from places import ROOT
+from robot_energy.cli import main
+from robot_energy.errors import DatasetError
+from robot_energy.fleet.bag_list import FleetModels, list_bags
+from robot_energy.fleet.dataset import Dataset, read_tables, scan
+from robot_energy.fleet.run import FleetRun, in_turn, on_dask, run_fleet
+
+BAG = ROOT / "bags" / "kr16_all_topics"
+WARM = ROOT / "bags" / "kr16_warm"
+EFFORT = {"effort": "motor_torque"}
+
+
+def content(folder):
+    return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*.parquet")}
+
+
+def replayed(where, folder, replays=None, progress=lambda done: None):
+    """All bags of a place into a dataset, one after the other where nothing else is said."""
+    models, dataset = FleetModels(), Dataset(folder)
+    bags = list_bags(str(where), models, "kr16", EFFORT)
+    done = run_fleet(bags, models.models, dataset, replays or in_turn(), progress=progress)
+    dataset.pack()
+    return done
+
+
+@pytest.fixture(scope="module")
+def hall(tmp_path_factory):
+    """Ten bags of two robots, one of them no bag."""
+    folder = tmp_path_factory.mktemp("hall")
+    for number in range(9):
+        target = folder / f"r{number % 2}" / f"bag{number}"
+        target.mkdir(parents=True)
+        for file in (WARM if number == 4 else BAG).iterdir():
+            os.link(file, target / file.name)
+    (folder / "r0" / "broken.mcap").write_bytes(b"no bag at all")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def sequential(hall, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("dataset") / "sequential"
+    return folder, replayed(hall, folder)
+
+
+def workers():
+    """The processes that Dask has started."""
+    found = []
+    for one in psutil.Process().children(recursive=True):
+        with suppress(psutil.Error):
+            if "spawn_main" in " ".join(one.cmdline()):
+                found.append(one)
+    return found
+
+
+def test_workers_that_are_killed_change_no_bit(hall, sequential, tmp_path):
+    killed = []
+
+    def kill(done):
+        if done.read in (1, 5) and len(killed) < 2 and done.read not in killed:
+            victims = workers()
+            if victims:
+                os.kill(victims[done.read % len(victims)].pid, signal.SIGKILL)
+                killed.append(done.read)
+
+    with on_dask(workers=2) as replays:
+        done = replayed(hall, tmp_path / "d", replays, kill)
+        assert len(killed) == 2
+        assert replayed(hall, tmp_path / "again", replays).read == 9
+    assert (done.read, len(done.refused)) == (9, 1)
+    assert content(tmp_path / "d") == content(sequential[0])
+    assert content(tmp_path / "again") == content(sequential[0])
+
+
+def test_workers_that_die_before_they_are_ready_are_replaced(hall, sequential, tmp_path):
+    """Dask alone would wait for ever."""
+    seen = set()
+
+    def kill_both_twice(done):
+        if done.read != 2 or seen:
+            return
+        first = {one.pid for one in workers()}
+        while len(seen) < 2 * len(first):
+            for one in workers():
+                if one.pid not in seen:
+                    one.send_signal(signal.SIGKILL)
+                    seen.add(one.pid)
+
+    with on_dask(workers=2) as replays:
+        done = replayed(hall, tmp_path / "d", replays, kill_both_twice)
+    assert len(seen) >= 4
+    assert done.read == 9
+    assert content(tmp_path / "d") == content(sequential[0])
+
+
+def test_a_second_run_reads_nothing_and_changes_nothing(hall, sequential):
+    folder, first = sequential
+    before = content(folder)
+    asked = []
+    done = replayed(hall, folder, lambda bags, models: (asked.append(bag) for bag in bags))
+    assert (first.read, first.there) == (9, 0)
+    assert (done.bags, done.there, done.read) == (10, 10, 0)
+    assert content(folder) == before
+    assert not asked
+
+
+def test_a_run_that_was_stopped_is_continued(hall, sequential, tmp_path):
+    def stop(done):
+        if done.read == 4:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        replayed(hall, tmp_path / "d", progress=stop)
+    done = replayed(hall, tmp_path / "d")
+    assert (done.there, done.read + len(done.refused)) == (5, 5)
+    assert content(tmp_path / "d") == content(sequential[0])
+
+
+def test_few_bags_are_at_the_scheduler_however_many_there_are(hall, sequential, tmp_path):
+    """They are taken from the list as others are finished."""
+    taken, most = [], []
+
+    def counted(bags, models):
+        def listed():
+            for bag in bags:
+                taken.append(bag)
+                yield bag
+
+        with on_dask(workers=1) as replays:
+            for place, found in enumerate(replays(listed(), models)):
+                most.append(len(taken) - place)
+                yield found
+
+    models, dataset = FleetModels(), Dataset(tmp_path / "d")
+    one = list_bags(str(hall / "r1"), models, "kr16", {})[0]
+    bags = [replace(one, programme=str(number)) for number in range(40)]
+    done = run_fleet(bags, models.models, dataset, counted)
+    assert done.read == 40
+    assert max(most) <= 17
+
+
+def test_a_bag_that_cannot_be_used_is_a_row_with_its_reason(hall, sequential):
+    runs = scan(sequential[0]).collect()
+    row = runs.row(by_predicate=pl.col("reason") != "", named=True)
+    assert row["bag"].endswith("broken.mcap")
+    assert "no bag at all" in row["reason"]
+    assert row["expected"]
+    assert row["date"] == "unknown"
+    assert row["robot"] == "r0"
+    assert len(runs) == 4  # copies of a bag of one robot count once
+
+
+def test_registers_are_those_of_a_replay(hall, sequential):
+    own = re.replay(WARM, "kr16", effort="motor_torque")
+    row = scan(sequential[0]).filter(pl.col("bag").str.contains("bag4")).collect()
+    ledger, phases = own.replay.ledger, own.report.phases
+    assert row["grid_import_microjoule"][0] == ledger.registers.microjoule[0]
+    assert row["observed_ns"][0] == own.report.time.observed_ns
+    for name, phase in phases.items():
+        assert row[f"{name}_ns"][0] * 1e-9 == pytest.approx(phase.time)
+    joints = row["joints"][0]
+    friction = [one["friction_microjoule"] * 1e-6 for one in joints]
+    assert friction == pytest.approx([j.friction_energy for j in own.joints], abs=2e-6)
+    assert {one["joint"] for one in joints} == set(own.model.joint_names)
+    errors = row["meter_errors"][0]
+    measured = sum(one["measured"] for one in errors)
+    error = sum(one["error"] for one in errors)
+    assert measured == pytest.approx(own.comparison.measured_energy, rel=1e-9)
+    assert error == pytest.approx(own.comparison.predicted_minus_measured_energy, rel=1e-6)
+
+
+def test_energy_of_a_wheel_is_what_is_worked_out_by_hand(tmp_path):
+    """Motor at 20 rad/s with 0.9 N m: 18 W at the shaft, 50 W constant; the meter reads 80 W."""
+    bag, model = wheel_bag(tmp_path), wheel_model(tmp_path)
+    jobs = tmp_path / "jobs.yaml"
+    begin = read_start(bag)
+    jobs.write_text(f"jobs:\n  - {{name: spin, begin: {begin + 2.0}, end: {begin + 4.0}}}\n")
+    out = tmp_path / "d"
+    words = ["fleet", "run", str(bag), "--model", str(model), "--out", str(out)]
+    assert main([*words, "--workers", "0", "--jobs", str(jobs), "--name", "wheel"]) == 0
+    tables = read_tables(out)
+    run = tables.runs.row(0, named=True)
+    assert run["robot"] == "wheel"
+    assert run["grid_energy"] == pytest.approx(68.0 * run["observed_time"], rel=1e-6)
+    assert run["observed_time"] == pytest.approx(10.0, abs=0.1)
+    job = tables.jobs.row(0, named=True)
+    assert job["energy"] == pytest.approx(68.0 * job["time"], rel=1e-6)
+    assert job["time"] == pytest.approx(2.0, abs=0.05)
+    assert job["measured_energy"] == pytest.approx(
+        80.0 / 68.0 * job["predicted_energy_at_meter"], rel=1e-6
+    )
+
+
+def read_start(bag):
+    return re.replay(bag, wheel_model(bag.parent)).report.time.start_ns * 1e-9
+
+
+def test_a_bag_on_another_file_system_gives_the_same_figures(sequential, tmp_path):
+    system = fsspec.filesystem("memory")
+    for file in WARM.iterdir():
+        system.pipe(f"/far/r9/warm/{file.name}", file.read_bytes())
+    try:
+        done = replayed("memory://far", tmp_path / "d")
+        small = replayed("memory://far", tmp_path / "small", in_turn(max_scratch=1000))
+    finally:
+        system.rm("/far", recursive=True)
+    assert (done.read, small.read) == (1, 0)
+    assert "GB" in next(iter(small.refused.values()))
+    far, near = scan(tmp_path / "d").collect(), scan(sequential[0]).collect()
+    near = near.filter(pl.col("bag").str.contains("bag4"))
+    own = {"name", "key", "bag", "robot"}
+    assert far.drop(own).to_dicts() == near.drop(own).to_dicts()
+
+
+@pytest.fixture
+def scheduler(tmp_path):
+    """A scheduler and two workers, as `howto_fleet.md` starts them on three hosts."""
+    file = tmp_path / "scheduler.json"
+    dask = [sys.executable, "-m", "dask"]
+    where = ["--scheduler-file", str(file), "--no-dashboard"]
+    worker = ["worker", "--nworkers", "1", "--nthreads", "1", "--memory-limit", "2GB"]
+    commands = [["scheduler", "--host", "127.0.0.1", "--port", "0"], worker, worker]
+    processes = [
+        subprocess.Popen(
+            [*dask, *words, *where],
+            cwd=tmp_path,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        for words in commands
+    ]
+    while not file.exists():
+        assert all(process.poll() is None for process in processes)
+    yield json.loads(file.read_text())["address"]
+    for process in reversed(processes):
+        process.terminate()
+    for process in processes:
+        process.wait()
+
+
+def test_workers_of_another_command_give_the_same_bits(hall, sequential, tmp_path, scheduler):
+    with on_dask(scheduler) as replays:
+        done = replayed(hall, tmp_path / "d", replays)
+    assert (done.read, len(done.refused)) == (9, 1)
+    assert content(tmp_path / "d") == content(sequential[0])
+
+
+def test_a_scheduler_that_does_not_answer_is_said(tmp_path, monkeypatch):
+    monkeypatch.setattr("robot_energy.fleet.run.TIMEOUT", "1s")
+    with pytest.raises(DatasetError, match="does not answer"), on_dask("tcp://127.0.0.1:1"):
+        pass
+
+
+def test_a_changed_bag_takes_the_place_of_its_row(tmp_path):
+    shutil.copytree(WARM, tmp_path / "hall" / "r1" / "bag")
+    replayed(tmp_path / "hall", tmp_path / "d")
+    (file,) = (tmp_path / "hall" / "r1" / "bag").glob("*.mcap")
+    whole = file.read_bytes()
+    file.write_bytes(whole[: len(whole) * 3 // 4])
+    done = replayed(tmp_path / "hall", tmp_path / "d")
+    assert (done.there, done.read) == (0, 1)
+    (row,) = scan(tmp_path / "d").collect().to_dicts()
+    assert row["problems"]
+
+
+def test_a_folder_that_grows_is_taken_in_as_it_comes(tmp_path):
+    """A file that is being written is left until it is complete."""
+    hall, out = tmp_path / "hall", tmp_path / "d"
+    whole = (BAG / "kr16_all_topics_0.mcap").read_bytes()
+    (hall / "r1").mkdir(parents=True)
+    words = ["fleet", "run", hall, "--model", "kr16", "--out", out, "--workers", "0"]
+    command = [sys.executable, "-m", "robot_energy", *map(str, words), "--watch", "0.05"]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        try:
+            (hall / "r1" / "first.mcap").write_bytes(whole)
+            growing = hall / "r1" / "growing.mcap"
+            growing.write_bytes(whole[:-20])
+            wait_for_rows(process, out, 1)
+            (hall / "r1" / "third.mcap").write_bytes(whole + b"")
+            wait_for_rows(process, out, 2)
+            assert not any("growing" in name for name in addresses(out))
+            growing.write_bytes(whole)
+            wait_for_rows(process, out, 3)
+        finally:
+            process.send_signal(signal.SIGINT)
+        _, problems = process.communicate()
+    assert process.returncode == 130, problems
+    assert [Path(name).name for name in addresses(out)] == [
+        "first.mcap",
+        "growing.mcap",
+        "third.mcap",
+    ]
+
+
+def addresses(folder):
+    files = sorted(folder.glob("robot=*/date=*/*.parquet"))
+    return sorted(pl.read_parquet(file, hive_partitioning=False)["bag"][0] for file in files)
+
+
+def wait_for_rows(process, folder, count):
+    """Until the dataset holds so many rows; the command must run meanwhile."""
+    while len(list(folder.glob("robot=*/date=*/*.parquet"))) < count:
+        assert process.poll() is None, process.communicate()
+
+
+def test_the_command_says_what_was_done(tmp_path, capsys):
+    hall = tmp_path / "hall"
+    shutil.copytree(BAG, hall / "r1" / "bag")
+    (hall / "r1" / "broken.mcap").write_bytes(b"x")
+    words = ["fleet", "run", str(hall), "--model", "kr16", "--out", str(tmp_path / "d")]
+    assert main([*words, "--workers", "0"]) == 3
+    said = capsys.readouterr().out
+    assert "2 bags: 1 replayed, 0 there already, 1 refused" in said
+    assert "recorded hours" in said
+    assert "1 refused: BAG" in said
+    assert main(words) == 0  # starts no worker
+    assert "2 bags: 0 replayed, 2 there already" in capsys.readouterr().out
+    assert FleetRun().read == 0

@@ -1,0 +1,133 @@
+"""Sums of a bag against the plant that made it."""
+
+import numpy as np
+import pytest
+
+from robot_energy.condition.learner import Learning
+from robot_energy.fleet.bag_figures import bag_figures
+from robot_energy.fleet.hour_sums import HOUR_NS, HourSums
+from robot_energy.fleet.joint_sums import COLUMNS, MEASURED, SIGN, VISCOUS, JointSums, gram_of
+from robot_energy.fleet.merged_friction import fit_merged, score
+from robot_energy.fleet.merged_laws import JointBags, without_nuisances
+from robot_energy.identify.stats.systematic import SensorLimits
+from robot_energy.model import load
+from robot_energy.model.payload import payload
+from robot_energy.motion import Program
+from robot_energy.rig import RigConfig, VirtualRig, load_profile
+from robot_energy_papers.learning_study import joint_block, pipeline_of, work
+
+MODEL, PROFILE = load("kr16"), load_profile("kr16")
+EXACT = SensorLimits(torque=0.0, thermometer=0.0, bodies=0.0)
+
+
+def run(
+    config, seconds=60.0, degc=40.0, mass=None, cut=None, program=None, start_ns=10**18, rate=100.0
+):
+    """The accumulators after a while of the rig, cut into steps of so many samples."""
+    rig = VirtualRig(
+        PROFILE, program or work(PROFILE, 3, 8), config, 1, degc, degc, start_ns, rate_hz=rate
+    )
+    if mass is not None:
+        body = MODEL.payload[0]
+        rig.change(payload=[payload(body.link, mass, body.centre_of_mass, body.inertia)])
+    pipeline = pipeline_of(MODEL, Learning.OBSERVE, True)
+    sums, hours = JointSums(MODEL), HourSums(MODEL)
+    output = rig.step(round(seconds * rate))
+    joints = joint_block(output.joints)
+    size = len(joints)
+    for first in range(0, size, cut or size):
+        begin = first == 0
+        part = joints[slice(first, first + (cut or size))]
+        found = pipeline.step(
+            part, output.temperatures if begin else None, output.meter if begin else None
+        )
+        sums.take(found)
+        hours.take(found)
+    found = pipeline.flush()
+    sums.take(found)
+    hours.take(found)
+    return sums, hours, pipeline
+
+
+def bags(parts, joint):
+    gram = np.array([sums.grams[joint] for sums in parts])
+    rows = np.array([sums.rows[joint] for sums in parts])
+    degc = np.array([sums.heat[joint] / sums.rows[joint] for sums in parts])
+    number = np.arange(len(parts))
+    return JointBags("axis", without_nuisances(gram), rows, degc, number, number)
+
+
+def test_coulomb_and_viscous_friction_are_those_of_the_plant():
+    parts = [run(RigConfig.plain(), degc=degc)[0] for degc in (30.0, 40.0)]
+    fit = fit_merged(bags(parts, 0), EXACT, False, "")
+    viscous = PROFILE.viscous_40[0] * PROFILE.lubricant[0].friction_factor(60.0)
+    assert fit.coulomb == pytest.approx(PROFILE.coulomb[0], rel=0.02)
+    assert fit.viscous == pytest.approx(viscous, rel=0.02)
+
+
+def test_the_law_over_temperature_is_found_on_temperatures_it_has_not_seen():
+    config = RigConfig.plain().having("lubricant_temperature")
+    parts = [run(config, degc=degc)[0] for degc in (20.0, 28.0, 36.0, 44.0, 52.0, 60.0)]
+    joint = bags(parts, 1)
+    fit = fit_merged(joint, EXACT, False, "")
+    assert fit.chosen != "constant"
+    oil = PROFILE.lubricant[1]
+    for point in fit.points:
+        true = PROFILE.viscous_40[1] * oil.friction_factor(point.motor_temperature_degc)
+        assert point.viscous == pytest.approx(true, rel=0.05)
+    assert fit.errors["exponential"].rms < 0.5 * fit.errors["constant"].rms
+    assert score(joint, fit.law, fit.coulomb).rms < score(joint, None, 0.0).rms
+
+
+def test_a_heavier_payload_is_a_mass_and_no_friction():
+    figures = [
+        bag_figures(sums.grams[None], sums.rows[None])
+        for sums in (run(RigConfig.plain(), mass=mass)[0] for mass in (15.0, 18.0))
+    ]
+    assert figures[1].mass[0] - figures[0].mass[0] == pytest.approx(3.0, abs=0.15)
+    change = figures[1].multiplier / figures[0].multiplier
+    assert change == pytest.approx(1.0, abs=0.02)
+
+
+def test_sums_do_not_depend_on_how_samples_are_cut():
+    whole, hours, _ = run(RigConfig())
+    cut, cut_hours, _ = run(RigConfig(), cut=37)
+    assert np.array_equal(cut.rows, whole.rows)
+    np.testing.assert_allclose(cut.grams, whole.grams, rtol=1e-9, atol=1e-9)
+    for hour, sums in hours.hours.items():
+        np.testing.assert_allclose(cut_hours.hours[hour], sums, rtol=1e-9)
+
+
+def test_a_row_holds_plain_values_that_give_the_sums_back():
+    sums, _, pipeline = run(RigConfig())
+    row = sums.table(pipeline.power.condition.wear)[2]
+    gram = gram_of(row["friction_sums"])
+    assert gram.shape == (COLUMNS, COLUMNS)
+    assert np.array_equal(gram, sums.grams[2])
+    assert gram[SIGN, SIGN] == row["friction_rows"]  # the square of a sign is 1
+    assert row["motion_time"] == pytest.approx(row["friction_rows"] * 0.04, rel=0.2)
+    assert 35.0 < row["motor_temperature_degc"] < 45.0
+    assert len(row["wear_features"]) == 45 * len(row["wear_excess"])
+    assert gram[VISCOUS, MEASURED].sum() > 0.0  # friction takes power
+
+
+def test_hours_hold_the_energy_of_the_registers():
+    _, hours, pipeline = run(RigConfig(), start_ns=HOUR_NS * 500_000 - 30 * 10**9)
+    rows = hours.table()
+    assert [row["hour_ns"] // HOUR_NS for row in rows] == [499_999, 500_000]
+    assert rows[0]["observed_time"] == pytest.approx(30.0, abs=0.2)
+    drawn = pipeline.ledger.registers.cabinet("grid_import")
+    assert sum(row["grid_energy"] for row in rows) == pytest.approx(drawn, rel=1e-3)
+    assert all(row["standby_time"] == 0.0 for row in rows)
+
+
+def test_rest_of_a_minute_is_standby_from_its_beginning():
+    limits = PROFILE.motion_limits(PROFILE.mechanics()[0])
+    still = Program(np.zeros((1, 6)) + np.array([0, -1.5, 1.5, 0, 0.5, 0]), limits, 1.0)
+    _, short, _ = run(RigConfig(), seconds=50.0, program=still, rate=20.0)
+    _, long, _ = run(RigConfig(), seconds=90.0, program=still, rate=20.0)
+    assert sum(row["standby_time"] for row in short.table()) == 0.0
+    assert sum(row["standby_time"] for row in long.table()) == pytest.approx(90.0, abs=1.0)
+    for row in long.table():
+        assert row["standby_energy"] == pytest.approx(row["grid_energy"])
+        assert row["motion_time"] == 0.0

@@ -1,0 +1,144 @@
+"""The report of a fleet: its sums against the rows, what it finds, and what it writes."""
+
+import json
+import math
+
+import polars as pl
+import pytest
+
+from fleets import dataset, fleet
+from robot_energy.cli.main import main
+from robot_energy.errors import NotIdentifiableError
+from robot_energy.fleet.dataset import read_tables
+from robot_energy.fleet.identify import identify_fleet
+from robot_energy.fleet.report import fleet_report
+from robot_energy.fleet.tables import FleetTables
+from robot_energy.model import load
+from robot_energy.page.settings import PageSettings, PricePeriod
+from robot_energy_papers.fleet_study import judged
+from robot_energy_papers.generated_fleet import FleetPlan
+
+ROBOTS = 6
+PLAN = FleetPlan(ROBOTS, 1, 3)
+
+
+@pytest.fixture(scope="module")
+def tables():
+    return fleet(ROBOTS)
+
+
+@pytest.fixture(scope="module")
+def report(tables):
+    return fleet_report(tables, "fleet")
+
+
+def test_payload_and_standby_are_found_and_nothing_else(report):
+    row = judged(report, PLAN.faulty())
+    kinds = {robot: kind for robot, kind in PLAN.faulty().items() if kind != "friction"}
+    assert set(row.found) == set(kinds)  # a week is too short for the axis that wears
+    assert row.false == ()
+    for one in report.findings:
+        if one.kind == "payload":
+            assert one.size == pytest.approx(-5.0, abs=1.5)
+            assert one.certainty > 0.99
+        if one.kind == "standby":
+            assert one.size == pytest.approx(0.5, abs=0.1)
+
+
+def test_every_sum_is_that_of_the_rows(report, tables):
+    energy = tables.runs["grid_energy"].sum()
+    assert math.fsum(one.grid_energy for one in report.robots) == pytest.approx(energy)
+    assert math.fsum(one.grid_energy for one in report.shifts) == pytest.approx(energy)
+    assert sum(one.jobs for one in report.robots) == len(tables.jobs)
+    assert sum(one.bags for one in report.robots) == report.bags == len(tables.runs)
+    awake = next(robot for robot, kind in PLAN.faulty().items() if kind == "standby")
+    standby = {one.robot: one.standby_time for one in report.robots}
+    assert standby[awake] > 5 * 1700.0
+    night = next(one for one in report.shifts if one.name == "22:00 to 06:00")
+    assert night.standby_time == pytest.approx(5 * 1800.0, abs=30.0)
+    for one in report.programmes:
+        rows = tables.jobs.filter(pl.col("name") == one.name)
+        assert one.mean_energy == pytest.approx(rows["energy"].mean())
+        assert one.lowest <= one.mean_energy <= one.highest
+
+
+def test_a_dataset_on_disk_gives_the_same_report(tmp_path, report, tables):
+    again = fleet_report(read_tables(dataset(tmp_path / "data", ROBOTS)), "fleet")
+    assert again.findings == report.findings
+    assert [one.robot for one in again.robots] == [one.robot for one in report.robots]
+    for before, one in zip(report.robots, again.robots, strict=True):
+        assert one.grid_energy == pytest.approx(before.grid_energy, rel=1e-9)
+
+
+def test_standby_costs_what_the_hour_costs(tables, report):
+    night = PricePeriod(begin="22:00", end="06:00", price_per_kwh=0.1)
+    settings = PageSettings(price_per_kwh=0.3, time_of_use=(night,), timezone="UTC")
+    priced = fleet_report(tables, "fleet", settings)
+    for before, one in zip(report.shifts, priced.shifts, strict=True):
+        price = 0.1 if one.name == "22:00 to 06:00" else 0.3
+        assert before.cost is None
+        assert one.cost == pytest.approx(price * one.grid_energy / 3.6e6)
+        assert one.standby_cost == pytest.approx(price * one.standby_energy / 3.6e6)
+
+
+def test_the_error_by_temperature_holds_every_bag_with_a_meter(report, tables):
+    known = tables.runs.filter(pl.col("motor_temperature_degc").is_not_null())
+    assert sum(one.bags for one in report.model_errors) == len(known)
+    predicted, measured = known["predicted_energy_at_meter"], known["measured_energy"]
+    errors = [one.error for one in report.model_errors]
+    assert min(errors) <= predicted.sum() / measured.sum() - 1.0 <= max(errors)
+
+
+def test_a_bag_that_could_not_be_read_is_named_and_counts_for_nothing(tables, report):
+    bad = tables.runs.head(1).with_columns(
+        key=pl.lit("bad"), reason=pl.lit("no joint states"), grid_energy=pl.lit(None, pl.Float64)
+    )
+    other = FleetTables(pl.concat([tables.runs, bad]), tables.jobs, tables.hours, tables.joints)
+    again = fleet_report(other, "fleet")
+    assert [one.reason for one in again.refused] == ["no joint states"]
+    assert again.robots == report.robots
+    assert again.findings == report.findings
+
+
+def test_one_model_from_all_bags_is_better_on_bags_it_has_not_seen(tables):
+    model = load("kr16")
+    found, written = identify_fleet(tables, model, "fleet")
+    assert found.robots == ROBOTS - 1  # that with the other payload is left out
+    better = [one for one in found.held_out if one.rms < one.rms_before]
+    assert len(better) == len(found.held_out) == 6
+    assert all(abs(one.energy_error) < 0.1 for one in found.held_out)
+    for fit, joint in zip(found.axes, written.joints, strict=True):
+        assert joint.friction.coulomb.tag == "identified"
+        assert joint.friction.coulomb.value == fit.coulomb
+        assert joint.friction.coulomb.std == pytest.approx(fit.coulomb_std)
+        assert {"scatter", "torque"} <= set(fit.parts["coulomb"])
+    assert written.provenance.bags[-1].startswith("dataset fleet: ")
+    with pytest.raises(NotIdentifiableError, match="made with model"):
+        identify_fleet(tables, load("ur5e"), "fleet")
+
+
+def test_the_command_writes_page_json_and_model(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    dataset(tmp_path / "data", ROBOTS)
+    assert main(["fleet", "report", "data", "--html", "f.html", "--json", "f.json"]) == 0
+    html, out = (tmp_path / "f.html").read_text(), capsys.readouterr().out
+    for name in PLAN.faulty():
+        assert name in html
+    assert html.count("<svg") or html.count("data:image/svg+xml") == 4
+    assert "gravity says" in out
+    assert len(json.loads((tmp_path / "f.json").read_text())["robots"]) == ROBOTS
+    assert main(["fleet", "identify", "data", "--model", "kr16", "--out", "m.yaml"]) == 0
+    assert load("m.yaml").joints[0].friction.coulomb.tag == "identified"
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (["report", "nothing"], "holds no row"),
+        (["report", "data", "--shifts", "14,6"], "no rising list of hours"),
+    ],
+)
+def test_what_cannot_be_used_is_refused(words, text, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["fleet", *words]) == 2
+    assert text in capsys.readouterr().err
