@@ -213,18 +213,7 @@ LAYERS = (
 )
 # Nothing online imports these.
 OFFLINE = (
-    "identify",
-    "fleet",
-    "report",
-    "rig",
-    "motion",
-    "cli",
-    "starter",
-    "check",
-    "page",
-    "layouts",
-)
-    "identify", "report", "rig", "motion", "cli", "starter", "check", "page", "layouts",
+    "identify", "fleet", "report", "rig", "motion", "cli", "starter", "check", "page", "layouts",
     "optimization",
 )  # fmt: skip
 ONLINE = (
