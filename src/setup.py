@@ -27,6 +27,7 @@ CORE = [
 ]
 IDENTIFY = ["clarabel>=0.9,<1", "threadpoolctl>=3.1"]
 REPORT = ["matplotlib>=3.8"]
+PRINTING = ["shapely>=2.0", "trimesh>=4.0"]
 FLEET = ["distributed>=2025.1", "fsspec>=2024.2", "threadpoolctl>=3.1"]
 DASHBOARD = ["prometheus-client>=0.20", "starlette>=0.37", "uvicorn>=0.30"]
 PAPERS = ["Jinja2>=3.1", *IDENTIFY, *REPORT]
@@ -67,11 +68,12 @@ setup(
     install_requires=CORE,
     extras_require={
         "identify": IDENTIFY,
+        "printing": PRINTING,
         "report": REPORT,
         "dashboard": DASHBOARD,
         "fleet": FLEET,
         "papers": PAPERS,
-        "all": [*PAPERS, *DASHBOARD, *FLEET],
+        "all": [*PAPERS, *DASHBOARD, *FLEET, *PRINTING],
         # Not `tests_require`: with it newer setuptools make colcon find no tests.
         "test": ["pytest", "hypothesis"],
     },

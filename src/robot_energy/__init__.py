@@ -23,6 +23,7 @@ if TYPE_CHECKING:
         identify_thermal,
     )
     from robot_energy.api.online_monitor import OnlineMonitor
+    from robot_energy.api.optimize import OptimizationResult, optimize
     from robot_energy.api.predict import PredictionResult, predict
     from robot_energy.api.replay import ReplayResult, replay
     from robot_energy.blocks import Phase, Quality
@@ -54,6 +55,7 @@ if TYPE_CHECKING:
         PhaseEnergy,
     )
     from robot_energy.results.evaluation import EvaluationReport
+    from robot_energy.results.optimization import OptimizationReport
     from robot_energy.results.prediction import PredictionReport
     from robot_energy.results.replay import ReplayReport
     from robot_energy.time_series import TimeSeries
@@ -68,6 +70,7 @@ _NAMES = {
         "identify_thermal",
     ),
     "api.online_monitor": ("OnlineMonitor",),
+    "api.optimize": ("OptimizationResult", "optimize"),
     "api.predict": ("PredictionResult", "predict"),
     "api.replay": ("ReplayResult", "replay"),
     "blocks": ("Phase", "Quality"),
@@ -81,6 +84,7 @@ _NAMES = {
     "pipeline": ("EnergyPipeline", "PipelineSettings:Settings"),
     "results.energy": ("EnergyBreakdown", "JointEnergy", "MeterComparison", "PhaseEnergy"),
     "results.evaluation": ("EvaluationReport",),
+    "results.optimization": ("OptimizationReport",),
     "results.prediction": ("PredictionReport",),
     "results.replay": ("ReplayReport",),
     "time_series": ("TimeSeries",),
@@ -93,13 +97,13 @@ _EXPORTS = {
 __all__ = [
     "BagError", "EnergyBreakdown", "EnergyPipeline", "EvaluationReport", "IdentificationResult",
     "ImplausibleIdentificationError", "JointEnergy", "LogFormatError", "MeterComparison",
-    "MissingTopicError", "ModelFileError", "MotionError", "NotIdentifiableError",
-    "OnlineMonitor", "ParameterError", "PayloadError", "Phase", "PhaseEnergy",
-    "PipelineSettings", "PredictionReport", "PredictionResult", "Quality", "ReplayReport",
-    "ReplayResult", "ReportError", "RobotDescriptionError", "RobotEnergyError", "RobotModel",
-    "ShapeError", "TimeSeries", "UnknownJointError", "evaluate", "identify_all",
-    "identify_cabinet", "identify_dynamics", "identify_friction", "identify_thermal",
-    "load_model", "physics", "predict", "replay", "save_model",
+    "MissingTopicError", "ModelFileError", "MotionError", "NotIdentifiableError", "OnlineMonitor",
+    "OptimizationReport", "OptimizationResult", "ParameterError", "PayloadError", "Phase",
+    "PhaseEnergy", "PipelineSettings", "PredictionReport", "PredictionResult", "Quality",
+    "ReplayReport", "ReplayResult", "ReportError", "RobotDescriptionError", "RobotEnergyError",
+    "RobotModel", "ShapeError", "TimeSeries", "UnknownJointError", "evaluate", "identify_all",
+    "identify_cabinet", "identify_dynamics", "identify_friction", "identify_thermal", "load_model",
+    "optimize", "physics", "predict", "replay", "save_model",
 ]  # fmt: skip
 
 

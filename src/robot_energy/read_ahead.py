@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import pickle
 import signal
 import warnings
@@ -9,7 +10,7 @@ from collections.abc import Generator, Iterator
 from contextlib import suppress
 from multiprocessing import get_all_start_methods, get_context
 from multiprocessing.connection import Connection
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from robot_energy.errors import BagError
 
@@ -51,7 +52,7 @@ def read_ahead(items: Iterator[T]) -> Generator[T]:
     try:
         while True:
             try:
-                item, error, more = pickle.loads(receive.recv_bytes())
+                item, error, more = _received(receive)
             except EOFError:
                 process.join()
                 raise BagError(
@@ -70,6 +71,36 @@ def read_ahead(items: Iterator[T]) -> Generator[T]:
         process.join()
 
 
+def _send(pipe: Connection, message: Any) -> None:
+    """Send an object: arrays go from their own memory into the pipe."""
+    arrays: list[pickle.PickleBuffer] = []
+    text = pickle.dumps(message, 5, buffer_callback=arrays.append)
+    views = [array.raw() for array in arrays]
+    pipe.send((text, [view.nbytes for view in views]))
+    for view in views:
+        done = 0
+        while done < view.nbytes:
+            done += os.write(pipe.fileno(), view[done:])
+
+
+def _received(pipe: Connection) -> Any:
+    """Take an object that was sent: its arrays come from the pipe into their own memory.
+
+    Raises:
+        EOFError: If nothing more will come.
+    """
+    text, sizes = pipe.recv()
+    arrays = [bytearray(size) for size in sizes]
+    for array in arrays:
+        view, done = memoryview(array), 0
+        while done < len(view):
+            more = os.readv(pipe.fileno(), [view[done:]])
+            if not more:
+                raise EOFError
+            done += more
+    return pickle.loads(text, buffers=arrays)
+
+
 def _widen(pipe: Connection) -> None:
     """Let a pipe hold more, where the system allows it."""
     from fcntl import fcntl  # which is where processes can be forked
@@ -86,11 +117,11 @@ def _serve(items: Iterator[T], send: Connection, receive: Connection) -> None:
         error: Exception | None = None
         try:
             for item in items:
-                send.send_bytes(pickle.dumps((item, None, True), pickle.HIGHEST_PROTOCOL))
+                _send(send, (item, None, True))
         except BrokenPipeError:
             raise
         except Exception as raised:
             error = raised
-        send.send_bytes(pickle.dumps((None, error, False)))
+        _send(send, (None, error, False))
     except BrokenPipeError:
         return

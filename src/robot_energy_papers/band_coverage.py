@@ -127,7 +127,7 @@ def band_coverage(
     for plant in plants:
         name = "standard" if plant is None else f"plant {plant}"
         profile = load_profile(BODY) if plant is None else random_profile(BODY, plant)
-        rig = _Rig(profile, RigConfig.hard() if hard else RigConfig(), folder / name)
+        rig = DrawnRig(profile, RigConfig.hard() if hard else RigConfig(), folder / name)
         say(f"{name}: recording")
         bags = [rig.record(one, seed) for seed, one in enumerate(training, 1)]
         say(f"{name}: identifying")
@@ -139,8 +139,14 @@ def band_coverage(
             yield _covered(name, one.name, rig.record(one, seed), model, kept)
 
 
-class _Rig:
-    """Records one plant."""
+class DrawnRig:
+    """Records one plant.
+
+    Args:
+        profile: The plant.
+        config: Effects and sensors.
+        folder: For the recordings.
+    """
 
     def __init__(self, profile: PlantProfile, config: RigConfig, folder: Path) -> None:
         self._profile, self._config, self._folder = profile, config, folder
@@ -149,6 +155,15 @@ class _Rig:
         self._above = tool_above(robot, TOOL, MIN_HEIGHT)
 
     def record(self, what: Recorded, seed: int) -> Path:
+        """Make one recording.
+
+        Args:
+            what: What the rig does.
+            seed: Of motion and sensors.
+
+        Returns:
+            The bag.
+        """
         program = random_program(self._limits, seed, dwell=what.dwell, accept=self._above)
         config = replace(self._config, thermal_speedup=what.speedup)
         rig = VirtualRig(self._profile, program, config, seed, what.degc, AMBIENT)

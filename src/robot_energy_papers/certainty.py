@@ -36,7 +36,7 @@ from robot_energy_papers.thermal_study import ROBOTS, HiddenPlant, hidden_sensor
 from robot_energy_papers.wear_study import WearRow, detection
 
 WEAR, BEFORE, AFTER = 0.15, 8.0, 2.0  # of friction [-]; work before and after it [h]
-FRESH = 10  # first plant on which no constant of the bands was chosen
+FRESH = 100  # first plant on which no constant of the bands was chosen
 NOMINAL = np.linspace(0.05, 0.99, 48)
 """Shares that intervals state. [-]"""
 

@@ -12,6 +12,16 @@ from robot_energy.model import load
 from robot_energy.physics.rigid_body import Robot
 
 
+def ahead(bag: str, model_name: str, processes: str) -> dict[str, float]:
+    """Replay in several processes."""
+    keep_freed_memory()
+    model = load(model_name)
+    begin = time.perf_counter()
+    result = replay(bag, model, processes=int(processes))
+    wall = time.perf_counter() - begin
+    return {"wall": wall, "energy": result.ledger.registers.cabinet("grid_import")}
+
+
 def main(bag: str, model_name: str) -> dict[str, float]:
     """Replay, then time the reading and the dynamics of the same samples alone."""
     keep_freed_memory()  # as the command does

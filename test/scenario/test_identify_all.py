@@ -109,7 +109,7 @@ def test_weakly_excited_parameters_are_those_whose_interval_exceeds_them(outcome
     ("words", "sentence"),
     [
         (
-            ["BAG", "--skip", "dynamics", "friction", "cabinet", "drives", "capacitor"],
+            ["BAG", "--skip", "dynamics", "friction", "cabinet", "drives", "capacitor", "thermal"],
             "leaves nothing",
         ),
         (["BAG", "--test", "BAG"], "named twice"),

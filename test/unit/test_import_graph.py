@@ -17,9 +17,9 @@ import robot_energy
 SOURCES = Path(robot_energy.__file__).parent.parent
 MODULES = {
     "robot_energy": """
-        __main__ bag_replay blocks config_file energy_bag errors freed_memory kinds
-        log_formats prediction read_ahead recorded_jobs replay_steps replay_topics
-        schema_errors shown_text time_series units
+        __main__ bag_replay blocks config_file energy_bag errors freed_memory kinds log_formats
+        prediction read_ahead recorded_jobs replay_steps replay_topics schema_errors shown_text
+        time_series units
     """,
     "robot_energy.accounting": """
         account account_record averaging band_calibration comparison energy_curve event_log
@@ -27,30 +27,29 @@ MODULES = {
         record_repair registers settings shaft_comparison
     """,
     "robot_energy.api": """
-        condition evaluate identify inputs online_monitor power_table predict replay
+        condition evaluate identify inputs online_monitor optimize power_table predict replay
     """,
     "robot_energy.bag": """
-        mcap_block mcap_file mcap_records mcap_summary metadata ownership packed
-        reader sources sqlite_source time_range writer
+        mcap_block mcap_file mcap_records mcap_summary metadata ownership packed reader sources
+        sqlite_source time_range writer
     """,
     "robot_energy.cdr": """
         batch decode encode plan schema types walk
     """,
     "robot_energy.check": """
-        coverage evidence finding hypotheses meter motion payload process remedies run search
-        torque unseen
+        coverage evidence finding hypotheses meter motion payload process remedies run search torque
+        unseen
     """,
     "robot_energy.cli": """
-        check completion export fleet fleet_identify fleet_report fleet_run
-        identify identify_all identify_cabinet identify_drives
-        identify_dynamics identify_excitation identify_friction identify_inputs
-        identify_thermal import_logs info kinds layouts main models monitoring
-        numbers page predict replay replay_options report robots schema simulate
-        stopping terminal test
+        check completion export fleet fleet_identify fleet_report fleet_run identify identify_all
+        identify_cabinet identify_drives identify_dynamics identify_excitation identify_friction
+        identify_inputs identify_thermal import_logs info kinds layouts main models monitoring
+        numbers optimize page predict replay replay_options report robots schema simulate stopping
+        terminal test
     """,
     "robot_energy.condition": """
-        buckets drift_test joint_friction learner meter_fit meter_records meter_windows
-        record thermal_observer wear wear_records
+        buckets drift_test joint_friction learner meter_fit meter_records meter_windows record
+        thermal_observer wear wear_records
     """,
     "robot_energy.files": """
         first_bytes output_files output_folder output_streams placement regular_file
@@ -70,12 +69,12 @@ MODULES = {
         bags log_channels observations recordings rest signals
     """,
     "robot_energy.identify.drives": """
-        all_drives drive_data drive_delay drive_power drives efficiency losses
-        total_power total_sums
+        all_drives drive_data drive_delay drive_power drives efficiency losses total_power
+        total_sums
     """,
     "robot_energy.identify.dynamics": """
-        base_parameters columns consistent dynamics dynamics_model inertials
-        leave_one_out sufficiency torque_delay torque_model validation work
+        base_parameters columns consistent dynamics dynamics_model inertials leave_one_out
+        sufficiency torque_delay torque_model validation work
     """,
     "robot_energy.identify.excitation": """
         criterion excitation limits
@@ -112,13 +111,20 @@ MODULES = {
         friction interval model_messages payload power registers torque
     """,
     "robot_energy.model": """
-        drive_models figure friction_laws joint load open_schema payload reference
-        schema thermal
+        drive_models figure friction_laws joint load open_schema payload reference schema thermal
     """,
     "robot_energy.motion": """
-        fourier gcode gcode_words inverse_kinematics joint_trajectory load_motion
-        planar planned ptp ptp_file ptp_loop sequence tool_corners tool_motion
-        tool_path tool_timing trajectory_io
+        fourier gcode gcode_words inverse_kinematics joint_trajectory load_motion planar planned ptp
+        ptp_file ptp_loop sequence slicing tool_corners tool_motion tool_path tool_timing
+        trajectory_io
+    """,
+    "robot_energy.optimization": """
+        candidates chain deviations forms levelling order path_power place plan ptp_form rest_states
+        run search task time_law timed_form timed_moves trajectory_form
+    """,
+    "robot_energy.optimization.measures": """
+        move_overrides one_override order place regenerative rest_pose rest_state slack table
+        time_law
     """,
     "robot_energy.page": """
         access alarms energy_flow event_stream headless_browser history hub job_rows json_numbers
@@ -132,26 +138,25 @@ MODULES = {
         checks compare parse
     """,
     "robot_energy.pipeline": """
-        energy_pipeline fallback_use friction_certainty friction_stage
-        friction_timeline payload_timeline power_stage settings torque_stage
+        energy_pipeline fallback_use friction_certainty friction_stage friction_timeline
+        payload_timeline power_stage settings torque_stage
     """,
     "robot_energy.presets": """
         robots
     """,
     "robot_energy.report": """
-        canvas condition document drives dynamics efficiency_figure energy energy_figure
-        evaluation excitation fleet fleet_figures formats friction_figure headline held_out html
-        identification identify_all jobs kinds layout model parameters power_figure
-        prediction prediction_figure printing recordings replay series
+        canvas condition document drives dynamics efficiency_figure energy energy_figure evaluation
+        excitation fleet fleet_figures formats friction_figure headline held_out html identification
+        identify_all jobs kinds layout model optimization optimization_figure parameters
+        power_figure prediction prediction_figure printing recordings replay series
         temperature_figure thermal torque_figure trend_figure
     """,
     "robot_energy.results": """
-        base check condition drives dynamics energy evaluation excitation fleet identification
-        model prediction replay schema thermal uncertainty
+        base check condition drives dynamics energy evaluation excitation fleet identification model
+        optimization optimization_figures prediction replay schema thermal uncertainty
     """,
     "robot_energy.rig": """
-        config lubricant output plant profile random_plant record sensors supply
-        thermal virtual_rig
+        config lubricant output plant profile random_plant record sensors supply thermal virtual_rig
     """,
     "robot_energy.starter": """
         arm description model_text priors
@@ -166,11 +171,11 @@ MODULES = {
         band deviation priors
     """,
     "robot_energy_papers": """
-        accuracy band_coverage calibration certainty certainty_numbers certainty_page
-        drawings drawn_plants drive_study effects experiment fleet_study generated_fleet
-        held_out interval_coverage job_pool learning_study machines mantis models
-        more_recordings pages paper_a paper_a_numbers paper_a_page paper_b paper_b_numbers
-        paper_b_page soaked_rigs thermal_study wall wear_study
+        accuracy band_coverage calibration certainty certainty_numbers certainty_page drawings
+        drawn_plants drive_study effects experiment fleet_study generated_fleet held_out
+        interval_coverage job_pool learning_study machines mantis models more_recordings pages
+        paper_a paper_a_numbers paper_a_page paper_b paper_b_numbers paper_b_page savings
+        savings_numbers savings_page savings_study soaked_rigs thermal_study wall wear_study
     """,
     "robot_energy_papers.cli": """
         reproduce study_folder
@@ -198,7 +203,7 @@ LAYERS = (
         "starter",
         "layouts",
     ),
-    ("identify", "rig", "check", "page"),
+    ("identify", "rig", "check", "page", "optimization"),
     ("results",),
     ("report",),
     ("api",),
@@ -208,17 +213,9 @@ LAYERS = (
 )
 # Nothing online imports these.
 OFFLINE = (
-    "identify",
-    "fleet",
-    "report",
-    "rig",
-    "motion",
-    "cli",
-    "starter",
-    "check",
-    "page",
-    "layouts",
-)
+    "identify", "fleet", "report", "rig", "motion", "cli", "starter", "check", "page", "layouts",
+    "optimization",
+)  # fmt: skip
 ONLINE = (
     "pipeline", "inputs", "messages", "accounting", "uncertainty", "condition", "store",
     "timeline", "cdr",

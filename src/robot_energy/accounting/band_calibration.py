@@ -130,7 +130,7 @@ class BandCalibration:
         stamp = block.stamp_ns
         before = int(stamp[0]) if self._last_ns is None else self._last_ns
         self._last_ns = int(stamp[-1])
-        jumps = np.flatnonzero(differences(stamp, before) < 0).tolist()
+        jumps = (differences(stamp, before) < 0).nonzero()[0].tolist()
         bounds = [0, *jumps, len(block)]
         pieces = _between_falls(compared.available_ns, len(jumps))
         periods = _between_falls(
@@ -373,6 +373,8 @@ def _closed(begun: Int, table: Int, length_ns: int) -> tuple[Int, Int]:
 
 def _between_falls(stamp_ns: Int, falls: int) -> list[slice]:
     """Cut rows where their stamps fall, into one part more than `falls`; the last has the rest."""
+    if not falls:
+        return [slice(0, len(stamp_ns))]
     places = np.flatnonzero(np.diff(stamp_ns) < 0)[:falls] + 1
     edges = [0, *places.tolist()]
     edges += [len(stamp_ns)] * (falls + 2 - len(edges))

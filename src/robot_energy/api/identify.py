@@ -15,8 +15,8 @@ from robot_energy.identify.drives.drive_power import drive_topics
 from robot_energy.identify.stats.systematic import SensorLimits
 from robot_energy.identify.steps import Subject
 from robot_energy.model import RobotModel, save
-from robot_energy.physics.electrical_power import DqScaling
 from robot_energy.results.base import Result
+from robot_energy.units import DqScaling
 
 if TYPE_CHECKING:
     from robot_energy.check.evidence import Evidence

@@ -11,7 +11,7 @@ from robot_energy.cli.numbers import number
 from robot_energy.cli.robots import add_robot
 from robot_energy.cli.terminal import add_json, check_outputs, progress
 from robot_energy.errors import ModelFileError
-from robot_energy.physics.electrical_power import DQ_SCALINGS
+from robot_energy.units import DQ_FACTORS
 
 if TYPE_CHECKING:
     from robot_energy.api.inputs import BagSource
@@ -89,7 +89,7 @@ def add_drive_power(parser: ArgumentParser) -> None:
     )
     parser.add_argument(
         "--dq-scaling",
-        choices=DQ_SCALINGS,
+        choices=tuple(DQ_FACTORS),
         default="peak",
         help="what the four are: peak or RMS values of a phase, or those of the power-invariant "
         "transformation (default: peak)",
@@ -103,7 +103,7 @@ def drive_power_topics(args: Namespace) -> DrivePowerTopics | None:
         args: Of the command.
 
     Raises:
-        RobotEnergyError: If the options do not fit together.
+        ModelFileError: If the options do not fit together.
     """
     from robot_energy.identify.drives.drive_power import drive_topics
 

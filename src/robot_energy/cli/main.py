@@ -32,6 +32,7 @@ from robot_energy.cli import (
     layouts,
     models,
     monitoring,
+    optimize,
     predict,
     replay,
     report,
@@ -52,6 +53,8 @@ EXTRAS = {
     "clarabel": "identify",
     "threadpoolctl": "identify",
     "matplotlib": "report",
+    "trimesh": "printing",
+    "shapely": "printing",
     "jinja2": "papers",
     "starlette": "dashboard",
     "uvicorn": "dashboard",
@@ -152,8 +155,8 @@ def build_parser() -> ArgumentParser:
     parser.set_defaults(debug=False, run=run_help)
     commands = parser.add_subparsers(title="commands", metavar="COMMAND")
     for module in (
-        replay, report, export, import_logs, check, test, identify, fleet, predict, models, kinds,
-        info, simulate, schema, layouts, monitoring,
+        replay, report, export, import_logs, check, test, identify, fleet, predict, optimize,
+        models, kinds, info, simulate, schema, layouts, monitoring,
         *_further(),
         completion,
     ):  # fmt: skip

@@ -29,10 +29,11 @@ AT_ORIGIN = (
 
 DESCRIPTION = """\
 Predict the energy of motion programs before they are run, for one or several robots, at
-the motor temperatures that you give. A program is G-code, a YAML file of point-to-point
-moves, a bag with a trajectory_msgs/JointTrajectory, or such a trajectory as CSV. A prediction uses
-the same stages as live operation and replay, and states the power of bodies, friction, drives,
-constant losses and brake. Nothing is measured here. Collisions are not checked.
+the motor temperatures that you give. A program is G-code, an STL shape to be printed, a YAML file
+of point-to-point moves, a bag with a trajectory_msgs/JointTrajectory, or such a trajectory as
+CSV. A prediction uses the same stages as live operation and replay, and states the power of
+bodies, friction, drives, constant losses and brake. Nothing is measured here. Collisions are not
+checked.
 """
 EPILOG = """\
 examples:
@@ -40,6 +41,8 @@ examples:
   robot-energy predict wall_layer.gcode --model mantis --base=-1.2,-0.2,0 \\
       --model testbed --base 0,0,0 --model irb4600 --base=-1,0.15,0 --temperature 40 \\
       --report wall.html
+  robot-energy predict wall.stl --layer-height 10 --model mantis --base=-1.2,-0.2,0 \\
+      --temperature 40
 """
 
 
@@ -83,7 +86,7 @@ def add_parser(commands: Any) -> None:
     add_json(output)
     output.add_argument("--report", metavar="FILE", help="write one HTML file with everything")
     output.add_argument("--plot", metavar="FILE", help="draw energy and power: png, svg or pdf")
-    tool = parser.add_argument_group("G-code")
+    tool = parser.add_argument_group("G-code and shapes")
     tool.add_argument(
         "--base",
         action="append",
@@ -114,6 +117,18 @@ def add_parser(commands: Any) -> None:
     tool.add_argument(
         "--rapid", type=number, metavar="M_PER_S", help="speed of G0 without F, default 0.25 m/s"
     )
+    shape = parser.add_argument_group("shapes", "an STL file is cut into layers; no infill")
+    shape.add_argument("--layer-height", type=number, metavar="MM", help="default 10 mm")
+    shape.add_argument(
+        "--print-speed", type=number, metavar="MM_PER_S", help="of the tool, default 125 mm/s"
+    )
+    shape.add_argument(
+        "--bead-width",
+        type=number,
+        metavar="MM",
+        help="the tool runs half of it inside the surface; default 0 mm",
+    )
+    shape.add_argument("--stl-unit", choices=("mm", "m", "inch"), default="mm", help="default mm")
 
 
 def run(args: Namespace) -> int:
@@ -224,6 +239,7 @@ def _tool_options(args: Namespace, base: str | None, start: str | None) -> ToolO
     import math
 
     from robot_energy.motion.load_motion import ToolOptions, joint_list
+    from robot_energy.motion.slicing import Slicing
     from robot_energy.motion.tool_motion import ToolPlacement
     from robot_energy.motion.tool_timing import ToolLimits
 
@@ -239,7 +255,14 @@ def _tool_options(args: Namespace, base: str | None, start: str | None) -> ToolO
         given["corner_tolerance"] = args.corner_tolerance * 1e-3
     if args.smoothing is not None:
         given["smoothing"] = args.smoothing
+    sizes = {
+        "layer_height": args.layer_height,
+        "speed": args.print_speed,
+        "bead_width": args.bead_width,
+    }
+    given_sizes = {name: 1e-3 * value for name, value in sizes.items() if value is not None}
     options = ToolOptions(
+        slicing=Slicing(unit=args.stl_unit, **given_sizes),
         link=args.tool,
         placement=placement,
         start=None if start is None else joint_list(start, "--start", ()),

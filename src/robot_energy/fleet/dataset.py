@@ -192,7 +192,8 @@ class Dataset:
 
     def __init__(self, folder: str | Path) -> None:
         self.folder = Path(folder)
-        self._rows: dict[str, dict[str, set[Path]]] = {}  # files of a row by its bag and name
+        # Files of a row by its bag and name; None until they are asked for: a report needs none.
+        self._rows: dict[str, dict[str, set[Path]]] | None = None
         if not self.folder.exists():
             return
         if not self.folder.is_dir():
@@ -203,9 +204,6 @@ class Dataset:
             raise DatasetError(
                 f"{folder} holds '{min(foreign)}'", "a dataset of this tool, or an empty folder"
             )
-        for path in self.files():
-            for name in _names(path):
-                self._of(name).setdefault(name, set()).add(path)
 
     @contextmanager
     def locked(self) -> Generator[None]:
@@ -278,6 +276,11 @@ class Dataset:
                 self._merge(paths)
 
     def _of(self, name: str) -> dict[str, set[Path]]:
+        if self._rows is None:
+            self._rows = {}
+            for path in self.files():
+                for other in _names(path):
+                    self._of(other).setdefault(other, set()).add(path)
         return self._rows.setdefault(name.partition("-")[0], {})
 
     def _keep(self, name: str) -> None:

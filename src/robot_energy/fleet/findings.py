@@ -12,6 +12,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from robot_energy.blocks import Float, Int
+from robot_energy.condition.buckets import DEGC_BUCKETS, degc_place, shares
 from robot_energy.condition.wear import REMEDY, WearAlarm
 from robot_energy.fleet.bag_joints import BagJoints, wear_records
 from robot_energy.fleet.sisters import Deviation, Levels, levels, stand_out
@@ -96,7 +97,7 @@ def compare(
         part = jobs.filter(pl.col("name") == name)
         findings += [
             _energy(bags.robots[one.robot], name, one)
-            for one in found(_of_jobs(part, bags))
+            for one in found(_of_jobs(part, tables.runs, bags.robots))
             if abs(expm1(one.size)) >= MIN_ENERGY
         ]
     return RobotsCompared(_ordered(findings), tuple(friction), comparisons)
@@ -113,33 +114,38 @@ def _recent(stamp_ns: Int, robot: Int) -> NDArray[np.bool_]:
     return found
 
 
-def _of_jobs(jobs: pl.DataFrame, bags: BagJoints) -> Levels:
+def _of_jobs(jobs: pl.DataFrame, runs: pl.DataFrame, robots: Sequence[str]) -> Levels:
     """Levels of the logarithm of the energy of a job, measured where all have a meter."""
     measured = jobs["measured_energy"].null_count() == 0
+    name = "measured_energy" if measured else "energy"
     own = (
-        jobs.group_by("key", "robot", maintain_order=True)
-        .agg(pl.col("measured_energy" if measured else "energy").mean())
-        .filter(pl.nth(2) > 0.0)
+        jobs.group_by("key", maintain_order=True)
+        .agg(pl.col(name).mean())
+        .filter(pl.col(name) > 0.0)
+        .join(runs.select("key", "robot", "start_ns", "motor_temperature_degc"), on="key")
+        .sort("start_ns", "key")
     )
-    place = {key: number for number, key in enumerate(bags.key)}
-    own = own.filter(pl.col("key").is_in(bags.key))
-    rows = np.array([place[key] for key in own["key"].to_list()], dtype=np.int64)
-    temperatures = bags.work[rows, :, :-2].mean(axis=1)
-    figure = np.log(own.to_series(2).to_numpy())
-    recent = _recent(bags.stamp_ns[rows], bags.robot[rows])
-    return levels(figure, bags.robot[rows], temperatures, recent)
+    number = _numbers(own["robot"].to_list(), robots)
+    degc = own["motor_temperature_degc"].fill_null(np.nan).to_numpy()
+    warm = np.where(np.isnan(degc)[:, None], 0.0, shares(degc_place(degc), DEGC_BUCKETS))
+    figure = np.log(own[name].to_numpy())
+    return levels(figure, number, warm, _recent(own["start_ns"].to_numpy(), number))
+
+
+def _numbers(names: Sequence[str], robots: Sequence[str]) -> Int:
+    place = {name: number for number, name in enumerate(robots)}
+    return np.array([place[name] for name in names], dtype=np.int64)
 
 
 def _standby(tables: FleetTables, robots: Sequence[str]) -> tuple[Float, Int]:
     """Logarithm of the standby of every robot and recorded day, and its robot."""
     days = (
         tables.hours.filter(pl.col("robot").is_in(robots))
-        .group_by("robot", pl.col("hour_ns") // DAY_NS)
+        .group_by("robot", pl.col("hour_ns") // DAY_NS, maintain_order=True)
         .agg(pl.col("standby_time").sum() / 3600.0)
         .sort("robot", "hour_ns")
     )
-    names = {name: number for number, name in enumerate(robots)}
-    number = np.array([names[name] for name in days["robot"].to_list()], dtype=np.int64)
+    number = _numbers(days["robot"].to_list(), robots)
     return np.log1p(days["standby_time"].to_numpy() / STANDBY_SCALE), number
 
 

@@ -128,16 +128,16 @@ def _robots(
     read: pl.DataFrame, jobs: pl.DataFrame, hours: pl.DataFrame, robots: Sequence[str]
 ) -> tuple[RobotEnergy, ...]:
     metered = pl.col("measured_energy").is_not_null()
-    runs = read.group_by("robot").agg(
+    runs = read.group_by("robot", maintain_order=True).agg(
         pl.len().alias("bags"),
         pl.col("observed_time", "grid_energy").sum(),
         _sum_known("measured_energy"),
         pl.col("predicted_energy_at_meter").filter(metered).sum(),
     )
-    standby = hours.group_by("robot").agg(
+    standby = hours.group_by("robot", maintain_order=True).agg(
         pl.col("standby_time", "standby_energy").sum(), _sum_known("standby_cost")
     )
-    count = jobs.group_by("robot").agg(pl.len().alias("jobs"))
+    count = jobs.group_by("robot", maintain_order=True).agg(pl.len().alias("jobs"))
     rows = (
         pl.DataFrame({"robot": robots}, schema={"robot": pl.String})
         .join(runs, on="robot", how="left")
@@ -154,9 +154,9 @@ def _robots(
 def _programmes(jobs: pl.DataFrame) -> tuple[ProgrammeEnergy, ...]:
     whole = jobs.filter(pl.col("gap_time") == 0.0)
     metered = pl.col("measured_energy").is_not_null()
-    robots = whole.group_by("name", "robot").agg(pl.col("energy").mean())
+    robots = whole.group_by("name", "robot", maintain_order=True).agg(pl.col("energy").mean())
     rows = (
-        whole.group_by("name")
+        whole.group_by("name", maintain_order=True)
         .agg(
             pl.col("robot").n_unique().alias("robots"),
             pl.len().alias("jobs"),
@@ -169,7 +169,7 @@ def _programmes(jobs: pl.DataFrame) -> tuple[ProgrammeEnergy, ...]:
             ).alias("error"),
         )
         .join(
-            robots.group_by("name").agg(
+            robots.group_by("name", maintain_order=True).agg(
                 pl.col("energy").min().alias("lowest"), pl.col("energy").max().alias("highest")
             ),
             on="name",
@@ -181,7 +181,7 @@ def _programmes(jobs: pl.DataFrame) -> tuple[ProgrammeEnergy, ...]:
 
 
 def _shifts(hours: pl.DataFrame, shifts: Sequence[int]) -> tuple[ShiftEnergy, ...]:
-    sums = hours.group_by("shift").agg(
+    sums = hours.group_by("shift", maintain_order=True).agg(
         pl.col("observed_time", "grid_energy", "standby_time", "standby_energy").sum(),
         _sum_known("cost"),
         _sum_known("standby_cost"),
@@ -200,7 +200,7 @@ def _model_errors(read: pl.DataFrame) -> tuple[ModelError, ...]:
     )
     error = pl.col("predicted_energy_at_meter") / pl.col("measured_energy") - 1.0
     low = (pl.col("motor_temperature_degc") // DEGC_STEP * DEGC_STEP).alias("low_degc")
-    rows = known.group_by(low).agg(
+    rows = known.group_by(low, maintain_order=True).agg(
         pl.len().alias("bags"),
         (pl.col("predicted_energy_at_meter").sum() / pl.col("measured_energy").sum() - 1.0).alias(
             "error"
@@ -224,7 +224,9 @@ def duty_of(hours: pl.DataFrame, robots: Sequence[str]) -> list[float]:
         hours: Table of the fleet.
         robots: Their names.
     """
-    sums = hours.group_by("robot").agg(pl.col("motion_time", "observed_time").sum())
+    sums = hours.group_by("robot", maintain_order=True).agg(
+        pl.col("motion_time", "observed_time").sum()
+    )
     share = {robot: motion / time if time else 0.0 for robot, motion, time in sums.iter_rows()}
     return [share.get(robot, 0.0) for robot in robots]
 
@@ -275,7 +277,11 @@ def _curve(
 def _medians(values: Float, robot: Any, place: Any, places: Any, robots: int) -> Float:
     """Median of each robot at each place, shape (robots, places); NaN where it has none."""
     frame = pl.DataFrame({"robot": robot, "place": place, "value": values})
-    rows = frame.filter(pl.col("value").is_finite()).group_by("robot", "place").median()
+    rows = (
+        frame.filter(pl.col("value").is_finite())
+        .group_by("robot", "place", maintain_order=True)
+        .median()
+    )
     found = np.full((robots, len(places)), np.nan)
     column = np.searchsorted(places, rows["place"].to_numpy())
     inside = column < len(places)

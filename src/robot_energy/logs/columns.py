@@ -12,8 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from robot_energy.inputs.joint_states.correction import MAX_SCALE, JointCorrection
 from robot_energy.inputs.meter.source import LOAD_NEGATIVE, LOAD_POSITIVE
-from robot_energy.physics.electrical_power import DqScaling
-from robot_energy.units import ENERGY_UNITS, POWER_UNITS
+from robot_energy.units import ENERGY_UNITS, POWER_UNITS, DqScaling
 
 PLACEHOLDER = "{joint}"
 DEGREE = 0.017453292519943295  # rad

@@ -86,6 +86,8 @@ class DriveModel(Kind):
         lossless: Whether drive losses are missing from the energy.
         deviation: Makes a `robot_energy.uncertainty.deviation.DriveDeviation` of the entries of
             all joints; None for a share of the loss.
+        loss_deviations: Makes a `robot_energy.uncertainty.deviation.LossDeviations` of the entries
+            of all joints: what the error of each figure alone does; None: a share of the loss.
         figures: Tagged figures of the entry for tables: attribute, words, unit.
         in_identity: Whether the identity of a model counts an absent entry too, as it does
             for the first kinds there were.
@@ -102,6 +104,7 @@ class DriveModel(Kind):
     constant_loss: Callable[[Any], float] = _no_loss
     lossless: bool = False
     deviation: Callable[[list[Any]], Any] | None = None
+    loss_deviations: Callable[[list[Any]], Any] | None = None
     figures: tuple[tuple[str, str, str], ...] = ()
     in_identity: bool = False
     fitted: Callable[[Any, str], Any] | None = None

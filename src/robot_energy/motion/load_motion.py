@@ -10,16 +10,18 @@ import numpy as np
 
 from robot_energy.blocks import Float
 from robot_energy.errors import MotionError, RobotDescriptionError
-from robot_energy.motion.gcode import RAPID_SPEED, load_gcode
+from robot_energy.motion.gcode import RAPID_SPEED, load_gcode, read_gcode
 from robot_energy.motion.inverse_kinematics import InverseKinematics
 from robot_energy.motion.planned import PlannedMotion, SampledMotion
 from robot_energy.motion.ptp_file import program_for, read_program
+from robot_energy.motion.slicing import Slicing, slice_stl
 from robot_energy.motion.tool_motion import STEP, ToolMotion, ToolPlacement
 from robot_energy.motion.tool_timing import TimedPath, ToolLimits
 from robot_energy.motion.trajectory_io import read_bag_trajectory, read_csv_trajectory
 from robot_energy.physics.rigid_body import Robot
 
 GCODE = (".gcode", ".gco", ".g", ".nc", ".ngc", ".cnc", ".tap")
+STL = ".stl"
 YAML = (".yaml", ".yml")
 BAG = (".mcap", ".db3", ".zstd")
 MAX_VALUE = 1e6  # of numbers in lists, whatever their unit
@@ -29,7 +31,7 @@ TOOL_DOWN = np.diag([1.0, -1.0, -1.0])  # z of the tool points down, its x forwa
 
 @dataclass(frozen=True)
 class ToolOptions:
-    """What a G-code program does not state.
+    """What a G-code program or a shape does not state.
 
     Attributes:
         link: The tool's frame in the URDF.
@@ -39,6 +41,7 @@ class ToolOptions:
         limits: Limits of the tool's motion.
         rapid_speed: Speed of G0 without feed. [m/s]
         step: Between solutions of the inverse kinematics. [s]
+        slicing: How a shape becomes a program.
     """
 
     link: str = "tool0"
@@ -47,6 +50,7 @@ class ToolOptions:
     limits: ToolLimits = field(default_factory=ToolLimits)
     rapid_speed: float = RAPID_SPEED
     step: float = STEP
+    slicing: Slicing = field(default_factory=Slicing)
 
 
 @dataclass(frozen=True)
@@ -80,10 +84,10 @@ def load_motion(
     """Read a program and make it a motion of a robot.
 
     Args:
-        path: G-code, a YAML file of point-to-point moves, a bag with a JointTrajectory, or
-            such a trajectory as CSV; the end of the name decides.
+        path: G-code, an STL shape to be printed, a YAML file of point-to-point moves, a bag with
+            a JointTrajectory, or such a trajectory as CSV; the end of the name decides.
         robot: The robot.
-        tool: What G-code does not state.
+        tool: What G-code and shapes do not state.
         topic: Topic of the trajectory in a bag; None where there is one only.
 
     Returns:
@@ -97,7 +101,7 @@ def load_motion(
     suffix = file.suffix.lower()
     if not file.exists():
         raise MotionError(f"there is no program '{path}'", "a file or a bag")
-    if suffix in GCODE:
+    if suffix in GCODE or suffix == STL:
         return _tool_program(file, robot, tool or ToolOptions())
     if suffix in YAML and file.name != "metadata.yaml":
         loaded = program_for(read_program(file), robot.limits, str(path))
@@ -111,15 +115,20 @@ def load_motion(
         return LoadedMotion(found.planned(), str(path), notes=found.notes)
     raise MotionError(
         f"the kind of the program '{path}' is unknown",
-        f"G-code ({', '.join(GCODE)}), moves ({', '.join(YAML)}), a bag or .csv with a "
-        "JointTrajectory",
+        f"G-code ({', '.join(GCODE)}), a shape ({STL}), moves ({', '.join(YAML)}), "
+        "a bag or .csv with a JointTrajectory",
     )
 
 
 def _tool_program(file: Path, robot: Robot, options: ToolOptions) -> LoadedMotion:
-    program = load_gcode(file, options.rapid_speed)
+    shape = slice_stl(file, options.slicing) if file.suffix.lower() == STL else None
+    program = (
+        load_gcode(file, options.rapid_speed)
+        if shape is None
+        else read_gcode(shape.gcode, str(file), options.rapid_speed)
+    )
     timed = TimedPath(program.path, options.limits)
-    notes = list(program.notes)
+    notes = [*(() if shape is None else shape.notes), *program.notes]
     if not robot.has_link(options.link):
         raise RobotDescriptionError(
             f"the robot has no link '{options.link}' that could be the tool",

@@ -209,17 +209,25 @@ class Profile:
     Args:
         distance: Signed way of every joint, shape (K, n). [rad] or [m]
         limits: Velocity, acceleration and jerk time.
+        speed_share: Of the velocity limits, in (0, 1], one value or shape (K,). [-]
+        acceleration_share: Of the acceleration limits, in (0, 1], one value or shape (K,). [-]
 
     Attributes:
         duration: Duration of each move; 0 where nothing moves, shape (K,). [s]
     """
 
-    def __init__(self, distance: Float, limits: MotionLimits) -> None:
+    def __init__(
+        self,
+        distance: Float,
+        limits: MotionLimits,
+        speed_share: Float | float = 1.0,
+        acceleration_share: Float | float = 1.0,
+    ) -> None:
         way = np.abs(distance)
         moves = way.max(axis=1) > MIN_DISTANCE
         with np.errstate(divide="ignore", over="ignore"):
-            speed = (limits.velocity / way).min(axis=1)
-            rise = (limits.acceleration / way).min(axis=1)
+            speed = speed_share * (limits.velocity / way).min(axis=1)
+            rise = acceleration_share * (limits.acceleration / way).min(axis=1)
         speed = np.where(moves, speed, 1.0)
         rise = np.where(moves, rise, 1.0)
         speed = np.minimum(speed, np.sqrt(rise))  # a short move never cruises

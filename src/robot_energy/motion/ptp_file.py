@@ -23,6 +23,7 @@ RAMP = 0.5  # s to full speed, where nobody gave an acceleration
 DEGREE = np.pi / 180.0  # rad
 Positive = Annotated[Number, Field(gt=0)]
 Time = Annotated[Number, Field(ge=0, le=86_400)]
+Share = Annotated[Number, Field(gt=0, le=1)]
 Name = Annotated[str, Field(min_length=1)]
 
 
@@ -38,7 +39,10 @@ class ProgramFile(ModelEntry):
         angle_unit: Unit of revolute joints; prismatic ones are in m.
         via: Configurations, each a mapping of all joints by name.
         dwell: Rest at every configuration, one value or one for each. [s]
-        override: Share of full speed, in (0, 1]. [-]
+        override: Share of full speed, in (0, 1]; it stretches the whole motion. [-]
+        speed_share: Share of the speed under the override, in (0, 1], of the move to the next
+            configuration: one value or one for each, as `$VEL.AXIS` or `v` of robot languages. [-]
+        acceleration_share: The same of the acceleration, as `$ACC.AXIS` or `AccSet`. [-]
         acceleration: Greatest, one value or by joint name, in the unit per s^2; absent: full
             speed in 0.5 s, assumed.
         jerk_time: Time over which acceleration builds up. [s]
@@ -50,7 +54,9 @@ class ProgramFile(ModelEntry):
     angle_unit: Literal["rad", "deg"]
     via: Annotated[list[dict[Name, Number]], Field(min_length=1, max_length=MAX_VIAS)]
     dwell: Time | list[Time] = 0.2
-    override: Annotated[Number, Field(gt=0, le=1)] = 1.0
+    override: Share = 1.0
+    speed_share: Share | list[Share] = 1.0
+    acceleration_share: Share | list[Share] = 1.0
     acceleration: Positive | dict[Name, Positive] | None = None
     jerk_time: Annotated[Number, Field(ge=0, le=10)] = DEFAULT_JERK_TIME
     repeat: Annotated[int, Field(ge=1, le=100_000, strict=True)] = 1
@@ -66,8 +72,13 @@ class ProgramFile(ModelEntry):
                     f"configuration {index} of via and the first differ in {sorted(other)[0]!r}; "
                     "every one needs all joints"
                 )
-        if isinstance(self.dwell, list) and len(self.dwell) != len(self.via):
-            raise ValueError(f"{len(self.dwell)} dwell times for {len(self.via)} configurations")
+        for what, given in (
+            ("dwell times", self.dwell),
+            ("speed shares", self.speed_share),
+            ("acceleration shares", self.acceleration_share),
+        ):
+            if isinstance(given, list) and len(given) != len(self.via):
+                raise ValueError(f"{len(given)} {what} for {len(self.via)} configurations")
         if isinstance(self.acceleration, dict) and set(self.acceleration) != names:
             raise ValueError("acceleration needs the same joints as via")
         return self
@@ -140,7 +151,9 @@ def program_for(file: ProgramFile, limits: JointLimits, name: str = "the program
         acceleration = np.full(len(via[0]), file.acceleration) * factor
     bounds = MotionLimits(limits.lower, limits.upper, limits.velocity, acceleration, file.jerk_time)
     try:
-        program = Program(via, bounds, file.dwell, file.override)
+        program = Program(
+            via, bounds, file.dwell, file.override, file.speed_share, file.acceleration_share
+        )
     except MotionError as error:
         raise MotionError(f"{name}: {error.found}", error.expected, error.remedy) from error
     return LoadedProgram(program, file.repeat, tuple(notes))

@@ -26,9 +26,16 @@ class Program:
         limits: Limits kept throughout.
         dwell: Rest at each via, one value or shape (K,), >= 0. [s]
         override: Share of full speed, in (0, 1]. [-]
+        speed_share: Share of the speed under that override, of the move to the next via, in
+            (0, 1], one value or shape (K,). [-]
+        acceleration_share: The same of the acceleration. [-]
 
     Attributes:
         via: As given, shape (K, n). [rad] or [m]
+        dwell: Rest at each via, shape (K,). [s]
+        limits: Limits under the override.
+        speed_share: Of each move, shape (K,). [-]
+        acceleration_share: Of each move, shape (K,). [-]
         period: Length of one loop. [s]
 
     Raises:
@@ -41,6 +48,8 @@ class Program:
         limits: MotionLimits,
         dwell: float | Sequence[float] | Float = 0.2,
         override: float = 1.0,
+        speed_share: float | Sequence[float] | Float = 1.0,
+        acceleration_share: float | Sequence[float] | Float = 1.0,
     ) -> None:
         self.via = np.array(via, dtype=np.float64)
         if self.via.ndim != 2 or len(self.via) == 0:
@@ -50,24 +59,37 @@ class Program:
             )
         for index, configuration in enumerate(self.via):
             limits.check(configuration, f"via {index + 1}")
-        rest = np.asarray(dwell, dtype=np.float64)
-        if rest.ndim > 1 or (rest.ndim == 1 and len(rest) != len(self.via)):
-            raise MotionError(
-                f"the dwell times have shape {rest.shape}", f"one value or {len(self.via)}"
-            )
-        if not ((rest >= 0) & np.isfinite(rest)).all():
-            raise MotionError(f"the dwell times are {rest.tolist()}", "finite times >= 0 s")
+        self.dwell = self._each(dwell, "dwell times")
+        if not ((self.dwell >= 0) & np.isfinite(self.dwell)).all():
+            found = np.asarray(dwell).tolist()
+            raise MotionError(f"the dwell times are {found}", "finite times >= 0 s")
+        self.speed_share = self._each(speed_share, "speed shares")
+        self.acceleration_share = self._each(acceleration_share, "acceleration shares")
+        for share in (self.speed_share, self.acceleration_share):
+            if not ((share > 0) & (share <= 1)).all():
+                raise MotionError(f"shares of speed are {share.tolist()}", "shares in (0, 1]")
         self.override = override
+        self.limits = limits.slowed(override)
         self._distance = np.roll(self.via, -1, axis=0) - self.via
-        self._profile = Profile(self._distance, limits.slowed(override))
-        self._dwell = np.broadcast_to(rest, len(self.via))
-        length = self._dwell + self._profile.duration
+        self._profile = Profile(
+            self._distance, self.limits, self.speed_share, self.acceleration_share
+        )
+        length = self.dwell + self._profile.duration
         self.period = float(length.sum())
         if not self.period > 0:
             raise MotionError(
                 "the program neither moves nor rests", "vias that differ or a dwell time > 0 s"
             )
         self._begin = np.concatenate([[0.0], np.cumsum(length)[:-1]])
+
+    def _each(self, given: float | Sequence[float] | Float, what: str) -> Float:
+        """One value of each via, or one for all of them, shape (K,)."""
+        values = np.asarray(given, dtype=np.float64)
+        if values.ndim > 1 or (values.ndim == 1 and len(values) != len(self.via)):
+            raise MotionError(
+                f"the {what} have shape {values.shape}", f"one value or {len(self.via)}"
+            )
+        return np.broadcast_to(values, len(self.via))
 
     @property
     def n_joints(self) -> int:
@@ -83,7 +105,7 @@ class Program:
     def instants(self) -> Float:
         """Begin and end of every move within the first loop, shape (2 K,). [s]"""
         ends = np.append(self._begin[1:], self.period)
-        return np.stack([self._begin + self._dwell, ends], axis=1).ravel()
+        return np.stack([self._begin + self.dwell, ends], axis=1).ravel()
 
     def sample(self, time: Float) -> Trajectory:
         """Evaluate the program.
@@ -98,7 +120,7 @@ class Program:
         time = np.atleast_1d(np.asarray(time, dtype=np.float64))
         phase = np.where(time > 0, np.remainder(time, self.period), 0.0)
         move = np.searchsorted(self._begin, phase, side="right") - 1
-        local = phase - self._begin[move] - self._dwell[move]
+        local = phase - self._begin[move] - self.dwell[move]
         value, velocity, acceleration = self._profile.sample(move, local)
         distance = self._distance[move]
         return Trajectory(

@@ -2,13 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Literal, get_args
-
 from robot_energy.blocks import Float
-
-DqScaling = Literal["peak", "rms", "power_invariant"]
-DQ_SCALINGS: tuple[DqScaling, ...] = get_args(DqScaling)
-FACTORS: dict[DqScaling, float] = {"peak": 1.5, "rms": 3.0, "power_invariant": 1.0}
+from robot_energy.units import DQ_FACTORS, DqScaling
 
 
 def electrical_power(
@@ -34,4 +29,4 @@ def electrical_power(
     Returns:
         Same shape, positive into the motor; NaN where a value is NaN. Source: paper B eq. 1.
     """
-    return FACTORS[scaling] * (current_q * voltage_q + current_d * voltage_d)
+    return DQ_FACTORS[scaling] * (current_q * voltage_q + current_d * voltage_d)

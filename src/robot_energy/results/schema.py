@@ -33,6 +33,7 @@ from robot_energy.results.identification import (
     IdentificationReport,
 )
 from robot_energy.results.model import ModelReport
+from robot_energy.results.optimization import OptimizationReport
 from robot_energy.results.prediction import PredictionsReport
 from robot_energy.results.replay import ReplayReport
 from robot_energy.results.thermal import ThermalReport
@@ -43,6 +44,7 @@ RESULTS: dict[str, type[Result]] = {
     for kind in (
         ReplayReport,
         PredictionsReport,
+        OptimizationReport,
         FrictionReport,
         FrictionStudyReport,
         ThermalReport,

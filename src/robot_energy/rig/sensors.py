@@ -8,7 +8,6 @@ from __future__ import annotations
 from enum import IntEnum
 
 import numpy as np
-from scipy.signal import lfilter
 
 from robot_energy.blocks import (
     NANOSECOND,
@@ -73,6 +72,8 @@ class LowPass:
         Returns:
             Same shape and unit.
         """
+        from scipy.signal import lfilter  # heavy to import, for hard effects only
+
         if not len(values):
             return values
         last = values[0] if self._last is None else self._last

@@ -65,6 +65,10 @@ BODY_TAGS = ("masses", "centres_of_mass", "inertias")
 DriveDeviation = Callable[[Float, Float, Float], Float]
 """Speed without sign, torque and drive loss, shape (N, n) each -> deviation of the loss. [W]"""
 
+LossDeviations = Callable[[Float, Float], Float]
+"""Speed without sign and torque, shape (N, n) each -> deviation of the loss by the error of each of
+C figures, shape (C, N, n). [W]"""
+
 
 class PowerDeviation:
     """Columns ``g_k s_k`` of one robot.
@@ -229,7 +233,19 @@ def _loss_model(entries: list[LossDrive]) -> DriveDeviation:
     return deviation
 
 
-DRIVE_MODELS.complete("loss_model", deviation=_loss_model)
+def _loss_figures(entries: list[LossDrive]) -> LossDeviations:
+    """The four terms of `_loss_model`, each for itself."""
+    names = ("constant", "linear", "quadratic", "copper")
+    stds = [np.asarray([figure_std(getattr(e, name), name) for e in entries]) for name in names]
+
+    def deviations(speed: Float, torque: Float) -> Float:
+        of_one = np.ones_like(speed), speed, speed**2, torque**2
+        return np.stack([std * one for std, one in zip(stds, of_one, strict=True)])
+
+    return deviations
+
+
+DRIVE_MODELS.complete("loss_model", deviation=_loss_model, loss_deviations=_loss_figures)
 
 
 def payload_shares(model: RobotModel) -> Float:

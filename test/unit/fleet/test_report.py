@@ -64,7 +64,9 @@ def test_every_sum_is_that_of_the_rows(report, tables):
 
 def test_a_dataset_on_disk_gives_the_same_report(tmp_path, report, tables):
     again = fleet_report(read_tables(dataset(tmp_path / "data", ROBOTS)), "fleet")
-    assert again.findings == report.findings
+    for before, one in zip(report.findings, again.findings, strict=True):
+        assert (one.robot, one.kind, one.subject) == (before.robot, before.kind, before.subject)
+        assert one.size == pytest.approx(before.size)
     assert [one.robot for one in again.robots] == [one.robot for one in report.robots]
     for before, one in zip(report.robots, again.robots, strict=True):
         assert one.grid_energy == pytest.approx(before.grid_energy, rel=1e-9)
@@ -98,6 +100,21 @@ def test_a_bag_that_could_not_be_read_is_named_and_counts_for_nothing(tables, re
     assert [one.reason for one in again.refused] == ["no joint states"]
     assert again.robots == report.robots
     assert again.findings == report.findings
+
+
+def test_a_fleet_without_measured_torque_has_energies_and_standby(tables, report):
+    bare = tables.joints.with_columns(
+        friction_rows=pl.lit(0, pl.Int64),
+        **{
+            name: pl.lit([], kind)
+            for name, kind in tables.joints.schema.items()
+            if isinstance(kind, pl.List)
+        },
+    )
+    found = fleet_report(FleetTables(tables.runs, tables.jobs, tables.hours, bare), "fleet")
+    assert found.robots == report.robots
+    assert found.friction == ()
+    assert [one.kind for one in found.findings] == ["standby"]
 
 
 def test_one_model_from_all_bags_is_better_on_bags_it_has_not_seen(tables):

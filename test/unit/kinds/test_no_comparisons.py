@@ -10,8 +10,9 @@ from robot_energy.inputs.temperatures.kinds import TEMPERATURE_KINDS
 from robot_energy.log_formats import LOG_FORMATS
 from robot_energy.model.drive_models import DRIVE_MODELS
 from robot_energy.model.friction_laws import FRICTION_LAWS
+from robot_energy.optimization.measures import MEASURES
 
-TABLES = (DRIVE_MODELS, FRICTION_LAWS, METER_KINDS, TEMPERATURE_KINDS, LOG_FORMATS)
+TABLES = (DRIVE_MODELS, FRICTION_LAWS, METER_KINDS, TEMPERATURE_KINDS, LOG_FORMATS, MEASURES)
 NAMES = {name for table in TABLES for name in table}
 ENTRIES = {
     kind.entry.__name__ for kind in (*DRIVE_MODELS.values(), *FRICTION_LAWS.values()) if kind.entry

@@ -25,6 +25,8 @@ COMMANDS = {
     "replay": ["replay", BAG, "--model", "kr16", "--effort", "motor_torque"],
     "replay, no meter": ["replay", "wheel", "--model", "wheel.yaml", "--compare", "20"],
     "prediction": ["predict", MOVES, "--model", "kr16", "--temperature", "30", "--payload", "2"],
+    "optimization": ["optimize", MOVES, "--model", "kr16", "--temperature", "20..50",
+                     "--cycle-time", "60", "--standby", "--regenerative"],
     "friction": ["identify", "friction", BAG, "--model", "kr16", "--effort", "motor_torque"],
     "friction_study": ["identify", "friction", "--log", "runs.csv", "--mapping", "runs.yaml",
                        "--train", "40:", "--test", ":35"],

@@ -1,0 +1,209 @@
+"""Cheaper programs: the same work with less energy."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from robot_energy.api.inputs import ModelName, model_of
+from robot_energy.blocks import PLAUSIBLE_DEGC, Float
+from robot_energy.errors import MotionError
+from robot_energy.model import RobotModel
+from robot_energy.motion.load_motion import load_motion
+from robot_energy.motion.planned import MAX_DURATION
+from robot_energy.optimization.chain import PowerChain
+from robot_energy.optimization.forms import ProgramForm, read_form
+from robot_energy.optimization.order import best_order
+from robot_energy.optimization.place import Placement, best_place
+from robot_energy.optimization.plan import Cost
+from robot_energy.optimization.ptp_form import PtpForm
+from robot_energy.optimization.rest_states import ASSUMED, RestState
+from robot_energy.optimization.run import Optimum, optimise
+from robot_energy.optimization.task import Task, make_task
+from robot_energy.optimization.timed_form import TimedForm
+from robot_energy.optimization.timed_moves import law_limits, timed_moves
+from robot_energy.results.optimization import OptimizationReport
+from robot_energy.results.optimization_figures import optimization_report, with_supply
+
+TEMPERATURES = 3  # at which a range is looked at
+REGENERATION = 0.9  # share that a regenerative supply returns, assumed [-]
+
+
+@dataclass(frozen=True)
+class OptimizationResult:
+    """A program that needs less energy for the same work.
+
+    Attributes:
+        program: Its name.
+        report: All figures.
+        optimum: The costs behind them.
+        form: The program, which can be written in its own form.
+    """
+
+    program: str
+    report: OptimizationReport
+    optimum: Optimum = field(repr=False)
+    form: ProgramForm = field(repr=False)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all figures as plain values: the JSON of ``robot-energy optimize``."""
+        return self.report.to_dict()
+
+    def write(self, path: str | Path) -> None:
+        """Write the chosen program in the form of the one that was given.
+
+        Args:
+            path: A YAML file; for a trajectory a .csv file, or a folder for a bag.
+
+        Raises:
+            RobotEnergyError: If it cannot be written.
+        """
+        self.form.write(Path(path), self.optimum.task, self.optimum.plan)
+
+
+def optimize(
+    program: str | Path,
+    model: ModelName,
+    temperature: float | tuple[float, float] | None = None,
+    *,
+    cycle_time: float | None = None,
+    standby: bool | Sequence[RestState] = False,
+    regenerative: bool = False,
+    peak_limit: float | None = None,
+    time_law: bool = False,
+    level: Sequence[str | Path] = (),
+    any_order: bool = False,
+    place: Sequence[float] | None = None,
+    link: str = "tool0",
+    topic: str | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> OptimizationResult:
+    """Look for the speeds, pauses and states that cost least, and say how sure that is.
+
+    Args:
+        program: YAML of point-to-point moves, or a JointTrajectory as CSV or in a bag.
+        model: A model, its file, or the name of a shipped one.
+        temperature: Of all motors, or the range in which they work; None: the reference
+            temperature of the model. [degC]
+        cycle_time: Of one cycle, which includes a wait; None: the next one begins at once. [s]
+        standby: Whether rests may be spent on brakes, in standby or hibernation, with assumed
+            figures; or the states of this robot.
+        regenerative: Whether a regenerative supply is judged as well.
+        peak_limit: Of the power from the grid. [W]
+        time_law: Whether moves may follow time laws of their own; what is written is a trajectory
+            then.
+        level: Programs of further robots of this model on the same supply, whose starts within
+            the cycle time are shifted so that the peak is least.
+        any_order: Whether the configurations of point-to-point moves may be visited in any order.
+        place: Half widths of a box in the base frame, in which the workpiece may be shifted, shape
+            (3,); for point-to-point moves. [m]
+        link: Frame that holds the work.
+        topic: Of the JointTrajectory in a bag.
+        progress: Called with the share done, 0 to 1.
+
+    Returns:
+        The choice, what each measure saves alone, and the trade-offs.
+
+    Raises:
+        MotionError: If the program cannot be made within the limits, or a figure makes no sense.
+        RobotEnergyError: If program or model cannot be used.
+    """
+    used = model_of(model)
+    notes: list[str] = []
+    if temperature is None:
+        temperature = used.temperature.fallback_degc
+        notes.append(f"no temperature was given: {temperature:g} degC, that of the model")
+    for name, value, most in (
+        ("cycle time", cycle_time, MAX_DURATION),
+        ("peak limit", peak_limit, np.inf),
+    ):
+        if value is not None and not 0 < value <= most:
+            raise MotionError(f"the {name} is {value}", "a value > 0")
+    if level and cycle_time is None:
+        raise MotionError(
+            "no cycle time was given for robots on one supply", "the cycle time that all have"
+        )
+    chain = PowerChain(used, _temperatures(temperature, used))
+    form = read_form(program, chain.robot, topic)
+    states = (ASSUMED if standby else ()) if isinstance(standby, bool) else tuple(standby)
+
+    def task_of(one: ProgramForm) -> Task:
+        return make_task(
+            chain,
+            one.moves,
+            one.base,
+            one.needed,
+            one.joint_position,
+            cycle_time=cycle_time,
+            states=states,
+            peak_limit=np.inf if peak_limit is None else peak_limit,
+            regeneration=REGENERATION if regenerative else None,
+            elsewhere=one.joint_position is not form.joint_position,
+            speeds=one.speeds,
+            accelerations=one.accelerations,
+            progress=progress,
+        )
+
+    task: Task = task_of(form)
+    moved: Task | None = None
+    name = str(program)
+    chosen: ProgramForm = form
+    variants: dict[str, Cost] = {}
+    if place is not None or any_order:
+        if not isinstance(form, PtpForm):
+            raise MotionError(
+                f"'{program}' is no program of moves",
+                "point-to-point moves, whose place or order can change",
+            )
+        changed = form
+        if any_order:
+            changed = form.reordered(best_order(form, chain, task.wait_power), chain.robot)
+            moved = task_of(changed)
+            variants["order"] = moved.table.cost(moved.base)
+        if place is not None:
+            box = np.asarray(place, dtype=np.float64)
+            placed = alone = best_place(changed, chain, box, link, task.wait_power)
+            if any_order:
+                alone = best_place(form, chain, box, link, task.wait_power)
+            at_place = task_of(form.moved(alone.joint_position, chain.robot))
+            variants["place"] = at_place.table.cost(at_place.base)
+            notes.append(_where(placed))
+            changed = changed.moved(placed.joint_position, chain.robot)
+            moved = task_of(changed)
+        chosen, task = changed, replace(task, variants=variants)
+    if time_law:
+        limits = law_limits(chain, chosen.acceleration, chosen.jerk)
+        laws = timed_moves(chain, chosen.moves, chosen.base, limits, progress=progress)
+        chosen = TimedForm(chosen, laws, chain.robot)
+        moved = replace(task_of(chosen), variants=task.variants)
+        task = task if variants else moved
+    found = optimise(task, moved)
+    report = optimization_report(found, chosen, name, notes)
+    if level and cycle_time is not None:
+        others = [(str(one), load_motion(one, chain.robot, topic=topic).motion) for one in level]
+        report = with_supply(report, found, chosen, others, cycle_time)
+    return OptimizationResult(name, report, found, chosen)
+
+
+def _where(placed: Placement) -> str:
+    shift = ", ".join(f"{1e3 * value:+.0f}" for value in placed.offset)
+    return (
+        f"the workpiece is shifted by {shift} mm in the base frame, the best of {placed.tried} "
+        f"places, {placed.reachable} of them within all limits; collisions were not checked"
+    )
+
+
+def _temperatures(given: float | tuple[float, float], model: RobotModel) -> Float:
+    ends = np.atleast_1d(np.asarray(given, dtype=np.float64))
+    low, high = PLAUSIBLE_DEGC
+    if ends.size > 2 or not ((ends >= low) & (ends <= high)).all() or ends[-1] < ends[0]:
+        raise MotionError(
+            f"the motor temperature is {ends.tolist()} degC",
+            f"one value, or two that rise, in {low:g} to {high:g} degC",
+        )
+    points = ends if len(set(ends.tolist())) == 1 else np.linspace(ends[0], ends[1], TEMPERATURES)
+    return np.repeat(np.unique(points)[:, None], len(model.joints), axis=1)

@@ -1,0 +1,213 @@
+"""STL shape -> layers -> G-code of a printing program (paper B, section 5.2.1).
+
+Each layer is cut at half its height and its outlines are traced at constant speed, at the height
+of its top. There is no infill, as in paper B. Trimesh reads and cuts the shape, Shapely joins the
+cuts to closed outlines and moves them inward by half a bead.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from robot_energy.blocks import Float
+from robot_energy.errors import MotionError
+from robot_energy.files.regular_file import read_regular, why_unreadable
+
+MAX_BYTES = 256 * 1024 * 1024
+MAX_LAYERS = 10_000
+MAX_SIZE = 100.0  # of a shape [m]
+GRID = 1e-7  # within which ends of cuts are one point [m]
+MAX_CHORD = 1e-4  # greatest distance of a simplified outline from the cut [m]
+UNITS = {"mm": 1e-3, "m": 1.0, "inch": 0.0254}
+FEED_FACTOR = 60e3  # m/s to mm/min
+
+LengthUnit = Literal["mm", "m", "inch"]
+
+
+@dataclass(frozen=True)
+class Slicing:
+    """How a shape becomes a program.
+
+    Attributes:
+        layer_height: Of every layer. [m]
+        speed: Of the tool along the outlines. [m/s]
+        bead_width: The path runs half of it inside the surface; 0: on the surface. [m]
+        unit: Of the coordinates in the file, which does not state it.
+
+    Raises:
+        MotionError: If a figure makes no sense.
+    """
+
+    layer_height: float = 0.01
+    speed: float = 0.125
+    bead_width: float = 0.0
+    unit: LengthUnit = "mm"
+
+    def __post_init__(self) -> None:
+        for name in ("layer_height", "speed"):
+            value = getattr(self, name)
+            if not 0.0 < value < MAX_SIZE:
+                raise MotionError(f"{name.replace('_', ' ')} is {value:g}", "a value > 0")
+        if not 0.0 <= self.bead_width < MAX_SIZE:
+            raise MotionError(f"bead width is {self.bead_width:g} m", "0 or more")
+
+
+@dataclass(frozen=True)
+class SlicedShape:
+    """A shape in layers.
+
+    Attributes:
+        gcode: The program; lengths in mm, coordinates of the file.
+        layers: Number of layers.
+        notes: What a reader should know, one sentence each.
+    """
+
+    gcode: str
+    layers: int
+    notes: tuple[str, ...]
+
+
+def slice_stl(path: str | Path, slicing: Slicing | None = None) -> SlicedShape:
+    """Cut an STL file into layers and trace their outlines.
+
+    Args:
+        path: STL, text or binary; z points up.
+        slicing: Heights, speed and unit.
+
+    Returns:
+        The program. It begins each outline at the point nearest to where the last one ended and
+        moves there without printing.
+
+    Raises:
+        MotionError: If the file cannot be read, holds no shape, is too large or too small for a
+            layer, or no closed outline results.
+    """
+    options = slicing or Slicing()
+    mesh = _mesh(Path(path), UNITS[options.unit])
+    bottom, top = float(mesh.bounds[0, 2]), float(mesh.bounds[1, 2])
+    count = math.floor((top - bottom) / options.layer_height + 1e-6)
+    if not 1 <= count <= MAX_LAYERS:
+        raise MotionError(
+            f"{path} is {(top - bottom) * 1e3:g} mm high: {count} layers of "
+            f"{options.layer_height * 1e3:g} mm",
+            f"1 to {MAX_LAYERS} layers",
+            "check the layer height and the unit of the file",
+        )
+    middles = (np.arange(count) + 0.5) * options.layer_height
+    writer = _Writer(Path(path).name, options)
+    open_cuts = 0
+    for layer, cut in enumerate(_cuts(mesh, bottom, middles)):
+        rings, rest = _outlines(cut, 0.5 * options.bead_width)
+        open_cuts += rest
+        writer.layer(layer + 1, bottom + (layer + 1) * options.layer_height, rings)
+    if not writer.outlines:
+        raise MotionError(
+            f"no layer of {path} has a closed outline",
+            "a closed shape that is wider than a bead",
+            "check the bead width and the unit of the file",
+        )
+    notes = [f"{path} was cut into {count} layers, {writer.outlines} outlines; without infill"]
+    if open_cuts:
+        notes.append(f"the shape has holes: {open_cuts} open cuts are left out")
+    return SlicedShape(writer.text(), count, tuple(notes))
+
+
+def _mesh(path: Path, unit: float) -> Any:
+    import trimesh
+
+    try:
+        data = read_regular(path, MAX_BYTES)
+    except OSError as error:
+        raise MotionError(
+            f"{path} cannot be read ({why_unreadable(error)})", "an STL file"
+        ) from error
+    try:
+        mesh: Any = trimesh.load(io.BytesIO(data), file_type="stl", force="mesh")
+        size = float(np.ptp(mesh.bounds, axis=0).max()) * unit
+    except Exception as error:  # of any kind: the reader does not check its input
+        raise MotionError(f"{path} holds no shape", "an STL file with triangles") from error
+    if not 0.0 < size <= MAX_SIZE:
+        raise MotionError(
+            f"{path} is {size:g} m large", f"up to {MAX_SIZE:g} m", "check the unit of the file"
+        )
+    mesh.apply_scale(unit)
+    return mesh
+
+
+def _cuts(mesh: Any, bottom: float, heights: Float) -> list[Float]:
+    """Segments of each cut, shape (K, 2, 2). [m]"""
+    from trimesh.intersections import mesh_multiplane
+
+    lines, transforms, _ = mesh_multiplane(mesh, [0.0, 0.0, bottom], [0.0, 0.0, 1.0], heights)
+    return [
+        np.asarray(part).reshape(-1, 2, 2) @ transform[:2, :2].T + transform[:2, 3]
+        for part, transform in zip(lines, transforms, strict=True)
+    ]
+
+
+def _outlines(cut: Float, inset: float) -> tuple[list[Float], int]:
+    """Closed outlines of a cut, each of shape (K, 2), the last point as the first; open cuts."""
+    import shapely
+
+    segments = np.round(cut / GRID) * GRID
+    segments = segments[np.any(segments[:, 0] != segments[:, 1], axis=1)]
+    if not len(segments):
+        return [], 0
+    merged: Any = shapely.line_merge(shapely.MultiLineString(list(segments)))
+    lines: list[Any] = list(getattr(merged, "geoms", [merged]))
+    closed = [line for line in lines if line.is_ring]
+    if inset > 0.0:
+        area: Any = shapely.Polygon()
+        for line in closed:  # an outline within an outline is a hole
+            area = area.symmetric_difference(shapely.Polygon(line.coords))
+        parts: Any = area.buffer(-inset, join_style="mitre")
+        polygons = [part for part in getattr(parts, "geoms", [parts]) if not part.is_empty]
+        closed = [ring for part in polygons for ring in (part.exterior, *part.interiors)]
+    rings = [np.asarray(line.simplify(MAX_CHORD).coords)[:, :2] for line in closed]
+    return rings, sum(not line.is_ring for line in lines)
+
+
+class _Writer:
+    """Writes the program, outline by outline."""
+
+    def __init__(self, name: str, options: Slicing) -> None:
+        height, speed = options.layer_height * 1e3, options.speed * 1e3
+        self._lines = [
+            f"; {name}: layers of {height:g} mm, {speed:g} mm/s; infill: none",
+            "; made by robot-energy",
+            *("G21 ; mm", "G90 ; absolute", "M83 ; E counts from line to line"),
+        ]
+        self._feed = f"F{options.speed * FEED_FACTOR:.10g}"
+        self._place = np.zeros(2)
+        self.outlines = 0
+
+    def layer(self, number: int, height: float, rings: list[Float]) -> None:
+        """Trace the outlines of a layer, the nearest first."""
+        left = list(rings)
+        self._lines.append(f"; layer {number}")
+        while left:
+            nearest = [float(np.min(np.hypot(*(ring - self._place).T))) for ring in left]
+            ring = left.pop(int(np.argmin(nearest)))[:-1]
+            first = int(np.argmin(np.hypot(*(ring - self._place).T)))
+            ring = np.roll(ring, -first, axis=0)
+            self._place = ring[0]
+            self._lines.append(f"G0 {_words(*ring[0], height)}")
+            for x, y in (*ring[1:], ring[0]):
+                self._lines.append(f"G1 {_words(x, y)} E1 {self._feed}")
+            self.outlines += 1
+
+    def text(self) -> str:
+        """Return the program."""
+        return "\n".join([*self._lines, "M2"]) + "\n"
+
+
+def _words(*place: float) -> str:
+    return " ".join(
+        f"{axis}{round(value * 1e3, 4):.10g}" for axis, value in zip("XYZ", place, strict=False)
+    )

@@ -1,0 +1,229 @@
+"""Candidates: each move of a program, made in every way that is compared.
+
+A candidate is one move under a share of the speed and acceleration limits. All are laid end to end
+in one array of samples, so that the power chain runs over thousands of them at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+
+from robot_energy.blocks import Float, Int
+from robot_energy.motion.ptp import MotionLimits, Profile, Trajectory
+from robot_energy.motion.ptp_loop import Program
+
+STEP = 4e-3  # s between samples
+SAMPLES = 250  # of one candidate, at most: slow motion changes slowly
+ROWS = 60_000  # samples that are worked on at a time
+SPEEDS = np.array([10, 15, 20, 25, 30, 35, 40, 45, 50, 55, 60, 70, 80, 90, 100]) / 100  # [-]
+ACCELERATIONS = np.array([5, 10, 20, 30, 45, 65, 100]) / 100  # [-]
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """Moves, each with its way of being made, shape (P,) each.
+
+    Attributes:
+        move: Index of the move.
+        speed: Share of the speed limits. [-]
+        acceleration: Share of the acceleration limits. [-]
+        law: Time law of its own, -1 for none; left out: none at all.
+    """
+
+    move: Int
+    speed: Float
+    acceleration: Float
+    law: Int = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+
+    def __post_init__(self) -> None:
+        if len(self.law) != len(self.move):
+            object.__setattr__(self, "law", np.full(len(self.move), -1))
+
+    def __len__(self) -> int:
+        """Return the number of candidates."""
+        return len(self.move)
+
+    def __getitem__(self, rows: slice | Int) -> Candidates:
+        """Return some of them."""
+        return Candidates(
+            self.move[rows], self.speed[rows], self.acceleration[rows], self.law[rows]
+        )
+
+    def __add__(self, other: Candidates) -> Candidates:
+        """Return both, one after the other."""
+        return Candidates(
+            np.concatenate([self.move, other.move]),
+            np.concatenate([self.speed, other.speed]),
+            np.concatenate([self.acceleration, other.acceleration]),
+            np.concatenate([self.law, other.law]),
+        )
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Motion of several candidates, end to end.
+
+    Attributes:
+        first: Row at which each candidate begins, shape (P,).
+        step: Time between the samples of each candidate, shape (P,). [s]
+        path: Motion, shape (N, n) each.
+    """
+
+    first: Int
+    step: Float
+    path: Trajectory
+
+
+class Moves(Protocol):
+    """Moves from rest to rest that can be made faster or slower."""
+
+    @property
+    def count(self) -> int:
+        """Number of moves."""
+        ...
+
+    def duration(self, candidates: Candidates) -> Float:
+        """Return how long each candidate lasts, shape (P,). [s]
+
+        Args:
+            candidates: Which.
+        """
+        ...
+
+    def sample(self, candidates: Candidates, place: Int, time: Float) -> Trajectory:
+        """Return the motion.
+
+        Args:
+            candidates: Which.
+            place: Candidate of each row, shape (N,).
+            time: Since the start of the move, shape (N,). [s]
+        """
+        ...
+
+
+class PtpMoves:
+    """Synchronised point-to-point moves.
+
+    Args:
+        start: Configuration before each move, shape (K, n). [rad] or [m]
+        goal: Configuration after it, shape (K, n). [rad] or [m]
+        limits: Of speed, acceleration and jerk time at shares of 1.
+    """
+
+    def __init__(self, start: Float, goal: Float, limits: MotionLimits) -> None:
+        self._start, self._distance, self._limits = start, goal - start, limits
+
+    @classmethod
+    def of_program(cls, program: Program, limits: MotionLimits) -> PtpMoves:
+        """Take the moves of a program, which can be as fast as its limits without an override.
+
+        The jerk time is that of the program as it runs, so that what is left alone does not change.
+
+        Args:
+            program: The loop.
+            limits: Its limits without an override.
+
+        Returns:
+            Its moves.
+        """
+        bounds = MotionLimits(
+            limits.lower, limits.upper, limits.velocity, limits.acceleration,
+            program.limits.jerk_time,
+        )  # fmt: skip
+        return cls(program.via, np.roll(program.via, -1, axis=0), bounds)
+
+    @property
+    def count(self) -> int:
+        """Number of moves."""
+        return len(self._start)
+
+    def _profile(self, candidates: Candidates) -> Profile:
+        ways = self._distance[candidates.move]
+        return Profile(ways, self._limits, candidates.speed, candidates.acceleration)
+
+    def duration(self, candidates: Candidates) -> Float:
+        """Return how long each candidate lasts.
+
+        Args:
+            candidates: Which.
+
+        Returns:
+            Shape (P,). [s]
+        """
+        return self._profile(candidates).duration
+
+    def sample(self, candidates: Candidates, place: Int, time: Float) -> Trajectory:
+        """Return the motion.
+
+        Args:
+            candidates: Which.
+            place: Candidate of each row, shape (N,).
+            time: Since the start of the move, shape (N,). [s]
+
+        Returns:
+            Position, velocity and acceleration, joint side.
+        """
+        value, velocity, acceleration = self._profile(candidates).sample(place, time)
+        move = candidates.move[place]
+        ways = self._distance[move]
+        return Trajectory(
+            self._start[move] + value[:, None] * ways,
+            velocity[:, None] * ways,
+            acceleration[:, None] * ways,
+        )
+
+
+def grid(moves: Moves, speed: Float = SPEEDS, acceleration: Float = ACCELERATIONS) -> Candidates:
+    """Return every move with every pair of shares.
+
+    Args:
+        moves: The moves.
+        speed: Shares of the speed limits, shape (S,). [-]
+        acceleration: Shares of the acceleration limits, shape (A,). [-]
+
+    Returns:
+        Move by move, S times A of each; of two that last equally long the one with less speed.
+    """
+    pairs = len(speed) * len(acceleration)
+    move = np.repeat(np.arange(moves.count), pairs)
+    fast = np.tile(np.repeat(speed, len(acceleration)), moves.count)
+    rise = np.tile(acceleration, len(speed) * moves.count)
+    found = Candidates(move, fast, rise)
+    # A short move never cruises: a higher speed changes nothing.
+    key = np.stack([move.astype(np.float64), rise, np.round(moves.duration(found), 9)], axis=1)
+    _, kept = np.unique(key, axis=0, return_index=True)
+    return found[np.sort(kept)]
+
+
+def blocks(
+    moves: Moves, candidates: Candidates, samples: int = SAMPLES
+) -> Iterator[tuple[slice, Samples]]:
+    """Go through the samples of all candidates, a bounded number at a time.
+
+    Args:
+        moves: The moves.
+        candidates: Which; a move without way has two samples at rest.
+        samples: Of one candidate, at most.
+
+    Yields:
+        Which candidates, and their motion.
+    """
+    duration = moves.duration(candidates)
+    count = np.clip(np.ceil(duration / STEP - 1e-9).astype(np.int64), 1, samples) + 1
+    total = np.cumsum(count)
+    begin = 0
+    while begin < len(candidates):
+        before = int(total[begin - 1]) if begin else 0
+        end = max(begin + 1, int(np.searchsorted(total, before + ROWS, side="right")))
+        part = slice(begin, end)
+        sizes = count[part]
+        first = np.concatenate([[0], np.cumsum(sizes)[:-1]])
+        step = duration[part] / (sizes - 1)
+        place = np.repeat(np.arange(end - begin), sizes)
+        time = (np.arange(int(sizes.sum())) - first[place]) * step[place]
+        yield part, Samples(first, step, moves.sample(candidates[part], place, time))
+        begin = end

@@ -1,0 +1,216 @@
+"""The power chain over many candidates at once: energy, time, peak and limits of each.
+
+Torque, friction, drives and cabinet are those of live operation (`robot_energy.physics`); motor
+temperatures are given and held. Energy that the DC link has taken by the end of a move is counted
+as given back: the rest after it or the next move uses it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robot_energy.blocks import NANOSECOND, Float, Int
+from robot_energy.model import RobotModel
+from robot_energy.motion.ptp import Trajectory
+from robot_energy.optimization.candidates import SAMPLES, Candidates, Moves, Samples, blocks
+from robot_energy.optimization.deviations import EnergyDeviations
+from robot_energy.physics.cabinet import CabinetStage
+from robot_energy.physics.drive import drive_from_model
+from robot_energy.physics.drivetrain import Drivetrain
+from robot_energy.physics.friction import FrictionModel
+from robot_energy.physics.rigid_body import Robot
+
+TORQUE_SHARE = 0.95
+"""Of the torque limits that a changed move may use: friction is not known exactly. [-]"""
+
+
+@dataclass(frozen=True)
+class Use:
+    """What candidates or rests need; the mean over the temperatures, of P candidates.
+
+    Attributes:
+        duration: Shape (P,). [s]
+        energy: From the grid, shape (P,). [J]
+        peak: Greatest power from the grid at any temperature, shape (P,). [W]
+        brake: Energy into the brake resistor, shape (P,). [J]
+        columns: Change of the energy with the error of each figure, shape (P, K). [J]
+        torque_use: Greatest share of a torque limit, shape (P,); 0 without limits. [-]
+        by_temperature: Energy at each temperature, shape (P, T). [J]
+    """
+
+    duration: Float
+    energy: Float
+    peak: Float
+    brake: Float
+    columns: Float
+    torque_use: Float
+    by_temperature: Float
+
+    def __getitem__(self, rows: slice | Int) -> Use:
+        """Return some of them."""
+        return Use(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
+
+    def __add__(self, other: Use) -> Use:
+        """Return both, one after the other."""
+        return Use(
+            *(
+                np.concatenate([getattr(self, name), getattr(other, name)])
+                for name in self.__dataclass_fields__
+            )
+        )
+
+
+class PowerChain:
+    """From motion to energy, for one robot at given temperatures.
+
+    Args:
+        model: The robot's model.
+        motor_temperature_degc: At which the program runs, shape (T, n). [degC]
+
+    Attributes:
+        robot: Its rigid bodies.
+        drivetrain: Motor side <-> joint side.
+        friction: Of all axes.
+        drive: Of all axes.
+
+    Raises:
+        RobotEnergyError: If the model cannot be used.
+    """
+
+    def __init__(self, model: RobotModel, motor_temperature_degc: Float) -> None:
+        self.model = model
+        self.motor_temperature_degc = motor_temperature_degc
+        self.robot = Robot.from_model(model)
+        self.drivetrain = Drivetrain.from_model(model)
+        self.friction = FrictionModel.from_model(model)
+        self.drive = drive_from_model(model)
+        self._deviations = EnergyDeviations(model)
+        still = np.asarray([joint.standstill_velocity for joint in model.joints])
+        self._standstill = np.abs(self.drivetrain.transmission) @ still
+
+    def moves(
+        self,
+        moves: Moves,
+        candidates: Candidates,
+        progress: Callable[[float], None] | None = None,
+        samples: int = SAMPLES,
+    ) -> Use:
+        """Return what candidates need.
+
+        Args:
+            moves: The moves.
+            candidates: Which.
+            progress: Called with the share done, 0 to 1.
+            samples: Of one candidate, at most.
+        """
+        found: list[Use] = []
+        for part, motion in blocks(moves, candidates, samples):
+            found.append(self._use(motion, moves.duration(candidates[part])))
+            if progress is not None:
+                progress(part.stop / len(candidates))
+        return sum(found[1:], found[0])
+
+    def rests(self, joint_position: Float, holding: bool = True) -> Use:
+        """Return what one second at rest needs.
+
+        Args:
+            joint_position: Where, shape (P, n). [rad] or [m]
+            holding: Whether the drives hold the robot; otherwise brakes do.
+        """
+        still = np.zeros_like(joint_position)
+        first = np.arange(len(joint_position))
+        motion = Samples(first, np.ones(len(first)), Trajectory(joint_position, still, still))
+        return self._use(motion, np.ones(len(first)), holding=holding)
+
+    @np.errstate(invalid="ignore", over="ignore")
+    def _use(self, motion: Samples, duration: Float, holding: bool = True) -> Use:
+        path = motion.path
+        joint_torque = self.robot.joint_torque(
+            path.joint_position, path.joint_velocity, path.joint_acceleration
+        )
+        speed = self.drivetrain.motor_velocity_from_joint(path.joint_velocity)
+        rigid = self.drivetrain.motor_torque_from_joint(
+            joint_torque
+        ) + self.drivetrain.rotor_torque(path.joint_acceleration)
+        rigid = rigid * holding
+        standing = np.abs(speed) <= self._standstill
+        moving = np.where(standing, 0.0, speed)
+        weight, place = _weights(motion, len(speed))
+        uses = [
+            self._at(degc, motion.first, place, weight, speed, moving, rigid, standing)
+            for degc in self.motor_temperature_degc
+        ]
+        energy = np.stack([use[0] for use in uses], axis=1)
+        return Use(
+            duration=duration,
+            energy=energy.mean(axis=1),
+            peak=np.max([use[1] for use in uses], axis=0),
+            brake=np.mean([use[2] for use in uses], axis=0),
+            columns=np.mean([use[3] for use in uses], axis=0),
+            torque_use=np.max([use[4] for use in uses], axis=0),
+            by_temperature=energy,
+        )
+
+    def _at(
+        self,
+        degc: Float,
+        first: Int,
+        place: Int,
+        weight: Float,
+        speed: Float,
+        moving: Float,
+        rigid: Float,
+        standing: NDArray[np.bool_],
+    ) -> tuple[Float, Float, Float, Float, Float]:
+        """Energy, peak, brake energy, columns and use of the torque limits at one temperature."""
+        shape = speed.shape
+        coulomb = np.broadcast_to(self.friction.coulomb, shape)
+        viscous = np.broadcast_to(self.friction.viscous(degc), shape)
+        friction = self.friction.torque(speed, rigid, coulomb, viscous, standing)
+        torque = rigid + friction
+        rigid_power, friction_power = rigid * speed, friction * speed
+        shaft = rigid_power + friction_power
+        electrical, _ = self.drive.input_power(
+            shaft, speed, torque, np.broadcast_to(degc, shape).copy()
+        )
+        stamp = np.rint(np.cumsum(weight) / NANOSECOND).astype(np.int64)
+        balance = CabinetStage(self.model.cabinet).step(stamp, place, electrical.sum(axis=1))
+        returned = self.model.cabinet.regeneration_efficiency
+        share = 0.0 if returned is None else returned.value
+        excess = np.maximum(
+            -(electrical.sum(axis=1) + balance.loss_dc + balance.capacitor_power), 0
+        )
+        columns = self._deviations.columns(
+            moving,
+            torque,
+            rigid_power,
+            friction_power,
+            electrical - shaft,
+            degc,
+            np.where(excess > 0, share, 1.0),
+            excess,
+        )
+        use = np.abs(self.drivetrain.joint_torque_from_motor(torque)) / self.robot.limits.effort
+        lasting = balance.grid_power - balance.capacitor_power
+        return (
+            np.add.reduceat(lasting * weight, first),
+            np.maximum.reduceat(balance.grid_power, first),
+            np.add.reduceat(balance.brake_power * weight, first),
+            np.add.reduceat(columns * weight[:, None], first),
+            np.maximum.reduceat(np.nan_to_num(use).max(axis=1), first),
+        )
+
+
+def _weights(motion: Samples, rows: int) -> tuple[Float, Int]:
+    """Weight of each sample in the trapezoidal rule [s], and its candidate; shape (N,) each."""
+    ends = np.append(motion.first[1:], rows)
+    place = np.repeat(np.arange(len(motion.first)), ends - motion.first)
+    weight = motion.step[place].copy()
+    if rows > len(motion.first):
+        weight[motion.first] *= 0.5
+        weight[ends - 1] *= 0.5
+    return weight, place

@@ -1,0 +1,144 @@
+"""What the errors of the model's figures do to an energy, figure by figure.
+
+To first order the error of a predicted energy is ``sum_k D_k x_k`` with independent ``x_k`` of
+variance 1: ``D_k`` is the change of the energy when figure k is wrong by its standard deviation.
+Two programs of one robot share these errors, so a saving errs by ``sum_k (D_k - D'_k) x_k``: what
+both have in common cancels. Here friction and drive losses have a column for each figure, other
+than in `robot_energy.uncertainty.deviation`, as slower motion takes another share of each.
+
+What the form of friction and drive losses leaves out is a curve over speed that nobody knows. It
+is taken as a share ``e(|w|)`` of these losses, linear between the speeds of `KNOTS`, with
+independent values there: losses at one speed err alike, at other speeds differently. Two more
+columns are for what the form of the cabinet leaves out: the power at rest, which is no constant
+(fans), and the energy that drives feed back, of which a DC link keeps a part that its model does
+not have. And each place of rest has a column of its own, for what holding there costs.
+
+The four constants were chosen on plants 100 to 111 of the rig (src/doc/decisions/0105); how often
+bands hold was counted on others.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robot_energy.blocks import Float
+from robot_energy.model import RobotModel
+from robot_energy.model.drive_models import DRIVE_MODELS
+from robot_energy.model.figure import Tag
+from robot_energy.physics.drivetrain import Drivetrain
+from robot_energy.physics.rigid_body import Robot
+from robot_energy.pipeline.friction_certainty import FrictionCertainty
+from robot_energy.uncertainty.deviation import BODY_TAGS, payload_shares
+from robot_energy.uncertainty.priors import (
+    MISSING_LOSS,
+    figure_std,
+    least_known,
+    relative_std,
+    tag_of,
+)
+
+KNOTS = np.array([0.0, 0.15, 0.5, 1.0])
+"""Speeds over that of the limit, between which the missing form of the losses is linear. [-]"""
+FORM = np.array([0.5, 0.25, 0.2, 0.2])
+"""Standard deviation of the share of friction and drive losses that their form leaves out, at each
+of these speeds. [-]"""
+FORM_AT_REST = 0.28
+"""The same of the losses that flow all the time. [-]"""
+FORM_FED_BACK = 0.5
+"""The same of the power that the drives feed back. [-]"""
+FORM_OF_HOLDING = 0.17
+"""The same of the power at rest, different at each place. [-]"""
+
+
+class EnergyDeviations:
+    """Rates of the columns ``D_k`` of one robot. [W]
+
+    Args:
+        model: The robot's model.
+    """
+
+    def __init__(self, model: RobotModel) -> None:
+        self._coulomb = np.asarray(
+            [figure_std(joint.friction.coulomb, "coulomb") for joint in model.joints]
+        )
+        self._certainty = FrictionCertainty(model)
+        kind = DRIVE_MODELS[model.drive]
+        entries = kind.entries(model.joints)
+        self._drive = None if kind.loss_deviations is None else kind.loss_deviations(entries)
+        tag = least_known([tag_of(entry) for entry in entries])
+        self._drive_share = MISSING_LOSS if kind.lossless else relative_std("drive", tag)
+        self._lossless = kind.lossless
+        bodies: list[Tag] = list(model.urdf.tags.get(name, "assumed") for name in BODY_TAGS)
+        self._bodies = relative_std("bodies", least_known(bodies))
+        carried: list[Tag] = [body.tag for body in model.payload]
+        self._payload = relative_std("payload", least_known(carried))
+        self._payload_share = payload_shares(model)
+        ratio = np.abs(Drivetrain.from_model(model).transmission)
+        self._top_speed = ratio @ Robot.from_model(model).limits.velocity
+        self._loss_grid = figure_std(model.cabinet.loss_grid, "loss_grid")
+        self._loss_dc = figure_std(model.cabinet.loss_dc, "loss_dc")
+        at_rest = model.cabinet.loss_grid.value + model.cabinet.loss_dc.value
+        self._at_rest = FORM_AT_REST * (at_rest + sum(map(kind.constant_loss, entries)))
+
+    def columns(
+        self,
+        motor_velocity: Float,
+        motor_torque: Float,
+        rigid_power: Float,
+        friction_power: Float,
+        drive_loss: Float,
+        motor_temperature_degc: Float,
+        reaches: Float,
+        fed_back: Float,
+    ) -> Float:
+        """Return the rates of all columns.
+
+        Args:
+            motor_velocity: 0 where the axis stands, shape (N, n). [rad/s]
+            motor_torque: Rigid plus friction, shape (N, n). [N m]
+            rigid_power: Shape (N, n). [W]
+            friction_power: Shape (N, n). [W]
+            drive_loss: Shape (N, n). [W]
+            motor_temperature_degc: Shape (n,). [degC]
+            reaches: Share of the power at the bus that the grid sees, shape (N,). [-]
+            fed_back: Power to the brake resistor or back to the grid, shape (N,). [W]
+
+        Returns:
+            Shape (N, K). [W]
+        """
+        speed = np.abs(motor_velocity)
+        std, shared = (part[0] for part in self._certainty.std(motor_temperature_degc[None, :]))
+        own = np.sqrt(np.maximum(std**2 - shared**2, 0.0))
+        square = speed * speed
+        carried = rigid_power * self._payload_share
+        at_bus = [
+            self._bodies * (rigid_power - carried).sum(axis=1)[:, None],
+            self._payload * carried.sum(axis=1)[:, None],
+            (square * shared).sum(axis=1)[:, None],
+            speed * self._coulomb,
+            square * own,
+        ]
+        if self._drive is not None:
+            at_bus += list(self._drive(speed, motor_torque))
+        elif self._lossless:
+            at_bus.append(self._drive_share * np.abs(rigid_power + friction_power))
+        else:
+            at_bus.append(self._drive_share * np.abs(drive_loss))
+        at_bus += self._form(speed, friction_power + np.abs(drive_loss))
+        rows = np.concatenate([np.full((len(speed), 1), self._loss_dc), *at_bus], axis=1)
+        rows *= reaches[:, None]
+        cabinet = np.full((len(speed), 3), (self._loss_grid, self._at_rest, FORM_FED_BACK))
+        cabinet[:, 2] *= fed_back
+        return np.concatenate([cabinet, rows], axis=1)
+
+    def _form(self, speed: Float, lost: Float) -> list[Float]:
+        """Losses, divided among the two knots next to the speed, shape (N, n) each. [W]"""
+        place = np.clip(speed / self._top_speed, KNOTS[0], KNOTS[-1])
+        return [share * lost * _hat(place, knot) for knot, share in enumerate(FORM)]
+
+
+def _hat(place: Float, knot: int) -> Float:
+    """1 at a knot, 0 at the others, linear between."""
+    value: NDArray[np.float64] = np.interp(place, KNOTS, np.eye(len(KNOTS))[knot])
+    return value

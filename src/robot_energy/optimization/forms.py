@@ -1,0 +1,84 @@
+"""Programs of any kind that can be made cheaper, by the end of their name."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Protocol
+
+from robot_energy.blocks import Float
+from robot_energy.errors import MotionError
+from robot_energy.motion.load_motion import BAG, YAML
+from robot_energy.motion.planned import SampledMotion
+from robot_energy.optimization.candidates import Candidates, Moves
+from robot_energy.optimization.plan import CyclePlan
+from robot_energy.optimization.ptp_form import PtpForm
+from robot_energy.optimization.task import Task
+from robot_energy.optimization.trajectory_form import TrajectoryForm
+from robot_energy.physics.rigid_body import Robot
+
+
+class ProgramForm(Protocol):
+    """A program that can be changed and written back in its own form; see `PtpForm`."""
+
+    base: Candidates
+    needed: Float
+    joint_position: Float
+    labels: tuple[str, ...]
+    speeds: Float
+    accelerations: Float
+    acceleration: Float
+    jerk: Float
+    notes: tuple[str, ...]
+
+    @property
+    def moves(self) -> Moves:
+        """Its moves."""
+        ...
+
+    def motion(self, task: Task, plan: CyclePlan, robot: Robot) -> SampledMotion:
+        """Return a plan as a motion for a prediction.
+
+        Args:
+            task: The task.
+            plan: A plan of it.
+            robot: The robot.
+        """
+        ...
+
+    def write(self, path: Path, task: Task, plan: CyclePlan) -> None:
+        """Write a plan as a program of the same kind.
+
+        Args:
+            path: The file.
+            task: The task.
+            plan: A plan of it.
+        """
+        ...
+
+
+def read_form(path: str | Path, robot: Robot, topic: str | None = None) -> ProgramForm:
+    """Read a program.
+
+    Args:
+        path: YAML of point-to-point moves, or a JointTrajectory as CSV or in a bag.
+        robot: That runs it.
+        topic: Of the trajectory in a bag; None where there is one only.
+
+    Returns:
+        The program.
+
+    Raises:
+        MotionError: If there is no such program, or its kind is unknown.
+        RobotEnergyError: If it cannot be read or made by this robot.
+    """
+    file = Path(path)
+    if not file.exists():
+        raise MotionError(f"there is no program '{path}'", "a file or a bag")
+    if file.suffix.lower() in YAML and file.name != "metadata.yaml":
+        return PtpForm(file, robot)
+    if file.suffix.lower() in (".csv", *BAG) or file.is_dir():
+        return TrajectoryForm(file, robot, topic)
+    raise MotionError(
+        f"the program '{path}' cannot be made cheaper",
+        f"moves ({', '.join(YAML)}), or a bag or .csv with a JointTrajectory",
+    )

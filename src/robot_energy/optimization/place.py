@@ -1,0 +1,145 @@
+"""Where the work stands: all configurations of a program move with the workpiece.
+
+The workpiece, or the base the other way, is shifted in a box without being turned. Each
+configuration follows by inverse kinematics from where it is now, so elbow and wrist keep their
+sides; a place that a configuration cannot reach within its limits is left out. Between two
+configurations joints move in step, so limits hold there as well.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from robot_energy.blocks import Float
+from robot_energy.errors import MotionError
+from robot_energy.motion.inverse_kinematics import InverseKinematics
+from robot_energy.optimization.candidates import Candidates, PtpMoves
+from robot_energy.optimization.chain import TORQUE_SHARE, PowerChain
+from robot_energy.optimization.ptp_form import PtpForm
+
+POINTS = 5  # along each axis of the box, in each of two rounds
+SMALL = 1e-6  # m, below which an axis of the box is none
+
+
+@dataclass(frozen=True)
+class Placement:
+    """The best place that was found.
+
+    Attributes:
+        offset: From where the work is now, in the base frame, shape (3,). [m]
+        joint_position: Configurations there, shape (K, n). [rad] or [m]
+        tried: Places that were looked at.
+        reachable: Of them, within all limits and no slower.
+    """
+
+    offset: Float
+    joint_position: Float
+    tried: int
+    reachable: int
+
+
+def best_place(
+    form: PtpForm, chain: PowerChain, box: Float, link: str, wait_power: float = 0.0
+) -> Placement:
+    """Look for the place where the program as it is needs least energy.
+
+    Args:
+        form: The program.
+        chain: The robot at its temperatures.
+        box: Half widths of the box, in the base frame, shape (3,); 0 for an axis that is
+            fixed. [m]
+        link: Frame that holds the work.
+        wait_power: Power of the wait that takes what is left of the cycle. [W]
+
+    Returns:
+        The place; where it is now if none is better.
+
+    Raises:
+        MotionError: If the box makes no sense, or the robot has no inverse kinematics.
+        RobotDescriptionError: If there is no such link.
+    """
+    if box.shape != (3,) or not (np.isfinite(box) & (box >= 0)).all() or box.max() < SMALL:
+        raise MotionError(
+            f"the box has half widths {box.tolist()} m", "three lengths >= 0 m, one of them > 0"
+        )
+    search = _Search(form, chain, link, wait_power)
+    steps = [np.linspace(-1.0, 1.0, POINTS) if side >= SMALL else np.zeros(1) for side in box]
+    best, offset = search.best(np.array(list(product(*steps))) * box, np.zeros(3))
+    finer = box / (POINTS - 1)
+    around = np.clip(offset + np.array(list(product(*steps))) * finer, -box, box)
+    best, offset = search.best(around, offset)
+    return Placement(offset, best, search.tried, search.reachable)
+
+
+class _Search:
+    """Costs of the program at many places at once."""
+
+    def __init__(self, form: PtpForm, chain: PowerChain, link: str, wait_power: float) -> None:
+        self._wait = wait_power
+        self._form, self._chain = form, chain
+        self._poses = [chain.robot.link_pose(via, link) for via in form.joint_position]
+        self._kinematics = [
+            InverseKinematics(chain.robot, link, orientation=pose[1])
+            if chain.robot.n_joints >= len(pose[1]) * 2
+            else InverseKinematics(chain.robot, link)
+            for pose in self._poses
+        ]
+        self.tried = self.reachable = 0
+        energy, self._period, _ = self._costs(form.joint_position[None])
+        self._least = float(energy[0])
+        self._found = form.joint_position
+
+    def best(self, offsets: Float, offset: Float) -> tuple[Float, Float]:
+        """Return configurations and offset of the best place so far."""
+        places: list[Float] = []
+        kept: list[Float] = []
+        for one in offsets:
+            self.tried += 1
+            try:
+                places.append(self._at(one))
+            except MotionError:
+                continue
+            kept.append(one)
+        if not kept:
+            return self._found, offset
+        energy, period, torque = self._costs(np.array(places))
+        usable = (period <= self._period[0] * (1 + 1e-9)) & (torque <= TORQUE_SHARE)
+        self.reachable += int(usable.sum())
+        energy = np.where(usable, energy, np.inf)
+        row = int(np.argmin(energy))
+        if energy[row] < self._least:
+            self._least, self._found, offset = float(energy[row]), places[row], kept[row]
+        return self._found, offset
+
+    def _at(self, offset: Float) -> Float:
+        """Configurations with the work shifted."""
+        return np.array(
+            [
+                kinematics.solve((place + offset)[None], via)[0]
+                for kinematics, (place, _), via in zip(
+                    self._kinematics, self._poses, self._form.joint_position, strict=True
+                )
+            ]
+        )
+
+    def _costs(self, places: Float) -> tuple[Float, Float, Float]:
+        """Energy less that of a wait as long, period, and use of the torque limits."""
+        count, moves, joints = places.shape
+        start = places.reshape(-1, joints)
+        goal = np.roll(places, -1, axis=1).reshape(-1, joints)
+        base, limits = self._form.base, self._form.full_limits
+        every = Candidates(
+            np.arange(count * moves), np.tile(base.speed, count), np.tile(base.acceleration, count)
+        )
+        use = self._chain.moves(PtpMoves(start, goal, limits), every)
+        needed = self._form.needed
+        rest = self._chain.rests(start).energy.reshape(count, moves) @ needed
+        period = use.duration.reshape(count, moves).sum(axis=1) + needed.sum()
+        return (
+            use.energy.reshape(count, moves).sum(axis=1) + rest - self._wait * period,
+            period,
+            use.torque_use.reshape(count, moves).max(axis=1),
+        )

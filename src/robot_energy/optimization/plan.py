@@ -1,0 +1,176 @@
+"""A plan: how a cycle is run; and what it costs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from robot_energy.blocks import Float, Int
+from robot_energy.errors import MotionError
+from robot_energy.optimization.candidates import Candidates
+from robot_energy.optimization.chain import Use
+from robot_energy.optimization.deviations import FORM_OF_HOLDING
+from robot_energy.optimization.rest_states import RestState, rest_cost
+from robot_energy.uncertainty.band import Z90
+
+
+@dataclass(frozen=True)
+class CyclePlan:
+    """How one cycle is run.
+
+    Attributes:
+        row: Candidate of each move, shape (K,).
+        rest: Rest before each move, shape (K,). [s]
+        state: How it is spent; None: the drives hold.
+    """
+
+    row: Int
+    rest: Float
+    state: tuple[RestState | None, ...]
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What one cycle needs, at the mean of the temperatures.
+
+    Attributes:
+        duration: [s]
+        energy: From the grid. [J]
+        peak: Greatest power from the grid. [W]
+        brake: Into the brake resistor. [J]
+        columns: Change of the energy with the error of each figure, shape (K,). [J]
+        by_temperature: Energy at each temperature, shape (T,). [J]
+    """
+
+    duration: float
+    energy: float
+    peak: float
+    brake: float
+    columns: Float
+    by_temperature: Float
+
+    @property
+    def half(self) -> float:
+        """Half width of the 90 % band of the energy. [J]"""
+        return Z90 * float(np.sqrt((self.columns**2).sum()))
+
+
+@dataclass(frozen=True)
+class Saving:
+    """What a change saves, with its band.
+
+    Attributes:
+        energy: Per cycle, positive where it is less. [J]
+        half: Half width of the 90 % band. [J]
+    """
+
+    energy: float
+    half: float
+
+    @property
+    def claimed(self) -> bool:
+        """Whether it is larger than its uncertainty."""
+        return self.energy > self.half > 0
+
+
+def saving(before: Cost, after: Cost) -> Saving:
+    """Return what a change saves: both programs err by the same figures.
+
+    Args:
+        before: Cycle as it is.
+        after: Changed.
+    """
+    apart = before.columns - after.columns
+    half = Z90 * float(np.sqrt((apart**2).sum()))
+    return Saving(before.energy - after.energy, half)
+
+
+class CostTable:
+    """Costs of all candidates and rests of a program.
+
+    Args:
+        candidates: Moves in every way.
+        use: What each needs.
+        held: What a second of rest before each move needs while the drives hold.
+        braked: The same on brakes.
+        states: Ways to rest that may be used.
+        elsewhere: Whether the places of rest are others than in the program it is compared with.
+    """
+
+    def __init__(
+        self,
+        candidates: Candidates,
+        use: Use,
+        held: Use,
+        braked: Use,
+        states: Sequence[RestState] = (),
+        elsewhere: bool = False,
+    ) -> None:
+        self.elsewhere = elsewhere
+        self.candidates, self.use = candidates, use
+        self.held, self.braked, self.states = held, braked, tuple(states)
+
+    @property
+    def moves(self) -> int:
+        """Number of moves."""
+        return len(self.held.duration)
+
+    def rest_energy(self, via: int, duration: float, state: RestState | None) -> float:
+        """Return the energy of a rest, infinite where it is too short for the state. [J]
+
+        Args:
+            via: Where.
+            duration: [s]
+            state: How; None: the drives hold.
+        """
+        if state is None:
+            return float(self.held.energy[via]) * duration
+        cost = rest_cost(state, duration)
+        return np.inf if cost is None else float(self.braked.energy[via]) * cost.held
+
+    def cost(self, plan: CyclePlan) -> Cost:
+        """Return what a plan costs.
+
+        Args:
+            plan: The plan.
+
+        Raises:
+            MotionError: If a rest is too short for its state.
+        """
+        moved = self.use[plan.row]
+        energy = moved.by_temperature.sum(axis=0)
+        brake = float(moved.brake.sum())
+        columns = moved.columns.sum(axis=0)
+        errors = np.zeros((len(self.states), 2))
+        places = np.zeros((2, self.moves))
+        peak = float(moved.peak.max())
+        for via, (duration, state) in enumerate(zip(plan.rest.tolist(), plan.state, strict=True)):
+            if duration <= 0:
+                continue
+            if state is None:
+                at, share = self.held, duration
+            else:
+                spent = rest_cost(state, duration)
+                if spent is None:
+                    raise MotionError(
+                        f"a rest of {duration:.4g} s is too short for {state.name}",
+                        f"at least {state.wake_time:g} s",
+                    )
+                at, share = self.braked, spent.held
+                errors[self.states.index(state)] += (
+                    at.energy[via] * spent.power_error, at.energy[via] * spent.wake_error,
+                )  # fmt: skip
+            energy = energy + at.by_temperature[via] * share
+            columns = columns + at.columns[via] * share
+            places[int(self.elsewhere), via] = FORM_OF_HOLDING * at.energy[via] * share
+            peak = max(peak, float(at.peak[via]))
+        return Cost(
+            duration=float(moved.duration.sum() + plan.rest.sum()),
+            energy=float(energy.mean()),
+            peak=peak,
+            brake=brake,
+            columns=np.concatenate([columns, errors.ravel(), places.ravel()]),
+            by_temperature=energy,
+        )

@@ -1,0 +1,175 @@
+"""Which candidate of each move: the least energy within a time, and the front of all trade-offs.
+
+One candidate of each move is chosen so that ``sum(E) - P sum(T)`` is least and ``sum(T)`` is at
+most the time there is; ``P`` is the power of the wait that the moves shorten. This is a
+multiple-choice knapsack, solved by dynamic programming over the time.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robot_energy.blocks import Float, Int
+from robot_energy.errors import MotionError
+from robot_energy.optimization.plan import Cost, CostTable, CyclePlan
+
+STEPS = 5000  # of the time that is left above that of the fastest choice
+PRICES = 41  # of a second, along the front
+PEAKS = 7  # limits of the peak, along the front
+MAX_FRONT = 40  # points that are kept
+
+
+def cheapest(
+    table: CostTable, allowed: NDArray[np.bool_], time: float, wait_power: float = 0.0
+) -> Int:
+    """Return the candidate of each move that together cost least.
+
+    Args:
+        table: All candidates.
+        allowed: Which of them may be used, shape (P,).
+        time: For all moves together. [s]
+        wait_power: Power of the wait that takes what is left of the time. [W]
+
+    Returns:
+        Row of each move, shape (K,).
+
+    Raises:
+        MotionError: If the moves cannot be made within the time.
+    """
+    rows = _efficient(table, allowed, wait_power)
+    duration = table.use.duration
+    ways = [rows[table.candidates.move[rows] == move] for move in range(table.moves)]
+    fastest = float(sum(duration[one].min() for one in ways))
+    if fastest > time * (1 + 1e-9) + 1e-9:
+        raise MotionError(
+            f"the moves need at least {fastest:.4g} s", f"at most {time:.4g} s", "allow more time"
+        )
+    price = table.use.energy - wait_power * duration
+    best = np.array([one[np.argmin(price[one])] for one in ways])
+    if duration[best].sum() <= time:
+        return best
+    # least[t]: cost of the moves so far within t steps of the time above that of the fastest
+    step = max(time - fastest, 0.0) / STEPS + 1e-12
+    least = np.zeros(STEPS + 1)
+    taken = np.zeros((table.moves, STEPS + 1), dtype=np.int64)
+    needs: list[Int] = []
+    for move, one in enumerate(ways):
+        extra = np.ceil((duration[one] - duration[one].min()) / step - 1e-6)
+        needs.append(np.minimum(extra, STEPS + 1).astype(np.int64))
+        cost = np.full((len(one), STEPS + 1), np.inf)
+        for row, need in enumerate(needs[-1].tolist()):
+            if need <= STEPS:
+                cost[row, need:] = least[: STEPS + 1 - need] + price[one[row]]
+        taken[move] = cost.argmin(axis=0)
+        least = cost.min(axis=0)
+    left, found = STEPS, np.empty(table.moves, dtype=np.int64)
+    for move in range(table.moves - 1, -1, -1):
+        row = int(taken[move, left])
+        found[move] = ways[move][row]
+        left -= int(needs[move][row])
+    return found
+
+
+def _efficient(table: CostTable, allowed: NDArray[np.bool_], wait_power: float) -> Int:
+    """Candidates that are allowed and not both slower and dearer than another one."""
+    kept: list[Int] = []
+    for move in range(table.moves):
+        rows = np.flatnonzero(allowed & (table.candidates.move == move))
+        if not len(rows):
+            raise MotionError(
+                f"move {move + 1} cannot be made within the limits of torque and peak power",
+                "a way to make it",
+                "raise the peak limit, or check the torque limits of the URDF",
+            )
+        price = table.use.energy[rows] - wait_power * table.use.duration[rows]
+        order = np.lexsort((price, table.use.duration[rows]))
+        best = np.minimum.accumulate(price[order])
+        first = np.concatenate([[True], price[order][1:] < best[:-1]])
+        kept.append(rows[order[first]])
+    return np.concatenate(kept)
+
+
+def uniform(
+    table: CostTable, allowed: NDArray[np.bool_], time: float, wait_power: float = 0.0
+) -> Int | None:
+    """Return the cheapest choice with the same shares for all moves; None if there is none.
+
+    Args:
+        table: All candidates.
+        allowed: Which of them may be used, shape (P,).
+        time: For all moves together. [s]
+        wait_power: Power of the wait that takes what is left of the time. [W]
+    """
+    found = table.candidates
+    best: tuple[float, Int] | None = None
+    plain = found.law < 0
+    for speed in np.unique(found.speed[plain]):
+        for rise in np.unique(found.acceleration[plain]):
+            rows = _with_shares(table, speed, rise)
+            if rows is None or not allowed[rows].all():
+                continue
+            moving = float(table.use.duration[rows].sum())
+            if moving > time + 1e-9:
+                continue
+            energy = float(table.use.energy[rows].sum()) - wait_power * moving
+            if best is None or energy < best[0]:
+                best = energy, rows
+    return None if best is None else best[1]
+
+
+def _with_shares(table: CostTable, speed: float, rise: float) -> Int | None:
+    """Candidate of each move with these shares, or an equal one with less speed."""
+    found = table.candidates
+    rows = np.flatnonzero((found.acceleration == rise) & (found.speed <= speed))
+    rows = rows[np.lexsort((found.speed[rows], found.move[rows]))]
+    taken = rows[np.diff(found.move[rows], append=table.moves) > 0]
+    return taken if len(taken) == table.moves else None
+
+
+def front(
+    table: CostTable, allowed: NDArray[np.bool_], plan: CyclePlan, most: int = MAX_FRONT
+) -> list[tuple[CyclePlan, Cost]]:
+    """Return plans of which none is better than another in energy, time and peak at once.
+
+    For each of several limits of the peak, each of many prices of a second gives the choice that
+    costs least: the corners of the convex hull.
+
+    Args:
+        table: All candidates.
+        allowed: Which of them may be used, shape (P,).
+        plan: Whose rests are kept.
+        most: Number of plans, at most.
+
+    Returns:
+        From fast to slow.
+    """
+    move, use = table.candidates.move, table.use
+    lowest = max(use.peak[allowed & (move == k)].min() for k in range(table.moves))
+    highest = float(use.peak[allowed].max())
+    scale = float(use.energy[plan.row].sum() / max(use.duration[plan.row].sum(), 1e-9))
+    prices = np.concatenate([[0.0], np.geomspace(1e-3, 1e3, PRICES - 1)]) * scale
+    found: dict[bytes, CyclePlan] = {}
+    for limit in np.linspace(lowest, highest, PEAKS):
+        usable = np.flatnonzero(allowed & (use.peak <= limit * (1 + 1e-9)))
+        cost = use.energy[usable, None] + prices * use.duration[usable, None]
+        best = np.empty((table.moves, len(prices)), dtype=np.int64)
+        for k in range(table.moves):
+            mine = np.flatnonzero(move[usable] == k)
+            best[k] = usable[mine[cost[mine].argmin(axis=0)]]
+        for rows in best.T:
+            found.setdefault(rows.tobytes(), CyclePlan(rows.copy(), plan.rest, plan.state))
+    plans = [(one, table.cost(one)) for one in found.values()]
+    points = np.array([(cost.energy, cost.duration, cost.peak) for _, cost in plans])
+    kept = [plans[k] for k in np.flatnonzero(_not_worse(points))]
+    kept.sort(key=lambda pair: pair[1].duration)
+    if len(kept) > most:
+        kept = [kept[k] for k in np.unique(np.linspace(0, len(kept) - 1, most).astype(int))]
+    return kept
+
+
+def _not_worse(points: Float) -> NDArray[np.bool_]:
+    """Whether no other point is at most as great in all columns and less in one."""
+    less = (points[:, None, :] <= points[None, :, :] * (1 + 1e-9)).all(axis=2)
+    better = (points[:, None, :] < points[None, :, :] * (1 - 1e-6)).any(axis=2)
+    return np.asarray(~(less & better).any(axis=0))

@@ -1,0 +1,198 @@
+"""The task: a program, what it costs as it is, and what may be changed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robot_energy.blocks import Float, Int
+from robot_energy.errors import MotionError
+from robot_energy.model import RobotModel
+from robot_energy.optimization.candidates import ACCELERATIONS, SPEEDS, Candidates, Moves, grid
+from robot_energy.optimization.chain import TORQUE_SHARE, PowerChain
+from robot_energy.optimization.plan import Cost, CostTable, CyclePlan
+from robot_energy.optimization.rest_states import RestState
+from robot_energy.optimization.timed_moves import TimedMoves
+
+NEAR = np.array([0.85, 0.92, 1.0, 1.08, 1.16])  # shares around a choice, over its own [-]
+PERCENT = 100.0  # shares are whole per cent, as robot languages take them
+
+
+@dataclass(frozen=True)
+class Task:
+    """What is to be made cheaper.
+
+    Attributes:
+        chain: The robot at its temperatures.
+        moves: Moves of the program.
+        table: Costs of all candidates.
+        base: The program as it is, with its wait.
+        allowed: Candidates within the limits of torque and peak power, shape (P,).
+        needed: Rest before each move that the work needs, shape (K,). [s]
+        cycle_time: Of one cycle; None: the next one begins at once. [s]
+        joint_position: Where the robot rests before each move, shape (K, n). [rad] or [m]
+        peak_limit: Of the power from the grid. [W]
+        regeneration: Share that a supply would return which is to be judged; None: not asked. [-]
+        variants: Cost of the program as it is but for one change that needs other moves, by the
+            name of the measure.
+    """
+
+    chain: PowerChain
+    moves: Moves
+    table: CostTable
+    base: CyclePlan
+    allowed: NDArray[np.bool_]
+    needed: Float
+    cycle_time: float | None
+    joint_position: Float
+    peak_limit: float
+    regeneration: float | None = None
+    variants: Mapping[str, Cost] = field(default_factory=dict[str, Cost])
+
+    @property
+    def moving_time(self) -> float:
+        """Time that the moves take as they are. [s]"""
+        return float(self.table.use.duration[self.base.row].sum())
+
+    @property
+    def time(self) -> float:
+        """Time that the moves may take: the cycle without its rests, or as long as now. [s]"""
+        if self.cycle_time is None:
+            return self.moving_time
+        return self.cycle_time - float(self.needed.sum())
+
+    @property
+    def wait_power(self) -> float:
+        """Power of the wait for the end of the cycle; 0 where the next one begins at once. [W]"""
+        return 0.0 if self.cycle_time is None else float(self.table.held.energy[0])
+
+    def plan(self, row: Int, wait_at: int = 0, wait_in: RestState | None = None) -> CyclePlan:
+        """Return a plan with the rests that the work needs, and a wait until the cycle is over.
+
+        Args:
+            row: Candidate of each move, shape (K,).
+            wait_at: Before which move the robot waits.
+            wait_in: How.
+        """
+        rest, state = self.needed.copy(), list(self.base.state)
+        if self.cycle_time is not None:
+            moving = float(self.table.use.duration[row].sum())
+            wait = self.cycle_time - moving - float(self.needed.sum())
+            if wait > 1e-6:
+                rest[wait_at] += wait
+                state[wait_at] = wait_in
+        return CyclePlan(row, rest, tuple(state))
+
+    @property
+    def plain(self) -> NDArray[np.bool_]:
+        """Allowed candidates without a time law, shape (P,)."""
+        return self.allowed & (self.table.candidates.law < 0)
+
+    def model(self) -> RobotModel:
+        """The robot's model."""
+        return self.chain.model
+
+    def near(self, plan: CyclePlan) -> Task:
+        """Return the task with further candidates close to those of a plan.
+
+        Args:
+            plan: A good one.
+        """
+        table = self.table
+        chosen = table.candidates[plan.row[table.candidates.law[plan.row] < 0]]
+        if not len(chosen):
+            return self
+        place, fast, rise = (
+            axis.ravel()
+            for axis in np.meshgrid(
+                np.arange(len(chosen)), np.arange(len(NEAR)), np.arange(len(NEAR)), indexing="ij"
+            )
+        )  # fmt: skip
+        speed, acceleration = (
+            np.clip(np.round(PERCENT * share[place] * NEAR[step]), 1, PERCENT) / PERCENT
+            for share, step in ((chosen.speed, fast), (chosen.acceleration, rise))
+        )
+        more = Candidates(chosen.move[place], speed, acceleration)
+        use = self.chain.moves(self.moves, more)
+        wider = CostTable(
+            table.candidates + more,
+            table.use + use,
+            table.held,
+            table.braked,
+            table.states,
+            table.elsewhere,
+        )
+        fit = (use.torque_use <= TORQUE_SHARE) & (use.peak <= self.peak_limit)
+        return replace(self, table=wider, allowed=np.concatenate([self.allowed, fit]))
+
+
+def make_task(
+    chain: PowerChain,
+    moves: Moves,
+    base: Candidates,
+    needed: Float,
+    joint_position: Float,
+    *,
+    cycle_time: float | None = None,
+    states: Sequence[RestState] = (),
+    peak_limit: float = np.inf,
+    regeneration: float | None = None,
+    elsewhere: bool = False,
+    speeds: Float = SPEEDS,
+    accelerations: Float = ACCELERATIONS,
+    progress: Callable[[float], None] | None = None,
+) -> Task:
+    """Work out what every candidate costs.
+
+    Args:
+        chain: The robot at its temperatures.
+        moves: Moves of the program.
+        base: How they are made now, in their order.
+        needed: Rest before each move, shape (K,). [s]
+        joint_position: Where it rests before each move, shape (K, n). [rad] or [m]
+        cycle_time: Of one cycle; None: the next one begins at once. [s]
+        states: Ways to rest that may be used.
+        peak_limit: Of the power from the grid. [W]
+        regeneration: Share that a supply would return which is to be judged. [-]
+        elsewhere: Whether the robot rests at other places than in the program it is compared with.
+        speeds: Shares of speed that are tried, shape (S,). [-]
+        accelerations: Shares of acceleration that are tried, shape (A,). [-]
+        progress: Called with the share done, 0 to 1.
+
+    Returns:
+        The task.
+
+    Raises:
+        MotionError: If the program does not fit into the cycle time.
+    """
+    every = base + grid(moves, speeds, accelerations)
+    if isinstance(moves, TimedMoves):
+        every = every + moves.candidates
+    use = chain.moves(moves, every, progress)
+    table = CostTable(
+        every,
+        use,
+        chain.rests(joint_position),
+        chain.rests(joint_position, holding=False),
+        states,
+        elsewhere,
+    )
+    allowed = (use.torque_use <= TORQUE_SHARE) & (use.peak <= peak_limit)
+    rows = np.arange(len(base))
+    allowed[rows] = use.peak[rows] <= peak_limit  # what runs now may go on
+    as_it_is = CyclePlan(rows, needed, (None,) * len(base))
+    period = float(use.duration[rows].sum() + needed.sum())
+    if cycle_time is not None and cycle_time < period - 1e-6:
+        raise MotionError(
+            f"the cycle time is {cycle_time:.4g} s but the program needs {period:.4g} s",
+            "a cycle time that the program keeps",
+            "leave the cycle time out: faster moves are looked for as well",
+        )
+    task = Task(
+        chain, moves, table, as_it_is, allowed, needed, cycle_time, joint_position, peak_limit,
+        regeneration,
+    )  # fmt: skip
+    return replace(task, base=task.plan(rows))

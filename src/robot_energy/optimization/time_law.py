@@ -1,0 +1,212 @@
+"""The cheapest time law along a given path, as a cone program.
+
+Variables at the places of a path with its own time ``p``: the speed ``y = dp/dt``, its square
+``b >= y^2``, the time ``u >= 1/y`` per path time, the copper loss ``z >= k tau^2 / y`` of each
+drive and the energy ``e`` from the bus of each part, never negative, as the brake resistor gives
+nothing back. The energy of a part is the integral of ``tau w dt``, and ``tau w0`` is linear in
+``b`` and ``a``; so is all else but for the cones. Speed, acceleration, torque and jerk of every
+joint are limited. The method is that of Verscheure et al. (IEEE TAC 54, 2009), with the energy of
+a drive as objective; the solver is Clarabel. ``b >= y^2`` need not hold with equality in the
+solution; the law is ``sqrt(b)``, and its energy and limits are computed again from the motion.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from robot_energy.blocks import Float
+from robot_energy.optimization.path_power import PathPower
+
+TIGHT = 1e-3  # of the energy, that pulls b to y^2 [-]
+MIN_SPEED = 0.02  # of that of the path [-]
+MAX_SPEED = 20.0  # [-]
+SOLVED = ("Solved", "AlmostSolved")
+
+
+@dataclass(frozen=True)
+class LawLimits:
+    """What a law keeps to, joint side, shape (n,) each.
+
+    Attributes:
+        velocity: [rad/s] or [m/s]
+        acceleration: [rad/s^2] or [m/s^2]
+        jerk: [rad/s^3] or [m/s^3]
+        torque: Of the motors, infinite where none is known. [N m]
+    """
+
+    velocity: Float
+    acceleration: Float
+    jerk: Float
+    torque: Float
+
+
+def time_law(
+    places: PathPower, step: float, limits: LawLimits, bus_loss: float, price: float
+) -> Float | None:
+    """Return the speed along the path at its nodes.
+
+    Args:
+        places: Figures at the nodes and in the middle between them, 2 N + 1 of them.
+        step: Path time between nodes. [s]
+        limits: To be kept.
+        bus_loss: Constant loss on the DC side. [W]
+        price: Of a second: constant loss on the grid side and what else time costs or, with a
+            minus, what waiting costs. [W]
+
+    Returns:
+        ``y``, shape (N + 1,); None if the solver finds none. [-]
+    """
+    program = _ConeProgram(len(places.speed) // 2)
+    program.definitions(places[1::2], step, bus_loss)
+    for part, share in ((places[1::2], 0.5), (places[:-1:2], 0.0), (places[2::2], 1.0)):
+        program.limits(part, step, limits, share)
+    solution = program.solve(step, price)
+    return None if solution is None else np.clip(solution, MIN_SPEED, MAX_SPEED)
+
+
+class _ConeProgram:
+    """Rows ``A x + s = c`` with s in a cone; x = (y, b, u, e, z of each drive)."""
+
+    def __init__(self, parts: int) -> None:
+        self.parts = parts
+        nodes = parts + 1
+        self.y, self.b = np.arange(nodes), nodes + np.arange(nodes)
+        self.u = 2 * nodes + np.arange(nodes)
+        self.e = 3 * nodes + np.arange(parts)
+        self.z: list[Any] = []
+        self.size = 3 * nodes + parts
+        self._linear: list[tuple[Any, Float]] = []
+        self._cones: list[tuple[Any, Any, Any]] = []
+        self._scale = 1.0
+
+    def _unit(self, columns: Any, values: Float | float = 1.0) -> Any:
+        """Matrix with one entry in each row."""
+        from scipy.sparse import csr_array
+
+        rows = len(columns)
+        data = np.broadcast_to(np.asarray(values, dtype=np.float64), (rows,))
+        return csr_array((data, (np.arange(rows), columns)), shape=(rows, self.size))
+
+    def _speed(self, share: float = 0.5) -> Any:
+        """Speed at this share of each part."""
+        return (1.0 - share) * self._unit(self.y[:-1]) + share * self._unit(self.y[1:])
+
+    def _square(self, factor: Float, share: float = 0.5) -> Any:
+        """Its square times a factor there."""
+        before, after = (1.0 - share) * factor, share * factor
+        return self._unit(self.b[:-1], before) + self._unit(self.b[1:], after)
+
+    def _rise(self, factor: Float, step: float) -> Any:
+        """The rise ``a`` of each part times a factor."""
+        slope = 0.5 * factor / step
+        return self._unit(self.b[1:], slope) - self._unit(self.b[:-1], slope)
+
+    def _at_least(self, matrix: Any, least: Float) -> None:
+        """``matrix x >= least``."""
+        self._linear.append((-matrix, -least))
+
+    def definitions(self, places: PathPower, step: float, bus_loss: float) -> None:
+        """Tie u, b, z and e to the law."""
+        from scipy.sparse import csr_array
+
+        parts = self.parts
+        lossy = np.flatnonzero(places.copper > 0)
+        for index, _ in enumerate(lossy):
+            self.z.append(self.size + index * parts + np.arange(parts))
+        self.size += parts * len(lossy)
+        nothing = np.zeros(parts)
+        # 1 <= u y and y^2 <= b at nodes, k tau^2 <= z y between them
+        none, ones = csr_array((parts + 1, self.size)), np.ones(parts + 1)
+        u, y, b = (self._unit(columns) for columns in (self.u, self.y, self.b))
+        self._cones.append(((u, 0 * ones), (y, 0 * ones), (none, ones)))
+        self._cones.append(((b, 0 * ones), (none, ones), (y, 0 * ones)))
+        spent = self._unit(self.u[:-1], 0.5) + self._unit(self.u[1:], 0.5)
+        spent = (places.constant + bus_loss) * spent
+        spent = spent + self._speed() * (places.friction[1] + places.loss[1])[:, None]
+        offset = places.friction[0] + places.loss[0]
+        offset = offset + (places.gravity * places.speed).sum(axis=1)
+        spent = spent + self._square((places.squared * places.speed).sum(axis=1))
+        spent = spent + self._rise((places.rising * places.speed).sum(axis=1), step)
+        for column, joint in zip(self.z, lossy.tolist(), strict=True):
+            root = np.sqrt(places.copper[joint])
+            torque = self._torque(places, step, joint)
+            self._cones.append(
+                (
+                    (self._unit(column), nothing),
+                    (self._speed(), nothing),
+                    (root * torque, root * places.still[:, joint]),
+                )
+            )
+            spent = spent + self._unit(column)
+        self._scale = max(float(np.abs(offset).mean()), places.constant + bus_loss, 1.0)
+        self._at_least(self._unit(self.e) - spent, offset)
+        self._at_least(self._unit(self.e), nothing)
+
+    def _torque(self, places: PathPower, step: float, joint: int, share: float = 0.5) -> Any:
+        """Torque of a motor without its part at standstill."""
+        return (
+            self._square(places.squared[:, joint], share)
+            + self._rise(places.rising[:, joint], step)
+            + self._speed(share) * places.viscous[:, joint][:, None]
+        )
+
+    def limits(self, places: PathPower, step: float, limits: LawLimits, share: float) -> None:
+        """Keep speed, acceleration, jerk and torque at this share of each part."""
+        with np.errstate(divide="ignore"):
+            fast = np.minimum((limits.velocity / np.abs(places.velocity)).min(axis=1), MAX_SPEED)
+        most = np.minimum(np.append(fast, MAX_SPEED), np.append(MAX_SPEED, fast))
+        self._at_least(-self._unit(self.y), -most)
+        self._at_least(-self._unit(self.b), -(most**2))
+        self._at_least(self._unit(self.y), np.full(self.parts + 1, MIN_SPEED))
+        for joint in range(places.velocity.shape[1]):
+            moved = self._square(places.acceleration[:, joint], share) + self._rise(
+                places.velocity[:, joint], step
+            )
+            bound = np.full(self.parts, limits.acceleration[joint])
+            self._at_least(moved, -bound)
+            self._at_least(-moved, -bound)
+            change = moved[1:] - moved[:-1]
+            time = self._unit(self.u[1:-1], step)
+            for sign in (1.0, -1.0):
+                self._at_least(limits.jerk[joint] * time + sign * change, np.zeros(self.parts - 1))
+            if np.isfinite(limits.torque[joint]):
+                torque = self._torque(places, step, joint, share)
+                for sign in (1.0, -1.0):
+                    self._at_least(
+                        -sign * torque, sign * places.still[:, joint] - limits.torque[joint]
+                    )
+
+    def solve(self, step: float, price: float) -> Float | None:
+        """Minimise the energy from the grid and the price of time."""
+        import clarabel
+        from scipy.sparse import csc_matrix, vstack
+
+        cost = np.zeros(self.size)
+        cost[self.e] = step
+        cost[self.u] = step * price
+        cost[self.u[[0, -1]]] *= 0.5
+        cost /= self._scale * step * self.parts
+        cost[self.b] += TIGHT / (self.parts + 1)
+        rows = [matrix for matrix, _ in self._linear]
+        right = [values for _, values in self._linear]
+        cones: list[Any] = [clarabel.NonnegativeConeT(sum(len(values) for values in right))]
+        for (p, p0), (q, q0), (x, x0) in self._cones:  # x^2 <= p q: |(2x, p - q)| <= p + q
+            count = len(p0)
+            order = np.arange(3 * count).reshape(3, count).T.ravel()
+            rows.append(-vstack([p + q, 2 * x, p - q], format="csr")[order])
+            right.append(np.concatenate([p0 + q0, 2 * x0, p0 - q0])[order])
+            cones += [clarabel.SecondOrderConeT(3)] * count
+        settings: Any = clarabel.DefaultSettings()
+        settings.verbose = False
+        settings.max_threads = 1
+        solver = clarabel.DefaultSolver(
+            csc_matrix((self.size, self.size)), cost, csc_matrix(vstack(rows)),
+            np.concatenate(right), cones, settings,
+        )  # fmt: skip
+        solution = solver.solve()
+        if str(solution.status) not in SOLVED:
+            return None
+        return np.sqrt(np.maximum(np.asarray(solution.x)[self.b], 0.0))

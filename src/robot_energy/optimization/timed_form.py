@@ -1,0 +1,97 @@
+"""A program whose moves follow time laws of their own: what comes out is a trajectory."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from robot_energy.blocks import Float
+from robot_energy.motion.joint_trajectory import JointTrajectory
+from robot_energy.motion.planned import SampledMotion
+from robot_energy.motion.ptp import Trajectory
+from robot_energy.motion.trajectory_io import write_csv, write_trajectory
+from robot_energy.optimization.candidates import STEP
+from robot_energy.optimization.forms import ProgramForm
+from robot_energy.optimization.plan import CyclePlan
+from robot_energy.optimization.task import Task
+from robot_energy.optimization.timed_moves import TimedMoves
+from robot_energy.physics.rigid_body import Robot
+
+MIN_REST = 1e-4  # s; less is rounding
+
+
+class TimedForm:
+    """A program with time laws; attributes as those of `PtpForm`.
+
+    Args:
+        form: The program.
+        moves: Its moves with their laws.
+        robot: The robot.
+    """
+
+    def __init__(self, form: ProgramForm, moves: TimedMoves, robot: Robot) -> None:
+        self.moves = moves
+        self.base, self.needed, self.joint_position = form.base, form.needed, form.joint_position
+        self.labels, self.speeds, self.accelerations = form.labels, form.speeds, form.accelerations
+        self.acceleration, self.jerk = form.acceleration, form.jerk
+        self.notes = (
+            *form.notes,
+            "moves with a time law of their own need a controller that follows a trajectory",
+        )
+        self._names = robot.joint_names
+
+    def _path(self, task: Task, plan: CyclePlan) -> tuple[Float, Trajectory]:
+        chosen = task.table.candidates[plan.row]
+        length = self.moves.duration(chosen)
+        clock, times, parts = 0.0, list[Float](), list[Trajectory]()
+        for k, (rest, move) in enumerate(zip(plan.rest.tolist(), length.tolist(), strict=True)):
+            count = max(2, int(np.ceil(move / STEP)) + 1)
+            own = np.linspace(0.0, move, count)
+            path = self.moves.sample(chosen, np.full(count, k, dtype=np.int64), own)
+            still = Trajectory(
+                path.joint_position[:1], 0 * path.joint_velocity[:1], 0 * path.joint_velocity[:1]
+            )
+            if not times:
+                times.append(np.array([clock]))
+                parts.append(still)
+            rows = slice(0 if rest > MIN_REST else 1, None)
+            clock += rest
+            times.append((clock + own)[rows])
+            parts.append(path.rows(rows))
+            clock += move
+        return np.concatenate(times), Trajectory.concatenate(parts)
+
+    def motion(self, task: Task, plan: CyclePlan, robot: Robot) -> SampledMotion:
+        """Return a plan as a motion for a prediction.
+
+        Args:
+            task: The task.
+            plan: A plan of it.
+            robot: The robot.
+
+        Returns:
+            The motion.
+        """
+        time, path = self._path(task, plan)
+        return JointTrajectory(
+            robot.joint_names, time, path.joint_position, path.joint_velocity,
+            path.joint_acceleration,
+        ).planned()  # fmt: skip
+
+    def write(self, path: Path, task: Task, plan: CyclePlan) -> None:
+        """Write a plan as a trajectory.
+
+        Args:
+            path: A name with .csv makes a table, any other a bag.
+            task: The task.
+            plan: A plan of it.
+
+        Raises:
+            RobotEnergyError: If it cannot be written.
+        """
+        time, motion = self._path(task, plan)
+        if path.suffix.lower() == ".csv":
+            write_csv(path, self._names, time, motion)
+        else:
+            write_trajectory(path, self._names, time, motion, overwrite=True)

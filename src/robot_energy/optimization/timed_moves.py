@@ -1,0 +1,174 @@
+"""Moves that can follow a time law of their own, besides being made faster or slower."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from robot_energy.blocks import Float, Int
+from robot_energy.motion.ptp import Trajectory
+from robot_energy.optimization.candidates import Candidates, Moves
+from robot_energy.optimization.chain import TORQUE_SHARE, PowerChain
+from robot_energy.optimization.path_power import path_power
+from robot_energy.optimization.time_law import LawLimits, time_law
+
+PARTS = 60  # of a path
+MARGIN = 0.99  # of the acceleration limits: between the places that are looked at [-]
+LAW_TORQUE = 0.95  # of the torque that a changed move may use, for the same reason [-]
+PRICES = (-0.9, -0.5, 0.0, 1.0, 3.0)  # of a second, over the power at rest
+
+
+class TimedMoves:
+    """Moves of a program, and the same along the same paths under time laws.
+
+    Args:
+        moves: The moves.
+        base: How they are made now, in their order: it gives the paths their own time.
+        laws: Speed along the path of each law at its nodes, shape (L, PARTS + 1). [-]
+        move: Move of each law, shape (L,).
+    """
+
+    def __init__(self, moves: Moves, base: Candidates, laws: Float, move: Int) -> None:
+        self._moves, self._base = moves, base
+        self._path_time = moves.duration(base)[move]
+        self._move = move
+        self._speed = laws
+        self._step = self._path_time / PARTS
+        part = 2.0 * self._step[:, None] / (laws[:, 1:] + laws[:, :-1])
+        self._clock = np.concatenate([np.zeros((len(laws), 1)), np.cumsum(part, axis=1)], axis=1)
+        squares = laws**2
+        self._rise = np.diff(squares, axis=1) / (2.0 * self._step[:, None])
+
+    @property
+    def count(self) -> int:
+        """Number of moves."""
+        return self._moves.count
+
+    @property
+    def candidates(self) -> Candidates:
+        """All laws."""
+        none = np.full(len(self._move), np.nan)
+        return Candidates(self._move, none, none, np.arange(len(self._move)))
+
+    def duration(self, candidates: Candidates) -> Float:
+        """Return how long each candidate lasts.
+
+        Args:
+            candidates: Which.
+
+        Returns:
+            Shape (P,). [s]
+        """
+        found = np.empty(len(candidates))
+        timed = candidates.law >= 0
+        found[~timed] = self._moves.duration(candidates[np.flatnonzero(~timed)])
+        found[timed] = self._clock[candidates.law[timed], -1]
+        return found
+
+    def sample(self, candidates: Candidates, place: Int, time: Float) -> Trajectory:
+        """Return the motion.
+
+        Args:
+            candidates: Which.
+            place: Candidate of each row, shape (N,).
+            time: Since the start of the move, shape (N,). [s]
+
+        Returns:
+            Position, velocity and acceleration, joint side.
+        """
+        law = candidates.law[place]
+        timed = np.flatnonzero(law >= 0)
+        ways = Candidates(  # of a law: any way, as its rows are replaced
+            candidates.move,
+            np.where(candidates.law < 0, candidates.speed, 1.0),
+            np.where(candidates.law < 0, candidates.acceleration, 1.0),
+        )
+        plain = self._moves.sample(ways, place, time)
+        if not len(timed):
+            return plain
+        along, speed, rise = self._along(law[timed], time[timed])
+        move = candidates.move[place[timed]]
+        path = self._moves.sample(self._base, move, along)
+        fields = (
+            (plain.joint_position, path.joint_position),
+            (plain.joint_velocity, path.joint_velocity * speed[:, None]),
+            (
+                plain.joint_acceleration,
+                path.joint_acceleration * (speed**2)[:, None] + path.joint_velocity * rise[:, None],
+            ),
+        )
+        for whole, some in fields:
+            whole[timed] = some
+        return Trajectory(*(whole for whole, _ in fields))
+
+    def _along(self, law: Int, time: Float) -> tuple[Float, Float, Float]:
+        """Path time, speed and its rise."""
+        part = np.clip((self._clock[law] <= time[:, None]).sum(axis=1) - 1, 0, PARTS - 1)
+        left = np.clip(time - self._clock[law, part], 0.0, None)
+        speed, rise = self._speed[law, part], self._rise[law, part]
+        along = part * self._step[law] + speed * left + 0.5 * rise * left**2
+        return np.minimum(along, self._path_time[law]), speed + rise * left, rise
+
+
+def timed_moves(
+    chain: PowerChain,
+    moves: Moves,
+    base: Candidates,
+    limits: LawLimits,
+    prices: Sequence[float] = PRICES,
+    progress: Callable[[float], None] | None = None,
+) -> TimedMoves:
+    """Find the cheapest time laws of every move, for several prices of a second.
+
+    Args:
+        chain: The robot at its temperatures.
+        moves: The moves.
+        base: How they are made now, in their order.
+        limits: Of speed, acceleration and jerk.
+        prices: Of a second, over the power at rest, on top of the losses. [-]
+        progress: Called with the share done, 0 to 1.
+
+    Returns:
+        The moves with their laws; a move whose program has no solution has none.
+    """
+    cabinet = chain.model.cabinet
+    laws: list[Float] = []
+    owner: list[int] = []
+    length = moves.duration(base)
+    for move in range(moves.count):
+        step = float(length[move]) / PARTS
+        if step <= 0:
+            continue
+        time = 0.5 * step * np.arange(2 * PARTS + 1)
+        along = moves.sample(base, np.full(len(time), move, dtype=np.int64), time)
+        places = path_power(chain, along)
+        at_rest = cabinet.loss_dc.value + cabinet.loss_grid.value + places.constant
+        for price in prices:
+            cost = cabinet.loss_grid.value + price * at_rest
+            law = time_law(places, step, limits, cabinet.loss_dc.value, cost)
+            if law is not None:
+                laws.append(law)
+                owner.append(move)
+        if progress is not None:
+            progress((move + 1) / moves.count)
+    table = np.array(laws).reshape(-1, PARTS + 1)
+    return TimedMoves(moves, base, table, np.array(owner, dtype=np.int64))
+
+
+def law_limits(chain: PowerChain, acceleration: Float, jerk: Float) -> LawLimits:
+    """Return the limits of laws.
+
+    Args:
+        chain: The robot.
+        acceleration: Joint side, shape (n,). [rad/s^2] or [m/s^2]
+        jerk: Joint side, shape (n,). [rad/s^3] or [m/s^3]
+
+    Returns:
+        With the velocity and torque limits of the URDF; torques of joints as those of their
+        motors, wrist coupling left out.
+    """
+    limits = chain.robot.limits
+    ratio = np.abs(np.diag(chain.drivetrain.transmission))
+    torque = LAW_TORQUE * TORQUE_SHARE * limits.effort / ratio
+    return LawLimits(limits.velocity, MARGIN * acceleration, jerk, torque)

@@ -1,0 +1,242 @@
+"""A JointTrajectory: its moves between rests, each made faster or slower in time.
+
+The path stays; a move that takes ``1/f`` of its time has ``f`` times its velocities and ``f^2``
+times its accelerations. A trajectory states no limits of acceleration, so no joint accelerates
+harder than it does somewhere in the trajectory as given.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from robot_energy.blocks import Float, Int
+from robot_energy.errors import MotionError
+from robot_energy.motion.joint_trajectory import JointTrajectory
+from robot_energy.motion.planned import SampledMotion
+from robot_energy.motion.ptp import DEFAULT_JERK_TIME, Trajectory
+from robot_energy.motion.trajectory_io import (
+    read_bag_trajectory,
+    read_csv_trajectory,
+    write_csv,
+    write_trajectory,
+)
+from robot_energy.optimization.candidates import SPEEDS, Candidates
+from robot_energy.optimization.plan import CyclePlan
+from robot_energy.optimization.task import Task
+from robot_energy.physics.rigid_body import Robot
+
+STILL = 1e-4  # rad/s or m/s, below which all joints rest
+PROBES = 200  # of a move, for its greatest velocity and acceleration
+
+
+class StretchedMoves:
+    """Moves of a trajectory, stretched in time.
+
+    Args:
+        motion: The trajectory, its joints in the order of the model.
+        begin: When each move begins, shape (K,). [s]
+        end: When it ends, shape (K,). [s]
+        velocity: Velocity limits, shape (n,). [rad/s] or [m/s]
+
+    Attributes:
+        hardest: Greatest acceleration of each joint, shape (n,). [rad/s^2] or [m/s^2]
+        fastest: Greatest factor on the speed of each move, shape (K,). [-]
+    """
+
+    def __init__(self, motion: JointTrajectory, begin: Float, end: Float, velocity: Float) -> None:
+        self._motion, self._begin, self._length = motion, begin, end - begin
+        inner = np.linspace(0.0, 1.0, PROBES)
+        paths = [motion.sample(b + inner * (e - b)) for b, e in zip(begin, end, strict=True)]
+        fast = np.array([np.abs(path.joint_velocity).max(axis=0) for path in paths])
+        hard = np.array([np.abs(path.joint_acceleration).max(axis=0) for path in paths])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            by_speed = np.where(fast > 0, velocity / fast, np.inf).min(axis=1)
+            by_force = np.where(hard > 0, hard.max(axis=0) / hard, np.inf).min(axis=1)
+        self.hardest: Float = hard.max(axis=0)
+        self.fastest = np.maximum(np.minimum(by_speed, np.sqrt(by_force)), 1e-9)
+
+    @property
+    def count(self) -> int:
+        """Number of moves."""
+        return len(self._begin)
+
+    def factor(self, candidates: Candidates) -> Float:
+        """Return the factor on the speed of each candidate, shape (P,). [-]
+
+        Args:
+            candidates: Which.
+        """
+        return candidates.speed * self.fastest[candidates.move]
+
+    def duration(self, candidates: Candidates) -> Float:
+        """Return how long each candidate lasts.
+
+        Args:
+            candidates: Which.
+
+        Returns:
+            Shape (P,). [s]
+        """
+        return self._length[candidates.move] / self.factor(candidates)
+
+    def sample(self, candidates: Candidates, place: Int, time: Float) -> Trajectory:
+        """Return the motion.
+
+        Args:
+            candidates: Which.
+            place: Candidate of each row, shape (N,).
+            time: Since the start of the move, shape (N,). [s]
+
+        Returns:
+            Position, velocity and acceleration, joint side.
+        """
+        factor = self.factor(candidates)[place]
+        path = self._motion.sample(self._begin[candidates.move[place]] + time * factor)
+        return Trajectory(
+            path.joint_position,
+            path.joint_velocity * factor[:, None],
+            path.joint_acceleration * factor[:, None] ** 2,
+        )
+
+
+class TrajectoryForm:
+    """A trajectory as CSV or in a bag. Attributes as those of `PtpForm`.
+
+    Args:
+        path: The file.
+        robot: That runs it.
+        topic: Topic in a bag; None where there is one only.
+
+    Raises:
+        MotionError: If it cannot be read, or is not one of this robot.
+        BagError: If the bag cannot be read.
+    """
+
+    def __init__(self, path: str | Path, robot: Robot, topic: str | None = None) -> None:
+        given = (
+            read_csv_trajectory(path)
+            if Path(path).suffix.lower() == ".csv"
+            else read_bag_trajectory(path, topic)
+        )
+        if set(given.joint_names) != set(robot.joint_names):
+            raise MotionError(
+                f"{path} moves {', '.join(given.joint_names)}",
+                f"the joints of the model, {', '.join(robot.joint_names)}",
+            )
+        self._names, self._given = robot.joint_names, given
+        order = [given.joint_names.index(name) for name in robot.joint_names]
+        at = given.sample(given.instants)
+        self._motion = JointTrajectory(
+            robot.joint_names, given.instants, at.joint_position[:, order],
+            at.joint_velocity[:, order], at.joint_acceleration[:, order],
+        )  # fmt: skip
+        begin, end, needed = _rests(self._motion, str(path))
+        self._begin, self._end = begin, end
+        self.moves = StretchedMoves(self._motion, begin, end, robot.limits.velocity)
+        count = len(begin)
+        self.base = Candidates(np.arange(count), 1.0 / self.moves.fastest, np.ones(count))
+        self.needed = needed
+        self.acceleration: Float = self.moves.hardest
+        self.jerk: Float = self.acceleration / DEFAULT_JERK_TIME
+        self.joint_position = self._motion.sample(begin).joint_position
+        self.labels = tuple(f"{b:.2f} s to {e:.2f} s" for b, e in zip(begin, end, strict=True))
+        self.speeds: Float = SPEEDS
+        self.accelerations: Float = np.ones(1)
+        self.notes = (
+            *given.notes,
+            f"{path} states no acceleration limits: no joint accelerates harder than it does "
+            "somewhere in it as given",
+        )
+
+    def _stretched(self, task: Task, plan: CyclePlan) -> tuple[Float, Trajectory]:
+        """Points of the trajectory at their new times."""
+        factor = self.moves.factor(task.table.candidates[plan.row])
+        times: list[Float] = []
+        parts: list[Trajectory] = []
+        clock = 0.0
+        for k, (begin, end) in enumerate(zip(self._begin, self._end, strict=True)):
+            clock += float(plan.rest[k])
+            inside = self._motion.instants
+            own = np.concatenate([[begin], inside[(inside > begin) & (inside < end)], [end]])
+            path = self._motion.sample(own)
+            if not times or plan.rest[k] > 0:
+                times.append(clock + (own - begin) / factor[k])
+                rows = slice(None)
+            else:
+                times.append((clock + (own - begin) / factor[k])[1:])
+                rows = slice(1, None)
+            parts.append(
+                Trajectory(
+                    path.joint_position,
+                    path.joint_velocity * factor[k],
+                    path.joint_acceleration * factor[k] ** 2,
+                ).rows(rows)
+            )
+            clock += (end - begin) / factor[k]
+        time, path = np.concatenate(times), Trajectory.concatenate(parts)
+        if plan.rest[0] > 0:  # the rest before the first move
+            time = np.concatenate([[0.0], time])
+            path = Trajectory.concatenate([path.rows(slice(0, 1)), path])
+        return time, path
+
+    def motion(self, task: Task, plan: CyclePlan, robot: Robot) -> SampledMotion:
+        """Return a plan as a motion for a prediction.
+
+        Args:
+            task: The task.
+            plan: A plan of it.
+            robot: The robot.
+
+        Returns:
+            The motion.
+        """
+        time, path = self._stretched(task, plan)
+        return JointTrajectory(
+            robot.joint_names, time, path.joint_position, path.joint_velocity,
+            path.joint_acceleration,
+        ).planned()  # fmt: skip
+
+    def write(self, path: Path, task: Task, plan: CyclePlan) -> None:
+        """Write a plan as a program of the same kind.
+
+        Args:
+            path: A name with .csv makes a table, any other a bag.
+            task: The task.
+            plan: A plan of it.
+
+        Raises:
+            RobotEnergyError: If it cannot be written.
+        """
+        time, motion = self._stretched(task, plan)
+        if path.suffix.lower() == ".csv":
+            write_csv(path, self._names, time, motion)
+        else:
+            write_trajectory(path, self._names, time, motion, overwrite=True)
+
+
+def _rests(motion: JointTrajectory, name: str) -> tuple[Float, Float, Float]:
+    """Begin and end of each move, and the rest before it."""
+    time = motion.instants
+    at = motion.sample(time)
+    still = np.asarray((np.abs(at.joint_velocity) <= STILL).all(axis=1))
+    still[[0, -1]] = True
+    stops = np.flatnonzero(still)
+    begin: list[float] = []
+    end: list[float] = []
+    needed: list[float] = []
+    rest = 0.0
+    for first, last in zip(stops[:-1].tolist(), stops[1:].tolist(), strict=True):
+        inner = motion.sample(np.linspace(time[first], time[last], PROBES))
+        if (np.abs(inner.joint_velocity) <= STILL).all():
+            rest += float(time[last] - time[first])
+            continue
+        begin.append(float(time[first]))
+        end.append(float(time[last]))
+        needed.append(rest)
+        rest = 0.0
+    if not begin:
+        raise MotionError(f"{name} never moves", "a motion")
+    needed[0] += rest  # the last rest is followed by the first move of the next cycle
+    return np.array(begin), np.array(end), np.array(needed)

@@ -1,0 +1,178 @@
+"""What a cheaper program says: the choice, each measure, each move."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from robot_energy.report.document import Column, Document
+from robot_energy.report.formats import (
+    EnergyFormat,
+    energy_text,
+    fixed,
+    percent,
+    tags_text,
+)
+from robot_energy.report.optimization_figure import measures_and_front
+from robot_energy.results.optimization import CommonSupply, MeasureResult, OptimizationReport
+
+
+def optimization_document(report: OptimizationReport, page: Document) -> None:
+    """Add all that was found.
+
+    Args:
+        report: What to say.
+        page: Where to.
+    """
+    page.paragraph(_verdict(report), "strong")
+    for problem in report.problems:
+        page.paragraph(problem, "problem")
+    page.notes(report.notes)
+    page.paragraph()
+    page.pairs(_facts(report))
+    scale = EnergyFormat(max(report.before.energy, report.after.energy))
+    page.figure(
+        lambda path: measures_and_front(report, path),
+        "What each measure saves with its 90 % band, and trade-offs of energy and time; colour is "
+        "the peak power.",
+    )
+    _measures(page, report, scale)
+    page.rows(
+        "Move by move",
+        [
+            Column("move", "move"),
+            Column("speed,\nnow", "speed_before", percent),
+            Column("chosen", "speed", percent),
+            Column("acceleration,\nnow", "acceleration_before", percent),
+            Column("chosen", "acceleration", percent),
+            Column("time,\nnow", "duration_before", fixed(2), "s"),
+            Column("chosen", "duration", fixed(2), "s"),
+            Column("energy,\nnow", "energy_before", scale.joule, scale.unit),
+            Column("chosen", "energy", scale.joule, scale.unit),
+        ],
+        report.moves,
+    )
+    if report.rests:
+        page.rows(
+            "Rests as chosen",
+            [
+                Column("before the move", "before"),
+                Column("time", "duration", fixed(2), "s"),
+                Column("state", "state"),
+                Column("power, drives hold", "power", fixed(0), "W"),
+            ],
+            report.rests,
+        )
+    if len(report.temperatures) > 1:
+        _temperatures(page, report, scale)
+    if report.break_even:
+        page.rows(
+            "From which rest on a state pays",
+            [
+                Column("state", "state"),
+                Column("shortest rest", "shortest_rest", fixed(1), "s"),
+                Column("time to wake up", "wake_time", fixed(1), "s"),
+                Column("source", "source"),
+            ],
+            report.break_even,
+        )
+    if report.supply is not None:
+        _supply(page, report, report.supply)
+    _front(page, report, scale)
+    page.heading("How to try it", 3)
+    for number, step in enumerate(report.how_to_try, 1):
+        page.paragraph(f"{number}. {step}")
+
+
+def _verdict(report: OptimizationReport) -> str:
+    saved, name = report.saving, Path(report.program).name
+    if not saved.claimed:
+        return f"{name}: no saving is claimed; what was found is smaller than its uncertainty"
+    faster = report.before.duration - report.after.duration
+    time = f", {abs(faster):.2f} s {'faster' if faster > 0 else 'slower'}" if faster else ""
+    return (
+        f"{name}: {percent(saved.relative)} less energy per cycle, {energy_text(saved.energy)} "
+        f"+- {energy_text(saved.half)} (90 % band){time}; predicted, not measured"
+    )
+
+
+def _facts(report: OptimizationReport) -> list[tuple[str, str]]:
+    degc = [f"{one.motor_temperature_degc:g}" for one in report.temperatures]
+    before, after = report.before, report.after
+    rows = [
+        ("program", report.program),
+        ("model", f"{report.model.robot}, id {report.model.model_id}"),
+        ("its figures", tags_text(report.model.figures)),
+        ("motor temperatures", f"{', '.join(degc)} degC, held"),
+        ("energy per cycle", f"{energy_text(before.energy)}, then {energy_text(after.energy)}"),
+        ("time of a cycle", f"{before.duration:.2f} s, then {after.duration:.2f} s"),
+        ("peak power", f"{before.peak_power:.0f} W, then {after.peak_power:.0f} W"),
+    ]
+    if report.cycle_time is not None:
+        rows.append(("given cycle time", f"{report.cycle_time:g} s"))
+    if report.peak_limit is not None:
+        rows.append(("given peak limit", f"{report.peak_limit:g} W"))
+    return rows
+
+
+def _measures(page: Document, report: OptimizationReport, scale: EnergyFormat) -> None:
+    def band(one: MeasureResult) -> str | None:
+        return None if one.saving is None else f"+- {scale.joule(one.saving.half)}"
+
+    def of(name: str) -> Column:
+        return Column(
+            "time of cycle", lambda one: one.cycle and getattr(one.cycle, name), fixed(2), "s"
+        )
+
+    page.rows(
+        f"Each measure alone, saving per cycle [{scale.unit}]",
+        [
+            Column("measure", "label"),
+            Column("saving", lambda one: one.saving and one.saving.energy, scale.joule),
+            Column("90 %\nband", band),
+            of("duration"),
+            Column("peak", lambda one: one.cycle and one.cycle.peak_power, fixed(0), "W"),
+            Column("claim", "verdict"),
+        ],
+        report.measures,
+    )
+
+
+def _temperatures(page: Document, report: OptimizationReport, scale: EnergyFormat) -> None:
+    page.rows(
+        f"At each temperature, energy per cycle [{scale.unit}]",
+        [
+            Column("motors", "motor_temperature_degc", fixed(0), "degC"),
+            Column("now", "energy_before", scale.joule),
+            Column("as chosen", "energy", scale.joule),
+            Column("chosen for\nit alone", "best_energy", scale.joule),
+            Column("cycle of\nthat choice", "best_duration", fixed(2), "s"),
+        ],
+        report.temperatures,
+    )
+
+
+def _supply(page: Document, report: OptimizationReport, supply: CommonSupply) -> None:
+    page.rows(
+        "Robots on one supply: starts with the least peak",
+        [Column("program", "program"), Column("start", "start", fixed(2), "s")],
+        report.starts,
+    )
+    watt = fixed(0)
+    page.paragraph(
+        f"peak of the supply {watt(supply.peak_power_together)} W with all starts at once, "
+        f"{watt(supply.peak_power)} W with these, mean {watt(supply.mean_power)} W; means over "
+        "20 ms"
+    )
+
+
+def _front(page: Document, report: OptimizationReport, scale: EnergyFormat) -> None:
+    with page.only("page"):
+        page.rows(
+            "Trade-offs without waits: no program is better in energy, time and peak at once",
+            [
+                Column("time", "duration", fixed(2), "s"),
+                Column("energy", "energy", scale.joule, scale.unit),
+                Column("peak", "peak_power", fixed(0), "W"),
+            ],
+            report.front,
+        )

@@ -1,0 +1,262 @@
+"""How often a claimed saving is right: all on the virtual rig, which the optimiser has not seen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from robot_energy.blocks import Float
+from robot_energy.files.temporary_folder import TemporaryFolder
+from robot_energy.model import load
+from robot_energy.motion import Program, random_program
+from robot_energy.motion.ptp import MotionLimits
+from robot_energy.optimization.chain import TORQUE_SHARE
+from robot_energy.optimization.search import cheapest
+from robot_energy.physics.rigid_body import Robot
+from robot_energy.rig import load_profile
+from robot_energy_papers.band_coverage import BODY, TRAINING, Recorded
+from robot_energy_papers.job_pool import Progress, Steps, job_pool
+from robot_energy_papers.savings_study import (
+    JudgedChoice,
+    JudgedSaving,
+    PlantAtWork,
+    judge_plant,
+    run_as,
+    task_of,
+)
+
+FRESH = 200  # first plant on which no constant of the bands was chosen
+PER_JOB = 50  # programs whose limits are checked in one job
+STANDING = (1.0, 0.1)  # share of the constant losses of the plant that is left
+COLD, HOT = 10.0, 70.0  # degC
+OVERRIDES = np.array([0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0])  # [-]
+SHORT = (Recorded("train_25", 25.0, 30.0, 0.5), Recorded("train_55", 55.0, 30.0, 0.5))
+EXACT = 1e-6  # by which a limit may be exceeded in rounding [-]
+
+
+@dataclass(frozen=True)
+class SavingsStudySize:
+    """How much is done.
+
+    Attributes:
+        plants: Drawn and identified.
+        training: For the identification.
+        temperatures: Of motors and gears. [degC]
+        programs: Of each plant at each temperature.
+        brute: Whether the best choice on the rig is looked for.
+        limits: Random programs whose limits are checked.
+    """
+
+    plants: int
+    training: tuple[Recorded, ...]
+    temperatures: tuple[float, ...]
+    programs: int
+    brute: bool
+    limits: int
+
+
+FULL = SavingsStudySize(14, TRAINING, (22.0, 40.0, 62.0), 2, True, 1000)
+QUICK = SavingsStudySize(1, SHORT, (40.0,), 1, False, 5)
+
+
+@dataclass(frozen=True)
+class OverrideCurve:
+    """Energy of one program on the rig over its override.
+
+    Attributes:
+        degc: Temperature of motors and gears. [degC]
+        standing: Share of the constant losses that is left. [-]
+        energy: At each of `OVERRIDES`. [J]
+    """
+
+    degc: float
+    standing: float
+    energy: list[float]
+
+    @property
+    def best(self) -> float:
+        """The override that needs least energy. [-]"""
+        return float(OVERRIDES[int(np.argmin(self.energy))])
+
+
+@dataclass(frozen=True)
+class Savings:
+    """Everything the study found.
+
+    Attributes:
+        seed: Seed of the study.
+        scale: How much was done.
+        savings: Changes of programs.
+        choices: Choices against the best on the rig.
+        checked: Programs whose limits were checked.
+        exceeded: Of them, beyond a limit.
+        curves: Energy over the override.
+    """
+
+    seed: int
+    scale: SavingsStudySize
+    savings: list[JudgedSaving]
+    choices: list[JudgedChoice]
+    checked: int
+    exceeded: int
+    curves: list[OverrideCurve]
+
+
+def study(
+    folder: Path,
+    seed: int,
+    scale: SavingsStudySize,
+    workers: int = 1,
+    progress: Progress | None = None,
+) -> Savings:
+    """Do the whole study.
+
+    Args:
+        folder: Of the study; no bag is kept.
+        seed: Seed of everything that is drawn.
+        scale: How much to do.
+        workers: Processes in addition to this one; 1 means to do all of it here.
+        progress: Called with the share done, 0 to 1.
+
+    Returns:
+        What was found.
+
+    Raises:
+        RobotEnergyError: If rig, recordings or fits fail.
+    """
+    del folder
+    first = 1000 * seed + FRESH
+    parts = -(-scale.limits // PER_JOB)
+    steps = Steps(scale.plants + parts + 1, progress)
+    with job_pool(workers, steps.done) as run:
+        judged = [run(plant_job, first + k, scale) for k in range(scale.plants)]
+        checked = [
+            run(
+                exceeded_limits, 1000 * seed + k * PER_JOB, min(PER_JOB, scale.limits - k * PER_JOB)
+            )
+            for k in range(parts)
+        ]
+        curves = run(override_curves, seed)
+        return Savings(
+            seed,
+            scale,
+            [row for job in judged for row in job.result()[0]],
+            [row for job in judged for row in job.result()[1]],
+            scale.limits,
+            sum(job.result() for job in checked),
+            curves.result(),
+        )
+
+
+def plant_job(plant: int, scale: SavingsStudySize) -> tuple[list[JudgedSaving], list[JudgedChoice]]:
+    """Judge one plant, in a folder that is removed again.
+
+    Args:
+        plant: Its seed.
+        scale: How much to do.
+
+    Returns:
+        What was claimed, and what was chosen.
+
+    Raises:
+        RobotEnergyError: If the plant cannot be identified.
+    """
+    with TemporaryFolder() as place:
+        return judge_plant(
+            place.path, plant, scale.training, scale.temperatures, scale.programs, scale.brute
+        )
+
+
+def exceeded_limits(seed: int, count: int) -> int:
+    """Make random programs cheaper and count those beyond a limit, by differences of positions.
+
+    Args:
+        seed: Of the first program.
+        count: How many.
+
+    Returns:
+        Programs beyond a limit of position, speed, acceleration, torque or cycle time.
+
+    Raises:
+        RobotEnergyError: If the model cannot be used.
+    """
+    model = load(BODY)
+    robot = Robot.from_model(model)
+    limits = MotionLimits.of_robot(robot, robot.limits.velocity / 0.3)
+    found = 0
+    for number in range(seed, seed + count):
+        random = np.random.default_rng(np.random.SeedSequence(number, spawn_key=(0x6C696D,)))
+        program = random_program(
+            limits, int(random.integers(1 << 30)), 3, dwell=0.2,
+            override=float(random.uniform(0.2, 0.9)),
+        )  # fmt: skip
+        stretch = float(random.uniform(1.0, 2.0)) * program.period
+        task = task_of(model, program, limits, float(random.uniform(0.0, 80.0)), stretch)
+        plan = task.plan(cheapest(task.table, task.allowed, task.time, task.wait_power))
+        cheap = run_as(task, plan, program, limits)
+        changed = plan.row != task.base.row
+        torque = task.table.use.torque_use[plan.row][changed]
+        found += cheap.period > stretch * (1 + EXACT) or bool((torque > TORQUE_SHARE).any())
+        found += _beyond(cheap, limits)
+    return found
+
+
+def _beyond(program: Program, limits: MotionLimits) -> bool:
+    """Whether differences of positions exceed a limit; a mean never exceeds what it is of."""
+    step = 2e-3
+    position = program.sample(np.arange(0.0, program.period, step)).joint_position
+    speed = np.abs(np.diff(position, axis=0)).max(axis=0) / step
+    acceleration = np.abs(np.diff(position, n=2, axis=0)).max(axis=0) / step**2
+    outside = (position < limits.lower - EXACT) | (position > limits.upper + EXACT)
+    return bool(
+        outside.any()
+        or (speed > limits.velocity * (1 + EXACT)).any()
+        or (acceleration > limits.acceleration * (1 + EXACT)).any()
+    )
+
+
+def override_curves(seed: int) -> list[OverrideCurve]:
+    """Run one program of the standard plant at several overrides, cold and hot, on the rig itself.
+
+    Args:
+        seed: Of the program.
+
+    Returns:
+        A curve for each temperature and each share of the constant losses.
+
+    Raises:
+        RobotEnergyError: If the rig cannot be set up.
+    """
+    from dataclasses import replace
+
+    plant = load_profile(BODY)
+    robot, _ = plant.mechanics()
+    limits = plant.motion_limits(robot)
+    drawn = random_program(limits, seed, 6, dwell=0.2)
+    curves: list[OverrideCurve] = []
+    for share in STANDING:
+        supply = replace(
+            plant.supply,
+            loss_dc=share * plant.supply.loss_dc,
+            loss_grid=share * plant.supply.loss_grid,
+        )
+        for degc in (COLD, HOT):
+            work = PlantAtWork(replace(plant, supply=supply), degc)
+            energy = [work.energy(Program(drawn.via, limits, drawn.dwell, o)) for o in OVERRIDES]
+            curves.append(OverrideCurve(degc, share, energy))
+    return curves
+
+
+def calibration_curve(savings: list[JudgedSaving]) -> tuple[Float, Float]:
+    """Return claims and truths as shares of the energy as it was, shape (R,) each. [-]
+
+    Args:
+        savings: Changes of programs.
+    """
+    base = np.array([row.base for row in savings])
+    return (
+        np.array([row.claim for row in savings]) / base,
+        np.array([row.truth for row in savings]) / base,
+    )

@@ -1,0 +1,351 @@
+"""Claimed savings against the virtual rig, which the optimiser has not seen.
+
+Plants are drawn at random and have every effect of the rig. Each is identified from recordings,
+so the model errs as an identified one does; its standard deviations are those of the
+identification. Random programs are made cheaper with that model, cold, warm and hot, and the rig
+runs the program as it was and as it was changed: its own energy is the truth. Temperatures are
+held on the rig, and its motor temperatures are known. Simulated throughout: nothing was measured
+on a robot.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robot_energy.api.identify import identify_all
+from robot_energy.blocks import Float
+from robot_energy.model import RobotModel
+from robot_energy.motion import Program, random_program, tool_above
+from robot_energy.motion.ptp import MotionLimits
+from robot_energy.optimization.candidates import Candidates, PtpMoves, grid
+from robot_energy.optimization.chain import TORQUE_SHARE, PowerChain, Use
+from robot_energy.optimization.plan import CostTable, CyclePlan, saving
+from robot_energy.optimization.run import Optimum, optimise, shares_of
+from robot_energy.optimization.search import cheapest
+from robot_energy.optimization.task import Task, make_task
+from robot_energy.rig import PlantProfile, RigConfig, VirtualRig, random_profile
+from robot_energy_papers.band_coverage import AMBIENT, BODY, DrawnRig, Recorded
+from robot_energy_papers.experiment import MIN_HEIGHT, TOOL
+
+RATE = 250.0  # Hz
+MOVES = 8  # of a program
+SPEEDS = np.array([0.15, 0.25, 0.35, 0.45, 0.6, 0.8, 1.0])  # of the brute force [-]
+ACCELERATIONS = np.array([0.1, 0.3, 1.0])
+CONTROL = 0.97  # of the base's speed: a change so small that it should not be claimed
+
+
+@dataclass(frozen=True)
+class JudgedSaving:
+    """One change of one program at one temperature.
+
+    Attributes:
+        plant: Seed of the plant.
+        degc: Temperature of motors and gears. [degC]
+        measure: What was changed.
+        base: Energy of a cycle on the rig as it was. [J]
+        claim: Saving that the model predicts. [J]
+        half: Half width of its 90 % band. [J]
+        truth: Saving on the rig. [J]
+        faster: Time that a cycle lasts less. [s]
+        standing: Share of losses at rest in the energy, by the model. [-]
+    """
+
+    plant: int
+    degc: float
+    measure: str
+    base: float
+    claim: float
+    half: float
+    truth: float
+    faster: float
+    standing: float
+
+    @property
+    def claimed(self) -> bool:
+        """Whether the tool claims it."""
+        return self.claim > self.half > 0
+
+    @property
+    def inside(self) -> bool:
+        """Whether the band holds the truth."""
+        return abs(self.truth - self.claim) <= self.half
+
+
+@dataclass(frozen=True)
+class JudgedChoice:
+    """The choice of the model against the best that the rig itself allows.
+
+    Attributes:
+        plant: Seed of the plant.
+        degc: Temperature of motors and gears. [degC]
+        free: Whether cycles follow each other at once.
+        chosen: Energy on the rig of what the model chose. [J]
+        best: Least energy on the rig, of every combination. [J]
+    """
+
+    plant: int
+    degc: float
+    free: bool
+    chosen: float
+    best: float
+
+    @property
+    def regret(self) -> float:
+        """What the choice costs more. [-]"""
+        return self.chosen / self.best - 1.0
+
+
+class PlantAtWork:
+    """A plant that runs programs at one temperature.
+
+    Args:
+        profile: The plant.
+        degc: Of motors and gears. [degC]
+    """
+
+    def __init__(self, profile: PlantProfile, degc: float) -> None:
+        self._profile, self._degc = profile, degc
+        self._config = RigConfig.hard().without("warming")
+
+    def power(self, program: Program) -> Float:
+        """Return the power from the grid over one cycle, shape (N,). [W]
+
+        Args:
+            program: What it runs.
+        """
+        rig = VirtualRig(self._profile, program, self._config, 0, self._degc, AMBIENT, rate_hz=RATE)
+        return rig.step(max(1, round(program.period * RATE))).truth.grid_power
+
+    def energy(self, program: Program) -> float:
+        """Return the energy of one cycle from the grid. [J]
+
+        Args:
+            program: What it runs.
+        """
+        return float(self.power(program).mean()) * program.period
+
+
+def identified(folder: Path, seed: int, training: Sequence[Recorded]) -> RobotModel:
+    """Identify one drawn plant.
+
+    Args:
+        folder: For the recordings.
+        seed: Of the plant.
+        training: What the rig does.
+
+    Returns:
+        Its model.
+
+    Raises:
+        RobotEnergyError: If the plant cannot be identified.
+    """
+    rig = DrawnRig(random_profile(BODY, seed), RigConfig.hard(), folder)
+    bags = [rig.record(one, number) for number, one in enumerate(training, 1)]
+    return identify_all(bags, BODY, "motor_torque", held_out=False).model
+
+
+def judge_plant(
+    folder: Path,
+    seed: int,
+    training: Sequence[Recorded],
+    temperatures: Sequence[float],
+    programs: int,
+    brute: bool,
+) -> tuple[list[JudgedSaving], list[JudgedChoice]]:
+    """Make programs of one plant cheaper, and see what the rig says.
+
+    Args:
+        folder: For the recordings.
+        seed: Of the plant.
+        training: For the identification.
+        temperatures: Of motors and gears. [degC]
+        programs: At each temperature.
+        brute: Whether the best choice on the rig is looked for as well.
+
+    Returns:
+        What was claimed, and what was chosen.
+
+    Raises:
+        RobotEnergyError: If the plant cannot be identified.
+    """
+    profile = random_profile(BODY, seed)
+    model = identified(folder, seed, training)
+    robot, _ = profile.mechanics()
+    limits = profile.motion_limits(robot)
+    above = tool_above(robot, TOOL, MIN_HEIGHT)
+    random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0x73617665,)))
+    savings: list[JudgedSaving] = []
+    choices: list[JudgedChoice] = []
+    for degc in temperatures:
+        truth = PlantAtWork(profile, degc)
+        for _ in range(programs):
+            program = random_program(
+                limits, int(random.integers(1 << 30)), MOVES, dwell=float(random.uniform(0.1, 1.0)),
+                override=float(random.uniform(0.35, 0.95)), accept=above,
+            )  # fmt: skip
+            stretch = float(random.uniform(1.05, 2.0))
+            for cycle_time in (None, stretch * program.period):
+                task = task_of(model, program, limits, degc, cycle_time)
+                savings += _savings(seed, degc, task, program, limits, truth)
+            if brute:
+                choices += _choices(seed, degc, model, program, limits, truth, stretch)
+    return savings, choices
+
+
+def task_of(
+    model: RobotModel,
+    program: Program,
+    limits: MotionLimits,
+    degc: float,
+    cycle_time: float | None,
+) -> Task:
+    """Return the task to make a program cheaper.
+
+    Args:
+        model: Of the robot.
+        program: The program.
+        limits: Its limits without an override.
+        degc: Of all motors. [degC]
+        cycle_time: None: the next cycle begins at once. [s]
+    """
+    chain = PowerChain(model, np.full((1, len(model.joints)), degc))
+    base = Candidates(
+        np.arange(program.moves),
+        program.override * program.speed_share,
+        program.override**2 * program.acceleration_share,
+    )
+    return make_task(
+        chain, PtpMoves.of_program(program, limits), base, program.dwell.copy(), program.via,
+        cycle_time=cycle_time,
+    )  # fmt: skip
+
+
+def run_as(task: Task, plan: CyclePlan, program: Program, limits: MotionLimits) -> Program:
+    """Return a plan as a program for the rig.
+
+    Args:
+        task: The task.
+        plan: A plan of it.
+        program: As it was.
+        limits: Its limits without an override.
+    """
+    speed, acceleration = shares_of(task, plan)
+    bounds = MotionLimits(
+        limits.lower, limits.upper, limits.velocity, limits.acceleration,
+        program.limits.jerk_time,
+    )  # fmt: skip
+    return Program(program.via, bounds, plan.rest, 1.0, speed, acceleration)
+
+
+def _savings(
+    seed: int, degc: float, task: Task, program: Program, limits: MotionLimits, truth: PlantAtWork
+) -> list[JudgedSaving]:
+    found: Optimum = optimise(task)
+    base = truth.energy(run_as(found.task, found.task.base, program, limits))
+    standing = float((task.table.held.energy * found.base.duration).mean() / found.base.energy)
+    rows: list[JudgedSaving] = []
+    plans = {one.measure.name: one.plan for one in found.tried if one.plan is not None}
+    plans["together"] = found.plan
+    for name, plan in plans.items():
+        after = found.task.table.cost(plan)
+        claim = saving(found.base, after)
+        if (plan.row == found.task.base.row).all():
+            continue
+        rows.append(
+            JudgedSaving(
+                seed, degc, name, base, claim.energy, claim.half,
+                base - truth.energy(run_as(found.task, plan, program, limits)),
+                found.base.duration - after.duration, standing,
+            )
+        )  # fmt: skip
+    return rows
+
+
+def _choices(
+    seed: int,
+    degc: float,
+    model: RobotModel,
+    program: Program,
+    limits: MotionLimits,
+    truth: PlantAtWork,
+    stretch: float,
+) -> list[JudgedChoice]:
+    """Choose by the model and by the rig among the same candidates."""
+    chain = PowerChain(model, np.full((1, len(model.joints)), degc))
+    moves = PtpMoves.of_program(program, limits)
+    found = grid(moves, SPEEDS, ACCELERATIONS)
+    use = chain.moves(moves, found)
+    real, held = _by_the_rig(found, use, program, limits, truth)
+    braked = chain.rests(program.via)
+    table = CostTable(found, use, braked, braked)
+    true_table = CostTable(found, real, held, held)
+    allowed = use.torque_use <= TORQUE_SHARE
+    moving = program.period - float(program.dwell.sum())
+    resting = float((held.energy * program.dwell).sum())
+    rows: list[JudgedChoice] = []
+    for free in (True, False):
+        # The few candidates of the brute force need not be as fast as the program.
+        fastest = _fastest(found, use, allowed)
+        time = max(moving if free else (stretch * program.period - program.dwell.sum()), fastest)
+        waits = [0.0 if free else float(one.energy[0]) for one in (braked, held)]
+        picked = [
+            cheapest(one, allowed, time, wait)
+            for one, wait in zip((table, true_table), waits, strict=True)
+        ]
+        chosen, best = (
+            float(real.energy[row].sum())
+            + resting
+            + waits[1] * (time - float(real.duration[row].sum()))
+            for row in picked
+        )
+        rows.append(JudgedChoice(seed, degc, free, chosen, best))
+    return rows
+
+
+def _fastest(found: Candidates, use: Use, allowed: NDArray[np.bool_]) -> float:
+    return sum(
+        float(use.duration[allowed & (found.move == move)].min()) for move in np.unique(found.move)
+    )
+
+
+def _by_the_rig(
+    found: Candidates, use: Use, program: Program, limits: MotionLimits, truth: PlantAtWork
+) -> tuple[Use, Use]:
+    """What each candidate and a second at rest need on the rig."""
+    energy = np.full(len(found), np.nan)
+    hold = np.zeros(program.moves)
+    runs = 0
+    bounds = MotionLimits(
+        limits.lower, limits.upper, limits.velocity, limits.acceleration,
+        program.limits.jerk_time,
+    )  # fmt: skip
+    dwell = np.full(program.moves, 0.4)
+    for speed in SPEEDS:
+        for rise in ACCELERATIONS:
+            rows = np.flatnonzero((found.speed == speed) & (found.acceleration == rise))
+            if not len(rows):
+                continue
+            same = Program(program.via, bounds, dwell, 1.0, speed, rise)
+            power = truth.power(same)
+            total = np.concatenate([[0.0], np.cumsum(power) / RATE])
+            clock = np.arange(len(total)) / RATE
+            begin, end = same.instants.reshape(-1, 2).T
+            per_move = np.interp(end, clock, total) - np.interp(begin, clock, total)
+            energy[rows] = per_move[found.move[rows]]
+            rest = np.interp(begin, clock, total) - np.interp(begin - 0.1, clock, total)
+            hold, runs = hold + rest / 0.1, runs + 1
+    hold = hold / runs
+    real = Use(
+        use.duration, energy, use.peak, use.brake, use.columns, use.torque_use, energy[:, None]
+    )
+    count = program.moves
+    held = Use(
+        np.ones(count), hold, hold, np.zeros(count), np.zeros((count, 1)), np.zeros(count),
+        hold[:, None],
+    )  # fmt: skip
+    return real, held

@@ -1,0 +1,123 @@
+"""STL shapes -> programs, against shapes whose outlines are known."""
+
+import math
+import struct
+
+import numpy as np
+import pytest
+
+from places import ROOT
+from robot_energy import predict
+from robot_energy.cli.main import main
+from robot_energy.errors import MotionError
+from robot_energy.motion.gcode import read_gcode
+from robot_energy.motion.load_motion import ToolOptions
+from robot_energy.motion.slicing import Slicing, slice_stl
+from robot_energy.motion.tool_motion import ToolPlacement
+from robot_energy_papers.wall import Wall
+
+EXAMPLE = ROOT / "src/examples/programs/wall.stl"  # 1200 mm by 300 mm by 1000 mm
+BASE = ToolPlacement(-1.2, -0.2, 0.0)
+
+
+def prism(outlines, height, tilt=0.0):
+    """Walls of a shape, and no lid: triangles of shape (K, 3, 3). [mm]"""
+    triangles = []
+    for outline in outlines:
+        for (x, y), (u, v) in zip(outline, np.roll(outline, -1, axis=0), strict=True):
+            low, high = [(x, y, 0.0), (u, v, 0.0)], [(x + tilt, y, height), (u + tilt, v, height)]
+            triangles += [(*low, high[1]), (low[0], high[1], high[0])]
+    return np.asarray(triangles)
+
+
+def write_stl(path, triangles):
+    rows = b"".join(struct.pack("<12fH", 0, 0, 1, *t.ravel(), 0) for t in triangles)
+    path.write_bytes(bytes(80) + struct.pack("<I", len(triangles)) + rows)
+    return path
+
+
+def circle(radius, points=360):
+    angle = 2 * np.pi * np.arange(points) / points
+    return radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+
+
+def printed(shape):
+    return read_gcode(shape.gcode).path
+
+
+def test_the_wall_of_paper_b_costs_what_its_program_costs(tmp_path):
+    """100 layers are 1 m; five of them have the way and, within 1 %, the energy of the program."""
+    assert slice_stl(EXAMPLE).layers == 100
+    five = write_stl(tmp_path / "five.stl", prism([[(0, 0), (1200, 0), (1200, 300), (0, 300)]], 50))
+    program = tmp_path / "wall.gcode"
+    program.write_text(Wall(layers=5).gcode())
+    assert printed(slice_stl(five)).printed_length == pytest.approx(5 * 3.0)
+    tool = ToolOptions(placement=BASE)
+    of_shape, of_program = (
+        predict(path, "mantis", 40.0, tool=tool).energy.grid_import for path in (five, program)
+    )
+    assert of_shape == pytest.approx(of_program, rel=0.01)
+
+
+def test_a_ring_has_two_outlines_and_a_bead_stays_inside(tmp_path):
+    """Radii 200 and 100 mm: a bead of 20 mm runs at 190 and 110 mm, and their sum stays."""
+    ring = write_stl(tmp_path / "ring.stl", prism([circle(200.0), circle(100.0)], 30.0))
+    around = 3 * 2 * math.pi * 0.3
+    plain = printed(slice_stl(ring))
+    assert plain.printed_length == pytest.approx(around, rel=1e-3)
+    bead = slice_stl(ring, Slicing(bead_width=0.02))
+    assert printed(bead).printed_length == pytest.approx(around, rel=1e-3)
+    places = np.array([segment.end[:2] for segment in printed(bead).segments if segment.extruding])
+    radii = np.hypot(*places.T)
+    assert np.allclose(np.where(radii > 0.15, 0.19, 0.11), radii, atol=3e-4)
+
+
+def test_a_leaning_shape_is_cut_in_the_middle_of_each_layer(tmp_path):
+    """Walls that lean by 30 mm over 30 mm: the layers stand 5, 15 and 25 mm aside, and on top of
+    each other."""
+    leaning = prism([[(0, 0), (100, 0), (100, 100), (0, 100)]], 30.0, tilt=30.0)
+    path = printed(slice_stl(write_stl(tmp_path / "leaning.stl", leaning)))
+    places = np.array([segment.end for segment in path.segments if segment.extruding])
+    heights = np.unique(places[:, 2])
+    assert heights == pytest.approx([0.01, 0.02, 0.03])
+    left = [places[places[:, 2] == height, 0].min() for height in heights]
+    assert left == pytest.approx([0.005, 0.015, 0.025], abs=1e-6)
+
+
+def test_units_and_open_shapes_are_named(tmp_path):
+    square = [(0, 0), (4, 0), (4, 4), (0, 4)]
+    inch = write_stl(tmp_path / "inch.stl", prism([square], 1.0))
+    shape = slice_stl(inch, Slicing(unit="inch", layer_height=0.0127))
+    assert printed(shape).printed_length == pytest.approx(2 * 16 * 0.0254, abs=1e-5)
+    gap = write_stl(tmp_path / "open.stl", np.concatenate(
+        [prism([square], 20.0), prism([circle(300.0)], 20.0)[:-2]]
+    ))  # fmt: skip
+    assert any("2 open cuts" in note for note in slice_stl(gap).notes)
+
+
+@pytest.mark.parametrize(
+    ("content", "options"),
+    [
+        (b"", {}),
+        (b"solid nothing\nendsolid nothing\n", {}),
+        (b"\x00" * 200, {}),
+        (None, {"layer_height": 5.0}),
+        (None, {"layer_height": 1e-6}),
+        (None, {"bead_width": 2.0}),
+        (None, {"unit": "m"}),
+    ],
+)
+def test_what_cannot_be_printed_is_refused(tmp_path, content, options):
+    path = EXAMPLE if content is None else tmp_path / "bad.stl"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(MotionError):
+        slice_stl(path, Slicing(**options))
+
+
+def test_one_command_goes_from_shape_to_energy(capsys):
+    words = ["predict", str(EXAMPLE), "--layer-height", "250", "--print-speed", "200"]
+    assert main([*words, "--model", "mantis", "--base=-1.2,-0.2,0", "--temperature", "40"]) == 0
+    output = capsys.readouterr().out
+    assert "12.000 m of the program printed" in output
+    assert "4 layers, 4 outlines" in output

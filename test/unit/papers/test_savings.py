@@ -1,0 +1,52 @@
+"""The study of savings in its short form, and its counts."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from robot_energy.cli.main import main
+from robot_energy_papers.savings import exceeded_limits
+from robot_energy_papers.savings_numbers import _shares
+from robot_energy_papers.savings_study import JudgedSaving
+
+
+def judged(claim, half, truth):
+    return JudgedSaving(1, 40.0, "slack", 1000.0, claim, half, truth, 0.0, 0.5)
+
+
+def test_claims_signs_and_bands_are_counted():
+    rows = [judged(50, 20, 60), judged(50, 20, -10), judged(5, 20, -10), judged(-30, 10, -35)]
+    found = _shares(rows)
+    assert (found["changes"], found["claimed"]) == (4, 2)
+    assert found["sign_right"] == 0.5
+    assert found["inside"] == 0.75
+    assert found["inside_claimed"] == 0.5
+    assert found["median_claim"] == 0.05
+
+
+def test_no_random_program_leaves_its_limits():
+    assert exceeded_limits(7, 4) == 0
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("savings") / "out"
+    assert main(["reproduce", "savings", "--quick", "--out", str(folder)]) == 0
+    return json.loads((folder / "figures.json").read_text()), folder
+
+
+def test_the_short_form_writes_figures_and_a_page(found):
+    figures, folder = found
+    assert figures["by_measure"]["all"]["changes"] >= 4
+    assert figures["limits"]["exceeded"] == 0
+    page = (folder / "report.html").read_text()
+    assert "virtual rig" in page
+    assert page.count("<img ") == 2
+
+
+def test_faster_is_cheaper_with_much_standby_and_a_cold_robot_wants_to_be_slower(found):
+    best = {(row["standing"], row["degc"]): row["best"] for row in found[0]["curves"]}
+    assert best[1.0, 70.0] > best[1.0, 10.0] > best[0.1, 10.0]
+    assert best[1.0, 70.0] > best[0.1, 70.0] > best[0.1, 10.0]
