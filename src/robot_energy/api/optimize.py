@@ -205,5 +205,6 @@ def _temperatures(given: float | tuple[float, float], model: RobotModel) -> Floa
             f"the motor temperature is {ends.tolist()} degC",
             f"one value, or two that rise, in {low:g} to {high:g} degC",
         )
-    points = ends if len(set(ends.tolist())) == 1 else np.linspace(ends[0], ends[1], TEMPERATURES)
+    first, last = float(ends[0]), float(ends[-1])
+    points = ends if first == last else np.linspace(first, last, TEMPERATURES)
     return np.repeat(np.unique(points)[:, None], len(model.joints), axis=1)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from argparse import Namespace
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager, nullcontext
 from typing import TYPE_CHECKING, Any
 
@@ -151,7 +151,9 @@ def _rounds(args: Namespace, models: FleetModels) -> Iterator[list[FleetBag]]:
 
 
 @contextmanager
-def _shown(bags: list[FleetBag], done: FleetRun) -> Iterator[Callable[[FleetRun], None]]:
+def _shown(
+    bags: list[FleetBag], done: FleetRun
+) -> Generator[Callable[[FleetRun], None], None, None]:
     """A bar with the time left on a terminal; else a line every half minute."""
     whole, before = max(1, sum(bag.place.size for bag in bags)), done.done_size
     begun = last = time.monotonic()

@@ -147,8 +147,8 @@ class MeterWindows:
             return
         spans = np.stack([pieces.start_ns, pieces.end_ns])
         around = slice(
-            int(np.searchsorted(stamp, spans[0, 0], side="right")) - 1,
-            int(np.searchsorted(stamp, spans[1, -1])) + 1,
+            int(np.searchsorted(stamp, int(spans[0, 0]), side="right")) - 1,
+            int(np.searchsorted(stamp, int(spans[1, -1]))) + 1,
         )
         columns: list[Float] = list(self._totals[:, self._kept][:, around])
         ends = [np.interp(spans, stamp[around], total) for total in columns]

@@ -202,7 +202,7 @@ def _place(system: Any, address: str, infos: Infos, files: list[str]) -> BagPlac
 
 
 def _is_local(system: Any) -> bool:
-    names = cast("Any", system.protocol)
+    names = system.protocol
     return "file" in ((names,) if isinstance(names, str) else tuple(names))
 
 

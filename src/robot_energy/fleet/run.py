@@ -179,7 +179,7 @@ def on_dask(
             yield lambda bags, models: _on_client(client, bags, models, max_scratch)
         finally:
             ended.set()
-            client.close()
+            client.close()  # pyright: ignore[reportUnknownMemberType]
             if cluster is not None:
                 cluster.close()
 

@@ -121,6 +121,7 @@ def slice_stl(path: str | Path, slicing: Slicing | None = None) -> SlicedShape:
 def _mesh(path: Path, unit: float) -> Any:
     import trimesh
 
+    reader: Any = trimesh
     try:
         data = read_regular(path, MAX_BYTES)
     except OSError as error:
@@ -128,7 +129,7 @@ def _mesh(path: Path, unit: float) -> Any:
             f"{path} cannot be read ({why_unreadable(error)})", "an STL file"
         ) from error
     try:
-        mesh: Any = trimesh.load(io.BytesIO(data), file_type="stl", force="mesh")
+        mesh: Any = reader.load(io.BytesIO(data), file_type="stl", force="mesh")
         size = float(np.ptp(mesh.bounds, axis=0).max()) * unit
     except Exception as error:  # of any kind: the reader does not check its input
         raise MotionError(f"{path} holds no shape", "an STL file with triangles") from error
@@ -142,9 +143,12 @@ def _mesh(path: Path, unit: float) -> Any:
 
 def _cuts(mesh: Any, bottom: float, heights: Float) -> list[Float]:
     """Segments of each cut, shape (K, 2, 2). [m]"""
-    from trimesh.intersections import mesh_multiplane
+    from trimesh import intersections
 
-    lines, transforms, _ = mesh_multiplane(mesh, [0.0, 0.0, bottom], [0.0, 0.0, 1.0], heights)
+    cutter: Any = intersections
+    lines, transforms, _ = cutter.mesh_multiplane(
+        mesh, [0.0, 0.0, bottom], [0.0, 0.0, 1.0], heights
+    )
     return [
         np.asarray(part).reshape(-1, 2, 2) @ transform[:2, :2].T + transform[:2, 3]
         for part, transform in zip(lines, transforms, strict=True)
@@ -155,11 +159,12 @@ def _outlines(cut: Float, inset: float) -> tuple[list[Float], int]:
     """Closed outlines of a cut, each of shape (K, 2), the last point as the first; open cuts."""
     import shapely
 
+    joiner: Any = shapely
     segments = np.round(cut / GRID) * GRID
     segments = segments[np.any(segments[:, 0] != segments[:, 1], axis=1)]
     if not len(segments):
         return [], 0
-    merged: Any = shapely.line_merge(shapely.MultiLineString(list(segments)))
+    merged: Any = joiner.line_merge(shapely.MultiLineString(list(segments)))
     lines: list[Any] = list(getattr(merged, "geoms", [merged]))
     closed = [line for line in lines if line.is_ring]
     if inset > 0.0:

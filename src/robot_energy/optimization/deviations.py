@@ -20,7 +20,6 @@ bands hold was counted on others.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robot_energy.blocks import Float
 from robot_energy.model import RobotModel
@@ -140,5 +139,5 @@ class EnergyDeviations:
 
 def _hat(place: Float, knot: int) -> Float:
     """1 at a knot, 0 at the others, linear between."""
-    value: NDArray[np.float64] = np.interp(place, KNOTS, np.eye(len(KNOTS))[knot])
-    return value
+    height: Float = np.eye(len(KNOTS))[knot]
+    return np.asarray(np.interp(place, KNOTS, height))

@@ -132,7 +132,9 @@ class _Search:
         goal = np.roll(places, -1, axis=1).reshape(-1, joints)
         base, limits = self._form.base, self._form.full_limits
         every = Candidates(
-            np.arange(count * moves), np.tile(base.speed, count), np.tile(base.acceleration, count)
+            np.arange(int(count * moves)),
+            np.tile(base.speed, count),
+            np.tile(base.acceleration, count),
         )
         use = self._chain.moves(PtpMoves(start, goal, limits), every)
         needed = self._form.needed

@@ -112,8 +112,10 @@ class PtpForm:
         Returns:
             The program.
         """
-        via = [self._file.via[k] for k in order.tolist()]
-        update = {"via": via, "dwell": self.needed[order].tolist()}
+        chosen: list[int] = order.tolist()
+        via = [self._file.via[k] for k in chosen]
+        dwell: list[float] = self.needed[order].tolist()
+        update = {"via": via, "dwell": dwell}
         return PtpForm(self._path, robot, self._file.model_copy(update=update))
 
     def _changed(self, task: Task, plan: CyclePlan) -> ProgramFile:

@@ -145,12 +145,13 @@ def front(
         From fast to slow.
     """
     move, use = table.candidates.move, table.use
-    lowest = max(use.peak[allowed & (move == k)].min() for k in range(table.moves))
+    lowest: float = max(use.peak[allowed & (move == k)].min() for k in range(table.moves))
     highest = float(use.peak[allowed].max())
     scale = float(use.energy[plan.row].sum() / max(use.duration[plan.row].sum(), 1e-9))
     prices = np.concatenate([[0.0], np.geomspace(1e-3, 1e3, PRICES - 1)]) * scale
     found: dict[bytes, CyclePlan] = {}
-    for limit in np.linspace(lowest, highest, PEAKS):
+    limits: list[float] = np.linspace(float(lowest), highest, PEAKS).tolist()
+    for limit in limits:
         usable = np.flatnonzero(allowed & (use.peak <= limit * (1 + 1e-9)))
         cost = use.energy[usable, None] + prices * use.duration[usable, None]
         best = np.empty((table.moves, len(prices)), dtype=np.int64)
@@ -161,10 +162,12 @@ def front(
             found.setdefault(rows.tobytes(), CyclePlan(rows.copy(), plan.rest, plan.state))
     plans = [(one, table.cost(one)) for one in found.values()]
     points = np.array([(cost.energy, cost.duration, cost.peak) for _, cost in plans])
-    kept = [plans[k] for k in np.flatnonzero(_not_worse(points))]
+    best_rows: list[int] = np.flatnonzero(_not_worse(points)).tolist()
+    kept = [plans[k] for k in best_rows]
     kept.sort(key=lambda pair: pair[1].duration)
     if len(kept) > most:
-        kept = [kept[k] for k in np.unique(np.linspace(0, len(kept) - 1, most).astype(int))]
+        shown: list[int] = np.unique(np.linspace(0, len(kept) - 1, most).astype(int)).tolist()
+        kept = [kept[k] for k in shown]
     return kept
 
 

@@ -47,7 +47,7 @@ class TimedForm:
         clock, times, parts = 0.0, list[Float](), list[Trajectory]()
         for k, (rest, move) in enumerate(zip(plan.rest.tolist(), length.tolist(), strict=True)):
             count = max(2, int(np.ceil(move / STEP)) + 1)
-            own = np.linspace(0.0, move, count)
+            own = np.linspace(0.0, float(move), count)
             path = self.moves.sample(chosen, np.full(count, k, dtype=np.int64), own)
             still = Trajectory(
                 path.joint_position[:1], 0 * path.joint_velocity[:1], 0 * path.joint_velocity[:1]

@@ -211,8 +211,17 @@ def _table(entry: TableLaw) -> ViscousLaw:
     curve = table_curve(points, entry.viscous)
     deviations = entry.std
 
-    between = None if deviations is None else lambda t: np.interp(t, points, deviations)
-    return ViscousLaw(points[0], points[-1], lambda t: np.asarray(curve(t)), between)
+    stated = np.asarray(deviations or (), dtype=np.float64)
+
+    def between(degc: Float) -> Float:
+        return np.asarray(np.interp(degc, points, stated))
+
+    return ViscousLaw(
+        points[0],
+        points[-1],
+        lambda t: np.asarray(curve(t)),
+        None if deviations is None else between,
+    )
 
 
 FRICTION_LAWS.complete("constant", curve=_constant)
