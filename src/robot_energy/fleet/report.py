@@ -71,7 +71,7 @@ def fleet_report(
         comparisons = max(comparisons, compared.comparisons)
         if len(sisters) < MIN_SISTERS:
             notes.append(
-                f"{len(sisters)} robots with model {model_id}: sisters are compared from "
+                f"{len(sisters)} robot(s) with model {model_id}: sisters are compared from "
                 f"{MIN_SISTERS} on; each was compared with itself before"
             )
     if not read["measured_energy"].is_not_null().any():

@@ -118,23 +118,20 @@ def _measures(page: Document, report: OptimizationReport, scale: EnergyFormat) -
     def band(one: MeasureResult) -> str | None:
         return None if one.saving is None else f"+- {scale.joule(one.saving.half)}"
 
-    def of(name: str) -> Column:
-        return Column(
-            "time of cycle", lambda one: one.cycle and getattr(one.cycle, name), fixed(2), "s"
-        )
-
     page.rows(
         f"Each measure alone, saving per cycle [{scale.unit}]",
         [
             Column("measure", "label"),
             Column("saving", lambda one: one.saving and one.saving.energy, scale.joule),
             Column("90 %\nband", band),
-            of("duration"),
-            Column("peak", lambda one: one.cycle and one.cycle.peak_power, fixed(0), "W"),
+            Column("time of\ncycle", lambda one: one.cycle.duration, fixed(2), "s"),
+            Column("peak", lambda one: one.cycle.peak_power, fixed(0), "W"),
             Column("claim", "verdict"),
         ],
-        report.measures,
+        [one for one in report.measures if one.cycle is not None],
     )
+    if others := [one.label for one in report.measures if one.cycle is None]:
+        page.paragraph(f"These do not apply, or were not asked for: {'; '.join(others)}")
 
 
 def _temperatures(page: Document, report: OptimizationReport, scale: EnergyFormat) -> None:

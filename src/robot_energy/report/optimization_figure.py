@@ -52,6 +52,6 @@ def _front(figure: Any, axes: Axes, report: OptimizationReport) -> None:
                 cycle.duration, cycle.energy * KILO, mark, color=SERIES[3], label=name,
                 markerfacecolor="none" if mark == "s" else SERIES[3],
             )  # fmt: skip
-        axes.legend(loc="upper right")
+        axes.legend(loc="best")
     axes.set_xlabel("time of a cycle without waits [s]")
     axes.set_ylabel("energy from the grid [kJ]")
