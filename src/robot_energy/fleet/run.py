@@ -16,6 +16,7 @@ from robot_energy.fleet.bag_row import BagRow, refused, replay_bag
 from robot_energy.fleet.dataset import Dataset
 from robot_energy.model import RobotModel
 
+HTTP = "127.0.0.1:0"  # reachable from this machine alone
 ALLOWED_FAILURES = 20  # deaths of workers under one bag before the bag is given up
 PER_THREAD = 4  # bags at the scheduler for each thread of its workers
 MIN_WAITING = 16
@@ -160,7 +161,8 @@ def on_dask(
                     threads_per_worker=1,
                     memory_limit=memory,
                     host="127.0.0.1",
-                    dashboard_address=cast("Any", None),
+                    dashboard_address=HTTP,  # of the scheduler: None would be any interface
+                    worker_dashboard_address=HTTP,
                     silence_logs=logging.ERROR,
                 )
                 keep = threading.Thread(target=_keep, args=(cluster, workers, ended), daemon=True)

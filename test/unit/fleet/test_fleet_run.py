@@ -235,7 +235,7 @@ def scheduler(tmp_path):
     """A scheduler and two workers, as `howto_fleet.md` starts them on three hosts."""
     file = tmp_path / "scheduler.json"
     dask = [sys.executable, "-m", "dask"]
-    where = ["--scheduler-file", str(file), "--no-dashboard"]
+    where = ["--scheduler-file", str(file), "--dashboard-address", "127.0.0.1:0"]
     worker = ["worker", "--nworkers", "1", "--nthreads", "1", "--memory-limit", "2GB"]
     commands = [["scheduler", "--host", "127.0.0.1", "--port", "0"], worker, worker]
     processes = [
@@ -247,9 +247,12 @@ def scheduler(tmp_path):
         )
         for words in commands
     ]
-    while not file.exists():
+    address = ""
+    while not address:  # until the file is there, and complete
         assert all(process.poll() is None for process in processes)
-    yield json.loads(file.read_text())["address"]
+        with suppress(OSError, ValueError):
+            address = json.loads(file.read_text())["address"]
+    yield address
     for process in reversed(processes):
         process.terminate()
     for process in processes:

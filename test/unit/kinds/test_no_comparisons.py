@@ -22,6 +22,7 @@ NODES = Path(__file__).resolve().parents[3] / "ros2_energy_monitor" / "ros2_ener
 # Words that are a kind's name and mean something else.
 OTHER_WORDS = {
     ("robot_energy/bag/sqlite_source.py", "table"),  # type of an object of a database
+    ("robot_energy/fleet/merged_friction.py", "constant"),  # the law that every joint must have
     ("robot_energy/identify/drives/total_power.py", "constant"),  # a structure of losses
     ("robot_energy/model/open_schema.py", "efficiency_map"),  # key of an entry
     ("robot_energy_papers/models.py", "table"),  # the law that paper A asks for

@@ -10,7 +10,7 @@ NAME = "place"
 
 
 def _plan(task: Task) -> CyclePlan | None:
-    return task.base if NAME in task.variants else None
+    return task.base if task.variants.get(NAME) is not None else None
 
 
 def _cost(task: Task, plan: CyclePlan) -> Cost:
