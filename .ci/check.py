@@ -2,8 +2,8 @@
 
 Runs inside the environment of `.venv/env.sh`. All stages run, whatever fails; the exit code
 is 1 if any did. `check.py --lint` stops after format, lint and types. On two or more processors
-the stages run in two lanes at the same time: the first writes to the terminal, the output of the
-second follows when the first has ended.
+the stages run in three lanes at the same time: the first writes to the terminal, the output of the
+others follows when the first has ended. Two lanes compute; that of the nodes mostly waits.
 
 The unit tests of the packages that run online measure the coverage of these packages by lines;
 below MIN_COVERAGE they fail. Measuring doubles the time of a test on Python 3.11, so the
@@ -21,6 +21,7 @@ import time
 import xml.etree.ElementTree as ET
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor, wait
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO
@@ -48,7 +49,10 @@ LINT = {
 ONLINE = ["accounting", "cdr", "inputs", "messages", "physics", "pipeline", "store", "timeline"]
 FOLDERS = [f"test/unit/{name}" for name in ONLINE]
 # The second lane runs these, so that both lanes take about as long.
-APART = ["test/unit/papers", "test/packaging"]
+APART = [
+    *(f"test/unit/{name}" for name in ("papers", "identify", "fleet", "optimization", "report")),
+    "test/packaging",
+]
 MEASURE = ["--cov-report=", f"--cov-report=json:{COVERAGE}"]
 TESTS = {
     "online tests": [
@@ -60,7 +64,7 @@ TESTS = {
         *("-c", "test/pytest.ini", "test"),
         *(f"--ignore={folder}" for folder in (*FOLDERS, *APART)),
     ],
-    "tests of papers and packaging": ["-c", "test/pytest.ini", *APART],
+    "offline tests": ["-c", "test/pytest.ini", *APART],
     "node tests": ["-c", "ros2_energy_monitor/setup.cfg", "ros2_energy_monitor/test"],
 }
 WHOLE = {"coverage": ["-c", "test/pytest.ini", "test", "--cov=robot_energy", *MEASURE]}
@@ -111,21 +115,31 @@ def main(arguments: list[str]) -> int:
         lane.lint()
         lane.test(TESTS)
     else:
-        first = {"tests": TESTS["tests"]}
-        others = {name: paths for name, paths in TESTS.items() if name not in first}
-        with tempfile.TemporaryFile("a+", errors="replace") as output, ThreadPoolExecutor() as pool:
-            lanes.append(second := Lane(output))
-            parallel = pool.submit(lambda: (second.lint(), second.test(others)))
+        first = {name: paths for name, paths in TESTS.items() if name == "tests"}
+        nodes = {name: paths for name, paths in TESTS.items() if name == "node tests"}
+        second = {name: paths for name, paths in TESTS.items() if name not in first | nodes}
+        with ExitStack() as stack:
+            outputs = [stack.enter_context(tempfile.TemporaryFile("a+", errors="replace"))
+                       for _ in range(2)]  # fmt: skip
+            pool = stack.enter_context(ThreadPoolExecutor())
+            computing, waiting = map(Lane, outputs)
+            lanes += [computing, waiting]
+            parallel = [
+                pool.submit(lambda: (computing.lint(), computing.test(second))),
+                pool.submit(lambda: waiting.test(nodes)),
+            ]
             try:
                 lane.test(first)
-                parallel.result()
+                for each in parallel:
+                    each.result()
             finally:
                 STOPPED.set()
                 for process in list(RUNNING):
                     stop(process)
-                wait([parallel])
-                output.seek(0)
-                print(output.read(), flush=True)
+                wait(parallel)
+                for output in outputs:
+                    output.seek(0)
+                    print(output.read(), flush=True)
     words = [word for each in reversed(lanes) for word in each.words]
     counts = sum((each.counts for each in lanes), Counter[str]())
     if "--lint" not in arguments:

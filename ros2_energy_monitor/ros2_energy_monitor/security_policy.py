@@ -17,7 +17,6 @@ from importlib import import_module
 from typing import Any
 from xml.etree import ElementTree
 
-from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -127,11 +126,13 @@ def policy_xml(rights: Iterable[NodeRights]) -> bytes:
     return f'<?xml version="1.0" encoding="UTF-8"?>\n<!-- {GENERATOR} -->\n{text}\n'.encode()
 
 
-def collect(context: Context, names: Sequence[str], has_file: bool) -> list[NodeRights]:
+def collect(args: Sequence[str], names: Sequence[str], has_file: bool) -> list[NodeRights]:
     """Start the nodes one after the other and read what each uses.
 
+    Each begins in a graph of its own, where no node of that name was before.
+
     Args:
-        context: Of the nodes.
+        args: Command line of the nodes, from ``--ros-args`` on.
         names: Executables, of `NODES`.
         has_file: Whether a parameter file is given, which then names the profile of the meter.
 
@@ -145,7 +146,7 @@ def collect(context: Context, names: Sequence[str], has_file: bool) -> list[Node
     for name in names:
         # The dashboard subscribes and asks what it finds.
         others = ["energy_monitor"] if name == "energy_dashboard" else []
-        with _running(context, [name, *others], has_file) as ((node, *seen), spin_until):
+        with _running(args, [name, *others], has_file) as ((node, *seen), spin_until):
             if seen:
                 spin_until(lambda node=node: any(True for _ in node.clients), "energy_monitor")
             for one in (node, *seen):
@@ -164,35 +165,36 @@ def _with_actions(page: NodeRights, monitor: NodeRights, node: Any) -> NodeRight
 
 @contextmanager
 def _running(
-    context: Context, names: Sequence[str], has_file: bool
+    args: Sequence[str], names: Sequence[str], has_file: bool
 ) -> Generator[tuple[list[Node], Callable[[Callable[[], bool], str], None]]]:
     """The nodes, and a function that executes them until a condition holds."""
-    executor, nodes = SingleThreadedExecutor(context=context), list[Node]()
+    with ros(args) as context:
+        executor, nodes = SingleThreadedExecutor(context=context), list[Node]()
 
-    def spin_until(condition: Callable[[], bool], what: str) -> None:
-        limit = time.monotonic() + PATIENCE
-        while not condition():
-            if time.monotonic() > limit:
-                raise PageError(
-                    f"the graph does not show all of {what}", "nodes that see each other"
-                )
-            executor.spin_once(timeout_sec=0.05)
+        def spin_until(condition: Callable[[], bool], what: str) -> None:
+            limit = time.monotonic() + PATIENCE
+            while not condition():
+                if time.monotonic() > limit:
+                    raise PageError(
+                        f"the graph does not show all of {what}", "nodes that see each other"
+                    )
+                executor.spin_once(timeout_sec=0.05)
 
-    try:
-        for name in names:
-            overrides = dict(NODES[name])
-            if name == "meter_driver" and not has_file:
-                overrides["profile"] = DEFAULT_PROFILE
-            kind = name.title().replace("_", "")
-            make: Callable[..., Node] = getattr(import_module(EXECUTABLES[name]), kind)
-            given = [Parameter(key, value=value) for key, value in overrides.items()]
-            nodes.append(make(context=context, parameter_overrides=given))
-            executor.add_node(nodes[-1])
-        yield nodes, spin_until
-    finally:
-        executor.shutdown()
-        for node in nodes:
-            node.destroy_node()
+        try:
+            for name in names:
+                overrides = dict(NODES[name])
+                if name == "meter_driver" and not has_file:
+                    overrides["profile"] = DEFAULT_PROFILE
+                kind = name.title().replace("_", "")
+                make: Callable[..., Node] = getattr(import_module(EXECUTABLES[name]), kind)
+                given = [Parameter(key, value=value) for key, value in overrides.items()]
+                nodes.append(make(context=context, parameter_overrides=given))
+                executor.add_node(nodes[-1])
+            yield nodes, spin_until
+        finally:
+            executor.shutdown()
+            for node in nodes:
+                node.destroy_node()
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -220,8 +222,7 @@ def main(args: Sequence[str] | None = None) -> int:
     clear_ports()  # of a process that was killed
     try:
         check_file(options.out, POLICY, "the policy")
-        with ros(rest) as context:
-            found = collect(context, options.nodes, has_file)
+        found = collect(rest, options.nodes, has_file)
         write_file(options.out, policy_xml(found), POLICY, "the policy")
     except RobotEnergyError as error:
         print(f"security_policy: {error}", flush=True)
