@@ -2,26 +2,22 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 
 from robot_energy.blocks import Float
-from robot_energy.motion.joint_trajectory import JointTrajectory
-from robot_energy.motion.planned import SampledMotion
 from robot_energy.motion.ptp import Trajectory
-from robot_energy.motion.trajectory_io import write_csv, write_trajectory
 from robot_energy.optimization.candidates import STEP
 from robot_energy.optimization.forms import ProgramForm
 from robot_energy.optimization.plan import CyclePlan
 from robot_energy.optimization.task import Task
 from robot_energy.optimization.timed_moves import TimedMoves
+from robot_energy.optimization.written_trajectory import WrittenTrajectory
 from robot_energy.physics.rigid_body import Robot
 
 MIN_REST = 1e-4  # s; less is rounding
 
 
-class TimedForm:
+class TimedForm(WrittenTrajectory):
     """A program with time laws; attributes as those of `PtpForm`.
 
     Args:
@@ -31,6 +27,7 @@ class TimedForm:
     """
 
     def __init__(self, form: ProgramForm, moves: TimedMoves, robot: Robot) -> None:
+        super().__init__(robot)
         self.moves = moves
         self.base, self.needed, self.joint_position = form.base, form.needed, form.joint_position
         self.labels, self.speeds, self.accelerations = form.labels, form.speeds, form.accelerations
@@ -39,9 +36,9 @@ class TimedForm:
             *form.notes,
             "moves with a time law of their own need a controller that follows a trajectory",
         )
-        self._names = robot.joint_names
 
-    def _path(self, task: Task, plan: CyclePlan) -> tuple[Float, Trajectory]:
+    def points(self, task: Task, plan: CyclePlan) -> tuple[Float, Trajectory]:
+        """Return the points of a plan, as `WrittenTrajectory.points`."""
         chosen = task.table.candidates[plan.row]
         length = self.moves.duration(chosen)
         clock, times, parts = 0.0, list[Float](), list[Trajectory]()
@@ -61,37 +58,3 @@ class TimedForm:
             parts.append(path.rows(rows))
             clock += move
         return np.concatenate(times), Trajectory.concatenate(parts)
-
-    def motion(self, task: Task, plan: CyclePlan, robot: Robot) -> SampledMotion:
-        """Return a plan as a motion for a prediction.
-
-        Args:
-            task: The task.
-            plan: A plan of it.
-            robot: The robot.
-
-        Returns:
-            The motion.
-        """
-        time, path = self._path(task, plan)
-        return JointTrajectory(
-            robot.joint_names, time, path.joint_position, path.joint_velocity,
-            path.joint_acceleration,
-        ).planned()  # fmt: skip
-
-    def write(self, path: Path, task: Task, plan: CyclePlan) -> None:
-        """Write a plan as a trajectory.
-
-        Args:
-            path: A name with .csv makes a table, any other a bag.
-            task: The task.
-            plan: A plan of it.
-
-        Raises:
-            RobotEnergyError: If it cannot be written.
-        """
-        time, motion = self._path(task, plan)
-        if path.suffix.lower() == ".csv":
-            write_csv(path, self._names, time, motion)
-        else:
-            write_trajectory(path, self._names, time, motion, overwrite=True)

@@ -14,17 +14,12 @@ import numpy as np
 from robot_energy.blocks import Float, Int
 from robot_energy.errors import MotionError
 from robot_energy.motion.joint_trajectory import JointTrajectory
-from robot_energy.motion.planned import SampledMotion
 from robot_energy.motion.ptp import DEFAULT_JERK_TIME, Trajectory
-from robot_energy.motion.trajectory_io import (
-    read_bag_trajectory,
-    read_csv_trajectory,
-    write_csv,
-    write_trajectory,
-)
+from robot_energy.motion.trajectory_io import read_bag_trajectory, read_csv_trajectory
 from robot_energy.optimization.candidates import SPEEDS, Candidates
 from robot_energy.optimization.plan import CyclePlan
 from robot_energy.optimization.task import Task
+from robot_energy.optimization.written_trajectory import WrittenTrajectory
 from robot_energy.physics.rigid_body import Robot
 
 STILL = 1e-4  # rad/s or m/s, below which all joints rest
@@ -101,7 +96,7 @@ class StretchedMoves:
         )
 
 
-class TrajectoryForm:
+class TrajectoryForm(WrittenTrajectory):
     """A trajectory as CSV or in a bag. Attributes as those of `PtpForm`.
 
     Args:
@@ -125,7 +120,7 @@ class TrajectoryForm:
                 f"{path} moves {', '.join(given.joint_names)}",
                 f"the joints of the model, {', '.join(robot.joint_names)}",
             )
-        self._names, self._given = robot.joint_names, given
+        super().__init__(robot)
         order = [given.joint_names.index(name) for name in robot.joint_names]
         at = given.sample(given.instants)
         self._motion = JointTrajectory(
@@ -150,8 +145,8 @@ class TrajectoryForm:
             "somewhere in it as given",
         )
 
-    def _stretched(self, task: Task, plan: CyclePlan) -> tuple[Float, Trajectory]:
-        """Points of the trajectory at their new times."""
+    def points(self, task: Task, plan: CyclePlan) -> tuple[Float, Trajectory]:
+        """Return the points of a plan, as `WrittenTrajectory.points`."""
         factor = self.moves.factor(task.table.candidates[plan.row])
         times: list[Float] = []
         parts: list[Trajectory] = []
@@ -180,40 +175,6 @@ class TrajectoryForm:
             time = np.concatenate([[0.0], time])
             path = Trajectory.concatenate([path.rows(slice(0, 1)), path])
         return time, path
-
-    def motion(self, task: Task, plan: CyclePlan, robot: Robot) -> SampledMotion:
-        """Return a plan as a motion for a prediction.
-
-        Args:
-            task: The task.
-            plan: A plan of it.
-            robot: The robot.
-
-        Returns:
-            The motion.
-        """
-        time, path = self._stretched(task, plan)
-        return JointTrajectory(
-            robot.joint_names, time, path.joint_position, path.joint_velocity,
-            path.joint_acceleration,
-        ).planned()  # fmt: skip
-
-    def write(self, path: Path, task: Task, plan: CyclePlan) -> None:
-        """Write a plan as a program of the same kind.
-
-        Args:
-            path: A name with .csv makes a table, any other a bag.
-            task: The task.
-            plan: A plan of it.
-
-        Raises:
-            RobotEnergyError: If it cannot be written.
-        """
-        time, motion = self._stretched(task, plan)
-        if path.suffix.lower() == ".csv":
-            write_csv(path, self._names, time, motion)
-        else:
-            write_trajectory(path, self._names, time, motion, overwrite=True)
 
 
 def _rests(motion: JointTrajectory, name: str) -> tuple[Float, Float, Float]:
