@@ -247,16 +247,18 @@ def scheduler(tmp_path):
         )
         for words in commands
     ]
-    address = ""
-    while not address:  # until the file is there, and complete
-        assert all(process.poll() is None for process in processes)
-        with suppress(OSError, ValueError):
-            address = json.loads(file.read_text())["address"]
-    yield address
-    for process in reversed(processes):
-        process.terminate()
-    for process in processes:
-        process.wait()
+    try:
+        address = ""
+        while not address:  # until the file is there, and complete
+            assert all(process.poll() is None for process in processes)
+            with suppress(OSError, ValueError):
+                address = json.loads(file.read_text())["address"]
+        yield address
+    finally:
+        for process in reversed(processes):
+            process.terminate()
+        for process in processes:
+            process.wait()
 
 
 def test_workers_of_another_command_give_the_same_bits(hall, sequential, tmp_path, scheduler):
