@@ -38,7 +38,15 @@ class TimedForm(WrittenTrajectory):
         )
 
     def points(self, task: Task, plan: CyclePlan) -> tuple[Float, Trajectory]:
-        """Return the points of a plan, as `WrittenTrajectory.points`."""
+        """Return the points of a plan.
+
+        Args:
+            task: The task.
+            plan: A plan of it.
+
+        Returns:
+            Times from 0 on, shape (K,) [s], and the points.
+        """
         chosen = task.table.candidates[plan.row]
         length = self.moves.duration(chosen)
         clock, times, parts = 0.0, list[Float](), list[Trajectory]()

@@ -146,7 +146,15 @@ class TrajectoryForm(WrittenTrajectory):
         )
 
     def points(self, task: Task, plan: CyclePlan) -> tuple[Float, Trajectory]:
-        """Return the points of a plan, as `WrittenTrajectory.points`."""
+        """Return the points of a plan.
+
+        Args:
+            task: The task.
+            plan: A plan of it.
+
+        Returns:
+            Times from 0 on, shape (K,) [s], and the points.
+        """
         factor = self.moves.factor(task.table.candidates[plan.row])
         times: list[Float] = []
         parts: list[Trajectory] = []
