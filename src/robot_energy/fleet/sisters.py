@@ -33,7 +33,7 @@ HUBER = 2.0  # standard deviations, beyond which a bag weighs less
 ROUNDS = 12
 TINY = 1e-12  # against a division by 0
 MEDIAN_TO_STD = 1.4826  # of the absolute deviation of a normal variable
-PRIOR_BAGS = 5.0  # that the usual scatter of a bag counts for, beside a robot's own
+PRIOR_BAGS = 5.0  # that the usual scatter of a bag counts for, in addition to a robot's own
 RIDGE = 1e-3  # of one bag, on every coefficient: a share that does not vary has none
 
 

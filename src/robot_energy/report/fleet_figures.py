@@ -21,7 +21,7 @@ from robot_energy.report.canvas import (
 )
 from robot_energy.results.fleet import FrictionCurve, ModelError, RobotEnergy
 
-PANELS = 2  # beside each other: they must be read on a phone
+PANELS = 2  # in a row: they must be read on a phone
 MAX_BARS = 40  # robots that are drawn
 SECOND_NS = 1_000_000_000
 
