@@ -10,6 +10,7 @@ from robot_energy.blocks import EffortMeaning
 from robot_energy.identify.cabinet.cabinet import CabinetFit
 from robot_energy.identify.cabinet.dc_link import LinkFit
 from robot_energy.identify.data.bags import VIRTUAL, BagFacts
+from robot_energy.identify.drives.drives import DrivesFit
 from robot_energy.identify.steps import DynamicsFound
 from robot_energy.report.document import Column, Document
 from robot_energy.report.drives import drives_document
@@ -25,7 +26,7 @@ from robot_energy.report.identification import (
 )
 from robot_energy.report.parameters import changes_document
 from robot_energy.report.thermal import thermal_document
-from robot_energy.results.drives import DrivesReport
+from robot_energy.results.drives import DrivesReport, TotalPower
 from robot_energy.results.dynamics import DynamicsReport
 from robot_energy.results.identification import FrictionReport, IdentificationReport, StepReport
 from robot_energy.results.model import count_tags
@@ -127,14 +128,14 @@ def _came_of(step: StepReport) -> str:
             return f"{counted(len(fits), 'axis', 'axes')}, {where}: {laws}"
         case CabinetFit() as fit:
             sides = (("grid", fit.loss_grid), ("DC", fit.loss_dc))
-            return ", ".join(
-                f"{name} side as given" if value is None else f"{name} side {value:.1f} W"
-                for name, value in sides
+            return ", ".join(f"{name} side {_constant(value)}" for name, value in sides)
+        case DrivesReport(drives=None, total=TotalPower(constant=constant)):
+            return (
+                "losses behind one meter for all drives; constant losses that it sees: "
+                f"{constant:.1f} W"
             )
-        case DrivesReport(_, drives):
-            if drives is None:
-                return "losses behind one meter for all drives"
-            return f"each drive by its own power: {drives.chosen.replace('_', ' ')}"
+        case DrivesReport(drives=DrivesFit(chosen=chosen)):
+            return f"each drive by its own power: {chosen.replace('_', ' ')}"
         case LinkFit() as fit:
             return (
                 f"{fit.energy:.0f} J, 95 % interval {fit.interval[0]:.0f} to {fit.interval[1]:.0f}"
@@ -143,8 +144,15 @@ def _came_of(step: StepReport) -> str:
             worst = max(fit.rms for fit in found.axes)
             motors = counted(len(found.axes), "motor")
             return f"{motors}, free run at most {worst:.1f} K off (RMS)"
-        case None:
+        case _:
             return ""
+
+
+def _constant(value: float | None) -> str:
+    """A constant loss in words; the model file has 0 where the fit went below."""
+    if value is None:
+        return "as given"
+    return f"{value:.1f} W" if value > 0.0 else "at its bound 0"
 
 
 def _read(report: IdentificationReport, page: Document) -> None:
