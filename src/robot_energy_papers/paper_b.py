@@ -33,9 +33,12 @@ from robot_energy_papers.mantis import (
     recorded,
     slower,
 )
+from robot_energy_papers.map_sensitivity import map_tables
+from robot_energy_papers.sensitivity import SensitivityTable
+from robot_energy_papers.wall_sensitivity import wall_tables
 
 SLOW = 0.4  # of the speed, for the second excitation
-STEPS = 9
+STEPS = 11
 WALL, WALL_HELD, VALIDATION = "wall, all joints", "wall, joint 1 held", "validation"
 FAST, SLOWED, BOTH = "full speed", "40 % of it", "both speeds"
 TRAININGS = {BOTH: (FAST, SLOWED), FAST: (FAST,), SLOWED: (SLOWED,)}
@@ -140,6 +143,8 @@ class PaperB:
     weighted: dict[Definition, Accuracy]
     machines: dict[str, MachineResult]
     plants: dict[int, DriveTest]
+    gantry: dict[str, SensitivityTable]
+    maps: dict[str, SensitivityTable]
 
     @property
     def quick(self) -> bool:
@@ -228,7 +233,12 @@ def study(
     for plant_seed in range(1, scale.plants + 1):
         plants[plant_seed] = _drawn(plant_seed, start, motions, folder, first)
         step()
-    return PaperB(seed, scale, trained, _accuracy(check), machines, plants)
+    quick = scale.layers == 0
+    gantry = wall_tables(quick)
+    step()
+    maps = map_tables(train, first + 3, quick)
+    step()
+    return PaperB(seed, scale, trained, _accuracy(check), machines, plants, gantry, maps)
 
 
 def _drawn(

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from robot_energy.results.base import Result
+from robot_energy.results.base import Number, Result
 
 Values = Mapping[str, float]
 Evaluate = Callable[[Values], Mapping[str, float]]
@@ -31,6 +31,7 @@ class OpenFigure:
         nominal: As the study has it.
         high: Upper end.
         reason: Why this range.
+        switch: Whether nothing lies between its values.
     """
 
     key: str
@@ -40,6 +41,7 @@ class OpenFigure:
     nominal: float
     high: float
     reason: str
+    switch: bool = False
 
     def __post_init__(self) -> None:
         if not self.low <= self.nominal <= self.high or self.low == self.high:
@@ -64,8 +66,8 @@ class SensitivityRow(Result):
     figure: OpenFigure
     at_low: float
     at_high: float
-    elasticity: float | None
-    reproduces: float | None
+    elasticity: Number
+    reproduces: Number
 
 
 @dataclass(frozen=True)
@@ -92,8 +94,7 @@ class SensitivityTable(Result):
         published: As in the paper.
         nominal: Of the study.
         rows: One per figure.
-        reach: With every figure at the end that helps; NaN, None here, where nothing was left to
-            seek.
+        reach: With every figure at the end that helps; None where the published result is reached.
         combination: The fewest figures that reach the published result together, the strongest
             first; None where one alone does, or where all of them do not.
     """
@@ -102,7 +103,7 @@ class SensitivityTable(Result):
     published: float
     nominal: float
     rows: tuple[SensitivityRow, ...]
-    reach: float
+    reach: Number
     combination: Combination | None
 
     @property
@@ -161,6 +162,7 @@ class _Sought:
         self, base: Mapping[str, float], ends: Mapping[tuple[str, float], Mapping[str, float]]
     ) -> SensitivityTable:
         start = base[self.quantity]
+        sign = 1.0 if self.goal > start else -1.0
         rows: list[SensitivityRow] = []
         helps: dict[str, tuple[float, float]] = {}  # result and value at the end that helps more
         for figure in self.figures:
@@ -168,7 +170,7 @@ class _Sought:
                 end: ends[figure.key, end][self.quantity] if end != figure.nominal else start
                 for end in (figure.low, figure.high)
             }
-            gain, end = max(((at[end] - start) * self._sign(start), end) for end in at)
+            gain, end = max(((result - start) * sign, end) for end, result in at.items())
             if gain > 0:
                 helps[figure.key] = at[end], end
             slope = (at[figure.high] - at[figure.low]) / (figure.high - figure.low)
@@ -181,42 +183,42 @@ class _Sought:
                     self._alone(figure, start, at),
                 )
             )
-        order = sorted(helps, key=lambda key: -abs(helps[key][0] - start))
-        reach, combination = start, None
-        if not any(row.reproduces is not None for row in rows):
-            reach, combination = self._together(
-                {key: helps[key][1] for key in order}, start, helps[order[0]][0] if order else start
-            )
-        else:
-            reach = float("nan")
+        reach: float | None = None
+        combination = None
+        if all(row.reproduces is None for row in rows):
+            order = sorted(helps, key=lambda key: abs(helps[key][0] - start), reverse=True)
+            strongest = helps[order[0]][0] if order else start
+            ends_of = {key: helps[key][1] for key in order}
+            reach, combination = self._together(ends_of, start, strongest)
         return SensitivityTable(self.quantity, self.goal, start, tuple(rows), reach, combination)
-
-    def _sign(self, start: float) -> float:
-        return 1.0 if self.goal > start else -1.0
 
     def _alone(self, figure: OpenFigure, start: float, at: Mapping[float, float]) -> float | None:
         """The value between nominal and an end that gives the goal, where the end is beyond it."""
         for end, result in at.items():
             if end != figure.nominal and (start - self.goal) * (result - self.goal) <= 0:
+                if figure.switch:
+                    return end
                 return self._root({figure.key: end}, start, result).values[figure.key]
         return None
 
     def _together(
         self, ends: Mapping[str, float], start: float, strongest: float
-    ) -> tuple[float, Combination | None]:
+    ) -> tuple[float | None, Combination | None]:
         """Add figures, strongest first, until the goal is passed."""
         keys, result = list(ends), strongest
         for count in range(2, len(keys) + 1):
             chosen = {key: ends[key] for key in keys[:count]}
             result = self._at(chosen, 1.0)
             if (start - self.goal) * (result - self.goal) <= 0:
-                return float("nan"), self._root(chosen, start, result)
+                return None, self._root(chosen, start, result)
         return result, None
 
     def _root(self, ends: Mapping[str, float], start: float, result: float) -> Combination:
         from scipy.optimize import brentq
 
-        known = {0.0: start - self.goal, 1.0: result - self.goal}
+        known = {1.0: result - self.goal}
+        if not any(figure.switch for figure in self.figures if figure.key in ends):
+            known[0.0] = start - self.goal
 
         def off(share: float) -> float:
             if share not in known:
@@ -227,7 +229,12 @@ class _Sought:
         return Combination(share, self._values(ends, share), off(share) + self.goal)
 
     def _values(self, ends: Mapping[str, float], share: float) -> dict[str, float]:
-        return {key: (1 - share) * self.nominal[key] + share * end for key, end in ends.items()}
+        """Values on the way to the ends; a switch is there at once."""
+        switched = {figure.key for figure in self.figures if figure.switch}
+        return {
+            key: end if key in switched else (1 - share) * self.nominal[key] + share * end
+            for key, end in ends.items()
+        }
 
     def _at(self, ends: Mapping[str, float], share: float) -> float:
         return self.evaluate({**self.nominal, **self._values(ends, share)})[self.quantity]
