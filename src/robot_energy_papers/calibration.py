@@ -55,7 +55,11 @@ class Holding:
 
     @classmethod
     def of(cls, power: Float) -> Holding:
-        """Return the spread of the power of poses, shape (N,). [W]"""
+        """Return the spread of the power of poses.
+
+        Args:
+            power: Shape (N,). [W]
+        """
         return cls(float(power.mean()), float(power.min()), float(power.max()), len(power))
 
     @property

@@ -24,7 +24,7 @@ from robot_energy_papers.mantis import (
 )
 from robot_energy_papers.sensitivity import OpenFigure, SensitivityTable, Values, sensitivity
 
-MAPS, SECOND = "reduced maps", "reduced maps, second stage"
+MAPS, SECOND = STAGES = "reduced maps", "reduced maps, second stage"
 ROUGH = 0.02  # of the values that are sought: maps are made of noisy samples
 RUN = "wall"
 PLANT = ("resistance", "friction", "torque_noise")
@@ -80,7 +80,7 @@ def map_tables(train: FourierMotion, seed: int, quick: bool) -> dict[str, Sensit
         RobotEnergyError: If a rig, a recording or a fit fails.
     """
     figures = [entry for entry in FIGURES if not quick or entry.key in IN_BOTH_FORMS]
-    goals = dict.fromkeys((MAPS, SECOND), PAPER["map_processed"])
+    goals = {stage: PAPER["map_processed"] for stage in STAGES}
     with TemporaryDirectory() as folder:
         return sensitivity(_Maps(Path(folder), train, seed).accuracy, figures, goals, ROUGH)
 

@@ -112,7 +112,11 @@ class SensitivityTable(Result):
         return [row for row in self.rows if row.reproduces is not None]
 
     def named(self, key: str) -> OpenFigure:
-        """Return the figure of a key."""
+        """Return the figure of a key.
+
+        Args:
+            key: One of the rows'.
+        """
         return next(row.figure for row in self.rows if row.figure.key == key)
 
 
@@ -127,7 +131,7 @@ def sensitivity(
     Args:
         evaluate: The study in short.
         figures: What is open.
-        published: Results of the paper by quantity; in units of what ``evaluate`` returns.
+        published: Results of the paper by quantity. [any unit]
         tolerance: Of values that are sought, share of the way to an end. [-]
 
     Returns:
