@@ -146,5 +146,5 @@ def test_export_writes_parquet(tmp_path, capsys):
 
 
 def test_an_option_that_does_not_exist_is_refused():
-    with pytest.raises(TypeError, match="no option fixed_degc; expected: .*start"):
+    with pytest.raises(TypeError, match=r"no option fixed_degc; expected: .*start"):
         re.replay(BAG, "kr16", fixed_degc=40.0)

@@ -77,7 +77,7 @@ def test_free_rests_are_filled_with_slower_moves_in_the_same_time(tmp_path):
 def test_what_is_no_whole_cycle_is_refused(tmp_path):
     kept = np.r_[0:500, 900:1500]
     measured(tmp_path / "gap", kept)
-    with pytest.raises(MotionError, match="has a gap 1.996 s after the first"):
+    with pytest.raises(MotionError, match=r"has a gap 1\.996 s after the first"):
         recorded_motion(tmp_path / "gap", MODEL)
     assert recorded_motion(tmp_path / "gap", MODEL, TimeRange(0.0, 1.9)).duration < 1.9
     with pytest.raises(MotionError, match="never moves"):
