@@ -119,8 +119,8 @@ MODULES = {
         trajectory_io
     """,
     "robot_energy.optimization": """
-        candidates chain deviations forms levelling order path_power place plan ptp_form rest_states
-        run search task time_law timed_form timed_moves trajectory_form written_trajectory
+        candidates chain deviations forms levelling order path_power place plan ptp_form
+        recorded_motion rest_states run search task time_law timed_form timed_moves trajectory_form written_trajectory
     """,
     "robot_energy.optimization.measures": """
         move_overrides one_override order place regenerative rest_pose rest_state slack table

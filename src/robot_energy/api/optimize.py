@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from robot_energy.api.inputs import ModelName, model_of
+from robot_energy.bag.time_range import TimeRange
 from robot_energy.blocks import PLAUSIBLE_DEGC, Float
 from robot_energy.errors import MotionError
 from robot_energy.model import RobotModel
@@ -80,12 +81,16 @@ def optimize(
     place: Sequence[float] | None = None,
     link: str = "tool0",
     topic: str | None = None,
+    start: float | None = None,
+    end: float | None = None,
+    free_rests: bool = False,
     progress: Callable[[float], None] | None = None,
 ) -> OptimizationResult:
     """Look for the speeds, pauses and states that cost least, and say how sure that is.
 
     Args:
-        program: YAML of point-to-point moves, or a JointTrajectory as CSV or in a bag.
+        program: YAML of point-to-point moves, a JointTrajectory as CSV or in a bag, or a bag of
+            recorded joint states.
         model: A model, its file, or the name of a shipped one.
         temperature: Of all motors, or the range in which they work; None: the reference
             temperature of the model. [degC]
@@ -102,7 +107,11 @@ def optimize(
         place: Half widths of a box in the base frame, in which the workpiece may be shifted, shape
             (3,); for point-to-point moves. [m]
         link: Frame that holds the work.
-        topic: Of the JointTrajectory in a bag.
+        topic: Of the JointTrajectory, or of the joint states, in a bag.
+        start: Of one recorded cycle in the bag, after its start; negative: before its end. [s]
+        end: Of the same cycle, likewise. [s]
+        free_rests: Whether the work needs none of the rests of the program: the cycle, as long as
+            now unless ``cycle_time`` is given, may be filled with slower moves.
         progress: Called with the share done, 0 to 1.
 
     Returns:
@@ -128,7 +137,9 @@ def optimize(
             "no cycle time was given for robots on one supply", "the cycle time that all have"
         )
     chain = PowerChain(used, _temperatures(temperature, used))
-    form = read_form(program, chain.robot, topic)
+    form = read_form(program, used, chain.robot, topic, TimeRange(start, end))
+    if free_rests and cycle_time is None:
+        cycle_time = float(form.moves.duration(form.base).sum() + form.needed.sum())
     states = (ASSUMED if standby else ()) if isinstance(standby, bool) else tuple(standby)
 
     def task_of(one: ProgramForm) -> Task:
@@ -136,7 +147,7 @@ def optimize(
             chain,
             one.moves,
             one.base,
-            one.needed,
+            np.zeros_like(one.needed) if free_rests else one.needed,
             one.joint_position,
             cycle_time=cycle_time,
             states=states,
