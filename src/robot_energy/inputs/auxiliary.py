@@ -1,4 +1,4 @@
-"""Meters and states of auxiliary loads: topics by name, types and meanings."""
+"""Meters and states of auxiliary loads: topics, types and meanings."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ STATE_TYPE = "std_msgs/msg/UInt8"
 class StateSource:
     """The topic that says in which state a load is: the number of the state, from 0."""
 
-    topic: str = parameter("Topic of the numbers; auxiliary/NAME/state by default.", "")
+    load: str = parameter("Name of the load in the model file.", "")
+    topic: str = parameter("Topic of the numbers.", "state")
     type: str = parameter("Type of the messages.", STATE_TYPE)
     value_path: str = parameter("Path of the number in the messages.", "data")
     stamp_source: str = parameter(
@@ -41,7 +42,7 @@ class StateSource:
 
 @dataclass(frozen=True, kw_only=True)
 class AuxiliaryInputs:
-    """Parameters of the meters and states of auxiliary loads, by the names of the loads."""
+    """Parameters of the meters and states of auxiliary loads."""
 
     auxiliary_meters: Mapping[str, MeterSource] = named_groups(
         MeterSource,
@@ -50,6 +51,6 @@ class AuxiliaryInputs:
     )
     auxiliary_states: Mapping[str, StateSource] = named_groups(
         StateSource,
-        "Auxiliary loads whose state topic is set here; others may send UInt8 on "
-        "auxiliary/NAME/state.",
+        "Topics of states that are set here: a name for each, which is not that of a load with a "
+        "meter above. Other loads may send UInt8 on auxiliary/NAME/state.",
     )

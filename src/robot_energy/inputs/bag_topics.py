@@ -212,7 +212,8 @@ def find_auxiliary(
         MissingTopicError: If a topic is there with another type, or several times.
     """
     meters = dict(inputs.auxiliary_meters) if inputs is not None else {}
-    states = dict(inputs.auxiliary_states) if inputs is not None else {}
+    given = inputs.auxiliary_states.values() if inputs is not None else ()
+    states = {source.load: source for source in given}
     found: dict[str, LoadTopics] = {}
     notes: list[str] = []
     for load in loads:
@@ -224,9 +225,8 @@ def find_auxiliary(
             if meter is None:
                 topics = " and ".join(wanted.topics)
                 notes.append(f"the bag has no {topics}: the power of {load.name} is not known")
-        state = states.get(load.name, StateSource())
-        if not state.topic:
-            state = replace(state, topic=f"auxiliary/{load.name}/state")
+        usual_state = StateSource(topic=f"auxiliary/{load.name}/state")
+        state = states.get(load.name, usual_state)
         found[load.name] = LoadTopics(meter, _in_bag(bag, state.source))
     for name in sorted({*meters, *states} - set(found)):
         notes.append(f"the inputs name the auxiliary load '{name}', which the model lacks")
