@@ -239,11 +239,6 @@ class RobotModel(ModelEntry):
                 raise ValueError(f"drive is {kind.name} but joint '{joint.name}' has no {kind.key}")
         return self
 
-    @model_serializer(mode="wrap")
-    def _dump(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leave out an absent key that came later: a model without it keeps its identity."""
-        return without_absent(dump(self), "auxiliary")
-
     @property
     def joint_names(self) -> tuple[str, ...]:
         """Names of the modelled joints, in the order of every array."""
@@ -257,7 +252,8 @@ class RobotModel(ModelEntry):
     @property
     def model_id(self) -> str:
         """Short hash over every figure and the URDF: equal ids give equal watts."""
-        digest = hashlib.sha256(self.model_dump_json(exclude={"urdf"}).encode())
+        late = {"auxiliary"} if self.auxiliary is None else set[str]()
+        digest = hashlib.sha256(self.model_dump_json(exclude={"urdf"} | late).encode())
         digest.update(self._urdf_xml.encode())
         return digest.hexdigest()[:12]
 
