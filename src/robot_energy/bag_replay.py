@@ -152,13 +152,13 @@ def replay(
     used = find_topics(bag, topics or Topics(), inputs)
     sources, notes = find_temperatures(bag, used, inputs)
     loads = model.auxiliary or ()
-    beside, unread = find_auxiliary(bag, loads, inputs)
-    others = {topic for load in beside.values() for topic in load.topics}
+    loaded, unread = find_auxiliary(bag, loads, inputs)
+    others = {topic for load in loaded.values() for topic in load.topics}
     source, more = find_meter(bag, used.meter, inputs.meter if inputs is not None else None, others)
     meter = MeterIngest(source, bag.typestore)
     pipeline = EnergyPipeline(model, settings.with_meter(*meter.source.limits))
     if loads:
-        pipeline.auxiliary = AuxiliaryAccount(loads, _limits(beside, settings))
+        pipeline.auxiliary = AuxiliaryAccount(loads, _limits(loaded, settings))
     if learned is not None:
         pipeline.power.condition.restore(learned)
     temperatures = TemperatureIngest(
@@ -188,7 +188,7 @@ def replay(
         origin=bag.origin,
         notes=[*notes, *more, *unread],
         jobs=RecordedJobs(jobs),
-        auxiliary={name: LoadIngest(load, bag.typestore) for name, load in beside.items()},
+        auxiliary={name: LoadIngest(load, bag.typestore) for name, load in loaded.items()},
     )
     if keep_curves:
         result.predicted_curve, result.compared_curve = EnergyCurve(1), EnergyCurve(2)
@@ -282,9 +282,9 @@ def _spans(bag: BagReader, result: Replay, time_range: TimeRange) -> dict[str, L
     topics = result.topics
     earlier = first - round(result.model.temperature.stale_after * SECOND_NS)
     metered = result.meter.source.topics if topics.meter else ()
-    beside = result.auxiliary.values()
-    powers = [topic for load in beside if load.meter for topic in load.meter.source.topics]
-    states = [topic for load in beside if load.state for topic in load.state.source.topics]
+    loaded = result.auxiliary.values()
+    powers = [topic for load in loaded if load.meter for topic in load.meter.source.topics]
+    states = [topic for load in loaded if load.state for topic in load.state.source.topics]
     return {
         **dict.fromkeys(powers, (first, last)),
         **dict.fromkeys(states, (0, last)),
@@ -294,11 +294,11 @@ def _spans(bag: BagReader, result: Replay, time_range: TimeRange) -> dict[str, L
     }
 
 
-def _limits(beside: Mapping[str, LoadTopics], settings: Settings) -> dict[str, MeterLimits]:
+def _limits(loaded: Mapping[str, LoadTopics], settings: Settings) -> dict[str, MeterLimits]:
     """What is said of the readings of each load's meter."""
     return {
         name: MeterLimits(settings.meter_max_gap, load.meter.max_power, load.meter.wraps_at_joule)
-        for name, load in beside.items()
+        for name, load in loaded.items()
         if load.meter is not None
     }
 

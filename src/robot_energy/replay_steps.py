@@ -146,14 +146,14 @@ def read_steps(
     """
     metered = tuple(inputs.meter.source.topics) if topics.meter else ()
     states = topics.joint_states or ()
-    beside = [
+    auxiliary = [
         topic
         for load in inputs.auxiliary.values()
         for reader in (load.meter, load.state)
         if reader is not None
         for topic in reader.source.topics
     ]
-    wanted = (*states, topics.payload, *(topics.temperatures or ()), *metered, *beside)
+    wanted = (*states, topics.payload, *(topics.temperatures or ()), *metered, *auxiliary)
     start, end = next((spans[name] for name in states if name in spans), (bag.start_ns, bag.end_ns))
     for part in bag.parts([name for name in wanted if name], spans):
         readings = [part[topic] for topic in topics.temperatures or () if topic in part]

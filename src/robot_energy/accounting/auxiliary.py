@@ -1,4 +1,4 @@
-"""Energy of loads beside the cabinet, and what the outlet gives to all of it together.
+"""Energy of loads outside of the cabinet, and what the outlet gives to all of it together.
 
 A load has a power by its own meter, or by the state it is in. Its energy is counted over the
 observed time of the robot, cut where its meter's readings and its states change. Time for which
@@ -77,7 +77,7 @@ class LoadCurve:
         self._state = np.concatenate([self._state[earlier], number[order]])
 
     def known_until(self, newest_ns: int) -> int:
-        """Return until when the power can be told, though more may arrive. [ns]
+        """Return until when the power is known, though more may arrive. [ns]
 
         Args:
             newest_ns: Newest sample of the robot. [ns]
@@ -129,7 +129,7 @@ class LoadCurve:
 
 
 class AuxiliaryAccount:
-    """Counts the loads beside one cabinet.
+    """Counts the loads outside of one cabinet.
 
     Args:
         loads: Of the model file; at least one.
@@ -233,10 +233,10 @@ class AuxiliaryAccount:
         for place, curve in enumerate(self.curves):
             energy, known[:, place], state = curve.energy(low, high)
             columns.append(energy)
-            told = np.flatnonzero(known[:, place] & (state != UNKNOWN))
-            column = int(self.offset[place]) + state[told]
-            by_state[told, column] = energy[told]
-            np.add.at(self.state_ns, column, time[told])
+            said = np.flatnonzero(known[:, place] & (state != UNKNOWN))
+            column = int(self.offset[place]) + state[said]
+            by_state[said, column] = energy[said]
+            np.add.at(self.state_ns, column, time[said])
             curve.forget(end)
         every = known.all(axis=1)
         parts = np.stack(columns, axis=1)

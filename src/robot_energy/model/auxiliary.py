@@ -1,4 +1,4 @@
-"""Entries of a model file for loads beside the cabinet: pump, panel, extruder, control."""
+"""Entries of a model file for loads outside of the cabinet: pump, panel, extruder, control."""
 
 from __future__ import annotations
 

@@ -195,7 +195,7 @@ class RobotModel(ModelEntry):
         cabinet: Supply and constant losses.
         temperature: What to assume without a motor temperature.
         provenance: Where the file comes from.
-        auxiliary: Loads at the outlet beside the cabinet, such as a pump; a replay and a
+        auxiliary: Loads at the outlet, outside of the cabinet, such as a pump; a replay and a
             prediction count them.
         massless_links: Links that may move without inertia, on purpose (for example a
             wrist whose mass is lumped into its neighbour).

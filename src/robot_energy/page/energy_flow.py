@@ -36,7 +36,7 @@ class FlowParts:
         brake: Into the brake resistor, >= 0.
         capacitor: Into the capacitor; negative while it gives back.
         returned: Fed back into the grid, >= 0; already subtracted from the grid's sum.
-        auxiliary: Name and size of each load beside the cabinet, >= 0.
+        auxiliary: Name and size of each load outside of the cabinet, >= 0.
     """
 
     joint_names: Sequence[str]

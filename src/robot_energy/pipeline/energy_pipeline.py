@@ -51,7 +51,7 @@ class EnergyPipeline:
         settings: Windows, waiting and averaging.
 
     Attributes:
-        auxiliary: Account of the loads beside the cabinet; None where none are counted.
+        auxiliary: Account of the loads outside of the cabinet; None where none are counted.
 
     Raises:
         RobotEnergyError: If the model cannot be used.
@@ -119,7 +119,7 @@ class EnergyPipeline:
     def take_auxiliary(
         self, name: str, readings: MeterBlock | None, states: MeterBlock | None
     ) -> None:
-        """Take what came from one load beside the cabinet.
+        """Take what came from one load outside of the cabinet.
 
         Args:
             name: Of the load; `auxiliary` counts it.

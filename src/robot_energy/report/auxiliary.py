@@ -1,4 +1,4 @@
-"""What a report says of the loads beside the cabinet."""
+"""What a report says of the loads outside of the cabinet."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def auxiliary_section(page: Document, report: AuxiliaryReport | None) -> None:
         return load.known_ns / observed_ns if observed_ns else None
 
     page.rows(
-        f"Loads beside the cabinet [{scale.unit}]",
+        f"Loads outside of the cabinet [{scale.unit}]",
         [
             Column("", "name"),
             Column("power by", lambda load: "meter" if load.metered else "state"),
@@ -56,7 +56,7 @@ def auxiliary_section(page: Document, report: AuxiliaryReport | None) -> None:
         ("", f"energy [{scale.unit}]"),
         [
             ("cabinet, predicted", scale.joule(report.cabinet_energy)),
-            ("loads beside it", scale.joule(report.auxiliary_energy)),
+            ("other loads", scale.joule(report.auxiliary_energy)),
         ],
         ("from the outlet", scale.joule(report.outlet_energy)),
     )

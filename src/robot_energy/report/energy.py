@@ -69,7 +69,7 @@ def add_flow(
         page: Where to.
         reports: Results of robots with the same joints.
         caption: What is to be seen.
-        auxiliary: Name and energy of each load beside the cabinet. [J]
+        auxiliary: Name and energy of each load outside of the cabinet. [J]
     """
 
     def total(name: str) -> float:

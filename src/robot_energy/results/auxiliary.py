@@ -1,4 +1,4 @@
-"""Loads beside the cabinet: energy of each, mean power of its states, balance of the outlet."""
+"""Loads outside of the cabinet: energy of each, mean power of its states, balance of the outlet."""
 
 from __future__ import annotations
 

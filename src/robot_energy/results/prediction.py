@@ -95,7 +95,7 @@ class PredictionReport(EnergyReport):
         tool: Path of the tool; None where it is not known.
         limits: Use of the limits of the URDF, in model order.
         friction: Joints whose friction law does not tell the assumed temperature.
-        auxiliary: Loads beside the cabinet in the states that were given; None where the model
+        auxiliary: Loads outside of the cabinet in the states that were given; None where the model
             has none.
     """
 

@@ -175,7 +175,7 @@ class ReplayReport(EnergyReport):
         compared_with: A second replay of the same bag, with fixed friction.
         jobs: Jobs and cycles, in order of time.
         condition: What was learned; None where nothing is.
-        auxiliary: Loads beside the cabinet; None where the model has none.
+        auxiliary: Loads outside of the cabinet; None where the model has none.
     """
 
     NAME: ClassVar[str] = "replay"

@@ -1,4 +1,4 @@
-"""A pump and an extruder beside the simulated robot, with meters and states of their own.
+"""A pump and an extruder next to the simulated robot, with meters and states of their own.
 
 Their powers are functions of time alone: they share nothing with a model. The pump has a meter
 that reports means, the extruder a counter of whole joules. States follow by message
@@ -41,7 +41,7 @@ class LoadRecord:
 
 
 def auxiliary_loads(start_ns: int, duration: float, seed: int) -> dict[str, LoadRecord]:
-    """Return what pump and extruder do beside a run of the rig.
+    """Return what pump and extruder do during a run of the rig.
 
     Args:
         start_ns: Of the run. [ns]

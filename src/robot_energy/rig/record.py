@@ -237,7 +237,7 @@ def record(
     counts = dict.fromkeys(types, 0)
     energy, peak, end = 0.0, 0.0, first.truth
     waiting: list[Message] = []
-    for topic, time_ns, rows in _beside(encoder, loads):
+    for topic, time_ns, rows in _of_loads(encoder, loads):
         waiting += [(t, topic, r.tobytes()) for t, r in zip(time_ns.tolist(), rows, strict=True)]
         counts[topic] += len(rows)
     with BagWriter(path, compression, overwrite, origin=ORIGIN) as bag:
@@ -265,7 +265,7 @@ def record(
     )
 
 
-def _beside(
+def _of_loads(
     encoder: RigEncoder, loads: Mapping[str, LoadRecord]
 ) -> Iterator[tuple[str, Int, NDArray[np.uint8]]]:
     """Messages of auxiliary loads."""

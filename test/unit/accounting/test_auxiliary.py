@@ -1,4 +1,4 @@
-"""Loads beside the cabinet: by hand, whatever the cutting, and where a meter is silent."""
+"""Loads outside of the cabinet: by hand, whatever the cutting, and where a meter is silent."""
 
 from __future__ import annotations
 

@@ -117,7 +117,7 @@ def test_commands_show_loads_and_outlet(recording, tmp_path, capsys):
     assert main(["replay", bag, "--model", str(CELL), "--json", str(figures),
                  "--report", str(page)]) == 0  # fmt: skip
     shown = capsys.readouterr().out
-    assert "Loads beside the cabinet" in shown
+    assert "Loads outside of the cabinet" in shown
     assert "from the outlet" in shown
     data = json.loads(figures.read_text())["auxiliary"]
     assert [one["name"] for one in data["loads"]] == ["pump", "extruder", "panel"]
