@@ -40,7 +40,7 @@ class FeedMoves:
 
     Attributes:
         count: 1.
-        fastest: As given.
+        fastest: As given. [-]
     """
 
     count = 1
