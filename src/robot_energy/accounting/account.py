@@ -9,7 +9,8 @@ from __future__ import annotations
 
 from collections import Counter, deque
 from collections.abc import Callable
-from dataclasses import replace
+from copy import copy
+from math import isfinite, isnan, nan
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,7 @@ from robot_energy.accounting.averaging import Averager, MeanBlock
 from robot_energy.accounting.band_calibration import BandCalibration
 from robot_energy.accounting.comparison import Comparison
 from robot_energy.accounting.event_log import EventLog
-from robot_energy.accounting.exact_sum import ExactSum, add_saturating
+from robot_energy.accounting.exact_sum import ExactSum, SumMark, add_saturating
 from robot_energy.accounting.job_intervals import JobIntervals
 from robot_energy.accounting.meter_checks import MeterDiagnostics
 from robot_energy.accounting.plain_text import MAX_REASON, plain
@@ -143,11 +144,12 @@ class EnergyAccount:
             self.on_compared(compared)
         return means
 
-    def _counters(self) -> tuple[list[Int], Coverage, dict[str, Any]]:
+    def _counters(self) -> tuple[list[SumMark], list[Int], Coverage, dict[str, Any]]:
         """All counters as they stand."""
         return (
-            [each.copy() for each in self._arrays()],
-            replace(self.registers.time),
+            [each.mark() for each in self._sums()],
+            [self.shaft.compared_ns.copy(), self.phase_ns.copy()],
+            copy(self.registers.time),
             {
                 "samples": self.samples,
                 "peak_power": self.peak_power,
@@ -156,21 +158,22 @@ class EnergyAccount:
             },
         )
 
-    def _take_back(self, arrays: list[Int], time: Coverage, values: dict[str, Any]) -> None:
+    def _take_back(
+        self, marks: list[SumMark], times: list[Int], time: Coverage, values: dict[str, Any]
+    ) -> None:
         """Go back to what `_counters` gave; the time until the next sample is a gap."""
-        for each, earlier in zip(self._arrays(), arrays, strict=True):
-            each[:] = earlier
+        for each, mark in zip(self._sums(), marks, strict=True):
+            each.go_back(mark)
+        self.shaft.compared_ns, self.phase_ns = times
         self.registers.set_time(time)
         self.comparison.compared_ns = values.pop("_compared_ns")
         self.__dict__.update(values)
         self.interrupt()
 
-    def _arrays(self) -> list[Int]:
-        """The counters that are arrays."""
+    def _sums(self) -> tuple[ExactSum, ...]:
+        """The exact sums."""
         energies = (self.phase_energy_sum, self.learned_energy_sum)
-        sums = (self.registers, self.shaft, self.comparison, *energies)
-        pairs = [array for each in sums for array in (each.microjoule, each.remainder)]
-        return [*pairs, self.shaft.compared_ns, self.phase_ns]
+        return (self.registers, self.shaft, self.comparison, *energies)
 
     def _counted(self, block: PowerBlock) -> tuple[MeanBlock | None, Compared | None]:
         """Count a block; return the means and what was compared, None if all was counted before."""
@@ -378,19 +381,20 @@ class EnergyAccount:
         for bit in BITS if met else ():
             if met & bit:
                 self.quality[bit] += int(((block.quality & np.uint32(bit)) > 0).sum())
-        split = np.zeros((len(block), len(Phase)), order="F")
-        rows = np.arange(len(block))
-        split[rows, block.phase] = energy
+        split = np.zeros((len(block), len(Phase)))
+        split[np.arange(len(block)), block.phase] = energy
         self.phase_energy_sum.add(split)
         if met & Quality.LEARNED:
             learned = block.quality & np.uint32(Quality.LEARNED) > 0
             self.learned_energy_sum.add(np.where(learned, energy, 0.0)[:, None])
         durations = np.bincount(block.phase, weights=duration_ns, minlength=len(Phase))
         add_saturating(self.phase_ns, durations.astype(np.int64))
-        finite = block.grid_power[np.isfinite(block.grid_power)]
-        if len(finite):
-            peak = float(finite.max())
-            self.peak_power = float(np.fmax(self.peak_power, peak))
+        peak = float(block.grid_power.max())
+        if not isfinite(peak):
+            finite = block.grid_power[np.isfinite(block.grid_power)]
+            peak = float(finite.max()) if len(finite) else nan
+        if peak == peak:
+            self.peak_power = peak if isnan(self.peak_power) else max(self.peak_power, peak)
             self.intervals.step(peak)
 
 
