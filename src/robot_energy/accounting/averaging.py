@@ -162,7 +162,8 @@ class Averager:
         Returns:
             One row per ended period, or None.
         """
-        self._compared.append(compared)
+        if len(compared):
+            self._compared.append(compared)
         number = block.stamp_ns // self._period_ns
         carried = self._open
         previous = number[0] if carried is None else carried.end.stamp_ns[0] // self._period_ns
@@ -293,12 +294,14 @@ class Averager:
 
     def _show(self, stamp: Int) -> Float:
         """Measured and predicted power known at each stamp, shape (W, 4)."""
-        waiting = Compared.concatenate(self._compared)
+        rows = np.full((len(stamp), 4), np.nan)
+        if not self._compared and self._shown_ns is None:
+            return rows
+        waiting = Compared.concatenate(self._compared or [Compared.empty()])
         available = waiting.stamp_ns
         table = np.stack([waiting.measured, waiting.predicted, waiting.duration_ns], axis=1)
         total = np.concatenate([np.zeros((1, 3)), np.cumsum(table, axis=0)])
         upto = np.searchsorted(available, stamp, side="right")
-        rows = np.full((len(stamp), 4), np.nan)
         done = 0
         for index, (count, now) in enumerate(zip(upto.tolist(), stamp.tolist(), strict=True)):
             if count > done:
@@ -312,7 +315,7 @@ class Averager:
                 self._shown_ns, done = newest, count
             if self._shown_ns is not None and now - self._shown_ns <= self._hold_ns:
                 rows[index] = (*self._shown, (now - self._shown_ns) * NANOSECOND)
-        self._compared = [waiting[slice(done, None)]]
+        self._compared = [waiting[slice(done, None)]] if done < len(waiting) else []
         return rows
 
 
