@@ -164,8 +164,7 @@ class _QuadraticFit:
         self, stamp: Int, start: int, stop: int, behind_ns: int, ahead_ns: int,
         least_behind: int, least_ahead: int, scale: float,
     ) -> None:  # fmt: skip
-        rows = np.arange(start, stop)
-        instants = stamp[rows]
+        rows, instants = np.arange(start, stop), stamp[start:stop]
         low = np.searchsorted(stamp, instants - behind_ns, side="left")
         high = np.searchsorted(stamp, instants + ahead_ns, side="right") - 1
         behind = rows - np.maximum(np.minimum(low, rows - least_behind), 0)
