@@ -262,7 +262,9 @@ class Comparison(ExactSum):
         stamp, value = np.empty(len(power) + 1, dtype=np.int64), np.empty(len(power) + 1)
         stamp[0], stamp[1:], value[0], value[1:] = last[0], stamp_ns, last[2], power
         self._last = (int(stamp[-1]), int(segment[-1]), float(value[-1]))
-        keep = (differences(segment, last[1]) == 0) & (stamp[1:] > stamp[:-1])
+        keep = stamp[1:] > stamp[:-1]
+        keep[0] &= int(segment[0]) == last[1]
+        keep[1:] &= segment[1:] == segment[:-1]
         if not isfinite(float(value.sum())):
             keep &= np.isfinite(value[1:]) & np.isfinite(value[:-1])
         pieces = CoveredPieces(stamp[:-1], stamp[1:], value[:-1], value[1:])
