@@ -174,9 +174,11 @@ MODULES = {
     "robot_energy_papers": """
         accuracy band_coverage calibration certainty certainty_numbers certainty_page drawings
         drawn_plants drive_study effects experiment fleet_study generated_fleet held_out
-        interval_coverage job_pool learning_study machines mantis models more_recordings pages
+        interval_coverage job_pool kr16_sensitivity learning_study machines mantis map_sensitivity
+        models more_recordings pages
         paper_a paper_a_numbers paper_a_page paper_b paper_b_numbers paper_b_page savings
-        savings_numbers savings_page savings_study soaked_rigs thermal_study wall wear_study
+        savings_numbers savings_page savings_study sensitivity soaked_rigs thermal_study wall
+        wall_sensitivity wear_study
     """,
     "robot_energy_papers.cli": """
         reproduce study_folder
