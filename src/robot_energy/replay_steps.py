@@ -61,6 +61,9 @@ class LoadIngest:
 
         Args:
             part: Serialised messages by topic.
+
+        Returns:
+            What came of them.
         """
         return self._each(
             lambda reader: reader.step([part[t] for t in reader.source.topics if t in part])

@@ -24,7 +24,7 @@ MODULES = {
     "robot_energy.accounting": """
         account account_record auxiliary averaging band_calibration comparison energy_curve
         event_log exact_sum integration job_intervals meter_checks plain_text prediction_errors
-        record record_repair registers settings shaft_comparison
+        record record_repair registers sample_counts settings shaft_comparison
     """,
     "robot_energy.api": """
         condition evaluate identify inputs online_monitor optimize power_table predict replay
@@ -45,7 +45,7 @@ MODULES = {
         identify_cabinet identify_drives identify_dynamics identify_excitation identify_friction
         identify_inputs identify_thermal import_logs info kinds layouts main models monitoring
         numbers optimize page predict replay replay_options report robots schema simulate stopping
-        terminal test
+        terminal tool_options test
     """,
     "robot_energy.condition": """
         buckets drift_test joint_friction learner meter_fit meter_records meter_windows record
@@ -115,13 +115,14 @@ MODULES = {
         schema thermal
     """,
     "robot_energy.motion": """
-        fourier gcode gcode_words inverse_kinematics joint_trajectory load_motion planar planned ptp
-        ptp_file ptp_loop sequence slicing tool_corners tool_motion tool_path tool_timing
-        trajectory_io
+        fourier gcode gcode_feed gcode_words inverse_kinematics joint_trajectory load_motion planar
+        planned ptp ptp_file ptp_loop sequence slicing tool_corners tool_motion tool_path
+        tool_timing trajectory_io
     """,
     "robot_energy.optimization": """
-        candidates chain deviations forms levelling order path_power place plan ptp_form
-        recorded_motion rest_states run search task time_law timed_form timed_moves trajectory_form written_trajectory
+        candidates chain deviations forms gcode_form levelling order path_power place plan
+        ptp_form recorded_motion rest_states run search task time_law timed_form timed_moves
+        trajectory_form written_trajectory
     """,
     "robot_energy.optimization.measures": """
         move_overrides one_override order place regenerative rest_pose rest_state slack table

@@ -65,7 +65,7 @@ class LoadCurve:
 
         Args:
             stamp_ns: Since when, shape (N,). [ns]
-            state: Number of each, shape (N,).
+            state: Number of each, shape (N,). [-]
         """
         with np.errstate(invalid="ignore"):
             known = (state == np.floor(state)) & (state >= 0) & (state < len(self.load.states))

@@ -14,6 +14,8 @@ from robot_energy.inputs.sources import TemperatureSource
 from robot_energy.inputs.temperatures.kinds import TEMPERATURE_KINDS
 from robot_energy.model.auxiliary import AuxiliaryLoad
 
+LOADS = "/auxiliary/"  # in names of topics that are those of auxiliary loads
+
 
 def resolve(bag: BagReader, name: str) -> str | None:
     """Find the topic that a node would read under a name.
@@ -158,7 +160,9 @@ def find_meter(
         for name, kind in found.topics.items():
             bag.require(name, kind)
         return found, []
-    open_topics = sorted(item for item in bag.topics.items() if item[0] not in others)
+    open_topics = sorted(
+        item for item in bag.topics.items() if item[0] not in others and LOADS not in item[0]
+    )
     told = [name for name, info in open_topics if meter_kind(info.msgtype).found_by_type]
     if len(told) > 1:
         raise MissingTopicError(

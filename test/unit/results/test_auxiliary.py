@@ -16,7 +16,6 @@ from robot_energy.model import load, save
 from robot_energy.motion import Program, random_program
 from robot_energy.motion.planned import SampledMotion
 from robot_energy.prediction import predict
-from robot_energy.replay_topics import Topics
 from robot_energy.results.prediction import prediction_report
 from robot_energy.results.replay import replay_report
 from robot_energy.rig import VirtualRig, load_profile
@@ -64,7 +63,8 @@ def test_the_outlet_is_the_exact_sum_of_its_branches(report):
 def test_the_cabinet_is_that_of_a_replay_without_loads(report, recording):
     model = load(str(CELL)).changed(auxiliary=None)
     assert model.model_id == load("mantis").model_id
-    alone = replay_report(replay(recording.path, model, Topics(meter="/power_meter")))
+    alone = replay_report(replay(recording.path, model))
+    assert alone.topics.meter == "/power_meter"  # those of the loads are no meter of the cabinet
     assert alone.auxiliary is None
     assert alone.energy == report.energy
 
