@@ -227,7 +227,7 @@ class AuxiliaryAccount:
         low, high, row = low[inside], high[inside], row[inside]
         time = high - low
         half = 0.5 * NANOSECOND * time
-        columns = [(done.value(row, low) + done.value(row, high)) * half]
+        columns: list[Float] = [(done.value(row, low) + done.value(row, high)) * half]
         known = np.empty((len(low), len(self.curves)), dtype=np.bool_)
         by_state = np.zeros((len(low), len(self.state_ns)))
         for place, curve in enumerate(self.curves):
