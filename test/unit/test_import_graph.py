@@ -105,7 +105,7 @@ MODULES = {
         foxglove plotjuggler plots rqt viewers
     """,
     "robot_energy.logs": """
-        columns diadem mapped_log mapping recording rows table ur_rtde
+        columns diadem import_log mapped_log mapping recording rows table ur_rtde
     """,
     "robot_energy.messages": """
         friction interval model_messages payload power registers torque
