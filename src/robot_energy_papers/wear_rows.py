@@ -1,0 +1,257 @@
+"""Rows of the rig for many days of work: computed once a load, summed up at any temperature.
+
+A thousand hours of a rig sampled at 25 Hz take hours. Its robot repeats one program, so all
+that changes from one cycle to the next are temperatures, payload and noise. For each payload one
+cycle runs on the rig and through the pipeline. Of every part of that cycle the sums of
+
+- rigid torque of the plant, its dry friction, its viscous friction, its iron drag,
+- rigid torque of the monitor, its Coulomb and its viscous friction,
+
+along the motion are kept, by direction and bucket of speed. At any gear and motor temperature
+the parts are then sums of these with the laws of plant and model, exactly. The thermal
+network of the rig runs on through all days with the heat of each cycle. So every hour is
+computed and none repeated: hall, payloads, gear lag, sensor lag, offsets and noise are of that hour.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from robot_energy.blocks import NANOSECOND, Float, PowerBlock
+from robot_energy.condition.joint_friction import MotionSums
+from robot_energy.condition.learner import Learning
+from robot_energy.model import RobotModel, load
+from robot_energy.model.payload import Payload, payload
+from robot_energy.physics.friction import FrictionModel
+from robot_energy.rig import PlantProfile, RigConfig, VirtualRig
+from robot_energy.rig.plant import COULOMB_DEGC, MIN_COULOMB_SHARE, PlantDrives, PlantFriction
+from robot_energy.rig.thermal import ThermalNetwork
+from robot_energy_papers.learning_study import joint_block, pipeline_of, work
+
+RATE = 25.0  # of the joint states [Hz]
+PART = 15.0  # s summed up together
+LOADS = 8  # pairs of true and known payload of a plant
+HIDDEN = 3.0  # greatest mass that the monitor does not get [kg]
+CHANGE_EVERY = 1800.0  # s between two payloads
+COLD, HOT = (15.0, 22.0), (52.0, 60.0)  # of the hall, night and day, drawn for each day [degC]
+DAY = 86_400.0  # s
+BASIS = 7
+READINGS = 5  # of the temperature sensors that a part averages
+START_NS = 1_700_000_000_000_000_000
+
+
+@dataclass(frozen=True)
+class _Load:
+    """One cycle with one payload: P parts, n joints.
+
+    Attributes:
+        sums: Of plant: rigid, dry, viscous, drag; of monitor: rigid, Coulomb, viscous;
+            shape (7, P, 2, n, SPEED_BUCKETS). [N m s], viscous of the monitor [rad]
+        time: In motion, shape (P, 2, n, SPEED_BUCKETS). [s]
+        load: Sum of the amount of the monitor's rigid torque, shape (P, 2, n). [N m s]
+        square: Means of the products of (rigid + drag, dry, viscous), shape (3, 3, n). [N^2 m^2]
+        power: Means of speed times (drag, dry, viscous), shape (3, n). [W]
+    """
+
+    sums: Float
+    time: Float
+    load: Float
+    square: Float
+    power: Float
+
+
+class WearRows:
+    """One drawn plant at one program, with payloads that change, day after day.
+
+    Args:
+        profile: The plant.
+        seed: Of work, payloads, weather and sensors.
+        model: What the monitor has; None for that of the profile's body.
+    """
+
+    def __init__(self, profile: PlantProfile, seed: int, model: RobotModel | None = None) -> None:
+        self.profile = profile
+        self.model = model or load(profile.body)
+        self._config = RigConfig.hard()
+        self._random = np.random.default_rng([seed, 0x77656172])
+        self._program = work(profile, seed)
+        self._law = FrictionModel.from_model(self.model)
+        self._friction = PlantFriction(profile, self._config, 1.0 / RATE)
+        self._parts = max(1, round(self._program.period / PART))
+        self._cycle = self._parts * PART
+        self._loads = [self._cycle_of(*pair, seed) for pair in self._payloads()]
+        offset = self._config.sensors.temperature_offset
+        self._offset: Float = offset * self._random.standard_normal(profile.n_joints)
+
+    def _payloads(self) -> list[tuple[list[Payload], Payload | None]]:
+        """True payloads, with the one that the monitor gets."""
+        if not self.model.payload:
+            return [([], None)]
+        body = self.model.payload[0]
+        pairs: list[tuple[list[Payload], Payload | None]] = []
+        for number in range(LOADS):
+            known = body.mass * (1.0 if number % 2 else self._random.uniform(0.2, 1.0))
+            true = known + (self._random.uniform(0.0, HIDDEN) if number % 4 >= 2 else 0.0)
+            carried = [
+                payload(body.link, float(mass), body.centre_of_mass, body.inertia)
+                for mass in (true, known)
+            ]
+            pairs.append((carried[:1], carried[1]))
+        return pairs
+
+    def _cycle_of(self, carried: list[Payload], known: Payload | None, seed: int) -> _Load:
+        config = replace(self._config, warming=False, stamp_jitter=False)
+        rig = VirtualRig(self.profile, self._program, config, seed, rate_hz=RATE)
+        if carried:
+            rig.change(payload=carried)
+        pipeline = pipeline_of(self.model, Learning.OBSERVE, True)
+        if known is not None:
+            pipeline.torque.set_payload(known)
+        learner = pipeline.power.condition
+        blocks: list[PowerBlock] = []
+        learner.step = blocks.append  # type: ignore[method-assign]
+        rows = round((self._cycle + 1.0) * RATE)  # the derivative is late
+        output = rig.step(rows)
+        pipeline.step(joint_block(output.joints), output.temperatures, None)
+        block = PowerBlock.concatenate(blocks)
+        truth = output.truth
+        place = np.searchsorted(truth.stamp_ns, block.stamp_ns)
+        inside = place < round(self._cycle * RATE)
+        block, place = block[inside], place[inside]
+        speed = truth.motor_velocity
+        rigid = truth.motor_torque - truth.motor_torque_friction
+        cold = np.full(self.profile.n_joints, COULOMB_DEGC)
+        whole = PlantFriction(self.profile, self._config, 1.0 / RATE).torque(speed, rigid, cold)
+        reference = self.profile.hard.viscous_speed
+        turning = np.sign(speed) * reference * (np.abs(speed) / reference) ** (
+            self.profile.hard.viscous_exponent
+        )
+        viscous = self._friction.viscous(cold) * turning
+        dry = whole - viscous
+        drag = truth.iron_loss / np.where(speed == 0, 1.0, speed)
+        plant = np.stack([rigid, dry, turning, drag])[:, place]
+        measured = block.motor_velocity
+        zero, unit = np.zeros_like(measured), np.ones_like(measured)
+        own = self._law.torque(
+            measured, block.rigid_power / measured, self._law.coulomb * unit, zero, measured == 0
+        )
+        basis = [*plant, block.rigid_power / measured, own, measured]
+        sums = np.array([self._summed(learner.reader, block, each, place)[0] for each in basis])
+        _, time, load_sum = self._summed(learner.reader, block, zero, place)
+        terms = np.stack([rigid + drag, dry, turning])
+        return _Load(
+            sums,
+            time,
+            load_sum,
+            np.einsum("atn,btn->abn", terms, terms) / len(speed),
+            np.einsum("atn,tn->an", np.stack([drag, dry, turning]), speed) / len(speed),
+        )
+
+    def _summed(self, reader, block, torque, place):  # noqa
+        """Sums of a torque along the motion, of time and load, part by part."""
+        shown = replace(block, shaft_power_measured=torque * block.motor_velocity)
+        bare = replace(shown, rigid_power=np.zeros_like(torque))
+        model = np.abs(block.motor_velocity) + 1e-9
+        part = (place / (PART * RATE)).astype(int)
+        found, times, loads = [], [], []
+        for number in range(self._parts):
+            rows = np.flatnonzero(part == number)
+            piece = slice(rows[0], rows[-1] + 1)
+            sums = reader.read(bare[piece], model[piece])
+            found.append(sums.measured)
+            times.append(sums.time)
+            loads.append(reader.read(shown[piece], model[piece]).load)
+        return np.array(found), np.array(times), np.array(loads)
+
+    def days(self, days: int) -> Iterator[list[MotionSums]]:
+        """Run day after day.
+
+        Args:
+            days: How many.
+
+        Yields:
+            The parts of each.
+        """
+        profile, config = self.profile, self._config
+        cycles = round(DAY / self._cycle)
+        steps = int(np.ceil(self._cycle / 40.0))
+        start = np.full(profile.n_joints, 35.0)
+        network = ThermalNetwork(profile, self._cycle / steps, start, start, 35.0)
+        drives = PlantDrives(profile, config)
+        lag = np.exp(-self._cycle / config.sensors.temperature_lag)
+        sensed = start.copy()
+        cold = self._random.uniform(*COLD)
+        hold = max(1, round(CHANGE_EVERY / self._cycle))
+        for day in range(days):
+            hot, next_cold = self._random.uniform(*HOT), self._random.uniform(*COLD)
+            gear, motor, seen, loads = [], [], [], []
+            for number in range(cycles):
+                if number % hold == 0:
+                    which = int(self._random.integers(len(self._loads)))
+                phase = 2.0 * number / cycles
+                low = cold if phase < 1.0 else next_cold
+                network.ambient_degc = float(low + (hot - low) * 0.5 * (1 - np.cos(np.pi * phase)))
+                one = self._loads[which]
+                dry, viscous = self._at(network.gear_temperature_degc)
+                warmer = network.motor_temperature_degc - 20.0
+                weights = np.stack([np.ones_like(dry), dry, viscous])
+                constant = profile.torque_constant * (1.0 - profile.torque_constant_fall * warmer)
+                resistance = profile.resistance * (1.0 + profile.resistance_rise * warmer)
+                square = np.einsum("an,bn,abn->n", weights, weights, one.square) / constant**2
+                heat = 3.0 * resistance * square + one.power[0]
+                friction = dry * one.power[1] + viscous * one.power[2]
+                share = profile.friction_to_motor
+                gear.append(network.gear_temperature_degc)
+                motor.append(network.motor_temperature_degc)
+                for _ in range(steps):
+                    network.step(heat + share * friction, (1.0 - share) * friction)
+                sensed = network.motor_temperature_degc + lag * (
+                    sensed - network.motor_temperature_degc
+                )
+                seen.append(sensed)
+                loads.append(which)
+            cold = next_cold
+            yield self._day(day, *map(np.array, (gear, motor, seen, loads)))
+
+    def _at(self, gear_degc: Float) -> tuple[Float, Float]:
+        """Factor on dry friction, and viscous coefficient of the plant."""
+        fall = self.profile.hard.coulomb_fall
+        dry = np.maximum(1.0 - fall * (gear_degc - COULOMB_DEGC), MIN_COULOMB_SHARE)
+        return dry, self._friction.viscous(gear_degc)
+
+    def _day(self, day: int, gear: Float, motor: Float, seen: Float, loads) -> list[MotionSums]:
+        profile, sensors = self.profile, self._config.sensors
+        cycles, n = gear.shape
+        dry, viscous = map(np.array, zip(*[self._at(row) for row in gear], strict=True))
+        gain = 1.0 / (1.0 - profile.torque_constant_fall * (motor - 20.0))
+        noise = sensors.temperature_noise * self._random.standard_normal(
+            (cycles, self._parts, READINGS, n)
+        )
+        degc = np.rint((seen + self._offset)[:, None, None] + noise).mean(axis=2)
+        law = self._law.viscous(degc)
+        first_ns = START_NS + round(day * DAY / NANOSECOND)
+        parts: list[MotionSums] = []
+        for cycle in range(cycles):
+            one = self._loads[loads[cycle]]
+            rigid, still, turning, drag, own, coulomb, turn = one.sums
+            d, v, g = (each[cycle][:, None] for each in (dry, viscous, gain))
+            measured = g * (rigid + d * still + v * turning + drag) - own
+            scatter = sensors.torque_noise * np.sqrt(one.time / RATE)
+            measured = measured + scatter * self._random.standard_normal(scatter.shape)
+            model = coulomb + law[cycle][:, None, :, None] * turn
+            for number in range(self._parts):
+                at = (cycle * self._parts + number + 1) * PART
+                parts.append(
+                    MotionSums(
+                        first_ns + round(at / NANOSECOND),
+                        model[number],
+                        measured[number],
+                        one.time[number],
+                        one.load[number],
+                        degc[cycle, number],
+                    )
+                )
+        return parts
