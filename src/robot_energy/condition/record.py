@@ -90,8 +90,17 @@ class ChangeEntry(ConditionPart):
 
     stamp_ns: Stamp
     hours: Number
-    ramp: bool
+    until: Number
     size: Number
+
+
+class ContrastEntry(ConditionPart):
+    """The sums of one `robot_energy.condition.baseline.Contrasts`, flattened."""
+
+    information: Numbers
+    target: Numbers
+    square: Number
+    count: Count
 
 
 class DriftRecord(ConditionPart):
@@ -99,6 +108,7 @@ class DriftRecord(ConditionPart):
 
     records: tuple[WearEntry, ...]
     changes: tuple[ChangeEntry, ...]
+    contrasts: ContrastEntry
 
 
 class WearState(ConditionPart):

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 
 from robot_energy.blocks import NANOSECOND
+from robot_energy.condition.baseline import Contrasts
 from robot_energy.condition.drift_test import Drift, DriftTest, FrictionChange
 from robot_energy.condition.joint_friction import MotionSums
 from robot_energy.condition.meter_records import MeterGatherer
@@ -131,6 +132,7 @@ class WearMonitor:
                 DriftRecord(
                     records=tuple(WearEntry(**record._asdict()) for record in test.records),
                     changes=tuple(ChangeEntry(**vars(change)) for change in test.changes),
+                    contrasts=test.contrasts.state(),
                 )
                 for test in (*self.joints, self.robot)
             ),
@@ -159,4 +161,5 @@ class WearMonitor:
             test.restore(
                 [WearRecord(**dict(one)) for one in entry.records],
                 [FrictionChange(**dict(one)) for one in entry.changes],
+                Contrasts.restored(entry.contrasts),
             )
