@@ -15,8 +15,9 @@ computed and none repeated: hall, payloads, gear lag, sensor lag, offsets and no
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,7 +28,7 @@ from robot_energy.model import RobotModel, load
 from robot_energy.model.payload import Payload, payload
 from robot_energy.physics.friction import FrictionModel
 from robot_energy.rig import PlantProfile, RigConfig, VirtualRig
-from robot_energy.rig.plant import COULOMB_DEGC, MIN_COULOMB_SHARE, PlantDrives, PlantFriction
+from robot_energy.rig.plant import COULOMB_DEGC, MIN_COULOMB_SHARE, REFERENCE_DEGC, PlantFriction
 from robot_energy.rig.thermal import ThermalNetwork
 from robot_energy_papers.learning_study import joint_block, pipeline_of, work
 
@@ -38,9 +39,24 @@ HIDDEN = 3.0  # greatest mass that the monitor does not get [kg]
 CHANGE_EVERY = 1800.0  # s between two payloads
 COLD, HOT = (15.0, 22.0), (52.0, 60.0)  # of the hall, night and day, drawn for each day [degC]
 DAY = 86_400.0  # s
-BASIS = 7
+HOTTEST = 125.0  # of a motor on the hottest day; a cell that gets hotter waits between cycles [degC]
+WAITS = (0.0, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0)  # s of waiting per second of a cycle
+MAX_STEP = 40.0  # s of the thermal network at once
 READINGS = 5  # of the temperature sensors that a part averages
 START_NS = 1_700_000_000_000_000_000
+
+
+Day = list[MotionSums]
+
+
+class _State(NamedTuple):
+    """A cycle: temperatures at its start, those of the sensors, its load, wear of each axis."""
+
+    gear_degc: Float
+    motor_degc: Float
+    seen_degc: Float
+    load: int
+    worn: Float
 
 
 @dataclass(frozen=True)
@@ -83,6 +99,9 @@ class WearRows:
         self._parts = max(1, round(self._program.period / PART))
         self._cycle = self._parts * PART
         self._loads = [self._cycle_of(*pair, seed) for pair in self._payloads()]
+        self._wait = self._cycle * next(
+            (wait for wait in WAITS if self._hottest(1.0 / (1.0 + wait)) < HOTTEST), WAITS[-1]
+        )
         offset = self._config.sensors.temperature_offset
         self._offset: Float = offset * self._random.standard_normal(profile.n_joints)
 
@@ -166,55 +185,78 @@ class WearRows:
             loads.append(reader.read(shown[piece], model[piece]).load)
         return np.array(found), np.array(times), np.array(loads)
 
-    def days(self, days: int) -> Iterator[list[MotionSums]]:
+    def days(self, days: int, wear: Callable[[Float], Float] | None = None) -> Iterator[Day]:
         """Run day after day.
 
         Args:
             days: How many.
+            wear: Factor on the friction of each axis, of its hours of motion, shape (n,) both.
 
         Yields:
             The parts of each.
         """
         profile, config = self.profile, self._config
-        cycles = round(DAY / self._cycle)
-        steps = int(np.ceil(self._cycle / 40.0))
+        length = self._cycle + self._wait
+        cycles = round(DAY / length)
+        steps = int(np.ceil(length / MAX_STEP))
         start = np.full(profile.n_joints, 35.0)
-        network = ThermalNetwork(profile, self._cycle / steps, start, start, 35.0)
-        drives = PlantDrives(profile, config)
-        lag = np.exp(-self._cycle / config.sensors.temperature_lag)
-        sensed = start.copy()
-        cold = self._random.uniform(*COLD)
-        hold = max(1, round(CHANGE_EVERY / self._cycle))
+        network = ThermalNetwork(profile, length / steps, start, start, 35.0)
+        lag = np.exp(-length / config.sensors.temperature_lag)
+        hours, worn, sensed = np.zeros_like(start), np.ones_like(start), start
+        cold, which = self._random.uniform(*COLD), 0
+        hold = max(1, round(CHANGE_EVERY / length))
         for day in range(days):
             hot, next_cold = self._random.uniform(*HOT), self._random.uniform(*COLD)
-            gear, motor, seen, loads = [], [], [], []
+            states: list[_State] = []
             for number in range(cycles):
                 if number % hold == 0:
                     which = int(self._random.integers(len(self._loads)))
                 phase = 2.0 * number / cycles
                 low = cold if phase < 1.0 else next_cold
                 network.ambient_degc = float(low + (hot - low) * 0.5 * (1 - np.cos(np.pi * phase)))
-                one = self._loads[which]
-                dry, viscous = self._at(network.gear_temperature_degc)
-                warmer = network.motor_temperature_degc - 20.0
-                weights = np.stack([np.ones_like(dry), dry, viscous])
-                constant = profile.torque_constant * (1.0 - profile.torque_constant_fall * warmer)
-                resistance = profile.resistance * (1.0 + profile.resistance_rise * warmer)
-                square = np.einsum("an,bn,abn->n", weights, weights, one.square) / constant**2
-                heat = 3.0 * resistance * square + one.power[0]
-                friction = dry * one.power[1] + viscous * one.power[2]
+                gear, motor = network.gear_temperature_degc, network.motor_temperature_degc
+                heat, friction = self._heat(self._loads[which], gear, motor, worn)
                 share = profile.friction_to_motor
-                gear.append(network.gear_temperature_degc)
-                motor.append(network.motor_temperature_degc)
+                duty = self._cycle / length
                 for _ in range(steps):
-                    network.step(heat + share * friction, (1.0 - share) * friction)
-                sensed = network.motor_temperature_degc + lag * (
-                    sensed - network.motor_temperature_degc
-                )
-                seen.append(sensed)
-                loads.append(which)
+                    network.step(
+                        duty * (heat + share * friction), duty * (1.0 - share) * friction
+                    )
+                settled = network.motor_temperature_degc
+                sensed = settled + lag * (sensed - settled)
+                states.append(_State(gear, motor, sensed, which, worn))
+                hours = hours + self._loads[which].time.sum(axis=(0, 1, 3)) / 3600.0
+                if wear is not None:
+                    worn = wear(hours)
             cold = next_cold
-            yield self._day(day, *map(np.array, (gear, motor, seen, loads)))
+            yield self._day(day, states)
+
+    def _heat(self, one: _Load, gear: Float, motor: Float, worn: Float) -> tuple[Float, Float]:
+        """Heat of the motors without friction, and friction, means of a cycle. [W]"""
+        profile = self.profile
+        dry, viscous = self._at(gear)
+        weights = np.stack([np.ones_like(dry), worn * dry, worn * viscous])
+        warmer = motor - REFERENCE_DEGC
+        constant = profile.torque_constant * (1.0 - profile.torque_constant_fall * warmer)
+        resistance = profile.resistance * (1.0 + profile.resistance_rise * warmer)
+        square = np.einsum("an,bn,abn->n", weights, weights, one.square) / constant**2
+        friction = worn * (dry * one.power[1] + viscous * one.power[2])
+        return 3.0 * resistance * square + one.power[0], friction
+
+    def _hottest(self, duty: float) -> float:
+        """Temperature of the hottest motor after hours in the hottest hall. [degC]"""
+        profile = self.profile
+        gear = motor = np.full(profile.n_joints, HOT[1])
+        share = profile.friction_to_motor
+        highest = 0.0
+        for one in self._loads:
+            for _ in range(60):  # a fixed point; the warmth of copper and oil act on themselves
+                heat, friction = self._heat(one, gear, motor, np.ones_like(gear))
+                own = duty * (heat + share * friction)
+                gear = HOT[1] + duty * (heat + friction) / profile.gear_conductance
+                motor = np.minimum(gear + own / profile.motor_conductance, 300.0)
+            highest = max(highest, float(motor.max()))
+        return highest
 
     def _at(self, gear_degc: Float) -> tuple[Float, Float]:
         """Factor on dry friction, and viscous coefficient of the plant."""
@@ -222,28 +264,29 @@ class WearRows:
         dry = np.maximum(1.0 - fall * (gear_degc - COULOMB_DEGC), MIN_COULOMB_SHARE)
         return dry, self._friction.viscous(gear_degc)
 
-    def _day(self, day: int, gear: Float, motor: Float, seen: Float, loads) -> list[MotionSums]:
+    def _day(self, day: int, states: list[_State]) -> Day:
         profile, sensors = self.profile, self._config.sensors
+        gear, motor, seen, _, worn = (np.array(each) for each in zip(*states, strict=True))
         cycles, n = gear.shape
         dry, viscous = map(np.array, zip(*[self._at(row) for row in gear], strict=True))
-        gain = 1.0 / (1.0 - profile.torque_constant_fall * (motor - 20.0))
+        gain = 1.0 / (1.0 - profile.torque_constant_fall * (motor - REFERENCE_DEGC))
         noise = sensors.temperature_noise * self._random.standard_normal(
             (cycles, self._parts, READINGS, n)
         )
         degc = np.rint((seen + self._offset)[:, None, None] + noise).mean(axis=2)
         law = self._law.viscous(degc)
         first_ns = START_NS + round(day * DAY / NANOSECOND)
-        parts: list[MotionSums] = []
-        for cycle in range(cycles):
-            one = self._loads[loads[cycle]]
+        parts: Day = []
+        for cycle, state in enumerate(states):
+            one = self._loads[state.load]
             rigid, still, turning, drag, own, coulomb, turn = one.sums
-            d, v, g = (each[cycle][:, None] for each in (dry, viscous, gain))
-            measured = g * (rigid + d * still + v * turning + drag) - own
+            d, v, g, w = (each[cycle][:, None] for each in (dry, viscous, gain, worn))
+            measured = g * (rigid + w * (d * still + v * turning) + drag) - own
             scatter = sensors.torque_noise * np.sqrt(one.time / RATE)
             measured = measured + scatter * self._random.standard_normal(scatter.shape)
             model = coulomb + law[cycle][:, None, :, None] * turn
             for number in range(self._parts):
-                at = (cycle * self._parts + number + 1) * PART
+                at = cycle * (self._cycle + self._wait) + (number + 1) * PART
                 parts.append(
                     MotionSums(
                         first_ns + round(at / NANOSECOND),

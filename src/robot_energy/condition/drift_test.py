@@ -9,8 +9,9 @@ covariance without wear, y the excess less its expected baseline and u the shape
 
 ``size = u' K^-1 y / u' K^-1 u``,  ``z = u' K^-1 y / sqrt(u' K^-1 u)``,
 
-and z is standard normal without a change. The largest z over all shapes and beginnings is
-compared with `MIN_Z`. A change that was found stays in the model, so that the next one is
+and z is standard normal without a change. How large the wander is nobody says: with log
+likelihoods l(s) of its sizes s, ``sqrt(2 (max(l + z^2 / 2) - max l))`` over all sizes, shapes and
+beginnings is compared with `MIN_Z`. A change that was found stays in the model, so that the next one is
 looked for on top of it.
 
 Old records are merged in pairs. The difference of a pair says nothing of wear, but of the
@@ -30,6 +31,8 @@ from robot_energy.condition.wear_records import RECORD_TIME, WearRecord
 
 WANDERS = (0.0005, 0.001, 0.002, 0.004, 0.008, 0.016)  # of no known cause; the likeliest counts [-]
 WANDER_HOURS = 3.0  # of motion
+BRIEF = 0.5  # part of the scatter, that lasts a while; share of its variance [-]
+BRIEF_HOURS = 0.5  # of motion
 CHANGE = 1.0  # of a change that was found, before its size is known [-]
 
 MIN_Z = 6.5  # of a change
@@ -119,9 +122,19 @@ class DriftTest:
         found = self._search()
         if found is not None:
             self._note(found)
+        elif self.changes and record.hours - self.changes[-1].until < SAME:
+            self._look_again()
         if self.changes:
             self.drift = self._drift()
         return found is not None
+
+    def _look_again(self) -> None:
+        """Date the newest change by what has come since."""
+        kept = self.changes
+        self.changes = kept[:-1]
+        found = self._search()
+        same = found is not None and found.size * kept[-1].size > 0
+        self.changes = [*self.changes, found] if found is not None and same else kept
 
     def take(self, records: list[WearRecord]) -> None:
         """Take what is known of a robot at once, and look for changes until there is no more.
@@ -182,7 +195,7 @@ class DriftTest:
     def _join(self, first: int, second: int) -> None:
         """Merge two neighbours; what they differ by is learned from unless friction changed."""
         before, after = self.records[first], self.records.pop(second)
-        shapes = self._shapes(np.array([before.hours, after.hours]))
+        shapes = self._shapes([before, after])
         if (shapes[0] == shapes[1]).all():
             self.contrasts.step(before, after)
         self.records[first] = before.merged(after)
@@ -197,34 +210,45 @@ class DriftTest:
         steps = (np.arange(n)[:, None] >= begins).astype(np.float64)
         ramps = np.maximum(hours[:, None] - hours[begins - 1], 0.0)
         ramps = ramps[:, hours[-1] - hours[begins - 1] >= MIN_RAMP]
-        factor, excess = self._factor()
-        white = np.linalg.solve(factor, np.column_stack([excess, steps, ramps]))
-        weight = (white[:, 1:] ** 2).sum(axis=0)
-        z = white[:, 1:].T @ white[:, 0] / np.sqrt(weight)
-        best = int(np.argmax(np.abs(z)))
-        size = float(z[best] / np.sqrt(weight[best]))
-        ramp = best >= len(begins)
+        factors, likelihood, excess = self._factors()
+        white = np.linalg.solve(factors, np.column_stack([excess, steps, ramps]))
+        weight = (white[:, :, 1:] ** 2).sum(axis=1)
+        z = np.einsum("stm,st->sm", white[:, :, 1:], white[:, :, 0]) / np.sqrt(weight)
+        gain = likelihood[:, None] + z**2 / 2.0
+        wander, best = np.unravel_index(int(np.argmax(gain)), gain.shape)
+        surprise = sqrt(2.0 * float(gain[wander, best] - likelihood.max()))
+        size = float(z[wander, best] / np.sqrt(weight[wander, best]))
+        ramp = bool(best >= len(begins))
         begin = int(begins[best % len(begins)])
         before, after = self.records[begin - 1], self.records[begin]
         size *= float(hours[-1] - before.hours) if ramp else 1.0
-        if abs(z[best]) < MIN_Z or abs(size) < MIN_SIZE:
+        if surprise < MIN_Z or abs(size) < MIN_SIZE:
             return None
         start = float(before.hours if ramp else (before.hours + after.hours) / 2)
         stamp_ns = (before.stamp_ns + after.stamp_ns) // 2
         return FrictionChange(stamp_ns, start, float(hours[-1]) if ramp else start, size)
 
-    def _shapes(self, hours: Float) -> Float:
-        """What each change that was found adds at hours of motion, shape (n, changes). [-]"""
+    def _shapes(self, records: list[WearRecord]) -> Float:
+        """What each change that was found adds to records, means, shape (n, changes). [-]"""
+        middle = np.array([record.hours for record in records])[:, None]
+        half = np.array([record.time for record in records])[:, None] / 7200.0
         begun = np.array([change.hours for change in self.changes])
         length = np.array([change.until for change in self.changes]) - begun
-        passed = hours[:, None] - begun
-        return np.where(length > 0, np.clip(passed / np.maximum(length, 1e-9), 0.0, 1.0), passed > 0)
+
+        def summed(hours: Float) -> Float:
+            passed = hours - begun
+            rising = np.clip(passed, 0.0, length) ** 2 / (2.0 * np.maximum(length, 1e-9))
+            return rising + np.maximum(passed - length, 0.0)
+
+        share = (summed(middle + half) - summed(middle - half)) / (2.0 * half)
+        return np.round(np.clip(share, 0.0, 1.0), 9)
 
     def _drift(self) -> Drift:
         """Return all changes together, at the newest record."""
-        shapes = self._shapes(self._hours())
+        shapes = self._shapes(self.records)
         now = shapes[-1]
-        factor, excess = self._factor()
+        factors, likelihood, excess = self._factors()
+        factor = factors[int(np.argmax(likelihood))]
         white = np.linalg.solve(factor, np.column_stack([excess, shapes]))
         each = CHANGE**2 * white[:, 1:].T @ white[:, 0]  # size of every change
         size, newest = float(now @ each), float(each[-1])
@@ -241,27 +265,46 @@ class DriftTest:
         since_ns = self.changes[first].stamp_ns
         return Drift(ratio - 1.0, ratio * std, since_ns, max(sure, 0.0), newest < 0)
 
-    def _factor(self) -> tuple[Float, Float]:
-        """Cholesky factor of the likeliest covariance, and the excess less its expected baseline.
+    def _factors(self) -> tuple[Float, Float, Float]:
+        """Cholesky factors of the covariance at each size of the wander, and how likely they are.
 
         Returns:
-            Shapes (n, n) and (n,).
+            Shapes (S, n, n) and (S,), and the excess less its expected baseline, shape (n,).
         """
         features = np.array([record.features for record in self.records])
         hours = self._hours()
         baseline = self.contrasts.baseline()
         excess = np.array([record.excess for record in self.records]) - features @ baseline.mean
         covariance = features @ baseline.covariance @ features.T
-        wander = np.exp(-np.abs(hours[:, None] - hours) / WANDER_HOURS)
-        changes = self._shapes(hours)
+        changes = self._shapes(self.records)
         covariance += CHANGE**2 * changes @ changes.T
-        covariance += np.diag(baseline.scatter * np.array([scatter(one) for one in self.records]))
+        time = np.array([record.time for record in self.records])
+        own = baseline.scatter * np.array([scatter(one) for one in self.records])
+        typical = float(np.median(own * time)) / RECORD_TIME
+        covariance += np.diag(own) + BRIEF * typical * _correlated(hours, time, BRIEF_HOURS)
+        wander = _correlated(hours, time, WANDER_HOURS)
         sizes = np.square(WANDERS)[:, None, None]
         factors = np.linalg.cholesky(covariance + sizes * wander)
         white = np.linalg.solve(factors, excess[:, None])[:, :, 0]
         likelihood = -0.5 * (white**2).sum(axis=1)
         likelihood -= np.log(np.diagonal(factors, axis1=1, axis2=2)).sum(axis=1)
-        return factors[int(np.argmax(likelihood))], excess
+        return factors, likelihood, excess
 
     def _hours(self) -> Float:
         return np.array([record.hours for record in self.records])
+
+
+def _correlated(hours: Float, time: Float, memory: float) -> Float:
+    """Covariance of the means over records of what forgets exponentially; its variance is one.
+
+    Args:
+        hours: Middle of each record, shape (n,). [h]
+        time: Its length, shape (n,). [s]
+        memory: Correlation time. [h]
+
+    Returns:
+        Shape (n, n). [-]
+    """
+    length = time / 3600.0 / memory
+    spread = np.sqrt(2.0 * (length - 1.0 + np.exp(-length))) / length
+    return np.exp(-np.abs(hours[:, None] - hours) / memory) * spread[:, None] * spread
