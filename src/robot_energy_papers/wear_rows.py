@@ -39,7 +39,9 @@ HIDDEN = 3.0  # greatest mass that the monitor does not get [kg]
 CHANGE_EVERY = 1800.0  # s between two payloads
 COLD, HOT = (15.0, 22.0), (52.0, 60.0)  # of the hall, night and day, drawn for each day [degC]
 DAY = 86_400.0  # s
-HOTTEST = 125.0  # of a motor on the hottest day; a cell that gets hotter waits between cycles [degC]
+HOTTEST = (
+    125.0  # of a motor on the hottest day; a cell that gets hotter waits between cycles [degC]
+)
 WAITS = (0.0, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0)  # s of waiting per second of a cycle
 MAX_STEP = 40.0  # s of the thermal network at once
 READINGS = 5  # of the temperature sensors that a part averages
@@ -145,8 +147,10 @@ class WearRows:
         cold = np.full(self.profile.n_joints, COULOMB_DEGC)
         whole = PlantFriction(self.profile, self._config, 1.0 / RATE).torque(speed, rigid, cold)
         reference = self.profile.hard.viscous_speed
-        turning = np.sign(speed) * reference * (np.abs(speed) / reference) ** (
-            self.profile.hard.viscous_exponent
+        turning = (
+            np.sign(speed)
+            * reference
+            * (np.abs(speed) / reference) ** (self.profile.hard.viscous_exponent)
         )
         viscous = self._friction.viscous(cold) * turning
         dry = whole - viscous
@@ -219,9 +223,7 @@ class WearRows:
                 share = profile.friction_to_motor
                 duty = self._cycle / length
                 for _ in range(steps):
-                    network.step(
-                        duty * (heat + share * friction), duty * (1.0 - share) * friction
-                    )
+                    network.step(duty * (heat + share * friction), duty * (1.0 - share) * friction)
                 settled = network.motor_temperature_degc
                 sensed = settled + lag * (sensed - settled)
                 states.append(_State(gear, motor, sensed, which, worn))

@@ -35,8 +35,9 @@ BRIEF = 0.5  # part of the scatter, that lasts a while; share of its variance [-
 BRIEF_HOURS = 0.5  # of motion
 CHANGE = 1.0  # of a change that was found, before its size is known [-]
 
-MIN_Z = 6.5  # of a change
-MIN_SIZE = 0.01  # of a change [-]
+MIN_Z = 5.5  # of a change
+MIN_SIZE = 0.005  # of a change [-]
+MIN_HOURS = 3.0  # of motion before anything is found; no payload but one was seen before
 MIN_BEFORE, MIN_AFTER = 3, 3  # records before and after the beginning of a change
 MIN_RAMP = 12.0  # shortest ramp; what is shorter is a step [h]
 MAX_CHANGES = 8
@@ -203,9 +204,9 @@ class DriftTest:
     def _search(self) -> FrictionChange | None:
         """Return the change that stands out most, if it stands out enough."""
         n = len(self.records)
-        if n < MIN_BEFORE + MIN_AFTER:
-            return None
         hours = self._hours()
+        if n < MIN_BEFORE + MIN_AFTER or hours[-1] < MIN_HOURS:
+            return None
         begins = np.arange(MIN_BEFORE, n - MIN_AFTER + 1)
         steps = (np.arange(n)[:, None] >= begins).astype(np.float64)
         ramps = np.maximum(hours[:, None] - hours[begins - 1], 0.0)
