@@ -10,7 +10,8 @@ cycle runs on the rig and through the pipeline. Of every part of that cycle the 
 along the motion are kept, by direction and bucket of speed. At any gear and motor temperature
 the parts are then sums of these with the laws of plant and model, exactly. The thermal
 network of the rig runs on through all days with the heat of each cycle. So every hour is
-computed and none repeated: hall, payloads, gear lag, sensor lag, offsets and noise are of that hour.
+computed and none repeated: hall, payloads, lag of gear and sensor, offsets and noise are of that
+hour. What the rig would do and this does not: noise of velocity and stamps is that of one cycle.
 """
 
 from __future__ import annotations
@@ -21,8 +22,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from robot_energy.blocks import NANOSECOND, Float, PowerBlock
-from robot_energy.condition.joint_friction import MotionSums
+from robot_energy.blocks import NANOSECOND, Float, Int, PowerBlock
+from robot_energy.condition.joint_friction import MotionReader, MotionSums
 from robot_energy.condition.learner import Learning
 from robot_energy.model import RobotModel, load
 from robot_energy.model.payload import Payload, payload
@@ -173,13 +174,17 @@ class WearRows:
             np.einsum("atn,tn->an", np.stack([drag, dry, turning]), speed) / len(speed),
         )
 
-    def _summed(self, reader, block, torque, place):  # noqa
+    def _summed(
+        self, reader: MotionReader, block: PowerBlock, torque: Float, place: Int
+    ) -> tuple[Float, Float, Float]:
         """Sums of a torque along the motion, of time and load, part by part."""
         shown = replace(block, shaft_power_measured=torque * block.motor_velocity)
         bare = replace(shown, rigid_power=np.zeros_like(torque))
         model = np.abs(block.motor_velocity) + 1e-9
         part = (place / (PART * RATE)).astype(int)
-        found, times, loads = [], [], []
+        found: list[Float] = []
+        times: list[Float] = []
+        loads: list[Float] = []
         for number in range(self._parts):
             rows = np.flatnonzero(part == number)
             piece = slice(rows[0], rows[-1] + 1)

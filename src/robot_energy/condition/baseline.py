@@ -17,7 +17,6 @@ from robot_energy.condition.record import ContrastEntry, filled, flat
 from robot_energy.condition.wear_records import (
     DEGC_BUCKETS,
     FEATURES,
-    NUISANCES,
     RECORD_TIME,
     WearRecord,
 )
@@ -110,6 +109,8 @@ class Contrasts:
             StateFileError: If an array has another size.
         """
         found = cls()
+        if not entry.count:
+            return found
         found.information = filled(entry.information, found.information)
         found.target = filled(entry.target, found.target)
         found.square, found.count = entry.square, entry.count
@@ -152,7 +153,6 @@ def _prior() -> Float:
     covariance[speeds, speeds] = LAW**2 * near
     rest = [WARMER] * SPEED_BUCKETS + list(NUISANCE) + [WARM_SHARE * one for one in NUISANCE]
     first = DEGC_BUCKETS + SPEED_BUCKETS
-    assert len(rest) == FEATURES - first and len(NUISANCE) == NUISANCES
     covariance[range(first, FEATURES), range(first, FEATURES)] = np.square(rest)
     return covariance + 1e-8 * np.eye(FEATURES)
 

@@ -11,8 +11,8 @@ covariance without wear, y the excess less its expected baseline and u the shape
 
 and z is standard normal without a change. How large the wander is nobody says: with log
 likelihoods l(s) of its sizes s, ``sqrt(2 (max(l + z^2 / 2) - max l))`` over all sizes, shapes and
-beginnings is compared with `MIN_Z`. A change that was found stays in the model, so that the next one is
-looked for on top of it.
+beginnings is compared with `MIN_Z`. A change that was found stays in the model, so that the next
+one is looked for on top of it.
 
 Old records are merged in pairs. The difference of a pair says nothing of wear, but of the
 baseline and of the scatter; it is kept in the sums of `Contrasts`, so that merging loses neither.

@@ -5,14 +5,14 @@ from __future__ import annotations
 from typing import Annotated, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from robot_energy.blocks import Float
 from robot_energy.errors import StateFileError
 from robot_energy.timeline.stamps import MAX_STAMP_NS, MIN_STAMP_NS
 from robot_energy.units import MAX_COUNTER
 
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2  # 1 had no contrasts; its records of wear are dropped, all else is kept
 
 Number = Annotated[float, Field(allow_inf_nan=False)]
 Count = Annotated[int, Field(ge=0, le=MAX_COUNTER)]
@@ -95,7 +95,7 @@ class ChangeEntry(ConditionPart):
 
 
 class ContrastEntry(ConditionPart):
-    """The sums of one `robot_energy.condition.baseline.Contrasts`, flattened."""
+    """The sums of one `robot_energy.condition.baseline.Contrasts`, flattened; empty without any."""
 
     information: Numbers
     target: Numbers
@@ -109,6 +109,13 @@ class DriftRecord(ConditionPart):
     records: tuple[WearEntry, ...]
     changes: tuple[ChangeEntry, ...]
     contrasts: ContrastEntry
+
+    @model_validator(mode="before")
+    @classmethod
+    def _of_format_1(cls, entry: dict[str, object]) -> dict[str, object]:
+        """Begin a new reference where the old one had other features and no contrasts."""
+        empty = {"information": (), "target": (), "square": 0.0, "count": 0}
+        return entry if "contrasts" in entry else {"records": (), "changes": (), "contrasts": empty}
 
 
 class WearState(ConditionPart):

@@ -1,5 +1,7 @@
 """Wear in the pipeline: which axis, what the meter alone can say, and what is said of it."""
 
+import json
+
 import numpy as np
 import pytest
 
@@ -85,6 +87,25 @@ def test_it_continues_from_its_state():
     assert again.state() == whole.state()
     with pytest.raises(StateFileError, match="of 2 joints"):
         WearMonitor(("a",)).restore(whole.state())
+
+
+def test_a_file_of_the_first_format_keeps_all_but_its_records_of_wear():
+    state = run(2, lambda h: (1.0, 1.1)).state()
+    old = state.model_dump(mode="json")
+    for entry in old["tests"]:
+        del entry["contrasts"]
+    again = WearMonitor(NAMES)
+    again.restore(type(state).model_validate_json(json.dumps(old)))
+    assert again.state().hours == state.hours
+    assert again.records() == [[], []]
+
+
+def test_records_with_other_features_are_refused():
+    state = run(2, lambda h: (1.0, 1.1)).state()
+    content = state.model_dump(mode="json")
+    content["tests"][0]["records"][0]["features"].append(0.0)
+    with pytest.raises(StateFileError, match="37 features"):
+        WearMonitor(NAMES).restore(type(state).model_validate_json(json.dumps(content)))
 
 
 def test_a_fall_and_a_rise_are_different_alarms():
