@@ -50,6 +50,7 @@ START_NS = 1_700_000_000_000_000_000
 
 
 Day = list[MotionSums]
+Wear = Callable[[Float], Float]
 
 
 class _State(NamedTuple):
@@ -71,8 +72,11 @@ class _Load:
             shape (7, P, 2, n, SPEED_BUCKETS). [N m s], viscous of the monitor [rad]
         time: In motion, shape (P, 2, n, SPEED_BUCKETS). [s]
         load: Sum of the amount of the monitor's rigid torque, shape (P, 2, n). [N m s]
-        square: Means of the products of (rigid + drag, dry, viscous), shape (3, 3, n). [N^2 m^2]
-        power: Means of speed times (drag, dry, viscous), shape (3, n). [W]
+        square: Means of the products of (rigid + drag, dry, viscous), shape (P, 3, 3, n).
+            [N^2 m^2]
+        power: Means of speed times (drag, dry, viscous), shape (P, 3, n). [W]
+        own: Of the monitor, speed times Coulomb and viscous friction, shape (P, 2, n). [W]
+        grid: Power of the grid at `COULOMB_DEGC`, true and predicted, shape (P, 2). [W]
     """
 
     sums: Float
@@ -80,6 +84,18 @@ class _Load:
     load: Float
     square: Float
     power: Float
+    own: Float
+    grid: Float
+
+
+class MeterRow(NamedTuple):
+    """A window of the power meter, as `robot_energy.condition.wear.WearMonitor` takes it."""
+
+    stamp_ns: int
+    duration: float
+    residual: float
+    friction: float
+    degc: float
 
 
 class WearRows:
@@ -106,6 +122,7 @@ class WearRows:
             (wait for wait in WAITS if self._hottest(1.0 / (1.0 + wait)) < HOTTEST), WAITS[-1]
         )
         offset = self._config.sensors.temperature_offset
+        self._meter_gain = 1.0 + self._config.sensors.meter_class * self._random.uniform(-1.0, 1.0)
         self._offset: Float = offset * self._random.standard_normal(profile.n_joints)
 
     def _payloads(self) -> list[tuple[list[Payload], Payload | None]]:
@@ -126,7 +143,9 @@ class WearRows:
 
     def _cycle_of(self, carried: list[Payload], known: Payload | None, seed: int) -> _Load:
         config = replace(self._config, warming=False, stamp_jitter=False)
-        rig = VirtualRig(self.profile, self._program, config, seed, rate_hz=RATE)
+        rig = VirtualRig(
+            self.profile, self._program, config, seed, COULOMB_DEGC, COULOMB_DEGC, rate_hz=RATE
+        )
         if carried:
             rig.change(payload=carried)
         pipeline = pipeline_of(self.model, Learning.OBSERVE, True)
@@ -165,13 +184,22 @@ class WearRows:
         basis = [*plant, block.rigid_power / measured, own, measured]
         sums = np.array([self._summed(learner.reader, block, each, place)[0] for each in basis])
         _, time, load_sum = self._summed(learner.reader, block, zero, place)
-        terms = np.stack([rigid + drag, dry, turning])
+        terms = np.stack([rigid + drag, dry, turning])[:, place]
+        driven = np.stack([drag, dry, turning])[:, place] * speed[place]
+        grid = np.stack([truth.grid_power[place], block.supply.grid_power], axis=1)
+        part = (place / (PART * RATE)).astype(int)
+
+        def mean(values: Float) -> Float:
+            return np.array([values[part == number].mean(axis=0) for number in range(self._parts)])
+
         return _Load(
             sums,
             time,
             load_sum,
-            np.einsum("atn,btn->abn", terms, terms) / len(speed),
-            np.einsum("atn,tn->an", np.stack([drag, dry, turning]), speed) / len(speed),
+            mean(np.einsum("atn,btn->tabn", terms, terms)),
+            mean(np.einsum("atn->tan", driven)),
+            mean(np.stack([own * measured, measured**2], axis=1)),
+            mean(grid),
         )
 
     def _summed(
@@ -194,8 +222,8 @@ class WearRows:
             loads.append(reader.read(shown[piece], model[piece]).load)
         return np.array(found), np.array(times), np.array(loads)
 
-    def days(self, days: int, wear: Callable[[Float], Float] | None = None) -> Iterator[Day]:
-        """Run day after day.
+    def days(self, days: int, wear: Wear | None = None) -> Iterator[Day]:
+        """Run day after day, with the torque of every motor.
 
         Args:
             days: How many.
@@ -204,6 +232,27 @@ class WearRows:
         Yields:
             The parts of each.
         """
+        for day, states in self._states(days, wear):
+            yield self._day(day, states)
+
+    def meter_days(self, days: int, wear: Wear | None = None) -> Iterator[list[MeterRow]]:
+        """Run day after day, with a power meter alone.
+
+        Grid power is that of the rig at `COULOMB_DEGC`, plus what friction and copper of the plant
+        take more at the present temperatures, over the efficiency of the rectifier; the prediction
+        follows the temperature by its friction alone.
+
+        Args:
+            days: How many.
+            wear: As for `days`.
+
+        Yields:
+            The windows of each.
+        """
+        for day, states in self._states(days, wear):
+            yield self._meter_day(day, states)
+
+    def _states(self, days: int, wear: Wear | None) -> Iterator[tuple[int, list[_State]]]:
         profile, config = self.profile, self._config
         length = self._cycle + self._wait
         cycles = round(DAY / length)
@@ -236,19 +285,24 @@ class WearRows:
                 if wear is not None:
                     worn = wear(hours)
             cold = next_cold
-            yield self._day(day, states)
+            yield day, states
 
     def _heat(self, one: _Load, gear: Float, motor: Float, worn: Float) -> tuple[Float, Float]:
         """Heat of the motors without friction, and friction, means of a cycle. [W]"""
+        heat, friction = self._powers(one, gear, motor, worn)
+        return heat.mean(axis=0), friction.mean(axis=0)
+
+    def _powers(self, one: _Load, gear: Float, motor: Float, worn: Float) -> tuple[Float, Float]:
+        """Iron and copper losses, and friction, of every part, shape (P, n) each. [W]"""
         profile = self.profile
         dry, viscous = self._at(gear)
         weights = np.stack([np.ones_like(dry), worn * dry, worn * viscous])
         warmer = motor - REFERENCE_DEGC
         constant = profile.torque_constant * (1.0 - profile.torque_constant_fall * warmer)
         resistance = profile.resistance * (1.0 + profile.resistance_rise * warmer)
-        square = np.einsum("an,bn,abn->n", weights, weights, one.square) / constant**2
-        friction = worn * (dry * one.power[1] + viscous * one.power[2])
-        return 3.0 * resistance * square + one.power[0], friction
+        square = np.einsum("an,bn,pabn->pn", weights, weights, one.square) / constant**2
+        friction = worn * (dry * one.power[:, 1] + viscous * one.power[:, 2])
+        return 3.0 * resistance * square + one.power[:, 0], friction
 
     def _hottest(self, duty: float) -> float:
         """Temperature of the hottest motor after hours in the hottest hall. [degC]"""
@@ -270,6 +324,40 @@ class WearRows:
         fall = self.profile.hard.coulomb_fall
         dry = np.maximum(1.0 - fall * (gear_degc - COULOMB_DEGC), MIN_COULOMB_SHARE)
         return dry, self._friction.viscous(gear_degc)
+
+    def _meter_day(self, day: int, states: list[_State]) -> list[MeterRow]:
+        sensors, supply = self._config.sensors, self.profile.supply
+        first_ns = START_NS + round(day * DAY / NANOSECOND)
+        base = np.full(self.profile.n_joints, COULOMB_DEGC)
+        unworn = np.ones_like(base)
+        length = self._cycle + self._wait
+        rows: list[MeterRow] = []
+        for cycle, state in enumerate(states):
+            one = self._loads[state.load]
+            now = sum(self._powers(one, state.gear_degc, state.motor_degc, state.worn))
+            then = sum(self._powers(one, base, base, unworn))
+            more = (now - then).sum(axis=1) / supply.rectifier_efficiency
+            degc = np.rint(state.seen_degc + self._offset)
+            friction = one.own[:, 0] + self._law.viscous(degc) * one.own[:, 1]
+            before = one.own[:, 0] + self._law.viscous(base) * one.own[:, 1]
+            predicted = (
+                one.grid[:, 1] + (friction - before).sum(axis=1) / supply.rectifier_efficiency
+            )
+            noise = sensors.meter_noise / np.sqrt(PART * sensors.meter_rate)
+            gain = self._meter_gain + noise * self._random.standard_normal(self._parts)
+            residual = gain * (one.grid[:, 0] + more) - predicted
+            for number, (off, own) in enumerate(zip(residual, friction.sum(axis=1), strict=True)):
+                at = cycle * length + (number + 1) * PART
+                rows.append(
+                    MeterRow(
+                        first_ns + round(at / NANOSECOND),
+                        PART,
+                        PART * float(off),
+                        PART * float(own),
+                        float(degc.mean()),
+                    )
+                )
+        return rows
 
     def _day(self, day: int, states: list[_State]) -> Day:
         profile, sensors = self.profile, self._config.sensors

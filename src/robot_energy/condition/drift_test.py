@@ -11,8 +11,9 @@ covariance without wear, y the excess less its expected baseline and u the shape
 
 and z is standard normal without a change. How large the wander is nobody says: with log
 likelihoods l(s) of its sizes s, ``sqrt(2 (max(l + z^2 / 2) - max l))`` over all sizes, shapes and
-beginnings is compared with `MIN_Z`. A change that was found stays in the model, so that the next
-one is looked for on top of it.
+beginnings is compared with `MIN_Z`, or with `MIN_Z_YOUNG` where hours of motion have not yet
+confirmed it: a payload differs from all before by more than it scatters. A change that was found
+stays in the model, so that the next one is looked for on top of it.
 
 Old records are merged in pairs. The difference of a pair says nothing of wear, but of the
 baseline and of the scatter; it is kept in the sums of `Contrasts`, so that merging loses neither.
@@ -35,7 +36,9 @@ BRIEF = 0.5  # part of the scatter, that lasts a while; share of its variance [-
 BRIEF_HOURS = 0.5  # of motion
 CHANGE = 1.0  # of a change that was found, before its size is known [-]
 
-MIN_Z = 5.5  # of a change
+MIN_Z = 5.0  # of a change that has lasted
+LASTING = 6.0  # h of motion; what is younger may be a payload that is not understood
+MIN_Z_YOUNG = 10.0  # of a younger one
 MIN_SIZE = 0.005  # of a change [-]
 MIN_HOURS = 3.0  # of motion before anything is found; no payload but one was seen before
 MIN_BEFORE, MIN_AFTER = 3, 3  # records before and after the beginning of a change
@@ -207,7 +210,7 @@ class DriftTest:
         hours = self._hours()
         if n < MIN_BEFORE + MIN_AFTER or hours[-1] < MIN_HOURS:
             return None
-        begins = np.arange(MIN_BEFORE, n - MIN_AFTER + 1)
+        begins = np.arange(MIN_BEFORE, n)
         steps = (np.arange(n)[:, None] >= begins).astype(np.float64)
         ramps = np.maximum(hours[:, None] - hours[begins - 1], 0.0)
         ramps = ramps[:, hours[-1] - hours[begins - 1] >= MIN_RAMP]
@@ -216,14 +219,18 @@ class DriftTest:
         weight = (white[:, :, 1:] ** 2).sum(axis=1)
         z = np.einsum("stm,st->sm", white[:, :, 1:], white[:, :, 0]) / np.sqrt(weight)
         gain = likelihood[:, None] + z**2 / 2.0
-        wander, best = np.unravel_index(int(np.argmax(gain)), gain.shape)
-        surprise = sqrt(2.0 * float(gain[wander, best] - likelihood.max()))
+        surprise = np.sqrt(2.0 * np.maximum(gain.max(axis=0) - likelihood.max(), 0.0))
+        best = int(np.argmax(surprise))
+        wander = int(np.argmax(gain[:, best]))
         size = float(z[wander, best] / np.sqrt(weight[wander, best]))
-        ramp = bool(best >= len(begins))
+        ramp = best >= len(begins)
         begin = int(begins[best % len(begins)])
         before, after = self.records[begin - 1], self.records[begin]
+        young = not ramp and hours[-1] - before.hours < LASTING
+        if surprise[best] < (MIN_Z_YOUNG if young else MIN_Z) or begin > n - MIN_AFTER:
+            return None
         size *= float(hours[-1] - before.hours) if ramp else 1.0
-        if surprise < MIN_Z or abs(size) < MIN_SIZE:
+        if abs(size) < MIN_SIZE:
             return None
         start = float(before.hours if ramp else (before.hours + after.hours) / 2)
         stamp_ns = (before.stamp_ns + after.stamp_ns) // 2

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Self
+import json
+from typing import Annotated, Any, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from robot_energy.blocks import Float
 from robot_energy.errors import StateFileError
@@ -110,13 +111,6 @@ class DriftRecord(ConditionPart):
     changes: tuple[ChangeEntry, ...]
     contrasts: ContrastEntry
 
-    @model_validator(mode="before")
-    @classmethod
-    def _of_format_1(cls, entry: dict[str, object]) -> dict[str, object]:
-        """Begin a new reference where the old one had other features and no contrasts."""
-        empty = {"information": (), "target": (), "square": 0.0, "count": 0}
-        return entry if "contrasts" in entry else {"records": (), "changes": (), "contrasts": empty}
-
 
 class WearState(ConditionPart):
     """What `robot_energy.condition.wear.WearMonitor` keeps; the last test is the whole robot's."""
@@ -146,6 +140,35 @@ class ConditionRecord(ConditionPart):
     friction: FrictionRecord
     meter: MeterRecord
     wear: WearState
+
+    @classmethod
+    def from_json(cls, content: bytes) -> Self:
+        """Read a record; records of wear of the first format are dropped.
+
+        Args:
+            content: JSON text.
+
+        Returns:
+            The record.
+
+        Raises:
+            StateFileError: If it is not such a record.
+        """
+        return super().from_json(_without_old_wear(content))
+
+
+def _without_old_wear(content: bytes) -> bytes:
+    """Drop records of wear that have no contrasts: their features were others."""
+    try:
+        record: Any = json.loads(content)
+        tests = record["wear"]["tests"]
+        old = [number for number, entry in enumerate(tests) if "contrasts" not in entry]
+    except (ValueError, TypeError, LookupError):
+        return content  # the reader says what is wrong
+    empty = {"information": [], "target": [], "square": 0.0, "count": 0}
+    for number in old:
+        tests[number] = {"records": [], "changes": [], "contrasts": empty}
+    return json.dumps(record).encode() if old else content
 
 
 def flat(values: Float) -> Numbers:
