@@ -77,6 +77,7 @@ class _Load:
         power: Means of speed times (drag, dry, viscous), shape (P, 3, n). [W]
         own: Of the monitor, speed times Coulomb and viscous friction, shape (P, 2, n). [W]
         grid: Power of the grid at `COULOMB_DEGC`, true and predicted, shape (P, 2). [W]
+        rest: The same while the robot waits at its first pose, shape (2,). [W]
     """
 
     sums: Float
@@ -86,6 +87,7 @@ class _Load:
     power: Float
     own: Float
     grid: Float
+    rest: Float
 
 
 class MeterRow(NamedTuple):
@@ -104,19 +106,20 @@ class WearRows:
     Args:
         profile: The plant.
         seed: Of work, payloads, weather and sensors.
-        model: What the monitor has; None for that of the profile's body.
+        part: What is summed up together. [s]
     """
 
-    def __init__(self, profile: PlantProfile, seed: int, model: RobotModel | None = None) -> None:
+    def __init__(self, profile: PlantProfile, seed: int, part: float = PART) -> None:
         self.profile = profile
-        self.model = model or load(profile.body)
+        self.model: RobotModel = load(profile.body)
+        self._part = part
         self._config = RigConfig.hard()
         self._random = np.random.default_rng([seed, 0x77656172])
         self._program = work(profile, seed)
         self._law = FrictionModel.from_model(self.model)
         self._friction = PlantFriction(profile, self._config, 1.0 / RATE)
-        self._parts = max(1, round(self._program.period / PART))
-        self._cycle = self._parts * PART
+        self._parts = max(1, round(self._program.period / part))
+        self._cycle = self._parts * part
         self._loads = [self._cycle_of(*pair, seed) for pair in self._payloads()]
         self._wait = self._cycle * next(
             (wait for wait in WAITS if self._hottest(1.0 / (1.0 + wait)) < HOTTEST), WAITS[-1]
@@ -187,7 +190,7 @@ class WearRows:
         terms = np.stack([rigid + drag, dry, turning])[:, place]
         driven = np.stack([drag, dry, turning])[:, place] * speed[place]
         grid = np.stack([truth.grid_power[place], block.supply.grid_power], axis=1)
-        part = (place / (PART * RATE)).astype(int)
+        part = (place / (self._part * RATE)).astype(int)
 
         def mean(values: Float) -> Float:
             return np.array([values[part == number].mean(axis=0) for number in range(self._parts)])
@@ -200,6 +203,7 @@ class WearRows:
             mean(np.einsum("atn->tan", driven)),
             mean(np.stack([own * measured, measured**2], axis=1)),
             mean(grid),
+            grid[: round(RATE)].mean(axis=0),
         )
 
     def _summed(
@@ -209,7 +213,7 @@ class WearRows:
         shown = replace(block, shaft_power_measured=torque * block.motor_velocity)
         bare = replace(shown, rigid_power=np.zeros_like(torque))
         model = np.abs(block.motor_velocity) + 1e-9
-        part = (place / (PART * RATE)).astype(int)
+        part = (place / (self._part * RATE)).astype(int)
         found: list[Float] = []
         times: list[Float] = []
         loads: list[Float] = []
@@ -217,9 +221,12 @@ class WearRows:
             rows = np.flatnonzero(part == number)
             piece = slice(rows[0], rows[-1] + 1)
             sums = reader.read(bare[piece], model[piece])
+            whole = reader.read(shown[piece], model[piece])
+            if sums is None or whole is None:
+                raise ValueError(f"part {number} of the program has no torque; expected torque")
             found.append(sums.measured)
             times.append(sums.time)
-            loads.append(reader.read(shown[piece], model[piece]).load)
+            loads.append(whole.load)
         return np.array(found), np.array(times), np.array(loads)
 
     def days(self, days: int, wear: Wear | None = None) -> Iterator[Day]:
@@ -334,8 +341,8 @@ class WearRows:
         rows: list[MeterRow] = []
         for cycle, state in enumerate(states):
             one = self._loads[state.load]
-            now = sum(self._powers(one, state.gear_degc, state.motor_degc, state.worn))
-            then = sum(self._powers(one, base, base, unworn))
+            now = np.add(*self._powers(one, state.gear_degc, state.motor_degc, state.worn))
+            then = np.add(*self._powers(one, base, base, unworn))
             more = (now - then).sum(axis=1) / supply.rectifier_efficiency
             degc = np.rint(state.seen_degc + self._offset)
             friction = one.own[:, 0] + self._law.viscous(degc) * one.own[:, 1]
@@ -343,20 +350,18 @@ class WearRows:
             predicted = (
                 one.grid[:, 1] + (friction - before).sum(axis=1) / supply.rectifier_efficiency
             )
-            noise = sensors.meter_noise / np.sqrt(PART * sensors.meter_rate)
+            noise = sensors.meter_noise / np.sqrt(self._part * sensors.meter_rate)
             gain = self._meter_gain + noise * self._random.standard_normal(self._parts)
             residual = gain * (one.grid[:, 0] + more) - predicted
-            for number, (off, own) in enumerate(zip(residual, friction.sum(axis=1), strict=True)):
-                at = cycle * length + (number + 1) * PART
-                rows.append(
-                    MeterRow(
-                        first_ns + round(at / NANOSECOND),
-                        PART,
-                        PART * float(off),
-                        PART * float(own),
-                        float(degc.mean()),
-                    )
+            waits = round(self._wait / self._part)
+            offs = [*residual.tolist(), *[gain[0] * one.rest[0] - one.rest[1]] * waits]
+            owns = [*friction.sum(axis=1).tolist(), *[0.0] * waits]
+            for number, (off, own) in enumerate(zip(offs, owns, strict=True)):
+                stamp_ns = first_ns + round(
+                    (cycle * length + (number + 1) * self._part) / NANOSECOND
                 )
+                energies = (self._part * float(off), self._part * float(own))
+                rows.append(MeterRow(stamp_ns, self._part, *energies, float(degc.mean())))
         return rows
 
     def _day(self, day: int, states: list[_State]) -> Day:
@@ -381,7 +386,7 @@ class WearRows:
             measured = measured + scatter * self._random.standard_normal(scatter.shape)
             model = coulomb + law[cycle][:, None, :, None] * turn
             for number in range(self._parts):
-                at = cycle * (self._cycle + self._wait) + (number + 1) * PART
+                at = cycle * (self._cycle + self._wait) + (number + 1) * self._part
                 parts.append(
                     MotionSums(
                         first_ns + round(at / NANOSECOND),
