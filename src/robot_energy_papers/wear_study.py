@@ -31,9 +31,11 @@ from robot_energy.model import load
 from robot_energy.model.payload import payload
 from robot_energy.rig import PlantProfile, RigConfig, VirtualRig
 from robot_energy_papers.learning_study import joint_block, pipeline_of, work
-from robot_energy_papers.wear_rows import WearRows
+from robot_energy_papers.wear_rows import START_NS, WearRows
 
 DAY = 24  # h
+HOUR_NS = 3_600_000_000_000
+METER_PART = 5.0  # s of a window of the meter
 COLD, HOT = 15.0, 60.0  # of the hall [degC]
 RATE = 25.0  # of the joint states [Hz]
 CHANGE_EVERY = 30  # min between two payloads
@@ -333,3 +335,47 @@ def worn_in_plant(
                     found[joint] = record.hours - begin
                 break
     return WornRow(found, tuple(named))
+
+
+def meter_only(
+    profile: PlantProfile,
+    seed: int,
+    days: int,
+    joint: int | None = None,
+    rise: float = 0.15,
+    begin: float = 96.0,
+) -> tuple[float, ...]:
+    """Watch a plant by its power meter alone; one axis may wear at once, in the plant itself.
+
+    Args:
+        profile: The plant.
+        seed: Of work, payloads, weather and sensors.
+        days: How many.
+        joint: The axis that wears; None for none.
+        rise: Of its friction. [-]
+        begin: When it begins. [h]
+
+    Returns:
+        When friction of the robot was said to have risen, since the wear began, or since the start
+        without wear. [h]
+    """
+    monitor = WearMonitor([str(number) for number in range(profile.n_joints)])
+
+    whole = np.ones(profile.n_joints)
+    worn = whole if joint is None else whole + rise * (np.arange(profile.n_joints) == joint)
+    begun = 0.0 if joint is None else begin
+    done = 0.0
+
+    def wear(_: Float) -> Float:
+        return whole if done < begun else worn
+
+    found: list[float] = []
+    rows = WearRows(profile, seed, METER_PART)
+    for day in rows.meter_days(days, wear):
+        done += DAY
+        for row in day:
+            known = len(monitor.robot.changes)
+            monitor.step_meter(*row)
+            if len(monitor.robot.changes) > known and not monitor.robot.drift.fell:
+                found.append((row.stamp_ns - START_NS) / HOUR_NS - begun)
+    return tuple(found)
