@@ -6,19 +6,23 @@ import faulthandler
 import inspect
 import signal
 import sys
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from types import FrameType
-from typing import Protocol
+from typing import Any, Protocol
 
 import rclpy
+from rclpy.client import Client
 from rclpy.context import Context
 from rclpy.exceptions import InvalidHandle
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.logging import get_logger
 from rclpy.node import Node
+from rclpy.service import Service
 from rclpy.signals import SignalHandlerOptions
+from rclpy.waitable import Waitable
 
 from robot_energy.errors import RobotEnergyError
 from robot_energy.kinds import load_kinds
@@ -26,7 +30,9 @@ from ros2_energy_monitor.base.guard import Guard
 from ros2_energy_monitor.base.shared_memory import clear_ports
 
 EXIT_BAD_SETUP = 2
-PATIENCE = 0.2  # longest time until a signal is noticed [s]
+PATIENCE = 0.1  # longest wait; then it is asked whether to stop [s]
+RARELY = 0.1  # between two looks at services and events, which wait so long at most [s]
+RARE = (Service, Client, Waitable)
 MAX_END = 20.0  # after this the process ends, and says where the middleware hangs [s]
 
 
@@ -81,15 +87,46 @@ def ros(args: Sequence[str] | None = None) -> Iterator[Context]:
         context.try_shutdown()
 
 
+class TickExecutor(SingleThreadedExecutor):
+    """Executes timers and subscriptions when they are ready, all else ten times a second.
+
+    rclpy makes its wait set again for every wait, and services and events are most of what it
+    holds: at 25 ticks a second that costs as much as the work of a small node.
+
+    Args:
+        context: Of the nodes.
+    """
+
+    def __init__(self, context: Context) -> None:
+        super().__init__(context=context)
+        self._all, self._due = True, 0.0  # whether this wait is for all; when one is next [s]
+
+    def spin_once(self, timeout_sec: float | None = None) -> None:
+        """Wait for what is ready, and execute it; as in `rclpy.executors.Executor.spin_once`."""
+        self._all = time.monotonic() >= self._due
+        super().spin_once(timeout_sec)
+
+    def can_execute(self, entity: Any) -> bool:
+        """Refuse what is rare unless it is due, so that the wait set stays small.
+
+        Arguments and result as in `rclpy.executors.Executor.can_execute`.
+        """
+        if self._all:
+            self._due = time.monotonic() + RARELY
+        elif isinstance(entity, RARE):
+            return False
+        return super().can_execute(entity)
+
+
 def spin(node: Node, context: Context, stopped: Callable[[], bool]) -> None:
     """Execute a node until it is stopped or its context is shut down.
 
     Args:
         node: The node.
         context: Its context.
-        stopped: Asked after every callback, at least every 0.2 s.
+        stopped: Asked after every callback, at least every 0.1 s.
     """
-    executor = SingleThreadedExecutor(context=context)
+    executor = TickExecutor(context)
     executor.add_node(node)
     guard: Guard | None = getattr(node, "guard", None)
     try:
