@@ -137,15 +137,21 @@ def identified(data: Path, name: str) -> tuple[list[Any], RobotModel]:
 
 
 def write_states(
-    bag: Path, names: tuple[str, ...], rate: float, position: Float, effort: Float
+    bag: Path,
+    names: tuple[str, ...],
+    rate: float,
+    position: Float,
+    effort: Float,
+    kept: Any = slice(None),
 ) -> None:
-    """Write joint states without velocities."""
+    """Write joint states without velocities; only the rows that are kept."""
+    stamp = np.round(np.arange(len(position)) / rate * 1e9).astype(np.int64)[kept] + 10**18
+    position, effort = position[kept], effort[kept]
     rows = len(position)
-    stamp = 1_000_000_000_000_000_000 + np.round(np.arange(rows) / rate * 1e9).astype(np.int64)
     encoder = Encoder(
         "sensor_msgs/msg/JointState",
         {"name": names},
-        {"position": len(names), "velocity": 0, "effort": len(names)},
+        {"position": len(names), "velocity": 0, "effort": effort.shape[1]},
     )
     columns = {
         **stamp_columns(stamp),

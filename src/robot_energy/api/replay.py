@@ -260,8 +260,12 @@ def run_replay(
         The accounting of the replay.
 
     Raises:
+        TypeError: If there is no such option.
         RobotEnergyError: If bag, model or an option cannot be used.
     """
+    if unknown := sorted(options.keys() - ReplayOptions.__annotations__.keys()):
+        known = ", ".join(sorted(ReplayOptions.__annotations__))
+        raise TypeError(f"replay has no option {', '.join(unknown)}; expected: {known}")
     read, notes = driver_inputs(options.get("inputs"), options.get("robot"))
     settings: dict[str, Any] = {
         name: options.get(name)

@@ -7,7 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from robot_energy.cli.numbers import number
+from robot_energy.cli.replay_options import PART
 from robot_energy.cli.terminal import add_command, add_json, check_outputs, present, progress
+from robot_energy.cli.tool_options import add_tool, tool_options
 
 DESCRIPTION = """\
 Look for the speeds, accelerations, pauses and states at rest with which a program needs least
@@ -21,6 +23,7 @@ examples:
   robot-energy optimize src/examples/programs/kr16_pick_and_place.yaml --model kr16 \\
       --temperature 20..60 --out cheaper.yaml
   robot-energy optimize moves.yaml --model m.yaml --cycle-time 12 --standby --report savings.html
+  robot-energy optimize recorded_bag --start 12 --end 31.5 --free-rests --model m.yaml
 """
 
 
@@ -35,7 +38,8 @@ def add_parser(commands: Any) -> None:
     parser.add_argument(
         "program",
         metavar="PROGRAM|BAG",
-        help="YAML of point-to-point moves, or a JointTrajectory as CSV or in a bag",
+        help="YAML of point-to-point moves, G-code, a JointTrajectory as CSV or in a bag, or a bag "
+        "of recorded joint states",
     )
     parser.add_argument("--model", required=True, metavar="FILE|NAME", help="model of the robot")
     parser.add_argument(
@@ -88,9 +92,26 @@ def add_parser(commands: Any) -> None:
         "for point-to-point moves",
     )
     parser.add_argument(
-        "--tool", default="tool0", metavar="LINK", help="frame that holds the work (default tool0)"
+        "--free-rests",
+        action="store_true",
+        help="the work needs none of the rests of the program: moves may fill them (cycle time: as "
+        "long as now, unless given)",
     )
-    parser.add_argument("--topic", metavar="NAME", help="of the JointTrajectory in a bag")
+    parser.add_argument(
+        "--topic", metavar="NAME", help="of the JointTrajectory, or of the joint states, in a bag"
+    )
+    tool = parser.add_argument_group("G-code; --tool also holds the work that --place shifts")
+    add_tool(tool)
+    tool.add_argument(
+        "--max-feed",
+        type=number,
+        default=1.0,
+        metavar="F",
+        help="greatest factor on all feeds (default 1: never faster than the program)",
+    )
+    part = parser.add_argument_group("part of recorded joint states: one cycle")
+    for name, keywords in PART.items():
+        part.add_argument(f"--{name}", **keywords)
     output = parser.add_argument_group("output")
     output.add_argument(
         "--out", metavar="FILE", help="write the chosen program in the form that went in"
@@ -137,6 +158,11 @@ def run(args: Namespace) -> int:
             place=None if args.place is None else joint_list(args.place, "--place", (3,)).tolist(),
             link=args.tool,
             topic=args.topic,
+            start=args.start,
+            end=args.end,
+            free_rests=args.free_rests,
+            tool=tool_options(args, args.base, args.start_position),
+            max_feed=args.max_feed,
             progress=show,
         )
     page = Document(

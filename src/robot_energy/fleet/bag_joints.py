@@ -64,7 +64,12 @@ def bag_joints(tables: FleetTables, model_id: str, robots: Sequence[str]) -> Bag
         .filter((pl.col("model_id") == model_id) & (pl.col("reason") == ""))
         .select("key", "start_ns")
     )
-    rows = tables.joints.lazy().join(runs, on="key").filter(pl.col("friction_rows") > 0).collect()
+    rows = (
+        tables.joints.lazy()
+        .join(runs, on="key", maintain_order="left")
+        .filter(pl.col("friction_rows") > 0)
+        .collect()
+    )
     joints = tuple(rows["joint"].unique(maintain_order=True).to_list())
     bags = rows.select("key", "robot", "start_ns").unique("key").sort("start_ns", "key")
     place = {key: number for number, key in enumerate(bags["key"].to_list())}
@@ -111,7 +116,9 @@ def sums_of_joint(tables: FleetTables, bags: BagJoints, joint: str) -> tuple[Flo
         Shape (B, COLUMNS, COLUMNS) and (B,); 0 where a bag has none.
     """
     order = pl.DataFrame({"key": bags.key})
-    rows = order.join(tables.joints.filter(pl.col("joint") == joint), on="key", how="left")
+    rows = order.join(
+        tables.joints.filter(pl.col("joint") == joint), on="key", how="left", maintain_order="left"
+    )
     count = rows["friction_rows"].fill_null(0).to_numpy()
     gram = np.zeros((len(count), *_SHAPE))
     upper = rows.filter(pl.col("friction_rows") > 0)["friction_sums"].explode().to_numpy()

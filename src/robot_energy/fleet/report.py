@@ -114,7 +114,7 @@ def _priced(hours: pl.DataFrame, settings: PageSettings, shifts: Sequence[int]) 
         schema={"hour_ns": pl.Int64, "price": pl.Float64, "shift": pl.Int64},
     )
     price = pl.col("price") / JOULE_PER_KWH
-    return hours.join(known, on="hour_ns", how="left").with_columns(
+    return hours.join(known, on="hour_ns", how="left", maintain_order="left").with_columns(
         cost=pl.col("grid_energy") * price, standby_cost=pl.col("standby_energy") * price
     )
 
@@ -140,9 +140,9 @@ def _robots(
     count = jobs.group_by("robot", maintain_order=True).agg(pl.len().alias("jobs"))
     rows = (
         pl.DataFrame({"robot": robots}, schema={"robot": pl.String})
-        .join(runs, on="robot", how="left")
-        .join(standby, on="robot", how="left")
-        .join(count, on="robot", how="left")
+        .join(runs, on="robot", how="left", maintain_order="left")
+        .join(standby, on="robot", how="left", maintain_order="left")
+        .join(count, on="robot", how="left", maintain_order="left")
         .with_columns(pl.col("jobs", "standby_time", "standby_energy").fill_null(0))
         .with_columns(error=pl.col("predicted_energy_at_meter") / pl.col("measured_energy") - 1.0)
         .sort("robot")

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import logging
 import threading
+import time
 from collections import Counter
 from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from itertools import islice
 from typing import Any, cast
 
 from robot_energy.errors import DatasetError
@@ -20,8 +22,9 @@ HTTP = "127.0.0.1:0"  # reachable from this machine alone
 ALLOWED_FAILURES = 20  # deaths of workers under one bag before the bag is given up
 PER_THREAD = 4  # bags at the scheduler for each thread of its workers
 MIN_WAITING = 16
+BATCH = 8  # bags that are sent to the scheduler at once
 LOST = "10s"  # after which a worker that is gone and does not come back is replaced
-HEAL_EVERY = 2.0  # s
+HEAL_EVERY = 2.0  # s; the workers are also counted so often
 TIMEOUT = "30s"  # for the scheduler to answer
 MAX_SCRATCH = 20_000_000_000  # bytes
 
@@ -227,18 +230,25 @@ def _on_client(client: Any, bags: Iterator[FleetBag], models: Models, max_scratc
             ) from error
         return bag, row
 
-    for bag in bags:
-        threads = sum(client.nthreads().values())
-        while len(asked) >= max(MIN_WAITING, PER_THREAD * threads):
+    room, checked = 0, float("-inf")
+    while batch := list(islice(bags, BATCH)):
+        now = time.monotonic()
+        if now - checked > HEAL_EVERY:
+            checked = now
+            room = max(MIN_WAITING, PER_THREAD * sum(client.nthreads().values()))
+        while len(asked) + len(batch) > room:
             yield next_row()
-        own = bag.model_digest
-        if own not in kept:  # as a task, which another worker can repeat if one dies
+        for own in {bag.model_digest for bag in batch} - kept.keys():
+            # as a task, which another worker can repeat if one dies
             kept[own] = client.submit(_same, models[own], key=f"model-{own}")
-        key = f"bag-{bag.name}"
-        if key in asked:  # named twice
-            continue
-        asked[key] = bag
-        waiting.add(client.submit(replay_bag, bag, kept[own], max_scratch, key=key))
+        new = {f"bag-{bag.name}": bag for bag in batch}
+        new = {key: bag for key, bag in new.items() if key not in asked}  # one may be named twice
+        asked.update(new)
+        if new:
+            theirs = [kept[bag.model_digest] for bag in new.values()]
+            waiting.update(
+                client.map(replay_bag, new.values(), theirs, max_scratch=max_scratch, key=[*new])
+            )
     while asked:
         yield next_row()
 

@@ -5,13 +5,19 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Protocol
 
+from robot_energy.bag.reader import BagReader
+from robot_energy.bag.time_range import TimeRange
 from robot_energy.blocks import Float
 from robot_energy.errors import MotionError
-from robot_energy.motion.load_motion import BAG, YAML
+from robot_energy.model import RobotModel
+from robot_energy.motion.load_motion import BAG, GCODE, YAML, ToolOptions
 from robot_energy.motion.planned import SampledMotion
+from robot_energy.motion.trajectory_io import MESSAGE, read_bag_trajectory, read_csv_trajectory
 from robot_energy.optimization.candidates import Candidates, Moves
+from robot_energy.optimization.gcode_form import GcodeForm
 from robot_energy.optimization.plan import CyclePlan
 from robot_energy.optimization.ptp_form import PtpForm
+from robot_energy.optimization.recorded_motion import recorded_motion
 from robot_energy.optimization.task import Task
 from robot_energy.optimization.trajectory_form import TrajectoryForm
 from robot_energy.physics.rigid_body import Robot
@@ -29,6 +35,7 @@ class ProgramForm(Protocol):
     acceleration: Float
     jerk: Float
     notes: tuple[str, ...]
+    recorded: bool
 
     @property
     def moves(self) -> Moves:
@@ -56,13 +63,26 @@ class ProgramForm(Protocol):
         ...
 
 
-def read_form(path: str | Path, robot: Robot, topic: str | None = None) -> ProgramForm:
+def read_form(
+    path: str | Path,
+    model: RobotModel,
+    robot: Robot,
+    topic: str | None = None,
+    time_range: TimeRange | None = None,
+    tool: ToolOptions | None = None,
+    max_feed: float = 1.0,
+) -> ProgramForm:
     """Read a program.
 
     Args:
-        path: YAML of point-to-point moves, or a JointTrajectory as CSV or in a bag.
-        robot: That runs it.
-        topic: Of the trajectory in a bag; None where there is one only.
+        path: YAML of point-to-point moves, G-code, a JointTrajectory as CSV or in a bag, or a
+            bag of recorded joint states.
+        model: Of the robot that runs it.
+        robot: The same, ready for computations.
+        topic: Of the trajectory, or of the joint states, in a bag; None where there is one only.
+        time_range: Part of recorded joint states; None for all.
+        tool: What G-code does not state.
+        max_feed: Greatest factor on the feeds of G-code. [-]
 
     Returns:
         The program.
@@ -76,9 +96,23 @@ def read_form(path: str | Path, robot: Robot, topic: str | None = None) -> Progr
         raise MotionError(f"there is no program '{path}'", "a file or a bag")
     if file.suffix.lower() in YAML and file.name != "metadata.yaml":
         return PtpForm(file, robot)
-    if file.suffix.lower() in (".csv", *BAG) or file.is_dir():
-        return TrajectoryForm(file, robot, topic)
+    if file.suffix.lower() in GCODE:
+        return GcodeForm(file, robot, tool or ToolOptions(), max_feed)
+    if file.suffix.lower() == ".csv":
+        return TrajectoryForm(read_csv_trajectory(file), robot, file)
+    if file.suffix.lower() in BAG or file.is_dir():
+        if _holds_trajectory(file, topic) and not time_range:
+            return TrajectoryForm(read_bag_trajectory(file, topic), robot, file)
+        motion = recorded_motion(file, model, time_range, topic)
+        return TrajectoryForm(motion, robot, file, recorded=True)
     raise MotionError(
         f"the program '{path}' cannot be made cheaper",
-        f"moves ({', '.join(YAML)}), or a bag or .csv with a JointTrajectory",
+        f"moves ({', '.join(YAML)}), G-code ({', '.join(GCODE)}), a bag or .csv with a "
+        "JointTrajectory, or a bag of recorded joint states",
     )
+
+
+def _holds_trajectory(path: Path, topic: str | None) -> bool:
+    topics = BagReader(path).topics
+    named = topics if topic is None else {topic} & topics.keys()
+    return any(topics[name].msgtype == MESSAGE for name in named)

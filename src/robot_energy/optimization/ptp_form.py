@@ -43,6 +43,7 @@ class PtpForm:
         acceleration: Limits of acceleration, shape (n,). [rad/s^2] or [m/s^2]
         jerk: Limits of jerk, shape (n,). [rad/s^3] or [m/s^3]
         notes: What was assumed, one sentence each.
+        recorded: Whether it is a recording of what the robot has done.
         full_limits: Limits of speed and acceleration at shares of 1, with the jerk time of the
             program.
 
@@ -82,6 +83,7 @@ class PtpForm:
         self.acceleration: Float = self.full_limits.acceleration
         self.jerk: Float = 2.0 * self.acceleration / max(self.full_limits.jerk_time, MIN_JERK_TIME)
         self.notes = loaded.notes
+        self.recorded = False
 
     def moved(self, joint_position: Float, robot: Robot) -> PtpForm:
         """Return the same program with other configurations.

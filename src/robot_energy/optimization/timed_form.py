@@ -32,6 +32,7 @@ class TimedForm(WrittenTrajectory):
         self.base, self.needed, self.joint_position = form.base, form.needed, form.joint_position
         self.labels, self.speeds, self.accelerations = form.labels, form.speeds, form.accelerations
         self.acceleration, self.jerk = form.acceleration, form.jerk
+        self.recorded = form.recorded
         self.notes = (
             *form.notes,
             "moves with a time law of their own need a controller that follows a trajectory",

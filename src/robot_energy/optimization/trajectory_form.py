@@ -15,7 +15,6 @@ from robot_energy.blocks import Float, Int
 from robot_energy.errors import MotionError
 from robot_energy.motion.joint_trajectory import JointTrajectory
 from robot_energy.motion.ptp import DEFAULT_JERK_TIME, Trajectory
-from robot_energy.motion.trajectory_io import read_bag_trajectory, read_csv_trajectory
 from robot_energy.optimization.candidates import SPEEDS, Candidates
 from robot_energy.optimization.plan import CyclePlan
 from robot_energy.optimization.task import Task
@@ -97,24 +96,21 @@ class StretchedMoves:
 
 
 class TrajectoryForm(WrittenTrajectory):
-    """A trajectory as CSV or in a bag. Attributes as those of `PtpForm`.
+    """A trajectory. Attributes as those of `PtpForm`.
 
     Args:
-        path: The file.
+        given: The trajectory.
         robot: That runs it.
-        topic: Topic in a bag; None where there is one only.
+        path: Where it comes from, for messages.
+        recorded: Whether the robot has made it.
 
     Raises:
-        MotionError: If it cannot be read, or is not one of this robot.
-        BagError: If the bag cannot be read.
+        MotionError: If it is not one of this robot, or never moves.
     """
 
-    def __init__(self, path: str | Path, robot: Robot, topic: str | None = None) -> None:
-        given = (
-            read_csv_trajectory(path)
-            if Path(path).suffix.lower() == ".csv"
-            else read_bag_trajectory(path, topic)
-        )
+    def __init__(
+        self, given: JointTrajectory, robot: Robot, path: str | Path, recorded: bool = False
+    ) -> None:
         if set(given.joint_names) != set(robot.joint_names):
             raise MotionError(
                 f"{path} moves {', '.join(given.joint_names)}",
@@ -139,6 +135,7 @@ class TrajectoryForm(WrittenTrajectory):
         self.labels = tuple(f"{b:.2f} s to {e:.2f} s" for b, e in zip(begin, end, strict=True))
         self.speeds: Float = SPEEDS
         self.accelerations: Float = np.ones(1)
+        self.recorded = recorded
         self.notes = (
             *given.notes,
             f"{path} states no acceleration limits: no joint accelerates harder than it does "

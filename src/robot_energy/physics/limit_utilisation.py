@@ -13,6 +13,7 @@ from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.urdf.checks import JointLimits
 
 ROUNDING = 1e-6  # by which a use may exceed 1 and still be within the limit
+SAME = 0.02  # of the limit, within which two motions use as much of it
 
 
 class LimitUse:
@@ -70,17 +71,31 @@ class LimitUse:
         self._when[name] = np.where(more, time, self._when[name])
         return np.where(more, found, known)
 
-    def sentences(self) -> list[str]:
-        """Say where the motion exceeds a limit, one sentence per joint and limit."""
+    def sentences(self, given: LimitUse | None = None) -> list[str]:
+        """Say where the motion exceeds a limit, one sentence per joint and limit.
+
+        Args:
+            given: Of a motion that the robot makes; what uses no more than it is left out.
+
+        Returns:
+            The sentences; empty where the motion is within all limits.
+        """
         found: list[str] = []
+        most = (1.0, 1.0) if given is None else (given.speed + SAME, given.torque + SAME)
+        most_speed, most_torque = (
+            np.broadcast_to(np.fmax(one, 1.0), self.speed.shape) for one in most
+        )
         for joint, name in enumerate(self._limits.joint_names):
             if self._outside[joint] > ROUNDING:
                 found.append(
                     f"joint '{name}' is {self._outside[joint]:.4g} {self._limits.unit(joint)} "
                     f"beyond its range at {self._when['outside'][joint]:.3f} s"
                 )
-            for what, use in (("speed", self.speed), ("torque", self.torque)):
-                if use[joint] > 1 + ROUNDING:
+            for what, use, limit in (
+                ("speed", self.speed, most_speed),
+                ("torque", self.torque, most_torque),
+            ):
+                if use[joint] > limit[joint] + ROUNDING:
                     found.append(
                         f"joint '{name}' needs {100 * use[joint]:.0f} % of its {what} limit at "
                         f"{self._when[what][joint]:.3f} s: the robot cannot make this motion"

@@ -65,6 +65,9 @@ def optimization_report(
         registers = prediction.ledger.registers
         checked += registers.cabinet("grid_import") - registers.cabinet("grid_return")
         broken = prediction.limits.sentences()
+        if broken and form.recorded:  # the robot has made this motion
+            given = form.motion(task, task.base, task.chain.robot)
+            broken = prediction.limits.sentences(predict(model, given, row, program).limits)
     checked /= len(degc)
     expected = task.table.cost(held).energy
     problems = list(broken)

@@ -143,3 +143,8 @@ def test_export_writes_parquet(tmp_path, capsys):
     assert main(words) == 0
     assert main(words) == 0  # its own file is replaced
     assert polars.read_parquet(target).height == 72
+
+
+def test_an_option_that_does_not_exist_is_refused():
+    with pytest.raises(TypeError, match=r"no option fixed_degc; expected: .*start"):
+        re.replay(BAG, "kr16", fixed_degc=40.0)

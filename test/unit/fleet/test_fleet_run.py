@@ -22,7 +22,7 @@ from robot_energy.cli import main
 from robot_energy.errors import DatasetError
 from robot_energy.fleet.bag_list import FleetModels, list_bags
 from robot_energy.fleet.dataset import Dataset, read_tables, scan
-from robot_energy.fleet.run import FleetRun, in_turn, on_dask, run_fleet
+from robot_energy.fleet.run import BATCH, MIN_WAITING, FleetRun, in_turn, on_dask, run_fleet
 
 BAG = ROOT / "bags" / "kr16_all_topics"
 WARM = ROOT / "bags" / "kr16_warm"
@@ -154,7 +154,7 @@ def test_few_bags_are_at_the_scheduler_however_many_there_are(hall, sequential, 
     bags = [replace(one, programme=str(number)) for number in range(40)]
     done = run_fleet(bags, models.models, dataset, counted)
     assert done.read == 40
-    assert max(most) <= 17
+    assert max(most) <= MIN_WAITING + BATCH
 
 
 def test_a_bag_that_cannot_be_used_is_a_row_with_its_reason(hall, sequential):

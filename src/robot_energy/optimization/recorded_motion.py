@@ -1,0 +1,117 @@
+"""Recorded joint states -> the trajectory that the robot followed, with its rests.
+
+Positions are filtered without delay and differentiated. A robot that was commanded to rest does
+not measure a velocity of exactly 0: where every joint is slower than `STILL` of its greatest
+velocity, and stays within `MAX_CREEP`, the robot is taken to rest.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from robot_energy.bag.time_range import TimeRange
+from robot_energy.bag_replay import replay
+from robot_energy.blocks import NANOSECOND, Float, TorqueBlock
+from robot_energy.errors import MotionError
+from robot_energy.identify.data.signals import motion_from_position, uniform
+from robot_energy.model import RobotModel
+from robot_energy.motion.joint_trajectory import JointTrajectory
+from robot_energy.pipeline import Output, Settings
+from robot_energy.replay_topics import Topics
+
+RATE = 100.0  # of the grid [Hz]
+CUTOFF = 10.0  # of the filter [Hz]
+KNOT_EVERY = 2  # samples of the grid between two points of the trajectory
+STILL = 0.01  # of the greatest velocity of a joint, below which it rests [-]
+MIN_STILL = 1e-3  # rad/s or m/s, for joints that hardly move
+MAX_CREEP = 2e-3  # rad or m, during a rest
+MAX_TIME = 900.0  # s
+
+
+def recorded_motion(
+    path: str | Path,
+    model: RobotModel,
+    time_range: TimeRange | None = None,
+    topic: str | None = None,
+) -> JointTrajectory:
+    """Return the motion of recorded joint states.
+
+    Args:
+        path: MCAP file or rosbag2 folder.
+        model: The model of the robot.
+        time_range: Part of the bag, such as one cycle; None for all.
+        topic: Of the joint states; None where there is one only.
+
+    Returns:
+        The motion, its joints in the order of the model, joint side; 20 ms between points.
+
+    Raises:
+        BagError: If the bag cannot be read.
+        MotionError: If there is a gap, or too little or too much of it.
+    """
+    found: list[TorqueBlock] = []
+
+    def keep(output: Output) -> None:
+        if output.torque is not None and len(output.torque.stamp_ns):
+            found.append(output.torque)
+
+    result = replay(
+        path, model, Topics(joint_states=(topic,) if topic else None), Settings(power_period=None),
+        on_output=keep, time_range=time_range,
+    )  # fmt: skip
+    expected = f"one recorded cycle without a gap, at most {MAX_TIME:g} s long"
+    remedy = "choose a part of the bag with --start and --end"
+    if not found:
+        raise MotionError(f"{path} has no motion in this part", expected, remedy)
+    block = TorqueBlock.concatenate(found)
+    cuts = np.flatnonzero(np.diff(block.segment))
+    if cuts.size:
+        gaps = (block.stamp_ns[cuts] - block.stamp_ns[0]) * NANOSECOND
+        raise MotionError(
+            f"{path} has a gap {gaps[0]:.3f} s after the first joint state", expected, remedy
+        )
+    length = float(block.stamp_ns[-1] - block.stamp_ns[0]) * NANOSECOND
+    if not 0.5 < length <= MAX_TIME:
+        raise MotionError(f"{path} has {length:.4g} s of joint states", expected, remedy)
+    position = uniform(block.stamp_ns, block.joint_position, RATE)
+    motion = motion_from_position(position, RATE, CUTOFF)
+    rows = slice(None, None, KNOT_EVERY)
+    position, velocity, acceleration, kept = _with_rests(
+        motion.joint_position[rows], motion.joint_velocity[rows], motion.joint_acceleration[rows]
+    )
+    step = KNOT_EVERY / RATE
+    if len(position) < 2:
+        raise MotionError(f"{path} has no rest in this part", "moves between rests", remedy)
+    time = np.arange(len(position)) * step
+    trajectory = JointTrajectory(
+        model.joint_names, time, position, velocity, acceleration, str(path)
+    )
+    trajectory.notes = (
+        f"{path} is a recording: its positions passed a filter of {CUTOFF:g} Hz; a rest is where "
+        f"every joint is slower than {STILL:.0%} of its greatest velocity",
+        f"of {length:.4g} s recorded, those from the first to the last rest are used: "
+        f"{kept.start * step:.4g} to {(kept.stop - 1) * step:.4g} s",
+        *result.problems,
+    )
+    return trajectory
+
+
+def _with_rests(
+    position: Float, velocity: Float, acceleration: Float
+) -> tuple[Float, Float, Float, slice]:
+    """Make exact rests of those that were measured, and leave out what is cut off at the ends."""
+    slow = np.maximum(STILL * np.abs(velocity).max(axis=0), MIN_STILL)
+    still = np.asarray((np.abs(velocity) <= slow).all(axis=1))
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]])))
+    position, velocity, acceleration = position.copy(), velocity.copy(), acceleration.copy()
+    rests: list[slice] = []
+    for first, behind in edges.reshape(-1, 2).tolist():
+        rows = slice(first, behind)
+        if np.ptp(position[rows], axis=0).max() <= MAX_CREEP:
+            position[rows] = position[rows].mean(axis=0)
+            velocity[rows] = acceleration[rows] = 0.0
+            rests.append(rows)
+    kept = slice(rests[0].start, rests[-1].stop) if rests else slice(0)
+    return position[kept], velocity[kept], acceleration[kept], kept
