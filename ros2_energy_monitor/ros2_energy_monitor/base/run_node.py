@@ -132,8 +132,9 @@ class TickExecutor(SingleThreadedExecutor):
             while True:
                 handler, _, _ = self.wait_for_ready_callbacks(0.0)
                 handler()
-                if handler.exception() is not None:
-                    raise handler.exception()
+                error = handler.exception()
+                if error is not None:
+                    raise error
         except TimeoutException:
             return
 
