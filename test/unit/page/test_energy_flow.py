@@ -28,13 +28,16 @@ def sums(picture):
 
 @given(
     st.lists(st.tuples(watts, losses, losses), min_size=1, max_size=7),
-    losses, losses, losses, watts, losses,
+    losses, losses, losses, watts, losses, st.lists(losses, max_size=3),
 )  # fmt: skip
-def test_every_inner_node_gives_what_it_takes(axes, loss_dc, loss_grid, brake, capacitor, returned):
+def test_every_inner_node_gives_what_it_takes(
+    axes, loss_dc, loss_grid, brake, capacitor, returned, loads
+):
     rigid, friction, loss = zip(*axes, strict=True)
     given_parts = parts(
         rigid, friction, loss, loss_dc=loss_dc, loss_grid=loss_grid, brake=brake,
         capacitor=capacitor, returned=returned,
+        auxiliary=[(f"load {number}", size) for number, size in enumerate(loads)],
     )  # fmt: skip
     picture = flow_picture(given_parts)
     into, out = sums(picture)
@@ -47,6 +50,17 @@ def test_every_inner_node_gives_what_it_takes(axes, loss_dc, loss_grid, brake, c
     assert set(picture.labels) == {
         node for flow in picture.flows for node in (flow.source, flow.target)
     }
+
+
+def test_the_outlet_feeds_cabinet_and_loads():
+    loads = [("pump", 800.0), ("panel", 35.0), ("idle", 0.0)]
+    picture = flow_picture(parts([0.0], [100.0], [20.0], loss_grid=250.0, auxiliary=loads))
+    flows = {(flow.source, flow.target): flow.units * picture.unit for flow in picture.flows}
+    assert flows["grid", "load0"] == pytest.approx(800.0)
+    assert flows["grid", "load1"] == pytest.approx(35.0)
+    assert picture.net * picture.unit == pytest.approx(1205.0)
+    assert picture.labels["grid"] == "Outlet"
+    assert (picture.labels["load0"], "load2" in picture.labels) == ("pump", False)
 
 
 def test_a_braking_axis_is_a_source():
