@@ -56,6 +56,7 @@ MAX_SCORES = 120  # windows behind the scale of energies: ten minutes
 MIN_SCORES = 12  # of them: a minute
 BIAS = 0.35  # square of the bias before a meter was read, over that of the deviation [-]
 DISTINCT = 4.0  # motions that differ in other work
+MAX_LAG = 1.0  # of a meter [s]
 MIN_READINGS = 60  # scored in a phase before its scale is used
 FIRST_STEP = 0.5  # of the logarithm of a scale, falling with the root of the count ...
 MIN_STEP = 0.01  # ... down to this
@@ -92,7 +93,7 @@ class BandCalibration:
         """Drop all scores, as after a change of the model."""
         self._log_scale = [math.log(Z90)] * len(Phase)
         self._count = [0] * len(Phase)
-        self._scores: deque[float] = deque(maxlen=MAX_SCORES)
+        self._scores: deque[tuple[float, float]] = deque(maxlen=MAX_SCORES)
         self.readings = self.inside = self.inside_parametric = 0
         self._last_ns: int | None = None
         self._forget()
@@ -106,6 +107,7 @@ class BandCalibration:
         self._slots: Int = np.empty((0, len(PARTS) + len(Phase)), dtype=np.int64)
         self._reading: Int = np.empty((0, 5), dtype=np.int64)
         self._stretch: Int = np.empty((0, 4), dtype=np.int64)
+        self._border: tuple[int, float] | None = None  # a stretch, and the power at its end
         self._deviations: dict[int, Int] = {}
 
     def step(
@@ -204,9 +206,11 @@ class BandCalibration:
             axis=1,
         )
         stretches, self._stretch = _closed(self._stretch, table, STRETCH_NS)
-        for row in stretches.tolist():
-            self._score_stretch(*row)
         readings, self._reading = _closed(self._reading, table, READING_NS)
+        lasts = readings[np.searchsorted(readings[:, 0], stretches[:, 0])]
+        powers = lasts[:, 2] / np.maximum(lasts[:, 1], 1)  # at their ends
+        for row, power in zip(stretches.tolist(), powers.tolist(), strict=True):
+            self._score_stretch(*row, power)
         if not len(readings):
             return []
         end, duration = readings[:, 0], readings[:, 1]
@@ -228,8 +232,13 @@ class BandCalibration:
         counts = -(-known // SECOND_NS) * SECOND_NS
         return list(zip(counts.tolist(), phase.tolist(), score.tolist(), strict=True))
 
-    def _score_stretch(self, end_ns: int, duration_ns: int, measured: int, predicted: int) -> None:
-        noted = self._deviations.get(end_ns // STRETCH_NS)
+    def _score_stretch(
+        self, end_ns: int, duration_ns: int, measured: int, predicted: int, power: float
+    ) -> None:
+        number = end_ns // STRETCH_NS
+        before, self._border = self._border, (number, power)
+        step = power - before[1] if before is not None and before[0] == number - 1 else 0.0
+        noted = self._deviations.get(number)
         if noted is None or duration_ns < MIN_SHARE * STRETCH_NS or noted[-1] <= 0:
             return
         share = duration_ns / int(noted[-1])
@@ -239,7 +248,7 @@ class BandCalibration:
         if rest > 0:
             error = np.array([abs(predicted - measured) / NANOJOULE])
             (score,) = scores(error, np.array([rest]), np.array([temperature])).tolist()
-            self._scores.append(math.copysign(score, predicted - measured))
+            self._scores.append((math.copysign(score, predicted - measured), step / rest))
 
     def _set(
         self, scored: list[tuple[int, int, float]], means: MeanBlock | None, periods: slice
@@ -303,9 +312,12 @@ class BandCalibration:
         """Half width of the band of an energy over its deviation."""
         if len(self._scores) < MIN_SCORES:
             return Z90
-        seen = np.array(self._scores)
-        mean = float(seen.mean())
-        return Z90 * math.sqrt((BIAS + mean**2) / 2.0 + float(seen.var()) / DISTINCT)
+        seen, step = np.array(self._scores).T
+        step -= step.mean()
+        squares = float(step @ step)
+        lag = min(max(float(seen @ step) / squares, 0.0), MAX_LAG) if squares > 0 else 0.0
+        mean, variance = float(seen.mean()), float((seen - lag * step).var())
+        return Z90 * math.sqrt((BIAS + mean**2) / 2.0 + variance / DISTINCT)
 
     def energy_band(self, deviation: Float) -> EnergyBand:
         """Return how sure an energy from the grid is.

@@ -272,13 +272,14 @@ class Calibrated(RecordPart):
         location: Where the meter sat, name of a `MeterLocation`.
         log_scale: Logarithm of the scale of power by phase, the first of all phases.
         readings: Of the meter, behind each.
-        energy_scores: Of the newest windows, oldest first.
+        energy_scores: Of the newest windows, oldest first: the score, and the step of the measured
+            power from the begin to the end, over the deviation of the energy. [-], [1/s]
     """
 
     location: Literal["UNKNOWN", "GRID", "DC_BUS"]
     log_scale: tuple[Power, ...]
     readings: tuple[Count, ...]
-    energy_scores: tuple[Power, ...]
+    energy_scores: tuple[tuple[Power, Power], ...]
 
 
 class AccountRecord(RecordPart):
