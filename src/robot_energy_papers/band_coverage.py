@@ -11,7 +11,7 @@ itself does not count. Simulated throughout: nothing was measured on a robot.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from statistics import median
 
@@ -105,8 +105,8 @@ class Covered:
     means: int
     inside_alone: int
     half_power_alone: float
-    scores_power: Float
-    scores_power_alone: Float
+    scores_power: Float = field(repr=False)
+    scores_power_alone: Float = field(repr=False)
 
 
 def band_coverage(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from robot_energy.results.base import plain
-from robot_energy_papers.band_coverage import Covered, summary
+from robot_energy_papers.band_coverage import summary
 from robot_energy_papers.certainty import Certainty, LearningResult
 
 LABEL = "virtual rig, plants drawn at random; nothing here was measured on a robot"
@@ -23,16 +23,11 @@ def figures(result: Certainty) -> dict[str, Any]:
         "intervals": [plain(row) for row in result.coverages],
         "intervals_hard": [plain(row) for row in result.hard_coverages],
         "bands": summary(result.bands) if result.bands else {},
-        "bands_by_run": [_of_run(row) for row in result.bands],
+        "bands_by_run": [plain(row) for row in result.bands],
         "thermal": [plain(row) for row in result.thermal],
         "wear": [plain(row) for row in result.wear],
         "learning": [_learning(row) for row in result.learning],
     }
-
-
-def _of_run(row: Covered) -> dict[str, Any]:
-    scores = ("scores_power", "scores_power_alone")  # one for each reading
-    return {name: value for name, value in plain(row).items() if name not in scores}
 
 
 def _learning(row: LearningResult) -> dict[str, Any]:

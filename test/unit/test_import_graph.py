@@ -22,7 +22,8 @@ MODULES = {
         time_series units
     """,
     "robot_energy.accounting": """
-        account account_record averaging band_calibration comparison energy_curve event_log
+        account account_record averaging band_calibration comparison energy_calibration
+        energy_curve event_log
         exact_sum integration job_intervals meter_checks plain_text prediction_errors record
         record_repair registers settings shaft_comparison
     """,
