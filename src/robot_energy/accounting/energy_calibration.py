@@ -124,8 +124,8 @@ class EnergyCalibration:
         """Go on from an earlier state; what was read since is kept.
 
         Args:
-            windows: As `state` gave them.
-            squares: As `state` gave them.
+            windows: As `state` gave them. [J], [W], [J]
+            squares: As `state` gave them. [J^2]
         """
         if self._squares is None and squares:
             self._squares = np.array(squares)
