@@ -49,8 +49,8 @@ MODULES = {
         terminal tool_options test
     """,
     "robot_energy.condition": """
-        buckets drift_test joint_friction learner meter_fit meter_records meter_windows record
-        thermal_observer wear wear_records
+        baseline buckets drift_test joint_friction learner meter_fit meter_records meter_windows
+        record thermal_observer wear wear_records
     """,
     "robot_energy.files": """
         first_bytes output_files output_folder output_streams placement regular_file
@@ -179,7 +179,7 @@ MODULES = {
         models more_recordings pages
         paper_a paper_a_numbers paper_a_page paper_b paper_b_numbers paper_b_page savings
         savings_numbers savings_page savings_study sensitivity soaked_rigs thermal_study wall
-        wall_sensitivity wear_study
+        wall_sensitivity wear_rows wear_study
     """,
     "robot_energy_papers.cli": """
         reproduce study_folder
