@@ -22,10 +22,10 @@ MODULES = {
         time_series units
     """,
     "robot_energy.accounting": """
-        account account_record averaging band_calibration comparison energy_calibration
-        energy_curve event_log
-        exact_sum integration job_intervals meter_checks plain_text prediction_errors record
-        record_repair registers sample_counts settings shaft_comparison
+        account account_record auxiliary averaging band_calibration comparison
+        energy_calibration energy_curve event_log exact_sum integration job_intervals meter_checks
+        plain_text prediction_errors record record_repair registers sample_counts settings
+        shaft_comparison
     """,
     "robot_energy.api": """
         condition evaluate identify inputs online_monitor optimize power_table predict replay
@@ -90,7 +90,7 @@ MODULES = {
         network windows
     """,
     "robot_energy.inputs": """
-        bag_topics inputs_file parameters rejection_log sources
+        auxiliary bag_topics inputs_file parameters rejection_log sources
     """,
     "robot_energy.inputs.joint_states": """
         correction decode joint_states jumps partial_states plausibility publisher_conflicts
@@ -112,7 +112,8 @@ MODULES = {
         friction interval model_messages payload power registers torque
     """,
     "robot_energy.model": """
-        drive_models figure friction_laws joint load open_schema payload reference schema thermal
+        auxiliary drive_models figure friction_laws joint load open_schema payload reference
+        schema thermal
     """,
     "robot_energy.motion": """
         fourier gcode gcode_feed gcode_words inverse_kinematics joint_trajectory load_motion planar
@@ -147,18 +148,20 @@ MODULES = {
         robots
     """,
     "robot_energy.report": """
-        canvas condition document drives dynamics efficiency_figure energy energy_figure evaluation
-        excitation fleet fleet_figures formats friction_figure headline held_out html identification
-        identify_all jobs kinds layout model optimization optimization_figure parameters
-        power_figure prediction prediction_figure printing recordings replay series
+        auxiliary canvas condition document drives dynamics efficiency_figure energy energy_figure
+        evaluation excitation fleet fleet_figures formats friction_figure headline held_out html
+        identification identify_all jobs kinds layout model optimization optimization_figure
+        parameters power_figure prediction prediction_figure printing recordings replay series
         temperature_figure thermal torque_figure trend_figure
     """,
     "robot_energy.results": """
-        base check condition drives dynamics energy evaluation excitation fleet identification model
-        optimization optimization_figures prediction replay schema thermal uncertainty
+        auxiliary base check condition drives dynamics energy evaluation excitation fleet
+        identification model optimization optimization_figures prediction replay schema thermal
+        uncertainty
     """,
     "robot_energy.rig": """
-        config lubricant output plant profile random_plant record sensors supply thermal virtual_rig
+        auxiliary config lubricant output plant profile random_plant record sensors supply thermal
+        virtual_rig
     """,
     "robot_energy.starter": """
         arm description model_text priors

@@ -169,6 +169,6 @@ def test_a_jump_back_of_the_stamps_scores_nothing_across_it():
     account.step(steady(0, 60, 100.0, RATE))
     before = account.calibration.readings
     assert before > 500
-    again = power_block(np.arange(10, 20, 0.02) * SECOND, np.full(500, 100.0), segment=1)
+    again = power_block(np.arange(500, 1000) * (SECOND // RATE), np.full(500, 100.0), segment=1)
     account.step(again)
     assert account.calibration.readings <= before + 1
