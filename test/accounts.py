@@ -15,7 +15,7 @@ from robot_energy.blocks import (
     MeterMeaning,
     PowerBlock,
 )
-from robot_energy.uncertainty.band import BUS, LOSS_GRID
+from robot_energy.uncertainty.band import BUS, FORM, LOSS_GRID
 from robot_energy.uncertainty.deviation import CABINET_DEVIATIONS
 
 NAMES = ("shoulder", "elbow")
@@ -55,10 +55,11 @@ def power_block(stamp_ns: Int, grid: Float, segment: int | Int = 0) -> PowerBloc
 
 
 def deviations(grid: Float) -> Float:
-    """Deviations of two joints: constant losses 3 and 4 W, axes 2 % of the grid power each."""
+    """Deviations of two joints: losses of 3 and 4 W, axes 2 % each, form 5 % of the grid power."""
     columns = np.zeros((len(grid), len(CABINET_DEVIATIONS) + 4))
     columns[:, CABINET_DEVIATIONS.index("loss_dc")] = 3.0
     columns[:, LOSS_GRID] = 4.0
+    columns[:, FORM] = 0.05 * np.abs(grid)
     columns[:, -4:-2] = 0.02 * np.abs(grid)[:, None]
     columns[:, BUS] = np.sqrt(9.0 + 2 * (0.02 * grid) ** 2)
     return columns

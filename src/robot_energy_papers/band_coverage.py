@@ -3,14 +3,15 @@
 Plants of the virtual rig, drawn at random and with effects that no model has a term for, are
 identified from three recordings, run for ten minutes with a meter, and then make runs that
 neither has seen: other motions, started cold, warm, hot, and colder and hotter than the
-recordings of the identification. The band of an energy is the one before its run: the meter of
-the run itself does not count. Simulated throughout: nothing was measured on a robot.
+recordings of the identification. Every plant has motions of its own: one program for all of them
+would make their errors alike. The band of an energy is the one before its run: the meter of the run
+itself does not count. Simulated throughout: nothing was measured on a robot.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from statistics import median
 
@@ -21,6 +22,7 @@ from robot_energy.accounting.band_calibration import BandCalibration
 from robot_energy.accounting.record import Calibrated
 from robot_energy.api.identify import identify_all
 from robot_energy.bag_replay import Replay, replay
+from robot_energy.blocks import Float
 from robot_energy.model import RobotModel
 from robot_energy.motion import random_program, tool_above
 from robot_energy.pipeline import Output, Settings
@@ -31,6 +33,8 @@ from robot_energy_papers.experiment import MIN_HEIGHT, TOOL
 
 BODY = "kr16"
 AMBIENT = 22.0  # degC
+SHARES = (0.05, 0.25, 0.5, 0.75, 0.95)  # of the errors, for `score_quantiles`
+SEEDS = 100  # of motions, for each plant
 MEAN = 1.0  # of the powers without a meter that are compared [s]
 
 
@@ -85,6 +89,9 @@ class Covered:
         means: Means over a second.
         inside_alone: Of them, within the band of power without a meter.
         half_power_alone: Median half width of that band over the mean power. [-]
+        scores_power: Errors of the readings over the deviation that the band of power implies,
+            shape (readings,). [-]
+        scores_power_alone: The same of the means without a meter, shape (means,). [-]
     """
 
     plant: str
@@ -98,6 +105,8 @@ class Covered:
     means: int
     inside_alone: int
     half_power_alone: float
+    scores_power: Float = field(repr=False)
+    scores_power_alone: Float = field(repr=False)
 
 
 def band_coverage(
@@ -133,9 +142,10 @@ def band_coverage(
         say(f"{name}: identifying")
         model = identify_all(bags, BODY, "motor_torque", held_out=False).model
         say(f"{name}: ten minutes with a meter")
-        first = replay(rig.record(metered, 10), model)
+        own = 0 if plant is None else SEEDS * plant
+        first = replay(rig.record(metered, own + 10), model)
         kept = first.ledger.calibration.state()
-        for seed, one in enumerate(runs, 20):
+        for seed, one in enumerate(runs, own + 20):
             yield _covered(name, one.name, rig.record(one, seed), model, kept)
 
 
@@ -180,7 +190,9 @@ def _covered(plant: str, run: str, bag: Path, model: RobotModel, kept: Calibrate
     measured = comparison.measured_energy
     known = np.isfinite(means.measured_power)
     half = Z90 * power_std(means.deviation[known])
-    off = np.abs(means.predicted_power_at_meter[known] - means.measured_power[known])
+    off = _errors(means)[known]
+    known = np.isfinite(after_means.measured_power) & (after_means.band_half > 0)
+    scores = Z90 * _errors(after_means)[known] / after_means.band_half[known]
     power = measured / comparison.compared_ns * 1e9
     return Covered(
         plant,
@@ -192,9 +204,15 @@ def _covered(plant: str, run: str, bag: Path, model: RobotModel, kept: Calibrate
         calibration.inside,
         float(np.nanmedian(after_means.band_half)) / power,
         len(off),
-        int((off <= half).sum()),
+        int((np.abs(off) <= half).sum()),
         float(np.median(half)) / power,
+        scores,
+        Z90 * off / half,
     )
+
+
+def _errors(means: MeanBlock) -> Float:
+    return means.predicted_power_at_meter - means.measured_power
 
 
 def _replayed(
@@ -237,3 +255,21 @@ def summary(rows: Sequence[Covered]) -> dict[str, float]:
         "median half width, power, without": median(one.half_power_alone for one in rows),
         "median half width, energy, without": median(one.half_alone for one in rows),
     }
+
+
+def score_quantiles(rows: Sequence[Covered]) -> dict[str, Float]:
+    """Return quantiles of errors over the standard deviations that the bands imply.
+
+    Args:
+        rows: Of any plants.
+
+    Returns:
+        By name, at `SHARES`; those of a normal distribution where bands hold and errors are normal.
+    """
+    scores = {
+        "power, with meter": np.concatenate([one.scores_power for one in rows]),
+        "energy, with meter": Z90 * np.array([one.error / one.half for one in rows]),
+        "power, without": np.concatenate([one.scores_power_alone for one in rows]),
+        "energy, without": Z90 * np.array([one.error / one.half_alone for one in rows]),
+    }
+    return {name: np.quantile(values, SHARES) for name, values in scores.items()}

@@ -22,9 +22,10 @@ MODULES = {
         time_series units
     """,
     "robot_energy.accounting": """
-        account account_record auxiliary averaging band_calibration comparison energy_curve
-        event_log exact_sum integration job_intervals meter_checks plain_text prediction_errors
-        record record_repair registers sample_counts settings shaft_comparison
+        account account_record auxiliary averaging band_calibration comparison
+        energy_calibration energy_curve event_log exact_sum integration job_intervals meter_checks
+        plain_text prediction_errors record record_repair registers sample_counts settings
+        shaft_comparison
     """,
     "robot_energy.api": """
         condition evaluate identify inputs online_monitor optimize power_table predict replay

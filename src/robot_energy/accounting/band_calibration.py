@@ -6,12 +6,7 @@ raises it nine times as much as one below lowers it, so that in the long run one
 above, whatever their distribution and their correlation (conformal quantile tracking). Scores
 count from the next whole second on.
 
-The scale ``Z q`` of energies rests on windows of 5 s. Their scores e/s, with the standard
-deviation s of the systematic part, have a mean m and a variance v over the newest ten minutes:
-``q^2 = (p^2 + m^2) / 2 + v / 4``. The first term is the bias that all work shares: ten minutes at
-one piece of work are one sample of it, and what is known before (``p^2``) another. The second
-is what differs from motion to motion: other work is taken to have four motions of its own,
-however often it repeats them. So repetitions of one program never narrow the band of others.
+Windows of 5 s show what the band of an energy must be (`EnergyCalibration`).
 
 All is causal and all sums are integers, so the cutting of the input makes no difference.
 """
@@ -19,13 +14,13 @@ All is causal and all sums are integers, so the cutting of the input makes no di
 from __future__ import annotations
 
 import math
-from collections import deque
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.accounting.averaging import MeanBlock
+from robot_energy.accounting.energy_calibration import EnergyCalibration
 from robot_energy.accounting.integration import SampleIntervals
 from robot_energy.accounting.record import Calibrated
 from robot_energy.blocks import Float, Int, MeterLocation, Phase, PowerBlock, differences
@@ -52,10 +47,6 @@ STRETCH_NS = 5_000_000_000  # whose energies are scored: about a motion
 MIN_SHARE = 0.5  # of a stretch that must be compared
 MAX_SLOTS = 20_000  # that wait for the meter: minutes
 MAX_STRETCHES = 16  # that wait for the meter
-MAX_SCORES = 120  # windows behind the scale of energies: ten minutes
-MIN_SCORES = 12  # of them: a minute
-BIAS = 0.35  # square of the bias before a meter was read, over that of the deviation [-]
-DISTINCT = 4.0  # motions that differ in other work
 MIN_READINGS = 60  # scored in a phase before its scale is used
 FIRST_STEP = 0.5  # of the logarithm of a scale, falling with the root of the count ...
 MIN_STEP = 0.01  # ... down to this
@@ -92,7 +83,7 @@ class BandCalibration:
         """Drop all scores, as after a change of the model."""
         self._log_scale = [math.log(Z90)] * len(Phase)
         self._count = [0] * len(Phase)
-        self._scores: deque[float] = deque(maxlen=MAX_SCORES)
+        self._energies = EnergyCalibration()
         self.readings = self.inside = self.inside_parametric = 0
         self._last_ns: int | None = None
         self._forget()
@@ -106,6 +97,7 @@ class BandCalibration:
         self._slots: Int = np.empty((0, len(PARTS) + len(Phase)), dtype=np.int64)
         self._reading: Int = np.empty((0, 5), dtype=np.int64)
         self._stretch: Int = np.empty((0, 4), dtype=np.int64)
+        self._border: tuple[int, float] | None = None  # a stretch, and the power at its end
         self._deviations: dict[int, Int] = {}
 
     def step(
@@ -204,9 +196,11 @@ class BandCalibration:
             axis=1,
         )
         stretches, self._stretch = _closed(self._stretch, table, STRETCH_NS)
-        for row in stretches.tolist():
-            self._score_stretch(*row)
         readings, self._reading = _closed(self._reading, table, READING_NS)
+        lasts = readings[np.searchsorted(readings[:, 0], stretches[:, 0])]
+        powers = lasts[:, 2] / np.maximum(lasts[:, 1], 1)  # at their ends
+        for row, power in zip(stretches.tolist(), powers.tolist(), strict=True):
+            self._score_stretch(row, power)
         if not len(readings):
             return []
         end, duration = readings[:, 0], readings[:, 1]
@@ -228,18 +222,18 @@ class BandCalibration:
         counts = -(-known // SECOND_NS) * SECOND_NS
         return list(zip(counts.tolist(), phase.tolist(), score.tolist(), strict=True))
 
-    def _score_stretch(self, end_ns: int, duration_ns: int, measured: int, predicted: int) -> None:
-        noted = self._deviations.get(end_ns // STRETCH_NS)
+    def _score_stretch(self, row: list[int], power: float) -> None:
+        end_ns, duration_ns, measured, predicted = row
+        number = end_ns // STRETCH_NS
+        before, self._border = self._border, (number, power)
+        step = power - before[1] if before is not None and before[0] == number - 1 else 0.0
+        noted = self._deviations.get(number)
         if noted is None or duration_ns < MIN_SHARE * STRETCH_NS or noted[-1] <= 0:
             return
         share = duration_ns / int(noted[-1])
-        at_bus = self.location is MeterLocation.DC_BUS
         noted = noted[:-1] * (share / NANOJOULE)
-        rest, temperature = energy_parts(noted, at_bus, systematic=True)
-        if rest > 0:
-            error = np.array([abs(predicted - measured) / NANOJOULE])
-            (score,) = scores(error, np.array([rest]), np.array([temperature])).tolist()
-            self._scores.append(math.copysign(score, predicted - measured))
+        at_bus = self.location is MeterLocation.DC_BUS
+        self._energies.take(noted, (predicted - measured) / NANOJOULE, step, at_bus)
 
     def _set(
         self, scored: list[tuple[int, int, float]], means: MeanBlock | None, periods: slice
@@ -299,14 +293,6 @@ class BandCalibration:
         if self.location is not MeterLocation.UNKNOWN:
             self._set([], means, slice(0, len(means)))
 
-    def _energy_scale(self) -> float:
-        """Half width of the band of an energy over its deviation."""
-        if len(self._scores) < MIN_SCORES:
-            return Z90
-        seen = np.array(self._scores)
-        mean = float(seen.mean())
-        return Z90 * math.sqrt((BIAS + mean**2) / 2.0 + float(seen.var()) / DISTINCT)
-
     def energy_band(self, deviation: Float) -> EnergyBand:
         """Return how sure an energy from the grid is.
 
@@ -315,21 +301,20 @@ class BandCalibration:
         """
         rest, temperature = energy_parts(deviation)
         std = math.hypot(rest, temperature, float(deviation[FORM]))
-        if len(self._scores) < MIN_SCORES:
+        half = self._energies.half(deviation)
+        if half is None:
             return EnergyBand(std, Z90 * std, BandKind.PARAMETRIC)
-        scale, at_bus = self._energy_scale(), self.location is MeterLocation.DC_BUS
-        rest, temperature = energy_parts(deviation, at_bus, systematic=True)
-        loss = Z90 * float(deviation[LOSS_GRID]) if at_bus else 0.0
-        half = float(half_width(rest, temperature, scale))
-        return EnergyBand(std, math.hypot(half, loss), BandKind.CALIBRATED)
+        return EnergyBand(std, half, BandKind.CALIBRATED)
 
     def state(self) -> Calibrated:
         """Return what must be kept across a restart."""
+        windows, figures = self._energies.state()
         return Calibrated(
             location=self.location.name,
             log_scale=tuple(self._log_scale),
             readings=tuple(self._count),
-            energy_scores=tuple(self._scores),
+            energy_windows=windows,
+            energy_figures=figures,
         )
 
     def restore(self, kept: Calibrated) -> None:
@@ -343,7 +328,7 @@ class BandCalibration:
         if kept.readings[POOLED] >= self._count[POOLED]:
             self.location = MeterLocation[kept.location]
             self._log_scale, self._count = [*kept.log_scale], [*kept.readings]
-        self._scores = deque([*kept.energy_scores, *self._scores], maxlen=MAX_SCORES)
+        self._energies.restore(kept.energy_windows, kept.energy_figures)
 
     def interrupt(self) -> None:
         """Score nothing from the last to the next sample."""

@@ -272,13 +272,16 @@ class Calibrated(RecordPart):
         location: Where the meter sat, name of a `MeterLocation`.
         log_scale: Logarithm of the scale of power by phase, the first of all phases.
         readings: Of the meter, behind each.
-        energy_scores: Of the newest windows, oldest first.
+        energy_windows: The newest, oldest first: error, step of the measured power, deviation of
+            the form. [J], [W], [J]
+        energy_figures: Mean products of the deviations of the figures. [J^2]
     """
 
     location: Literal["UNKNOWN", "GRID", "DC_BUS"]
     log_scale: tuple[Power, ...]
     readings: tuple[Count, ...]
-    energy_scores: tuple[Power, ...]
+    energy_windows: tuple[tuple[Power, Power, Power], ...]
+    energy_figures: tuple[tuple[Power, ...], ...]
 
 
 class AccountRecord(RecordPart):

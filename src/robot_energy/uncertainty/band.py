@@ -110,6 +110,18 @@ def energy_variances(deviation: Float) -> Float:
     return np.concatenate([deviation[columns] ** 2, [random], deviation[_FIRST:] ** 2])
 
 
+def figures_of(deviation: Float) -> Float:
+    """Return the columns of the figures: all but temperature, form, and what no figure explains.
+
+    Args:
+        deviation: Deviations or their integrals, shape (K,). [W] or [J]
+
+    Returns:
+        Shape (K - 4,), same unit.
+    """
+    return np.concatenate([deviation[[*_SYSTEMATIC, LOSS_GRID]], deviation[_FIRST:]])
+
+
 def energy_parts(
     deviation: Float, at_bus: bool = False, systematic: bool = False
 ) -> tuple[float, float]:

@@ -6,12 +6,15 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from accounts import IDENTITY, NAMES, SECOND, power_block, restarted, steady
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.averaging import MeanBlock
+from robot_energy.accounting.energy_calibration import BIAS, DISTINCT, EnergyCalibration
 from robot_energy.blocks import MeterBlock, MeterLocation, MeterMeaning
-from robot_energy.uncertainty.band import LOSS_GRID, Z90, BandKind
+from robot_energy.uncertainty.band import FORM, LOSS_GRID, Z90, BandKind
+from robot_energy.uncertainty.deviation import CABINET_DEVIATIONS
 
 RATE = 50  # samples a second
 READINGS = 10  # a second
@@ -64,20 +67,29 @@ def test_the_band_is_that_of_the_figures_until_a_meter_is_read():
     assert half == pytest.approx(Z90 * np.sqrt(9.0 + 16.0 + 4.0 + 4.0))
     band = account.energy_band
     assert band.kind is BandKind.PARAMETRIC
-    assert band.std == pytest.approx(10.0 * np.sqrt(33.0))
+    assert band.std == pytest.approx(10.0 * np.sqrt(33.0 + 25.0))  # form 5 W
     assert band.half == pytest.approx(Z90 * band.std)
 
 
-def test_a_bias_widens_the_band_of_energies_and_its_absence_narrows_it_little():
-    """20 W are m = 3.48 deviations of 5.74 W: q^2 = (0.35 + m^2) / 2; none of it: q^2 = 0.175."""
+def deviation_of(missed: float, distinct: float = DISTINCT) -> float:
+    """Power of 100 W: figures 33 W^2, seen as one sum in every window, form 5 W off by `missed`.
+
+    One column of windows: 1 / (1 / 33 + D / (missed 25)), the variances of two sources combined.
+    """
+    return float(np.sqrt(1.0 / (1.0 / 33.0 + distinct / (25.0 * missed)) + 25.0 * missed))
+
+
+def test_a_bias_widens_the_band_of_energies_and_its_absence_narrows_it():
+    """20 W are m = 4 times the form's 5 W."""
     account, _ = counted(20.0)
     band = account.energy_band
     assert band.kind is BandKind.CALIBRATED
-    mean = 20.0 / np.sqrt(33.0)
-    assert band.half == pytest.approx(Z90 * np.sqrt((0.35 + mean**2) / 2) * band.std, rel=0.01)
+    expected = Z90 * deviation_of((BIAS + 16.0) / 2.0) * 900
+    assert band.half == pytest.approx(expected, rel=0.01)
     assert band.half > 20.0 * 900  # the same work goes on
     exact, _ = counted(0.0)
-    assert exact.energy_band.half == pytest.approx(Z90 * np.sqrt(0.175) * band.std, rel=0.01)
+    assert exact.energy_band.half == pytest.approx(Z90 * deviation_of(BIAS / 2.0) * 900, rel=0.01)
+    assert exact.energy_band.half > 0.0
 
 
 def test_repeating_a_program_does_not_narrow_the_band_of_energies():
@@ -85,9 +97,40 @@ def test_repeating_a_program_does_not_narrow_the_band_of_energies():
     per_window = 5 * READINGS
     error = np.tile(np.repeat([30.0, -30.0], per_window), 9000 // (2 * per_window))
     once, often = counted(error[:1800], 180)[0].energy_band, counted(error)[0].energy_band
-    expected = Z90 * np.sqrt(0.175 + 30.0**2 / 33.0 / 4)
-    assert once.half / once.std == pytest.approx(expected, rel=0.05)
-    assert often.half / often.std == pytest.approx(expected, rel=0.05)
+    expected = Z90 * deviation_of(BIAS / 2.0 + 36.0 / DISTINCT)
+    assert once.half / 180 == pytest.approx(expected, rel=0.05)
+    assert often.half / 900 == pytest.approx(expected, rel=0.05)
+
+
+def test_a_low_pass_of_the_meter_does_not_widen_the_band_of_energies():
+    """It shows later what is drawn now, so it moves energy from one window to the next."""
+    rng = np.random.default_rng(3)
+    seconds, constant = 600, 0.3
+    power = np.repeat(rng.uniform(20.0, 400.0, seconds), RATE)
+    kept = np.exp(-1.0 / RATE / constant)
+    late = lfilter([1.0 - kept], [1.0, -kept], power)
+    bands = []
+    for shown in (power, late):
+        account = EnergyAccount(len(NAMES))
+        means = shown.reshape(-1, RATE // READINGS).mean(axis=1)
+        account.measure(readings(seconds, means - 100.0))
+        account.step(power_block(np.arange(len(power)) * (SECOND // RATE), power))
+        bands.append(account.energy_band.half)
+    assert bands[1] == pytest.approx(bands[0], rel=0.1)
+
+
+def test_figures_that_no_window_showed_keep_their_deviation():
+    columns = len(CABINET_DEVIATIONS)
+    seen, unseen = np.zeros(columns + 4), np.zeros(columns + 4)
+    seen[columns], unseen[columns + 1] = 100.0, 100.0
+    seen[FORM] = unseen[FORM] = 20.0
+    calibration = EnergyCalibration()
+    for _ in range(60):
+        calibration.take(seen, 0.0, 0.0, at_bus=False)
+    missed = BIAS / 2.0 * 20.0**2
+    known = np.sqrt(1.0 / (1.0 / 100.0**2 + DISTINCT / missed) + missed)
+    assert calibration.half(seen) == pytest.approx(Z90 * known)
+    assert calibration.half(unseen) == pytest.approx(Z90 * np.sqrt(100.0**2 + missed))
 
 
 def test_how_the_input_is_cut_makes_no_difference():
@@ -126,6 +169,6 @@ def test_a_jump_back_of_the_stamps_scores_nothing_across_it():
     account.step(steady(0, 60, 100.0, RATE))
     before = account.calibration.readings
     assert before > 500
-    again = power_block(np.arange(10, 20, 0.02) * SECOND, np.full(500, 100.0), segment=1)
+    again = power_block(np.arange(500, 1000) * (SECOND // RATE), np.full(500, 100.0), segment=1)
     account.step(again)
     assert account.calibration.readings <= before + 1
