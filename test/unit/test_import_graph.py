@@ -83,7 +83,7 @@ MODULES = {
         friction laws samples shape temperature_study
     """,
     "robot_energy.identify.stats": """
-        autocorrelation cross_validation held_out_energy lag regression systematic threads
+        autocorrelation bag_folds cross_validation held_out_energy lag regression systematic threads
     """,
     "robot_energy.identify.thermal": """
         network windows
@@ -105,7 +105,7 @@ MODULES = {
         foxglove plotjuggler plots rqt viewers
     """,
     "robot_energy.logs": """
-        columns diadem mapped_log mapping recording rows table ur_rtde
+        columns diadem log_import mapped_log mapping recording rows table ur_rtde
     """,
     "robot_energy.messages": """
         friction interval model_messages payload power registers torque
