@@ -107,6 +107,10 @@ class WearRows:
         profile: The plant.
         seed: Of work, payloads, weather and sensors.
         part: What is summed up together. [s]
+
+    Attributes:
+        payloads: True ones, each with the one that the monitor gets.
+        cycle: Length of a cycle. [s]
     """
 
     def __init__(self, profile: PlantProfile, seed: int, part: float = PART) -> None:
@@ -119,9 +123,10 @@ class WearRows:
         self._law = FrictionModel.from_model(self.model)
         self._friction = PlantFriction(profile, self._config, 1.0 / RATE)
         self._parts = max(1, round(self._program.period / part))
-        self._cycle = self._parts * part
-        self._loads = [self._cycle_of(*pair, seed) for pair in self._payloads()]
-        self._wait = self._cycle * next(
+        self.cycle = self._parts * part
+        self.payloads = self._payloads()
+        self._loads = [self._cycle_of(*pair, seed) for pair in self.payloads]
+        self._wait = self.cycle * next(
             (wait for wait in WAITS if self._hottest(1.0 / (1.0 + wait)) < HOTTEST), WAITS[-1]
         )
         offset = self._config.sensors.temperature_offset
@@ -157,13 +162,13 @@ class WearRows:
         learner = pipeline.power.condition
         blocks: list[PowerBlock] = []
         learner.step = blocks.append  # type: ignore[method-assign]
-        rows = round((self._cycle + 1.0) * RATE)  # the derivative is late
+        rows = round((self.cycle + 1.0) * RATE)  # the derivative is late
         output = rig.step(rows)
         pipeline.step(joint_block(output.joints), output.temperatures, None)
         block = PowerBlock.concatenate(blocks)
         truth = output.truth
         place = np.searchsorted(truth.stamp_ns, block.stamp_ns)
-        inside = place < round(self._cycle * RATE)
+        inside = place < round(self.cycle * RATE)
         block, place = block[inside], place[inside]
         speed = truth.motor_velocity
         rigid = truth.motor_torque - truth.motor_torque_friction
@@ -261,7 +266,7 @@ class WearRows:
 
     def _states(self, days: int, wear: Wear | None) -> Iterator[tuple[int, list[_State]]]:
         profile, config = self.profile, self._config
-        length = self._cycle + self._wait
+        length = self.cycle + self._wait
         cycles = round(DAY / length)
         steps = int(np.ceil(length / MAX_STEP))
         start = np.full(profile.n_joints, 35.0)
@@ -282,7 +287,7 @@ class WearRows:
                 gear, motor = network.gear_temperature_degc, network.motor_temperature_degc
                 heat, friction = self._heat(self._loads[which], gear, motor, worn)
                 share = profile.friction_to_motor
-                duty = self._cycle / length
+                duty = self.cycle / length
                 for _ in range(steps):
                     network.step(duty * (heat + share * friction), duty * (1.0 - share) * friction)
                 settled = network.motor_temperature_degc
@@ -337,7 +342,7 @@ class WearRows:
         first_ns = START_NS + round(day * DAY / NANOSECOND)
         base = np.full(self.profile.n_joints, COULOMB_DEGC)
         unworn = np.ones_like(base)
-        length = self._cycle + self._wait
+        length = self.cycle + self._wait
         rows: list[MeterRow] = []
         for cycle, state in enumerate(states):
             one = self._loads[state.load]
@@ -365,28 +370,22 @@ class WearRows:
         return rows
 
     def _day(self, day: int, states: list[_State]) -> Day:
-        profile, sensors = self.profile, self._config.sensors
-        gear, motor, seen, _, worn = (np.array(each) for each in zip(*states, strict=True))
-        cycles, n = gear.shape
-        dry, viscous = map(np.array, zip(*[self._at(row) for row in gear], strict=True))
-        gain = 1.0 / (1.0 - profile.torque_constant_fall * (motor - REFERENCE_DEGC))
-        noise = sensors.temperature_noise * self._random.standard_normal(
-            (cycles, self._parts, READINGS, n)
-        )
-        degc = np.rint((seen + self._offset)[:, None, None] + noise).mean(axis=2)
-        law = self._law.viscous(degc)
+        sensors = self._config.sensors
+        seen = np.array([state.seen_degc for state in states]) + self._offset
+        shape = (len(states), self._parts, READINGS, self.profile.n_joints)
+        noise = sensors.temperature_noise * self._random.standard_normal(shape)
+        degc = np.rint(seen[:, None, None] + noise).mean(axis=2)
         first_ns = START_NS + round(day * DAY / NANOSECOND)
         parts: Day = []
         for cycle, state in enumerate(states):
             one = self._loads[state.load]
-            rigid, still, turning, drag, own, coulomb, turn = one.sums
-            d, v, g, w = (each[cycle][:, None] for each in (dry, viscous, gain, worn))
-            measured = g * (rigid + w * (d * still + v * turning) + drag) - own
+            measured, model = self.torques(
+                state.load, state.gear_degc, state.motor_degc, degc[cycle], state.worn
+            )
             scatter = sensors.torque_noise * np.sqrt(one.time / RATE)
             measured = measured + scatter * self._random.standard_normal(scatter.shape)
-            model = coulomb + law[cycle][:, None, :, None] * turn
             for number in range(self._parts):
-                at = cycle * (self._cycle + self._wait) + (number + 1) * self._part
+                at = cycle * (self.cycle + self._wait) + (number + 1) * self._part
                 parts.append(
                     MotionSums(
                         first_ns + round(at / NANOSECOND),
@@ -398,3 +397,26 @@ class WearRows:
                     )
                 )
         return parts
+
+    def torques(
+        self, load: int, gear_degc: Float, motor_degc: Float, seen_degc: Float, worn: Float
+    ) -> tuple[Float, Float]:
+        """Return what the parts of a cycle say of friction, without noise.
+
+        Args:
+            load: Which payload.
+            gear_degc: Shape (n,). [degC]
+            motor_degc: Shape (n,). [degC]
+            seen_degc: What the monitor takes for it, shape (n,) or (P, n). [degC]
+            worn: Factor on the friction of the plant, shape (n,). [-]
+
+        Returns:
+            Sums of measured and of model friction, shape (P, 2, n, SPEED_BUCKETS). [N m s]
+        """
+        rigid, still, turning, drag, own, coulomb, turn = self._loads[load].sums
+        fall = self.profile.torque_constant_fall
+        gain = 1.0 / (1.0 - fall * (motor_degc - REFERENCE_DEGC))[:, None]
+        dry, viscous, wear = (each[:, None] for each in (*self._at(gear_degc), worn))
+        measured = gain * (rigid + wear * (dry * still + viscous * turning) + drag) - own
+        law = np.broadcast_to(self._law.viscous(seen_degc), (self._parts, len(worn)))
+        return measured, coulomb + law[:, None, :, None] * turn

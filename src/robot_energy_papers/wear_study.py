@@ -249,6 +249,9 @@ def records_of(days: Iterable[list[MotionSums]], n_joints: int) -> list[list[Wea
     Args:
         days: Parts of each day.
         n_joints: Number of axes.
+
+    Returns:
+        Of each axis, oldest first.
     """
     gatherer = MotionGatherer(n_joints)
     records: list[list[WearRecord]] = [[] for _ in range(n_joints)]

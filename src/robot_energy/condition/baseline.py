@@ -105,6 +105,9 @@ class Contrasts:
         Args:
             entry: As `state` gave it.
 
+        Returns:
+            The sums.
+
         Raises:
             StateFileError: If an array has another size.
         """

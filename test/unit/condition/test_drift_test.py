@@ -76,13 +76,12 @@ def test_five_percent_in_a_hundred_hours_is_found_within_a_day_of_motion():
     assert test.drift.size == pytest.approx(0.0005 * 25.0, abs=0.004)
 
 
-def test_what_lasts_an_hour_is_no_wear():
-    """Neighbours that differ by the same unknown cause raise no alarm; white scatter would."""
-    rng = np.random.default_rng(5)
-    slow, records = 0.0, []
-    for each in series(1500):
-        slow = 0.8 * slow + 0.006 * 0.6 * rng.standard_normal()
-        records.append(each._replace(excess=each.excess + slow))
+def test_what_lasts_half_an_hour_is_no_wear():
+    """A payload that is like no other moves friction by 1.2 % for six records, once in 20 h."""
+    records = [
+        each._replace(excess=each.excess + 0.012 * (number % 240 >= 234))
+        for number, each in enumerate(series(1000))
+    ]
     assert outcome(records)[1] == []
 
 
