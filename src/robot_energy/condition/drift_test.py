@@ -38,7 +38,8 @@ CHANGE = 1.0  # of a change that was found, before its size is known [-]
 
 MIN_Z = 5.0  # of a change that has lasted
 LASTING = 6.0  # h of motion; what is younger may be a payload that is not understood
-MIN_Z_YOUNG = 10.0  # of a younger one
+MIN_Z_YOUNG = 10.0  # of a younger one, unless it is
+LARGE = 0.08  # larger than what a payload does [-]
 MIN_SIZE = 0.005  # of a change [-]
 MIN_HOURS = 3.0  # of motion before anything is found; no payload but one was seen before
 MIN_BEFORE, MIN_AFTER = 3, 3  # records before and after the beginning of a change
@@ -226,7 +227,7 @@ class DriftTest:
         ramp = best >= len(begins)
         begin = int(begins[best % len(begins)])
         before, after = self.records[begin - 1], self.records[begin]
-        young = not ramp and hours[-1] - before.hours < LASTING
+        young = not ramp and hours[-1] - before.hours < LASTING and abs(size) < LARGE
         if surprise[best] < (MIN_Z_YOUNG if young else MIN_Z) or begin > n - MIN_AFTER:
             return None
         size *= float(hours[-1] - before.hours) if ramp else 1.0
