@@ -26,6 +26,9 @@ MODULES = {
         exact_sum integration job_intervals meter_checks plain_text prediction_errors record
         record_repair registers settings shaft_comparison
     """,
+    "robot_energy.advice": """
+        claims dataset_evidence evidence run speeds
+    """,
     "robot_energy.api": """
         condition evaluate identify inputs online_monitor optimize power_table predict replay
     """,
@@ -41,7 +44,7 @@ MODULES = {
         unseen
     """,
     "robot_energy.cli": """
-        check completion export fleet fleet_identify fleet_report fleet_run identify identify_all
+        advise check completion export fleet fleet_identify fleet_report fleet_run identify identify_all
         identify_cabinet identify_drives identify_dynamics identify_excitation identify_friction
         identify_inputs identify_thermal import_logs info kinds layouts main models monitoring
         numbers optimize page predict replay replay_options report robots schema simulate stopping
@@ -119,7 +122,7 @@ MODULES = {
         trajectory_io
     """,
     "robot_energy.optimization": """
-        candidates chain deviations forms levelling order path_power place plan ptp_form
+        candidates chain deviation_sums deviations forms levelling order path_power place plan ptp_form
         recorded_motion rest_states run search task time_law timed_form timed_moves trajectory_form written_trajectory
     """,
     "robot_energy.optimization.measures": """
@@ -145,15 +148,15 @@ MODULES = {
         robots
     """,
     "robot_energy.report": """
-        canvas condition document drives dynamics efficiency_figure energy energy_figure evaluation
+        advice canvas condition document drives dynamics efficiency_figure energy energy_figure evaluation
         excitation fleet fleet_figures formats friction_figure headline held_out html identification
         identify_all jobs kinds layout model optimization optimization_figure parameters
         power_figure prediction prediction_figure printing recordings replay series
         temperature_figure thermal torque_figure trend_figure
     """,
     "robot_energy.results": """
-        base check condition drives dynamics energy evaluation excitation fleet identification model
-        optimization optimization_figures prediction replay schema thermal uncertainty
+        advice base check condition drives dynamics energy evaluation excitation fleet identification
+        model optimization optimization_figures prediction replay schema thermal uncertainty
     """,
     "robot_energy.rig": """
         config lubricant output plant profile random_plant record sensors supply thermal virtual_rig
@@ -208,13 +211,14 @@ LAYERS = (
     ("report",),
     ("api",),
     ("fleet",),
+    ("advice",),
     ("cli", "__main__"),
     ("robot_energy_papers",),
 )
 # Nothing online imports these.
 OFFLINE = (
     "identify", "fleet", "report", "rig", "motion", "cli", "starter", "check", "page", "layouts",
-    "optimization",
+    "optimization", "advice",
 )  # fmt: skip
 ONLINE = (
     "pipeline", "inputs", "messages", "accounting", "uncertainty", "condition", "store",

@@ -78,7 +78,6 @@ def dataset_evidence(folder: str | Path, model: RobotModel) -> Evidence:
             count = int(time // LONG_REST)
             length = round(time / count * 1e9)
             found.rests += [
-                RecordedRest(hour_ns, hour_ns + length, energy / count, still)
-                for _ in range(count)
+                RecordedRest(hour_ns, hour_ns + length, energy / count, still) for _ in range(count)
             ]
     return found

@@ -55,7 +55,9 @@ class DeviationSums:
         braking = block.brake_power > 0.0
         excess = braking | (block.grid_power < block.loss_grid)
         fed_back = np.maximum(block.brake_power, np.where(excess, -block.bus_power, 0.0))
-        speed = np.where(np.abs(block.motor_velocity) <= self._standstill, 0.0, block.motor_velocity)
+        speed = np.where(
+            np.abs(block.motor_velocity) <= self._standstill, 0.0, block.motor_velocity
+        )
         rows = self._deviations.columns(
             speed,
             block.motor_torque,
