@@ -99,13 +99,15 @@ _EXPORTS = {
     for public, _, original in (name.partition(":") for name in names)
 }
 __all__ = [
-    "AdviceReport", "AdviceResult", "BagError", "EnergyBreakdown", "EnergyPipeline", "EvaluationReport", "IdentificationResult",
+    "AdviceReport", "AdviceResult", "BagError", "EnergyBreakdown", "EnergyPipeline",
+    "EvaluationReport", "IdentificationResult",
     "ImplausibleIdentificationError", "JointEnergy", "LogFormatError", "MeterComparison",
     "MissingTopicError", "ModelFileError", "MotionError", "NotIdentifiableError", "OnlineMonitor",
     "OptimizationReport", "OptimizationResult", "ParameterError", "PayloadError", "Phase",
     "PhaseEnergy", "PipelineSettings", "PredictionReport", "PredictionResult", "Quality",
     "ReplayReport", "ReplayResult", "ReportError", "RobotDescriptionError", "RobotEnergyError",
-    "RobotModel", "ShapeError", "TimeSeries", "UnknownJointError", "advise", "evaluate", "identify_all",
+    "RobotModel", "ShapeError", "TimeSeries", "UnknownJointError", "advise", "evaluate",
+    "identify_all",
     "identify_cabinet", "identify_dynamics", "identify_friction", "identify_thermal", "load_model",
     "optimize", "physics", "predict", "replay", "save_model",
 ]  # fmt: skip

@@ -44,11 +44,11 @@ MODULES = {
         unseen
     """,
     "robot_energy.cli": """
-        advise check completion export fleet fleet_identify fleet_report fleet_run identify identify_all
-        identify_cabinet identify_drives identify_dynamics identify_excitation identify_friction
-        identify_inputs identify_thermal import_logs info kinds layouts main models monitoring
-        numbers optimize page predict replay replay_options report robots schema simulate stopping
-        terminal test
+        advise check completion export fleet fleet_identify fleet_report fleet_run identify
+        identify_all identify_cabinet identify_drives identify_dynamics identify_excitation
+        identify_friction identify_inputs identify_thermal import_logs info kinds layouts main
+        models monitoring numbers optimize page predict replay replay_options report robots schema
+        simulate stopping terminal test
     """,
     "robot_energy.condition": """
         buckets drift_test joint_friction learner meter_fit meter_records meter_windows record
@@ -122,8 +122,9 @@ MODULES = {
         trajectory_io
     """,
     "robot_energy.optimization": """
-        candidates chain deviation_sums deviations forms levelling order path_power place plan ptp_form
-        recorded_motion rest_states run search task time_law timed_form timed_moves trajectory_form written_trajectory
+        candidates chain deviation_sums deviations forms levelling order path_power place plan
+        ptp_form recorded_motion rest_states run search task time_law timed_form timed_moves
+        trajectory_form written_trajectory
     """,
     "robot_energy.optimization.measures": """
         move_overrides one_override order place regenerative rest_pose rest_state slack table
@@ -148,15 +149,16 @@ MODULES = {
         robots
     """,
     "robot_energy.report": """
-        advice canvas condition document drives dynamics efficiency_figure energy energy_figure evaluation
-        excitation fleet fleet_figures formats friction_figure headline held_out html identification
-        identify_all jobs kinds layout model optimization optimization_figure parameters
-        power_figure prediction prediction_figure printing recordings replay series
+        advice canvas condition document drives dynamics efficiency_figure energy energy_figure
+        evaluation excitation fleet fleet_figures formats friction_figure headline held_out html
+        identification identify_all jobs kinds layout model optimization optimization_figure
+        parameters power_figure prediction prediction_figure printing recordings replay series
         temperature_figure thermal torque_figure trend_figure
     """,
     "robot_energy.results": """
-        advice base check condition drives dynamics energy evaluation excitation fleet identification
-        model optimization optimization_figures prediction replay schema thermal uncertainty
+        advice base check condition drives dynamics energy evaluation excitation fleet
+        identification model optimization optimization_figures prediction replay schema thermal
+        uncertainty
     """,
     "robot_energy.rig": """
         config lubricant output plant profile random_plant record sensors supply thermal virtual_rig
@@ -174,8 +176,8 @@ MODULES = {
         band deviation priors
     """,
     "robot_energy_papers": """
-        accuracy band_coverage calibration certainty certainty_numbers certainty_page drawings
-        drawn_plants drive_study effects experiment fleet_study generated_fleet held_out
+        accuracy advice_study band_coverage calibration certainty certainty_numbers certainty_page
+        drawings drawn_plants drive_study effects experiment fleet_study generated_fleet held_out
         interval_coverage job_pool learning_study machines mantis models more_recordings pages
         paper_a paper_a_numbers paper_a_page paper_b paper_b_numbers paper_b_page savings
         savings_numbers savings_page savings_study soaked_rigs thermal_study wall wear_study

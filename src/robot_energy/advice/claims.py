@@ -29,7 +29,7 @@ FORM_OF_POSE = 0.5  # standard deviation of what holding costs above brakes, as 
 FORM_OF_WARMING = 0.25  # the same of the friction that warmth saves
 METER = 0.01  # standard deviation of a measured power that holds for long, as a share of it
 WARM = 0.95  # of the motion was colder than the warm robot
-MIN_WARMING = 3.0  # K between the mean and the warm robot, below which nothing is said
+MIN_WARMING = 3.0  # K between the mean and the warm motor, below which nothing is said
 SAME_PLACE = 0.05  # rad or m; rests nearer than this are at one place
 MIN_COMPARED = 5.0  # s of a meter at one place, from which on it counts
 
@@ -46,6 +46,9 @@ class Claim:
         found: What the recordings show, one sentence.
         change: What to do, one sentence.
         command: Next command; empty where there is none.
+        joint_position: Where to wait, shape (n,); None for other changes. [rad] or [m]
+        motor_temperature_degc: Of the warm robot, shape (n,); None for other changes. [degC]
+        state: In which to rest; None for other changes.
     """
 
     name: str
@@ -55,6 +58,9 @@ class Claim:
     found: str
     change: str
     command: str = ""
+    joint_position: Float | None = None
+    motor_temperature_degc: Float | None = None
+    state: RestState | None = None
 
     @property
     def half(self) -> float:
@@ -135,6 +141,7 @@ def standby(
         f"{', '.join(others)} saved in the recordings, one instead of the other",
         f"switch to {state.name} in rests longer than {max(least, LONG_REST):.0f} s (pays from "
         f"{least:.0f} s on, {state.wake_time:g} s to wake up); used in {used} rests",
+        state=state,
     )
 
 
@@ -171,7 +178,7 @@ def waiting_pose(evidence: Evidence, model: RobotModel) -> Claim | None:
         power = np.where(shown, power + (measured - predicted) / np.maximum(compared, 1.0), np.inf)
         sure = "measured"
         columns = np.zeros_like(columns)
-        forms = np.diag(METER * np.where(shown, power, 0.0) * 0.5)
+        forms = np.diag(METER * np.where(shown, power, 0.0))
     best = int(np.argmin(power))
     gain = np.where(time > 0.0, time * (np.where(np.isinf(power), 0.0, power) - power[best]), 0.0)
     gain[np.isinf(power)] = 0.0
@@ -188,6 +195,7 @@ def waiting_pose(evidence: Evidence, model: RobotModel) -> Claim | None:
         f"{time.sum() / 3600:.3g} h of waits shorter than {LONG_REST:.0f} s at {len(position)} "
         f"places, {power[best]:.0f} to {power[dearest]:.0f} W ({sure})",
         f"wait at the joint positions [{where}] where the work allows it",
+        joint_position=position[best],
     )
 
 
@@ -235,7 +243,7 @@ def warm_up(evidence: Evidence, model: RobotModel, command: str = "") -> Claim |
     done = np.cumsum(evidence.motion_time, axis=1) / time[:, None]
     warm = middle[np.argmax(done >= WARM, axis=1)]
     mean = (evidence.motion_time * middle).sum(axis=1) / time
-    if float(np.mean(warm - mean)) < MIN_WARMING:
+    if float(np.max(warm - mean)) < MIN_WARMING:
         return None
     friction, certainty = FrictionModel.from_model(model), FrictionCertainty(model)
     grid = np.broadcast_to(middle[:, None], (len(middle), len(warm)))
@@ -255,6 +263,7 @@ def warm_up(evidence: Evidence, model: RobotModel, command: str = "") -> Claim |
         f"start at {degc:.0f} degC: jobs without long breaks between them, a warmer place, and no "
         "cold start for a few cycles",
         command,
+        motor_temperature_degc=warm,
     )
 
 

@@ -126,6 +126,7 @@ class EvidenceSums:
     def __init__(self, model: RobotModel) -> None:
         still = np.asarray([joint.standstill_velocity for joint in model.joints])
         self._floor = ABOVE_STANDSTILL * (np.abs(Drivetrain.from_model(model).transmission) @ still)
+        self._fallback_degc = model.temperature.fallback_degc
         self._deviations = DeviationSums(model)
         self._waiting: list[TorqueBlock] = []
         self._last: tuple[PowerBlock, Float] | None = None
@@ -188,7 +189,7 @@ class EvidenceSums:
         speed = np.abs(block.motor_velocity[:-1])
         moving = (speed > self._floor) & (time > 0.0)[:, None]
         fed = (brake[:-1] == 0.0) & (block.grid_power[:-1] > block.loss_grid[:-1])
-        degc = np.nan_to_num(block.motor_temperature_degc[:-1])
+        degc = np.nan_to_num(block.motor_temperature_degc[:-1], nan=self._fallback_degc)
         for joint in range(speed.shape[1]):
             rows = moving[:, joint]
             at = degc[rows, joint]

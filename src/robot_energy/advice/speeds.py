@@ -17,7 +17,7 @@ from robot_energy.errors import MotionError
 from robot_energy.model import RobotModel
 from robot_energy.uncertainty.band import Z90
 
-MAX_PART = 60.0  # s of one bag that are looked at
+MAX_PART = 30.0  # s of one bag that are looked at
 MIN_MOVES = 2
 MARGIN = 0.2  # s of the rests at both ends
 

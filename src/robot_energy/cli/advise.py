@@ -90,7 +90,7 @@ def run(args: Namespace) -> int:
     states = None if args.rest_states is None else read_rest_states(args.rest_states)
     keep_freed_memory()
     with progress("reading recordings") as show:
-        options = options_of(args) | {"progress": show}
+        options: dict[str, Any] = options_of(args) | {"progress": show}
         found = advise(
             args.recordings,
             named,

@@ -64,7 +64,7 @@ class DeviationSums:
             block.rigid_power,
             block.friction_power,
             block.drive_loss,
-            np.nanmean(block.motor_temperature_degc, axis=0),
+            _mean_known(block.motor_temperature_degc),
             np.ones(len(block)),
             fed_back,
         )
@@ -75,3 +75,11 @@ class DeviationSums:
         lost[:, :2] = 0.0
         self._sum = self.energy + total.sum(axis=0)
         self._brake = self.brake + lost.sum(axis=0)
+
+
+def _mean_known(values: Float) -> Float:
+    """Mean of each column; NaN, which stands for the fallback, where nothing is known."""
+    known = np.isfinite(values)
+    count = known.sum(axis=0)
+    total = np.where(known, values, 0.0).sum(axis=0)
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
