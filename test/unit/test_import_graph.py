@@ -122,8 +122,8 @@ MODULES = {
         trajectory_io
     """,
     "robot_energy.optimization": """
-        candidates chain deviation_sums deviations forms levelling order path_power place plan
-        ptp_form recorded_motion rest_states run search task time_law timed_form timed_moves
+        candidates chain comparison deviation_sums deviations forms levelling order path_power place
+        plan ptp_form recorded_motion rest_states run search task time_law timed_form timed_moves
         trajectory_form written_trajectory
     """,
     "robot_energy.optimization.measures": """

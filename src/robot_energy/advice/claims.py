@@ -27,6 +27,7 @@ NIGHT = 3600.0  # s; a rest as long as that is a night or a break in production
 REGENERATION = (0.9, 0.05)  # share that a regenerative supply returns, assumed; its deviation
 FORM_OF_POSE = 0.5  # standard deviation of what holding costs above brakes, as a share of it
 FORM_OF_WARMING = 0.25  # the same of the friction that warmth saves
+FORM_OF_COPPER = 0.5  # the same of what warm windings lose more
 METER = 0.01  # standard deviation of a measured power that holds for long, as a share of it
 WARM = 0.95  # of the motion was colder than the warm robot
 MIN_WARMING = 3.0  # K between the mean and the warm motor, below which nothing is said
@@ -229,7 +230,8 @@ def regenerative(evidence: Evidence, model: RobotModel) -> Claim | None:
 def warm_up(evidence: Evidence, model: RobotModel, command: str = "") -> Claim | None:
     """Return what friction at the temperature of the warm robot saves.
 
-    ``S = sum_joints integral (fv(T) - fv(T_warm)) w^2 dt`` over motion fed from the grid.
+    ``S = sum_joints integral (fv(T) - fv(T_warm)) w^2 dt`` over motion fed from the grid, less what
+    the warmer windings lose more, ``integral dP_loss/dT (T_warm - T) dt``.
 
     Args:
         evidence: Of the recordings.
@@ -252,14 +254,16 @@ def warm_up(evidence: Evidence, model: RobotModel, command: str = "") -> Claim |
     at = np.hypot(certainty.std(colder)[0], certainty.std(warm[None, :])[0]) * (grid < warm)
     joints = saved.sum(axis=1)
     own = (at.T * evidence.squared_speed).sum(axis=1)
+    lost = float((evidence.warm_loss * np.maximum(warm[:, None] - middle, 0.0)).sum())
     degc = float(np.mean(warm))
     return Claim(
         "warm_up",
-        float(joints.sum()),
-        np.append(own, FORM_OF_WARMING * joints.sum()),
+        float(joints.sum()) - lost,
+        np.concatenate([own, [FORM_OF_WARMING * joints.sum(), FORM_OF_COPPER * lost]]),
         "predicted",
         f"motors were at {float(np.mean(mean)):.0f} degC on average in motion and at {degc:.0f} "
-        "degC once warm; the difference of friction, without what warming up costs",
+        "degC once warm; the difference of friction, less what warm windings lose more; what "
+        "warming up costs is not in it",
         f"start at {degc:.0f} degC: jobs without long breaks between them, a warmer place, and no "
         "cold start for a few cycles",
         command,

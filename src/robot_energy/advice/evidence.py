@@ -10,10 +10,12 @@ from robot_energy.blocks import NANOSECOND, Float, Int, PowerBlock, TorqueBlock
 from robot_energy.condition.joint_friction import ABOVE_STANDSTILL
 from robot_energy.model import RobotModel
 from robot_energy.optimization.deviation_sums import DeviationSums
+from robot_energy.physics.drive import drive_from_model
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.pipeline import Output
 from robot_energy.timeline.pieces import Compared
 
+WARMER = 10.0  # K, over which the loss of warmer windings is differentiated
 MIN_REST = 1.0  # s; a shorter stop is part of the motion
 SETTLED_NS = 2_000_000_000  # of a rest, after which a meter with a low pass shows its power [ns]
 DEGC_BINS = np.arange(-40.0, 201.0)  # edges, 1 K apart [degC]
@@ -62,6 +64,8 @@ class Evidence:
         squared_speed: Integral of the squared motor speed by 1 K of the motor temperature, while
             the grid feeds the bus, shape (n, bins). [rad^2/s]
         motion_time: Of each motor by temperature, shape (n, bins). [s]
+        warm_loss: Energy that drives lose more for each kelvin by which their windings are warmer,
+            by temperature, at rest too, shape (n, bins). [J/K]
         start_ns: First sample. [ns since 1970]
         end_ns: Last sample. [ns since 1970]
         measured_temperature: Whether motor temperatures were measured.
@@ -81,6 +85,7 @@ class Evidence:
     rest_time: float = 0.0
     squared_speed: Float = field(default_factory=lambda: np.zeros((1, len(DEGC_BINS) - 1)))
     motion_time: Float = field(default_factory=lambda: np.zeros((1, len(DEGC_BINS) - 1)))
+    warm_loss: Float = field(default_factory=lambda: np.zeros((1, len(DEGC_BINS) - 1)))
     start_ns: int | None = None
     end_ns: int | None = None
     measured_temperature: bool = False
@@ -105,6 +110,7 @@ class Evidence:
         self.rest_time += other.rest_time
         self.squared_speed = self.squared_speed + other.squared_speed
         self.motion_time = self.motion_time + other.motion_time
+        self.warm_loss = self.warm_loss + other.warm_loss
         starts = [one for one in (self.start_ns, other.start_ns) if one is not None]
         ends = [one for one in (self.end_ns, other.end_ns) if one is not None]
         self.start_ns, self.end_ns = min(starts, default=None), max(ends, default=None)
@@ -133,6 +139,8 @@ class EvidenceSums:
         self._open: RecordedRest | None = None
         shape = len(model.joints), len(DEGC_BINS) - 1
         self._squared_speed, self._motion_time = np.zeros(shape), np.zeros(shape)
+        self._warm_loss = np.zeros(shape)
+        self._drive = drive_from_model(model)
         self._energy = self._time = self._brake = 0.0
         self._rests: list[RecordedRest] = []
 
@@ -175,6 +183,7 @@ class EvidenceSums:
             rest_time=sum(rest.duration for rest in self._rests),
             squared_speed=self._squared_speed,
             motion_time=self._motion_time,
+            warm_loss=self._warm_loss,
             metered=bool(compared),
         )
 
@@ -190,12 +199,16 @@ class EvidenceSums:
         moving = (speed > self._floor) & (time > 0.0)[:, None]
         fed = (brake[:-1] == 0.0) & (block.grid_power[:-1] > block.loss_grid[:-1])
         degc = np.nan_to_num(block.motor_temperature_degc[:-1], nan=self._fallback_degc)
+        warmer = self._warmer(block[slice(0, -1)], degc) * time[:, None]
         for joint in range(speed.shape[1]):
             rows = moving[:, joint]
             at = degc[rows, joint]
             squares = (speed[rows, joint] ** 2) * time[rows] * fed[rows]
             self._squared_speed[joint] += np.histogram(at, DEGC_BINS, weights=squares)[0]
             self._motion_time[joint] += np.histogram(at, DEGC_BINS, weights=time[rows])[0]
+            self._warm_loss[joint] += np.histogram(
+                degc[:, joint], DEGC_BINS, weights=warmer[:, joint]
+            )[0]
         rest = ~moving.any(axis=1) & (time > 0.0)
         cuts = (np.flatnonzero(np.diff(rest)) + 1).tolist()
         for start, stop in zip([0, *cuts], [*cuts, len(time)], strict=True):
@@ -208,6 +221,13 @@ class EvidenceSums:
                 self._open = RecordedRest(int(block.stamp_ns[start]), end_ns, 0.0, middle)
             self._open.end_ns = end_ns
             self._open.energy += float(energy[start:stop].sum())
+
+    def _warmer(self, block: PowerBlock, degc: Float) -> Float:
+        """Loss of the drives for each kelvin of warmer windings, shape (N, n). [W/K]"""
+        given = block.shaft_power, block.motor_velocity, block.motor_torque
+        now, _ = self._drive.input_power(*given, degc.copy())
+        then, _ = self._drive.input_power(*given, degc + WARMER)
+        return np.nan_to_num((then - now) / WARMER)
 
     def _close(self) -> None:
         if self._open is not None and self._open.duration >= MIN_REST:
