@@ -23,7 +23,7 @@ from robot_energy.advice.claims import (
     waiting_pose,
     warm_up,
 )
-from robot_energy.advice.evidence import Evidence, EvidenceSums, RecordedRest
+from robot_energy.advice.evidence import EvidenceSums, RecordedEvidence, RecordedRest
 from robot_energy.api.replay import run_replay
 from robot_energy.blocks import Float
 from robot_energy.model import RobotModel
@@ -196,7 +196,7 @@ def judge_advice(folder: Path, seed: int, training: Sequence[Recorded]) -> list[
     return plant.judge(claims)
 
 
-def _claims(evidence: Evidence, model: RobotModel) -> list[Claim | None]:
+def _claims(evidence: RecordedEvidence, model: RobotModel) -> list[Claim | None]:
     return [
         standby(evidence, model, ASSUMED, True),
         regenerative(evidence, model),

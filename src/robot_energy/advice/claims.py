@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robot_energy.advice.evidence import DEGC_BINS, Evidence, RecordedRest
+from robot_energy.advice.evidence import DEGC_BINS, RecordedEvidence, RecordedRest
 from robot_energy.blocks import Float, Int
 from robot_energy.model import RobotModel
 from robot_energy.optimization.chain import PowerChain
@@ -28,6 +28,7 @@ REGENERATION = (0.9, 0.05)  # share that a regenerative supply returns, assumed;
 FORM_OF_POSE = 0.5  # standard deviation of what holding costs above brakes, as a share of it
 FORM_OF_WARMING = 0.25  # the same of the friction that warmth saves
 FORM_OF_COPPER = 0.5  # the same of what warm windings lose more
+MAGNETS = 1.5  # warm magnets are weaker, 0.1 %/K: the current squared rises by half as much again
 METER = 0.01  # standard deviation of a measured power that holds for long, as a share of it
 WARM = 0.95  # of the motion was colder than the warm robot
 MIN_WARMING = 3.0  # K between the mean and the warm motor, below which nothing is said
@@ -70,7 +71,7 @@ class Claim:
 
 
 def standby(
-    evidence: Evidence, model: RobotModel, states: Sequence[RestState], assumed: bool
+    evidence: RecordedEvidence, model: RobotModel, states: Sequence[RestState], assumed: bool
 ) -> Claim | None:
     """Return what the best state saves in long rests; None without any.
 
@@ -146,7 +147,7 @@ def standby(
     )
 
 
-def waiting_pose(evidence: Evidence, model: RobotModel) -> Claim | None:
+def waiting_pose(evidence: RecordedEvidence, model: RobotModel) -> Claim | None:
     """Return what waiting at the cheapest pose saves in rests too short for standby.
 
     ``S = sum_rests (P_here - P_cheapest) t``.
@@ -200,7 +201,7 @@ def waiting_pose(evidence: Evidence, model: RobotModel) -> Claim | None:
     )
 
 
-def regenerative(evidence: Evidence, model: RobotModel) -> Claim | None:
+def regenerative(evidence: RecordedEvidence, model: RobotModel) -> Claim | None:
     """Return what a regenerative supply would keep of the energy in the brake resistor.
 
     ``S = eta E_brake``.
@@ -227,11 +228,11 @@ def regenerative(evidence: Evidence, model: RobotModel) -> Claim | None:
     )
 
 
-def warm_up(evidence: Evidence, model: RobotModel, command: str = "") -> Claim | None:
+def warm_up(evidence: RecordedEvidence, model: RobotModel, command: str = "") -> Claim | None:
     """Return what friction at the temperature of the warm robot saves.
 
     ``S = sum_joints integral (fv(T) - fv(T_warm)) w^2 dt`` over motion fed from the grid, less what
-    the warmer windings lose more, ``integral dP_loss/dT (T_warm - T) dt``.
+    the warmer windings and weaker magnets lose, ``1.5 integral dP_loss/dT (T_warm - T) dt``.
 
     Args:
         evidence: Of the recordings.
@@ -254,7 +255,7 @@ def warm_up(evidence: Evidence, model: RobotModel, command: str = "") -> Claim |
     at = np.hypot(certainty.std(colder)[0], certainty.std(warm[None, :])[0]) * (grid < warm)
     joints = saved.sum(axis=1)
     own = (at.T * evidence.squared_speed).sum(axis=1)
-    lost = float((evidence.warm_loss * np.maximum(warm[:, None] - middle, 0.0)).sum())
+    lost = MAGNETS * float((evidence.warm_loss * np.maximum(warm[:, None] - middle, 0.0)).sum())
     degc = float(np.mean(warm))
     return Claim(
         "warm_up",
@@ -271,7 +272,7 @@ def warm_up(evidence: Evidence, model: RobotModel, command: str = "") -> Claim |
     )
 
 
-def _chain(model: RobotModel, evidence: Evidence) -> PowerChain:
+def _chain(model: RobotModel, evidence: RecordedEvidence) -> PowerChain:
     """At the mean temperature of motion, else the fallback."""
     degc = np.full(len(model.joints), model.temperature.fallback_degc)
     if evidence.motion_time.sum() > 0 and len(evidence.motion_time) == len(degc):

@@ -1,4 +1,4 @@
-"""Evidence from the dataset of a fleet: sums of its bags, without their samples."""
+"""RecordedEvidence from the dataset of a fleet: sums of its bags, without their samples."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import polars as pl
 
 from robot_energy.advice.claims import LONG_REST
-from robot_energy.advice.evidence import DEGC_BINS, Evidence, RecordedRest
+from robot_energy.advice.evidence import DEGC_BINS, RecordedEvidence, RecordedRest
 from robot_energy.errors import DatasetError
 from robot_energy.fleet.dataset import read_tables
 from robot_energy.fleet.hour_sums import HOUR_NS
@@ -17,7 +17,7 @@ from robot_energy.model import RobotModel
 FULL = 0.99  # of an hour in standby: it was one rest
 
 
-def dataset_evidence(folder: str | Path, model: RobotModel) -> Evidence:
+def dataset_evidence(folder: str | Path, model: RobotModel) -> RecordedEvidence:
     """Return what a dataset shows of the robots with one model.
 
     How often a robot rested within an hour is not in it: hours that were all standby are one rest
@@ -39,7 +39,7 @@ def dataset_evidence(folder: str | Path, model: RobotModel) -> Evidence:
             f"{folder} holds no bag of model {model.model_id}, but of {others}",
             "the model that the bags were replayed with",
         )
-    found = Evidence(
+    found = RecordedEvidence(
         recordings=len(runs),
         observed_time=float(runs["observed_time"].sum()),
         grid_energy=float(runs["grid_energy"].sum()),

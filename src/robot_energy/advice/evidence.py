@@ -50,7 +50,7 @@ class RecordedRest:
 
 
 @dataclass
-class Evidence:
+class RecordedEvidence:
     """What recordings of one robot model show.
 
     Attributes:
@@ -95,7 +95,7 @@ class Evidence:
     fine: bool = True
     notes: list[str] = field(default_factory=list[str])
 
-    def add(self, other: Evidence) -> None:
+    def add(self, other: RecordedEvidence) -> None:
         """Add what another recording shows.
 
         Args:
@@ -165,7 +165,7 @@ class EvidenceSums:
         if len(block) > 1:
             self._add(block, position)
 
-    def evidence(self, compared: list[Compared]) -> Evidence:
+    def evidence(self, compared: list[Compared]) -> RecordedEvidence:
         """Return what the recording shows, after its last step.
 
         Args:
@@ -173,7 +173,7 @@ class EvidenceSums:
         """
         self._close()
         _measure(self._rests, compared)
-        return Evidence(
+        return RecordedEvidence(
             recordings=1,
             observed_time=self._time,
             grid_energy=self._energy,

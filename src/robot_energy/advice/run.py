@@ -10,7 +10,7 @@ from typing import Any, Unpack
 
 from robot_energy.advice.claims import Claim, regenerative, standby, waiting_pose, warm_up
 from robot_energy.advice.dataset_evidence import dataset_evidence
-from robot_energy.advice.evidence import Evidence, EvidenceSums
+from robot_energy.advice.evidence import EvidenceSums, RecordedEvidence
 from robot_energy.advice.speeds import speeds
 from robot_energy.api.inputs import ModelName, model_of
 from robot_energy.api.replay import ReplayOptions, run_replay
@@ -108,7 +108,7 @@ def advise(
     if len(paths) == 1 and any(Path(paths[0]).glob("robot=*")):
         evidence = dataset_evidence(paths[0], used)
     else:
-        evidence = Evidence()
+        evidence = RecordedEvidence()
         for path in paths:
             evidence.add(_recorded(path, used, problems, options))
         if look_at_speeds:
@@ -151,7 +151,7 @@ def advise(
 
 def _recorded(
     path: str | Path, model: RobotModel, problems: list[str], options: ReplayOptions
-) -> Evidence:
+) -> RecordedEvidence:
     sums = EvidenceSums(model)
     progress: Callable[[float], None] | None = options.get("progress")
     given: dict[str, Any] = {**options, "progress": progress}
@@ -167,7 +167,7 @@ def _recorded(
 
 
 def _basis(
-    evidence: Evidence,
+    evidence: RecordedEvidence,
     price: float | None,
     currency: str,
     co2: float | None,

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from robot_energy.advice.claims import LONG_REST, Claim
-from robot_energy.advice.evidence import DEGC_BINS, Evidence
+from robot_energy.advice.evidence import DEGC_BINS, RecordedEvidence
 from robot_energy.api.optimize import optimize
 from robot_energy.api.replay import ReplayOptions
 from robot_energy.blocks import NANOSECOND
@@ -23,7 +23,7 @@ MARGIN = 0.2  # s of the rests at both ends
 
 
 def speeds(
-    paths: Sequence[str], evidence: Evidence, model: RobotModel, options: ReplayOptions
+    paths: Sequence[str], evidence: RecordedEvidence, model: RobotModel, options: ReplayOptions
 ) -> Claim | None:
     """Return what other speeds save, by the moves of the first part between rests.
 
@@ -71,7 +71,7 @@ def speeds(
     )  # fmt: skip
 
 
-def _part(evidence: Evidence) -> tuple[float, float, float] | None:
+def _part(evidence: RecordedEvidence) -> tuple[float, float, float] | None:
     """Start and end of a part with moves between short rests, and its motion. [s]"""
     if evidence.start_ns is None:
         return None

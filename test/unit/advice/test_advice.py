@@ -10,7 +10,7 @@ from fleets import dataset
 from places import ROOT
 from robot_energy.advice.claims import Claim, regenerative, standby, waiting_pose, warm_up
 from robot_energy.advice.dataset_evidence import dataset_evidence
-from robot_energy.advice.evidence import DEGC_BINS, Evidence, RecordedRest
+from robot_energy.advice.evidence import DEGC_BINS, RecordedEvidence, RecordedRest
 from robot_energy.advice.run import _advice, _basis
 from robot_energy.cli.main import main
 from robot_energy.errors import DatasetError, ParameterError
@@ -56,7 +56,9 @@ def test_standby_saves_what_the_sums_by_hand_say():
     # at rest on brakes this model needs its constant losses
     on_brakes = MODEL.cabinet.loss_grid.value + MODEL.cabinet.loss_dc.value
     held = on_brakes + 60.0
-    claim = standby(Evidence(rests=[rest(300.0, held), rest(5.0, held)]), MODEL, [SLEEP], False)
+    claim = standby(
+        RecordedEvidence(rests=[rest(300.0, held), rest(5.0, held)]), MODEL, [SLEEP], False
+    )
     by_hand = held * 300.0 - on_brakes * (0.25 * 290.0 + 2.0 * 10.0)
     assert claim.energy == pytest.approx(by_hand)
     assert claim.sure == "predicted"
@@ -66,8 +68,10 @@ def test_standby_saves_what_the_sums_by_hand_say():
 def test_measured_watts_at_rest_replace_predicted_ones():
     on_brakes = MODEL.cabinet.loss_grid.value + MODEL.cabinet.loss_dc.value
     held = on_brakes + 60.0
-    predicted = standby(Evidence(rests=[rest(300.0, held)]), MODEL, [SLEEP], False)
-    claim = standby(Evidence(rests=[rest(300.0, held, 0.0, held + 40.0)]), MODEL, [SLEEP], False)
+    predicted = standby(RecordedEvidence(rests=[rest(300.0, held)]), MODEL, [SLEEP], False)
+    claim = standby(
+        RecordedEvidence(rests=[rest(300.0, held, 0.0, held + 40.0)]), MODEL, [SLEEP], False
+    )
     by_hand = (held + 40.0) * 300.0 - (on_brakes + 40.0) * 92.5
     assert claim.energy == pytest.approx(by_hand)
     assert claim.sure == "measured"
@@ -76,12 +80,12 @@ def test_measured_watts_at_rest_replace_predicted_ones():
 
 def test_a_state_that_never_pays_is_no_advice():
     awake = RestState(name="awake", power=9.0, wake_time=1.0)
-    assert standby(Evidence(rests=[rest(300.0, 200.0)]), MODEL, [awake], False) is None
+    assert standby(RecordedEvidence(rests=[rest(300.0, 200.0)]), MODEL, [awake], False) is None
 
 
 def test_waiting_pose_takes_the_cheapest_place_that_a_meter_has_shown():
     rests = [rest(20.0, 300.0, 0.0, 340.0), rest(30.0, 300.0, 0.5, 290.0), rest(9.0, 1.0, 1.0)]
-    claim = waiting_pose(Evidence(rests=rests), MODEL)
+    claim = waiting_pose(RecordedEvidence(rests=rests), MODEL)
     assert claim.sure == "measured"
     assert claim.energy == pytest.approx(20.0 * 50.0, abs=20.0 * 30.0)
     assert claim.joint_position == pytest.approx(np.full(6, 0.5))
@@ -94,7 +98,7 @@ def test_warm_friction_saves_the_difference_of_the_viscous_coefficients():
     time = np.zeros_like(squares)
     cold, warm = (int(np.searchsorted(DEGC_BINS, degc)) for degc in (30.0, 50.0))
     squares[:, cold], time[:, [cold, warm]] = 1e4, [50.0, 50.0]
-    evidence = Evidence(squared_speed=squares, motion_time=time, measured_temperature=True)
+    evidence = RecordedEvidence(squared_speed=squares, motion_time=time, measured_temperature=True)
     claim = warm_up(evidence, MODEL)
     friction = FrictionModel.from_model(MODEL)
     at = [friction.viscous(np.full(6, DEGC_BINS[row] + 0.5)) for row in (cold, warm)]
@@ -116,7 +120,7 @@ def test_braked_energy_is_that_of_the_replay():
 def test_no_supply_is_advised_where_there_is_one():
     share = {"value": 0.8, "tag": "assumed"}
     cabinet = MODEL.cabinet.model_copy(update={"regeneration_efficiency": share})
-    evidence = Evidence(brake_energy=1e3)
+    evidence = RecordedEvidence(brake_energy=1e3)
     assert regenerative(evidence, MODEL) is not None
     assert regenerative(evidence, MODEL.changed(cabinet=cabinet)) is None
 
@@ -152,18 +156,20 @@ def test_rests_are_those_of_the_program(bag):
 
 
 def test_what_overlaps_is_counted_once():
-    basis = _basis(Evidence(observed_time=3600.0, grid_energy=1e6), None, "EUR", None, 1.0, 1.0)
+    basis = _basis(
+        RecordedEvidence(observed_time=3600.0, grid_energy=1e6), None, "EUR", None, 1.0, 1.0
+    )
     claim = Claim("speeds", 100.0, np.array([1.0]), "predicted", "", "")
     assert _advice(claim, basis).overlaps == ("warm_up", "regenerative")
     assert _advice(claim, basis).energy_per_year == pytest.approx(100.0)
 
 
 def test_the_basis_of_a_year_is_that_of_the_recordings():
-    days = Evidence(observed_time=8 * 36e2 * 10, start_ns=0, end_ns=10 * 86_400 * SECOND)
+    days = RecordedEvidence(observed_time=8 * 36e2 * 10, start_ns=0, end_ns=10 * 86_400 * SECOND)
     basis = _basis(days, None, "EUR", None, None, None)
     assert basis.hours_per_day == pytest.approx(8.0)
     assert basis.days_per_year == 365.0
-    short = _basis(Evidence(observed_time=60.0), None, "EUR", None, None, None)
+    short = _basis(RecordedEvidence(observed_time=60.0), None, "EUR", None, None, None)
     assert (short.hours_per_day, short.days_per_year) == (24.0, 250.0)
     assert short.sentence.count("assumed") == 2
 
