@@ -118,6 +118,9 @@ class AdvisedPlant:
 
         Args:
             claims: Of this plant, and whether the recording had a meter.
+
+        Returns:
+            What each saves on the rig.
         """
         rig = self._rig(COLD, True)
         count = round(self.length / rig.period)
@@ -178,6 +181,9 @@ def judge_advice(folder: Path, seed: int, training: Sequence[Recorded]) -> list[
         folder: For the recordings.
         seed: Of the plant.
         training: For the identification.
+
+    Returns:
+        What was advised, and what it saves on the rig.
 
     Raises:
         RobotEnergyError: If the plant cannot be identified.

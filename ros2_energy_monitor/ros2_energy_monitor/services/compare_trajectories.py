@@ -49,7 +49,8 @@ def compared(
         Fields of the response.
 
     Raises:
-        RobotEnergyError: If the request as a whole makes no sense.
+        MotionError: If the request as a whole makes no sense.
+        UnknownJointError: If a temperature is that of another robot's joint.
         GivenUp: If it was given up.
     """
     # Heavy and seldom used: imported by the first comparison, not by the monitor.

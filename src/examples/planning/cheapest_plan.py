@@ -1,6 +1,6 @@
 """Choose the plan that needs least energy: ask a running energy_monitor before anything moves.
 
-Needs a running ``energy_monitor``; it asks about one move made at three speeds, in place of your own
+Needs a running ``energy_monitor``; it asks about one move at three speeds, in place of your own
 plans. `joint_trajectories` takes what planners give: JointTrajectory, and of MoveIt
 RobotTrajectory, DisplayTrajectory and MotionPlanResponse (moveit_msgs need not be installed).
 """

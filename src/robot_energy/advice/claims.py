@@ -255,7 +255,8 @@ def warm_up(evidence: RecordedEvidence, model: RobotModel, command: str = "") ->
     at = np.hypot(certainty.std(colder)[0], certainty.std(warm[None, :])[0]) * (grid < warm)
     joints = saved.sum(axis=1)
     own = (at.T * evidence.squared_speed).sum(axis=1)
-    lost = MAGNETS * float((evidence.warm_loss * np.maximum(warm[:, None] - middle, 0.0)).sum())
+    risen: Float = np.maximum(warm[:, None] - middle, 0.0)
+    lost = MAGNETS * float(np.sum(evidence.warm_loss * risen))
     degc = float(np.mean(warm))
     return Claim(
         "warm_up",
