@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import polars as pl
 
 from robot_energy.advice.claims import LONG_REST
 from robot_energy.advice.evidence import DEGC_BINS, RecordedEvidence, RecordedRest
@@ -32,7 +31,9 @@ def dataset_evidence(folder: str | Path, model: RobotModel) -> RecordedEvidence:
         DatasetError: If there is none, or no bag of this model in it.
     """
     tables = read_tables(folder)
-    runs = tables.runs.filter((pl.col("reason") == "") & (pl.col("model_id") == model.model_id))
+    everything = tables.runs
+    used = (everything["reason"] == "") & (everything["model_id"] == model.model_id)
+    runs = everything.filter(used)
     if runs.is_empty():
         others = ", ".join(sorted(set(tables.runs["model_id"].to_list()) - {""})) or "none"
         raise DatasetError(
@@ -61,9 +62,8 @@ def dataset_evidence(folder: str | Path, model: RobotModel) -> RecordedEvidence:
     shape = len(model.joints), len(DEGC_BINS) - 1
     found.squared_speed, found.motion_time = np.zeros(shape), np.zeros(shape)
     still = np.zeros(len(model.joints))
-    summed = hours.group_by("robot", "hour_ns", maintain_order=True).agg(
-        pl.col("standby_time", "standby_energy").sum()
-    )
+    columns = ["robot", "hour_ns", "standby_time", "standby_energy"]
+    summed = hours.select(columns).group_by(columns[:2], maintain_order=True).sum()
     last: tuple[str, int] | None = None
     for robot, hour_ns, time, energy in summed.sort("robot", "hour_ns").iter_rows():
         if time >= FULL * 3600.0:
