@@ -74,7 +74,7 @@ def test_learned_figures_are_published_and_equal_those_of_a_replay(bench, output
 def test_wear_warns_in_diagnostics_and_on_the_topic(bench):
     node = bench.add(EnergyMonitor, model="kr16", state_folder="", **EFFORT)
     test = node._pipeline.power.condition.wear.joints[1]
-    test.changes = [FrictionChange(SINCE_NS, 1.0, False, 0.14)]
+    test.changes = [FrictionChange(SINCE_NS, 1.0, 1.0, 0.14)]
     test.drift = Drift(0.15, 0.01, SINCE_NS, 1.0, False)
     node._condition._publish()
     received = topic(bench)

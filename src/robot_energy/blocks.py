@@ -396,4 +396,5 @@ def mark(quality: Bits, rows: NDArray[np.bool_], bit: Quality) -> None:
         rows: Which samples, shape (N,).
         bit: The bit.
     """
-    quality[rows] |= np.uint32(bit)
+    if rows.any():
+        quality[rows] |= np.uint32(bit)

@@ -18,7 +18,8 @@ from robot_energy.rig.record import outputs
 from robot_energy.rig.supply import Supply
 from robot_energy_papers.experiment import FIRST_SEED, MIN_HEIGHT, SEED_STEP, TOOL
 
-POSES = 300
+POSES, POSE_SHARE = 300, 0.9  # of every joint range
+HOLDING_DEGC = 60.0
 PROGRAM_DEGC = (20.0, 22.0, 60.0, 80.0)
 FLOWS = (
     "rigid_power",
@@ -51,6 +52,15 @@ class Holding:
     least: float
     greatest: float
     poses: int
+
+    @classmethod
+    def of(cls, power: Float) -> Holding:
+        """Return the spread of the power of poses.
+
+        Args:
+            power: Shape (N,). [W]
+        """
+        return cls(float(power.mean()), float(power.min()), float(power.max()), len(power))
 
     @property
     def deviation(self) -> float:
@@ -113,13 +123,48 @@ def holding_power(profile: PlantProfile, joint_position: Float, motor_degc: floa
         Shape (N,). [W]
     """
     robot, drivetrain = profile.mechanics()
-    config, still = RigConfig(), np.zeros_like(joint_position)
+    still = np.zeros_like(joint_position)
     torque = drivetrain.motor_torque_from_joint(robot.joint_torque(joint_position, still, still))
+    return carrying_power(profile, torque, motor_degc)
+
+
+def carrying_power(profile: PlantProfile, motor_torque: Float, motor_degc: float) -> Float:
+    """Return the grid power while motors at rest carry torques.
+
+    Args:
+        profile: The plant.
+        motor_torque: Shape (N, n). [N m]
+        motor_degc: Temperature of every winding. [degC]
+
+    Returns:
+        Shape (N,). [W]
+    """
+    config = RigConfig()
     flows = PlantDrives(profile, config).flows(
-        still, torque, np.full(profile.n_joints, float(motor_degc))
+        np.zeros_like(motor_torque), motor_torque, np.full(profile.n_joints, float(motor_degc))
     )
     bus = (flows.copper_loss + flows.inverter_loss).sum(axis=1)
     return Supply(profile, config, 1.0).step(bus).grid_power
+
+
+def random_poses(profile: PlantProfile, seed: int, share: float = POSE_SHARE) -> Float:
+    """Return random poses with the tool above the floor, shape (`POSES`, n). [rad]
+
+    Args:
+        profile: The plant.
+        seed: Of the poses.
+        share: Of every joint range that they span. [-]
+    """
+    robot, _ = profile.mechanics()
+    limits = profile.motion_limits(robot)
+    above = tool_above(robot, TOOL, MIN_HEIGHT)
+    generator = np.random.default_rng(seed)
+    drawn: list[Float] = []
+    while len(drawn) < POSES:
+        pose: Float = generator.uniform(share * limits.lower, share * limits.upper)
+        if above(pose):
+            drawn.append(pose)
+    return np.stack(drawn)
 
 
 def calibrate(profile: PlantProfile, seed: int, programs: int, moves: int) -> Calibration:
@@ -159,12 +204,5 @@ def calibrate(profile: PlantProfile, seed: int, programs: int, moves: int) -> Ca
             peak[number, column] = max(float(part.grid_power.max()) for part in truth)
             if number == 0:
                 flows[degc] = flow
-    generator = np.random.default_rng(seed)
-    drawn: list[Float] = []
-    while len(drawn) < POSES:
-        pose: Float = generator.uniform(0.9 * limits.lower, 0.9 * limits.upper)
-        if above(pose):
-            drawn.append(pose)
-    power = holding_power(profile, np.stack(drawn), 60.0)
-    holding = Holding(float(power.mean()), float(power.min()), float(power.max()), POSES)
+    holding = Holding.of(holding_power(profile, random_poses(profile, seed), HOLDING_DEGC))
     return Calibration(mean, peak, np.asarray(PROGRAM_DEGC), holding, flows)

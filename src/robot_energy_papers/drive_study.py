@@ -22,7 +22,13 @@ from robot_energy.identify.drives.drives import (
     Way,
     fit_drives,
 )
-from robot_energy.identify.drives.efficiency import at_efficiency, fitted_efficiency, processed
+from robot_energy.identify.drives.efficiency import (
+    CUTOFF,
+    POINTS,
+    at_efficiency,
+    fitted_efficiency,
+    processed,
+)
 from robot_energy.physics.drive import Drive, EfficiencyMaps, LossModel
 from robot_energy_papers.mantis import RATE, PrintRun
 
@@ -83,11 +89,15 @@ class DriveTest:
     ways: dict[Way, WayResult]
 
 
-def identify_drives(runs: Sequence[PrintRun]) -> DrivesFit:
+def identify_drives(
+    runs: Sequence[PrintRun], cutoff: float = CUTOFF, points: int = POINTS
+) -> DrivesFit:
     """Identify maps and losses of every drive from excitation runs.
 
     Args:
         runs: Read with the model to identify from.
+        cutoff: Of the low-pass of the maps. [Hz]
+        points: Greatest number of points of a map.
 
     Returns:
         The fit of all drives.
@@ -97,7 +107,9 @@ def identify_drives(runs: Sequence[PrintRun]) -> DrivesFit:
     """
     recordings, powers = [run.recording for run in runs], [run.power for run in runs]
     data = drive_data(recordings, powers, measured_torque=True)
-    fit = fit_drives(data, "excitation", compare=False)  # other runs are held out here
+    fit = fit_drives(
+        data, "excitation", cutoff, points, compare=False
+    )  # other runs are held out here
     for axis in fit.axes:
         if axis.map is None or axis.losses is None:
             raise NotIdentifiableError(axis.notes[0], "an excitation that moves every drive")

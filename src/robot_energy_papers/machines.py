@@ -6,8 +6,9 @@ One layer is played on the virtual rigs as well, whose friction and losses are o
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from robot_energy.model import RobotModel, load
 from robot_energy.motion import InverseKinematics, Trajectory
 from robot_energy.motion.gcode import read_gcode
 from robot_energy.motion.tool_motion import ToolMotion, ToolPlacement
-from robot_energy.motion.tool_timing import TimedPath
+from robot_energy.motion.tool_timing import TimedPath, ToolLimits
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.pipeline import EnergyPipeline, Output, Settings
@@ -84,17 +85,26 @@ MACHINES = {
 }  # fmt: skip
 
 
-def wall_motion(machine: Machine, layers: int = 1, height: float = 0.0) -> ToolMotion:
+def wall_motion(
+    machine: Machine,
+    layers: int = 1,
+    height: float = 0.0,
+    infill: int = 0,
+    limits: ToolLimits | None = None,
+) -> ToolMotion:
     """Return the motion of a machine's joints that prints the wall.
 
     Args:
         machine: The machine.
         layers: Printed one after the other.
         height: Height of the first one above the bottom of the wall. [m]
+        infill: As of `Wall`.
+        limits: Of the tool; the default ones by default.
     """
     place = machine.placement
     robot = Robot.from_model(load(machine.model))
-    timed = TimedPath(read_gcode(Wall(layers=layers).gcode(), "wall").path)
+    program = Wall(layers=layers, infill=infill).gcode()
+    timed = TimedPath(read_gcode(program, "wall").path, limits)
     kinematics = InverseKinematics(robot, machine.link, **machine.options)
     return ToolMotion(
         timed,
@@ -174,7 +184,15 @@ class Curve:
     joint_position: Float
 
 
-def predicted(model: RobotModel, motion: ToolMotion) -> tuple[Energies, Curve]:
+class Planned(Protocol):
+    """A motion in blocks of times and joints."""
+
+    def blocks(self) -> Iterator[tuple[Float, Trajectory]]:
+        """Return the blocks, in order."""
+        ...
+
+
+def predicted(model: RobotModel, motion: Planned) -> tuple[Energies, Curve]:
     """Predict a motion with a model, motors at 25 degC throughout.
 
     Args:

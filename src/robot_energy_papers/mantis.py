@@ -6,16 +6,21 @@ read back by the stages of the monitor.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.blocks import NANOSECOND, EffortMeaning, Float
 from robot_energy.identify.data.recordings import Recording, read_recording
+from robot_energy.identify.data.signals import Channels, stretches
 from robot_energy.identify.drives.drive_data import BRIDGED
 from robot_energy.identify.drives.drive_power import DrivePowerTopics, MeasuredDrivePower
+from robot_energy.identify.dynamics.columns import standard_columns
+from robot_energy.identify.dynamics.dynamics import Dynamics, DynamicsSettings, identify_dynamics
 from robot_energy.identify.excitation.excitation import ExcitationSettings, optimise_excitation
 from robot_energy.identify.excitation.limits import ExcitationLimits
 from robot_energy.model import RobotModel
@@ -32,6 +37,7 @@ from robot_energy.rig.record import DRIVE_POWER, record
 RATE = 500.0  # Hz; paper B samples at 2.5 kHz, which changes nothing at these speeds
 HARMONICS, PERIOD = 5, 20.0  # of the Fourier series; paper B: five, "20 Hz" (see decision 0042)
 START_DEGC = 25.0
+SIGN_VELOCITY = 2e-3  # rad/s of the smooth sign; paper B has a plain one, joints print at 0.05
 LEAD = 1.2  # s at rest, until thermometers (1 Hz) and derivative filter have begun
 
 
@@ -220,3 +226,30 @@ def read_run(path: Path, model: RobotModel) -> PrintRun:
     stamp = recording.torque.stamp_ns
     lead = round(LEAD / NANOSECOND)
     return PrintRun(recording, power, int(stamp[0]) + lead, int(stamp[-1]) - lead)
+
+
+def identify_mechanics(
+    runs: Sequence[PrintRun], model: RobotModel, method: Literal["ols", "wls"]
+) -> Dynamics:
+    """Identify bodies and friction from excitation runs.
+
+    Args:
+        runs: Read with ``model``.
+        model: Kinematics and gears.
+        method: Ordinary (paper B) or weighted least squares.
+
+    Returns:
+        The fit.
+    """
+    channels: list[Channels] = []
+    for run in runs:
+        torque = run.recording.torque
+        channels += stretches(
+            torque.stamp_ns,
+            torque.segment,
+            torque.joint_position,
+            torque.motor_torque_measured,
+            channels[0].rate if channels else None,
+        )
+    columns = standard_columns(SIGN_VELOCITY)
+    return identify_dynamics(channels, model, DynamicsSettings(columns, method))

@@ -118,6 +118,7 @@ FILTERS: dict[str, Callable[..., Any]] = {
     "general": "{:g}".format,
     "hundred": hundred,
     "hundreds": _hundreds,
+    "kelvin": "{:.2f} K".format,
     "kilo": _kilo,
     "of": _of,
     "percent": percent,

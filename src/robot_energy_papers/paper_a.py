@@ -19,7 +19,9 @@ from robot_energy_papers.effects import EffectRow, configurations, effect_row
 from robot_energy_papers.experiment import MOVES, MotionSet, Plan, by_motion, make_programs, soaked
 from robot_energy_papers.held_out import SetRow, held_out, normalised, shaft_power
 from robot_energy_papers.job_pool import Progress, Steps, job_pool
+from robot_energy_papers.kr16_sensitivity import holding_table, rise_table
 from robot_energy_papers.models import FOLLOWS, Identified, identify
+from robot_energy_papers.sensitivity import SensitivityTable
 from robot_energy_papers.soaked_rigs import Rigs, rig_seeds
 
 SHARE_BEFORE_FITS = 0.9  # of the work that the bar shows
@@ -138,6 +140,8 @@ class PaperA:
         effects: What unmodelled effects cost.
         plants: The experiment on plants drawn at random.
         calibration: The plant in figures.
+        open: What the HOLD power over poses and the rise of temperature owe to figures that are
+            not published, by quantity.
     """
 
     seed: int
@@ -152,6 +156,7 @@ class PaperA:
     effects: list[EffectRow]
     plants: list[PlantRow]
     calibration: Calibration
+    open: dict[str, SensitivityTable]
 
     @property
     def quick(self) -> bool:
@@ -246,7 +251,7 @@ def study(
         RobotEnergyError: If rig, recordings or fits fail.
     """
     profile, rigs = load_profile("kr16"), configurations(scale.effects)
-    steps = Steps(len(rigs) + scale.plants + 3, progress, SHARE_BEFORE_FITS)
+    steps = Steps(len(rigs) + scale.plants + 5, progress, SHARE_BEFORE_FITS)
     with job_pool(workers, steps.done) as run:
         work = [
             run(record_training, folder, seed, scale),
@@ -254,6 +259,8 @@ def study(
             *(run(effect_row, name, rig, scale.rigs, seed) for name, rig in rigs.items()),
             run(calibrate, profile, seed, scale.programs, scale.moves),
             *(run(plant_row, 1 + number, scale.rigs, seed) for number in range(scale.plants)),
+            run(holding_table, seed),
+            run(rise_table, seed, scale.train is None),
         ]
         train, rest = work[0].result()
         test = work[1].result()
@@ -264,7 +271,8 @@ def study(
         last = 2 + len(rigs)
         effects = [job.result() for job in work[2:last]]
         calibration = work[last].result()
-        plants = [job.result() for job in work[last + 1 :]]
+        plants = [job.result() for job in work[last + 1 : -2]]
+        tables = work[-2].result() | work[-1].result()
     curves = _shaft_curves(test, rows, identified)
     if progress is not None:
         progress(1.0)
@@ -281,6 +289,7 @@ def study(
         effects,
         plants,
         calibration,
+        tables,
     )
 
 

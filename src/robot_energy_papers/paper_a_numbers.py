@@ -94,6 +94,7 @@ def figures(result: PaperA) -> Figures:
         ],
         "plants_error": plain(error_spreads(result.plants)),
         "effects_degc": list(result.scale.rigs.test_degc),
+        "sensitivity": {name: table.to_dict() for name, table in result.open.items()},
         "calibration": _calibration(result.calibration),
     }
 

@@ -27,6 +27,8 @@ from robot_energy_papers.drawings import (
 )
 from robot_energy_papers.drawn_plants import SHARED, error_spreads
 from robot_energy_papers.effects import ALL, EFFECTS, NO_OIL, NOTHING, EffectRow
+from robot_energy_papers.experiment import MOVES
+from robot_energy_papers.kr16_sensitivity import HOLD, RISE
 from robot_energy_papers.models import CAPACITOR, FIXED_DEGC, FOLLOWS, fixed_name
 from robot_energy_papers.pages import Piece
 from robot_energy_papers.paper_a import POWER_DEGC, REFERENCE_DEGC, PaperA
@@ -104,6 +106,9 @@ def context(result: PaperA) -> dict[str, Any]:
         "all_effects": effects[ALL],
         "plants": error_spreads(result.plants),
         "shared": SHARED,
+        "hold": HOLD,
+        "rise": RISE,
+        "moves": MOVES,
         "laws": ", ".join(f"{chosen.count(law)} axes {law}" for law in dict.fromkeys(chosen)),
     }
 

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
-from robot_energy.identify.data.signals import Channels, stretches
 from robot_energy.identify.drives.drives import DrivesFit
-from robot_energy.identify.dynamics.columns import standard_columns
-from robot_energy.identify.dynamics.dynamics import Dynamics, DynamicsSettings, identify_dynamics
+from robot_energy.identify.dynamics.dynamics import Dynamics
 from robot_energy.identify.dynamics.dynamics_model import to_model
 from robot_energy.model import RobotModel, load
 from robot_energy.motion import JointMotion
@@ -27,15 +24,25 @@ from robot_energy_papers.machines import (
     predicted,
     wall_motion,
 )
-from robot_energy_papers.mantis import PrintRun, Smooth, excitation, read_run, recorded, slower
+from robot_energy_papers.mantis import (
+    PrintRun,
+    Smooth,
+    excitation,
+    identify_mechanics,
+    read_run,
+    recorded,
+    slower,
+)
+from robot_energy_papers.map_sensitivity import map_tables
+from robot_energy_papers.sensitivity import SensitivityTable
+from robot_energy_papers.wall_sensitivity import wall_tables
 
 SLOW = 0.4  # of the speed, for the second excitation
-STEPS = 9
+STEPS = 11
 WALL, WALL_HELD, VALIDATION = "wall, all joints", "wall, joint 1 held", "validation"
 FAST, SLOWED, BOTH = "full speed", "40 % of it", "both speeds"
 TRAININGS = {BOTH: (FAST, SLOWED), FAST: (FAST,), SLOWED: (SLOWED,)}
 """Excitation runs behind each identification."""
-SIGN_VELOCITY = 2e-3  # rad/s of the smooth sign; paper B has a plain one, joints print at 0.05
 SEED_STEP = 100  # between the seeds of two studies
 
 
@@ -136,6 +143,8 @@ class PaperB:
     weighted: dict[Definition, Accuracy]
     machines: dict[str, MachineResult]
     plants: dict[int, DriveTest]
+    gantry: dict[str, SensitivityTable]
+    maps: dict[str, SensitivityTable]
 
     @property
     def quick(self) -> bool:
@@ -224,7 +233,12 @@ def study(
     for plant_seed in range(1, scale.plants + 1):
         plants[plant_seed] = _drawn(plant_seed, start, motions, folder, first)
         step()
-    return PaperB(seed, scale, trained, _accuracy(check), machines, plants)
+    quick = scale.layers == 0
+    gantry = wall_tables(quick)
+    step()
+    maps = map_tables(train, first + 3, quick)
+    step()
+    return PaperB(seed, scale, trained, _accuracy(check), machines, plants, gantry, maps)
 
 
 def _drawn(
@@ -247,33 +261,6 @@ def _drawn(
     model = to_model(identify_mechanics(runs, start, "ols"), ["excitation on the virtual rig"])
     wall = {WALL: read_run(paths[WALL], model)}
     return tested(wall, identify_drives(runs))[WALL]
-
-
-def identify_mechanics(
-    runs: Sequence[PrintRun], model: RobotModel, method: Literal["ols", "wls"]
-) -> Dynamics:
-    """Identify bodies and friction from excitation runs.
-
-    Args:
-        runs: Read with ``model``.
-        model: Kinematics and gears.
-        method: Ordinary (paper B) or weighted least squares.
-
-    Returns:
-        The fit.
-    """
-    channels: list[Channels] = []
-    for run in runs:
-        torque = run.recording.torque
-        channels += stretches(
-            torque.stamp_ns,
-            torque.segment,
-            torque.joint_position,
-            torque.motor_torque_measured,
-            channels[0].rate if channels else None,
-        )
-    columns = standard_columns(SIGN_VELOCITY)
-    return identify_dynamics(channels, model, DynamicsSettings(columns, method))
 
 
 def _trained(runs: list[PrintRun], start: RobotModel, paths: Mapping[str, Path]) -> Trained:

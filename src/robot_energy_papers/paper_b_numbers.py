@@ -43,6 +43,10 @@ def figures(result: PaperB) -> Figures:
             }
             for key, found in result.machines.items()
         },
+        "sensitivity": {
+            "gantry_over_arm": {name: table.to_dict() for name, table in result.gantry.items()},
+            "map_accuracy": {name: table.to_dict() for name, table in result.maps.items()},
+        },
         "relative_to_arm": {stage: result.relative(stage) for stage in ("layer", "wall", "rig")},
     }
 

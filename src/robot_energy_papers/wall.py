@@ -2,7 +2,7 @@
 
 Paper B, section 5.2.2: a simplified wall plan of 1200 mm by 300 mm, printed at a constant
 path speed of 125 mm/s; section 5.2.3: 100 layers make 1 m. Its text states no infill and its
-figure of the path is lost, so the outline alone is printed.
+figure of the path is lost, so the outline alone is printed unless an infill is asked for.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from robot_energy.errors import MotionError
 
 MILLIMETRE = 1e-3  # m
 MAX_LAYERS = 10_000
+MAX_STROKES = 1000
 FEED_FACTOR = 60.0 / MILLIMETRE  # m/s to mm/min
 
 
@@ -26,6 +27,7 @@ class Wall:
         layer_height: Rise from layer to layer. [m]
         layers: Number of layers.
         speed: Path speed, the rise included. [m/s]
+        infill: Strokes of a zigzag along the wall inside the outline, and as many back; 0 for none.
 
     Raises:
         MotionError: If a figure makes no sense.
@@ -36,6 +38,7 @@ class Wall:
     layer_height: float = 0.01
     layers: int = 1
     speed: float = 0.125
+    infill: int = 0
 
     def __post_init__(self) -> None:
         for name in ("length", "width", "layer_height", "speed"):
@@ -44,18 +47,25 @@ class Wall:
                 raise MotionError(f"the wall's {name} is {value}", "a value > 0")
         if not 1 <= self.layers <= MAX_LAYERS:
             raise MotionError(f"the wall has {self.layers} layers", f"1 to {MAX_LAYERS}")
+        if not 0 <= self.infill <= MAX_STROKES:
+            raise MotionError(f"the infill has {self.infill} strokes", f"0 to {MAX_STROKES}")
 
     @property
     def corners(self) -> list[tuple[float, float]]:
         """Places of the ends of all lines of a layer, after the first corner: x, y. [m]"""
-        return [(self.length, 0.0), (self.length, self.width), (0.0, self.width), (0.0, 0.0)]
+        outline = [(self.length, 0.0), (self.length, self.width), (0.0, self.width), (0.0, 0.0)]
+        along = [*range(1, self.infill + 1), *range(self.infill - 1, -1, -1)] * bool(self.infill)
+        return outline + [
+            (self.length * place / self.infill, self.width * (number % 2))
+            for number, place in enumerate(along, 1)
+        ]
 
     def gcode(self) -> str:
         """Return the program."""
         lines = [
             "; wall plan of paper B (Robotics 2024, 13(5), 78), sections 5.2.2 and 5.2.3",
             f"; {_mm(self.length)} mm by {_mm(self.width)} mm, {self.layers} layer(s) of "
-            f"{_mm(self.layer_height)} mm, {_mm(self.speed)} mm/s; infill: none",
+            f"{_mm(self.layer_height)} mm, {_mm(self.speed)} mm/s; infill: {self.infill or 'none'}",
             "; made by robot_energy_papers.wall",
             "G21 ; mm",
             "G90 ; absolute",

@@ -5,21 +5,23 @@ monitor sees joint states, temperatures and motor torque alone. The hall swings 
 60 degC once a day, and the payload changes every half hour; half of the changes are
 unknown to the monitor.
 
-A thousand hours of a rig are too long to compute. For false alarms a day is recorded as the
-detector takes it, in parts of five seconds, several times with other noise and payloads. Each
-simulated hour is one hour of such a day, drawn among the recordings at the same time of day, with
-fresh scatter on every record. So temperatures, loads, the error of the model and its
-autocorrelation within an hour are those of the rig; what is longer than an hour comes from the
-time of day alone.
+Detection runs take too long to be repeated on ten plants. `simulated` runs many days by the rows
+of `robot_energy_papers.wear_rows`, and asks of each axis three things: how often an alarm is
+raised without wear, and when a step and a slow rise are found that begin at a given hour of its
+motion. For these two the excess of the records is raised, which leaves out the heat that wear
+makes. `worn_in_plant` has no such simplification: friction in the plant rises.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Callable, Iterable
+from copy import deepcopy
 from dataclasses import dataclass
 
 import numpy as np
 
+from robot_energy.blocks import Float
 from robot_energy.condition.drift_test import DriftTest
 from robot_energy.condition.joint_friction import MotionSums
 from robot_energy.condition.learner import Learning
@@ -29,9 +31,11 @@ from robot_energy.model import load
 from robot_energy.model.payload import payload
 from robot_energy.rig import PlantProfile, RigConfig, VirtualRig
 from robot_energy_papers.learning_study import joint_block, pipeline_of, work
+from robot_energy_papers.wear_rows import START_NS, WearRows
 
-HOUR_NS = 3_600_000_000_000
 DAY = 24  # h
+HOUR_NS = 3_600_000_000_000
+METER_PART = 5.0  # s of a window of the meter
 COLD, HOT = 15.0, 60.0  # of the hall [degC]
 RATE = 25.0  # of the joint states [Hz]
 CHANGE_EVERY = 30  # min between two payloads
@@ -69,7 +73,6 @@ class Shift:
 
     Attributes:
         monitor: The learner's monitor of wear.
-        parts: What it has taken.
     """
 
     def __init__(self, profile: PlantProfile, seed: int, hard: bool = True) -> None:
@@ -84,14 +87,6 @@ class Shift:
         self._minute = 0
         learner = self._pipeline.power.condition
         self.monitor: WearMonitor = learner.wear
-        self.parts: list[MotionSums] = []
-        take = learner.wear.step
-
-        def noted(part: MotionSums) -> None:
-            self.parts.append(part)
-            take(part)
-
-        learner.wear.step = noted  # type: ignore[method-assign]
 
     def run(self, minutes: int, wear: np.ndarray | None = None) -> None:
         """Work on.
@@ -172,125 +167,215 @@ def detection(
     return WearRow(joint, found, motion, shift.alarms, test.drift.size, test.drift.std)
 
 
-def recorded_days(
-    profile: PlantProfile, days: int, seed: int = 0, hard: bool = True
-) -> list[list[list[WearRecord]]]:
-    """Record days as the detector takes them.
-
-    Args:
-        profile: The plant.
-        days: How many, each with other noise and payloads.
-        seed: Of the first.
-        hard: Whether all effects without a term in models are on.
-
-    Returns:
-        Records of each day and joint.
-    """
-    found: list[list[list[WearRecord]]] = []
-    for day in range(days):
-        shift = Shift(profile, seed + day, hard)
-        shift.run(60 * DAY)
-        gatherer = MotionGatherer(profile.n_joints)
-        records: list[list[WearRecord]] = [[] for _ in range(profile.n_joints)]
-        for part in shift.parts:
-            for joint, record in gatherer.step(part).items():
-                records[joint].append(record)
-        found.append(records)
-    return found
-
-
-def _simulated(
-    days: list[list[list[WearRecord]]], joint: int, hours: float, random: np.random.Generator
-) -> Iterator[tuple[int, WearRecord]]:
-    """Yield simulated records of a joint with their hours, see the module."""
-    start_ns = days[0][joint][0].stamp_ns
-    by_hour = [
-        [
-            [r for r in day[joint] if (r.stamp_ns - start_ns) % (DAY * HOUR_NS) // HOUR_NS == h]
-            for day in days
-        ]
-        for h in range(DAY)
-    ]
-    moved = 0.0
-    for hour in range(round(hours)):
-        choice = by_hour[hour % DAY]
-        for record in choice[int(random.integers(len(choice)))]:
-            moved += record.time / 3600.0
-            excess = record.excess + record.variance**0.5 * random.standard_normal()
-            stamp_ns = start_ns + hour * HOUR_NS + record.stamp_ns % HOUR_NS
-            yield hour, record._replace(excess=excess, hours=moved, stamp_ns=stamp_ns)
-
-
-def false_alarms(days: list[list[list[WearRecord]]], hours: float, seed: int = 0) -> int:
-    """Count the alarms of simulated hours without wear.
-
-    Args:
-        days: Of `recorded_days`, of one plant.
-        hours: How many. [h]
-        seed: Of the draws.
-
-    Returns:
-        Alarms of all joints.
-    """
-    random, count = np.random.default_rng(seed), 0
-    for joint in range(len(days[0])):
-        test = DriftTest()
-        count += sum(test.step(record) for _, record in _simulated(days, joint, hours, random))
-    return count
-
-
 @dataclass(frozen=True)
-class SlowWearRow:
-    """One axis whose friction rises slowly.
+class FoundRow:
+    """A change of friction that was simulated.
 
     Attributes:
-        joint: Its index.
-        found: Time from the beginning of wear until the alarm; NaN if there was none. [h]
-        motion: Motion of this axis in that time. [h]
-        true: Rise at the alarm. [-]
+        joint: The axis.
+        motion: Motion of this axis from its beginning to the alarm; NaN if there was none. [h]
+        true: Change at the alarm. [-]
         size: Stated then. [-]
         std: Its standard deviation. [-]
     """
 
     joint: int
-    found: float
     motion: float
     true: float
     size: float
     std: float
 
 
-def slow_wear(
-    days: list[list[list[WearRecord]]],
-    joint: int,
-    per_hour: float,
-    before: float = 48.0,
-    after: float = 240.0,
-    seed: int = 0,
-) -> SlowWearRow:
-    """Let one axis wear slowly in simulated hours, and see when it is found.
+@dataclass(frozen=True)
+class SimulatedRow:
+    """One plant.
+
+    Attributes:
+        hours: Simulated. [h]
+        motion: Of these in motion, mean over the axes. [h]
+        alarms: Without wear: axis and hours of its motion.
+        steps: Of every axis, one for each beginning.
+        slow: The same of slow wear.
+    """
+
+    hours: float
+    motion: float
+    alarms: tuple[tuple[int, float], ...]
+    steps: tuple[FoundRow, ...]
+    slow: tuple[FoundRow, ...]
+
+
+def simulated(
+    profile: PlantProfile,
+    seed: int,
+    days: int,
+    begins: tuple[float, ...] = (48.0, 96.0),
+    step: float = 0.15,
+    per_hour: float = 0.0005,
+) -> SimulatedRow:
+    """Run a plant for days without wear, and let wear begin at some hours of motion.
 
     Args:
-        days: Of `recorded_days`, of one plant.
-        joint: The axis.
-        per_hour: Rise of its friction in an hour of motion. [-]
-        before: Time without wear. [h]
-        after: Time with it. [h]
-        seed: Of the draws.
+        profile: The plant.
+        seed: Of work, payloads, weather and sensors.
+        days: How many.
+        begins: When wear begins, in hours of motion of the axis. [h]
+        step: Rise of friction at once. [-]
+        per_hour: Rise of friction in an hour of motion, where it is slow. [-]
 
     Returns:
         What was found.
     """
-    test, begun = DriftTest(), 0.0
-    random = np.random.default_rng(seed)
-    for hour, record in _simulated(days, joint, before + after, random):
-        if hour < before:
-            begun = record.hours
-        rise = per_hour * max(record.hours - begun, 0.0)
-        worn = record._replace(excess=record.excess + float(np.log1p(rise)))
-        if test.step(worn) and hour >= before and not test.drift.fell:
-            motion = record.hours - begun
-            drift = test.drift
-            return SlowWearRow(joint, hour - before, motion, rise, drift.size, drift.std)
-    nan = float("nan")
-    return SlowWearRow(joint, nan, nan, per_hour * after, nan, nan)
+    records = records_of(WearRows(profile, seed).days(days), profile.n_joints)
+    alarms: list[tuple[int, float]] = []
+    steps: list[FoundRow] = []
+    slow: list[FoundRow] = []
+    for joint, own in enumerate(records):
+        test, open_begins = DriftTest(), list(begins)
+        for number, record in enumerate(own):
+            if open_begins and record.hours >= open_begins[0]:
+                begin, rest = open_begins.pop(0), own[number:]
+                steps.append(_found(joint, test, rest, begin, lambda _: step, 2.0))
+                slow.append(_found(joint, test, rest, begin, lambda passed: per_hour * passed))
+            if test.step(record):
+                alarms.append((joint, record.hours))
+    motion = float(np.mean([own[-1].hours for own in records]))
+    return SimulatedRow(24.0 * days, motion, tuple(alarms), tuple(steps), tuple(slow))
+
+
+def records_of(days: Iterable[list[MotionSums]], n_joints: int) -> list[list[WearRecord]]:
+    """Gather the records of every axis.
+
+    Args:
+        days: Parts of each day.
+        n_joints: Number of axes.
+    """
+    gatherer = MotionGatherer(n_joints)
+    records: list[list[WearRecord]] = [[] for _ in range(n_joints)]
+    for parts in days:
+        for part in parts:
+            for joint, record in gatherer.step(part).items():
+                records[joint].append(record)
+    return records
+
+
+def _found(
+    joint: int,
+    test: DriftTest,
+    records: list[WearRecord],
+    begin: float,
+    rise: Callable[[float], float],
+    longest: float = math.inf,
+) -> FoundRow:
+    """Continue a copy of a test with wear."""
+    test = deepcopy(test)
+    for record in records:
+        passed = record.hours - begin
+        if passed > longest:
+            break
+        now = rise(passed)
+        worn = record._replace(excess=record.excess + math.log1p(now))
+        if test.step(worn) and not test.drift.fell:
+            return FoundRow(joint, passed, now, test.changes[-1].size, test.drift.std)
+    nan = math.nan
+    return FoundRow(joint, nan, nan, nan, nan)
+
+
+@dataclass(frozen=True)
+class WornRow:
+    """Axes whose friction rises in the plant.
+
+    Attributes:
+        worn: Which, with hours of their motion until the alarm; NaN if there was none.
+        named: All axes with an alarm of a rise.
+    """
+
+    worn: dict[int, float]
+    named: tuple[int, ...]
+
+
+def worn_in_plant(
+    profile: PlantProfile,
+    seed: int,
+    days: int,
+    joints: tuple[int, ...],
+    rise: Callable[[float], float],
+    begin: float = 48.0,
+) -> WornRow:
+    """Let axes of the plant itself wear, with the heat that this makes.
+
+    Args:
+        profile: The plant.
+        seed: Of work, payloads, weather and sensors.
+        days: How many.
+        joints: Which axes wear.
+        rise: Of their friction, by hours of motion since the beginning. [-]
+        begin: Hours of motion without wear. [h]
+
+    Returns:
+        What was found.
+    """
+
+    def wear(hours: Float) -> Float:
+        worn = np.ones(profile.n_joints)
+        for joint in joints:
+            passed = float(hours[joint]) - begin
+            worn[joint] += rise(passed) if passed > 0 else 0.0
+        return worn
+
+    found: dict[int, float] = dict.fromkeys(joints, math.nan)
+    named: list[int] = []
+    records = records_of(WearRows(profile, seed).days(days, wear), profile.n_joints)
+    for joint, own in enumerate(records):
+        test = DriftTest()
+        for record in own:
+            if test.step(record) and not test.drift.fell:
+                named.append(joint)
+                if joint in found:
+                    found[joint] = record.hours - begin
+                break
+    return WornRow(found, tuple(named))
+
+
+def meter_only(
+    profile: PlantProfile,
+    seed: int,
+    days: int,
+    joint: int | None = None,
+    rise: float = 0.15,
+    begin: float = 96.0,
+) -> tuple[float, ...]:
+    """Watch a plant by its power meter alone; one axis may wear at once, in the plant itself.
+
+    Args:
+        profile: The plant.
+        seed: Of work, payloads, weather and sensors.
+        days: How many.
+        joint: The axis that wears; None for none.
+        rise: Of its friction. [-]
+        begin: When it begins. [h]
+
+    Returns:
+        When friction of the robot was said to have risen, since the wear began, or since the start
+        without wear. [h]
+    """
+    monitor = WearMonitor([str(number) for number in range(profile.n_joints)])
+
+    whole = np.ones(profile.n_joints)
+    worn = whole if joint is None else whole + rise * (np.arange(profile.n_joints) == joint)
+    begun = 0.0 if joint is None else begin
+    done = 0.0
+
+    def wear(_: Float) -> Float:
+        return whole if done < begun else worn
+
+    found: list[float] = []
+    rows = WearRows(profile, seed, METER_PART)
+    for day in rows.meter_days(days, wear):
+        done += DAY
+        for row in day:
+            known = len(monitor.robot.changes)
+            monitor.step_meter(*row)
+            if len(monitor.robot.changes) > known and not monitor.robot.drift.fell:
+                found.append((row.stamp_ns - START_NS) / HOUR_NS - begun)
+    return tuple(found)

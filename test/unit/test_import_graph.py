@@ -24,7 +24,7 @@ MODULES = {
     "robot_energy.accounting": """
         account account_record averaging band_calibration comparison energy_curve event_log
         exact_sum integration job_intervals meter_checks plain_text prediction_errors record
-        record_repair registers settings shaft_comparison
+        record_repair registers sample_counts settings shaft_comparison
     """,
     "robot_energy.advice": """
         claims dataset_evidence evidence run speeds
@@ -48,11 +48,11 @@ MODULES = {
         identify_all identify_cabinet identify_drives identify_dynamics identify_excitation
         identify_friction identify_inputs identify_thermal import_logs info kinds layouts main
         models monitoring numbers optimize page predict replay replay_options report robots schema
-        simulate stopping terminal test
+        simulate stopping terminal test tool_options
     """,
     "robot_energy.condition": """
-        buckets drift_test joint_friction learner meter_fit meter_records meter_windows record
-        thermal_observer wear wear_records
+        baseline buckets drift_test joint_friction learner meter_fit meter_records meter_windows
+        record thermal_observer wear wear_records
     """,
     "robot_energy.files": """
         first_bytes output_files output_folder output_streams placement regular_file
@@ -86,7 +86,7 @@ MODULES = {
         friction laws samples shape temperature_study
     """,
     "robot_energy.identify.stats": """
-        autocorrelation cross_validation held_out_energy lag regression systematic threads
+        autocorrelation bag_folds cross_validation held_out_energy lag regression systematic threads
     """,
     "robot_energy.identify.thermal": """
         network windows
@@ -108,7 +108,7 @@ MODULES = {
         foxglove plotjuggler plots rqt viewers
     """,
     "robot_energy.logs": """
-        columns diadem mapped_log mapping recording rows table ur_rtde
+        columns diadem log_import mapped_log mapping recording rows table ur_rtde
     """,
     "robot_energy.messages": """
         friction interval model_messages payload power registers torque
@@ -117,14 +117,14 @@ MODULES = {
         drive_models figure friction_laws joint load open_schema payload reference schema thermal
     """,
     "robot_energy.motion": """
-        fourier gcode gcode_words inverse_kinematics joint_trajectory load_motion planar planned ptp
-        ptp_file ptp_loop sequence slicing tool_corners tool_motion tool_path tool_timing
-        trajectory_io
+        fourier gcode gcode_feed gcode_words inverse_kinematics joint_trajectory load_motion planar
+        planned ptp ptp_file ptp_loop sequence slicing tool_corners tool_motion tool_path
+        tool_timing trajectory_io
     """,
     "robot_energy.optimization": """
-        candidates chain comparison deviation_sums deviations forms levelling order path_power place
-        plan ptp_form recorded_motion rest_states run search task time_law timed_form timed_moves
-        trajectory_form written_trajectory
+        candidates chain comparison deviation_sums deviations forms gcode_form levelling order
+        path_power place plan ptp_form recorded_motion rest_states run search task time_law
+        timed_form timed_moves trajectory_form written_trajectory
     """,
     "robot_energy.optimization.measures": """
         move_overrides one_override order place regenerative rest_pose rest_state slack table
@@ -178,9 +178,11 @@ MODULES = {
     "robot_energy_papers": """
         accuracy advice_study band_coverage calibration certainty certainty_numbers certainty_page
         drawings drawn_plants drive_study effects experiment fleet_study generated_fleet held_out
-        interval_coverage job_pool learning_study machines mantis models more_recordings pages
+        interval_coverage job_pool kr16_sensitivity learning_study machines mantis map_sensitivity
+        models more_recordings pages
         paper_a paper_a_numbers paper_a_page paper_b paper_b_numbers paper_b_page savings
-        savings_numbers savings_page savings_study soaked_rigs thermal_study wall wear_study
+        savings_numbers savings_page savings_study sensitivity soaked_rigs thermal_study wall
+        wall_sensitivity wear_rows wear_study
     """,
     "robot_energy_papers.cli": """
         reproduce study_folder

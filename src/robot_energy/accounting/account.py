@@ -9,8 +9,7 @@ from __future__ import annotations
 
 from collections import Counter, deque
 from collections.abc import Callable
-from dataclasses import replace
-from typing import Any
+from copy import copy
 
 import numpy as np
 
@@ -19,7 +18,7 @@ from robot_energy.accounting.averaging import Averager, MeanBlock
 from robot_energy.accounting.band_calibration import BandCalibration
 from robot_energy.accounting.comparison import Comparison
 from robot_energy.accounting.event_log import EventLog
-from robot_energy.accounting.exact_sum import ExactSum, add_saturating
+from robot_energy.accounting.exact_sum import ExactSum, SumMark
 from robot_energy.accounting.job_intervals import JobIntervals
 from robot_energy.accounting.meter_checks import MeterDiagnostics
 from robot_energy.accounting.plain_text import MAX_REASON, plain
@@ -31,16 +30,15 @@ from robot_energy.accounting.record import (
     TraceEntry,
 )
 from robot_energy.accounting.registers import CABINET_REGISTERS, Registers
+from robot_energy.accounting.sample_counts import CountMark, SampleCounts, greatest
 from robot_energy.accounting.settings import AccountSettings
 from robot_energy.accounting.shaft_comparison import ShaftEnergySums
 from robot_energy.blocks import (
-    Float,
     Int,
     MeterBlock,
     MeterLocation,
     Phase,
     PowerBlock,
-    Quality,
     SupplyBlock,
 )
 from robot_energy.errors import RegisterError
@@ -48,9 +46,7 @@ from robot_energy.timeline.coverage import Coverage
 from robot_energy.timeline.pieces import Compared
 from robot_energy.timeline.stamps import MAX_STAMP_NS, MIN_STAMP_NS
 from robot_energy.uncertainty.band import EnergyBand
-from robot_energy.units import MAX_COUNTER
 
-BITS = tuple(int(bit) for bit in Quality)
 REPEATED_NS = 1_000_000_000  # after a restart, stamps up to this old were counted before it
 
 
@@ -66,13 +62,8 @@ class EnergyAccount:
         comparison: Predicted and measured energy.
         shaft: Predicted and measured shaft energy of each joint.
         judgement: The residual of the newest minute, and what is wrong with the meter.
-        peak_power: Highest predicted grid power, NaN before the first sample. [W]
-        quality: How many samples carried each quality bit.
-        samples: Number of power samples taken.
         repeated: Samples left out after a restart because their time was counted before it.
-        phase_energy_sum: Energy drawn from the grid by phase, exact.
-        phase_ns: Observed time by phase, shape (phases,). [ns]
-        learned_energy_sum: Drawn from the grid as predicted with learned figures, exact.
+        counts: Samples, by quality and phase, and the greatest power.
         intervals: Energy of jobs and cycles.
         calibration: How wide the bands of predicted power and energy must be.
         trace: Resets, restarts, changes of the model.
@@ -99,12 +90,7 @@ class EnergyAccount:
             wraps_at=self._settings.meter_wraps_at,
         )
         self.shaft = ShaftEnergySums(self._n_joints)
-        self.peak_power = float("nan")
-        self.quality: Counter[int] = Counter()
-        self.samples = 0
-        self.phase_energy_sum = ExactSum(len(Phase))
-        self.phase_ns: Int = np.zeros(len(Phase), dtype=np.int64)
-        self.learned_energy_sum = ExactSum(1)
+        self.counts = SampleCounts()
         self.intervals = JobIntervals()
         self.calibration = BandCalibration()
         self.trace = EventLog()
@@ -143,34 +129,27 @@ class EnergyAccount:
             self.on_compared(compared)
         return means
 
-    def _counters(self) -> tuple[list[Int], Coverage, dict[str, Any]]:
+    def _counters(self) -> tuple[list[SumMark], CountMark, Int, Coverage, int]:
         """All counters as they stand."""
         return (
-            [each.copy() for each in self._arrays()],
-            replace(self.registers.time),
-            {
-                "samples": self.samples,
-                "peak_power": self.peak_power,
-                "quality": self.quality.copy(),
-                "_compared_ns": self.comparison.compared_ns,
-            },
+            [each.mark() for each in (self.registers, self.shaft, self.comparison)],
+            self.counts.mark(),
+            self.shaft.compared_ns.copy(),
+            copy(self.registers.time),
+            self.comparison.compared_ns,
         )
 
-    def _take_back(self, arrays: list[Int], time: Coverage, values: dict[str, Any]) -> None:
+    def _take_back(
+        self, sums: list[SumMark], counts: CountMark, shaft_ns: Int, time: Coverage, meter_ns: int
+    ) -> None:
         """Go back to what `_counters` gave; the time until the next sample is a gap."""
-        for each, earlier in zip(self._arrays(), arrays, strict=True):
-            each[:] = earlier
+        for each, mark in zip((self.registers, self.shaft, self.comparison), sums, strict=True):
+            each.go_back(mark)
+        self.counts.go_back(counts)
+        self.shaft.compared_ns = shaft_ns
         self.registers.set_time(time)
-        self.comparison.compared_ns = values.pop("_compared_ns")
-        self.__dict__.update(values)
+        self.comparison.compared_ns = meter_ns
         self.interrupt()
-
-    def _arrays(self) -> list[Int]:
-        """The counters that are arrays."""
-        energies = (self.phase_energy_sum, self.learned_energy_sum)
-        sums = (self.registers, self.shaft, self.comparison, *energies)
-        pairs = [array for each in sums for array in (each.microjoule, each.remainder)]
-        return [*pairs, self.shaft.compared_ns, self.phase_ns]
 
     def _counted(self, block: PowerBlock) -> tuple[MeanBlock | None, Compared | None]:
         """Count a block; return the means and what was compared, None if all was counted before."""
@@ -183,11 +162,10 @@ class EnergyAccount:
         shaft = self.shaft.step(block, intervals)
         compared = self._compare(block)
         self.judgement.step(compared)
-        self._count(
-            block,
-            intervals.energy[:, CABINET_REGISTERS.index("grid_import")],
-            intervals.duration_ns,
-        )
+        imported = intervals.energy[:, CABINET_REGISTERS.index("grid_import")]
+        self.counts.count(block, imported, intervals.duration_ns)
+        if self.intervals.any_open:
+            self.intervals.step(greatest(block.grid_power))
         means = None
         if self._averager is not None:
             means = self._averager.step(block, intervals, shaft, compared)
@@ -208,6 +186,36 @@ class EnergyAccount:
         supply = SupplyBlock.concatenate([*self._unplaced, block.supply])
         self._unplaced.clear()
         return self.comparison.predict(supply.stamp_ns, supply.segment, supply.power_at(location))
+
+    @property
+    def samples(self) -> int:
+        """Number of power samples taken."""
+        return self.counts.samples
+
+    @property
+    def quality(self) -> Counter[int]:
+        """How many samples carried each quality bit, not to be written to."""
+        return self.counts.quality
+
+    @property
+    def peak_power(self) -> float:
+        """Highest predicted grid power, NaN before the first sample. [W]"""
+        return self.counts.peak_power
+
+    @property
+    def phase_energy_sum(self) -> ExactSum:
+        """Energy drawn from the grid by phase, exact."""
+        return self.counts.phase_energy_sum
+
+    @property
+    def phase_ns(self) -> Int:
+        """Observed time by phase, shape (phases,), not to be written to. [ns]"""
+        return self.counts.phase_ns
+
+    @property
+    def learned_energy_sum(self) -> ExactSum:
+        """Drawn from the grid as predicted with learned figures, exact."""
+        return self.counts.learned_energy_sum
 
     @property
     def start_ns(self) -> int | None:
@@ -290,12 +298,7 @@ class EnergyAccount:
         self.registers.reset()
         self.shaft.reset()
         self.comparison.reset()
-        self.phase_energy_sum.reset()
-        self.learned_energy_sum.reset()
-        self.phase_ns[:] = 0
-        self.peak_power = float("nan")
-        self.quality.clear()
-        self.samples = 0
+        self.counts.reset()
 
     def open_interval(self, name: str) -> EnergyInterval:
         """Begin a job interval at the newest counted sample.
@@ -371,27 +374,6 @@ class EnergyAccount:
             phase: What the robot did.
         """
         return float(self.phase_ns[phase]) * 1e-9
-
-    def _count(self, block: PowerBlock, energy: Float, duration_ns: Int) -> None:
-        self.samples = min(self.samples + len(block), MAX_COUNTER)
-        met = int(np.bitwise_or.reduce(block.quality))
-        for bit in BITS if met else ():
-            if met & bit:
-                self.quality[bit] += int(((block.quality & np.uint32(bit)) > 0).sum())
-        split = np.zeros((len(block), len(Phase)), order="F")
-        rows = np.arange(len(block))
-        split[rows, block.phase] = energy
-        self.phase_energy_sum.add(split)
-        if met & Quality.LEARNED:
-            learned = block.quality & np.uint32(Quality.LEARNED) > 0
-            self.learned_energy_sum.add(np.where(learned, energy, 0.0)[:, None])
-        durations = np.bincount(block.phase, weights=duration_ns, minlength=len(Phase))
-        add_saturating(self.phase_ns, durations.astype(np.int64))
-        finite = block.grid_power[np.isfinite(block.grid_power)]
-        if len(finite):
-            peak = float(finite.max())
-            self.peak_power = float(np.fmax(self.peak_power, peak))
-            self.intervals.step(peak)
 
 
 def _in_range(stamp_ns: int | None) -> int | None:

@@ -139,19 +139,16 @@ def carry_into(account: EnergyAccount, record: AccountRecord) -> None:
     account.learned_energy_sum.add_sums(
         _integers(record.learned_energy_microjoule), _integers(rest.learned)
     )
-    add_saturating(
-        account.phase_ns, _integers(*(record.phase_observed_ns.get(name, 0) for name in names))
-    )
     account.intervals.restore(
         record.open_intervals, record.closed_intervals, record.next_interval_id
     )
     account.intervals.step(account.peak_power)
-    stored = np.nan if record.peak_power_watt is None else record.peak_power_watt
-    account.peak_power = float(np.fmax(account.peak_power, stored))
-    account.samples = saturated(account.samples + record.samples)
-    for bit in Quality:
-        account.quality[int(bit)] += record.quality_counts.get(str(bit.name), 0)
-    account.quality += type(account.quality)()  # drop what is zero
+    account.counts.add(
+        record.samples,
+        np.nan if record.peak_power_watt is None else record.peak_power_watt,
+        {int(bit): record.quality_counts.get(str(bit.name), 0) for bit in Quality},
+        _integers(*(record.phase_observed_ns.get(name, 0) for name in names)),
+    )
     account.restarts += record.restarts
     if record.calibration is not None:
         account.calibration.restore(record.calibration)

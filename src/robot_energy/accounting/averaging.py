@@ -101,32 +101,52 @@ class MeanBlock(Block):
         return self.joints[:, JOINT_REGISTERS.index(name)]
 
 
-@dataclass(frozen=True)
-class _Ends(Block):
-    """What is shown of the last samples of periods, as in `PowerBlock`."""
-
-    motor_velocity: Float
-    motor_torque: Float
-    motor_torque_measured: Float
-    coulomb: Float
-    viscous: Float
-    motor_temperature_degc: Float
-    payload_mass: Float
-
-
-SHOWN = tuple(_Ends.__annotations__)
+SHOWN = (
+    "motor_velocity", "motor_torque", "motor_torque_measured", "coulomb", "viscous",
+    "motor_temperature_degc",
+)  # fmt: skip
+_TIMES, _SEEN = slice(1, 1 + len(Phase)), slice(1 + len(Phase), None)  # in `_Pieces.counted`
 
 
 @dataclass(frozen=True)
-class _Open:
-    """The period that has not ended yet."""
+class _Pieces:
+    """Parts of periods, one row each.
 
-    end: _Ends  # its last sample so far
+    Attributes:
+        stamp_ns: Last sample, shape (W,). [ns]
+        shown: At that sample, what ``SHOWN`` names and the payload, shape (W, 6 n + 1).
+        energy: In the order of the registers, then measured at the shafts, shape (W, R + n). [J]
+        quality: All bits met, shape (W,).
+        counted: Time integrated, time of each phase and the number of the last sample in each
+            phase, -1 for none, shape (W, 1 + 2 phases). [ns] and [-]
+    """
+
+    stamp_ns: Int
+    shown: Float
     energy: Float
-    duration_ns: np.int64
-    quality: np.uint32
-    held_ns: Int  # of each phase, shape (1, phases)
-    seen: Int  # number of the last sample in each phase, -1 for none, shape (1, phases)
+    quality: Bits
+    counted: Int
+
+    def __getitem__(self, rows: slice) -> _Pieces:
+        return _Pieces(*(each[rows] for each in self.__dict__.values()))
+
+    def go_on(self, carried: _Pieces, lead: int) -> None:
+        """Put the open period before these pieces.
+
+        Args:
+            carried: One row.
+            lead: 1 where it has ended, and the first row is kept free for it; 0 where the first
+                piece goes on with it.
+        """
+        if lead:
+            for each, before in zip(self.__dict__.values(), carried.__dict__.values(), strict=True):
+                each[0] = before[0]
+            return
+        self.energy[0] += carried.energy[0]
+        self.quality[0] |= carried.quality[0]
+        seen = np.maximum(self.counted[0, _SEEN], carried.counted[0, _SEEN])
+        self.counted[0] += carried.counted[0]
+        self.counted[0, _SEEN] = seen
 
 
 class Averager:
@@ -138,7 +158,7 @@ class Averager:
 
     def __init__(self, period: float) -> None:
         self._period_ns = round(period / NANOSECOND)
-        self._open: _Open | None = None
+        self._open: _Pieces | None = None  # the period that has not ended, one row
         self._closed_ns: int | None = None  # stamp at which the last period ended
         self._compared: list[Compared] = []
         self._shown = (np.nan, np.nan, np.nan)  # measured, predicted, coverage
@@ -162,51 +182,54 @@ class Averager:
         Returns:
             One row per ended period, or None.
         """
-        self._compared.append(compared)
+        if len(compared):
+            self._compared.append(compared)
         number = block.stamp_ns // self._period_ns
         carried = self._open
-        previous = number[0] if carried is None else carried.end.stamp_ns[0] // self._period_ns
+        previous = number[0] if carried is None else carried.stamp_ns[0] // self._period_ns
         starts = differences(number, int(previous)).nonzero()[0]
-        bounds = starts if len(starts) and starts[0] == 0 else np.concatenate([[0], starts])
+        lead = int(len(starts) > 0 and starts[0] == 0)
+        pieces = self._cut(
+            block, intervals, shaft, starts if lead else np.concatenate([[0], starts]), lead
+        )
+        if carried is not None:
+            pieces.go_on(carried, lead)
+        self._open = pieces[-1:]
+        return self._close(pieces[:-1]) if len(pieces.stamp_ns) > 1 else None
+
+    def _cut(
+        self, block: PowerBlock, intervals: SampleIntervals, shaft: Float | None, bounds: Int,
+        lead: int,
+    ) -> _Pieces:  # fmt: skip
+        """Sum up the pieces that begin at rows, after so many free rows."""
+        size, n_joints = lead + len(bounds), block.rigid_power.shape[1]
+        width = intervals.energy.shape[1]
+        pieces = _Pieces(
+            np.empty(size, dtype=np.int64),
+            np.empty((size, len(SHOWN) * n_joints + 1)),
+            np.empty((size, width + n_joints)),
+            np.empty(size, dtype=np.uint32),
+            np.empty((size, 1 + 2 * len(Phase)), dtype=np.int64),
+        )
+        last = np.empty_like(bounds)
+        last[:-1], last[-1] = bounds[1:] - 1, len(block) - 1
+        pieces.stamp_ns[lead:] = block.stamp_ns[last]
+        for index, name in enumerate(SHOWN):
+            columns = slice(index * n_joints, (index + 1) * n_joints)
+            pieces.shown[lead:, columns] = block.__dict__[name].T.take(last, axis=1).T
+        pieces.shown[lead:, -1] = block.payload_mass[last]
         duration_ns = np.add.reduceat(intervals.duration_ns, bounds)
-        if shaft is None:
-            unknown = np.where(duration_ns > 0, np.nan, 0.0)[:, None]
-            measured = np.repeat(unknown, block.rigid_power.shape[1], axis=1)
-        else:
-            measured = np.add.reduceat(shaft, bounds, axis=0)
-        energy = np.concatenate(
-            [np.add.reduceat(intervals.energy, bounds, axis=0), measured], axis=1
+        pieces.energy[lead:, :width] = np.add.reduceat(intervals.energy, bounds, axis=0)
+        pieces.energy[lead:, width:] = (
+            np.where(duration_ns > 0, np.nan, 0.0)[:, None]
+            if shaft is None
+            else np.add.reduceat(shaft, bounds, axis=0)
         )
-        quality = np.bitwise_or.reduceat(block.quality, bounds)
-        held_ns, seen = self._phases(block, intervals.duration_ns, bounds)
-        last = np.append(bounds[1:], len(block)) - 1
-        shown = [getattr(block, name).T.take(last, axis=-1).T for name in SHOWN]
-        ends = _Ends(block.stamp_ns[last], *shown)
-        if carried is not None and len(starts) and starts[0] == 0:
-            energy = np.concatenate([carried.energy[None, :], energy])
-            duration_ns = np.append(carried.duration_ns, duration_ns)
-            quality = np.append(carried.quality, quality)
-            held_ns = np.concatenate([carried.held_ns, held_ns])
-            seen = np.concatenate([carried.seen, seen])
-            ends = _Ends.concatenate([carried.end, ends])
-        elif carried is not None:
-            energy[0] += carried.energy
-            duration_ns[0] += carried.duration_ns
-            quality[0] |= carried.quality
-            held_ns[0] += carried.held_ns[0]
-            seen[0] = np.maximum(seen[0], carried.seen[0])
-        self._open = _Open(
-            ends[slice(-1, None)],
-            energy[-1],
-            duration_ns[-1],
-            np.uint32(quality[-1]),
-            held_ns[-1:],
-            seen[-1:],
-        )
-        if len(ends) == 1:
-            return None
-        phase = _longest(held_ns[:-1], seen[:-1])
-        return self._close(ends[slice(0, -1)], energy[:-1], duration_ns[:-1], quality[:-1], phase)
+        pieces.quality[lead:] = np.bitwise_or.reduceat(block.quality, bounds)
+        counted = pieces.counted[lead:]
+        counted[:, 0] = duration_ns
+        counted[:, _TIMES], counted[:, _SEEN] = self._phases(block, intervals.duration_ns, bounds)
+        return pieces
 
     def _phases(self, block: PowerBlock, duration_ns: Int, bounds: Int) -> tuple[Int, Int]:
         """How long each phase held in each piece, and its last sample; shape (pieces, phases).
@@ -235,56 +258,41 @@ class Averager:
     def flush(self) -> MeanBlock | None:
         """Return the period that is still open."""
         carried, self._open = self._open, None
-        if carried is None or not carried.duration_ns:
-            return None
-        return self._close(
-            carried.end,
-            carried.energy[None, :],
-            np.array([carried.duration_ns]),
-            np.array([carried.quality]),
-            _longest(carried.held_ns, carried.seen),
-        )
+        return None if carried is None or not carried.counted[0, 0] else self._close(carried)
 
-    def _close(
-        self, last: _Ends, energy: Float, duration_ns: Int, quality: Bits, phase: Int
-    ) -> MeanBlock:
-        stamp = last.stamp_ns
-        before = np.concatenate(
-            [
-                [stamp[0] - duration_ns[0] if self._closed_ns is None else self._closed_ns],
-                stamp[:-1],
-            ]
-        )
+    def _close(self, ended: _Pieces) -> MeanBlock:
+        stamp, energy, duration_ns = ended.stamp_ns, ended.energy, ended.counted[:, 0]
+        before = np.empty_like(stamp)
+        before[0] = stamp[0] - duration_ns[0] if self._closed_ns is None else self._closed_ns
+        before[1:] = stamp[:-1]
         self._closed_ns = int(stamp[-1])
         duration = duration_ns * NANOSECOND
         with np.errstate(divide="ignore", invalid="ignore"):
             power = energy / duration[:, None]
             power[duration == 0] = np.nan
-            coverage = np.clip(duration / ((stamp - before) * NANOSECOND), 0.0, 1.0)
-        n_joints = last.motor_velocity.shape[1]
+            share = duration / ((stamp - before) * NANOSECOND)
+        n_joints = ended.shown.shape[1] // len(SHOWN)
         split = len(CABINET_REGISTERS)
         end = split + len(JOINT_REGISTERS) * n_joints
         deviation = power[:, end:-n_joints]
         measured = self._show(stamp)
         return MeanBlock(
             stamp_ns=stamp,
-            quality=quality.astype(np.uint32),
-            phase=phase,
+            quality=ended.quality,
+            phase=_longest(ended.counted[:, _TIMES], ended.counted[:, _SEEN]),
             period=duration,
-            coverage=coverage,
+            coverage=np.minimum(np.maximum(share, 0.0), 1.0),
             cabinet=power[:, :split],
             joints=power[:, split:end].reshape(len(stamp), len(JOINT_REGISTERS), n_joints),
             deviation=deviation,
             band_half=Z90 * power_std(deviation),
             band=np.full(len(stamp), BandKind.PARAMETRIC),
             shaft_power_measured=power[:, -n_joints:],
-            motor_velocity=last.motor_velocity,
-            motor_torque=last.motor_torque,
-            motor_torque_measured=last.motor_torque_measured,
-            coulomb=last.coulomb,
-            viscous=last.viscous,
-            motor_temperature_degc=last.motor_temperature_degc,
-            payload_mass=last.payload_mass,
+            **{
+                name: ended.shown[:, index * n_joints : (index + 1) * n_joints]
+                for index, name in enumerate(SHOWN)
+            },
+            payload_mass=ended.shown[:, -1],
             measured_power=measured[:, 0],
             predicted_power_at_meter=measured[:, 1],
             comparison_coverage=measured[:, 2],
@@ -293,12 +301,14 @@ class Averager:
 
     def _show(self, stamp: Int) -> Float:
         """Measured and predicted power known at each stamp, shape (W, 4)."""
-        waiting = Compared.concatenate(self._compared)
+        rows = np.full((len(stamp), 4), np.nan)
+        if not self._compared and self._shown_ns is None:
+            return rows
+        waiting = Compared.concatenate(self._compared or [Compared.empty()])
         available = waiting.stamp_ns
         table = np.stack([waiting.measured, waiting.predicted, waiting.duration_ns], axis=1)
         total = np.concatenate([np.zeros((1, 3)), np.cumsum(table, axis=0)])
         upto = np.searchsorted(available, stamp, side="right")
-        rows = np.full((len(stamp), 4), np.nan)
         done = 0
         for index, (count, now) in enumerate(zip(upto.tolist(), stamp.tolist(), strict=True)):
             if count > done:
@@ -312,7 +322,7 @@ class Averager:
                 self._shown_ns, done = newest, count
             if self._shown_ns is not None and now - self._shown_ns <= self._hold_ns:
                 rows[index] = (*self._shown, (now - self._shown_ns) * NANOSECOND)
-        self._compared = [waiting[slice(done, None)]]
+        self._compared = [waiting[slice(done, None)]] if done < len(waiting) else []
         return rows
 
 

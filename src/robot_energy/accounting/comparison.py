@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from math import isfinite
 
 import numpy as np
 
@@ -258,13 +259,17 @@ class Comparison(ExactSum):
 
     def _extend(self, stamp_ns: Int, segment: Int, power: Float) -> None:
         last = self._last or (int(stamp_ns[0]), int(segment[0]), float(power[0]))
-        stamp = np.concatenate([[last[0]], stamp_ns])
-        part = np.concatenate([[last[1]], segment])
-        value = np.concatenate([[last[2]], power])
-        self._last = (int(stamp[-1]), int(part[-1]), float(value[-1]))
-        keep = (np.diff(part) == 0) & (np.diff(stamp) > 0)
-        keep &= np.isfinite(value[1:]) & np.isfinite(value[:-1])
-        pieces = CoveredPieces(stamp[:-1], stamp[1:], value[:-1], value[1:])[keep]
+        stamp, value = np.empty(len(power) + 1, dtype=np.int64), np.empty(len(power) + 1)
+        stamp[0], stamp[1:], value[0], value[1:] = last[0], stamp_ns, last[2], power
+        self._last = (int(stamp[-1]), int(segment[-1]), float(value[-1]))
+        keep = stamp[1:] > stamp[:-1]
+        keep[0] &= int(segment[0]) == last[1]
+        keep[1:] &= segment[1:] == segment[:-1]
+        if not isfinite(float(value.sum())):
+            keep &= np.isfinite(value[1:]) & np.isfinite(value[:-1])
+        pieces = CoveredPieces(stamp[:-1], stamp[1:], value[:-1], value[1:])
+        if not keep.all():
+            pieces = pieces[keep]
         epoch = self._epochs.setdefault(self._predicted_epoch, _Epoch())
         epoch.predicted = epoch.predicted.join(pieces)
 
@@ -279,33 +284,33 @@ class Comparison(ExactSum):
             if until > start:
                 result = self._integrate(predicted, measured, start, until)
                 epoch.done_ns = until
-                epoch.measured = measured[measured.end_ns > until]
-                epoch.predicted = predicted = predicted[predicted.end_ns > until]
+                epoch.measured = measured.after(until)
+                epoch.predicted = predicted = predicted.after(until)
         if len(predicted):
             oldest = predicted.end_ns[-1] - self._patience_ns
             if predicted.end_ns[0] < oldest:
-                epoch.predicted = predicted[predicted.end_ns >= oldest]
+                epoch.predicted = predicted.after(int(oldest) - 1)
         return result
 
     def _integrate(
         self, predicted: CoveredPieces, measured: CoveredPieces, start: int, until: int
     ) -> Compared:
         edges = np.concatenate([predicted.edges, measured.edges, [start, until]])
-        edges = np.sort(edges[(edges >= start) & (edges <= until)], kind="stable")
+        np.maximum(edges, start, out=edges)
+        np.minimum(edges, until, out=edges)
+        edges.sort(kind="stable")
         edges = edges[differences(edges, start - 1) > 0]
-        low, high = edges[:-1], edges[1:]
-        row_p, in_p = predicted.index(low, high)
-        row_m, in_m = measured.index(low, high)
+        bounds = np.stack([edges[:-1], edges[1:]])
+        row_p, in_p = predicted.index(*bounds)
+        row_m, in_m = measured.index(*bounds)
         both = in_p & in_m
-        low, high, row_p, row_m = low[both], high[both], row_p[both], row_m[both]
-        half = 0.5 * NANOSECOND * (high - low)
-        energy = np.stack(
-            [
-                (measured.value(row_m, low) + measured.value(row_m, high)) * half,
-                (predicted.value(row_p, low) + predicted.value(row_p, high)) * half,
-            ],
-            axis=1,
-        )
+        if not both.all():
+            bounds, row_p, row_m = bounds[:, both], row_p[both], row_m[both]
+        duration_ns = bounds[1] - bounds[0]
+        energy = np.empty((len(duration_ns), 2))
+        for column, (pieces, row) in enumerate(((measured, row_m), (predicted, row_p))):
+            low, high = pieces.value(row, bounds)
+            energy[:, column] = (low + high) * (0.5 * NANOSECOND * duration_ns)
         self.add(energy)
-        self.compared_ns += int((high - low).sum())
-        return Compared(measured.end_ns[row_m], high - low, energy[:, 0], energy[:, 1])
+        self.compared_ns += int(duration_ns.sum())
+        return Compared(measured.end_ns[row_m], duration_ns, energy[:, 0], energy[:, 1])

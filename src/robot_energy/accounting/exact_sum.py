@@ -17,8 +17,12 @@ REMAINDER_BITS = 40  # the remainder counts units of 2^-40 microjoule
 REMAINDER_MASK = (1 << REMAINDER_BITS) - 1
 BLOCK = 1 << 12  # rows whose sums, of 2 MJ each, are exact in a float
 NEAR_FULL = MAX_COUNTER - (1 << 60)  # beyond, rows are added one by one [uJ]
+SETTLED = 512  # rows that wait to be added together: few calls for each of many short blocks
 ROUND_WHOLE = 1.5 * 2.0**52  # adding and subtracting this rounds to an integer,
 ROUND_REMAINDER = 1.5 * 2.0 ** (52 - REMAINDER_BITS)  # and this to the remainder's unit
+
+SumMark = tuple[Int, Int, tuple[Float, ...], int]
+"""Where sums stand: microjoules, remainders, energies that wait and their rows."""
 
 
 def add_saturating(total: Int, more: Int) -> None:
@@ -39,42 +43,70 @@ class ExactSum:
 
     Args:
         size: How many registers.
-
-    Attributes:
-        microjoule: Whole microjoules, shape (size,). [uJ]
-        remainder: What is left, 0 to 2^40 - 1, shape (size,). [2^-40 uJ]
     """
 
     def __init__(self, size: int) -> None:
-        self.microjoule: Int = np.zeros(size, dtype=np.int64)
-        self.remainder: Int = np.zeros(size, dtype=np.int64)
+        self._microjoule: Int = np.zeros(size, dtype=np.int64)  # replaced, never changed
+        self._remainder: Int = np.zeros(size, dtype=np.int64)
+        self._waiting: tuple[Float, ...] = ()  # energies that are not added yet
+        self._rows = 0  # of them
         self._scratch: Float = np.empty((2, 0))
+
+    @property
+    def microjoule(self) -> Int:
+        """Whole microjoules, shape (size,), not to be written to. [uJ]"""
+        self._settle()
+        return self._microjoule
+
+    @property
+    def remainder(self) -> Int:
+        """What is left, 0 to 2^40 - 1, shape (size,), not to be written to. [2^-40 uJ]"""
+        self._settle()
+        return self._remainder
+
+    def mark(self) -> SumMark:
+        """Return where the sums stand, for `go_back`."""
+        return self._microjoule, self._remainder, self._waiting, self._rows
+
+    def go_back(self, mark: SumMark) -> None:
+        """Drop what was added since.
+
+        Args:
+            mark: From `mark`.
+        """
+        self._microjoule, self._remainder, self._waiting, self._rows = mark
 
     def add(self, energy: Float) -> None:
         """Add the energies of intervals.
 
         Whole microjoules and remainders are rounded to multiples of their units, whose
-        sums are exact in floats as well, whatever the order.
+        sums are exact in floats as well, whatever the order. So a few rows may wait for others.
 
         Args:
-            energy: Finite, below 2 MJ each, shape (N, size). [J]
+            energy: Finite, below 2 MJ each, not written to afterwards, shape (N, size). [J]
         """
+        self._waiting = (*self._waiting, energy)
+        self._rows += len(energy)
+        if self._rows >= SETTLED:
+            self._settle()
+
+    def _settle(self) -> None:
+        """Add what waits."""
+        if not self._waiting:
+            return
+        waiting, self._waiting, self._rows = self._waiting, (), 0
+        energy = waiting[0] if len(waiting) == 1 else np.concatenate(waiting)
         start = 0
         while start < len(energy):
-            full = bool((np.abs(self.microjoule) > NEAR_FULL).any())
+            full = bool((np.abs(self._microjoule) > NEAR_FULL).any())
             part = energy[start : start + (1 if full else BLOCK)]  # cutting makes no difference
             start += len(part)
-            more = np.empty_like(self.microjoule)
+            more, remainder = np.empty_like(self._microjoule), self._remainder.copy()
             size = max(1, CACHED // len(part))
             for first in range(0, len(more), size):
                 columns = slice(first, first + size)
-                more[columns] = self._whole(part[:, columns].T, self.remainder[columns])
-            if full:
-                add_saturating(self.microjoule, more)
-                self._carry()
-            else:  # far from where a counter is full
-                self.microjoule += more + (self.remainder >> REMAINDER_BITS)
-                self.remainder &= REMAINDER_MASK
+                more[columns] = self._whole(part[:, columns].T, remainder[columns])
+            self._carry(more, remainder, full)
 
     def _whole(self, energy: Float, remainder: Int) -> Int:
         """Add the remainders of energies, shape (R, N), in place; return the whole parts. [uJ]"""
@@ -98,17 +130,28 @@ class ExactSum:
             microjoule: Whole microjoules of each sum, shape (size,). [uJ]
             remainder: What each holds beyond them, shape (size,). [2^-40 uJ]
         """
-        add_saturating(self.microjoule, microjoule)
-        self.remainder += remainder
-        self._carry()
+        self._carry(microjoule, self.remainder + remainder, True)
 
     def reset(self) -> None:
         """Begin at zero; the remainder stays, so that nothing is lost in between."""
-        self.microjoule[:] = 0
+        self._microjoule = np.zeros_like(self.microjoule)
 
-    def _carry(self) -> None:
-        add_saturating(self.microjoule, self.remainder >> REMAINDER_BITS)
-        self.remainder &= REMAINDER_MASK
+    def _carry(self, microjoule: Int, remainder: Int, full: bool) -> None:
+        """Add microjoules, and those that the remainders have grown to.
+
+        Args:
+            microjoule: To be added, shape (size,). [uJ]
+            remainder: In place of those before, any size, shape (size,). [2^-40 uJ]
+            full: Whether a counter may be near its end.
+        """
+        carried = remainder >> REMAINDER_BITS
+        if full:
+            total = self._microjoule.copy()
+            add_saturating(total, microjoule)
+            add_saturating(total, carried)
+        else:
+            total = self._microjoule + (microjoule + carried)
+        self._microjoule, self._remainder = total, remainder & REMAINDER_MASK
 
     @property
     def joule(self) -> Float:

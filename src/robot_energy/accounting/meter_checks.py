@@ -20,6 +20,7 @@ SUSTAINED_NS = 30 * SECOND_NS  # readings from the future for so long are a wron
 READINGS = 3  # that must have arrived meanwhile
 REFUSED_SHARE = 0.1  # of readings beyond the greatest power that is worth a sentence
 NANOJOULE = 1e9
+MAX_WAITING = 50  # steps whose sums are made together
 
 Sums = list[int]  # compared time [ns], measured energy [nJ], predicted energy [nJ]
 
@@ -36,7 +37,8 @@ class MeterDiagnostics:
     def __init__(self, unit: str = "") -> None:
         self._unit = unit
         self._seconds: deque[tuple[int, Sums]] = deque()
-        self._sum: Sums = [0, 0, 0]
+        self._total: Sums = [0, 0, 0]
+        self._waiting: list[Compared] = []
 
     def step(self, compared: Compared) -> None:
         """Take what became comparable.
@@ -44,8 +46,24 @@ class MeterDiagnostics:
         Args:
             compared: Intervals in the order in which the meter reported them.
         """
-        if not len(compared.duration_ns):
+        if not len(compared):
             return
+        self._waiting.append(compared)
+        if len(self._waiting) >= MAX_WAITING:
+            self._settle()
+
+    @property
+    def _sum(self) -> Sums:
+        """Over the newest minute."""
+        self._settle()
+        return self._total
+
+    def _settle(self) -> None:
+        """Count what waits; how it was cut makes no difference."""
+        if not self._waiting:
+            return
+        compared = Compared.concatenate(self._waiting)
+        self._waiting.clear()
         second = compared.available_ns // SECOND_NS
         starts = np.concatenate([[0], np.flatnonzero(np.diff(second)) + 1])
         table = np.stack(
@@ -64,15 +82,15 @@ class MeterDiagnostics:
         seconds = self._seconds
         if seconds and second < seconds[-1][0]:
             seconds.clear()  # the recording loops
-            self._sum = [0, 0, 0]
+            self._total = [0, 0, 0]
         if seconds and second == seconds[-1][0]:
             seconds[-1][1][:] = [a + b for a, b in zip(seconds[-1][1], sums, strict=True)]
         else:
             seconds.append((second, list(sums)))
-        self._sum = [a + b for a, b in zip(self._sum, sums, strict=True)]
+        self._total = [a + b for a, b in zip(self._total, sums, strict=True)]
         while seconds[0][0] <= second - WINDOW:
             _, old = seconds.popleft()
-            self._sum = [a - b for a, b in zip(self._sum, old, strict=True)]
+            self._total = [a - b for a, b in zip(self._total, old, strict=True)]
 
     @property
     def compared_time(self) -> float:

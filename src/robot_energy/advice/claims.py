@@ -245,7 +245,7 @@ def warm_up(evidence: RecordedEvidence, model: RobotModel, command: str = "") ->
     middle = 0.5 * (DEGC_BINS[1:] + DEGC_BINS[:-1])
     done = np.cumsum(evidence.motion_time, axis=1) / time[:, None]
     warm = middle[np.argmax(done >= WARM, axis=1)]
-    mean = (evidence.motion_time * middle).sum(axis=1) / time
+    mean: Float = (evidence.motion_time * middle).sum(axis=1) / time
     if float(np.max(warm - mean)) < MIN_WARMING:
         return None
     friction, certainty = FrictionModel.from_model(model), FrictionCertainty(model)
@@ -263,7 +263,7 @@ def warm_up(evidence: RecordedEvidence, model: RobotModel, command: str = "") ->
         float(joints.sum()) - lost,
         np.concatenate([own, [FORM_OF_WARMING * joints.sum(), FORM_OF_COPPER * lost]]),
         "predicted",
-        f"motors were at {float(np.mean(mean)):.0f} degC on average in motion and at {degc:.0f} "
+        f"motors were at {mean.mean():.0f} degC on average in motion and at {degc:.0f} "
         "degC once warm; the difference of friction, less what warm windings lose more; what "
         "warming up costs is not in it",
         f"start at {degc:.0f} degC: jobs without long breaks between them, a warmer place, and no "

@@ -305,7 +305,8 @@ def identify_all(
     )
     from robot_energy.identify.plausibility import check_signs
     from robot_energy.identify.run_all import identify_everything, with_provenance
-    from robot_energy.identify.stats.held_out_energy import folds_of, held_out_energy
+    from robot_energy.identify.stats.bag_folds import folds_of
+    from robot_energy.identify.stats.held_out_energy import held_out_energy
     from robot_energy.results.identification import identification_report
 
     given = model_of(model)

@@ -14,10 +14,11 @@ from robot_energy.bag.time_range import TimeRange
 from robot_energy.blocks import PLAUSIBLE_DEGC, Float
 from robot_energy.errors import MotionError
 from robot_energy.model import RobotModel
-from robot_energy.motion.load_motion import load_motion
+from robot_energy.motion.load_motion import ToolOptions, load_motion
 from robot_energy.motion.planned import MAX_DURATION
 from robot_energy.optimization.chain import PowerChain
 from robot_energy.optimization.forms import ProgramForm, read_form
+from robot_energy.optimization.gcode_form import GcodeForm
 from robot_energy.optimization.order import best_order
 from robot_energy.optimization.place import Placement, best_place
 from robot_energy.optimization.plan import Cost
@@ -58,7 +59,8 @@ class OptimizationResult:
         """Write the chosen program in the form of the one that was given.
 
         Args:
-            path: A YAML file; for a trajectory a .csv file, or a folder for a bag.
+            path: A YAML file; for G-code such a file; for a trajectory or a recording a .csv
+                file, or a folder for a bag.
 
         Raises:
             RobotEnergyError: If it cannot be written.
@@ -84,13 +86,15 @@ def optimize(
     start: float | None = None,
     end: float | None = None,
     free_rests: bool = False,
+    tool: ToolOptions | None = None,
+    max_feed: float = 1.0,
     progress: Callable[[float], None] | None = None,
 ) -> OptimizationResult:
     """Look for the speeds, pauses and states that cost least, and say how sure that is.
 
     Args:
-        program: YAML of point-to-point moves, a JointTrajectory as CSV or in a bag, or a bag of
-            recorded joint states.
+        program: YAML of point-to-point moves, G-code, a JointTrajectory as CSV or in a bag, or a
+            bag of recorded joint states.
         model: A model, its file, or the name of a shipped one.
         temperature: Of all motors, or the range in which they work; None: the reference
             temperature of the model. [degC]
@@ -112,6 +116,8 @@ def optimize(
         end: Of the same cycle, likewise. [s]
         free_rests: Whether the work needs none of the rests of the program: the cycle, as long as
             now unless ``cycle_time`` is given, may be filled with slower moves.
+        tool: What G-code does not state.
+        max_feed: Greatest factor on the feeds of G-code; 1: never faster than it states. [-]
         progress: Called with the share done, 0 to 1.
 
     Returns:
@@ -137,7 +143,7 @@ def optimize(
             "no cycle time was given for robots on one supply", "the cycle time that all have"
         )
     chain = PowerChain(used, _temperatures(temperature, used))
-    form = read_form(program, used, chain.robot, topic, TimeRange(start, end))
+    form = read_form(program, used, chain.robot, topic, TimeRange(start, end), tool, max_feed)
     if free_rests and cycle_time is None:
         cycle_time = float(form.moves.duration(form.base).sum() + form.needed.sum())
     states = (ASSUMED if standby else ()) if isinstance(standby, bool) else tuple(standby)
@@ -186,6 +192,10 @@ def optimize(
             changed = changed.moved(placed.joint_position, chain.robot)
             moved = task_of(changed)
         chosen, task = changed, replace(task, variants=variants)
+    if time_law and isinstance(form, GcodeForm):
+        raise MotionError(
+            f"'{program}' states no time laws", "moves or a trajectory", "leave time laws out"
+        )
     if time_law:
         limits = law_limits(chain, chosen.acceleration, chosen.jerk)
         laws = timed_moves(chain, chosen.moves, chosen.base, limits, progress=progress)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -157,6 +157,7 @@ def extended(
     return store
 
 
+@lru_cache(maxsize=64)  # the bags of a fleet carry the same ones
 def _parsed(msgtype: str, encoding: str, text: str) -> Typesdict:
     """Parse one definition; only names that can be names of messages and fields pass."""
     from rosbags.typesys import get_types_from_idl, get_types_from_msg

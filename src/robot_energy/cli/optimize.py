@@ -9,6 +9,7 @@ from typing import Any
 from robot_energy.cli.numbers import number
 from robot_energy.cli.replay_options import PART
 from robot_energy.cli.terminal import add_command, add_json, check_outputs, present, progress
+from robot_energy.cli.tool_options import add_tool, tool_options
 
 DESCRIPTION = """\
 Look for the speeds, accelerations, pauses and states at rest with which a program needs least
@@ -37,8 +38,8 @@ def add_parser(commands: Any) -> None:
     parser.add_argument(
         "program",
         metavar="PROGRAM|BAG",
-        help="YAML of point-to-point moves, a JointTrajectory as CSV or in a bag, or a bag of "
-        "recorded joint states",
+        help="YAML of point-to-point moves, G-code, a JointTrajectory as CSV or in a bag, or a bag "
+        "of recorded joint states",
     )
     parser.add_argument("--model", required=True, metavar="FILE|NAME", help="model of the robot")
     parser.add_argument(
@@ -91,9 +92,6 @@ def add_parser(commands: Any) -> None:
         "for point-to-point moves",
     )
     parser.add_argument(
-        "--tool", default="tool0", metavar="LINK", help="frame that holds the work (default tool0)"
-    )
-    parser.add_argument(
         "--free-rests",
         action="store_true",
         help="the work needs none of the rests of the program: moves may fill them (cycle time: as "
@@ -101,6 +99,15 @@ def add_parser(commands: Any) -> None:
     )
     parser.add_argument(
         "--topic", metavar="NAME", help="of the JointTrajectory, or of the joint states, in a bag"
+    )
+    tool = parser.add_argument_group("G-code; --tool also holds the work that --place shifts")
+    add_tool(tool)
+    tool.add_argument(
+        "--max-feed",
+        type=number,
+        default=1.0,
+        metavar="F",
+        help="greatest factor on all feeds (default 1: never faster than the program)",
     )
     part = parser.add_argument_group("part of recorded joint states: one cycle")
     for name, keywords in PART.items():
@@ -154,6 +161,8 @@ def run(args: Namespace) -> int:
             start=args.start,
             end=args.end,
             free_rests=args.free_rests,
+            tool=tool_options(args, args.base, args.start_position),
+            max_feed=args.max_feed,
             progress=show,
         )
     page = Document(

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from robot_energy.cli.numbers import number, whole
 from robot_energy.cli.terminal import add_command, add_json, check_outputs, present, progress
+from robot_energy.cli.tool_options import AT_ORIGIN, START, add_tool, tool_options
 
 if TYPE_CHECKING:
     from robot_energy.blocks import Float
@@ -22,11 +23,6 @@ MAX_RUNS = 100
 MIN_PROGRESS_SAMPLES = 200_000  # samples of a prediction that takes more than a moment
 MAX_SAMPLES_OPTION = 1_000_000_000
 PAYLOAD_LINK = "tool0"
-AT_ORIGIN = (
-    "--base was not given: the base of the robot was taken to stand at the origin of the program, "
-    "not turned"
-)
-
 DESCRIPTION = """\
 Predict the energy of motion programs before they are run, for one or several robots, at
 the motor temperatures that you give. A program is G-code, an STL shape to be printed, a YAML file
@@ -86,37 +82,7 @@ def add_parser(commands: Any) -> None:
     add_json(output)
     output.add_argument("--report", metavar="FILE", help="write one HTML file with everything")
     output.add_argument("--plot", metavar="FILE", help="draw energy and power: png, svg or pdf")
-    tool = parser.add_argument_group("G-code and shapes")
-    tool.add_argument(
-        "--base",
-        action="append",
-        metavar="X,Y,Z[,YAW]",
-        help="where the robot's base stands in the frame of the program [m], and its turn about "
-        "the vertical axis [deg]; once for all robots, or once per model",
-    )
-    tool.add_argument(
-        "--start",
-        action="append",
-        metavar="Q,Q,...",
-        help="joint positions near the first one [rad or m], which decide elbow and wrist; once, "
-        "or once per model (default: middle of the ranges, bent)",
-    )
-    tool.add_argument("--tool", default="tool0", metavar="LINK", help="default tool0")
-    tool.add_argument(
-        "--tool-acceleration", type=number, metavar="A", help="greatest, default 2 m/s^2, assumed"
-    )
-    tool.add_argument(
-        "--corner-tolerance",
-        type=number,
-        metavar="MM",
-        help="greatest distance from a corner, default 3 mm; 0 stops in every corner",
-    )
-    tool.add_argument(
-        "--smoothing", type=number, metavar="S", help="of the tool's motion, default 0.02 s"
-    )
-    tool.add_argument(
-        "--rapid", type=number, metavar="M_PER_S", help="speed of G0 without F, default 0.25 m/s"
-    )
+    add_tool(parser.add_argument_group("G-code and shapes"), several=True, also=("--start",))
     shape = parser.add_argument_group("shapes", "an STL file is cut into layers; no infill")
     shape.add_argument("--layer-height", type=number, metavar="MM", help="default 10 mm")
     shape.add_argument(
@@ -175,7 +141,7 @@ def _predictions(args: Namespace) -> list[tuple[Prediction, LoadedMotion]]:
 
     models = [load(name) for name in args.model]
     bases = _per_model(args.base, len(models), "--base")
-    starts = _per_model(args.start, len(models), "--start")
+    starts = _per_model(args.start_position, len(models), START)
     payload = [] if args.payload is None else [_payload(args.payload)]
     if args.repeat is not None and args.repeat < 1:
         raise MotionError(f"--repeat is {args.repeat}", "a whole number from 1 on")
@@ -236,39 +202,17 @@ def _per_model(values: Sequence[str] | None, count: int, option: str) -> list[st
 
 
 def _tool_options(args: Namespace, base: str | None, start: str | None) -> ToolOptions:
-    import math
-
-    from robot_energy.motion.load_motion import ToolOptions, joint_list
     from robot_energy.motion.slicing import Slicing
-    from robot_energy.motion.tool_motion import ToolPlacement
-    from robot_energy.motion.tool_timing import ToolLimits
 
-    placement = ToolPlacement()
-    if base is not None:
-        values = joint_list(base, "--base", (3, 4)).tolist()
-        yaw = math.radians(values[3]) if len(values) == 4 else 0.0
-        placement = ToolPlacement(values[0], values[1], values[2], yaw)
-    given: dict[str, float] = {}
-    if args.tool_acceleration is not None:
-        given["acceleration"] = args.tool_acceleration
-    if args.corner_tolerance is not None:
-        given["corner_tolerance"] = args.corner_tolerance * 1e-3
-    if args.smoothing is not None:
-        given["smoothing"] = args.smoothing
     sizes = {
         "layer_height": args.layer_height,
         "speed": args.print_speed,
         "bead_width": args.bead_width,
     }
     given_sizes = {name: 1e-3 * value for name, value in sizes.items() if value is not None}
-    options = ToolOptions(
-        slicing=Slicing(unit=args.stl_unit, **given_sizes),
-        link=args.tool,
-        placement=placement,
-        start=None if start is None else joint_list(start, "--start", ()),
-        limits=ToolLimits(**given),
+    return replace(
+        tool_options(args, base, start), slicing=Slicing(unit=args.stl_unit, **given_sizes)
     )
-    return options if args.rapid is None else replace(options, rapid_speed=args.rapid)
 
 
 def _payload(text: str) -> Payload:

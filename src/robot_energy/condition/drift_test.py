@@ -1,16 +1,22 @@
 """Finds lasting changes of friction: a generalised likelihood ratio over records of motion.
 
-The excess of a record, ``log(measured / model friction)``, is without wear a Gaussian process: a
-smooth function of speed and temperature (the error of the model's friction law), plus terms that
-are linear in load, difference of directions, scatter and temperature lag, plus a slow wander and
-scatter. Wear adds a step or a ramp that begins at one of the records. With K the covariance
-without wear, y the excess and u the shape of a change,
+The excess of a record, ``log(measured / model friction)``, is without wear a baseline that the
+test learns from the robot's own records, plus a slow wander and scatter. The baseline is linear
+in the features of a record: a smooth function of temperature and speed (the error of the model's
+friction law), load, difference of directions, scatter, slope and history of the temperature, each
+of them also times warmth. Wear adds a step or a ramp that begins at one of the records. With K the
+covariance without wear, y the excess less its expected baseline and u the shape of a change,
 
 ``size = u' K^-1 y / u' K^-1 u``,  ``z = u' K^-1 y / sqrt(u' K^-1 u)``,
 
-and z is standard normal without a change. The largest z over all shapes and beginnings is
-compared with `MIN_Z`. A change that was found stays in the model, so that the next one is
-looked for on top of it.
+and z is standard normal without a change. How large the wander is nobody says: with log
+likelihoods l(s) of its sizes s, ``sqrt(2 (max(l + z^2 / 2) - max l))`` over all sizes, shapes and
+beginnings is compared with `MIN_Z`, or with `MIN_Z_YOUNG` where hours of motion have not yet
+confirmed it: a payload differs from all before by more than it scatters. A change that was found
+stays in the model, so that the next one is looked for on top of it.
+
+Old records are merged in pairs. The difference of a pair says nothing of wear, but of the
+baseline and of the scatter; it is kept in the sums of `Contrasts`, so that merging loses neither.
 """
 
 from __future__ import annotations
@@ -21,29 +27,27 @@ from math import erfc, exp, sqrt
 import numpy as np
 
 from robot_energy.blocks import Float
-from robot_energy.condition.buckets import DEGC_BUCKETS, SPEED_BUCKETS
+from robot_energy.condition.baseline import Contrasts, scatter
 from robot_energy.condition.wear_records import RECORD_TIME, WearRecord
 
-# Standard deviations of what moves the excess without wear.
-LEVEL = 1.0  # the same at all speeds and temperatures [-]
-LAW = 0.15  # of the error of the friction law about that level [-]
-LAW_DEGC = 3.0  # buckets of temperature over which it changes [-]
-LAW_SPEED = 1.5  # buckets of speed [-]
-NUISANCE = (0.1, 0.5, 0.1, 0.01, 0.01)  # per load, difference, scatter, and kelvin above means
-WANDERS = (0.002, 0.004, 0.008, 0.016)  # slow, of no known cause; the likeliest counts [-]
+WANDERS = (0.0005, 0.001, 0.002, 0.004, 0.008, 0.016)  # of no known cause; the likeliest counts [-]
 WANDER_HOURS = 3.0  # of motion
-LEAST_SCATTER = 0.001  # of a record [-]
+BRIEF = 0.5  # part of the scatter, that lasts a while; share of its variance [-]
+BRIEF_HOURS = 0.5  # of motion
 CHANGE = 1.0  # of a change that was found, before its size is known [-]
 
-MIN_Z = 6.5  # of a change
-MIN_SIZE = 0.01  # of a change [-]
+MIN_Z = 5.0  # of a change that has lasted
+LASTING = 6.0  # h of motion; what is younger may be a payload that is not understood
+MIN_Z_YOUNG = 10.0  # of a younger one
+MIN_SIZE = 0.005  # of a change [-]
+MIN_HOURS = 3.0  # of motion before anything is found; no payload but one was seen before
 MIN_BEFORE, MIN_AFTER = 3, 3  # records before and after the beginning of a change
 MIN_RAMP = 12.0  # shortest ramp; what is shorter is a step [h]
 MAX_CHANGES = 8
 SAME = 2.0  # two changes that are no further apart are one [h]
-MAX_LEVEL = 12  # records of one length; the two oldest are then merged
+MAX_LEVEL = 8  # records of one length; the two oldest are then merged
 LONGEST = 40_000.0  # a record that is not merged any more [s]
-MAX_RECORDS = 110
+MAX_RECORDS = 90
 
 
 @dataclass(frozen=True)
@@ -52,15 +56,20 @@ class FrictionChange:
 
     Attributes:
         stamp_ns: When it began. [ns]
-        hours: Hours of motion at the step that stands for it. [h]
-        ramp: Whether it came slowly; the step is then in the middle of it.
+        hours: Hours of motion when it began. [h]
+        until: Hours of motion when it was complete, or found; those of the step. [h]
         size: Logarithm of the factor when it was found. [-]
     """
 
     stamp_ns: int
     hours: float
-    ramp: bool
+    until: float
     size: float
+
+    @property
+    def ramp(self) -> bool:
+        """Whether it came slowly."""
+        return self.until > self.hours
 
 
 @dataclass(frozen=True)
@@ -88,6 +97,7 @@ class DriftTest:
     Attributes:
         records: Kept ones, oldest first; the older, the longer.
         changes: Found ones, oldest first.
+        contrasts: What merged records have said of the baseline.
         drift: As it stands.
         refused: Records that were no numbers.
     """
@@ -95,6 +105,7 @@ class DriftTest:
     def __init__(self) -> None:
         self.records: list[WearRecord] = []
         self.changes: list[FrictionChange] = []
+        self.contrasts = Contrasts()
         self.drift = Drift()
         self.refused = 0
 
@@ -115,9 +126,19 @@ class DriftTest:
         found = self._search()
         if found is not None:
             self._note(found)
+        elif self.changes and record.hours - self.changes[-1].until < SAME:
+            self._look_again()
         if self.changes:
             self.drift = self._drift()
         return found is not None
+
+    def _look_again(self) -> None:
+        """Date the newest change by what has come since."""
+        kept = self.changes
+        self.changes = kept[:-1]
+        found = self._search()
+        same = found is not None and found.size * kept[-1].size > 0
+        self.changes = [*self.changes, found] if found is not None and same else kept
 
     def take(self, records: list[WearRecord]) -> None:
         """Take what is known of a robot at once, and look for changes until there is no more.
@@ -138,14 +159,17 @@ class DriftTest:
             self.changes.sort(key=lambda change: change.hours)
             self.drift = self._drift()
 
-    def restore(self, records: list[WearRecord], changes: list[FrictionChange]) -> None:
+    def restore(
+        self, records: list[WearRecord], changes: list[FrictionChange], contrasts: Contrasts
+    ) -> None:
         """Continue from what was kept.
 
         Args:
             records: Oldest first.
             changes: Oldest first.
+            contrasts: Of the records that were merged.
         """
-        self.records, self.changes = records, changes
+        self.records, self.changes, self.contrasts = records, changes, contrasts
         self.drift = self._drift() if changes and records else Drift()
 
     def _note(self, found: FrictionChange) -> None:
@@ -167,46 +191,73 @@ class DriftTest:
             if len(level) <= MAX_LEVEL or level[1] != level[0] + 1:
                 return
             first, second = level[:2]
-            self.records[first] = self.records[first].merged(self.records.pop(second))
+            self._join(first, second)
             length *= 2.0
         if len(self.records) > MAX_RECORDS:
-            self.records[1] = self.records[1].merged(self.records.pop(2))
+            self._join(1, 2)
+
+    def _join(self, first: int, second: int) -> None:
+        """Merge two neighbours; what they differ by is learned from unless friction changed."""
+        before, after = self.records[first], self.records.pop(second)
+        shapes = self._shapes([before, after])
+        if (shapes[0] == shapes[1]).all():
+            self.contrasts.step(before, after)
+        self.records[first] = before.merged(after)
 
     def _search(self) -> FrictionChange | None:
         """Return the change that stands out most, if it stands out enough."""
         n = len(self.records)
-        if n < MIN_BEFORE + MIN_AFTER:
-            return None
         hours = self._hours()
-        begins = np.arange(MIN_BEFORE, n - MIN_AFTER + 1)
+        if n < MIN_BEFORE + MIN_AFTER or hours[-1] < MIN_HOURS:
+            return None
+        begins = np.arange(MIN_BEFORE, n)
         steps = (np.arange(n)[:, None] >= begins).astype(np.float64)
         ramps = np.maximum(hours[:, None] - hours[begins - 1], 0.0)
         ramps = ramps[:, hours[-1] - hours[begins - 1] >= MIN_RAMP]
-        white = np.linalg.solve(self._factor(), np.column_stack([self._excess(), steps, ramps]))
-        weight = (white[:, 1:] ** 2).sum(axis=0)
-        z = white[:, 1:].T @ white[:, 0] / np.sqrt(weight)
-        best = int(np.argmax(np.abs(z)))
-        size = float(z[best] / np.sqrt(weight[best]))
+        factors, likelihood, excess = self._factors()
+        white = np.linalg.solve(factors, np.column_stack([excess, steps, ramps]))
+        weight = (white[:, :, 1:] ** 2).sum(axis=1)
+        z = np.einsum("stm,st->sm", white[:, :, 1:], white[:, :, 0]) / np.sqrt(weight)
+        gain = likelihood[:, None] + z**2 / 2.0
+        surprise = np.sqrt(2.0 * np.maximum(gain.max(axis=0) - likelihood.max(), 0.0))
+        best = int(np.argmax(surprise))
+        wander = int(np.argmax(gain[:, best]))
+        size = float(z[wander, best] / np.sqrt(weight[wander, best]))
         ramp = best >= len(begins)
         begin = int(begins[best % len(begins)])
         before, after = self.records[begin - 1], self.records[begin]
-        size *= float(hours[-1] - before.hours) if ramp else 1.0
-        if abs(z[best]) < MIN_Z or abs(size) < MIN_SIZE:
+        young = not ramp and hours[-1] - before.hours < LASTING
+        if surprise[best] < (MIN_Z_YOUNG if young else MIN_Z) or begin > n - MIN_AFTER:
             return None
-        at = (before.hours + (hours[-1] if ramp else after.hours)) / 2
-        return FrictionChange((before.stamp_ns + after.stamp_ns) // 2, float(at), ramp, size)
+        size *= float(hours[-1] - before.hours) if ramp else 1.0
+        if abs(size) < MIN_SIZE:
+            return None
+        start = float(before.hours if ramp else (before.hours + after.hours) / 2)
+        stamp_ns = (before.stamp_ns + after.stamp_ns) // 2
+        return FrictionChange(stamp_ns, start, float(hours[-1]) if ramp else start, size)
 
-    def _shapes(self) -> Float:
-        """What each change that was found adds to the records, shape (n, changes). [-]"""
-        hours = self._hours()
-        begins = np.array([change.hours for change in self.changes])
-        return (hours[:, None] > begins).astype(np.float64)
+    def _shapes(self, records: list[WearRecord]) -> Float:
+        """What each change that was found adds to records, means, shape (n, changes). [-]"""
+        middle = np.array([record.hours for record in records])[:, None]
+        half = np.array([record.time for record in records])[:, None] / 7200.0
+        begun = np.array([change.hours for change in self.changes])
+        length = np.array([change.until for change in self.changes]) - begun
+
+        def summed(hours: Float) -> Float:
+            passed = hours - begun
+            rising = np.clip(passed, 0.0, length) ** 2 / (2.0 * np.maximum(length, 1e-9))
+            return rising + np.maximum(passed - length, 0.0)
+
+        share = (summed(middle + half) - summed(middle - half)) / (2.0 * half)
+        return np.round(np.clip(share, 0.0, 1.0), 9)
 
     def _drift(self) -> Drift:
         """Return all changes together, at the newest record."""
-        shapes = self._shapes()
+        shapes = self._shapes(self.records)
         now = shapes[-1]
-        white = np.linalg.solve(self._factor(), np.column_stack([self._excess(), shapes]))
+        factors, likelihood, excess = self._factors()
+        factor = factors[int(np.argmax(likelihood))]
+        white = np.linalg.solve(factor, np.column_stack([excess, shapes]))
         each = CHANGE**2 * white[:, 1:].T @ white[:, 0]  # size of every change
         size, newest = float(now @ each), float(each[-1])
         spread = CHANGE**2 * white[:, 1:] @ now
@@ -218,45 +269,50 @@ class DriftTest:
         tests = 2 * len(self.records)
         own = sqrt(max(CHANGE**2 - CHANGE**4 * float(white[:, -1] @ white[:, -1]), 1e-12))
         sure = 1.0 - min(1.0, tests * erfc(abs(newest) / own / sqrt(2.0)))
-        factor = exp(size)
+        ratio = exp(size)
         since_ns = self.changes[first].stamp_ns
-        return Drift(factor - 1.0, factor * std, since_ns, max(sure, 0.0), newest < 0)
+        return Drift(ratio - 1.0, ratio * std, since_ns, max(sure, 0.0), newest < 0)
 
-    def _factor(self) -> Float:
-        """Return the Cholesky factor of the likeliest covariance of the excess, shape (n, n)."""
+    def _factors(self) -> tuple[Float, Float, Float]:
+        """Cholesky factors of the covariance at each size of the wander, and how likely they are.
+
+        Returns:
+            Shapes (S, n, n) and (S,), and the excess less its expected baseline, shape (n,).
+        """
         features = np.array([record.features for record in self.records])
         hours = self._hours()
-        buckets = DEGC_BUCKETS * SPEED_BUCKETS
-        shares, nuisance = features[:, :buckets], features[:, buckets:] * np.array(NUISANCE)
-        covariance = shares @ _LAW_COVARIANCE @ shares.T + nuisance @ nuisance.T
-        apart = np.abs(hours[:, None] - hours)
-        wander = np.exp(-apart / WANDER_HOURS)
-        changes = self._shapes()
+        baseline = self.contrasts.baseline()
+        excess = np.array([record.excess for record in self.records]) - features @ baseline.mean
+        covariance = features @ baseline.covariance @ features.T
+        changes = self._shapes(self.records)
         covariance += CHANGE**2 * changes @ changes.T
-        scatter = LEAST_SCATTER**2 + np.array([record.variance for record in self.records])
-        covariance += np.diag(scatter)
-        best, likeliest = np.empty(0), -np.inf
-        for size in WANDERS:
-            factor = np.linalg.cholesky(covariance + size**2 * wander)
-            white = np.linalg.solve(factor, self._excess())
-            likelihood = -0.5 * float(white @ white) - float(np.log(np.diag(factor)).sum())
-            if likelihood > likeliest:
-                best, likeliest = factor, likelihood
-        return best
-
-    def _excess(self) -> Float:
-        return np.array([record.excess for record in self.records])
+        time = np.array([record.time for record in self.records])
+        own = baseline.scatter * np.array([scatter(one) for one in self.records])
+        typical = float(np.median(own * time)) / RECORD_TIME
+        covariance += np.diag(own) + BRIEF * typical * _correlated(hours, time, BRIEF_HOURS)
+        wander = _correlated(hours, time, WANDER_HOURS)
+        sizes = np.square(WANDERS)[:, None, None]
+        factors = np.linalg.cholesky(covariance + sizes * wander)
+        white = np.linalg.solve(factors, excess[:, None])[:, :, 0]
+        likelihood = -0.5 * (white**2).sum(axis=1)
+        likelihood -= np.log(np.diagonal(factors, axis1=1, axis2=2)).sum(axis=1)
+        return factors, likelihood, excess
 
     def _hours(self) -> Float:
         return np.array([record.hours for record in self.records])
 
 
-def _law_covariance() -> Float:
-    """Covariance of the excess in every pair of buckets, row by row of temperature."""
-    degc, speed = np.arange(DEGC_BUCKETS), np.arange(SPEED_BUCKETS)
-    near_degc = np.exp(-0.5 * ((degc[:, None] - degc) / LAW_DEGC) ** 2)
-    near_speed = np.exp(-0.5 * ((speed[:, None] - speed) / LAW_SPEED) ** 2)
-    return LEVEL**2 + LAW**2 * np.kron(near_degc, near_speed)
+def _correlated(hours: Float, time: Float, memory: float) -> Float:
+    """Covariance of the means over records of what forgets exponentially; its variance is one.
 
+    Args:
+        hours: Middle of each record, shape (n,). [h]
+        time: Its length, shape (n,). [s]
+        memory: Correlation time. [h]
 
-_LAW_COVARIANCE = _law_covariance()
+    Returns:
+        Shape (n, n). [-]
+    """
+    length = time / 3600.0 / memory
+    spread = np.sqrt(2.0 * (length - 1.0 + np.exp(-length))) / length
+    return np.exp(-np.abs(hours[:, None] - hours) / memory) * spread[:, None] * spread

@@ -278,16 +278,15 @@ class ConditionLearner:
     def _motion(self, pieces: list[_Piece]) -> MotionSums | None:
         """Sum up what measured torque says in every second, third, ... sample of a part."""
         step = max(1, sum(len(piece.block) for piece in pieces) // MAX_ROWS)
-        blocks: list[PowerBlock] = []
-        friction: list[Float] = []
+        chosen: list[tuple[_Piece, slice]] = []
         first = 0
         for piece in pieces:
-            rows = slice(first, None, step)
-            blocks.append(piece.block[rows])
-            friction.append(piece.friction[rows])
+            chosen.append((piece, slice(first, None, step)))
             first = (first - len(piece.block)) % step
-        if all(np.isnan(block.shaft_power_measured).all() for block in blocks):
+        if all(np.isnan(piece.block.shaft_power_measured[rows]).all() for piece, rows in chosen):
             return None
+        blocks = [piece.block[rows] for piece, rows in chosen]
+        friction = [piece.friction[rows] for piece, rows in chosen]
         return self.reader.read(PowerBlock.concatenate(blocks), np.concatenate(friction))
 
     def _learn_from_meter(self, window: Window, motor_temperature_degc: Float) -> None:

@@ -11,7 +11,7 @@ from math import log
 import numpy as np
 
 from robot_energy.blocks import Float
-from robot_energy.condition.buckets import DEGC_BUCKETS, SPEED_BUCKETS, degc_place, shares
+from robot_energy.condition.buckets import SPEED_BUCKETS
 from robot_energy.condition.wear_records import (
     DIGITS,
     HUBER,
@@ -19,6 +19,8 @@ from robot_energy.condition.wear_records import (
     NUISANCES,
     RECORD_TIME,
     WearRecord,
+    degc_shares,
+    features_of,
 )
 
 LONGEST = 3600.0  # of a record; the slope of one that is no surer by then is dropped [s]
@@ -78,15 +80,13 @@ class MeterGatherer:
         if not variance < MAX_STD**2:
             return None
         ratio = max(1.0 + slope, MIN_RATIO)
-        held = np.zeros((DEGC_BUCKETS, SPEED_BUCKETS))
-        held[:, SPEED_BUCKETS // 2] = shares(degc_place(np.asarray(np.mean(degc))), DEGC_BUCKETS)
         return WearRecord(
             round(np.mean([row[4] for row in self._rows])),
             round(self.hours - time / 7200.0, DIGITS),
             time,
             round(log(ratio), DIGITS),
             variance / ratio**2,
-            tuple(round(v, DIGITS) for v in [*held.reshape(-1).tolist(), *[0.0] * NUISANCES]),
+            features_of(degc_shares(degc).mean(axis=0), np.zeros(SPEED_BUCKETS), [0.0] * NUISANCES),
         )
 
 

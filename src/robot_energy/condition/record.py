@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Self
+import json
+from typing import Annotated, Any, Self
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -12,7 +13,7 @@ from robot_energy.errors import StateFileError
 from robot_energy.timeline.stamps import MAX_STAMP_NS, MIN_STAMP_NS
 from robot_energy.units import MAX_COUNTER
 
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2  # 1 had no contrasts; its records of wear are dropped, all else is kept
 
 Number = Annotated[float, Field(allow_inf_nan=False)]
 Count = Annotated[int, Field(ge=0, le=MAX_COUNTER)]
@@ -90,8 +91,17 @@ class ChangeEntry(ConditionPart):
 
     stamp_ns: Stamp
     hours: Number
-    ramp: bool
+    until: Number
     size: Number
+
+
+class ContrastEntry(ConditionPart):
+    """The sums of one `robot_energy.condition.baseline.Contrasts`, flattened; empty without any."""
+
+    information: Numbers
+    target: Numbers
+    square: Number
+    count: Count
 
 
 class DriftRecord(ConditionPart):
@@ -99,6 +109,7 @@ class DriftRecord(ConditionPart):
 
     records: tuple[WearEntry, ...]
     changes: tuple[ChangeEntry, ...]
+    contrasts: ContrastEntry
 
 
 class WearState(ConditionPart):
@@ -129,6 +140,35 @@ class ConditionRecord(ConditionPart):
     friction: FrictionRecord
     meter: MeterRecord
     wear: WearState
+
+    @classmethod
+    def from_json(cls, content: bytes) -> Self:
+        """Read a record; records of wear of the first format are dropped.
+
+        Args:
+            content: JSON text.
+
+        Returns:
+            The record.
+
+        Raises:
+            StateFileError: If it is not such a record.
+        """
+        return super().from_json(_without_old_wear(content))
+
+
+def _without_old_wear(content: bytes) -> bytes:
+    """Drop records of wear that have no contrasts: their features were others."""
+    try:
+        record: Any = json.loads(content)
+        tests = record["wear"]["tests"]
+        old = [number for number, entry in enumerate(tests) if "contrasts" not in entry]
+    except (ValueError, TypeError, LookupError):
+        return content  # the reader says what is wrong
+    empty = {"information": [], "target": [], "square": 0.0, "count": 0}
+    for number in old:
+        tests[number] = {"records": [], "changes": [], "contrasts": empty}
+    return json.dumps(record).encode() if old else content
 
 
 def flat(values: Float) -> Numbers:

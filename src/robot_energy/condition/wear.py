@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 
 from robot_energy.blocks import NANOSECOND
+from robot_energy.condition.baseline import Contrasts
 from robot_energy.condition.drift_test import Drift, DriftTest, FrictionChange
 from robot_energy.condition.joint_friction import MotionSums
 from robot_energy.condition.meter_records import MeterGatherer
 from robot_energy.condition.record import ChangeEntry, DriftRecord, WearEntry, WearState, filled
-from robot_energy.condition.wear_records import MotionGatherer, WearRecord
+from robot_energy.condition.wear_records import FEATURES, MotionGatherer, WearRecord
 from robot_energy.errors import StateFileError
 
 WHOLE_ROBOT = ""  # name of what one power meter sees
@@ -131,6 +132,7 @@ class WearMonitor:
                 DriftRecord(
                     records=tuple(WearEntry(**record._asdict()) for record in test.records),
                     changes=tuple(ChangeEntry(**vars(change)) for change in test.changes),
+                    contrasts=test.contrasts.state(),
                 )
                 for test in (*self.joints, self.robot)
             ),
@@ -143,12 +145,15 @@ class WearMonitor:
             record: Of the same joints in the same order.
 
         Raises:
-            StateFileError: If it is of another number of joints.
+            StateFileError: If it is of another number of joints, or of features.
         """
         if len(record.tests) != len(self.joints) + 1:
             raise StateFileError(
                 f"learned figures of {len(record.tests) - 1} joints", f"{len(self.joints)}"
             )
+        sizes = {len(one.features) for entry in record.tests for one in entry.records}
+        if sizes - {FEATURES}:
+            raise StateFileError(f"records of wear with {max(sizes)} features", f"{FEATURES}")
         gatherer = self._gatherer
         means = tuple(float("nan") if value is None else value for value in record.means_degc)
         gatherer.hours = filled(record.hours, gatherer.hours)
@@ -159,4 +164,5 @@ class WearMonitor:
             test.restore(
                 [WearRecord(**dict(one)) for one in entry.records],
                 [FrictionChange(**dict(one)) for one in entry.changes],
+                Contrasts.restored(entry.contrasts),
             )

@@ -1,10 +1,13 @@
 """Gathers what measured torque says of a joint's friction into records of minutes of motion.
 
 A record holds how far measured friction lies above the model's, and all that moves this figure
-without wear: at which speeds and temperatures the joint ran, how much load it carried, how far
+without wear: at which temperatures and speeds the joint ran, how much load it carried, how far
 the residual differs between the directions (a payload that the model does not have), how much
-it scatters, and how far the motor is above its mean temperature of the last hours (a gear lags
-behind its motor). Parts that lie far from the others, as in a collision, weigh less (Huber).
+it scatters, how fast its motor warms, and how far this is above its mean temperature of the last
+hours. The last three stand for the gear: with motor heat q, conductance k and capacity C it is
+colder than its motor by (q - C dT/dt) / k. What one of these does depends on the temperature,
+so each stands a second time, times warmth. Parts that lie far from the others, as in a collision,
+weigh less (Huber).
 """
 
 from __future__ import annotations
@@ -15,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from robot_energy.blocks import NANOSECOND, Float
-from robot_energy.condition.buckets import DEGC_BUCKETS, SPEED_BUCKETS, degc_place, shares
+from robot_energy.condition.buckets import SPEED_BUCKETS, shares
 from robot_energy.condition.joint_friction import MotionSums
 
 RECORD_TIME = 300.0  # motion of a record [s]
@@ -24,7 +27,13 @@ MIN_OPEN = 15.0  # the same of the last record of a recording, which may be shor
 MAX_PARTS = 2000  # that wait for motion in the other direction
 HUBER = 2.5  # parts further from the median, in robust standard deviations, weigh less
 LAGS = (1200.0, 7200.0)  # means of the motor temperature, time constants [s]
-NUISANCES = 3 + len(LAGS)  # load, difference of directions, scatter, temperature above means
+DEGC_STEP = 10.0  # from one bucket of temperature to the next [K]
+DEGC_BUCKETS = 16  # 0 to 150 degC, as far as readings are believed
+MIDDLE_DEGC, DEGC_SCALE = 50.0, 20.0  # warmth is (temperature - middle) / scale
+NUISANCES = 4 + len(LAGS)  # load, difference of directions, scatter, slope, above means
+SLOPE_TIME = 1000.0  # the slope of the temperature is what it rises in this time [s]
+MAX_SLOPE = 50.0  # more is a faulty sensor [K]
+FEATURES = DEGC_BUCKETS + 2 * SPEED_BUCKETS + 2 * NUISANCES
 MIN_RATIO = 0.05  # of measured over model friction
 DIGITS = 6  # kept of each figure, so that a record is the same after a restart
 
@@ -38,8 +47,8 @@ class WearRecord(NamedTuple):
         time: Motion. [s]
         excess: Logarithm of measured over model friction. [-]
         variance: Of the excess by scatter alone. [-]
-        features: Shares of the friction torque in each bucket, then the nuisances,
-            shape (DEGC_BUCKETS * SPEED_BUCKETS + NUISANCES,).
+        features: Shares of the friction torque in each bucket of temperature, in each bucket of
+            speed, these times warmth, nuisances, these times warmth, shape (FEATURES,).
     """
 
     stamp_ns: int
@@ -140,18 +149,23 @@ class MotionGatherer:
         model = np.array([part.model[:, joint] for part in sums])  # (P, 2, SPEED_BUCKETS)
         measured = np.array([part.measured[:, joint].sum(axis=1) for part in sums])
         load = np.array([part.load[:, joint] for part in sums])
-        degc = shares(degc_place(np.array([part.degc[joint] for part in sums])), DEGC_BUCKETS)
+        degc = np.array([part.degc[joint] for part in sums])
         ways = [_one_way(model[:, way], measured[:, way], load[:, way], degc) for way in range(2)]
         forward, backward = (way.ratio for way in ways)
         ratio = (forward + backward) / 2
         above = np.array([values for _, values in parts]).mean(axis=0)
-        features = [
-            *np.mean([way.shares for way in ways], axis=0).tolist(),
-            float(np.mean([way.load for way in ways])),
-            (forward - backward) / 2,
-            float(np.mean([way.scatter for way in ways])),
-            *above.tolist(),
-        ]
+        stamps = np.array([part.stamp_ns - sums[0].stamp_ns for part in sums]) * NANOSECOND
+        features = features_of(
+            np.mean([way.degc for way in ways], axis=0),
+            np.mean([way.speed for way in ways], axis=0),
+            [
+                float(np.mean([way.load for way in ways])),
+                (forward - backward) / 2,
+                float(np.mean([way.scatter for way in ways])),
+                _slope(stamps, degc),
+                *above.tolist(),
+            ],
+        )
         time = float(self._times[:, joint].sum())
         return WearRecord(
             round(np.mean([part.stamp_ns for part in sums])),
@@ -159,16 +173,51 @@ class MotionGatherer:
             time,
             round(log(max(ratio, MIN_RATIO)), DIGITS),
             sum(way.variance for way in ways) / (2.0 * max(ratio, MIN_RATIO)) ** 2,
-            tuple(round(value, DIGITS) for value in features),
+            features,
         )
 
 
+def features_of(degc: Float, speed: Float, nuisances: list[float]) -> tuple[float, ...]:
+    """Return the features of a record.
+
+    Args:
+        degc: Shares in the buckets of temperature, shape (DEGC_BUCKETS,). [-]
+        speed: Shares in those of speed, shape (SPEED_BUCKETS,). [-]
+        nuisances: Load, difference, scatter, slope [K], temperatures above the means [K].
+    """
+    warmth = (DEGC_STEP * float(degc @ np.arange(DEGC_BUCKETS)) - MIDDLE_DEGC) / DEGC_SCALE
+    both = [*speed.tolist(), *(warmth * speed).tolist()]
+    values = [*degc.tolist(), *both, *nuisances, *(warmth * value for value in nuisances)]
+    return tuple(round(value, DIGITS) for value in values)
+
+
+def degc_shares(motor_temperature_degc: Float) -> Float:
+    """Return the weights of the buckets of temperature.
+
+    Args:
+        motor_temperature_degc: Shape (...). [degC]
+
+    Returns:
+        Shape (..., DEGC_BUCKETS). [-]
+    """
+    place = np.clip(motor_temperature_degc / DEGC_STEP, 0.0, DEGC_BUCKETS - 1.0)
+    return shares(place, DEGC_BUCKETS)
+
+
+def _slope(time: Float, degc: Float) -> float:
+    """Rise of the temperature in `SLOPE_TIME`. [K]"""
+    time = time - time.mean()
+    rise = SLOPE_TIME * float(time @ degc) / max(float(time @ time), 1e-9)
+    return min(max(rise, -MAX_SLOPE), MAX_SLOPE)
+
+
 class _Way(NamedTuple):
-    """One direction of a record: ratio, its variance, shares, load and scatter."""
+    """One direction of a record: ratio, its variance, shares of buckets, load and scatter."""
 
     ratio: float
     variance: float
-    shares: Float
+    degc: Float
+    speed: Float
     load: float
     scatter: float
 
@@ -184,11 +233,11 @@ def _one_way(model: Float, measured: Float, load: Float, degc: Float) -> _Way:
     scatter = 1.4826 * _median(off, amount) + 1e-6
     weight = np.minimum(1.0, HUBER * scatter / np.maximum(off, 1e-12))
     total = float(weight @ amount)
-    held = degc[moved][:, :, None] * (model[moved] * weight[:, None])[:, None, :]
     return _Way(
         float(weight @ measured) / total,
         scatter**2 * float((weight * amount) @ (weight * amount)) / total**2,
-        held.sum(axis=0).reshape(-1) / total,
+        (weight * amount) @ degc_shares(degc[moved]) / total,
+        weight @ model[moved] / total,
         float(weight @ load[moved]) / total,
         scatter,
     )
@@ -199,6 +248,3 @@ def _median(values: Float, weight: Float) -> float:
     order = np.argsort(values, kind="stable")
     reached = np.cumsum(weight[order])
     return float(values[order][np.searchsorted(reached, 0.5 * reached[-1])])
-
-
-FEATURES = DEGC_BUCKETS * SPEED_BUCKETS + NUISANCES

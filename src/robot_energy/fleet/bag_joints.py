@@ -132,9 +132,14 @@ def wear_records(rows: pl.DataFrame) -> list[WearRecord]:
     Args:
         rows: Of the table of joints.
     """
+    written = (
+        one
+        for one in rows.iter_rows(named=True)  # an earlier release wrote other features
+        if len(one["wear_features"]) == FEATURES * len(one["wear_stamp_ns"])
+    )
     found = [
         WearRecord(stamp_ns, hours, time, excess, variance, tuple(features))
-        for one in rows.iter_rows(named=True)
+        for one in written
         for stamp_ns, hours, time, excess, variance, features in zip(
             one["wear_stamp_ns"],
             one["wear_hours"],

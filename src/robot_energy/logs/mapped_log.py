@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.blocks import Float, Int, MeterLocation, MeterMeaning
+from robot_energy.blocks import Float, Int
 from robot_energy.errors import LogFormatError
 from robot_energy.logs.columns import (
     FACTORS,
@@ -25,11 +25,8 @@ from robot_energy.logs.mapping import PLACE, LogMapping
 from robot_energy.logs.recording import (
     BODY,
     FileAccount,
-    ImportReport,
     LogBlock,
-    RecordingContents,
     nothing_used,
-    write_bag,
 )
 from robot_energy.logs.rows import (
     Clock,
@@ -275,132 +272,3 @@ def _check_units(owner: str, table: LogTable, columns: Sequence[str], unit: str)
                 f"{owner}.unit: {known}",
                 "correct the mapping",
             )
-
-
-def open_logs(
-    paths: Sequence[str | Path],
-    mapping: LogMapping,
-    drivetrain: Drivetrain | None = None,
-    optional: bool = False,
-) -> list[MappedLog]:
-    """Open all files of a log, each recording as one.
-
-    Args:
-        paths: Tables: CSV, plain or gzip, or Parquet. One folder, if the mapping names files.
-        mapping: What the columns mean.
-        drivetrain: Gears of the robot; None: as the mapping says.
-        optional: Whether files may lack columns other than those of time and position.
-
-    Returns:
-        The recordings: in the order of their time if that has a date or one clock, else as
-        they are given.
-
-    Raises:
-        LogFormatError: If a file cannot be read or lacks a column.
-    """
-    found = [Path(path) for path in paths]
-    if not found:
-        raise LogFormatError("no log is named", "at least one file")
-    if mapping.in_folder and (len(found) > 1 or not found[0].is_dir()):
-        raise LogFormatError(
-            f"{', '.join(map(str, found))} as the log",
-            "the folder with the files that the mapping names",
-        )
-    names = mapping.recordings or [""]
-    logs = [MappedLog(p, mapping, name, drivetrain, optional) for p in found for name in names]
-    if mapping.time.column is not None and not mapping.in_runs:
-        logs.sort(key=lambda log: log.begins)
-    return logs
-
-
-def import_log(
-    paths: str | Path | Sequence[str | Path],
-    mapping: LogMapping,
-    out: str | Path,
-    overwrite: bool = False,
-    optional: bool = False,
-    start_ns: int | None = None,
-) -> ImportReport:
-    """Turn a log into a bag.
-
-    Args:
-        paths: Tables of one log: CSV, plain or gzip, or Parquet. One folder, if the mapping
-            names the files.
-        mapping: What their columns mean.
-        out: Folder of the bag.
-        overwrite: Whether an existing bag may be replaced.
-        optional: Whether files may lack columns other than those of time and position.
-        start_ns: Added to every time; None: as the mapping says. [ns]
-
-    Returns:
-        What was written, and the account of every row.
-
-    Raises:
-        LogFormatError: If a file cannot be read, lacks a column, or has no usable row.
-        BagError: If the bag cannot be written.
-    """
-    files = [paths] if isinstance(paths, str | Path) else paths
-    if mapping.joints.position is None:
-        raise LogFormatError(
-            "the mapping names no positions",
-            "joints.position for a bag of joint states",
-            "`robot-energy identify drives --log` takes this log as it is",
-        )
-    logs = open_logs(files, mapping, optional=optional)
-    contents, effort = contents_of(logs, mapping), mapping.joints.effort
-    names = ", ".join(log.name for log in logs)
-    origin = f"{mapping.description}: {names}" if mapping.description else names
-    accounts = [log.account for log in logs]
-    blocks = _in_turn(logs, mapping, start_ns)
-    report = write_bag(out, contents, blocks, accounts, overwrite, origin)
-    if contents.effort and effort is not None:
-        report.notes.append(
-            f"the effort of /joint_states is the log's, in {effort.si_unit.replace('_', ' ')}"
-        )
-    for account in accounts:
-        if account.received and account.rejected["not_newer"] == account.received:
-            report.notes.append(
-                f"no row of {account.path.name} is newer than those before it: if each file counts "
-                "from its own zero, set time.each_file_is_a_run: true in the mapping"
-            )
-    return report
-
-
-def contents_of(logs: Sequence[MappedLog], mapping: LogMapping) -> RecordingContents:
-    """Return what the logs of one recording hold.
-
-    Args:
-        logs: From `open_logs`.
-        mapping: That they were opened with.
-
-    Returns:
-        The quantities that at least one of them has.
-    """
-
-    def have(quantity: str) -> bool:
-        return any(quantity in log for log in logs)
-
-    power = mapping.power
-    metered = power is not None and all(map(have, power.factors()))
-    return RecordingContents(
-        tuple(mapping.joints.names),
-        have("velocity"),
-        have("effort"),
-        have("temperature"),
-        MeterMeaning[power.meaning.upper()] if power and metered else MeterMeaning.UNKNOWN,
-        MeterLocation[power.location.upper()] if power and metered else MeterLocation.UNKNOWN,
-        power.interval if power and power.interval else float("nan"),
-        have("drive_power") or all(map(have, ROTOR_FRAME)),
-        mapping.payload.link if mapping.payload and have("payload") else "",
-    )
-
-
-def _in_turn(
-    logs: Sequence[MappedLog], mapping: LogMapping, start_ns: int | None
-) -> Iterator[LogBlock]:
-    """Rows of all logs on one time, each newer than those before it."""
-    clock, last = Clock(mapping.time), None
-    for log in logs:
-        for block in log.blocks(clock, last, start_ns):
-            last = int(block.stamp_ns[-1]) if len(block) else last
-            yield block

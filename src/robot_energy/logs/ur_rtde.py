@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from robot_energy.errors import LogFormatError
-from robot_energy.logs.mapped_log import import_log, open_logs
+from robot_energy.logs.log_import import import_log, open_logs
 from robot_energy.logs.mapping import LogMapping, since_1970
 from robot_energy.logs.recording import ImportReport
 from robot_energy.logs.table import LogTable

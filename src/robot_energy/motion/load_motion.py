@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from robot_energy.blocks import Float
 from robot_energy.errors import MotionError, RobotDescriptionError
-from robot_energy.motion.gcode import RAPID_SPEED, load_gcode, read_gcode
+from robot_energy.motion.gcode import RAPID_SPEED, GcodeProgram, load_gcode, read_gcode
 from robot_energy.motion.inverse_kinematics import InverseKinematics
 from robot_energy.motion.planned import PlannedMotion, SampledMotion
 from robot_energy.motion.ptp_file import program_for, read_program
@@ -121,14 +121,31 @@ def load_motion(
 
 
 def _tool_program(file: Path, robot: Robot, options: ToolOptions) -> LoadedMotion:
-    shape = slice_stl(file, options.slicing) if file.suffix.lower() == STL else None
-    program = (
-        load_gcode(file, options.rapid_speed)
-        if shape is None
-        else read_gcode(shape.gcode, str(file), options.rapid_speed)
-    )
+    if file.suffix.lower() != STL:
+        return tool_program(load_gcode(file, options.rapid_speed), robot, options)
+    shape = slice_stl(file, options.slicing)
+    program = read_gcode(shape.gcode, str(file), options.rapid_speed)
+    made = tool_program(program, robot, options)
+    return replace(made, notes=(*shape.notes, *made.notes))
+
+
+def tool_program(program: GcodeProgram, robot: Robot, options: ToolOptions) -> LoadedMotion:
+    """Make a program of a tool a motion of a robot.
+
+    Args:
+        program: The program.
+        robot: The robot.
+        options: What it does not state.
+
+    Returns:
+        The motion.
+
+    Raises:
+        MotionError: If the robot cannot make it.
+        RobotDescriptionError: If the robot has no such tool.
+    """
     timed = TimedPath(program.path, options.limits)
-    notes = [*(() if shape is None else shape.notes), *program.notes]
+    notes = [*program.notes]
     if not robot.has_link(options.link):
         raise RobotDescriptionError(
             f"the robot has no link '{options.link}' that could be the tool",
@@ -163,7 +180,7 @@ def _tool_program(file: Path, robot: Robot, options: ToolOptions) -> LoadedMotio
     )
     return LoadedMotion(
         motion,
-        str(file),
+        program.path.name,
         notes=tuple(notes),
         length=timed.length,
         printed_length=program.path.printed_length,

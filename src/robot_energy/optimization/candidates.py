@@ -18,6 +18,7 @@ from robot_energy.motion.ptp_loop import Program
 
 STEP = 4e-3  # s between samples
 SAMPLES = 250  # of one candidate, at most: slow motion changes slowly
+LONG_STEP = 0.02  # s between samples of moves that are longer than these
 ROWS = 60_000  # samples that are worked on at a time
 SPEEDS = np.array([10, 15, 20, 25, 30, 35, 40, 45, 50, 55, 60, 70, 80, 90, 100]) / 100  # [-]
 ACCELERATIONS = np.array([5, 10, 20, 30, 45, 65, 100]) / 100  # [-]
@@ -213,7 +214,8 @@ def blocks(
         Which candidates, and their motion.
     """
     duration = moves.duration(candidates)
-    count = np.clip(np.ceil(duration / STEP - 1e-9).astype(np.int64), 1, samples) + 1
+    fine, coarse = (np.ceil(duration / step - 1e-9).astype(np.int64) for step in (STEP, LONG_STEP))
+    count = np.maximum(np.clip(fine, 1, samples), coarse) + 1
     total = np.cumsum(count)
     begin = 0
     while begin < len(candidates):

@@ -10,10 +10,11 @@ from robot_energy.bag.time_range import TimeRange
 from robot_energy.blocks import Float
 from robot_energy.errors import MotionError
 from robot_energy.model import RobotModel
-from robot_energy.motion.load_motion import BAG, YAML
+from robot_energy.motion.load_motion import BAG, GCODE, YAML, ToolOptions
 from robot_energy.motion.planned import SampledMotion
 from robot_energy.motion.trajectory_io import MESSAGE, read_bag_trajectory, read_csv_trajectory
 from robot_energy.optimization.candidates import Candidates, Moves
+from robot_energy.optimization.gcode_form import GcodeForm
 from robot_energy.optimization.plan import CyclePlan
 from robot_energy.optimization.ptp_form import PtpForm
 from robot_energy.optimization.recorded_motion import recorded_motion
@@ -68,16 +69,20 @@ def read_form(
     robot: Robot,
     topic: str | None = None,
     time_range: TimeRange | None = None,
+    tool: ToolOptions | None = None,
+    max_feed: float = 1.0,
 ) -> ProgramForm:
     """Read a program.
 
     Args:
-        path: YAML of point-to-point moves, a JointTrajectory as CSV or in a bag, or a bag of
-            recorded joint states.
+        path: YAML of point-to-point moves, G-code, a JointTrajectory as CSV or in a bag, or a
+            bag of recorded joint states.
         model: Of the robot that runs it.
         robot: The same, ready for computations.
         topic: Of the trajectory, or of the joint states, in a bag; None where there is one only.
         time_range: Part of recorded joint states; None for all.
+        tool: What G-code does not state.
+        max_feed: Greatest factor on the feeds of G-code. [-]
 
     Returns:
         The program.
@@ -91,6 +96,8 @@ def read_form(
         raise MotionError(f"there is no program '{path}'", "a file or a bag")
     if file.suffix.lower() in YAML and file.name != "metadata.yaml":
         return PtpForm(file, robot)
+    if file.suffix.lower() in GCODE:
+        return GcodeForm(file, robot, tool or ToolOptions(), max_feed)
     if file.suffix.lower() == ".csv":
         return TrajectoryForm(read_csv_trajectory(file), robot, file)
     if file.suffix.lower() in BAG or file.is_dir():
@@ -100,8 +107,8 @@ def read_form(
         return TrajectoryForm(motion, robot, file, recorded=True)
     raise MotionError(
         f"the program '{path}' cannot be made cheaper",
-        f"moves ({', '.join(YAML)}), a bag or .csv with a JointTrajectory, or a bag of recorded "
-        "joint states",
+        f"moves ({', '.join(YAML)}), G-code ({', '.join(GCODE)}), a bag or .csv with a "
+        "JointTrajectory, or a bag of recorded joint states",
     )
 
 

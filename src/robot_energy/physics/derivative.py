@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.blocks import NANOSECOND, Float, Int, JointBlock, Quality, mark
+from robot_energy.physics.equations import CACHED
 
 
 class Derivative:
@@ -163,8 +164,7 @@ class _QuadraticFit:
         self, stamp: Int, start: int, stop: int, behind_ns: int, ahead_ns: int,
         least_behind: int, least_ahead: int, scale: float,
     ) -> None:  # fmt: skip
-        rows = np.arange(start, stop)
-        instants = stamp[rows]
+        rows, instants = np.arange(start, stop), stamp[start:stop]
         low = np.searchsorted(stamp, instants - behind_ns, side="left")
         high = np.searchsorted(stamp, instants + ahead_ns, side="right") - 1
         behind = rows - np.maximum(np.minimum(low, rows - least_behind), 0)
@@ -197,7 +197,7 @@ class _QuadraticFit:
         np.multiply(u, u, out=squared)
         np.multiply(squared, u, out=powers[:, 2])
         np.multiply(squared, squared, out=powers[:, 3])
-        s0, (s1, s2, s3, s4) = count.astype(np.float64), _sum_rows(powers)
+        s0, (s1, s2, s3, s4) = count.astype(np.float64), np.add.reduce(powers, axis=0)
         a, b, c = s2 * s4 - s3 * s3, s1 * s4 - s2 * s3, s1 * s3 - s2 * s2
         determinant = s0 * a - s1 * b + s2 * c
         d, e, f = s0 * s4 - s2 * s2, s0 * s3 - s1 * s2, s0 * s2 - s1 * s1
@@ -229,6 +229,13 @@ class _QuadraticFit:
         part = self._part(values.T)
         clean = bool(np.isfinite(part.sum()))
         size = weight.shape[1]
+        if clean and weight.size * len(part) <= CACHED:  # few calls for short blocks
+            near, far = part.strides
+            shape, strides = (len(weight), len(part), size), (far, near, far)
+            around = np.ndarray(shape, part.dtype, part, 0, strides)
+            terms = np.multiply(weight[:, None, :], around, order="C")
+            if terms[0].size > 1:  # rows are added one by one; of single numbers, pairs
+                return np.add.reduce(terms, axis=0, initial=0.0).T
         result = np.zeros((len(part), size))
         term = np.empty_like(result)
         for index, row in enumerate(weight):
@@ -262,11 +269,3 @@ def windows_of(values: Float, size: int) -> Float:
     """
     step = values.strides[0]
     return np.ndarray((len(values) - size + 1, size), values.dtype, values, 0, (step, step))
-
-
-def _sum_rows(values: Float) -> Float:
-    """Sum over the first axis in rising order, whatever the length of the last."""
-    total = values[0].copy()
-    for row in values[1:]:
-        total += row
-    return total

@@ -53,31 +53,32 @@ class Robot:
     ) -> None:
         root = parse(urdf_xml)
         self._given = (urdf_xml, tuple(gravity), tuple(massless_links))
-        self.payload = tuple(payload)
         self.joint_names = tuple(joint_names)
         self.n_joints = len(self.joint_names)
         self.inventory = take_inventory(root, self.joint_names, massless_links)
         self.limits = joint_limits(root, self.joint_names)
-        full = _build(for_dynamics(root))
-        locked = self.inventory.locked_joints
-        self._unloaded = self._model = _reduce(full, locked)
-        _check_mass(self._model, self.joint_names, moved_mass(root, self.joint_names))
-        if payload:
-            loaded = pin.Model(full)
-            for body in payload:
-                _attach(loaded, body)
-            self._model = _reduce(loaded, locked)
-        for model in (self._unloaded, self._model):
-            model.gravity.linear = np.asarray(gravity, dtype=np.float64)
-        self._pool = pin.ModelPool(self._model, 1)
-        self._scratch = self._model.createData()
-        indices = [
-            self._model.joints[self._model.getJointId(name)].idx_v for name in self.joint_names
-        ]
+        self._full = _build(for_dynamics(root))
+        self._unloaded = _reduce(self._full, self.inventory.locked_joints)
+        _check_mass(self._unloaded, self.joint_names, moved_mass(root, self.joint_names))
+        self._unloaded.gravity.linear = np.asarray(gravity, dtype=np.float64)
+        self._bodies = [self._unloaded.getJointId(name) for name in self.joint_names]
+        indices = [self._unloaded.joints[body].idx_v for body in self._bodies]
         self._to_model = np.argsort(np.asarray(indices, dtype=np.int64))
         self._from_model = np.asarray(indices, dtype=np.int64)
         self._same_order = bool(np.array_equal(indices, np.arange(self.n_joints)))
-        self._bodies = [self._model.getJointId(name) for name in self.joint_names]
+        self._load(payload)
+
+    def _load(self, payload: Sequence[Payload]) -> None:
+        """Carry these bodies and no others."""
+        self.payload, self._model = tuple(payload), self._unloaded
+        if payload:
+            loaded = pin.Model(self._full)
+            for body in payload:
+                _attach(loaded, body)
+            self._model = _reduce(loaded, self.inventory.locked_joints)
+            self._model.gravity.linear = self._unloaded.gravity.linear
+        self._pool = pin.ModelPool(self._model, 1)
+        self._scratch = self._model.createData()
 
     @classmethod
     def from_model(cls, model: RobotModel) -> Robot:
@@ -111,8 +112,10 @@ class Robot:
         Raises:
             RobotDescriptionError: If the URDF lacks one of the links.
         """
-        urdf_xml, gravity, massless_links = self._given
-        return Robot(urdf_xml, self.joint_names, gravity, payload, massless_links)
+        robot = object.__new__(type(self))  # not read again: what it carries is all that differs
+        robot.__dict__.update(self.__dict__)
+        robot._load(payload)
+        return robot
 
     @property
     def payload_mass(self) -> float:

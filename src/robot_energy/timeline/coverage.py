@@ -48,6 +48,10 @@ class Coverage:
             elapsed: From the sample before to each sample, shape (N,), N >= 1. [ns]
             observed: Whether that time was integrated, shape (N,).
         """
+        if observed.all():
+            self.count(_total(elapsed), 0, 0, 0)
+            self.in_gap = False
+            return
         jump = (elapsed < 0) | (elapsed > MAX_GAP_NS)
         missing = ~observed & ~jump & (elapsed > 0)
         begins = missing & ~np.concatenate([[self.in_gap], missing[:-1]])

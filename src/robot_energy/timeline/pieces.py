@@ -57,9 +57,17 @@ class CoveredPieces(Block):
     @property
     def edges(self) -> Int:
         """Every start and end, those that touch only once. [ns]"""
-        apart = np.ones(len(self), dtype=np.int64)  # the first piece touches none
-        apart[1:] = self.start_ns[1:] - self.end_ns[:-1]
-        return np.concatenate([self.start_ns[apart != 0], self.end_ns])
+        apart = self.start_ns[1:] != self.end_ns[:-1]
+        lonely = [self.start_ns[1:][apart]] if apart.any() else []
+        return np.concatenate([self.start_ns[:1], *lonely, self.end_ns])
+
+    def after(self, time_ns: int) -> CoveredPieces:
+        """Return the pieces that end after a time.
+
+        Args:
+            time_ns: The time. [ns]
+        """
+        return self[slice(int(np.searchsorted(self.end_ns, time_ns, side="right")), None)]
 
     def index(self, start_ns: Int, end_ns: Int) -> tuple[Int, NDArray[np.bool_]]:
         """Return which piece holds each interval, and whether one does.
@@ -82,10 +90,10 @@ class CoveredPieces(Block):
 
         Args:
             row: Number of the piece of each time, shape (M,).
-            time_ns: Within that piece, shape (M,). [ns]
+            time_ns: Within that piece, shape (..., M). [ns]
 
         Returns:
-            Shape (M,). [W]
+            Shape (..., M). [W]
         """
         start = self.start_ns[row]
         share = (time_ns - start) / (self.end_ns[row] - start)

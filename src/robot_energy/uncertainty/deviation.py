@@ -116,7 +116,10 @@ class PowerDeviation:
         self._slot = int(slot[-1])
         if not begins.any():
             return np.maximum(self._recent.max(), power)
-        values = np.concatenate([self._recent, np.nan_to_num(power[begins])])
+        fresh = power[begins]
+        if not np.isfinite(fresh.sum()):
+            fresh = np.nan_to_num(fresh)
+        values = np.concatenate([self._recent, fresh])
         self._recent = values[-RECENT_SLOTS:]
         peaks = windows_of(values, RECENT_SLOTS).max(axis=1)
         return np.maximum(peaks[np.cumsum(begins)], power)

@@ -70,3 +70,22 @@ def test_a_month_of_constant_milliseconds_stays_exact():
         total.add(np.full((increments, 1), 0.087123))
     exact = Fraction(0.087123) * increments * 64 * 10**6
     assert abs(int(total.microjoule[0]) - exact) <= 1
+
+
+def test_short_blocks_wait_and_are_taken_back():
+    energy = np.random.default_rng(5).normal(scale=3.0, size=(2000, 3))
+    whole, short, taken_back = ExactSum(3), ExactSum(3), ExactSum(3)
+    whole.add(energy)
+    for row, each in enumerate(energy):
+        short.add(each[None, :])
+        taken_back.add(each[None, :])
+        if row % 700 == 0:
+            assert short.microjoule[0] == np.rint(energy[: row + 1, 0].sum() * 1e6 - 0.5)  # read
+        if row % 300 == 299:  # before and after what waits was added
+            mark = taken_back.mark()
+            taken_back.add(energy[:row])
+            assert taken_back.joule[1] != short.joule[1]
+            taken_back.go_back(mark)
+    for each in (short, taken_back):
+        np.testing.assert_array_equal(each.microjoule, whole.microjoule)
+        np.testing.assert_array_equal(each.remainder, whole.remainder)

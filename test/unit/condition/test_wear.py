@@ -1,11 +1,14 @@
 """Wear in the pipeline: which axis, what the meter alone can say, and what is said of it."""
 
+import json
+
 import numpy as np
 import pytest
 
 from robot_energy.condition.drift_test import Drift
 from robot_energy.condition.joint_friction import MotionSums
 from robot_energy.condition.wear import MAX_SURE, WearAlarm, WearMonitor
+from robot_energy.condition.wear_records import FEATURES
 from robot_energy.errors import StateFileError
 
 NAMES = ("a", "b")
@@ -85,6 +88,14 @@ def test_it_continues_from_its_state():
     assert again.state() == whole.state()
     with pytest.raises(StateFileError, match="of 2 joints"):
         WearMonitor(("a",)).restore(whole.state())
+
+
+def test_records_with_other_features_are_refused():
+    state = run(2, lambda h: (1.0, 1.1)).state()
+    content = state.model_dump(mode="json")
+    content["tests"][0]["records"][0]["features"].append(0.0)
+    with pytest.raises(StateFileError, match=f"{FEATURES + 1} features"):
+        WearMonitor(NAMES).restore(type(state).model_validate_json(json.dumps(content)))
 
 
 def test_a_fall_and_a_rise_are_different_alarms():

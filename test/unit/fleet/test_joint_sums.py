@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from robot_energy.condition.learner import Learning
+from robot_energy.condition.wear_records import FEATURES
 from robot_energy.fleet.bag_figures import bag_figures
 from robot_energy.fleet.hour_sums import HOUR_NS, HourSums
 from robot_energy.fleet.joint_sums import COLUMNS, MEASURED, SIGN, VISCOUS, JointSums, gram_of
@@ -107,7 +108,7 @@ def test_a_row_holds_plain_values_that_give_the_sums_back():
     assert gram[SIGN, SIGN] == row["friction_rows"]  # the square of a sign is 1
     assert row["motion_time"] == pytest.approx(row["friction_rows"] * 0.04, rel=0.2)
     assert 35.0 < row["motor_temperature_degc"] < 45.0
-    assert len(row["wear_features"]) == 45 * len(row["wear_excess"])
+    assert len(row["wear_features"]) == FEATURES * len(row["wear_excess"])
     assert gram[VISCOUS, MEASURED].sum() > 0.0  # friction takes power
 
 

@@ -25,7 +25,8 @@ from robot_energy.identify.run_all import (
     usable_effort,
     with_provenance,
 )
-from robot_energy.identify.stats.held_out_energy import GIVEN, folds_of, held_out_energy
+from robot_energy.identify.stats.bag_folds import folds_of
+from robot_energy.identify.stats.held_out_energy import GIVEN, held_out_energy
 from robot_energy.identify.steps import DynamicsFound
 from robot_energy.model import RobotModel, load
 from robot_energy.report.document import Document

@@ -16,6 +16,7 @@ from robot_energy.rig import RigConfig, load_profile
 from robot_energy_papers.effects import ALL, configurations, effect_row
 from robot_energy_papers.experiment import make_programs, soaked
 from robot_energy_papers.held_out import held_out
+from robot_energy_papers.kr16_sensitivity import HOLD, RISE
 from robot_energy_papers.models import FOLLOWS, identify
 from robot_energy_papers.paper_a import QUICK, record_test, study
 from robot_energy_papers.soaked_rigs import Rigs
@@ -99,6 +100,21 @@ def test_the_identified_model_is_the_tested_one(quick):
     for joint, before in zip(model.joints, shipped.joints, strict=True):
         assert joint.friction.coulomb.tag == "identified"
         assert joint.friction.coulomb.value != before.friction.coulomb.value
+
+
+def test_what_would_give_the_numbers_of_the_paper(quick):
+    folder, data = quick
+    tables = data["sensitivity"]
+    hold, rise = tables[HOLD], tables[RISE]
+    assert hold["nominal"] == pytest.approx(data["calibration"]["hold_deviation"], rel=1e-12)
+    assert hold["combination"]["result"] == pytest.approx(0.10, abs=1e-3)
+    assert all(row["reproduces"] is None for row in hold["rows"])
+    assert {row["figure"]["key"] for row in rise["rows"] if row["reproduces"]} == {
+        "capacity", "share", "length", "reading",
+    }  # fmt: skip
+    text = (folder / "report.html").read_text()
+    assert "No single figure inside its range gives the 10.0 % of the paper" in text
+    assert "Each of these alone gives the 2.00 K of the paper" in text
 
 
 def test_the_page_holds_all_of_it_and_needs_nothing_else(quick):

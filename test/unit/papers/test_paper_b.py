@@ -152,3 +152,19 @@ def test_a_negative_seed_is_refused(tmp_path, capsys):
     words = ["reproduce", "paper-b", "--quick", "--seed", "-1", "--out", str(tmp_path / "x")]
     assert main(words) == 2
     assert "seed" in capsys.readouterr().err
+
+
+def test_open_figures_stand_in_json_and_on_the_page(found):
+    figures, folder = found
+    gantry = figures["sensitivity"]["gantry_over_arm"]["electrical, drives"]
+    assert gantry["published"] == pytest.approx(0.23)
+    assert gantry["nominal"] == pytest.approx(
+        1 + figures["relative_to_arm"]["layer"]["testbed"]["electrical, drives"]
+    )
+    maps = figures["sensitivity"]["map_accuracy"]["reduced maps"]
+    held = next(row for row in maps["rows"] if row["figure"]["key"] == "held")
+    assert held["at_high"] > maps["nominal"] + 0.05  # joint 1 held suits the maps
+    page = (folder / "report.html").read_text()
+    assert "What would give the numbers of the paper" in page
+    for row in gantry["rows"]:
+        assert row["figure"]["name"] in page

@@ -106,3 +106,19 @@ def test_effort_describes_the_same_instant_as_velocity():
     out = JointBlock.concatenate([*parts, *stage.flush()])
     np.testing.assert_array_equal(np.rint(out.joint_effort[:, 0] * 1e9), out.stamp_ns)
     assert len(out) == 70
+
+
+def test_short_blocks_give_the_bits_of_a_long_one():
+    """Sums over the window are made in one call for short blocks, row by row for long ones."""
+    stamp = jittered(3000, period=0.001)
+    random = np.random.default_rng(1)
+    for joints in (1, 6):
+        velocity = random.normal(size=(len(stamp), joints))
+        block = robots.joint_block(stamp, velocity * 0, velocity)
+        whole = differentiate(block)
+        for size in (1, 7, 40, 300):
+            stage = Derivative()
+            parts = [block[slice(row, row + size)] for row in range(0, len(block), size)]
+            found = [done for part in parts for done in stage.step(part)]
+            cut = JointBlock.concatenate([*found, *stage.flush()])
+            np.testing.assert_array_equal(cut.joint_acceleration, whole.joint_acceleration)

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,28 +20,14 @@ from robot_energy.blocks import NANOSECOND, Float, Int, MeterLocation
 from robot_energy.identify.data.bags import EVER, Bag, Span, read_all, temperature_ranges
 from robot_energy.identify.data.recordings import Recording
 from robot_energy.identify.run_all import FullIdentification, identify_everything
-from robot_energy.identify.stats.cross_validation import FOLDS, relative_error
+from robot_energy.identify.stats.bag_folds import Fold, Kind
+from robot_energy.identify.stats.cross_validation import relative_error
 from robot_energy.identify.steps import Subject
 from robot_energy.timeline.pieces import Compared
 
-Kind = Literal["test", "recordings", "blocks"]
-GUARD = 0.5  # s left out of the fit on both sides of a block
 SHOWN = 10.0  # s of torque kept for a figure
 OUTSIDE = 5.0  # K beyond the temperatures of the fit: friction is then that of the edge
 GIVEN = "given"
-
-
-@dataclass(frozen=True)
-class Fold:
-    """What is fitted together and what is tested on it.
-
-    Attributes:
-        train: Bags of the fit.
-        test: Bags, or stretches, that the fit does not see.
-    """
-
-    train: tuple[Bag, ...]
-    test: tuple[Bag, ...]
 
 
 @dataclass(frozen=True)
@@ -206,38 +191,6 @@ class HeldOutEnergy:
         """The same of the power from reading to reading, which forgives nothing that cancels."""
         last = self.mean_rms(self.stages[-1], self.judged)
         return last < self.mean_rms(GIVEN, self.judged)
-
-
-def folds_of(
-    bags: Sequence[Bag], tests: Sequence[Bag], spans: Sequence[Span]
-) -> tuple[Kind, list[Fold]]:
-    """Decide what is held out.
-
-    Args:
-        bags: Of the fit.
-        tests: Bags for the test alone; may be empty.
-        spans: First and last stamp of each bag of the fit. [ns]
-
-    Returns:
-        ``test`` where there are such bags, ``recordings`` where there are several, else
-        ``blocks``; and the folds.
-    """
-    if tests:
-        return "test", [Fold(tuple(bags), tuple(tests))]
-    if len(bags) > 1:
-        count = min(FOLDS, len(bags))  # neighbours, often alike in temperature, go apart
-        return "recordings", [
-            Fold(
-                tuple(bag for place, bag in enumerate(bags) if place % count != number),
-                tuple(bags[number::count]),
-            )
-            for number in range(count)
-        ]
-    start, end = spans[0]
-    edges = np.linspace(0, end - start, FOLDS + 1).astype(np.int64).tolist()
-    guard = round(min(GUARD / NANOSECOND, (end - start) / (4 * FOLDS)))
-    blocks = [(start + edges[k], start + edges[k + 1]) for k in range(FOLDS)]
-    return "blocks", [Fold((bags[0].without(b, guard),), (bags[0].only(b),)) for b in blocks]
 
 
 def held_out_energy(

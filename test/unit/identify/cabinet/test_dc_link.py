@@ -18,7 +18,8 @@ from robot_energy.identify.cabinet.dc_link import fit_link, with_link
 from robot_energy.identify.data.bags import Bag
 from robot_energy.identify.data.recordings import Recording
 from robot_energy.identify.run_all import identify_everything
-from robot_energy.identify.stats.held_out_energy import folds_of, held_out_energy
+from robot_energy.identify.stats.bag_folds import folds_of
+from robot_energy.identify.stats.held_out_energy import held_out_energy
 from robot_energy.model import load, save, validate
 from robot_energy.motion import random_program, tool_above
 from robot_energy.rig import RigConfig, VirtualRig, load_profile

@@ -1,0 +1,90 @@
+"""The executor of the nodes: timers in time, services and latched topics soon, no wait sets."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+
+import pytest
+import rclpy
+from rclpy.context import Context
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.signals import SignalHandlerOptions
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+
+from ros2_energy_monitor.base.run_node import TickExecutor
+
+LIMIT = 20.0  # s; then the test fails
+
+
+class Counting(TickExecutor):
+    """Counts the wait sets."""
+
+    waits = 0
+
+    def _wait_for_ready_callbacks(self, *arguments, **keywords):
+        self.waits += 1
+        return super()._wait_for_ready_callbacks(*arguments, **keywords)
+
+
+@pytest.fixture
+def executor() -> Iterator[Counting]:
+    context = Context()
+    rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
+    executor = Counting(context)
+    executor.add_node(Node("ticking", context=context))
+    yield executor
+    executor.shutdown()
+    for node in executor.get_nodes():
+        node.destroy_node()
+    context.try_shutdown()
+
+
+def spin_until(executor: Counting, condition) -> None:
+    limit = time.monotonic() + LIMIT
+    while not condition():
+        assert time.monotonic() < limit
+        executor.spin_once(0.1)
+
+
+def test_timers_run_between_looks_at_services(executor):
+    (node,) = executor.get_nodes()
+    called: list[int] = []
+    node.create_timer(0.01, lambda: called.append(executor.waits))
+    node.create_service(Trigger, "done", lambda request, response: response)
+    answer = node.create_client(Trigger, "done")
+    spin_until(executor, answer.service_is_ready)
+    future = answer.call_async(Trigger.Request())
+    spin_until(executor, lambda: future.done() and len(called) > 50)
+    assert len(set(called)) < len(called) / 2  # most of them came without a wait set
+
+
+def test_a_timer_may_destroy_another_and_a_fault_comes_out(executor):
+    (node,) = executor.get_nodes()
+    called: list[str] = []
+    second = node.create_timer(0.01, lambda: called.append("second"))
+
+    def first() -> None:
+        called.append("first")
+        node.destroy_timer(second)
+        if len(called) > 5:
+            raise ZeroDivisionError
+
+    spin_until(executor, lambda: "second" in called)
+    node.create_timer(0.01, first)
+    with pytest.raises(ZeroDivisionError):
+        spin_until(executor, lambda: False)
+
+
+@pytest.mark.parametrize("latched", [True, False])
+def test_topics_with_callbacks_arrive(executor, latched):
+    (node,) = executor.get_nodes()
+    durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
+    qos = QoSProfile(depth=10, durability=durability)
+    heard: list[str] = []
+    node.create_subscription(String, "words", lambda message: heard.append(message.data), qos)
+    publisher = node.create_publisher(String, "words", qos)
+    node.create_timer(0.01, lambda: publisher.publish(String(data="word")))
+    spin_until(executor, lambda: len(heard) >= 5)

@@ -1,0 +1,162 @@
+"""Counters of samples: by quality and phase, and the greatest power.
+
+What is counted does not depend on the cutting of the input, so short blocks wait until a counter
+is read, or until they are worth a pass.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from math import isfinite, isnan, nan
+
+import numpy as np
+
+from robot_energy.accounting.exact_sum import SETTLED, ExactSum, SumMark, add_saturating
+from robot_energy.blocks import Float, Int, Phase, PowerBlock, Quality
+from robot_energy.units import MAX_COUNTER
+
+BITS = tuple(int(bit) for bit in Quality)
+CountMark = tuple[list[SumMark], dict[str, object]]
+"""Where the counters stand."""
+
+
+class SampleCounts:
+    """Counts power samples; one that is full stays so."""
+
+    def __init__(self) -> None:
+        self._phase_energy, self._learned_energy = ExactSum(len(Phase)), ExactSum(1)
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin at zero; the remainders of energies stay."""
+        self._waiting: tuple[tuple[PowerBlock, Float, Int], ...] = ()
+        self._rows = 0
+        self._samples = 0
+        self._peak_power = nan
+        self._quality: Counter[int] = Counter()  # replaced, never changed, as what follows
+        self._phase_ns: Int = np.zeros(len(Phase), dtype=np.int64)
+        self._phase_energy.reset()
+        self._learned_energy.reset()
+
+    @property
+    def samples(self) -> int:
+        """Number of power samples taken."""
+        return min(self._samples + self._rows, MAX_COUNTER)
+
+    @property
+    def peak_power(self) -> float:
+        """Highest predicted grid power, NaN before the first finite sample. [W]"""
+        self._settle()
+        return self._peak_power
+
+    @property
+    def quality(self) -> Counter[int]:
+        """How many samples carried each quality bit, not to be written to."""
+        self._settle()
+        return self._quality
+
+    @property
+    def phase_ns(self) -> Int:
+        """Observed time by phase, shape (phases,), not to be written to. [ns]"""
+        self._settle()
+        return self._phase_ns
+
+    @property
+    def phase_energy_sum(self) -> ExactSum:
+        """Energy drawn from the grid by phase, exact."""
+        self._settle()
+        return self._phase_energy
+
+    @property
+    def learned_energy_sum(self) -> ExactSum:
+        """Drawn from the grid as predicted with learned figures, exact."""
+        self._settle()
+        return self._learned_energy
+
+    def count(self, block: PowerBlock, energy: Float, duration_ns: Int) -> None:
+        """Count samples.
+
+        Args:
+            block: Power samples.
+            energy: Drawn from the grid up to each sample, not written to afterwards, shape
+                (N,). [J]
+            duration_ns: Observed time up to each sample, likewise, shape (N,). [ns]
+        """
+        self._waiting = (*self._waiting, (block, energy, duration_ns))
+        self._rows += len(block)
+        if self._rows >= SETTLED:
+            self._settle()
+
+    def mark(self) -> CountMark:
+        """Return where the counters stand, for `go_back`."""
+        values = dict(self.__dict__)
+        return [values.pop("_phase_energy").mark(), values.pop("_learned_energy").mark()], values
+
+    def go_back(self, mark: CountMark) -> None:
+        """Drop what was counted since.
+
+        Args:
+            mark: From `mark`.
+        """
+        (phases, learned), values = mark
+        self._phase_energy.go_back(phases)
+        self._learned_energy.go_back(learned)
+        self.__dict__.update(values)
+
+    def add(
+        self, samples: int, peak_power: float, quality: Mapping[int, int], phase_ns: Int
+    ) -> None:
+        """Add what was counted elsewhere, but for the energies.
+
+        Args:
+            samples: Number of samples.
+            peak_power: NaN for none. [W]
+            quality: Samples with each quality bit.
+            phase_ns: Observed time by phase, shape (phases,). [ns]
+        """
+        self._settle()
+        self._samples = min(self._samples + samples, MAX_COUNTER)
+        if not isnan(peak_power):
+            seen = self._peak_power
+            self._peak_power = peak_power if isnan(seen) else max(seen, peak_power)
+        self._quality = self._quality + Counter(quality)  # without those that are zero
+        total = self._phase_ns.copy()
+        add_saturating(total, phase_ns)
+        self._phase_ns = total
+
+    def _settle(self) -> None:
+        """Count what waits."""
+        if not self._waiting:
+            return
+        waiting, rows, self._waiting, self._rows = self._waiting, self._rows, (), 0
+        quality, phase, power, energy, duration_ns = (
+            each[0] if len(each) == 1 else np.concatenate(each)
+            for each in zip(
+                *((b.quality, b.phase, b.grid_power, joule, ns) for b, joule, ns in waiting),
+                strict=True,
+            )
+        )
+        met = int(np.bitwise_or.reduce(quality))
+        found = {bit: int(((quality & np.uint32(bit)) > 0).sum()) for bit in BITS if met & bit}
+        split = np.zeros((rows, len(Phase)), order="F")
+        split[np.arange(rows), phase] = energy
+        self._phase_energy.add(split)
+        if met & Quality.LEARNED:
+            learned = quality & np.uint32(Quality.LEARNED) > 0
+            self._learned_energy.add(np.where(learned, energy, 0.0)[:, None])
+        durations = np.bincount(phase, weights=duration_ns, minlength=len(Phase))
+        self.add(rows, greatest(power), found, durations.astype(np.int64))
+
+
+def greatest(power: Float) -> float:
+    """Return the greatest finite power; NaN if there is none. [W]
+
+    Args:
+        power: Shape (N,), N >= 1. [W]
+    """
+    peak = float(power.max())
+    if isfinite(peak):
+        return peak
+    finite = power[np.isfinite(power)]
+    return float(finite.max()) if len(finite) else nan

@@ -1,0 +1,101 @@
+"""Options for programs of a tool: what G-code and shapes do not state."""
+
+from __future__ import annotations
+
+import math
+from argparse import Namespace
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from robot_energy.cli.numbers import number
+
+if TYPE_CHECKING:
+    from robot_energy.motion.load_motion import ToolOptions
+
+AT_ORIGIN = (
+    "--base was not given: the base of the robot was taken to stand at the origin of the program, "
+    "not turned"
+)
+START = "--start-position"
+
+
+def add_tool(group: Any, several: bool = False, also: tuple[str, ...] = ()) -> None:
+    """Add the options.
+
+    Args:
+        group: Of a parser.
+        several: Whether a command takes several robots.
+        also: Older names of the start position.
+    """
+    action = "append" if several else "store"
+    each = "; once for all robots, or once per model" if several else ""
+    group.add_argument(
+        "--base",
+        action=action,
+        metavar="X,Y,Z[,YAW]",
+        help="where the robot's base stands in the frame of the program [m], and its turn about "
+        f"the vertical axis [deg]{each}",
+    )
+    group.add_argument(
+        START,
+        *also,
+        action=action,
+        metavar="Q,Q,...",
+        help="joint positions near the first one [rad or m], which decide elbow and wrist"
+        f"{each} (default: middle of the ranges, bent)",
+    )
+    group.add_argument("--tool", default="tool0", metavar="LINK", help="default tool0")
+    group.add_argument(
+        "--tool-acceleration", type=number, metavar="A", help="greatest, default 2 m/s^2, assumed"
+    )
+    group.add_argument(
+        "--corner-tolerance",
+        type=number,
+        metavar="MM",
+        help="greatest distance from a corner, default 3 mm; 0 stops in every corner",
+    )
+    group.add_argument(
+        "--smoothing", type=number, metavar="S", help="of the tool's motion, default 0.02 s"
+    )
+    group.add_argument(
+        "--rapid", type=number, metavar="M_PER_S", help="speed of G0 without F, default 0.25 m/s"
+    )
+
+
+def tool_options(args: Namespace, base: str | None, start: str | None) -> ToolOptions:
+    """Return what was given.
+
+    Args:
+        args: Of the command line.
+        base: Place of this robot's base.
+        start: Its joint positions near the first one.
+
+    Returns:
+        The options.
+
+    Raises:
+        MotionError: If a figure makes no sense.
+    """
+    from robot_energy.motion.load_motion import ToolOptions, joint_list
+    from robot_energy.motion.tool_motion import ToolPlacement
+    from robot_energy.motion.tool_timing import ToolLimits
+
+    placement = ToolPlacement()
+    if base is not None:
+        values = joint_list(base, "--base", (3, 4)).tolist()
+        yaw = math.radians(values[3]) if len(values) == 4 else 0.0
+        placement = ToolPlacement(values[0], values[1], values[2], yaw)
+    given: dict[str, float] = {}
+    if args.tool_acceleration is not None:
+        given["acceleration"] = args.tool_acceleration
+    if args.corner_tolerance is not None:
+        given["corner_tolerance"] = args.corner_tolerance * 1e-3
+    if args.smoothing is not None:
+        given["smoothing"] = args.smoothing
+    options = ToolOptions(
+        link=args.tool,
+        placement=placement,
+        start=None if start is None else joint_list(start, START, ()),
+        limits=ToolLimits(**given),
+    )
+    return options if args.rapid is None else replace(options, rapid_speed=args.rapid)

@@ -1,0 +1,133 @@
+"""Why reduced efficiency maps predict the print path less accurately here than in paper B."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from robot_energy.identify.drives.efficiency import CUTOFF, POINTS
+from robot_energy.identify.dynamics.dynamics_model import to_model
+from robot_energy.model import RobotModel, load
+from robot_energy.motion import FourierMotion, JointMotion
+from robot_energy.rig import RigConfig, load_profile
+from robot_energy_papers.drive_study import PAPER, identify_drives, tested
+from robot_energy_papers.machines import MACHINES, wall_motion
+from robot_energy_papers.mantis import (
+    PrintRun,
+    Smooth,
+    identify_mechanics,
+    read_run,
+    recorded,
+    slower,
+)
+from robot_energy_papers.sensitivity import OpenFigure, SensitivityTable, Values, sensitivity
+
+MAPS, SECOND = STAGES = "reduced maps", "reduced maps, second stage"
+ROUGH = 0.02  # of the values that are sought: maps are made of noisy samples
+RUN = "wall"
+PLANT = ("resistance", "friction", "torque_noise")
+IN_BOTH_FORMS = ("held", "cutoff")
+FIGURES = (
+    OpenFigure(
+        "held", "joint 1: 0 moves, 1 is held", "", 0.0, 0.0, 1.0,
+        "the paper prints in both configurations and does not say which this accuracy is of",
+        switch=True,
+    ),
+    OpenFigure(
+        "cutoff", "low-pass of the efficiencies", "Hz", 1.0, CUTOFF, 20.0,
+        "the paper names the filter, not its cut-off",
+    ),
+    OpenFigure(
+        "points", "points of a map", "", 100.0, float(POINTS), 2000.0,
+        "the paper shows maps, not their grid",
+    ),
+    OpenFigure(
+        "slow", "speed of the second excitation over the first", "", 0.15, 0.4, 0.8,
+        "whether the excitation contains print speed is not stated",
+    ),
+    OpenFigure(
+        "resistance", "winding resistance, factor", "", 0.5, 1.0, 1.5,
+        "drives of 50 to 30 % efficiency while printing, as published",
+    ),
+    OpenFigure(
+        "friction", "Coulomb friction, factor", "", 0.5, 1.0, 2.0,
+        "harmonic gears, new to worn or stiffly preloaded",
+    ),
+    OpenFigure(
+        "torque_noise", "noise of the reported torque", "N m", 0.0, 0.02, 0.06,
+        "up to 2 % of the rated torque, usual for current sensors",
+    ),
+)  # fmt: skip
+
+
+Runs = tuple[list[PrintRun], RobotModel]
+
+
+def map_tables(train: FourierMotion, seed: int, quick: bool) -> dict[str, SensitivityTable]:
+    """Return what the accuracy of electrical energy with maps owes to open figures.
+
+    Args:
+        train: The excitation at full speed.
+        seed: Seed of the rigs.
+        quick: Only the figures that need no other excitation.
+
+    Returns:
+        By stage of the method; identified from both excitation runs, print path of all joints. [-]
+
+    Raises:
+        RobotEnergyError: If a rig, a recording or a fit fails.
+    """
+    figures = [entry for entry in FIGURES if not quick or entry.key in IN_BOTH_FORMS]
+    goals = {stage: PAPER["map_processed"] for stage in STAGES}
+    with TemporaryDirectory() as folder:
+        return sensitivity(_Maps(Path(folder), train, seed).accuracy, figures, goals, ROUGH)
+
+
+class _Maps:
+    """Both stages on the print path, with open figures; what does not change is kept."""
+
+    def __init__(self, folder: Path, train: FourierMotion, seed: int) -> None:
+        self._folder, self._seed = folder, seed
+        self._start, self._profile = load("mantis"), load_profile("mantis")
+        self._train = train
+        self._known: dict[object, Runs] = {}
+        self._walls: dict[object, PrintRun] = {}
+        self._bags = 0
+
+    def accuracy(self, values: Values) -> Mapping[str, float]:
+        given = {entry.key: entry.nominal for entry in FIGURES} | dict(values)
+        plant = tuple(given[key] for key in PLANT)
+        identified = *plant, given["slow"]
+        if identified not in self._known:
+            runs = [
+                self._read(motion, motion.period, plant, self._start)
+                for motion in (self._train, slower(self._train, given["slow"]))
+            ]
+            dynamics = identify_mechanics(runs, self._start, "ols")
+            self._known[identified] = runs, to_model(dynamics, ["excitation on the virtual rig"])
+        runs, model = self._known[identified]
+        printed = *identified, given["held"]
+        if printed not in self._walls:
+            wall = Smooth(wall_motion(MACHINES["mantis_held" if given["held"] else "mantis_all"]))
+            self._walls[printed] = self._read(wall, wall.duration, plant, model)
+        drives = identify_drives(runs, given["cutoff"], round(given["points"]))
+        ways = tested({RUN: self._walls[printed]}, drives)[RUN].ways
+        return {MAPS: ways["map"].accuracy, SECOND: ways["map_processed"].accuracy}
+
+    def _read(
+        self, motion: JointMotion, duration: float, plant: tuple[float, ...], model: RobotModel
+    ) -> PrintRun:
+        resistance, friction, noise = plant
+        profile = replace(
+            self._profile,
+            resistance=self._profile.resistance * resistance,
+            coulomb=self._profile.coulomb * friction,
+            stribeck=self._profile.stribeck * friction,
+        )
+        config = RigConfig()
+        config = replace(config, sensors=replace(config.sensors, torque_noise=noise))
+        self._bags += 1
+        path = self._folder / f"{self._bags}"
+        return read_run(recorded(profile, motion, duration, path, self._seed, config), model)

@@ -1,0 +1,91 @@
+"""G-code at other feeds: what is written is what was predicted."""
+
+import numpy as np
+import pytest
+
+import robot_energy as re
+from places import ROOT
+from robot_energy.errors import MotionError
+from robot_energy.model import load
+from robot_energy.motion.gcode import read_gcode
+from robot_energy.motion.gcode_feed import with_feed
+from robot_energy.motion.load_motion import ToolOptions
+from robot_energy.motion.tool_motion import ToolPlacement
+from robot_energy.motion.tool_path import Dwell
+from robot_energy.motion.tool_timing import ToolLimits
+
+LAYER = ROOT / "src/examples/programs/wall_layer.gcode"
+MODEL = load("irb4600")
+TOOL = ToolOptions(placement=ToolPlacement(-1.0, 0.15, 0.0))
+HARD = ToolLimits(acceleration=50.0)
+PROGRAM = """\
+G21 (F100 is no feed) ; F200 neither
+M203 F50
+G1 X0 Y0 Z0 F1000 ; first
+G0 X10
+g1 x20 f1500.5 E2
+G4 P200
+G1 E-2 F2400
+G10 F300
+G0 X0 F9000
+G1 Y10
+"""
+
+
+def speeds(text):
+    return [one.speed for one in read_gcode(text).path.segments if not isinstance(one, Dwell)]
+
+
+def test_every_feed_is_multiplied_and_nothing_else_changes():
+    twice = with_feed(PROGRAM, 2.0)
+    # mm/min to mm/s; G0 without F keeps the rapid speed, G0 with F sets the feed that follows
+    wanted = [250.0, 1500.5 / 60, 9000 / 60, 9000 / 60]
+    assert np.multiply(speeds(PROGRAM), 1e3) == pytest.approx(wanted)
+    factors = np.divide(speeds(twice), speeds(PROGRAM))
+    assert factors == pytest.approx([1.0, 2.0, 2.0, 2.0])
+    assert "(F100 is no feed) ; F200 neither" in twice
+    assert "M203 F50\n" in twice
+    assert "G10 F300\n" in twice
+    assert "G1 E-2 F4800\n" in twice
+    assert with_feed(twice, 0.5).upper() == PROGRAM.upper()
+
+
+def test_what_is_written_costs_what_was_promised(tmp_path):
+    """The prediction of the written file, which knows nothing of the search."""
+    found = re.optimize(LAYER, MODEL, 40.0, tool=TOOL, max_feed=2.0)
+    given = re.predict(LAYER, MODEL, 40.0, tool=TOOL)
+    assert found.report.before.energy == pytest.approx(given.energy.net, rel=2e-3)
+    assert found.report.after.duration < 0.6 * found.report.before.duration
+    found.write(tmp_path / "fast.gcode")
+    again = re.predict(tmp_path / "fast.gcode", MODEL, 40.0, tool=TOOL)
+    assert again.energy.net == pytest.approx(found.report.after.energy, rel=2e-3)
+    found.write(tmp_path / "fast.gcode")  # its own file may be replaced
+    assert (tmp_path / "fast.gcode").read_text().count("Written by") == 1
+
+
+def test_without_leave_a_program_never_becomes_faster_and_slack_makes_it_slower():
+    kept = re.optimize(LAYER, MODEL, 40.0, tool=TOOL).report
+    assert kept.after.duration == pytest.approx(kept.before.duration)
+    assert not kept.saving.claimed
+    standby = MODEL.cabinet.model_copy(
+        update={
+            name: getattr(MODEL.cabinet, name).model_copy(update={"value": 0.0})
+            for name in ("loss_grid", "loss_dc")
+        }
+    )
+    idle = MODEL.changed(cabinet=standby)
+    slack = re.optimize(LAYER, idle, 40.0, tool=TOOL, cycle_time=60.0).report
+    assert slack.after.energy <= slack.before.energy
+
+
+@pytest.mark.parametrize(
+    ("feed", "text"), [(0.5, r"feeds is 0\.5"), (9.0, "moves at"), (11.0, "feeds is 11")]
+)
+def test_feeds_that_cannot_be_are_refused(feed, text):
+    with pytest.raises(MotionError, match=text):
+        re.optimize(LAYER, "testbed", 40.0, tool=ToolOptions(limits=HARD), max_feed=feed)
+
+
+def test_a_print_has_no_time_laws():
+    with pytest.raises(MotionError, match="states no time laws"):
+        re.optimize(LAYER, MODEL, 40.0, tool=TOOL, time_law=True)
