@@ -9,6 +9,7 @@ efficiency is drawn likewise returns what went into its own resistor. Simulated 
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -26,12 +27,13 @@ from robot_energy.advice.claims import (
 from robot_energy.advice.evidence import EvidenceSums, RecordedEvidence, RecordedRest
 from robot_energy.api.replay import run_replay
 from robot_energy.blocks import Float
+from robot_energy.files.temporary_folder import TemporaryFolder
 from robot_energy.model import RobotModel
 from robot_energy.motion import Program, random_program, tool_above
 from robot_energy.optimization.rest_states import ASSUMED, rest_cost
 from robot_energy.rig import RigConfig, VirtualRig, random_profile
 from robot_energy.rig.record import record
-from robot_energy_papers.band_coverage import AMBIENT, BODY, Recorded
+from robot_energy_papers.band_coverage import AMBIENT, BODY, TRAINING, Recorded
 from robot_energy_papers.experiment import MIN_HEIGHT, TOOL
 from robot_energy_papers.savings_study import identified
 
@@ -213,3 +215,30 @@ def _claims(evidence: RecordedEvidence, model: RobotModel) -> list[Claim | None]
 
 def _unmeasured(rest: RecordedRest) -> RecordedRest:
     return RecordedRest(rest.start_ns, rest.end_ns, rest.energy, rest.joint_position)
+
+
+def count(rows: Sequence[JudgedAdvice]) -> list[str]:
+    """Return how often claims and bands were right, one line for each kind of advice.
+
+    Args:
+        rows: Of all plants.
+    """
+    lines: list[str] = []
+    for name, metered in sorted({(row.name, row.metered) for row in rows}):
+        own = [row for row in rows if (row.name, row.metered) == (name, metered)]
+        claimed = [row for row in own if row.claimed]
+        lines.append(
+            f"{name}, {'with' if metered else 'without'} a meter: {len(claimed)} of {len(own)} "
+            f"claimed, {sum(row.right_sign for row in claimed)} of these with the right sign; "
+            f"{sum(row.inside for row in own)} of {len(own)} bands hold the truth"
+        )
+    return lines
+
+
+if __name__ == "__main__":
+    first, plants = int(sys.argv[1]), int(sys.argv[2])
+    judged: list[JudgedAdvice] = []
+    for plant in range(first, first + plants):
+        with TemporaryFolder() as scratch:
+            judged += judge_advice(scratch.path, plant, TRAINING)
+    print("\n".join(count(judged)))
