@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from robot_energy.accounting.account import EnergyAccount
+from robot_energy.accounting.auxiliary import AuxiliaryAccount
 from robot_energy.accounting.energy_curve import EnergyCurve, add_compared, add_means
 from robot_energy.accounting.prediction_errors import PowerErrorSums
 from robot_energy.accounting.record import Calibrated
@@ -20,11 +21,10 @@ from robot_energy.condition.record import ConditionRecord
 from robot_energy.energy_bag import EnergyBagWriter
 from robot_energy.errors import BagError, UnknownJointError
 from robot_energy.files.output_folder import check_folder
-from robot_energy.inputs.bag_topics import (
-    find_meter,
-)
+from robot_energy.inputs.bag_topics import LoadTopics, find_auxiliary, find_meter
 from robot_energy.inputs.joint_states.joint_states import JointStateIngest
 from robot_energy.inputs.meter.meter import MeterIngest
+from robot_energy.inputs.meter.power_curve import MeterLimits
 from robot_energy.inputs.sources import Inputs, JointStateSource
 from robot_energy.inputs.temperatures.temperatures import TemperatureIngest
 from robot_energy.messages import PayloadReader
@@ -33,7 +33,7 @@ from robot_energy.pipeline import EnergyPipeline, Output, Settings
 from robot_energy.pipeline.payload_timeline import PayloadChange
 from robot_energy.read_ahead import can_read_ahead, read_ahead
 from robot_energy.recorded_jobs import Job, RecordedJobs
-from robot_energy.replay_steps import BagInputs, read_steps, torque_steps
+from robot_energy.replay_steps import BagInputs, LoadIngest, read_steps, torque_steps
 from robot_energy.replay_topics import Topics, find_temperatures, find_topics
 from robot_energy.timeline.pieces import Compared
 
@@ -64,6 +64,7 @@ class Replay:
         power_error: Predicted less measured power at the meter, from reading to reading.
         origin: Where the recording comes from, as its writer said; empty if it did not.
         jobs: What the jobs of a list have counted.
+        auxiliary: Accounting of meters and states of auxiliary loads, by load.
     """
 
     bag: Path
@@ -83,6 +84,7 @@ class Replay:
     power_error: PowerErrorSums = field(default_factory=PowerErrorSums)
     origin: str = ""
     jobs: RecordedJobs = field(default_factory=lambda: RecordedJobs(()))
+    auxiliary: dict[str, LoadIngest] = field(default_factory=dict[str, LoadIngest])
 
     @property
     def ledger(self) -> EnergyAccount:
@@ -149,9 +151,14 @@ def replay(
     bag = BagReader(path)
     used = find_topics(bag, topics or Topics(), inputs)
     sources, notes = find_temperatures(bag, used, inputs)
-    source, more = find_meter(bag, used.meter, inputs.meter if inputs is not None else None)
+    loads = model.auxiliary or ()
+    loaded, unread = find_auxiliary(bag, loads, inputs)
+    others = {topic for load in loaded.values() for topic in load.topics}
+    source, more = find_meter(bag, used.meter, inputs.meter if inputs is not None else None, others)
     meter = MeterIngest(source, bag.typestore)
     pipeline = EnergyPipeline(model, settings.with_meter(*meter.source.limits))
+    if loads:
+        pipeline.auxiliary = AuxiliaryAccount(loads, _limits(loaded, settings))
     if learned is not None:
         pipeline.power.condition.restore(learned)
     temperatures = TemperatureIngest(
@@ -179,8 +186,9 @@ def replay(
         effort=settings.effort,
         pipeline=pipeline,
         origin=bag.origin,
-        notes=[*notes, *more],
+        notes=[*notes, *more, *unread],
         jobs=RecordedJobs(jobs),
+        auxiliary={name: LoadIngest(load, bag.typestore) for name, load in loaded.items()},
     )
     if keep_curves:
         result.predicted_curve, result.compared_curve = EnergyCurve(1), EnergyCurve(2)
@@ -241,7 +249,9 @@ def _outputs(
 ) -> Generator[tuple[Output, tuple[PayloadChange, ...]]]:
     """Run the stages; yield what each step gave, and the payloads that were set in it."""
     pipeline = result.pipeline
-    inputs = BagInputs(result.joint_states, result.temperatures, result.meter, [])
+    inputs = BagInputs(
+        *(result.joint_states, result.temperatures, result.meter, []), result.auxiliary
+    )
     steps = read_steps(bag, inputs, result.topics, spans, by_second, result.jobs)
     if processes > 2:
         steps = read_ahead(steps)
@@ -250,12 +260,15 @@ def _outputs(
         steps = read_ahead(steps)
     with closing(steps):
         for step in steps:
+            for name, (readings, states) in step.auxiliary.items():
+                pipeline.take_auxiliary(name, readings, states)
             if step.inputs is None or step.stages is None:
                 yield pipeline.advance(step.torque, step.temperatures, step.meter), step.changes
             else:  # as they are in the process that has read
                 read = step.inputs
                 result.joint_states, result.temperatures = read.joint_states, read.temperatures
                 result.meter, result.problems = read.meter, read.problems
+                result.auxiliary = read.auxiliary
                 pipeline.torque, result.payload = step.stages
                 yield pipeline.finish(step.torque), step.changes
             if progress is not None and step.share is not None:
@@ -269,10 +282,24 @@ def _spans(bag: BagReader, result: Replay, time_range: TimeRange) -> dict[str, L
     topics = result.topics
     earlier = first - round(result.model.temperature.stale_after * SECOND_NS)
     metered = result.meter.source.topics if topics.meter else ()
+    loaded = result.auxiliary.values()
+    powers = [topic for load in loaded if load.meter for topic in load.meter.source.topics]
+    states = [topic for load in loaded if load.state for topic in load.state.source.topics]
     return {
+        **dict.fromkeys(powers, (first, last)),
+        **dict.fromkeys(states, (0, last)),
         **dict.fromkeys((*(topics.joint_states or ()), *metered), (first, last)),
         **dict.fromkeys(topics.temperatures or (), (earlier, last)),
         **({topics.payload: (0, last)} if topics.payload else {}),
+    }
+
+
+def _limits(loaded: Mapping[str, LoadTopics], settings: Settings) -> dict[str, MeterLimits]:
+    """What is said of the readings of each load's meter."""
+    return {
+        name: MeterLimits(settings.meter_max_gap, load.meter.max_power, load.meter.wraps_at_joule)
+        for name, load in loaded.items()
+        if load.meter is not None
     }
 
 

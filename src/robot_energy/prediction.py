@@ -7,16 +7,18 @@ of live operation and replay. Motor temperatures are assumed and held.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from robot_energy.accounting.account import EnergyAccount
+from robot_energy.accounting.auxiliary import AuxiliaryAccount
 from robot_energy.accounting.averaging import MeanBlock
 from robot_energy.blocks import PLAUSIBLE_DEGC, Float, JointBlock, TemperatureBlock
 from robot_energy.errors import MotionError, UnknownJointError
 from robot_energy.model import RobotModel
+from robot_energy.model.auxiliary import AuxiliaryLoad
 from robot_energy.model.friction_laws import FRICTION_LAWS
 from robot_energy.model.payload import Payload
 from robot_energy.motion.planned import MAX_DURATION, PlannedMotion, repeated
@@ -82,6 +84,7 @@ def predict(
     progress: Progress | None = None,
     max_samples: int = MAX_SAMPLES,
     on_output: Callable[[Output], None] | None = None,
+    auxiliary: Mapping[str, str] | None = None,
 ) -> Prediction:
     """Predict the energy of a motion.
 
@@ -96,6 +99,8 @@ def predict(
         progress: Called with the share done, 0 to 1.
         max_samples: Of all repetitions; more are refused before the work begins.
         on_output: Called with what each step of the pipeline gave.
+        auxiliary: States of auxiliary loads from start to end, by the names of the loads; others
+            are in the state that the model says.
 
     Returns:
         The prediction with its energy account.
@@ -117,6 +122,8 @@ def predict(
         )
     period = max(MIN_PERIOD, duration / POINTS)
     pipeline = EnergyPipeline(model, Settings(power_period=period, temperature_assumed=True))
+    if model.auxiliary or auxiliary:
+        pipeline.auxiliary = AuxiliaryAccount(_loads(model, auxiliary or {}), planned=True)
     for body in payload:
         pipeline.torque.set_payload(body)
     friction = FrictionModel.from_model(model)
@@ -184,6 +191,21 @@ def _take(result: Prediction, means: list[MeanBlock], output: Output) -> None:
         result.limits.drives(output.power)
     if output.means is not None:
         means.append(output.means)
+
+
+def _loads(model: RobotModel, states: Mapping[str, str]) -> list[AuxiliaryLoad]:
+    """The auxiliary loads with their states."""
+    loads = {load.name: load for load in model.auxiliary or ()}
+    for name, state in states.items():
+        if name not in loads:
+            raise MotionError(
+                f"the model has no auxiliary load '{name}'", ", ".join(loads) or "a model with one"
+            )
+        if state not in loads[name].states:
+            known = ", ".join(loads[name].states)
+            raise MotionError(f"the load '{name}' has no state '{state}'", known)
+        loads[name] = loads[name].model_copy(update={"state": state})
+    return list(loads.values())
 
 
 def _temperatures(given: float | Sequence[float] | Float, n_joints: int) -> Float:

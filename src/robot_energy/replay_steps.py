@@ -6,9 +6,10 @@ depends on whether it does.
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Generator, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from robot_energy.bag import BagReader
 from robot_energy.bag.mcap_records import LogTimes
 from robot_energy.blocks import JointBlock, MeterBlock, TemperatureBlock, TorqueBlock
 from robot_energy.cdr.batch import RawBatch
+from robot_energy.inputs.bag_topics import LoadTopics
 from robot_energy.inputs.joint_states.joint_states import JointStateIngest
 from robot_energy.inputs.meter.meter import MeterIngest
 from robot_energy.inputs.temperatures.temperatures import TemperatureIngest
@@ -25,8 +27,55 @@ from robot_energy.pipeline.payload_timeline import PayloadChange
 from robot_energy.recorded_jobs import RecordedJobs
 from robot_energy.replay_topics import Topics
 
+if TYPE_CHECKING:
+    from rosbags.typesys.store import Typestore
+
 SECOND_NS = 1_000_000_000
 ROWS = 4096  # samples in one step at most
+
+
+LoadReadings = tuple[MeterBlock | None, MeterBlock | None]
+"""What came from the meter of a load, and the numbers of its states."""
+
+
+class LoadIngest:
+    """Reads meter and states of one auxiliary load.
+
+    Args:
+        topics: What of it the bag holds.
+        typestore: Message definitions of the bag.
+
+    Attributes:
+        meter: Accounting of its meter; None without one.
+        state: Accounting of its states; None without them.
+    """
+
+    def __init__(self, topics: LoadTopics, typestore: Typestore) -> None:
+        self.meter, self.state = (
+            MeterIngest(source, typestore) if source is not None else None
+            for source in (topics.meter, topics.state)
+        )
+
+    def step(self, part: Mapping[str, RawBatch]) -> LoadReadings:
+        """Take the messages of a part of a bag.
+
+        Args:
+            part: Serialised messages by topic.
+
+        Returns:
+            What came of them.
+        """
+        return self._each(
+            lambda reader: reader.step([part[t] for t in reader.source.topics if t in part])
+        )
+
+    def flush(self) -> LoadReadings:
+        """Return what still waits, as at the end of a bag."""
+        return self._each(lambda reader: reader.flush())
+
+    def _each(self, take: Callable[[MeterIngest], MeterBlock | None]) -> LoadReadings:
+        meter, state = (None if r is None else take(r) for r in (self.meter, self.state))
+        return meter, state
 
 
 @dataclass
@@ -38,12 +87,14 @@ class BagInputs:
         temperatures: Accounting of the temperatures.
         meter: Accounting of the meter.
         problems: What was wrong with the bag, one sentence each.
+        auxiliary: Accounting of meters and states of auxiliary loads, by load.
     """
 
     joint_states: JointStateIngest
     temperatures: TemperatureIngest
     meter: MeterIngest
     problems: list[str]
+    auxiliary: dict[str, LoadIngest] = field(default_factory=dict[str, LoadIngest])
 
 
 @dataclass
@@ -55,6 +106,7 @@ class BagStep:
         torque: Torques that became complete.
         temperatures: Motor temperatures.
         meter: Meter readings.
+        auxiliary: What came from each auxiliary load, by its name.
         payload: Messages of payloads, before they are in force.
         changes: Payloads that were accepted.
         share: How much of the bag is read, 0 to 1; None within a part.
@@ -66,6 +118,7 @@ class BagStep:
     torque: TorqueBlock | None = None
     temperatures: TemperatureBlock | None = None
     meter: MeterBlock | None = None
+    auxiliary: dict[str, LoadReadings] = field(default_factory=dict[str, LoadReadings])
     payload: RawBatch | None = None
     changes: tuple[PayloadChange, ...] = ()
     share: float | None = None
@@ -96,7 +149,14 @@ def read_steps(
     """
     metered = tuple(inputs.meter.source.topics) if topics.meter else ()
     states = topics.joint_states or ()
-    wanted = (*states, topics.payload, *(topics.temperatures or ()), *metered)
+    auxiliary = [
+        topic
+        for load in inputs.auxiliary.values()
+        for reader in (load.meter, load.state)
+        if reader is not None
+        for topic in reader.source.topics
+    ]
+    wanted = (*states, topics.payload, *(topics.temperatures or ()), *metered, *auxiliary)
     start, end = next((spans[name] for name in states if name in spans), (bag.start_ns, bag.end_ns))
     for part in bag.parts([name for name in wanted if name], spans):
         readings = [part[topic] for topic in topics.temperatures or () if topic in part]
@@ -105,6 +165,7 @@ def read_steps(
         first = BagStep(
             temperatures=inputs.temperatures.step(readings) if readings else None,
             meter=inputs.meter.step(metering) if metering else None,
+            auxiliary={name: load.step(part) for name, load in inputs.auxiliary.items()},
             payload=part[topics.payload].copy() if topics.payload in part else None,
         )
         joints = inputs.joint_states.step(batches) if batches else None
@@ -114,7 +175,11 @@ def read_steps(
             done = (int(batches[0].log_time_ns[-1]) - start) / max(end - start, 1)
             last.share = min(1.0, done)
         yield last
-    yield BagStep(temperatures=inputs.temperatures.flush(), meter=inputs.meter.flush())
+    yield BagStep(
+        temperatures=inputs.temperatures.flush(),
+        meter=inputs.meter.flush(),
+        auxiliary={name: load.flush() for name, load in inputs.auxiliary.items()},
+    )
     if (joints := inputs.joint_states.flush()) is not None:
         yield from _cut(joints, by_second, jobs, BagStep())
     inputs.problems += bag.problems

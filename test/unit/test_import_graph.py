@@ -22,9 +22,9 @@ MODULES = {
         time_series units
     """,
     "robot_energy.accounting": """
-        account account_record averaging band_calibration comparison energy_curve event_log
-        exact_sum integration job_intervals meter_checks plain_text prediction_errors record
-        record_repair registers sample_counts settings shaft_comparison
+        account account_record auxiliary averaging band_calibration comparison energy_curve
+        event_log exact_sum integration job_intervals meter_checks plain_text prediction_errors
+        record record_repair registers sample_counts settings shaft_comparison
     """,
     "robot_energy.advice": """
         claims dataset_evidence evidence run speeds
@@ -92,7 +92,7 @@ MODULES = {
         network windows
     """,
     "robot_energy.inputs": """
-        bag_topics inputs_file parameters rejection_log sources
+        auxiliary bag_topics inputs_file parameters rejection_log sources
     """,
     "robot_energy.inputs.joint_states": """
         correction decode joint_states jumps partial_states plausibility publisher_conflicts
@@ -114,7 +114,8 @@ MODULES = {
         friction interval model_messages payload power registers torque
     """,
     "robot_energy.model": """
-        drive_models figure friction_laws joint load open_schema payload reference schema thermal
+        auxiliary drive_models figure friction_laws joint load open_schema payload reference
+        schema thermal
     """,
     "robot_energy.motion": """
         fourier gcode gcode_feed gcode_words inverse_kinematics joint_trajectory load_motion planar
@@ -149,19 +150,20 @@ MODULES = {
         robots
     """,
     "robot_energy.report": """
-        advice canvas condition document drives dynamics efficiency_figure energy energy_figure
-        evaluation excitation fleet fleet_figures formats friction_figure headline held_out html
-        identification identify_all jobs kinds layout model optimization optimization_figure
-        parameters power_figure prediction prediction_figure printing recordings replay series
-        temperature_figure thermal torque_figure trend_figure
+        advice auxiliary canvas condition document drives dynamics efficiency_figure energy
+        energy_figure evaluation excitation fleet fleet_figures formats friction_figure headline
+        held_out html identification identify_all jobs kinds layout model optimization
+        optimization_figure parameters power_figure prediction prediction_figure printing recordings
+        replay series temperature_figure thermal torque_figure trend_figure
     """,
     "robot_energy.results": """
-        advice base check condition drives dynamics energy evaluation excitation fleet
+        advice auxiliary base check condition drives dynamics energy evaluation excitation fleet
         identification model optimization optimization_figures prediction replay schema thermal
         uncertainty
     """,
     "robot_energy.rig": """
-        config lubricant output plant profile random_plant record sensors supply thermal virtual_rig
+        auxiliary config lubricant output plant profile random_plant record sensors supply thermal
+        virtual_rig
     """,
     "robot_energy.starter": """
         arm description model_text priors
@@ -179,10 +181,9 @@ MODULES = {
         accuracy advice_study band_coverage calibration certainty certainty_numbers certainty_page
         drawings drawn_plants drive_study effects experiment fleet_study generated_fleet held_out
         interval_coverage job_pool kr16_sensitivity learning_study machines mantis map_sensitivity
-        models more_recordings pages
-        paper_a paper_a_numbers paper_a_page paper_b paper_b_numbers paper_b_page savings
-        savings_numbers savings_page savings_study sensitivity soaked_rigs thermal_study wall
-        wall_sensitivity wear_rows wear_study
+        models more_recordings pages paper_a paper_a_numbers paper_a_page paper_b paper_b_numbers
+        paper_b_page savings savings_numbers savings_page savings_study sensitivity soaked_rigs
+        thermal_study wall wall_sensitivity wear_rows wear_study
     """,
     "robot_energy_papers.cli": """
         reproduce study_folder

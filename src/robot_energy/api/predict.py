@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -69,6 +69,7 @@ def predict(
     tool: ToolOptions | None = None,
     max_samples: int = MAX_SAMPLES,
     progress: Callable[[float], None] | None = None,
+    auxiliary: Mapping[str, str] | None = None,
 ) -> PredictionResult:
     """Predict the energy of a motion program.
 
@@ -83,6 +84,7 @@ def predict(
         tool: What G-code does not say.
         max_samples: Longer predictions are refused.
         progress: Called with the share done, 0 to 1.
+        auxiliary: States of auxiliary loads, by the names of the loads.
 
     Returns:
         Power over time and energies.
@@ -106,6 +108,7 @@ def predict(
         motion.notes,
         progress,
         max_samples,
+        auxiliary,
     )
     report = prediction_report(result, motion)
     names = used.joint_names

@@ -68,6 +68,13 @@ def add_parser(commands: Any) -> None:
         f"(default link {PAYLOAD_LINK})",
     )
     parser.add_argument(
+        "--auxiliary",
+        action="append",
+        default=[],
+        metavar="LOAD=STATE",
+        help="state of an auxiliary load of the models (default: as the model says)",
+    )
+    parser.add_argument(
         "--repeat", type=whole, metavar="N", help="how often (default: as the program says, or 1)"
     )
     parser.add_argument("--topic", metavar="NAME", help="of the JointTrajectory in a bag")
@@ -158,6 +165,7 @@ def _predictions(args: Namespace) -> list[tuple[Prediction, LoadedMotion]]:
             for text in args.temperature:
                 degc = joint_list(text, "--temperature", sorted({1, robot.n_joints}))
                 plans.append((motion, model, degc, repeat))
+    states = dict(_load_state(text) for text in args.auxiliary)
     most = MAX_SAMPLES if args.max_samples is None else args.max_samples
     _say_length([(motion, repeat) for motion, _, _, repeat in plans], most)
     found: list[tuple[Prediction, LoadedMotion]] = []
@@ -165,10 +173,29 @@ def _predictions(args: Namespace) -> list[tuple[Prediction, LoadedMotion]]:
         label = f"{motion.name}, {model.robot.type}, {motion.motion.duration * repeat:.4g} s"
         with progress(label) as show:
             result = predict(
-                model, motion.motion, degc, motion.name, repeat, payload, motion.notes, show, most
+                model,
+                motion.motion,
+                degc,
+                motion.name,
+                repeat,
+                payload,
+                motion.notes,
+                show,
+                most,
+                states,
             )
         found.append((result, motion))
     return found
+
+
+def _load_state(text: str) -> tuple[str, str]:
+    """Name and state of ``LOAD=STATE``."""
+    from robot_energy.errors import MotionError
+
+    name, sign, state = text.partition("=")
+    if not sign:
+        raise MotionError(f"--auxiliary is '{text}'", "LOAD=STATE, such as pump=on")
+    return name, state
 
 
 def _say_length(plans: Sequence[tuple[LoadedMotion, int]], most: int) -> None:

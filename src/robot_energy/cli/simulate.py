@@ -109,6 +109,11 @@ def add_parser(commands: Any) -> None:
         action="store_true",
         help="record the electrical input of each drive as well, on /drive_power",
     )
+    parser.add_argument(
+        "--auxiliary",
+        action="store_true",
+        help="record a pump and an extruder as well, with meters and states of their own",
+    )
     parser.add_argument("--overwrite", action="store_true", help="replace the bag of --out")
 
 
@@ -139,7 +144,12 @@ def run(args: Namespace) -> int:
         device_seed=args.device_seed,
     )
     recording = record(
-        rig, args.duration, args.out, overwrite=args.overwrite, drive_power=args.drive_power
+        rig,
+        args.duration,
+        args.out,
+        overwrite=args.overwrite,
+        drive_power=args.drive_power,
+        auxiliary=args.auxiliary,
     )
     out = console()
     drawn_energy = f"{recording.energy / 1e3:.4g} kJ truly drawn from its grid"

@@ -137,7 +137,8 @@ class FleetModels:
         """
         if name not in self._digests:
             model = load(name)
-            own = digest(model.model_dump(mode="json"), model.urdf_xml)
+            late = {"auxiliary"} if model.auxiliary is None else None  # as before there was one
+            own = digest(model.model_dump(mode="json", exclude=late), model.urdf_xml)
             self._digests[name] = own
             self.models[own] = model
         return self._digests[name]

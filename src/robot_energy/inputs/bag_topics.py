@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 from robot_energy.bag import BagReader
 from robot_energy.errors import MissingTopicError
+from robot_energy.inputs.auxiliary import AuxiliaryInputs, StateSource
 from robot_energy.inputs.meter.kinds import meter_kind
 from robot_energy.inputs.meter.source import MeterSource
 from robot_energy.inputs.sources import TemperatureSource
 from robot_energy.inputs.temperatures.kinds import TEMPERATURE_KINDS
+from robot_energy.model.auxiliary import AuxiliaryLoad
+
+LOADS = "/auxiliary/"  # in names of topics that are those of auxiliary loads
 
 
 def resolve(bag: BagReader, name: str) -> str | None:
@@ -120,7 +124,10 @@ def possible_temperatures(bag: BagReader) -> list[str]:
 
 
 def find_meter(
-    bag: BagReader, topic: str | None, source: MeterSource | None
+    bag: BagReader,
+    topic: str | None,
+    source: MeterSource | None,
+    others: Collection[str] = (),
 ) -> tuple[MeterSource | None, list[str]]:
     """Find the power meter in a bag.
 
@@ -128,6 +135,7 @@ def find_meter(
         bag: An open bag.
         topic: Its topic as the user named it; None to go by the source, or by type.
         source: The meter of the node that the bag is to be read like; None to go by type.
+        others: Topics that are known to be something else.
 
     Returns:
         The meter with the full names of its topics, None if there is none, and what the
@@ -152,9 +160,10 @@ def find_meter(
         for name, kind in found.topics.items():
             bag.require(name, kind)
         return found, []
-    told = [
-        name for name, info in sorted(bag.topics.items()) if meter_kind(info.msgtype).found_by_type
-    ]
+    open_topics = sorted(
+        item for item in bag.topics.items() if item[0] not in others and LOADS not in item[0]
+    )
+    told = [name for name, info in open_topics if meter_kind(info.msgtype).found_by_type]
     if len(told) > 1:
         raise MissingTopicError(
             f"{bag.path} has several topics of a power meter: {', '.join(told)}",
@@ -166,6 +175,74 @@ def find_meter(
     return None, [
         f"{name} ({info.msgtype}) may be a power meter; say what it means in a parameter file "
         "and name that with --inputs"
-        for name, info in sorted(bag.topics.items())
+        for name, info in open_topics
         if any(word in name.lower() for word in meter_kind(info.msgtype).topic_words)
     ]
+
+
+@dataclass(frozen=True)
+class LoadTopics:
+    """What of one load a bag holds.
+
+    Attributes:
+        meter: Its meter; None if there is none.
+        state: The numbers of its states; None if there are none.
+    """
+
+    meter: MeterSource | None
+    state: MeterSource | None
+
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """Full names of all topics."""
+        return tuple(t for source in (self.meter, self.state) if source for t in source.topics)
+
+
+def find_auxiliary(
+    bag: BagReader, loads: Sequence[AuxiliaryLoad], inputs: AuxiliaryInputs | None
+) -> tuple[dict[str, LoadTopics], list[str]]:
+    """Find meters and states of loads in a bag.
+
+    Args:
+        bag: An open bag.
+        loads: Of the model file.
+        inputs: Inputs of the node that the bag is to be read like; None: the usual topics.
+
+    Returns:
+        Topics of every load by its name, and one sentence for each meter that is missing and each
+        entry that names no load.
+
+    Raises:
+        MissingTopicError: If a topic is there with another type, or several times.
+    """
+    meters = dict(inputs.auxiliary_meters) if inputs is not None else {}
+    given = inputs.auxiliary_states.values() if inputs is not None else ()
+    states = {source.load: source for source in given}
+    found: dict[str, LoadTopics] = {}
+    notes: list[str] = []
+    for load in loads:
+        meter = None
+        if load.metered:
+            usual = MeterSource(topic=f"auxiliary/{load.name}/power")
+            wanted = meters.get(load.name, usual)
+            meter = _in_bag(bag, wanted)
+            if meter is None:
+                topics = " and ".join(wanted.topics)
+                notes.append(f"the bag has no {topics}: the power of {load.name} is not known")
+        usual_state = StateSource(topic=f"auxiliary/{load.name}/state")
+        state = states.get(load.name, usual_state)
+        found[load.name] = LoadTopics(meter, _in_bag(bag, state.source))
+    for name in sorted({*meters, *states} - set(found)):
+        notes.append(f"the inputs name the auxiliary load '{name}', which the model lacks")
+    return found, notes
+
+
+def _in_bag(bag: BagReader, source: MeterSource) -> MeterSource | None:
+    """The source with the full names of its topics; None where one is missing."""
+    full = {name: resolve(bag, name) for name in source.topics}
+    if None in full.values():
+        return None
+    held = source.resolved(lambda name: full[name] or name)
+    for name, kind in held.topics.items():
+        bag.require(name, kind)
+    return held

@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 
 from robot_energy.blocks import EffortMeaning
 from robot_energy.errors import ParameterError
+from robot_energy.inputs.auxiliary import AuxiliaryInputs
 from robot_energy.inputs.joint_states.correction import JointCorrection
 from robot_energy.inputs.meter.source import MeterInputs
 from robot_energy.inputs.parameters import HEADER, RECEIVE, group, named_groups, parameter
@@ -269,5 +270,5 @@ class JointStateInputs(GapInputs):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Inputs(TemperatureInputs, MeterInputs, JointStateInputs):
+class Inputs(TemperatureInputs, AuxiliaryInputs, MeterInputs, JointStateInputs):
     """All inputs of a monitor."""

@@ -19,6 +19,7 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
+from robot_energy.model.auxiliary import MAX_LOADS, AuxiliaryLoad
 from robot_energy.model.drive_models import DRIVE_MODELS
 from robot_energy.model.figure import (
     Figure,
@@ -194,6 +195,8 @@ class RobotModel(ModelEntry):
         cabinet: Supply and constant losses.
         temperature: What to assume without a motor temperature.
         provenance: Where the file comes from.
+        auxiliary: Loads at the outlet, outside of the cabinet, such as a pump; a replay and a
+            prediction count them.
         massless_links: Links that may move without inertia, on purpose (for example a
             wrist whose mass is lumped into its neighbour).
         gravity: In the base frame; it states a mounting on wall or ceiling. [m/s^2]
@@ -211,6 +214,7 @@ class RobotModel(ModelEntry):
     cabinet: Cabinet
     temperature: TemperatureSettings
     provenance: Provenance = Provenance()
+    auxiliary: Annotated[tuple[AuxiliaryLoad, ...], Field(max_length=MAX_LOADS)] | None = None
 
     _urdf_xml: str = PrivateAttr(default="")
     _source: str = PrivateAttr(default="<memory>")
@@ -226,6 +230,9 @@ class RobotModel(ModelEntry):
                     raise ValueError(f"coupling names the unknown joint '{name}'")
             if entry.motor == entry.joint:
                 raise ValueError(f"coupling of '{entry.motor}' with itself; use gear_ratio")
+        loads = [load.name for load in self.auxiliary or ()]
+        if repeated := dict.fromkeys(name for name in loads if loads.count(name) > 1):
+            raise ValueError(f"names of auxiliary loads repeat: {', '.join(repeated)}")
         kind = DRIVE_MODELS[self.drive]
         for joint in self.joints:
             if kind.entry is not None and kind.of(joint) is None:
@@ -245,7 +252,8 @@ class RobotModel(ModelEntry):
     @property
     def model_id(self) -> str:
         """Short hash over every figure and the URDF: equal ids give equal watts."""
-        digest = hashlib.sha256(self.model_dump_json(exclude={"urdf"}).encode())
+        late = {"auxiliary"} if self.auxiliary is None else set[str]()
+        digest = hashlib.sha256(self.model_dump_json(exclude={"urdf"} | late).encode())
         digest.update(self._urdf_xml.encode())
         return digest.hexdigest()[:12]
 

@@ -36,6 +36,7 @@ class FlowParts:
         brake: Into the brake resistor, >= 0.
         capacitor: Into the capacitor; negative while it gives back.
         returned: Fed back into the grid, >= 0; already subtracted from the grid's sum.
+        auxiliary: Name and size of each load outside of the cabinet, >= 0.
     """
 
     joint_names: Sequence[str]
@@ -47,6 +48,7 @@ class FlowParts:
     brake: float
     capacitor: float
     returned: float
+    auxiliary: Sequence[tuple[str, float]] = ()
 
     @property
     def terms(self) -> list[float]:
@@ -59,6 +61,7 @@ class FlowParts:
             self.loss_grid,
             self.brake,
             self.capacitor,
+            *(size for _, size in self.auxiliary),
         ]
 
 
@@ -165,9 +168,10 @@ def flow_picture(parts: FlowParts, base: float = 1.0) -> FlowPicture | None:
     friction, loss = ([max(u, 0) for u in units[k * n : (k + 1) * n]] for k in (1, 2))
     # Rounding, or a drive model, may leave a loss below zero: it counts as motion.
     rigid = [sum(units[place : 3 * n : n]) - friction[place] - loss[place] for place in range(n)]
-    loss_dc, loss_grid, brake, capacitor = units[3 * n :]
+    loss_dc, loss_grid, brake, capacitor, *loads = units[3 * n :]
     net = sum(units)
-    returned = max(round(parts.returned / unit), -net, 0)
+    cabinet = net - sum(loads)
+    returned = max(round(parts.returned / unit), -cabinet, 0)
     sources: list[Flow] = []
     middle: list[Flow] = []
     axes: list[Flow] = []
@@ -187,7 +191,7 @@ def flow_picture(parts: FlowParts, base: float = 1.0) -> FlowPicture | None:
             Flow(axis, DRIVES, loss[place]),
             Flow(axis, MOTION, max(rigid[place], 0)),
         ]
-    drawn = net + returned
+    drawn = cabinet + returned
     at_grid = min(drawn, loss_grid)  # a supply that feeds back covers the rest from the bus
     flows = [
         Flow(GRID, BUS, drawn - at_grid),
@@ -200,8 +204,12 @@ def flow_picture(parts: FlowParts, base: float = 1.0) -> FlowPicture | None:
         Flow(BUS, "capacitor_in", capacitor),
         Flow(BUS, "grid_back", returned),
         *axes,
+        *(Flow(GRID, f"load{place}", size) for place, size in enumerate(loads)),
     ]
     labels |= LABELS | {"capacitor_in": "Capacitor", "grid_back": "Back to the grid"}
+    labels |= {f"load{place}": name for place, (name, _) in enumerate(parts.auxiliary)}
+    if loads:
+        labels[GRID] = "Outlet"
     kept = [flow for flow in flows if flow.units > 0]
     used = {node for flow in kept for node in (flow.source, flow.target)}
     return FlowPicture(unit, net, kept, {node: labels[node] for node in labels if node in used})

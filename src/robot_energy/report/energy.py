@@ -57,13 +57,19 @@ def part_names(drive: str) -> dict[str, str]:
     }
 
 
-def add_flow(page: Document, reports: Sequence[EnergyReport], caption: str) -> None:
+def add_flow(
+    page: Document,
+    reports: Sequence[EnergyReport],
+    caption: str,
+    auxiliary: Sequence[tuple[str, float]] = (),
+) -> None:
     """Add the picture of where the energy goes, of one result or the sum of several.
 
     Args:
         page: Where to.
         reports: Results of robots with the same joints.
         caption: What is to be seen.
+        auxiliary: Name and energy of each load outside of the cabinet. [J]
     """
 
     def total(name: str) -> float:
@@ -83,6 +89,7 @@ def add_flow(page: Document, reports: Sequence[EnergyReport], caption: str) -> N
         brake=total("brake"),
         capacitor=total("capacitor"),
         returned=total("grid_return"),
+        auxiliary=auxiliary,
     )
     picture = flow_picture(parts, WATT_HOUR)
     if picture is not None and picture.flows:

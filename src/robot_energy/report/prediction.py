@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from robot_energy.prediction import Prediction
+from robot_energy.report.auxiliary import auxiliary_section, flow_labels
 from robot_energy.report.document import Column, Document
 from robot_energy.report.energy import (
     add_flow,
@@ -67,7 +68,8 @@ def prediction_document(
             page.heading("Side by side")
         _side_by_side(page, runs, names)
     if len(runs) == 1:
-        add_flow(page, runs, "Where the energy from the grid goes, as predicted.")
+        loads = flow_labels(runs[0].auxiliary)
+        add_flow(page, runs, "Where the energy from the grid goes, as predicted.", loads)
     else:
         page.figure(
             lambda path: energy_bars([run.energy for run in runs], names, path),
@@ -141,6 +143,7 @@ def _run(page: Document, run: PredictionReport) -> None:
     page.pairs(_facts(run))
     scale = scale_of([run.energy])
     energy_table(page, "Where the energy goes, predicted", run, scale)
+    auxiliary_section(page, run.auxiliary)
     uncertainty_table(page, run, scale)
     joint_table(page, run.joints, scale)
     phase_table(page, run, scale)

@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 
 from robot_energy.blocks import NANOSECOND
 from robot_energy.page.settings import PageSettings
+from robot_energy.report.auxiliary import auxiliary_section, flow_labels
 from robot_energy.report.condition import condition_section
 from robot_energy.report.document import HEADINGS, Column, Document, Text
 from robot_energy.report.energy import (
@@ -162,7 +163,8 @@ def _model(page: Document, report: ReplayReport, _: ReplayCurves | None) -> None
 def _energy(page: Document, report: ReplayReport, _: ReplayCurves | None) -> None:
     energy, power, other = report.energy, report.power, report.compared_with
     scale = scale_of([energy])
-    add_flow(page, [report], "Where the energy from the grid went, as predicted.")
+    loads = flow_labels(report.auxiliary)
+    add_flow(page, [report], "Where the energy from the grid went, as predicted.", loads)
     second = None
     if other is not None:
         second = str(other.model.change), other.energy
@@ -185,6 +187,7 @@ def _energy(page: Document, report: ReplayReport, _: ReplayCurves | None) -> Non
             f"the sum of its parts = {energy.balance_residual * 1e6:.0f} uJ"
         )
     page.paragraph()
+    auxiliary_section(page, report.auxiliary)
 
 
 def _comparison(page: Document, report: ReplayReport, curves: ReplayCurves | None) -> None:

@@ -10,6 +10,11 @@ from robot_energy.model.drive_models import DRIVE_MODELS
 from robot_energy.model.payload import Payload
 from robot_energy.motion.load_motion import LoadedMotion
 from robot_energy.prediction import Prediction
+from robot_energy.results.auxiliary import (
+    AuxiliaryReport,
+    auxiliary_report,
+    missing_sentences,
+)
 from robot_energy.results.base import Number, Result
 from robot_energy.results.energy import EnergyBreakdown, EnergyReport, common_figures, unbalanced
 from robot_energy.results.model import count_tags
@@ -90,6 +95,8 @@ class PredictionReport(EnergyReport):
         tool: Path of the tool; None where it is not known.
         limits: Use of the limits of the URDF, in model order.
         friction: Joints whose friction law does not tell the assumed temperature.
+        auxiliary: Loads outside of the cabinet in the states that were given; None where the model
+            has none.
     """
 
     program: str
@@ -100,6 +107,7 @@ class PredictionReport(EnergyReport):
     tool: ToolPathReport | None
     limits: tuple[JointLimitUse, ...]
     friction: FrictionReach
+    auxiliary: AuxiliaryReport | None = None
 
 
 @dataclass(frozen=True)
@@ -125,7 +133,7 @@ def prediction_report(result: Prediction, motion: LoadedMotion | None = None) ->
     model, account = result.model, result.ledger
     temperature = result.motor_temperature_degc.tolist()
     common = common_figures(account, model, temperature, None)
-    time = account.registers.time
+    time, auxiliary = account.registers.time, auxiliary_report(result.pipeline.auxiliary)
     return PredictionReport(
         **common,
         program=result.program,
@@ -144,7 +152,8 @@ def prediction_report(result: Prediction, motion: LoadedMotion | None = None) ->
             )
         ),
         friction=FrictionReach(tuple(result.extrapolated), tuple(result.one_temperature)),
-        problems=tuple(_problems(result, common["energy"])),
+        auxiliary=auxiliary,
+        problems=(*_problems(result, common["energy"]), *missing_sentences(auxiliary)),
         notes=(*result.notes, *_notes(result)),
     )
 

@@ -11,6 +11,11 @@ from robot_energy.blocks import NANOSECOND, EffortMeaning
 from robot_energy.messages import interval_fields
 from robot_energy.pipeline.payload_timeline import PayloadChange
 from robot_energy.replay_topics import Topics
+from robot_energy.results.auxiliary import (
+    AuxiliaryReport,
+    auxiliary_report,
+    missing_sentences,
+)
 from robot_energy.results.base import Number, Result
 from robot_energy.results.condition import ConditionReport, condition_report
 from robot_energy.results.energy import (
@@ -170,6 +175,7 @@ class ReplayReport(EnergyReport):
         compared_with: A second replay of the same bag, with fixed friction.
         jobs: Jobs and cycles, in order of time.
         condition: What was learned; None where nothing is.
+        auxiliary: Loads outside of the cabinet; None where the model has none.
     """
 
     NAME: ClassVar[str] = "replay"
@@ -185,6 +191,7 @@ class ReplayReport(EnergyReport):
     compared_with: ReplayReport | None = None
     jobs: tuple[JobFigures, ...] = ()
     condition: ConditionReport | None = None
+    auxiliary: AuxiliaryReport | None = None
 
 
 def replay_report(
@@ -201,7 +208,7 @@ def replay_report(
     learner = result.pipeline.power.condition
     temperature = result.pipeline.friction.latest().motor_temperature_degc[0].tolist()
     common = common_figures(account, result.model, temperature, change)
-    inputs = _inputs(result)
+    inputs, auxiliary = _inputs(result), auxiliary_report(result.pipeline.auxiliary)
     return ReplayReport(
         **common,
         bag=str(result.bag),
@@ -214,11 +221,16 @@ def replay_report(
         shaft=None if result.effort is EffortMeaning.NONE else _shaft(result),
         payload=_payload(result) if topics.payload else None,
         inputs=inputs,
-        problems=(*result.problems, *_problems(common["energy"], inputs)),
+        problems=(
+            *result.problems,
+            *_problems(common["energy"], inputs),
+            *missing_sentences(auxiliary),
+        ),
         notes=(*result.notes, *_notes(result)),
         compared_with=compared_with,
         jobs=_jobs(result),
         condition=condition_report(learner, result.model) if learner.learns else None,
+        auxiliary=auxiliary,
     )
 
 
@@ -307,6 +319,10 @@ def _inputs(result: Replay) -> dict[str, InputAccount]:
     }
     if result.topics.payload:
         accounts["payload_messages"] = result.payload.account
+    for name, load in result.auxiliary.items():
+        for what, reader in (("meter", load.meter), ("state", load.state)):
+            if reader is not None:
+                accounts[f"{name}_{what}_messages"] = reader.account
     found: dict[str, InputAccount] = {}
     for name, account in accounts.items():
         rejected = {reason: count for reason, count in sorted(account.rejected.items()) if count}

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from itertools import chain
 from operator import itemgetter
 from pathlib import Path
@@ -17,6 +17,7 @@ from robot_energy.bag import SENSOR_QOS, BagWriter
 from robot_energy.blocks import NANOSECOND, Float, Int, MeterBlock, TemperatureBlock
 from robot_energy.cdr import Encoder, stamp_columns
 from robot_energy.errors import RigError
+from robot_energy.rig.auxiliary import LoadRecord, auxiliary_loads
 from robot_energy.rig.output import RigJoints, RigOutput
 from robot_energy.rig.virtual_rig import VirtualRig
 
@@ -24,10 +25,11 @@ JOINT_STATES = "/joint_states"
 MOTOR_TEMPERATURES = "/motor_temperatures"
 POWER_METER = "/power_meter"
 DRIVE_POWER = "/drive_power"
+READING, STATE = "ros2_energy_msgs/msg/PowerReading", "std_msgs/msg/UInt8"
 TYPES = {
     JOINT_STATES: "sensor_msgs/msg/JointState",
     MOTOR_TEMPERATURES: "ros2_energy_msgs/msg/MotorTemperatures",
-    POWER_METER: "ros2_energy_msgs/msg/PowerReading",
+    POWER_METER: READING,
     DRIVE_POWER: "std_msgs/msg/Float64MultiArray",
 }
 Message = tuple[int, str, bytes]  # log time [ns], topic, content
@@ -50,6 +52,7 @@ class RigRecording:
         peak_power: Greatest true power from the grid. [W]
         motor_temperature_degc: True ones at the first and the last sample, shape (2, n). [degC]
         gear_temperature_degc: The same of the oil, shape (2, n). [degC]
+        auxiliary_energy: True energy of each auxiliary load, by its name; empty without. [J]
     """
 
     path: Path
@@ -58,6 +61,7 @@ class RigRecording:
     peak_power: float
     motor_temperature_degc: Float
     gear_temperature_degc: Float
+    auxiliary_energy: dict[str, float] = field(default_factory=dict[str, float])
 
 
 class RigEncoder:
@@ -193,6 +197,7 @@ def record(
     compression: Literal["zstd", "none"] = "zstd",
     overwrite: bool = False,
     drive_power: bool = False,
+    auxiliary: bool = False,
 ) -> RigRecording:
     """Run a rig and write its topics to a bag.
 
@@ -208,6 +213,9 @@ def record(
         overwrite: Replace a bag that is there.
         drive_power: Record the electrical input of each drive as well, on ``/drive_power``
             (std_msgs/Float64MultiArray), at every sample of the joint states.
+        auxiliary: Record a pump and an extruder as well (`rig.auxiliary`): meters on
+            ``/auxiliary/NAME/power`` (PowerReading), states on ``/auxiliary/NAME/state``
+            (std_msgs/UInt8).
 
     Returns:
         What was written.
@@ -222,9 +230,16 @@ def record(
         raise RigError(f"a run of {duration} s holds no sample", "a longer duration")
     encoder = RigEncoder(rig.joint_names)
     types = {topic: kind for topic, kind in TYPES.items() if drive_power or topic != DRIVE_POWER}
+    begin_ns = int(first.truth.stamp_ns[0])
+    loads = auxiliary_loads(begin_ns, duration, rig.seed) if auxiliary else {}
+    for name in loads:
+        types |= {f"/auxiliary/{name}/power": READING, f"/auxiliary/{name}/state": STATE}
     counts = dict.fromkeys(types, 0)
     energy, peak, end = 0.0, 0.0, first.truth
     waiting: list[Message] = []
+    for topic, time_ns, rows in _of_loads(encoder, loads):
+        waiting += [(t, topic, r.tobytes()) for t, r in zip(time_ns.tolist(), rows, strict=True)]
+        counts[topic] += len(rows)
     with BagWriter(path, compression, overwrite, origin=ORIGIN) as bag:
         for topic, kind in types.items():
             bag.add_topic(topic, kind, *([SENSOR_QOS] if topic == JOINT_STATES else []))
@@ -246,7 +261,21 @@ def record(
         peak,
         np.stack([begin.motor_temperature_degc[0], end.motor_temperature_degc[-1]]),
         np.stack([begin.gear_temperature_degc[0], end.gear_temperature_degc[-1]]),
+        {name: load.energy for name, load in loads.items()},
     )
+
+
+def _of_loads(
+    encoder: RigEncoder, loads: Mapping[str, LoadRecord]
+) -> Iterator[tuple[str, Int, NDArray[np.uint8]]]:
+    """Messages of auxiliary loads."""
+    state = Encoder(STATE)
+    for name, load in loads.items():
+        readings = load.readings
+        stamp = readings.stamp_ns + METER_DELAY_NS
+        yield f"/auxiliary/{name}/power", stamp, encoder.meter(readings)
+        rows = state.encode({"data": load.state.astype(np.uint8)}, len(load.state))
+        yield f"/auxiliary/{name}/state", load.changed_ns, rows
 
 
 def _messages(

@@ -63,6 +63,7 @@ class VirtualRig:
     Attributes:
         joint_names: Names, in the order of every array.
         samples: How many samples were handed out.
+        seed: As given.
 
     Raises:
         RigError: If the figures make no sense together.
@@ -86,6 +87,7 @@ class VirtualRig:
         start = _start(profile, program, start_temperature_degc, ambient_degc, rate_hz)
         self.profile = profile
         self.samples = 0
+        self.seed = seed
         self._program = program
         self._robot, self._drivetrain = profile.mechanics()
         self.joint_names = self._robot.joint_names

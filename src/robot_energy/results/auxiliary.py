@@ -1,0 +1,139 @@
+"""Loads outside of the cabinet: energy of each, mean power of its states, balance of the outlet."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from robot_energy.accounting.auxiliary import AuxiliaryAccount
+from robot_energy.accounting.exact_sum import PER_JOULE
+from robot_energy.blocks import NANOSECOND
+from robot_energy.results.base import Number, Result
+
+
+@dataclass(frozen=True)
+class LoadState(Result):
+    """One state of a load, over the time in which the power of the load is known.
+
+    Attributes:
+        time: In this state. [s]
+        energy: Over that time. [J]
+        mean_power: Over that time: with a meter, what the state draws. [W]
+        model_power: Power of the state in the model file. [W]
+    """
+
+    time: float
+    energy: float
+    mean_power: Number
+    model_power: float
+
+
+@dataclass(frozen=True)
+class LoadEnergy(Result):
+    """One load.
+
+    Attributes:
+        name: Of the load.
+        metered: Whether a meter of its own says its power.
+        energy: Over the observed time; None where part of it is not known. [J]
+        known_energy: Over the time in which it is known. [J]
+        known_energy_microjoule: The same, exact. [uJ]
+        known_ns: That time. [ns]
+        missing_ns: Observed time in which it is not known. [ns]
+        missing_count: How often it ceased to be known.
+        mean_power: Over the known time. [W]
+        states: By their names.
+    """
+
+    name: str
+    metered: bool
+    energy: Number
+    known_energy: float
+    known_energy_microjoule: int
+    known_ns: int
+    missing_ns: int
+    missing_count: int
+    mean_power: Number
+    states: dict[str, LoadState]
+
+
+@dataclass(frozen=True)
+class AuxiliaryReport(Result):
+    """The auxiliary branch, and the outlet that feeds it and the cabinet.
+
+    Attributes:
+        loads: In the order of the model file.
+        balanced_ns: Time in which all loads are known. [ns]
+        outlet_energy_microjoule: From the outlet over that time: cabinet and loads, exact. [uJ]
+        outlet_energy: The same. [J]
+        cabinet_energy: Of the cabinet over that time, as predicted. [J]
+        auxiliary_energy: Of all loads over that time. [J]
+    """
+
+    loads: tuple[LoadEnergy, ...]
+    balanced_ns: int
+    outlet_energy_microjoule: int
+    outlet_energy: float
+    cabinet_energy: float
+    auxiliary_energy: float
+
+
+def auxiliary_report(account: AuxiliaryAccount | None) -> AuxiliaryReport | None:
+    """Return the figures of the auxiliary branch; None where there is none.
+
+    Args:
+        account: After its last step.
+    """
+    if account is None:
+        return None
+    outlet = account.outlet_microjoule
+    cabinet = float(account.together.joule[0])
+    return AuxiliaryReport(
+        loads=tuple(_load(account, place) for place in range(len(account.curves))),
+        balanced_ns=account.together_ns,
+        outlet_energy_microjoule=outlet,
+        outlet_energy=outlet / PER_JOULE,
+        cabinet_energy=cabinet,
+        auxiliary_energy=float(account.together.joule[1:].sum()),
+    )
+
+
+def missing_sentences(report: AuxiliaryReport | None) -> list[str]:
+    """Return a sentence for each load whose power is not known all the time.
+
+    Args:
+        report: The loads; None for none.
+    """
+    return [
+        f"the power of {load.name} is not known for {load.missing_ns * NANOSECOND:.3f} s of the "
+        "observed time: its energy there is not counted"
+        for load in (report.loads if report is not None else ())
+        if load.missing_ns
+    ]
+
+
+def _load(account: AuxiliaryAccount, place: int) -> LoadEnergy:
+    curve = account.curves[place]
+    known_ns, missing_ns = int(account.known_ns[place]), int(account.missing_ns[place])
+    energy = float(account.energy.joule[place])
+    first = int(account.offset[place])
+    return LoadEnergy(
+        name=curve.load.name,
+        metered=curve.metered,
+        energy=None if missing_ns else energy,
+        known_energy=energy,
+        known_energy_microjoule=int(account.energy.microjoule[place]),
+        known_ns=known_ns,
+        missing_ns=missing_ns,
+        missing_count=int(account.missing_count[place]),
+        mean_power=energy / (known_ns * NANOSECOND) if known_ns else None,
+        states={
+            name: _state(account, first + number, figure.value)
+            for number, (name, figure) in enumerate(curve.load.states.items())
+        },
+    )
+
+
+def _state(account: AuxiliaryAccount, column: int, model_power: float) -> LoadState:
+    time = float(account.state_ns[column]) * NANOSECOND
+    energy = float(account.state_energy.joule[column])
+    return LoadState(time, energy, energy / time if time else None, model_power)
