@@ -13,6 +13,7 @@ __version__ = "0.2.0"
 
 if TYPE_CHECKING:
     from robot_energy import physics
+    from robot_energy.advice.run import AdviceResult, advise
     from robot_energy.api.evaluate import evaluate
     from robot_energy.api.identify import (
         IdentificationResult,
@@ -48,6 +49,7 @@ if TYPE_CHECKING:
     from robot_energy.model import save as save_model
     from robot_energy.pipeline import EnergyPipeline
     from robot_energy.pipeline import Settings as PipelineSettings
+    from robot_energy.results.advice import AdviceReport
     from robot_energy.results.energy import (
         EnergyBreakdown,
         JointEnergy,
@@ -63,6 +65,7 @@ if TYPE_CHECKING:
 # Public names by their module; `:` where a name is another one there.
 _NAMES = {
     "": ("physics",),
+    "advice.run": ("AdviceResult", "advise"),
     "api.evaluate": ("evaluate",),
     "api.identify": (
         "IdentificationResult", "identify_all", "identify_cabinet", "identify_dynamics",
@@ -82,6 +85,7 @@ _NAMES = {
     ),
     "model": ("RobotModel", "load_model:load", "save_model:save"),
     "pipeline": ("EnergyPipeline", "PipelineSettings:Settings"),
+    "results.advice": ("AdviceReport",),
     "results.energy": ("EnergyBreakdown", "JointEnergy", "MeterComparison", "PhaseEnergy"),
     "results.evaluation": ("EvaluationReport",),
     "results.optimization": ("OptimizationReport",),
@@ -95,13 +99,15 @@ _EXPORTS = {
     for public, _, original in (name.partition(":") for name in names)
 }
 __all__ = [
-    "BagError", "EnergyBreakdown", "EnergyPipeline", "EvaluationReport", "IdentificationResult",
+    "AdviceReport", "AdviceResult", "BagError", "EnergyBreakdown", "EnergyPipeline",
+    "EvaluationReport", "IdentificationResult",
     "ImplausibleIdentificationError", "JointEnergy", "LogFormatError", "MeterComparison",
     "MissingTopicError", "ModelFileError", "MotionError", "NotIdentifiableError", "OnlineMonitor",
     "OptimizationReport", "OptimizationResult", "ParameterError", "PayloadError", "Phase",
     "PhaseEnergy", "PipelineSettings", "PredictionReport", "PredictionResult", "Quality",
     "ReplayReport", "ReplayResult", "ReportError", "RobotDescriptionError", "RobotEnergyError",
-    "RobotModel", "ShapeError", "TimeSeries", "UnknownJointError", "evaluate", "identify_all",
+    "RobotModel", "ShapeError", "TimeSeries", "UnknownJointError", "advise", "evaluate",
+    "identify_all",
     "identify_cabinet", "identify_dynamics", "identify_friction", "identify_thermal", "load_model",
     "optimize", "physics", "predict", "replay", "save_model",
 ]  # fmt: skip

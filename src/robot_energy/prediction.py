@@ -83,6 +83,7 @@ def predict(
     notes: Sequence[str] = (),
     progress: Progress | None = None,
     max_samples: int = MAX_SAMPLES,
+    on_output: Callable[[Output], None] | None = None,
     auxiliary: Mapping[str, str] | None = None,
 ) -> Prediction:
     """Predict the energy of a motion.
@@ -97,6 +98,7 @@ def predict(
         notes: What a reader should know of the motion, one sentence each.
         progress: Called with the share done, 0 to 1.
         max_samples: Of all repetitions; more are refused before the work begins.
+        on_output: Called with what each step of the pipeline gave.
         auxiliary: States of auxiliary loads from start to end, by the names of the loads; others
             are in the state that the model says.
 
@@ -145,15 +147,21 @@ def predict(
         payload=tuple(payload),
     )
     means: list[MeanBlock] = []
+
+    def take(output: Output) -> None:
+        _take(result, means, output)
+        if on_output is not None:
+            on_output(output)
+
     held: TemperatureBlock | None = TemperatureBlock(
         stamp_ns=np.array([START_NS]), motor_temperature_degc=temperature[None, :]
     )
     for time, path in repeated(motion, repeat):
-        _take(result, means, pipeline.step(_joint_block(time, path, order), held, planned=True))
+        take(pipeline.step(_joint_block(time, path, order), held, planned=True))
         held = None
         if progress is not None:
             progress(min(1.0, float(time[-1]) / duration))
-    _take(result, means, pipeline.flush())
+    take(pipeline.flush())
     result.means = MeanBlock.concatenate(means) if means else None
     return result
 

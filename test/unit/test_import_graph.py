@@ -27,6 +27,9 @@ MODULES = {
         plain_text prediction_errors record record_repair registers sample_counts settings
         shaft_comparison
     """,
+    "robot_energy.advice": """
+        claims dataset_evidence evidence run speeds
+    """,
     "robot_energy.api": """
         condition evaluate identify inputs online_monitor optimize power_table predict replay
     """,
@@ -42,11 +45,11 @@ MODULES = {
         unseen
     """,
     "robot_energy.cli": """
-        check completion export fleet fleet_identify fleet_report fleet_run identify identify_all
-        identify_cabinet identify_drives identify_dynamics identify_excitation identify_friction
-        identify_inputs identify_thermal import_logs info kinds layouts main models monitoring
-        numbers optimize page predict replay replay_options report robots schema simulate stopping
-        terminal tool_options test
+        advise check completion export fleet fleet_identify fleet_report fleet_run identify
+        identify_all identify_cabinet identify_drives identify_dynamics identify_excitation
+        identify_friction identify_inputs identify_thermal import_logs info kinds layouts main
+        models monitoring numbers optimize page predict replay replay_options report robots schema
+        simulate stopping terminal test tool_options
     """,
     "robot_energy.condition": """
         baseline buckets drift_test joint_friction learner meter_fit meter_records meter_windows
@@ -121,9 +124,9 @@ MODULES = {
         tool_timing trajectory_io
     """,
     "robot_energy.optimization": """
-        candidates chain deviations forms gcode_form levelling order path_power place plan
-        ptp_form recorded_motion rest_states run search task time_law timed_form timed_moves
-        trajectory_form written_trajectory
+        candidates chain comparison deviation_sums deviations forms gcode_form levelling order
+        path_power place plan ptp_form recorded_motion rest_states run search task time_law
+        timed_form timed_moves trajectory_form written_trajectory
     """,
     "robot_energy.optimization.measures": """
         move_overrides one_override order place regenerative rest_pose rest_state slack table
@@ -148,14 +151,14 @@ MODULES = {
         robots
     """,
     "robot_energy.report": """
-        auxiliary canvas condition document drives dynamics efficiency_figure energy energy_figure
-        evaluation excitation fleet fleet_figures formats friction_figure headline held_out html
-        identification identify_all jobs kinds layout model optimization optimization_figure
-        parameters power_figure prediction prediction_figure printing recordings replay series
-        temperature_figure thermal torque_figure trend_figure
+        advice auxiliary canvas condition document drives dynamics efficiency_figure energy
+        energy_figure evaluation excitation fleet fleet_figures formats friction_figure headline
+        held_out html identification identify_all jobs kinds layout model optimization
+        optimization_figure parameters power_figure prediction prediction_figure printing recordings
+        replay series temperature_figure thermal torque_figure trend_figure
     """,
     "robot_energy.results": """
-        auxiliary base check condition drives dynamics energy evaluation excitation fleet
+        advice auxiliary base check condition drives dynamics energy evaluation excitation fleet
         identification model optimization optimization_figures prediction replay schema thermal
         uncertainty
     """,
@@ -176,13 +179,12 @@ MODULES = {
         band deviation priors
     """,
     "robot_energy_papers": """
-        accuracy band_coverage calibration certainty certainty_numbers certainty_page drawings
-        drawn_plants drive_study effects experiment fleet_study generated_fleet held_out
+        accuracy advice_study band_coverage calibration certainty certainty_numbers certainty_page
+        drawings drawn_plants drive_study effects experiment fleet_study generated_fleet held_out
         interval_coverage job_pool kr16_sensitivity learning_study machines mantis map_sensitivity
-        models more_recordings pages
-        paper_a paper_a_numbers paper_a_page paper_b paper_b_numbers paper_b_page savings
-        savings_numbers savings_page savings_study sensitivity soaked_rigs thermal_study wall
-        wall_sensitivity wear_rows wear_study
+        models more_recordings pages paper_a paper_a_numbers paper_a_page paper_b paper_b_numbers
+        paper_b_page savings savings_numbers savings_page savings_study sensitivity soaked_rigs
+        thermal_study wall wall_sensitivity wear_rows wear_study
     """,
     "robot_energy_papers.cli": """
         reproduce study_folder
@@ -215,13 +217,14 @@ LAYERS = (
     ("report",),
     ("api",),
     ("fleet",),
+    ("advice",),
     ("cli", "__main__"),
     ("robot_energy_papers",),
 )
 # Nothing online imports these.
 OFFLINE = (
     "identify", "fleet", "report", "rig", "motion", "cli", "starter", "check", "page", "layouts",
-    "optimization",
+    "optimization", "advice",
 )  # fmt: skip
 ONLINE = (
     "pipeline", "inputs", "messages", "accounting", "uncertainty", "condition", "store",

@@ -33,6 +33,7 @@ from ros2_energy_monitor.diagnostics.energy import (
     temperature_source,
 )
 from ros2_energy_monitor.diagnostics.model_check import ModelCheck
+from ros2_energy_monitor.services.compare_trajectories import ComparisonService
 from ros2_energy_monitor.services.payload import PayloadService
 from ros2_energy_monitor.services.predict_trajectory import PredictionService
 
@@ -85,16 +86,17 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
         self.temperatures = temperature_inboxes(self, self._temperature, renew)
         self._meter, self.readings = meter_input(self, self.parameters, renew)
         PayloadService(self, self._pipeline.torque, self.model.model_id).open()
-        prediction = PredictionService(
-            self,
-            self.guard,
-            self.model,
-            lambda: self._pipeline.torque.next_payload,
-            lambda: self._pipeline.friction.latest().motor_temperature_degc[0],
-            lambda: self.ledger.calibration.state(),
-        )
-        self.exit_stack.callback(prediction.close)
-        prediction.open()
+        for kind in (PredictionService, ComparisonService):
+            prediction = kind(
+                self,
+                self.guard,
+                self.model,
+                lambda: self._pipeline.torque.next_payload,
+                lambda: self._pipeline.friction.latest().motor_temperature_degc[0],
+                lambda: self.ledger.calibration.state(),
+            )
+            self.exit_stack.callback(prediction.close)
+            prediction.open()
         self._model_check = ModelCheck(
             self.parameters.model_check,
             self.model,

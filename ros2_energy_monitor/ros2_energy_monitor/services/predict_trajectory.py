@@ -36,6 +36,11 @@ class GivenUp(Exception):
 class PredictionService:
     """Serves ``~/predict_trajectory``: one prediction at a time, in a thread beside the ticks.
 
+    Attributes:
+        interface: Of the service.
+        name: Of the service.
+        answer: Makes the fields of the response.
+
     Args:
         node: The node that serves.
         guard: Counts exceptions of a prediction.
@@ -45,6 +50,10 @@ class PredictionService:
             shape (n,). [degC]
         calibration: Gives what the meter has shown of the bands so far.
     """
+
+    interface: Any = PredictTrajectory
+    name = "predict_trajectory"
+    answer: Callable[..., Answer]
 
     def __init__(
         self,
@@ -62,7 +71,7 @@ class PredictionService:
         self._thread: ThreadPoolExecutor | None = None
         self._work: Future[Answer] | None = None
         self._service = DeferredService(
-            node, PredictTrajectory, "~/predict_trajectory", self._begin, self._end
+            node, self.interface, f"~/{self.name}", self._begin, self._end
         )
 
     def open(self) -> None:
@@ -73,7 +82,7 @@ class PredictionService:
     def close(self) -> None:
         """Give up the prediction under way, and answer that."""
         self._stop.set()
-        self._service.close(PredictTrajectory.Response(message="the node was stopped meanwhile"))
+        self._service.close(self.interface.Response(message="the node was stopped meanwhile"))
         if self._thread is not None:
             self._thread.shutdown(wait=False, cancel_futures=True)
 
@@ -81,11 +90,11 @@ class PredictionService:
         """Start a prediction; return the answer only if it is refused at once."""
         if self._service.pending or self._thread is None:
             message = "a prediction is under way; expected one at a time; ask again when it is done"
-            return PredictTrajectory.Response(message=message)
+            return self.interface.Response(message=message)
         model, carried, newest = self._model, tuple(self._payload()), self._newest().copy()
         kept = self._calibration()
         self._work = self._thread.submit(
-            lambda: predicted(model, request, carried, newest, kept, self._stop.is_set)
+            lambda: self.answer(model, request, carried, newest, kept, self._stop.is_set)
         )
         self._work.add_done_callback(lambda _: self._service.wake())
         return None
@@ -96,18 +105,18 @@ class PredictionService:
             return None
         error = self._work.exception()
         if error is None:
-            answer = PredictTrajectory.Response(success=True, **self._work.result())
+            answer = self.interface.Response(**{"success": True, **self._work.result()})
         elif isinstance(error, RobotEnergyError):
-            answer = PredictTrajectory.Response(message=str(error))
+            answer = self.interface.Response(message=str(error))
         else:
-            self._guard.note("service.predict_trajectory", Exception(repr(error)))
-            answer = PredictTrajectory.Response(message="internal error: see the log of the node")
+            self._guard.note(f"service.{self.name}", Exception(repr(error)))
+            answer = self.interface.Response(message="internal error: see the log of the node")
         answer.message = shown(answer.message, MAX_LINE)
         log = self._node.get_logger()
         if answer.success:
-            log.info(f"predict_trajectory: {answer.message}")
+            log.info(f"{self.name}: {answer.message}")
         else:  # rclpy ties one severity to each place of a call
-            log.warning(f"predict_trajectory: {answer.message}")
+            log.warning(f"{self.name}: {answer.message}")
         return answer
 
 
@@ -147,7 +156,7 @@ def predicted(
             raise GivenUp
 
     motion = read_points(request.trajectory, NAME)
-    degc = _temperatures(model, motion.joint_names, request.motor_temperature_degc, newest_degc)
+    degc = temperatures_of(model, motion.joint_names, request.motor_temperature_degc, newest_degc)
     links = {body.link for body in carried}
     changes = [body for body in carried if body not in model.payload]
     changes += [payload(body.link, 0.0) for body in model.payload if body.link not in links]
@@ -186,6 +195,9 @@ def predicted(
     }
 
 
+PredictionService.answer = staticmethod(predicted)
+
+
 def _joints(registers: Registers, joint_names: Sequence[str]) -> list[JointEnergy]:
     """Energies of every joint; nothing is measured."""
     columns = {field: registers.joints(name) for name, field in JOINT_FIELDS.items()}
@@ -200,10 +212,23 @@ def _joints(registers: Registers, joint_names: Sequence[str]) -> list[JointEnerg
     ]
 
 
-def _temperatures(
+def temperatures_of(
     model: RobotModel, joint_names: Sequence[str], given: Sequence[float], newest_degc: Float
 ) -> Float:
-    """Temperatures in the order of the model: as asked, else the newest, else the fallback."""
+    """Return temperatures in the order of the model: as asked, else the newest, else the fallback.
+
+    Args:
+        model: The robot's model.
+        joint_names: In the order of ``given``.
+        given: As asked; NaN, or empty, where nothing is. [degC]
+        newest_degc: NaN where unknown, shape (n,). [degC]
+
+    Returns:
+        Shape (n,). [degC]
+
+    Raises:
+        MotionError: If there are not as many as joints.
+    """
     if len(given) not in (0, len(joint_names)):
         raise MotionError(
             f"{len(given)} motor temperatures were given",

@@ -21,6 +21,7 @@ from typing import Any, NoReturn, cast
 
 from robot_energy import __version__
 from robot_energy.cli import (
+    advise,
     check,
     completion,
     export,
@@ -156,7 +157,7 @@ def build_parser() -> ArgumentParser:
     commands = parser.add_subparsers(title="commands", metavar="COMMAND")
     for module in (
         replay, report, export, import_logs, check, test, identify, fleet, predict, optimize,
-        models, kinds, info, simulate, schema, layouts, monitoring,
+        advise, models, kinds, info, simulate, schema, layouts, monitoring,
         *_further(),
         completion,
     ):  # fmt: skip

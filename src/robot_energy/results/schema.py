@@ -19,6 +19,7 @@ from pydantic_core import core_schema
 from robot_energy.errors import ReportError
 from robot_energy.files.regular_file import read_regular
 from robot_energy.model import RobotModel
+from robot_energy.results.advice import AdviceReport
 from robot_energy.results.base import SCHEMA_VERSION, Result
 from robot_energy.results.check import CheckReport
 from robot_energy.results.drives import DrivesReport
@@ -45,6 +46,7 @@ RESULTS: dict[str, type[Result]] = {
         ReplayReport,
         PredictionsReport,
         OptimizationReport,
+        AdviceReport,
         FrictionReport,
         FrictionStudyReport,
         ThermalReport,

@@ -1,0 +1,1 @@
+"""What recordings say would save energy, and how much."""

@@ -1,0 +1,313 @@
+"""What each change would save in the recordings, with its 90 % band.
+
+A saving is ``S = sum over the recording of (power now - power with the change) dt`` and errs by
+``sum_k D_k x_k`` with independent ``x_k`` of variance 1, as in
+`robot_energy.optimization.deviations`; what both powers have in common cancels in ``D_k``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from robot_energy.advice.evidence import DEGC_BINS, RecordedEvidence, RecordedRest
+from robot_energy.blocks import Float, Int
+from robot_energy.model import RobotModel
+from robot_energy.optimization.chain import PowerChain
+from robot_energy.optimization.deviations import FORM_FED_BACK
+from robot_energy.optimization.rest_states import RestState, break_even, rest_cost
+from robot_energy.physics.friction import FrictionModel
+from robot_energy.pipeline.friction_certainty import FrictionCertainty
+from robot_energy.uncertainty.band import Z90
+
+LONG_REST = 60.0  # s; from here on the drives are left on for nothing
+NIGHT = 3600.0  # s; a rest as long as that is a night or a break in production
+REGENERATION = (0.9, 0.05)  # share that a regenerative supply returns, assumed; its deviation
+FORM_OF_POSE = 0.5  # standard deviation of what holding costs above brakes, as a share of it
+FORM_OF_WARMING = 0.25  # the same of the friction that warmth saves
+FORM_OF_COPPER = 0.5  # the same of what warm windings lose more
+MAGNETS = 1.5  # warm magnets are weaker, 0.1 %/K: the current squared rises by half as much again
+METER = 0.01  # standard deviation of a measured power that holds for long, as a share of it
+WARM = 0.95  # of the motion was colder than the warm robot
+MIN_WARMING = 3.0  # K between the mean and the warm motor, below which nothing is said
+SAME_PLACE = 0.05  # rad or m; rests nearer than this are at one place
+MIN_COMPARED = 5.0  # s of a meter at one place, from which on it counts
+
+
+@dataclass(frozen=True)
+class Claim:
+    """What one change saves in the recordings.
+
+    Attributes:
+        name: Of the change.
+        energy: Saved, positive where it is less. [J]
+        columns: Its change with the error of each figure, shape (K,). [J]
+        sure: ``measured``, ``predicted`` or ``assumed``: what the saving rests on at worst.
+        found: What the recordings show, one sentence.
+        change: What to do, one sentence.
+        command: Next command; empty where there is none.
+        joint_position: Where to wait, shape (n,); None for other changes. [rad] or [m]
+        motor_temperature_degc: Of the warm robot, shape (n,); None for other changes. [degC]
+        state: In which to rest; None for other changes.
+    """
+
+    name: str
+    energy: float
+    columns: Float
+    sure: str
+    found: str
+    change: str
+    command: str = ""
+    joint_position: Float | None = None
+    motor_temperature_degc: Float | None = None
+    state: RestState | None = None
+
+    @property
+    def half(self) -> float:
+        """Half width of the 90 % band. [J]"""
+        return Z90 * float(np.sqrt((self.columns**2).sum()))
+
+
+def standby(
+    evidence: RecordedEvidence, model: RobotModel, states: Sequence[RestState], assumed: bool
+) -> Claim | None:
+    """Return what the best state saves in long rests; None without any.
+
+    ``S = sum_rests P_hold t - P_brakes (p (t - t_wake) + p_wake t_wake)``.
+
+    Args:
+        evidence: Of the recordings.
+        model: Of the robot.
+        states: Ways to rest.
+        assumed: Whether their figures are assumed.
+    """
+    long = [rest for rest in evidence.rests if rest.duration >= LONG_REST]
+    if not long or not states:
+        return None
+    chain = _chain(model, evidence)
+    brakes = chain.rests(long[0].joint_position[None, :], holding=False)
+    held = _power_at(long)
+    offset, metered = _offset(long)
+    if metered:
+        lower = float(brakes.energy[0]) + offset
+        common = np.zeros_like(brakes.columns[0])
+        held += offset
+    else:
+        lower, common = float(brakes.energy[0]), brakes.columns[0]
+    time = np.array([rest.duration for rest in long])
+    best: tuple[float, Float, RestState, int] | None = None
+    others: list[str] = []
+    for state in states:
+        costs = [rest_cost(state, duration) for duration in time.tolist()]
+        saved, on_brakes, errors, used, used_time = 0.0, 0.0, np.zeros(2), 0, 0.0
+        for power, duration, cost in zip(held.tolist(), time.tolist(), costs, strict=True):
+            if cost is None or (gain := power * duration - lower * cost.held) <= 0.0:
+                continue
+            saved, used, used_time = saved + gain, used + 1, used_time + duration
+            on_brakes += cost.held
+            errors += lower * cost.power_error, lower * cost.wake_error
+        if not used:
+            continue
+        # what holding costs above brakes is in the power now, or, where that was measured, in the
+        # power on brakes
+        holding = max(float(np.average(held, weights=time)) - lower, 0.0)
+        held_more = holding * (on_brakes if metered else used_time)
+        columns = np.concatenate(
+            [
+                common * (used_time - on_brakes),
+                errors,
+                [FORM_OF_POSE * held_more, METER * saved if metered else 0.0],
+            ]
+        )
+        others.append(f"{state.name} {saved / 3.6e6:.3g} kWh")
+        if best is None or saved > best[0]:
+            best = saved, columns, state, used
+    if best is None:
+        return None
+    saved, columns, state, used = best
+    share = held / lower
+    whole = float(time.sum())
+    nights = float(time[time >= NIGHT].sum())
+    watts = float(np.average(held, weights=time))
+    least = break_even(state, float(np.average(share, weights=time)))
+    how = "measured" if metered else "predicted"
+    return Claim(
+        "standby",
+        saved,
+        columns,
+        "assumed" if assumed else how,
+        f"drives stay on for {whole / 3600:.3g} h in {len(long)} rests of a minute or more "
+        f"({nights / 3600:.3g} h of it in rests of an hour or more), at {watts:.0f} W ({how}); "
+        f"{', '.join(others)} saved in the recordings, one instead of the other",
+        f"switch to {state.name} in rests longer than {max(least, LONG_REST):.0f} s (pays from "
+        f"{least:.0f} s on, {state.wake_time:g} s to wake up); used in {used} rests",
+        state=state,
+    )
+
+
+def waiting_pose(evidence: RecordedEvidence, model: RobotModel) -> Claim | None:
+    """Return what waiting at the cheapest pose saves in rests too short for standby.
+
+    ``S = sum_rests (P_here - P_cheapest) t``.
+
+    Args:
+        evidence: Of the recordings.
+        model: Of the robot.
+    """
+    short = [rest for rest in evidence.rests if rest.duration < LONG_REST]
+    if not evidence.places or len(short) < 2:
+        return None
+    place, position = _places(short)
+    if len(position) < 2:
+        return None
+    time = np.bincount(place, [rest.duration for rest in short], len(position))
+    chain = _chain(model, evidence)
+    use, brakes = chain.rests(position), chain.rests(position, holding=False)
+    power, columns, sure = use.energy.copy(), use.columns.copy(), "predicted"
+    sums = np.array([(rest.compared_time, rest.measured, rest.predicted) for rest in short])
+    compared, measured, predicted = (
+        np.bincount(place, sums[:, column], len(position)) for column in range(3)
+    )
+    shown = compared >= MIN_COMPARED
+    holding = np.maximum(power - brakes.energy, 0.0)
+    forms = np.diag(FORM_OF_POSE * holding)
+    if shown.sum() >= 2:  # only places whose power a meter has shown
+        keep = shown[place]
+        spent = np.array([rest.duration for rest in short])
+        time = np.bincount(place[keep], spent[keep], len(position))
+        power = np.where(shown, power + (measured - predicted) / np.maximum(compared, 1.0), np.inf)
+        sure = "measured"
+        columns = np.zeros_like(columns)
+        forms = np.diag(METER * np.where(shown, power, 0.0))
+    best = int(np.argmin(power))
+    gain = np.where(time > 0.0, time * (np.where(np.isinf(power), 0.0, power) - power[best]), 0.0)
+    gain[np.isinf(power)] = 0.0
+    saved = float(gain.sum())
+    apart = ((columns - columns[best]) * time[:, None]).sum(axis=0)
+    own = ((forms - forms[best]) * time[:, None]).sum(axis=0)
+    dearest = int(np.argmax(np.where(time > 0, np.where(np.isinf(power), 0.0, power), 0.0)))
+    where = ", ".join(f"{value:.2f}" for value in position[best].tolist())
+    return Claim(
+        "waiting_pose",
+        saved,
+        np.concatenate([apart, own]),
+        sure,
+        f"{time.sum() / 3600:.3g} h of waits shorter than {LONG_REST:.0f} s at {len(position)} "
+        f"places, {power[best]:.0f} to {power[dearest]:.0f} W ({sure})",
+        f"wait at the joint positions [{where}] where the work allows it",
+        joint_position=position[best],
+    )
+
+
+def regenerative(evidence: RecordedEvidence, model: RobotModel) -> Claim | None:
+    """Return what a regenerative supply would keep of the energy in the brake resistor.
+
+    ``S = eta E_brake``.
+
+    Args:
+        evidence: Of the recordings.
+        model: Of the robot.
+    """
+    if model.cabinet.regeneration_efficiency is not None or evidence.brake_energy <= 0.0:
+        return None
+    share, std = REGENERATION
+    columns = np.concatenate([share * evidence.brake_columns, [std * evidence.brake_energy]])
+    if not evidence.fine:
+        columns = np.append(columns, share * FORM_FED_BACK * evidence.brake_energy)
+    return Claim(
+        "regenerative",
+        share * evidence.brake_energy,
+        columns,
+        "assumed",
+        f"{evidence.brake_energy / 3.6e6:.3g} kWh went into the brake resistor, "
+        f"{evidence.brake_energy / max(evidence.grid_energy, 1.0):.1%} of the energy from the grid",
+        f"a regenerative supply that returns {share:.0%}; or one DC bus for several robots, which "
+        "keeps as much at most, and only while another robot drives",
+    )
+
+
+def warm_up(evidence: RecordedEvidence, model: RobotModel, command: str = "") -> Claim | None:
+    """Return what friction at the temperature of the warm robot saves.
+
+    ``S = sum_joints integral (fv(T) - fv(T_warm)) w^2 dt`` over motion fed from the grid, less what
+    the warmer windings and weaker magnets lose, ``1.5 integral dP_loss/dT (T_warm - T) dt``.
+
+    Args:
+        evidence: Of the recordings.
+        model: Of the robot.
+        command: That shows it.
+    """
+    time = evidence.motion_time.sum(axis=1)
+    if not evidence.measured_temperature or not (time > 0).all():
+        return None
+    middle = 0.5 * (DEGC_BINS[1:] + DEGC_BINS[:-1])
+    done = np.cumsum(evidence.motion_time, axis=1) / time[:, None]
+    warm = middle[np.argmax(done >= WARM, axis=1)]
+    mean: Float = (evidence.motion_time * middle).sum(axis=1) / time
+    if float(np.max(warm - mean)) < MIN_WARMING:
+        return None
+    friction, certainty = FrictionModel.from_model(model), FrictionCertainty(model)
+    grid = np.broadcast_to(middle[:, None], (len(middle), len(warm)))
+    colder = np.minimum(grid, warm)
+    saved = (friction.viscous(colder) - friction.viscous(warm)).T * evidence.squared_speed
+    at = np.hypot(certainty.std(colder)[0], certainty.std(warm[None, :])[0]) * (grid < warm)
+    joints = saved.sum(axis=1)
+    own = (at.T * evidence.squared_speed).sum(axis=1)
+    risen: Float = np.maximum(warm[:, None] - middle, 0.0)
+    lost = MAGNETS * float(np.sum(evidence.warm_loss * risen))
+    degc = float(np.mean(warm))
+    return Claim(
+        "warm_up",
+        float(joints.sum()) - lost,
+        np.concatenate([own, [FORM_OF_WARMING * joints.sum(), FORM_OF_COPPER * lost]]),
+        "predicted",
+        f"motors were at {mean.mean():.0f} degC on average in motion and at {degc:.0f} "
+        "degC once warm; the difference of friction, less what warm windings lose more; what "
+        "warming up costs is not in it",
+        f"start at {degc:.0f} degC: jobs without long breaks between them, a warmer place, and no "
+        "cold start for a few cycles",
+        command,
+        motor_temperature_degc=warm,
+    )
+
+
+def _chain(model: RobotModel, evidence: RecordedEvidence) -> PowerChain:
+    """At the mean temperature of motion, else the fallback."""
+    degc = np.full(len(model.joints), model.temperature.fallback_degc)
+    if evidence.motion_time.sum() > 0 and len(evidence.motion_time) == len(degc):
+        middle = 0.5 * (DEGC_BINS[1:] + DEGC_BINS[:-1])
+        time = evidence.motion_time.sum(axis=1)
+        mean = (evidence.motion_time * middle).sum(axis=1) / np.maximum(time, 1e-9)
+        degc = np.where(time > 0, mean, degc)
+    return PowerChain(model, degc[None, :])
+
+
+def _power_at(rests: Sequence[RecordedRest]) -> Float:
+    """Predicted power of each rest, shape (R,). [W]"""
+    return np.array([rest.energy / rest.duration for rest in rests])
+
+
+def _offset(rests: Sequence[RecordedRest]) -> tuple[float, bool]:
+    """Measured less predicted power at rest [W], and whether it is known."""
+    time = sum(rest.compared_time for rest in rests)
+    if time < MIN_COMPARED:
+        return 0.0, False
+    return sum(rest.measured - rest.predicted for rest in rests) / time, True
+
+
+def _places(rests: Sequence[RecordedRest]) -> tuple[Int, Float]:
+    """Place of each rest, shape (R,), and joint positions there, shape (P, n)."""
+    positions: list[Float] = []
+    place: list[int] = []
+    for rest in rests:
+        near = [
+            number
+            for number, one in enumerate(positions)
+            if float(np.abs(one - rest.joint_position).max()) <= SAME_PLACE
+        ]
+        if not near:
+            positions.append(rest.joint_position)
+        place.append(near[0] if near else len(positions) - 1)
+    return np.array(place, dtype=np.int64), np.array(positions)

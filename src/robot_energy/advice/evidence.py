@@ -1,0 +1,252 @@
+"""What recordings show: rests, energy that was braked, friction over temperature."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from robot_energy.blocks import NANOSECOND, Float, Int, PowerBlock, TorqueBlock
+from robot_energy.condition.joint_friction import ABOVE_STANDSTILL
+from robot_energy.model import RobotModel
+from robot_energy.optimization.deviation_sums import DeviationSums
+from robot_energy.physics.drive import drive_from_model
+from robot_energy.physics.drivetrain import Drivetrain
+from robot_energy.pipeline import Output
+from robot_energy.timeline.pieces import Compared
+
+WARMER = 10.0  # K, over which the loss of warmer windings is differentiated
+MIN_REST = 1.0  # s; a shorter stop is part of the motion
+SETTLED_NS = 2_000_000_000  # of a rest, after which a meter with a low pass shows its power [ns]
+DEGC_BINS = np.arange(-40.0, 201.0)  # edges, 1 K apart [degC]
+
+
+@dataclass
+class RecordedRest:
+    """One rest with drives on.
+
+    Attributes:
+        start_ns: Stamp of its first sample. [ns]
+        end_ns: Stamp of its last sample. [ns]
+        energy: From the grid, predicted. [J]
+        joint_position: Where, shape (n,). [rad] or [m]
+        compared_time: Of it, covered by a meter once settled. [s]
+        measured: Over that time, at the meter. [J]
+        predicted: Over that time, at the meter's place. [J]
+    """
+
+    start_ns: int
+    end_ns: int
+    energy: float
+    joint_position: Float
+    compared_time: float = 0.0
+    measured: float = 0.0
+    predicted: float = 0.0
+
+    @property
+    def duration(self) -> float:
+        """From first to last sample. [s]"""
+        return (self.end_ns - self.start_ns) * NANOSECOND
+
+
+@dataclass
+class RecordedEvidence:
+    """What recordings of one robot model show.
+
+    Attributes:
+        recordings: How many.
+        observed_time: Predicted. [s]
+        grid_energy: From the grid. [J]
+        brake_energy: Into the brake resistor. [J]
+        brake_columns: Change of that with the error of each figure, shape (K,). [J]
+        rests: Of `MIN_REST` or more, drives on.
+        rest_time: In rests, those of a dataset included. [s]
+        squared_speed: Integral of the squared motor speed by 1 K of the motor temperature, while
+            the grid feeds the bus, shape (n, bins). [rad^2/s]
+        motion_time: Of each motor by temperature, shape (n, bins). [s]
+        warm_loss: Energy that drives lose more for each kelvin by which their windings are warmer,
+            by temperature, at rest too, shape (n, bins). [J/K]
+        start_ns: First sample. [ns since 1970]
+        end_ns: Last sample. [ns since 1970]
+        measured_temperature: Whether motor temperatures were measured.
+        metered: Whether a power meter at the grid was compared.
+        robots: Names; empty for bags.
+        places: Whether it is known where the robot rested.
+        fine: Whether the errors of every figure are known, sample by sample.
+        notes: What a reader should know.
+    """
+
+    recordings: int = 0
+    observed_time: float = 0.0
+    grid_energy: float = 0.0
+    brake_energy: float = 0.0
+    brake_columns: Float = field(default_factory=lambda: np.zeros(1))
+    rests: list[RecordedRest] = field(default_factory=list[RecordedRest])
+    rest_time: float = 0.0
+    squared_speed: Float = field(default_factory=lambda: np.zeros((1, len(DEGC_BINS) - 1)))
+    motion_time: Float = field(default_factory=lambda: np.zeros((1, len(DEGC_BINS) - 1)))
+    warm_loss: Float = field(default_factory=lambda: np.zeros((1, len(DEGC_BINS) - 1)))
+    start_ns: int | None = None
+    end_ns: int | None = None
+    measured_temperature: bool = False
+    metered: bool = False
+    robots: tuple[str, ...] = ()
+    places: bool = True
+    fine: bool = True
+    notes: list[str] = field(default_factory=list[str])
+
+    def add(self, other: RecordedEvidence) -> None:
+        """Add what another recording shows.
+
+        Args:
+            other: Of the same robot model.
+        """
+        self.recordings += other.recordings
+        self.observed_time += other.observed_time
+        self.grid_energy += other.grid_energy
+        self.brake_energy += other.brake_energy
+        self.brake_columns = self.brake_columns + other.brake_columns
+        self.rests += other.rests
+        self.rest_time += other.rest_time
+        self.squared_speed = self.squared_speed + other.squared_speed
+        self.motion_time = self.motion_time + other.motion_time
+        self.warm_loss = self.warm_loss + other.warm_loss
+        starts = [one for one in (self.start_ns, other.start_ns) if one is not None]
+        ends = [one for one in (self.end_ns, other.end_ns) if one is not None]
+        self.start_ns, self.end_ns = min(starts, default=None), max(ends, default=None)
+        self.measured_temperature |= other.measured_temperature
+        self.metered |= other.metered
+        self.notes += [note for note in other.notes if note not in self.notes]
+
+
+class EvidenceSums:
+    """Gathers the evidence of one recording.
+
+    A robot rests while its motors are slower than motion that says something of friction, so that
+    noise of a reported velocity is no motion.
+
+    Args:
+        model: With which the bag is replayed.
+    """
+
+    def __init__(self, model: RobotModel) -> None:
+        still = np.asarray([joint.standstill_velocity for joint in model.joints])
+        self._floor = ABOVE_STANDSTILL * (np.abs(Drivetrain.from_model(model).transmission) @ still)
+        self._fallback_degc = model.temperature.fallback_degc
+        self._deviations = DeviationSums(model)
+        self._waiting: list[TorqueBlock] = []
+        self._last: tuple[PowerBlock, Float] | None = None
+        self._open: RecordedRest | None = None
+        shape = len(model.joints), len(DEGC_BINS) - 1
+        self._squared_speed, self._motion_time = np.zeros(shape), np.zeros(shape)
+        self._warm_loss = np.zeros(shape)
+        self._drive = drive_from_model(model)
+        self._energy = self._time = self._brake = 0.0
+        self._rests: list[RecordedRest] = []
+
+    def take(self, output: Output) -> None:
+        """Take what a step of the pipeline gave.
+
+        Args:
+            output: Every torque sample comes once, its power sample then or later.
+        """
+        self._deviations.take(output)
+        if output.torque is not None:
+            self._waiting.append(output.torque)
+        if output.power is None:
+            return
+        torque, size = TorqueBlock.concatenate(self._waiting), len(output.power)
+        self._waiting = [torque[slice(size, None)]] if len(torque) > size else []
+        block, position = output.power, torque.joint_position[:size]
+        if self._last is not None:
+            block = PowerBlock.concatenate([self._last[0], block])
+            position = np.concatenate([self._last[1], position])
+        self._last = block[slice(len(block) - 1, None)], position[-1:]
+        if len(block) > 1:
+            self._add(block, position)
+
+    def evidence(self, compared: list[Compared]) -> RecordedEvidence:
+        """Return what the recording shows, after its last step.
+
+        Args:
+            compared: With the meter at the grid; empty without one.
+        """
+        self._close()
+        _measure(self._rests, compared)
+        return RecordedEvidence(
+            recordings=1,
+            observed_time=self._time,
+            grid_energy=self._energy,
+            brake_energy=self._brake,
+            brake_columns=self._deviations.brake,
+            rests=self._rests,
+            rest_time=sum(rest.duration for rest in self._rests),
+            squared_speed=self._squared_speed,
+            motion_time=self._motion_time,
+            warm_loss=self._warm_loss,
+            metered=bool(compared),
+        )
+
+    def _add(self, block: PowerBlock, position: Float) -> None:
+        time = np.where(np.diff(block.segment) == 0, np.diff(block.stamp_ns) * NANOSECOND, 0.0)
+        power = np.maximum(np.nan_to_num(block.grid_power), 0.0)
+        energy = 0.5 * (power[1:] + power[:-1]) * time
+        brake = np.nan_to_num(block.brake_power)
+        self._time += float(time.sum())
+        self._energy += float(energy.sum())
+        self._brake += float((0.5 * (brake[1:] + brake[:-1]) * time).sum())
+        speed = np.abs(block.motor_velocity[:-1])
+        moving = (speed > self._floor) & (time > 0.0)[:, None]
+        fed = (brake[:-1] == 0.0) & (block.grid_power[:-1] > block.loss_grid[:-1])
+        degc = np.nan_to_num(block.motor_temperature_degc[:-1], nan=self._fallback_degc)
+        warmer = self._warmer(block[slice(0, -1)], degc) * time[:, None]
+        for joint in range(speed.shape[1]):
+            rows = moving[:, joint]
+            at = degc[rows, joint]
+            squares = (speed[rows, joint] ** 2) * time[rows] * fed[rows]
+            self._squared_speed[joint] += np.histogram(at, DEGC_BINS, weights=squares)[0]
+            self._motion_time[joint] += np.histogram(at, DEGC_BINS, weights=time[rows])[0]
+            self._warm_loss[joint] += np.histogram(
+                degc[:, joint], DEGC_BINS, weights=warmer[:, joint]
+            )[0]
+        rest = ~moving.any(axis=1) & (time > 0.0)
+        cuts = (np.flatnonzero(np.diff(rest)) + 1).tolist()
+        for start, stop in zip([0, *cuts], [*cuts, len(time)], strict=True):
+            if not rest[start]:
+                self._close()
+                continue
+            end_ns = int(block.stamp_ns[stop])
+            if self._open is None:
+                middle = position[(start + stop) // 2]
+                self._open = RecordedRest(int(block.stamp_ns[start]), end_ns, 0.0, middle)
+            self._open.end_ns = end_ns
+            self._open.energy += float(energy[start:stop].sum())
+
+    def _warmer(self, block: PowerBlock, degc: Float) -> Float:
+        """Loss of the drives for each kelvin of warmer windings, shape (N, n). [W/K]"""
+        given = block.shaft_power, block.motor_velocity, block.motor_torque
+        now, _ = self._drive.input_power(*given, degc.copy())
+        then, _ = self._drive.input_power(*given, degc + WARMER)
+        return np.nan_to_num((then - now) / WARMER)
+
+    def _close(self) -> None:
+        if self._open is not None and self._open.duration >= MIN_REST:
+            self._rests.append(self._open)
+        self._open = None
+
+
+def _measure(rests: list[RecordedRest], compared: list[Compared]) -> None:
+    """Add what the meter has shown in the rests."""
+    if not compared or not rests:
+        return
+    whole = Compared.concatenate(compared)
+    order: Int = np.argsort(whole.stamp_ns, kind="stable")
+    whole = whole[order]
+    for rest in rests:
+        edges = [rest.start_ns + SETTLED_NS, rest.end_ns]
+        first, last = np.searchsorted(whole.stamp_ns - whole.duration_ns, edges).tolist()
+        if last - 1 > first:
+            rows = slice(first, last - 1)
+            rest.compared_time = float(whole.duration_ns[rows].sum()) * NANOSECOND
+            rest.measured = float(whole.measured[rows].sum())
+            rest.predicted = float(whole.predicted[rows].sum())

@@ -1,0 +1,232 @@
+"""Advice from recordings alone: what would save how much, and how to try it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Unpack
+
+from robot_energy.advice.claims import Claim, regenerative, standby, waiting_pose, warm_up
+from robot_energy.advice.dataset_evidence import dataset_evidence
+from robot_energy.advice.evidence import EvidenceSums, RecordedEvidence
+from robot_energy.advice.speeds import speeds
+from robot_energy.api.inputs import ModelName, model_of
+from robot_energy.api.replay import ReplayOptions, run_replay
+from robot_energy.blocks import NANOSECOND, MeterLocation
+from robot_energy.errors import ParameterError
+from robot_energy.model import RobotModel
+from robot_energy.optimization.rest_states import ASSUMED, RestState
+from robot_energy.results.advice import Advice, AdviceBasis, AdviceReport
+from robot_energy.results.model import model_used
+
+KWH = 3.6e6  # J
+DAY = 86_400.0  # s
+WORKING_DAYS = 250.0  # a year, assumed where the recordings do not say
+LABELS = {
+    "standby": "standby instead of drives that hold, in breaks and at night",
+    "regenerative": "a regenerative supply or a common DC bus",
+    "warm_up": "a warmer start",
+    "speeds": "other speeds and accelerations, no slower",
+    "waiting_pose": "wait where holding costs least",
+}
+OVERLAPS = (("speeds", "warm_up"), ("speeds", "regenerative"))
+ABSENT = {
+    "standby": "standby: no rest of a minute or more that a state would pay for",
+    "regenerative": "regenerative supply: nothing went into a brake resistor",
+    "warm_up": "warm-up: no measured temperatures, or motors as warm all the time",
+    "speeds": "speeds: no part of a bag that starts and ends at rest with two moves, or not asked "
+    "for",
+    "waiting_pose": "waiting pose: fewer than two places of rest, or a dataset, which does not "
+    "hold them; name the bags",
+}
+
+
+@dataclass(frozen=True)
+class AdviceResult:
+    """What would save how much.
+
+    Attributes:
+        report: All figures.
+    """
+
+    report: AdviceReport
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all figures as plain values: the JSON of ``robot-energy advise``."""
+        return self.report.to_dict()
+
+
+def advise(
+    recordings: str | Path | Sequence[str | Path],
+    model: ModelName,
+    *,
+    rest_states: Sequence[RestState] | None = None,
+    price: float | None = None,
+    currency: str = "EUR",
+    co2: float | None = None,
+    hours_per_day: float | None = None,
+    days_per_year: float | None = None,
+    look_at_speeds: bool = True,
+    **options: Unpack[ReplayOptions],
+) -> AdviceResult:
+    """Say what would save energy, from recordings alone.
+
+    Args:
+        recordings: Bags of one robot model, or the folder of a dataset of a fleet.
+        model: A model, its file, or the name of a shipped one.
+        rest_states: Standby, hibernation and brakes of this robot; None: assumed figures.
+        price: Of energy; None for no cost. [currency/kWh]
+        currency: Of the price.
+        co2: Emission factor; None for no emission. [kg/kWh]
+        hours_per_day: Of such work in a day by all robots together; None: as recorded where the
+            recordings span a day, else round the clock. [h]
+        days_per_year: With such work; None: all where the recordings span a week, else 250. [1]
+        look_at_speeds: Whether other speeds are looked for, which takes longest.
+        **options: How bags are read: see `ReplayOptions`.
+
+    Returns:
+        A ranked list.
+
+    Raises:
+        ParameterError: If a figure makes no sense.
+        RobotEnergyError: If recordings or model cannot be used.
+    """
+    used = model_of(model)
+    paths = [recordings] if isinstance(recordings, str | Path) else list(recordings)
+    for name, value, most in (
+        ("price", price, 1e6), ("CO2 factor", co2, 100.0), ("hours per day", hours_per_day, 1e6),
+        ("days per year", days_per_year, 366.0),
+    ):  # fmt: skip
+        if value is not None and not 0 <= value <= most:
+            raise ParameterError(f"the {name} is {value}", f"0 to {most:g}")
+    if not paths:
+        raise ParameterError("no recording was named", "bags, or a dataset")
+    problems: list[str] = []
+    fast: Claim | None = None
+    if len(paths) == 1 and any(Path(paths[0]).glob("robot=*")):
+        evidence = dataset_evidence(paths[0], used)
+    else:
+        evidence = RecordedEvidence()
+        for path in paths:
+            evidence.add(_recorded(path, used, problems, options))
+        if look_at_speeds:
+            fast = speeds([str(path) for path in paths], evidence, used, options)
+    states = ASSUMED if rest_states is None else tuple(rest_states)
+    first = str(paths[0])
+    degc = used.temperature.fallback_degc
+    claims = {
+        "standby": standby(evidence, used, states, rest_states is None),
+        "regenerative": regenerative(evidence, used),
+        "warm_up": warm_up(
+            evidence, used, f"robot-energy replay {first} --model {used.source} --compare {degc:g}"
+        ),
+        "speeds": fast,
+        "waiting_pose": waiting_pose(evidence, used),
+    }
+    basis = _basis(evidence, price, currency, co2, hours_per_day, days_per_year)
+    found = [_advice(one, basis) for one in claims.values() if one is not None]
+    found.sort(key=lambda one: -one.energy)
+    claimed = [one for one in found if one.claimed]
+    counted: list[Advice] = []
+    for one in claimed:
+        if not set(one.overlaps) & {other.name for other in counted}:
+            counted.append(one)
+    return AdviceResult(
+        AdviceReport(
+            source=tuple(map(str, paths)),
+            model=model_used(used),
+            basis=basis,
+            advice=tuple(claimed),
+            unproven=tuple(one for one in found if not one.claimed),
+            without=tuple(ABSENT[name] for name, one in claims.items() if one is None),
+            energy_per_year=sum(one.energy_per_year for one in counted),
+            counted=tuple(one.name for one in counted),
+            notes=tuple(evidence.notes),
+            problems=tuple(problems),
+        )
+    )
+
+
+def _recorded(
+    path: str | Path, model: RobotModel, problems: list[str], options: ReplayOptions
+) -> RecordedEvidence:
+    sums = EvidenceSums(model)
+    progress: Callable[[float], None] | None = options.get("progress")
+    given: dict[str, Any] = {**options, "progress": progress}
+    result = run_replay(path, model, on_output=sums.take, keep_compared=True, **given)
+    at_grid = result.ledger.comparison.location is MeterLocation.GRID
+    found = sums.evidence(result.compared if result.topics.meter and at_grid else [])
+    time = result.ledger.registers.time
+    found.start_ns, found.end_ns = time.start_ns, time.end_ns
+    found.measured_temperature = bool(result.topics.temperatures)
+    found.notes = [] if result.topics.temperatures else ["no motor temperatures were recorded"]
+    problems += result.problems
+    return found
+
+
+def _basis(
+    evidence: RecordedEvidence,
+    price: float | None,
+    currency: str,
+    co2: float | None,
+    hours_per_day: float | None,
+    days_per_year: float | None,
+) -> AdviceBasis:
+    span = 0.0
+    if evidence.start_ns is not None and evidence.end_ns is not None:
+        span = (evidence.end_ns - evidence.start_ns) * NANOSECOND
+    recorded = evidence.observed_time
+    parts = [f"{recorded / 3600:.3g} h were recorded"]
+    hours = hours_per_day
+    if hours is not None:
+        parts.append(f"{hours:g} h of such work a day, as given")
+    elif span >= DAY:
+        hours = recorded / span * 24.0
+        parts.append(f"{hours:.3g} h a day, as recorded over {span / DAY:.3g} days")
+    else:
+        hours = 24.0
+        parts.append("24 h of such work a day, assumed: give --hours-per-day")
+    days = days_per_year
+    if days is not None:
+        parts.append(f"{days:g} days a year, as given")
+    elif span >= 7 * DAY:
+        days = 365.0
+        parts.append("365 days a year: the recordings span a week, its days off included")
+    else:
+        days = WORKING_DAYS
+        parts.append(f"{days:g} days a year, assumed: give --days-per-year")
+    parts.append("bands say how sure the model is, not how typical the recordings are")
+    duty = 1.0 - evidence.rest_time / recorded if recorded > 0 else math.nan
+    return AdviceBasis(
+        evidence.recordings, recorded, evidence.grid_energy, hours, days, duty, price, currency,
+        co2, "; ".join(parts),
+    )  # fmt: skip
+
+
+def _advice(claim: Claim, basis: AdviceBasis) -> Advice:
+    per_hour = 3600.0 / basis.recorded_time if basis.recorded_time > 0 else 0.0
+    per_day = per_hour * basis.hours_per_day
+    per_year = per_day * basis.days_per_year
+    year = claim.energy * per_year
+    pairs = [pair for pair in OVERLAPS if claim.name in pair]
+    return Advice(
+        name=claim.name,
+        label=LABELS[claim.name],
+        energy=claim.energy,
+        half=claim.half,
+        relative=claim.energy / basis.recorded_energy if basis.recorded_energy > 0 else None,
+        claimed=claim.energy > claim.half > 0,
+        energy_per_hour=claim.energy * per_hour,
+        energy_per_day=claim.energy * per_day,
+        energy_per_year=year,
+        half_per_year=claim.half * per_year,
+        cost_per_year=None if basis.price_per_kwh is None else year / KWH * basis.price_per_kwh,
+        co2_per_year=None if basis.co2_kg_per_kwh is None else year / KWH * basis.co2_kg_per_kwh,
+        sure=claim.sure,
+        found=claim.found,
+        change=claim.change,
+        command=claim.command,
+        overlaps=tuple(name for pair in pairs for name in pair if name != claim.name),
+    )

@@ -1,0 +1,92 @@
+"""What other speeds would save: the optimiser on a part of a recording."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from robot_energy.advice.claims import LONG_REST, Claim
+from robot_energy.advice.evidence import DEGC_BINS, RecordedEvidence
+from robot_energy.api.optimize import optimize
+from robot_energy.api.replay import ReplayOptions
+from robot_energy.blocks import NANOSECOND
+from robot_energy.errors import MotionError
+from robot_energy.model import RobotModel
+from robot_energy.uncertainty.band import Z90
+
+MAX_PART = 30.0  # s of one bag that are looked at
+MIN_MOVES = 2
+MARGIN = 0.2  # s of the rests at both ends
+
+
+def speeds(
+    paths: Sequence[str], evidence: RecordedEvidence, model: RobotModel, options: ReplayOptions
+) -> Claim | None:
+    """Return what other speeds save, by the moves of the first part between rests.
+
+    All motion of the recordings is taken to save the same share of time as that part.
+
+    Args:
+        paths: The bags.
+        evidence: What all of them show.
+        model: Of the robot.
+        options: How they were read.
+    """
+    part = _part(evidence)
+    if part is None or len(paths) != 1 or evidence.start_ns is None:
+        return None
+    start, end, moving = part
+    topics: Any = options.get("joint_states")
+    topic = topics if isinstance(topics, str) else (topics[0] if topics else None)
+    middle = 0.5 * (DEGC_BINS[1:] + DEGC_BINS[:-1])
+    degc = model.temperature.fallback_degc
+    if (time := evidence.motion_time.sum()) > 0:
+        degc = float((evidence.motion_time * middle).sum() / time)
+    try:
+        found = optimize(paths[0], model, degc, topic=topic, start=start, end=end)
+    except MotionError as error:
+        evidence.notes.append(f"speeds were not looked at: {error}")
+        return None
+    measures = {one.name: one for one in found.report.measures}
+    one = measures["move_overrides"].saving
+    if one is None:
+        return None
+    whole = float(np.max(evidence.observed_time - evidence.rest_time))
+    scale = whole / moving
+    return Claim(
+        "speeds",
+        one.energy * scale,
+        np.array([one.half / Z90 * scale]),
+        "predicted",
+        f"the moves from {start:.1f} to {end:.1f} s of {paths[0]}, taken for all {whole / 60:.3g} "
+        f"min of motion, need {one.relative or 0.0:.1%} less at other speeds, no slower in all",
+        "set the speeds and accelerations of each move that the next command prints",
+        shlex.join(
+            ["robot-energy", "optimize", paths[0], "--model", model.source, "--temperature",
+             f"{degc:.0f}", "--start", f"{start:.2f}", "--end", f"{end:.2f}"]
+        ),
+    )  # fmt: skip
+
+
+def _part(evidence: RecordedEvidence) -> tuple[float, float, float] | None:
+    """Start and end of a part with moves between short rests, and its motion. [s]"""
+    if evidence.start_ns is None:
+        return None
+    origin = evidence.start_ns
+    rests = evidence.rests
+    for first, rest in enumerate(rests):
+        last = first
+        for behind in range(first + 1, len(rests)):
+            at = (rests[behind].start_ns - rest.end_ns) * NANOSECOND
+            if at > MAX_PART or rests[behind - 1].duration >= LONG_REST > 0 < behind - 1 - first:
+                break
+            last = behind
+        if last - first >= MIN_MOVES:
+            start = (rest.end_ns - origin) * NANOSECOND - MARGIN
+            end = (rests[last].start_ns - origin) * NANOSECOND + MARGIN
+            resting = sum(one.duration for one in rests[first + 1 : last])
+            return start, end, end - start - 2.0 * MARGIN - resting
+    return None

@@ -1,0 +1,206 @@
+"""Advice: savings against figures worked out by hand, and what is claimed at all."""
+
+import json
+
+import numpy as np
+import pytest
+
+import robot_energy as re
+from fleets import dataset
+from places import ROOT
+from robot_energy.advice.claims import Claim, regenerative, standby, waiting_pose, warm_up
+from robot_energy.advice.dataset_evidence import dataset_evidence
+from robot_energy.advice.evidence import DEGC_BINS, RecordedEvidence, RecordedRest
+from robot_energy.advice.run import _advice, _basis
+from robot_energy.cli.main import main
+from robot_energy.errors import DatasetError, ParameterError
+from robot_energy.fleet.dataset import read_tables
+from robot_energy.model import load
+from robot_energy.motion.ptp_file import program_for, read_program
+from robot_energy.motion.ptp_loop import Program
+from robot_energy.optimization.rest_states import RestState
+from robot_energy.physics.friction import FrictionModel
+from robot_energy.physics.rigid_body import Robot
+from sound_recordings import write_states
+
+MODEL = load("kr16")
+MOVES = ROOT / "src/examples/programs/kr16_pick_and_place.yaml"
+SECOND = 1_000_000_000
+SLEEP = RestState(name="sleep", power=0.25, wake_time=10.0, wake_power=2.0)
+RATE = 100.0
+LONG, SHORT = 70.0, 3.0
+
+
+def rest(duration, watts, position=0.0, measured=None):
+    found = RecordedRest(0, round(duration * SECOND), watts * duration, np.full(6, position))
+    if measured is not None:
+        found.compared_time = duration
+        found.measured, found.predicted = measured * duration, watts * duration
+    return found
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory):
+    """A cycle with one long and three short rests."""
+    limits = Robot.from_model(MODEL).limits
+    loop = program_for(read_program(MOVES), limits).program
+    program = Program(loop.via, loop.limits, [LONG, *[SHORT] * (len(loop.via) - 1)])
+    time = np.arange(0.0, program.period, 1.0 / RATE)
+    path = tmp_path_factory.mktemp("advice") / "bag"
+    position = program.sample(time).joint_position
+    write_states(path, MODEL.joint_names, RATE, position, np.empty((len(time), 0)))
+    return path
+
+
+def test_standby_saves_what_the_sums_by_hand_say():
+    # at rest on brakes this model needs its constant losses
+    on_brakes = MODEL.cabinet.loss_grid.value + MODEL.cabinet.loss_dc.value
+    held = on_brakes + 60.0
+    claim = standby(
+        RecordedEvidence(rests=[rest(300.0, held), rest(5.0, held)]), MODEL, [SLEEP], False
+    )
+    by_hand = held * 300.0 - on_brakes * (0.25 * 290.0 + 2.0 * 10.0)
+    assert claim.energy == pytest.approx(by_hand)
+    assert claim.sure == "predicted"
+    assert "1 rests of a minute" in claim.found
+
+
+def test_measured_watts_at_rest_replace_predicted_ones():
+    on_brakes = MODEL.cabinet.loss_grid.value + MODEL.cabinet.loss_dc.value
+    held = on_brakes + 60.0
+    predicted = standby(RecordedEvidence(rests=[rest(300.0, held)]), MODEL, [SLEEP], False)
+    claim = standby(
+        RecordedEvidence(rests=[rest(300.0, held, 0.0, held + 40.0)]), MODEL, [SLEEP], False
+    )
+    by_hand = (held + 40.0) * 300.0 - (on_brakes + 40.0) * 92.5
+    assert claim.energy == pytest.approx(by_hand)
+    assert claim.sure == "measured"
+    assert claim.half < predicted.half
+
+
+def test_a_state_that_never_pays_is_no_advice():
+    awake = RestState(name="awake", power=9.0, wake_time=1.0)
+    assert standby(RecordedEvidence(rests=[rest(300.0, 200.0)]), MODEL, [awake], False) is None
+
+
+def test_waiting_pose_takes_the_cheapest_place_that_a_meter_has_shown():
+    rests = [rest(20.0, 300.0, 0.0, 340.0), rest(30.0, 300.0, 0.5, 290.0), rest(9.0, 1.0, 1.0)]
+    claim = waiting_pose(RecordedEvidence(rests=rests), MODEL)
+    assert claim.sure == "measured"
+    assert claim.energy == pytest.approx(20.0 * 50.0, abs=20.0 * 30.0)
+    assert claim.joint_position == pytest.approx(np.full(6, 0.5))
+    # the third place has no meter, so nothing is claimed of it
+    assert "wait at the joint positions [0.50" in claim.change
+
+
+def test_warm_friction_saves_the_difference_of_the_viscous_coefficients():
+    squares = np.zeros((6, len(DEGC_BINS) - 1))
+    time = np.zeros_like(squares)
+    cold, warm = (int(np.searchsorted(DEGC_BINS, degc)) for degc in (30.0, 50.0))
+    squares[:, cold], time[:, [cold, warm]] = 1e4, [50.0, 50.0]
+    evidence = RecordedEvidence(squared_speed=squares, motion_time=time, measured_temperature=True)
+    claim = warm_up(evidence, MODEL)
+    friction = FrictionModel.from_model(MODEL)
+    at = [friction.viscous(np.full(6, DEGC_BINS[row] + 0.5)) for row in (cold, warm)]
+    assert claim.energy == pytest.approx(1e4 * (at[0] - at[1]).sum())
+    assert claim.energy > 0.0
+    evidence.measured_temperature = False
+    assert warm_up(evidence, MODEL) is None
+
+
+def test_braked_energy_is_that_of_the_replay():
+    path = ROOT / "bags/kr16_cold"
+    report = re.advise(path, MODEL, look_at_speeds=False).report
+    found = next(one for one in (*report.advice, *report.unproven) if one.name == "regenerative")
+    brake = re.replay(path, MODEL).energy.brake
+    assert found.energy == pytest.approx(0.9 * brake, rel=1e-3)
+    assert report.basis.recorded_energy == pytest.approx(re.replay(path, MODEL).energy.grid_import)
+
+
+def test_no_supply_is_advised_where_there_is_one():
+    share = {"value": 0.8, "tag": "assumed"}
+    cabinet = MODEL.cabinet.model_copy(update={"regeneration_efficiency": share})
+    evidence = RecordedEvidence(brake_energy=1e3)
+    assert regenerative(evidence, MODEL) is not None
+    assert regenerative(evidence, MODEL.changed(cabinet=cabinet)) is None
+
+
+def test_a_recording_with_rests_gives_a_ranked_list(bag):
+    result = re.advise(bag, MODEL, price=0.5, co2=0.4, hours_per_day=10.0, days_per_year=200.0)
+    report = result.report
+    everything = (*report.advice, *report.unproven)
+    names = {one.name for one in everything}
+    assert {"standby", "waiting_pose", "speeds"} <= names
+    energies = [one.energy for one in report.advice]
+    assert energies == sorted(energies, reverse=True)
+    assert all(one.energy > one.half for one in report.advice)
+    assert all(one.energy <= one.half for one in report.unproven)
+    one = everything[0]
+    year = one.energy / report.basis.recorded_time * 3600.0 * 10.0 * 200.0
+    assert one.energy_per_year == pytest.approx(year)
+    assert one.cost_per_year == pytest.approx(year / 3.6e6 * 0.5)
+    assert one.co2_per_year == pytest.approx(year / 3.6e6 * 0.4)
+    saved = {one.name: one for one in report.advice}
+    for name in report.counted:
+        assert not set(saved[name].overlaps) & set(report.counted)
+    assert report.energy_per_year == pytest.approx(
+        sum(saved[name].energy_per_year for name in report.counted)
+    )
+
+
+def test_rests_are_those_of_the_program(bag):
+    sentence = re.advise(bag, MODEL, look_at_speeds=False).report
+    found = next(one for one in (*sentence.advice, *sentence.unproven) if one.name == "standby")
+    assert "in 1 rests of a minute or more" in found.found
+    assert sentence.basis.duty < 0.5
+
+
+def test_what_overlaps_is_counted_once():
+    basis = _basis(
+        RecordedEvidence(observed_time=3600.0, grid_energy=1e6), None, "EUR", None, 1.0, 1.0
+    )
+    claim = Claim("speeds", 100.0, np.array([1.0]), "predicted", "", "")
+    assert _advice(claim, basis).overlaps == ("warm_up", "regenerative")
+    assert _advice(claim, basis).energy_per_year == pytest.approx(100.0)
+
+
+def test_the_basis_of_a_year_is_that_of_the_recordings():
+    days = RecordedEvidence(observed_time=8 * 36e2 * 10, start_ns=0, end_ns=10 * 86_400 * SECOND)
+    basis = _basis(days, None, "EUR", None, None, None)
+    assert basis.hours_per_day == pytest.approx(8.0)
+    assert basis.days_per_year == 365.0
+    short = _basis(RecordedEvidence(observed_time=60.0), None, "EUR", None, None, None)
+    assert (short.hours_per_day, short.days_per_year) == (24.0, 250.0)
+    assert short.sentence.count("assumed") == 2
+
+
+def test_a_dataset_gives_standby_and_no_places(tmp_path):
+    folder = dataset(tmp_path / "fleet", 1, faults=False)
+    with pytest.raises(DatasetError, match="holds no bag of model"):
+        dataset_evidence(folder, load("ur5e"))
+    tables = read_tables(folder)
+    found = dataset_evidence(folder, MODEL)
+    assert found.observed_time == pytest.approx(tables.runs["observed_time"].sum())
+    standby_time = sum(one.duration for one in found.rests)
+    assert 0 < standby_time <= tables.hours["standby_time"].sum() * (1 + 1e-9)
+    energy = sum(one.energy for one in found.rests)
+    assert 0 < energy <= tables.hours["standby_energy"].sum() * (1 + 1e-9)
+    report = re.advise(folder, MODEL).report
+    assert any("waiting pose" in sentence for sentence in report.without)
+
+
+def test_the_command_writes_json(bag, tmp_path, capsys):
+    path, page = tmp_path / "advice.json", tmp_path / "advice.html"
+    words = ["advise", str(bag), "--model", "kr16", "--no-speeds", "--price", "0.3"]
+    assert main([*words, "--json", str(path), "--report", str(page)]) == 0
+    found = json.loads(path.read_text())
+    assert found["result"] == "advice"
+    assert "standby" in capsys.readouterr().out
+    assert "Not proven by these recordings" in page.read_text()
+
+
+def test_figures_that_make_no_sense_are_refused(bag):
+    with pytest.raises(ParameterError, match="price is -1"):
+        re.advise(bag, MODEL, price=-1.0)
+    with pytest.raises(ParameterError, match="no recording"):
+        re.advise([], MODEL)

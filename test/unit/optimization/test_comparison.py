@@ -1,0 +1,72 @@
+"""Motions compared: energies as predicted alone, and bands of differences."""
+
+import numpy as np
+import pytest
+
+from robot_energy.errors import MotionError
+from robot_energy.model import load
+from robot_energy.motion.joint_trajectory import JointTrajectory
+from robot_energy.optimization.chain import PowerChain
+from robot_energy.optimization.comparison import compare_motions
+from robot_energy.optimization.deviation_sums import DeviationSums
+from robot_energy.prediction import predict
+
+MODEL = load("kr16")
+DEGC = np.full(6, 40.0)
+FIRST = np.array([0.0, -1.2, 1.2, 0.0, 0.3, 0.0])
+
+
+def motion(seconds, reach=0.5):
+    still = np.zeros((2, 6))
+    position = np.stack([FIRST, FIRST + reach * np.array([1.0, 0.3, -0.3, 0.2, 0.1, 0.1])])
+    return JointTrajectory(MODEL.joint_names, np.array([0.0, seconds]), position, still, still)
+
+
+def test_rest_has_the_columns_of_the_power_chain():
+    """A motion that stands: integrated sample by sample, and one second times its length."""
+    standing = JointTrajectory(
+        MODEL.joint_names, np.array([0.0, 5.0]), np.stack([FIRST, FIRST]), np.zeros((2, 6))
+    )
+    sums = DeviationSums(MODEL)
+    predict(MODEL, standing.planned(), DEGC, on_output=sums.take)
+    held = PowerChain(MODEL, DEGC[None, :]).rests(FIRST[None, :])
+    assert sums.energy == pytest.approx(5.0 * held.columns[0], rel=0.01)
+
+
+def test_a_band_of_a_difference_is_far_below_that_of_an_energy():
+    found = compare_motions(MODEL, [lambda: motion(3.0), lambda: motion(3.1)], DEGC)
+    first, second = found.candidates
+    more, half = second.more_than(first)
+    assert more == pytest.approx(second.energy - first.energy)
+    assert 0 < half < 0.2 * first.half
+
+
+def test_a_wait_until_the_cycle_time_costs_what_rest_costs():
+    bare = compare_motions(MODEL, [lambda: motion(3.0)], DEGC).candidates[0]
+    waits = compare_motions(MODEL, [lambda: motion(3.0)], DEGC, cycle_time=8.0).candidates[0]
+    end = motion(3.0).sample(np.array([3.0])).joint_position
+    watts = PowerChain(MODEL, DEGC[None, :]).rests(end).energy[0]
+    assert waits.energy - bare.energy == pytest.approx(5.0 * watts)
+
+
+def test_what_is_wrong_with_one_leaves_the_others():
+    def broken():
+        raise MotionError("it has no points", "two")
+
+    found = compare_motions(MODEL, [broken, lambda: motion(3.0), lambda: motion(0.05)], DEGC)
+    assert found.order == (1,)
+    assert "no points" in found.candidates[0].message
+    assert "speed limit" in found.candidates[2].message
+    assert np.isnan(found.advantage[0])
+
+
+def test_too_many_samples_are_refused_before_the_work():
+    found = compare_motions(MODEL, [lambda: motion(3.0)] * 2, DEGC, max_samples=1000)
+    assert found.candidates[0].feasible
+    assert "too many samples" in found.candidates[1].message
+
+
+@pytest.mark.parametrize("options", [{"cycle_time": -1.0}, {"peak_limit": 0.0}])
+def test_figures_that_make_no_sense_are_refused(options):
+    with pytest.raises(MotionError):
+        compare_motions(MODEL, [lambda: motion(3.0)], DEGC, **options)
