@@ -20,6 +20,7 @@ from robot_energy.cdr.types import typestore
 from robot_energy.cli.main import main
 from robot_energy.model import load
 from robot_energy.motion.trajectory_io import MESSAGE
+from robot_energy.uncertainty.deviation import CABINET_DEVIATIONS, JOINT_DEVIATIONS
 from ros2_energy_monitor.nodes.energy_monitor import EnergyMonitor
 
 MODEL = load("kr16")
@@ -122,16 +123,22 @@ def test_the_service_equals_the_command(client, tmp_path):
     compare(answer, run)
 
 
-def test_what_the_meter_has_shown_scales_the_band(node, client):
-    """Every window 3 deviations off: q^2 = (0.35 + 9) / 2."""
+def test_what_the_meter_has_shown_sets_the_band(node, client):
+    """Windows without error, in which every figure moved 10 kJ: all figures are known then."""
     bare = client.ask(trajectory=swing())
-    state = node.ledger.calibration.state()
-    seen = state.model_copy(update={"location": "GRID", "energy_scores": (3.0,) * 24})
+    figures = len(CABINET_DEVIATIONS) - 4 + len(JOINT_DEVIATIONS) * len(JOINTS)
+    seen = node.ledger.calibration.state().model_copy(
+        update={
+            "location": "GRID",
+            "energy_windows": ((0.0, 0.0, 10.0),) * 24,
+            "energy_figures": tuple(map(tuple, 1e8 * np.eye(figures))),
+        }
+    )
     node.ledger.calibration.restore(seen)
     answer = client.ask(trajectory=swing())
     assert answer.band == PowerState.BAND_CALIBRATED
     assert answer.predicted_energy_std == bare.predicted_energy_std
-    assert answer.predicted_energy_band > 1.5 * bare.predicted_energy_band
+    assert 0.0 < answer.predicted_energy_band < 0.5 * bare.predicted_energy_band
 
 
 def test_temperatures_follow_the_names_and_the_fallback_fills(client, tmp_path):

@@ -113,7 +113,7 @@ class EnergyCalibration:
 
     def state(self) -> tuple[Windows, Squares]:
         """Return the windows and the squares of the figures, as they are kept."""
-        rows = [] if self._squares is None else self._squares.tolist()
+        rows: list[list[float]] = [] if self._squares is None else self._squares.tolist()
         return tuple(self._windows), tuple(tuple(row) for row in rows)
 
     def restore(

@@ -108,7 +108,7 @@ def predict(
         motion.notes,
         progress,
         max_samples,
-        auxiliary,
+        auxiliary=auxiliary,
     )
     report = prediction_report(result, motion)
     names = used.joint_names

@@ -182,7 +182,7 @@ def _predictions(args: Namespace) -> list[tuple[Prediction, LoadedMotion]]:
                 motion.notes,
                 show,
                 most,
-                states,
+                auxiliary=states,
             )
         found.append((result, motion))
     return found

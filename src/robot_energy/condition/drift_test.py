@@ -258,7 +258,7 @@ class DriftTest:
         now = shapes[-1]
         factors, likelihood, excess = self._factors()
         factor = factors[int(np.argmax(likelihood))]
-        white = np.linalg.solve(factor, np.column_stack([excess, shapes]))
+        white = np.asarray(np.linalg.solve(factor, np.column_stack([excess, shapes])), np.float64)
         each = CHANGE**2 * white[:, 1:].T @ white[:, 0]  # size of every change
         size, newest = float(now @ each), float(each[-1])
         spread = CHANGE**2 * white[:, 1:] @ now

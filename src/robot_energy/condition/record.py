@@ -165,7 +165,7 @@ def _without_old_wear(content: bytes) -> bytes:
         old = [number for number, entry in enumerate(tests) if "contrasts" not in entry]
     except (ValueError, TypeError, LookupError):
         return content  # the reader says what is wrong
-    empty = {"information": [], "target": [], "square": 0.0, "count": 0}
+    empty: dict[str, Any] = {"information": [], "target": [], "square": 0.0, "count": 0}
     for number in old:
         tests[number] = {"records": [], "changes": [], "contrasts": empty}
     return json.dumps(record).encode() if old else content
