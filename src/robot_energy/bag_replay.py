@@ -249,9 +249,7 @@ def _outputs(
 ) -> Generator[tuple[Output, tuple[PayloadChange, ...]]]:
     """Run the stages; yield what each step gave, and the payloads that were set in it."""
     pipeline = result.pipeline
-    inputs = BagInputs(
-        result.joint_states, result.temperatures, result.meter, [], result.auxiliary
-    )
+    inputs = BagInputs(result.joint_states, result.temperatures, result.meter, [], result.auxiliary)
     steps = read_steps(bag, inputs, result.topics, spans, by_second, result.jobs)
     if processes > 2:
         steps = read_ahead(steps)

@@ -94,6 +94,7 @@ def advise(
         RobotEnergyError: If recordings or model cannot be used.
     """
     used = model_of(model)
+    named = str(model) if isinstance(model, str | Path) else used.source
     paths = [recordings] if isinstance(recordings, str | Path) else list(recordings)
     for name, value, most in (
         ("price", price, 1e6), ("CO2 factor", co2, 100.0), ("hours per day", hours_per_day, 1e6),
@@ -112,7 +113,7 @@ def advise(
         for path in paths:
             evidence.add(_recorded(path, used, problems, options))
         if look_at_speeds:
-            fast = speeds([str(path) for path in paths], evidence, used, options)
+            fast = speeds([str(path) for path in paths], evidence, used, options, named)
     states = ASSUMED if rest_states is None else tuple(rest_states)
     first = str(paths[0])
     degc = used.temperature.fallback_degc
@@ -120,7 +121,7 @@ def advise(
         "standby": standby(evidence, used, states, rest_states is None),
         "regenerative": regenerative(evidence, used),
         "warm_up": warm_up(
-            evidence, used, f"robot-energy replay {first} --model {used.source} --compare {degc:g}"
+            evidence, used, f"robot-energy replay {first} --model {named} --compare {degc:g}"
         ),
         "speeds": fast,
         "waiting_pose": waiting_pose(evidence, used),

@@ -23,7 +23,11 @@ MARGIN = 0.2  # s of the rests at both ends
 
 
 def speeds(
-    paths: Sequence[str], evidence: RecordedEvidence, model: RobotModel, options: ReplayOptions
+    paths: Sequence[str],
+    evidence: RecordedEvidence,
+    model: RobotModel,
+    options: ReplayOptions,
+    named: str,
 ) -> Claim | None:
     """Return what other speeds save, by the moves of the first part between rests.
 
@@ -34,6 +38,7 @@ def speeds(
         evidence: What all of them show.
         model: Of the robot.
         options: How they were read.
+        named: How the user named the model, for the next command.
     """
     part = _part(evidence)
     if part is None or len(paths) != 1 or evidence.start_ns is None:
@@ -65,7 +70,7 @@ def speeds(
         f"min of motion, need {one.relative or 0.0:.1%} less at other speeds, no slower in all",
         "set the speeds and accelerations of each move that the next command prints",
         shlex.join(
-            ["robot-energy", "optimize", paths[0], "--model", model.source, "--temperature",
+            ["robot-energy", "optimize", paths[0], "--model", named, "--temperature",
              f"{degc:.0f}", "--start", f"{start:.2f}", "--end", f"{end:.2f}"]
         ),
     )  # fmt: skip

@@ -62,7 +62,7 @@ def _verdict(report: AdviceReport) -> str:
     if not report.advice:
         return "No saving is claimed: what was found is smaller than its own uncertainty"
     return (
-        f"{report.energy_per_year / KWH:.3g} kWh a year can be saved, without what overlaps; "
+        f"{significant(3)(report.energy_per_year / KWH)} kWh a year can be saved, without what overlaps; "
         "predicted from recordings, nothing was tried"
     )
 

@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterable, Sequence
 from robot_energy.page.energy_flow import rounded_parts
 
 NOTHING = "-"
+MAX_PLAIN = 1e9  # greater numbers have an exponent
 WATT_HOUR = 3600.0  # J
 SMALL = 1e-3  # below it figures with a standard deviation have a power of ten
 RAISED = str.maketrans(
@@ -99,12 +100,18 @@ def fixed(digits: int) -> Callable[[float | None], str]:
 
 
 def significant(digits: int) -> Callable[[float | None], str]:
-    """Return a format with so many digits in all.
+    """Return a format with so many digits in all, or all before the point where these are more.
 
     Args:
         digits: How many.
     """
-    return lambda value: NOTHING if value is None else f"{value:.{digits}g}"
+
+    def text(value: float | None) -> str:
+        if value is None:
+            return NOTHING
+        return f"{value:.0f}" if 10.0**digits <= abs(value) < MAX_PLAIN else f"{value:.{digits}g}"
+
+    return text
 
 
 def aligned(values: Iterable[float | None], digits: int) -> Callable[[float | None], str]:
