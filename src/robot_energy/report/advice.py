@@ -62,8 +62,8 @@ def _verdict(report: AdviceReport) -> str:
     if not report.advice:
         return "No saving is claimed: what was found is smaller than its own uncertainty"
     return (
-        f"{significant(3)(report.energy_per_year / KWH)} kWh a year can be saved, without what overlaps; "
-        "predicted from recordings, nothing was tried"
+        f"{significant(3)(report.energy_per_year / KWH)} kWh a year can be saved, without what "
+        "overlaps; predicted from recordings, nothing was tried"
     )
 
 
