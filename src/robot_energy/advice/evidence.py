@@ -11,7 +11,7 @@ from robot_energy.condition.joint_friction import ABOVE_STANDSTILL
 from robot_energy.model import RobotModel
 from robot_energy.optimization.deviation_sums import DeviationSums
 from robot_energy.physics.drive import drive_from_model
-from robot_energy.physics.drivetrain import Drivetrain
+from robot_energy.physics.drivetrain import motor_standstill
 from robot_energy.pipeline import Output
 from robot_energy.timeline.pieces import Compared
 
@@ -130,8 +130,7 @@ class EvidenceSums:
     """
 
     def __init__(self, model: RobotModel) -> None:
-        still = np.asarray([joint.standstill_velocity for joint in model.joints])
-        self._floor = ABOVE_STANDSTILL * (np.abs(Drivetrain.from_model(model).transmission) @ still)
+        self._floor = ABOVE_STANDSTILL * motor_standstill(model)
         self._fallback_degc = model.temperature.fallback_degc
         self._deviations = DeviationSums(model)
         self._waiting: list[TorqueBlock] = []

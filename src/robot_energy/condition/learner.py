@@ -35,7 +35,7 @@ from robot_energy.condition.wear import WearMonitor
 from robot_energy.errors import StateFileError
 from robot_energy.inputs.meter.power_curve import MeterCurve
 from robot_energy.model import RobotModel
-from robot_energy.physics.drivetrain import Drivetrain
+from robot_energy.physics.drivetrain import Drivetrain, motor_standstill
 
 MAX_ROWS = 1000  # of a part that friction is learned from; of more, every second, third, ...
 PART_NS = 5_000_000_000  # of stamps that are learned from together
@@ -104,10 +104,9 @@ class ConditionLearner:
         self._model = model
         n_joints = len(model.joints)
         drivetrain = Drivetrain.from_model(model)
-        still = np.asarray([joint.standstill_velocity for joint in model.joints])
         self.reader = MotionReader(
             np.abs(np.diag(drivetrain.transmission)),
-            np.abs(drivetrain.transmission) @ still,
+            motor_standstill(model),
             model.temperature.fallback_degc,
         )
         self.friction = FrictionLearner(n_joints)

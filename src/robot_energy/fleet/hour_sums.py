@@ -8,8 +8,8 @@ import numpy as np
 
 from robot_energy.blocks import NANOSECOND, Float, PowerBlock
 from robot_energy.condition.joint_friction import ABOVE_STANDSTILL
-from robot_energy.fleet.joint_sums import motor_standstill
 from robot_energy.model import RobotModel
+from robot_energy.physics.drivetrain import motor_standstill
 from robot_energy.pipeline import Output
 
 HOUR_NS = 3_600_000_000_000

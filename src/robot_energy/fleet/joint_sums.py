@@ -24,7 +24,7 @@ from robot_energy.condition.joint_friction import ABOVE_STANDSTILL
 from robot_energy.condition.wear import WearMonitor
 from robot_energy.model import RobotModel
 from robot_energy.model.payload import payload
-from robot_energy.physics.drivetrain import Drivetrain
+from robot_energy.physics.drivetrain import Drivetrain, motor_standstill
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.pipeline import Output
 
@@ -155,16 +155,6 @@ class JointSums:
             self.rows[joint] += len(columns)
             self.time[joint] += period[rows].sum()
             self.heat[joint] += degc[rows, joint].sum()
-
-
-def motor_standstill(model: RobotModel) -> Float:
-    """Return the speeds below which motors stand, shape (n,). [rad/s]
-
-    Args:
-        model: The robot's model.
-    """
-    still = np.asarray([joint.standstill_velocity for joint in model.joints])
-    return np.abs(Drivetrain.from_model(model).transmission) @ still
 
 
 def gram_of(upper: Sequence[float] | Float) -> Float:

@@ -20,7 +20,7 @@ from robot_energy.optimization.candidates import SAMPLES, Candidates, Moves, Sam
 from robot_energy.optimization.deviations import EnergyDeviations
 from robot_energy.physics.cabinet import CabinetStage
 from robot_energy.physics.drive import drive_from_model
-from robot_energy.physics.drivetrain import Drivetrain
+from robot_energy.physics.drivetrain import Drivetrain, motor_standstill
 from robot_energy.physics.friction import FrictionModel
 from robot_energy.physics.rigid_body import Robot
 
@@ -89,8 +89,7 @@ class PowerChain:
         self.friction = FrictionModel.from_model(model)
         self.drive = drive_from_model(model)
         self._deviations = EnergyDeviations(model)
-        still = np.asarray([joint.standstill_velocity for joint in model.joints])
-        self._standstill = np.abs(self.drivetrain.transmission) @ still
+        self._standstill = motor_standstill(model)
 
     def moves(
         self,

@@ -7,7 +7,7 @@ import numpy as np
 from robot_energy.blocks import NANOSECOND, Float, PowerBlock
 from robot_energy.model import RobotModel
 from robot_energy.optimization.deviations import EnergyDeviations
-from robot_energy.physics.drivetrain import Drivetrain
+from robot_energy.physics.drivetrain import motor_standstill
 from robot_energy.pipeline import Output
 
 
@@ -22,8 +22,7 @@ class DeviationSums:
         self._deviations = EnergyDeviations(model)
         returned = model.cabinet.regeneration_efficiency
         self._returned = 0.0 if returned is None else returned.value
-        still = np.asarray([joint.standstill_velocity for joint in model.joints])
-        self._standstill = np.abs(Drivetrain.from_model(model).transmission) @ still
+        self._standstill = motor_standstill(model)
         self._last: PowerBlock | None = None
         self._sum: Float | None = None
         self._brake: Float | None = None

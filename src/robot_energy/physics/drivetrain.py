@@ -106,3 +106,13 @@ class Drivetrain:
             Motor side, shape (N, n). [N m]
         """
         return mapped(self.transmission, joint_acceleration) * self.rotor_inertia
+
+
+def motor_standstill(model: RobotModel) -> Float:
+    """Return the speeds below which motors stand, shape (n,). [rad/s]
+
+    Args:
+        model: The robot's model.
+    """
+    still = np.asarray([joint.standstill_velocity for joint in model.joints])
+    return np.abs(Drivetrain.from_model(model).transmission) @ still

@@ -25,7 +25,7 @@ from robot_energy.inputs.temperatures.stuck import StuckTemperatureDetector
 from robot_energy.model import RobotModel
 from robot_energy.physics.cabinet import CabinetStage
 from robot_energy.physics.drive import drive_from_model
-from robot_energy.physics.drivetrain import Drivetrain
+from robot_energy.physics.drivetrain import motor_standstill
 from robot_energy.physics.friction import FrictionModel
 from robot_energy.pipeline.fallback_use import FallbackUse
 from robot_energy.pipeline.friction_certainty import FrictionCertainty
@@ -64,9 +64,7 @@ class PowerStage:
         self._cabinet = CabinetStage(model.cabinet)
         self._deviation = PowerDeviation(model)
         self.watch = StuckTemperatureDetector(model)
-        transmission = np.abs(Drivetrain.from_model(model).transmission)
-        still = np.asarray([joint.standstill_velocity for joint in model.joints])
-        self._standstill = transmission @ still
+        self._standstill = motor_standstill(model)
         self._fallback_degc = model.temperature.fallback_degc
         self._assumed = settings.temperature_assumed
         stale_after = NEVER if self._assumed else min(model.temperature.stale_after, NEVER)
