@@ -25,6 +25,7 @@ OTHER_WORDS = {
     ("robot_energy/fleet/merged_friction.py", "constant"),  # the law that every joint must have
     ("robot_energy/identify/drives/total_power.py", "constant"),  # a structure of losses
     ("robot_energy/model/open_schema.py", "efficiency_map"),  # key of an entry
+    ("robot_energy_papers/advice_study.py", "regenerative"),  # an advice
     ("robot_energy_papers/models.py", "table"),  # the law that paper A asks for
 }
 BY_CLASS = {
@@ -32,6 +33,8 @@ BY_CLASS = {
     "robot_energy/identify/friction/friction.py",
     # A temperature shape that is lent is that of an exponential law.
     "robot_energy/identify/friction/shape.py",
+    # A factor on the viscous friction of the arm of paper B, whose law is exponential.
+    "robot_energy_papers/wall_sensitivity.py",
 }
 
 
