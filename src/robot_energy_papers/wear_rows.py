@@ -17,23 +17,21 @@ hour. What the rig would do and this does not: noise of velocity and stamps is t
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
-from robot_energy.blocks import NANOSECOND, Float, Int, PowerBlock
-from robot_energy.condition.joint_friction import MotionReader, MotionSums
-from robot_energy.condition.learner import Learning
+from robot_energy.blocks import NANOSECOND, Float
+from robot_energy.condition.joint_friction import MotionSums
 from robot_energy.model import RobotModel, load
 from robot_energy.model.payload import Payload, payload
 from robot_energy.physics.friction import FrictionModel
-from robot_energy.rig import PlantProfile, RigConfig, VirtualRig
+from robot_energy.rig import PlantProfile, RigConfig
 from robot_energy.rig.plant import COULOMB_DEGC, MIN_COULOMB_SHARE, REFERENCE_DEGC, PlantFriction
 from robot_energy.rig.thermal import ThermalNetwork
-from robot_energy_papers.learning_study import joint_block, pipeline_of, work
+from robot_energy_papers.learning_study import work
+from robot_energy_papers.wear_cycle import RATE, CycleSums, cycle_sums
 
-RATE = 25.0  # of the joint states [Hz]
 PART = 15.0  # s summed up together
 LOADS = 8  # pairs of true and known payload of a plant
 HIDDEN = 3.0  # greatest mass that the monitor does not get [kg]
@@ -61,33 +59,6 @@ class _State(NamedTuple):
     seen_degc: Float
     load: int
     worn: Float
-
-
-@dataclass(frozen=True)
-class _Load:
-    """One cycle with one payload: P parts, n joints.
-
-    Attributes:
-        sums: Of plant: rigid, dry, viscous, drag; of monitor: rigid, Coulomb, viscous;
-            shape (7, P, 2, n, SPEED_BUCKETS). [N m s], viscous of the monitor [rad]
-        time: In motion, shape (P, 2, n, SPEED_BUCKETS). [s]
-        load: Sum of the amount of the monitor's rigid torque, shape (P, 2, n). [N m s]
-        square: Means of the products of (rigid + drag, dry, viscous), shape (P, 3, 3, n).
-            [N^2 m^2]
-        power: Means of speed times (drag, dry, viscous), shape (P, 3, n). [W]
-        own: Of the monitor, speed times Coulomb and viscous friction, shape (P, 2, n). [W]
-        grid: Power of the grid at `COULOMB_DEGC`, true and predicted, shape (P, 2). [W]
-        rest: The same while the robot waits at its first pose, shape (2,). [W]
-    """
-
-    sums: Float
-    time: Float
-    load: Float
-    square: Float
-    power: Float
-    own: Float
-    grid: Float
-    rest: Float
 
 
 class MeterRow(NamedTuple):
@@ -125,7 +96,10 @@ class WearRows:
         self._parts = max(1, round(self._program.period / part))
         self.cycle = self._parts * part
         self.payloads = self._payloads()
-        self._loads = [self._cycle_of(*pair, seed) for pair in self.payloads]
+        self._loads = [
+            cycle_sums(profile, self.model, self._program, seed, part, self._parts, carried, known)
+            for carried, known in self.payloads
+        ]
         self._wait = self.cycle * next(
             (wait for wait in WAITS if self._hottest(1.0 / (1.0 + wait)) < HOTTEST), WAITS[-1]
         )
@@ -148,91 +122,6 @@ class WearRows:
             ]
             pairs.append((carried[:1], carried[1]))
         return pairs
-
-    def _cycle_of(self, carried: list[Payload], known: Payload | None, seed: int) -> _Load:
-        config = replace(self._config, warming=False, stamp_jitter=False)
-        rig = VirtualRig(
-            self.profile, self._program, config, seed, COULOMB_DEGC, COULOMB_DEGC, rate_hz=RATE
-        )
-        if carried:
-            rig.change(payload=carried)
-        pipeline = pipeline_of(self.model, Learning.OBSERVE, True)
-        if known is not None:
-            pipeline.torque.set_payload(known)
-        learner = pipeline.power.condition
-        blocks: list[PowerBlock] = []
-        learner.step = blocks.append  # type: ignore[method-assign]
-        rows = round((self.cycle + 1.0) * RATE)  # the derivative is late
-        output = rig.step(rows)
-        pipeline.step(joint_block(output.joints), output.temperatures, None)
-        block = PowerBlock.concatenate(blocks)
-        truth = output.truth
-        place = np.searchsorted(truth.stamp_ns, block.stamp_ns)
-        inside = place < round(self.cycle * RATE)
-        block, place = block[inside], place[inside]
-        speed = truth.motor_velocity
-        rigid = truth.motor_torque - truth.motor_torque_friction
-        cold = np.full(self.profile.n_joints, COULOMB_DEGC)
-        whole = PlantFriction(self.profile, self._config, 1.0 / RATE).torque(speed, rigid, cold)
-        reference = self.profile.hard.viscous_speed
-        turning = (
-            np.sign(speed)
-            * reference
-            * (np.abs(speed) / reference) ** (self.profile.hard.viscous_exponent)
-        )
-        viscous = self._friction.viscous(cold) * turning
-        dry = whole - viscous
-        drag = truth.iron_loss / np.where(speed == 0, 1.0, speed)
-        plant = np.stack([rigid, dry, turning, drag])[:, place]
-        measured = block.motor_velocity
-        zero, unit = np.zeros_like(measured), np.ones_like(measured)
-        own = self._law.torque(
-            measured, block.rigid_power / measured, self._law.coulomb * unit, zero, measured == 0
-        )
-        basis = [*plant, block.rigid_power / measured, own, measured]
-        sums = np.array([self._summed(learner.reader, block, each, place)[0] for each in basis])
-        _, time, load_sum = self._summed(learner.reader, block, zero, place)
-        terms = np.stack([rigid + drag, dry, turning])[:, place]
-        driven = np.stack([drag, dry, turning])[:, place] * speed[place]
-        grid = np.stack([truth.grid_power[place], block.supply.grid_power], axis=1)
-        part = (place / (self._part * RATE)).astype(int)
-
-        def mean(values: Float) -> Float:
-            return np.array([values[part == number].mean(axis=0) for number in range(self._parts)])
-
-        return _Load(
-            sums,
-            time,
-            load_sum,
-            mean(np.einsum("atn,btn->tabn", terms, terms)),
-            mean(np.einsum("atn->tan", driven)),
-            mean(np.stack([own * measured, measured**2], axis=1)),
-            mean(grid),
-            grid[: round(RATE)].mean(axis=0),
-        )
-
-    def _summed(
-        self, reader: MotionReader, block: PowerBlock, torque: Float, place: Int
-    ) -> tuple[Float, Float, Float]:
-        """Sums of a torque along the motion, of time and load, part by part."""
-        shown = replace(block, shaft_power_measured=torque * block.motor_velocity)
-        bare = replace(shown, rigid_power=np.zeros_like(torque))
-        model = np.abs(block.motor_velocity) + 1e-9
-        part = (place / (self._part * RATE)).astype(int)
-        found: list[Float] = []
-        times: list[Float] = []
-        loads: list[Float] = []
-        for number in range(self._parts):
-            rows = np.flatnonzero(part == number)
-            piece = slice(rows[0], rows[-1] + 1)
-            sums = reader.read(bare[piece], model[piece])
-            whole = reader.read(shown[piece], model[piece])
-            if sums is None or whole is None:
-                raise ValueError(f"part {number} of the program has no torque; expected torque")
-            found.append(sums.measured)
-            times.append(sums.time)
-            loads.append(whole.load)
-        return np.array(found), np.array(times), np.array(loads)
 
     def days(self, days: int, wear: Wear | None = None) -> Iterator[Day]:
         """Run day after day, with the torque of every motor.
@@ -299,12 +188,14 @@ class WearRows:
             cold = next_cold
             yield day, states
 
-    def _heat(self, one: _Load, gear: Float, motor: Float, worn: Float) -> tuple[Float, Float]:
+    def _heat(self, one: CycleSums, gear: Float, motor: Float, worn: Float) -> tuple[Float, Float]:
         """Heat of the motors without friction, and friction, means of a cycle. [W]"""
         heat, friction = self._powers(one, gear, motor, worn)
         return heat.mean(axis=0), friction.mean(axis=0)
 
-    def _powers(self, one: _Load, gear: Float, motor: Float, worn: Float) -> tuple[Float, Float]:
+    def _powers(
+        self, one: CycleSums, gear: Float, motor: Float, worn: Float
+    ) -> tuple[Float, Float]:
         """Iron and copper losses, and friction, of every part, shape (P, n) each. [W]"""
         profile = self.profile
         dry, viscous = self._at(gear)

@@ -128,7 +128,7 @@ def compared(
 
 
 class ComparisonService(PredictionService):
-    """Serves ``~/compare_trajectories``, in a thread beside the ticks; see its base."""
+    """Serves ``~/compare_trajectories``, in a thread of its own; see its base."""
 
     interface = CompareTrajectories
     name = "compare_trajectories"

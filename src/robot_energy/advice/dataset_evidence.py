@@ -52,8 +52,8 @@ def dataset_evidence(folder: str | Path, model: RobotModel) -> RecordedEvidence:
         places=False,
         fine=False,
         notes=[
-            "a dataset holds sums: warm-up, speeds and waiting poses need the bags themselves, and "
-            "short and long rests within an hour are not told apart"
+            "a dataset holds sums: warm-up, speeds and waiting poses need the bags themselves; "
+            "short and long rests within an hour cannot be separated"
         ],
     )
     hours = tables.hours.join(runs.select("key"), on="key", how="semi")

@@ -163,15 +163,15 @@ def find_meter(
     open_topics = sorted(
         item for item in bag.topics.items() if item[0] not in others and LOADS not in item[0]
     )
-    told = [name for name, info in open_topics if meter_kind(info.msgtype).found_by_type]
-    if len(told) > 1:
+    meters = [name for name, info in open_topics if meter_kind(info.msgtype).found_by_type]
+    if len(meters) > 1:
         raise MissingTopicError(
-            f"{bag.path} has several topics of a power meter: {', '.join(told)}",
+            f"{bag.path} has several topics of a power meter: {', '.join(meters)}",
             "one",
             "name it with --meter",
         )
-    if told:
-        return MeterSource(topic=told[0], type=bag.topics[told[0]].msgtype), []
+    if meters:
+        return MeterSource(topic=meters[0], type=bag.topics[meters[0]].msgtype), []
     return None, [
         f"{name} ({info.msgtype}) may be a power meter; say what it means in a parameter file "
         "and name that with --inputs"

@@ -14,11 +14,11 @@ from robot_energy.motion.gcode import MAX_BYTES, read_gcode
 from robot_energy.motion.gcode_feed import with_feed
 from robot_energy.motion.joint_trajectory import JointTrajectory
 from robot_energy.motion.load_motion import ToolOptions, tool_program
-from robot_energy.motion.planned import SampledMotion
 from robot_energy.motion.ptp import DEFAULT_JERK_TIME, Trajectory
 from robot_energy.optimization.candidates import Candidates
 from robot_energy.optimization.plan import CyclePlan
 from robot_energy.optimization.task import Task
+from robot_energy.optimization.written_trajectory import WrittenTrajectory
 from robot_energy.physics.rigid_body import Robot
 
 FEEDS = np.array([0.5, 0.6, 0.7, 0.8, 0.9, 1.0])  # shares of the greatest factor [-]
@@ -120,7 +120,7 @@ class FeedMoves:
         )
 
 
-class GcodeForm:
+class GcodeForm(WrittenTrajectory):
     """A G-code program. Attributes as those of `PtpForm`.
 
     Args:
@@ -140,6 +140,7 @@ class GcodeForm:
             raise MotionError(
                 f"the greatest factor on the feeds is {max_feed:g}", f"1 to {MAX_FACTOR:g}"
             )
+        super().__init__(robot)
         text = read_regular(path, MAX_BYTES).decode("utf-8", "replace")
         self.moves = FeedMoves(text, str(path), robot, options, max_feed)
         self.base = Candidates(np.zeros(1, dtype=np.int64), np.array([1 / max_feed]), np.ones(1))
@@ -161,27 +162,22 @@ class GcodeForm:
             "all feeds are multiplied by one factor; what the process allows, the model cannot say",
         )
 
-    def motion(self, task: Task, plan: CyclePlan, robot: Robot) -> SampledMotion:
-        """Return a plan as a motion for a prediction.
+    def points(self, task: Task, plan: CyclePlan) -> tuple[Float, Trajectory]:
+        """Return the points of a plan, after its wait.
 
         Args:
             task: The task.
             plan: A plan of it.
-            robot: The robot.
 
         Returns:
-            The motion, after the wait.
+            Times from 0 on, shape (K,) [s], and the points.
         """
         made = self.moves.motion(float(task.table.candidates[plan.row].speed[0]))
-        rest = float(plan.rest[0])
+        rest, path = float(plan.rest[0]), made.sample(made.instants)
         if rest <= 0.0:
-            return made.planned()
-        at = made.sample(made.instants)
-        path = Trajectory.concatenate([at.rows(slice(0, 1)), at])
-        return JointTrajectory(
-            robot.joint_names, np.concatenate([[0.0], made.instants + rest]),
-            path.joint_position, path.joint_velocity, path.joint_acceleration,
-        ).planned()  # fmt: skip
+            return made.instants, path
+        waited = Trajectory.concatenate([path.rows(slice(0, 1)), path])
+        return np.concatenate([[0.0], made.instants + rest]), waited
 
     def write(self, path: Path, task: Task, plan: CyclePlan) -> None:
         """Write a plan as G-code.
