@@ -60,7 +60,7 @@ MODULES = {
         temporary_folder
     """,
     "robot_energy.fleet": """
-        bag_figures bag_joints bag_list bag_row dataset findings hour_sums identify joint_sums
+        api bag_figures bag_joints bag_list bag_row dataset findings hour_sums identify joint_sums
         merged_friction merged_laws meter_errors report run sisters tables wear_history
     """,
     "robot_energy.identify": """
