@@ -105,7 +105,9 @@ def joint_block(joints: RigJoints, with_torque: bool = True) -> JointBlock:
     )
 
 
-def work(profile: PlantProfile, seed: int, moves: int = 30, zone: float = 0.6) -> Program:
+def work(
+    profile: PlantProfile, seed: int, moves: int = 30, zone: float = 0.6, override: float = 1.0
+) -> Program:
     """Draw the work of a robot: point-to-point motions with a rest at every third pose.
 
     Args:
@@ -113,13 +115,15 @@ def work(profile: PlantProfile, seed: int, moves: int = 30, zone: float = 0.6) -
         seed: Of the poses.
         moves: How many there are before all repeats.
         zone: Share of the joint ranges that is used. [-]
+        override: Share of full speed, in (0, 1]. [-]
 
     Returns:
         The program.
     """
     limits: MotionLimits = profile.motion_limits(profile.mechanics()[0])
     via = random_program(limits, seed, moves, zone).via
-    return Program(via, limits, [REST if place % 3 == 0 else 0.1 for place in range(len(via))])
+    dwell = [REST if place % 3 == 0 else 0.1 for place in range(len(via))]
+    return Program(via, limits, dwell, override)
 
 
 def pipeline_of(model: RobotModel, learning: Learning, with_torque: bool) -> EnergyPipeline:

@@ -16,6 +16,7 @@ hour. What the rig would do and this does not: noise of velocity and stamps is t
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
@@ -25,6 +26,7 @@ from robot_energy.blocks import NANOSECOND, Float
 from robot_energy.condition.joint_friction import MotionSums
 from robot_energy.model import RobotModel, load
 from robot_energy.model.payload import Payload, payload
+from robot_energy.motion.ptp_loop import Program
 from robot_energy.physics.friction import FrictionModel
 from robot_energy.rig import PlantProfile, RigConfig
 from robot_energy.rig.plant import COULOMB_DEGC, MIN_COULOMB_SHARE, REFERENCE_DEGC, PlantFriction
@@ -36,6 +38,9 @@ PART = 15.0  # s summed up together
 LOADS = 8  # pairs of true and known payload of a plant
 HIDDEN = 3.0  # greatest mass that the monitor does not get [kg]
 CHANGE_EVERY = 1800.0  # s between two payloads
+JOB_LOADS = 4  # the same of a program that is drawn later
+KNOWN_JOB = 0.5  # probability that the next program ran before
+MOVES, ZONES, OVERRIDES = (6, 40), (0.25, 0.8), (0.3, 1.0)  # of these; share of ranges, of speed
 COLD, HOT = (15.0, 22.0), (52.0, 60.0)  # of the hall, night and day, drawn for each day [degC]
 DAY = 86_400.0  # s
 HOTTEST = (
@@ -48,16 +53,27 @@ START_NS = 1_700_000_000_000_000_000
 
 
 Day = list[MotionSums]
+_Payloads = list[tuple[list[Payload], Payload | None]]
 Wear = Callable[[Float], Float]
 
 
-class _State(NamedTuple):
-    """A cycle: temperatures at its start, those of the sensors, its load, wear of each axis."""
+class _Job(NamedTuple):
+    """A program: its cycle with each payload, the length of a cycle, and the wait after it. [s]"""
 
+    loads: list[CycleSums]
+    cycle: float
+    wait: float
+
+
+class _State(NamedTuple):
+    """A cycle: its beginning [s of the day], wait, temperatures at its start, load, wear."""
+
+    start: float
+    wait: float
     gear_degc: Float
     motor_degc: Float
     seen_degc: Float
-    load: int
+    load: CycleSums
     worn: Float
 
 
@@ -78,44 +94,68 @@ class WearRows:
         profile: The plant.
         seed: Of work, payloads, weather and sensors.
         part: What is summed up together. [s]
+        changes: Shortest and longest time with one program, half of them never run before; None
+            for the same program always. [h]
 
     Attributes:
-        payloads: True ones, each with the one that the monitor gets.
-        cycle: Length of a cycle. [s]
+        payloads: True ones of the first program, each with the one that the monitor gets.
+        cycle: Length of its cycle. [s]
+        loads: Its cycle with each payload.
     """
 
-    def __init__(self, profile: PlantProfile, seed: int, part: float = PART) -> None:
+    def __init__(
+        self,
+        profile: PlantProfile,
+        seed: int,
+        part: float = PART,
+        changes: tuple[float, float] | None = None,
+    ) -> None:
         self.profile = profile
         self.model: RobotModel = load(profile.body)
-        self._part = part
+        self._part, self._seed = part, seed
         self._config = RigConfig.hard()
         self._random = np.random.default_rng([seed, 0x77656172])
-        self._program = work(profile, seed)
         self._law = FrictionModel.from_model(self.model)
         self._friction = PlantFriction(profile, self._config, 1.0 / RATE)
-        self._parts = max(1, round(self._program.period / part))
-        self.cycle = self._parts * part
-        self.payloads = self._payloads()
-        self._loads = [
-            cycle_sums(profile, self.model, self._program, seed, part, self._parts, carried, known)
-            for carried, known in self.payloads
-        ]
-        self._wait = self.cycle * next(
-            (wait for wait in WAITS if self._hottest(1.0 / (1.0 + wait)) < HOTTEST), WAITS[-1]
-        )
+        self._changes = changes
+        self.payloads = self._payloads(self._random, LOADS)
+        first = self._job(work(profile, seed), seed, self.payloads)
+        self.loads, self.cycle = first.loads, first.cycle
+        self._jobs = [first]
         offset = self._config.sensors.temperature_offset
         self._meter_gain = 1.0 + self._config.sensors.meter_class * self._random.uniform(-1.0, 1.0)
         self._offset: Float = offset * self._random.standard_normal(profile.n_joints)
 
-    def _payloads(self) -> list[tuple[list[Payload], Payload | None]]:
+    def _job(self, program: Program, seed: int, payloads: _Payloads) -> _Job:
+        """Compute the cycle of a program; it waits so long that no motor gets too hot."""
+        parts = max(1, round(program.period / self._part))
+        profile, part, cycle = self.profile, self._part, parts * self._part
+        loads = [
+            cycle_sums(profile, self.model, program, seed, part, parts, carried, known)
+            for carried, known in payloads
+        ]
+        cool = (wait for wait in WAITS if self._hottest(loads, 1.0 / (1.0 + wait)) < HOTTEST)
+        return _Job(loads, cycle, cycle * next(cool, WAITS[-1]))
+
+    def _next_job(self, random: np.random.Generator) -> _Job:
+        """A program that ran before, or a new one: other poses, range, speed and payloads."""
+        if random.random() < KNOWN_JOB:
+            return self._jobs[int(random.integers(len(self._jobs)))]
+        seed = int(random.integers(1 << 30))
+        moves, zone = int(random.integers(*MOVES)), random.uniform(*ZONES)
+        program = work(self.profile, seed, moves, zone, random.uniform(*OVERRIDES))
+        self._jobs.append(self._job(program, seed, self._payloads(random, JOB_LOADS)))
+        return self._jobs[-1]
+
+    def _payloads(self, random: np.random.Generator, loads: int) -> _Payloads:
         """True payloads, with the one that the monitor gets."""
         if not self.model.payload:
             return [([], None)]
         body = self.model.payload[0]
-        pairs: list[tuple[list[Payload], Payload | None]] = []
-        for number in range(LOADS):
-            known = body.mass * (1.0 if number % 2 else self._random.uniform(0.2, 1.0))
-            true = known + (self._random.uniform(0.0, HIDDEN) if number % 4 >= 2 else 0.0)
+        pairs: _Payloads = []
+        for number in range(loads):
+            known = body.mass * (1.0 if number % 2 else random.uniform(0.2, 1.0))
+            true = known + (random.uniform(0.0, HIDDEN) if number % 4 >= 2 else 0.0)
             carried = [
                 payload(body.link, float(mass), body.centre_of_mass, body.inertia)
                 for mass in (true, known)
@@ -154,39 +194,58 @@ class WearRows:
             yield self._meter_day(day, states)
 
     def _states(self, days: int, wear: Wear | None) -> Iterator[tuple[int, list[_State]]]:
-        profile, config = self.profile, self._config
-        length = self.cycle + self._wait
-        cycles = round(DAY / length)
-        steps = int(np.ceil(length / MAX_STEP))
+        profile = self.profile
         start = np.full(profile.n_joints, 35.0)
-        network = ThermalNetwork(profile, length / steps, start, start, 35.0)
-        lag = np.exp(-length / config.sensors.temperature_lag)
-        hours, worn, sensed = np.zeros_like(start), np.ones_like(start), start
-        cold, which = self._random.uniform(*COLD), 0
-        hold = max(1, round(CHANGE_EVERY / length))
+        gear = motor = sensed = start
+        hours, worn = np.zeros_like(start), np.ones_like(start)
+        cold, which, at = self._random.uniform(*COLD), 0, 0.0
+        plan = np.random.default_rng([self._seed, 0x6A6F6273])
+        job, until = self._jobs[0], self._until(0.0, plan)
+        network, left = self._network(job, gear, motor), 0
         for day in range(days):
             hot, next_cold = self._random.uniform(*HOT), self._random.uniform(*COLD)
             states: list[_State] = []
-            for number in range(cycles):
-                if number % hold == 0:
-                    which = int(self._random.integers(len(self._loads)))
-                phase = 2.0 * number / cycles
+            while at < DAY:
+                length = job.cycle + job.wait
+                if left == 0:
+                    which = int(self._random.integers(len(job.loads)))
+                    left = max(1, round(CHANGE_EVERY / length))
+                left -= 1
+                phase = 2.0 * at / DAY
                 low = cold if phase < 1.0 else next_cold
                 network.ambient_degc = float(low + (hot - low) * 0.5 * (1 - np.cos(np.pi * phase)))
                 gear, motor = network.gear_temperature_degc, network.motor_temperature_degc
-                heat, friction = self._heat(self._loads[which], gear, motor, worn)
+                load = job.loads[which]
+                heat, friction = self._heat(load, gear, motor, worn)
                 share = profile.friction_to_motor
-                duty = self.cycle / length
-                for _ in range(steps):
+                duty = job.cycle / length
+                for _ in range(_steps(length)):
                     network.step(duty * (heat + share * friction), duty * (1.0 - share) * friction)
                 settled = network.motor_temperature_degc
+                lag = np.exp(-length / self._config.sensors.temperature_lag)
                 sensed = settled + lag * (sensed - settled)
-                states.append(_State(gear, motor, sensed, which, worn))
-                hours = hours + self._loads[which].time.sum(axis=(0, 1, 3)) / 3600.0
+                states.append(_State(at, job.wait, gear, motor, sensed, load, worn))
+                hours = hours + load.time.sum(axis=(0, 1, 3)) / 3600.0
                 if wear is not None:
                     worn = wear(hours)
-            cold = next_cold
+                at += length
+                if day * DAY + at >= until:
+                    job, until = self._next_job(plan), self._until(day * DAY + at, plan)
+                    gear, motor = network.gear_temperature_degc, network.motor_temperature_degc
+                    network, left = self._network(job, gear, motor), 0
+            cold, at = next_cold, at - DAY
             yield day, states
+
+    def _until(self, now: float, plan: np.random.Generator) -> float:
+        """When the program changes that begins now. [s]"""
+        if self._changes is None:
+            return math.inf
+        return now + 3600.0 * float(np.exp(plan.uniform(*np.log(self._changes))))
+
+    def _network(self, job: _Job, gear_degc: Float, motor_degc: Float) -> ThermalNetwork:
+        """The thermal network for the cycles of a program."""
+        length = job.cycle + job.wait
+        return ThermalNetwork(self.profile, length / _steps(length), gear_degc, motor_degc, 35.0)
 
     def _heat(self, one: CycleSums, gear: Float, motor: Float, worn: Float) -> tuple[Float, Float]:
         """Heat of the motors without friction, and friction, means of a cycle. [W]"""
@@ -207,13 +266,13 @@ class WearRows:
         friction = worn * (dry * one.power[:, 1] + viscous * one.power[:, 2])
         return 3.0 * resistance * square + one.power[:, 0], friction
 
-    def _hottest(self, duty: float) -> float:
+    def _hottest(self, loads: list[CycleSums], duty: float) -> float:
         """Temperature of the hottest motor after hours in the hottest hall. [degC]"""
         profile = self.profile
         gear = motor = np.full(profile.n_joints, HOT[1])
         share = profile.friction_to_motor
         highest = 0.0
-        for one in self._loads:
+        for one in loads:
             for _ in range(60):  # a fixed point; the warmth of copper and oil act on themselves
                 heat, friction = self._heat(one, gear, motor, np.ones_like(gear))
                 own = duty * (heat + share * friction)
@@ -233,10 +292,10 @@ class WearRows:
         first_ns = START_NS + round(day * DAY / NANOSECOND)
         base = np.full(self.profile.n_joints, COULOMB_DEGC)
         unworn = np.ones_like(base)
-        length = self.cycle + self._wait
         rows: list[MeterRow] = []
-        for cycle, state in enumerate(states):
-            one = self._loads[state.load]
+        for state in states:
+            one = state.load
+            parts = len(one.time)
             now = np.add(*self._powers(one, state.gear_degc, state.motor_degc, state.worn))
             then = np.add(*self._powers(one, base, base, unworn))
             more = (now - then).sum(axis=1) / supply.rectifier_efficiency
@@ -247,36 +306,31 @@ class WearRows:
                 one.grid[:, 1] + (friction - before).sum(axis=1) / supply.rectifier_efficiency
             )
             noise = sensors.meter_noise / np.sqrt(self._part * sensors.meter_rate)
-            gain = self._meter_gain + noise * self._random.standard_normal(self._parts)
+            gain = self._meter_gain + noise * self._random.standard_normal(parts)
             residual = gain * (one.grid[:, 0] + more) - predicted
-            waits = round(self._wait / self._part)
+            waits = round(state.wait / self._part)
             offs = [*residual.tolist(), *[gain[0] * one.rest[0] - one.rest[1]] * waits]
             owns = [*friction.sum(axis=1).tolist(), *[0.0] * waits]
             for number, (off, own) in enumerate(zip(offs, owns, strict=True)):
-                stamp_ns = first_ns + round(
-                    (cycle * length + (number + 1) * self._part) / NANOSECOND
-                )
+                stamp_ns = first_ns + round((state.start + (number + 1) * self._part) / NANOSECOND)
                 energies = (self._part * float(off), self._part * float(own))
                 rows.append(MeterRow(stamp_ns, self._part, *energies, float(degc.mean())))
         return rows
 
     def _day(self, day: int, states: list[_State]) -> Day:
         sensors = self._config.sensors
-        seen = np.array([state.seen_degc for state in states]) + self._offset
-        shape = (len(states), self._parts, READINGS, self.profile.n_joints)
-        noise = sensors.temperature_noise * self._random.standard_normal(shape)
-        degc = np.rint(seen[:, None, None] + noise).mean(axis=2)
         first_ns = START_NS + round(day * DAY / NANOSECOND)
         parts: Day = []
-        for cycle, state in enumerate(states):
-            one = self._loads[state.load]
-            measured, model = self.torques(
-                state.load, state.gear_degc, state.motor_degc, degc[cycle], state.worn
-            )
+        for state in states:
+            one = state.load
+            shape = (len(one.time), READINGS, self.profile.n_joints)
+            noise = sensors.temperature_noise * self._random.standard_normal(shape)
+            degc = np.rint(state.seen_degc + self._offset + noise).mean(axis=1)
+            measured, model = self.torques(one, state.gear_degc, state.motor_degc, degc, state.worn)
             scatter = sensors.torque_noise * np.sqrt(one.time / RATE)
             measured = measured + scatter * self._random.standard_normal(scatter.shape)
-            for number in range(self._parts):
-                at = cycle * (self.cycle + self._wait) + (number + 1) * self._part
+            for number in range(len(one.time)):
+                at = state.start + (number + 1) * self._part
                 parts.append(
                     MotionSums(
                         first_ns + round(at / NANOSECOND),
@@ -284,18 +338,18 @@ class WearRows:
                         measured[number],
                         one.time[number],
                         one.load[number],
-                        degc[cycle, number],
+                        degc[number],
                     )
                 )
         return parts
 
     def torques(
-        self, load: int, gear_degc: Float, motor_degc: Float, seen_degc: Float, worn: Float
+        self, load: CycleSums, gear_degc: Float, motor_degc: Float, seen_degc: Float, worn: Float
     ) -> tuple[Float, Float]:
         """Return what the parts of a cycle say of friction, without noise.
 
         Args:
-            load: Which payload.
+            load: The cycle.
             gear_degc: Shape (n,). [degC]
             motor_degc: Shape (n,). [degC]
             seen_degc: What the monitor takes for it, shape (n,) or (P, n). [degC]
@@ -304,10 +358,15 @@ class WearRows:
         Returns:
             Sums of measured and of model friction, shape (P, 2, n, SPEED_BUCKETS). [N m s]
         """
-        rigid, still, turning, drag, own, coulomb, turn = self._loads[load].sums
+        rigid, still, turning, drag, own, coulomb, turn = load.sums
         fall = self.profile.torque_constant_fall
         gain = 1.0 / (1.0 - fall * (motor_degc - REFERENCE_DEGC))[:, None]
         dry, viscous, wear = (each[:, None] for each in (*self._at(gear_degc), worn))
         measured = gain * (rigid + wear * (dry * still + viscous * turning) + drag) - own
-        law = np.broadcast_to(self._law.viscous(seen_degc), (self._parts, len(worn)))
+        law = np.broadcast_to(self._law.viscous(seen_degc), (len(load.time), len(worn)))
         return measured, coulomb + law[:, None, :, None] * turn
+
+
+def _steps(length: float) -> int:
+    """Steps of the thermal network in a cycle."""
+    return int(np.ceil(length / MAX_STEP))

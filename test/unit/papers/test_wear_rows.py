@@ -35,7 +35,7 @@ def test_a_cycle_at_another_temperature_is_that_of_the_rig():
     block = PowerBlock.concatenate(blocks)
     seen = learner.reader.read(block, block.friction_power)
     degc = np.full(PROFILE.n_joints, WARM)
-    measured, model = ROWS.torques(0, degc, degc, degc, WORN)
+    measured, model = ROWS.torques(ROWS.loads[0], degc, degc, degc, WORN)
     for rows, by_rig in ((measured, seen.measured), (model, seen.model)):
         np.testing.assert_allclose(
             rows.sum(axis=(0, 3)), by_rig.sum(axis=2), rtol=0.03, atol=0.02 * abs(by_rig).max()
