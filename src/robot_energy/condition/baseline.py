@@ -11,14 +11,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robot_energy.blocks import Float
+from robot_energy.blocks import Float, Int
 from robot_energy.condition.buckets import SPEED_BUCKETS
 from robot_energy.condition.record import ContrastEntry, filled, flat
 from robot_energy.condition.wear_records import (
     DEGC_BUCKETS,
     FEATURES,
+    LOADS,
     RECORD_TIME,
     WearRecord,
+    programs,
+    warmths,
 )
 
 # Standard deviations of the coefficients, before any record.
@@ -30,10 +33,15 @@ WARMER = 0.05  # of its slope over warmth at each speed [-]
 NUISANCE = (0.1, 0.5, 0.2, 0.03, 0.01, 0.01)  # per load, difference, scatter, and kelvins
 WARM_SHARE = 0.5  # of these, times warmth
 
+PROGRAM = 0.03  # of what one program differs from another at equal features [-]
+PROGRAM_WARMER = 0.3  # share of it that comes with warmth [-]
+PROGRAM_SLOPES = (0.1, 0.5, 0.5)  # of one program, per load, difference, scatter [-]
+PRIOR_PROGRAMS = 3.0  # pairs of programs that this is worth
+
 LEAST_SCATTER = 0.001  # of a record of `RECORD_TIME` [-]
 DRIFTING = 0.001  # what neighbours differ by for slow causes [-]
 PRIOR_CONTRASTS = 6.0  # weight of the stated scatter against that of the contrasts
-MIN_SHARE, MAX_SHARE = 0.01, 10.0  # of the stated variance
+MIN_SHARE, MAX_SHARE = 0.01, 100.0  # of the stated variance
 
 
 @dataclass(frozen=True)
@@ -59,6 +67,8 @@ class Contrasts:
         target: Shape (FEATURES,). [-]
         square: Of the differences of the excess. [-]
         count: Pairs. [-]
+        program_square: Of what programs differed by, weighted. [-]
+        program_weight: Sum of the weights. [-]
     """
 
     def __init__(self) -> None:
@@ -66,6 +76,8 @@ class Contrasts:
         self.target: Float = np.zeros(FEATURES)
         self.square = 0.0
         self.count = 0
+        self.program_square = 0.0
+        self.program_weight = 0.0
         self._baseline: Baseline | None = None
 
     def step(self, before: WearRecord, after: WearRecord) -> None:
@@ -76,12 +88,54 @@ class Contrasts:
             after: The newer one.
         """
         apart = np.subtract(after.features, before.features)
-        weight = 1.0 / (scatter(before) + scatter(after) + DRIFTING**2)
+        variance = scatter(before) + scatter(after) + DRIFTING**2
+        pair = [before, after]
+        number = programs(pair)
+        if number[1]:
+            self._compare_programs(after.excess - before.excess, apart, variance)
+        if self.program_weight:
+            own = self.of_programs(np.array([one.features for one in pair]), number)
+            variance += float(own[0, 0] + own[1, 1] - 2.0 * own[0, 1])
+        weight = 1.0 / variance
         self.information += weight * np.outer(apart, apart)
         self.target += weight * (after.excess - before.excess) * apart
         self.square += weight * (after.excess - before.excess) ** 2
         self.count += 1
         self._baseline = None
+
+    @property
+    def program(self) -> float:
+        """Variance of what a program adds to the baseline. [-]"""
+        square = PRIOR_PROGRAMS * PROGRAM**2 + self.program_square
+        return max(square / (PRIOR_PROGRAMS + self.program_weight), LEAST_SCATTER**2)
+
+    def of_programs(self, features: Float, number: Int) -> Float:
+        """Return the covariance of what programs add to the baseline.
+
+        A payload that the model does not have leaves a part of its torque in the mean of the
+        directions, another in every program: so each program has slopes of its own.
+
+        Args:
+            features: Of records, shape (N, FEATURES). [-]
+            number: Of the program of each, shape (N,).
+
+        Returns:
+            Shape (N, N). [-]
+        """
+        level = np.sqrt(self.program) * np.ones(len(number))
+        loads = features[:, LOADS] - features[:, LOADS].mean(axis=0)
+        warm = PROGRAM_WARMER * level * warmths(features)
+        shapes = np.column_stack([level, warm, np.array(PROGRAM_SLOPES) * loads])
+        return (number[:, None] == number) * (shapes @ shapes.T)
+
+    def _compare_programs(self, difference: float, apart: Float, variance: float) -> None:
+        """Learn how far programs differ; a pair counts as far as all else in it is known."""
+        known = self.baseline()
+        rest = known.scatter * variance + float(apart @ known.covariance @ apart)
+        weight = PROGRAM**2 / (PROGRAM**2 + rest / 2.0)
+        off = difference - float(apart @ known.mean)
+        self.program_square += weight * (off**2 - rest) / 2.0
+        self.program_weight += weight
 
     def baseline(self) -> Baseline:
         """Return what is known of the baseline."""
@@ -96,6 +150,8 @@ class Contrasts:
             target=flat(self.target),
             square=self.square,
             count=self.count,
+            program_square=self.program_square,
+            program_weight=self.program_weight,
         )
 
     @classmethod
@@ -117,6 +173,7 @@ class Contrasts:
         found.information = filled(entry.information, found.information)
         found.target = filled(entry.target, found.target)
         found.square, found.count = entry.square, entry.count
+        found.program_square, found.program_weight = entry.program_square, entry.program_weight
         return found
 
     def _solved(self) -> Baseline:

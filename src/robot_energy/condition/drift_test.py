@@ -28,7 +28,7 @@ import numpy as np
 
 from robot_energy.blocks import Float
 from robot_energy.condition.baseline import Contrasts, scatter
-from robot_energy.condition.wear_records import RECORD_TIME, WearRecord
+from robot_energy.condition.wear_records import RECORD_TIME, WearRecord, programs
 
 WANDERS = (0.0005, 0.001, 0.002, 0.004, 0.008, 0.016)  # of no known cause; the likeliest counts [-]
 WANDER_HOURS = 3.0  # of motion
@@ -285,6 +285,9 @@ class DriftTest:
         baseline = self.contrasts.baseline()
         excess = np.array([record.excess for record in self.records]) - features @ baseline.mean
         covariance = features @ baseline.covariance @ features.T
+        program = programs(self.records)
+        if program.any():
+            covariance += self.contrasts.of_programs(features, program)
         changes = self._shapes(self.records)
         covariance += CHANGE**2 * changes @ changes.T
         time = np.array([record.time for record in self.records])

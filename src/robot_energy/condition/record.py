@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from robot_energy.blocks import Float
+from robot_energy.condition.buckets import SPEED_BUCKETS
 from robot_energy.errors import StateFileError
 from robot_energy.timeline.stamps import MAX_STAMP_NS, MIN_STAMP_NS
 from robot_energy.units import MAX_COUNTER
@@ -84,6 +85,7 @@ class WearEntry(ConditionPart):
     excess: Number
     variance: Number
     features: Numbers
+    work: Numbers = (0.0,) * SPEED_BUCKETS
 
 
 class ChangeEntry(ConditionPart):
@@ -102,6 +104,8 @@ class ContrastEntry(ConditionPart):
     target: Numbers
     square: Number
     count: Count
+    program_square: Number = 0.0
+    program_weight: Number = 0.0
 
 
 class DriftRecord(ConditionPart):
