@@ -212,6 +212,7 @@ def simulated(
     begins: tuple[float, ...] = (48.0, 96.0),
     step: float = 0.15,
     per_hour: float = 0.0005,
+    changes: tuple[float, float] | None = None,
 ) -> SimulatedRow:
     """Run a plant for days without wear, and let wear begin at some hours of motion.
 
@@ -222,11 +223,13 @@ def simulated(
         begins: When wear begins, in hours of motion of the axis. [h]
         step: Rise of friction at once. [-]
         per_hour: Rise of friction in an hour of motion, where it is slow. [-]
+        changes: Shortest and longest time with one program; None for one program always. [h]
 
     Returns:
         What was found.
     """
-    records = records_of(WearRows(profile, seed).days(days), profile.n_joints)
+    rows = WearRows(profile, seed, changes=changes)
+    records = records_of(rows.days(days), profile.n_joints)
     alarms: list[tuple[int, float]] = []
     steps: list[FoundRow] = []
     slow: list[FoundRow] = []

@@ -11,9 +11,10 @@ covariance without wear, y the excess less its expected baseline and u the shape
 
 and z is standard normal without a change. How large the wander is nobody says: with log
 likelihoods l(s) of its sizes s, ``sqrt(2 (max(l + z^2 / 2) - max l))`` over all sizes, shapes and
-beginnings is compared with `MIN_Z`, or with `MIN_Z_YOUNG` where hours of motion have not yet
-confirmed it: a payload differs from all before by more than it scatters. A change that was found
-stays in the model, so that the next one is looked for on top of it.
+beginnings is compared with `MIN_Z_RAMP`, with `MIN_Z`, or with `MIN_Z_YOUNG` where hours of motion
+have not yet confirmed a step: a payload differs from all before by more than it scatters. Each
+program of the robot adds a level and slopes of its own to the baseline (`Contrasts.of_programs`).
+A change that was found stays in the model, so that the next one is looked for on top of it.
 
 Old records are merged in pairs. The difference of a pair says nothing of wear, but of the
 baseline and of the scatter; it is kept in the sums of `Contrasts`, so that merging loses neither.
@@ -30,18 +31,18 @@ from robot_energy.blocks import Float
 from robot_energy.condition.baseline import Contrasts, scatter
 from robot_energy.condition.wear_records import RECORD_TIME, WearRecord, programs
 
-WANDERS = (0.0005, 0.001, 0.002, 0.004, 0.008, 0.016)  # of no known cause; the likeliest counts [-]
+WANDERS = (0.0005, 0.00125, 0.003, 0.008, 0.02, 0.05)  # of no known cause; the likeliest counts [-]
 WANDER_HOURS = 3.0  # of motion
 BRIEF = 0.5  # part of the scatter, that lasts a while; share of its variance [-]
 BRIEF_HOURS = 0.5  # of motion
 CHANGE = 1.0  # of a change that was found, before its size is known [-]
 
-MIN_Z = 5.0  # of a change that has lasted
-LASTING = 6.0  # h of motion; what is younger may be a payload that is not understood
-MIN_Z_YOUNG = 10.0  # of a younger one, unless it is
-LARGE = 0.08  # larger than what a payload does [-]
+MIN_Z_RAMP = 4.7
+MIN_Z = 6.5  # of a step that has lasted; another program or payload does up to 5.8
+MIN_Z_YOUNG = 12.0  # of a younger one; a payload that is not understood does up to 9.5
+LASTING, LASTING_WHOLE = 6.0, 24.0  # what is younger is young; of a joint, of a whole robot [h]
 MIN_SIZE = 0.005  # of a change [-]
-MIN_HOURS = 3.0  # of motion before anything is found; no payload but one was seen before
+MIN_HOURS, MIN_HOURS_WHOLE = 3.0, 48.0  # before anything is found; no payload but one was seen [h]
 MIN_BEFORE, MIN_AFTER = 3, 3  # records before and after the beginning of a change
 MIN_RAMP = 12.0  # shortest ramp; what is shorter is a step [h]
 MAX_CHANGES = 8
@@ -95,6 +96,9 @@ class Drift:
 class DriftTest:
     """Tests the records of one joint, or of the whole robot.
 
+    Args:
+        whole: Whether the records are of the power meter, where payloads move friction more.
+
     Attributes:
         records: Kept ones, oldest first; the older, the longer.
         changes: Found ones, oldest first.
@@ -103,7 +107,9 @@ class DriftTest:
         refused: Records that were no numbers.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, whole: bool = False) -> None:
+        self._min_hours = MIN_HOURS_WHOLE if whole else MIN_HOURS
+        self._lasting = LASTING_WHOLE if whole else LASTING
         self.records: list[WearRecord] = []
         self.changes: list[FrictionChange] = []
         self.contrasts = Contrasts()
@@ -209,7 +215,7 @@ class DriftTest:
         """Return the change that stands out most, if it stands out enough."""
         n = len(self.records)
         hours = self._hours()
-        if n < MIN_BEFORE + MIN_AFTER or hours[-1] < MIN_HOURS:
+        if n < MIN_BEFORE + MIN_AFTER or hours[-1] < self._min_hours:
             return None
         begins = np.arange(MIN_BEFORE, n)
         steps = (np.arange(n)[:, None] >= begins).astype(np.float64)
@@ -227,8 +233,9 @@ class DriftTest:
         ramp = best >= len(begins)
         begin = int(begins[best % len(begins)])
         before, after = self.records[begin - 1], self.records[begin]
-        young = not ramp and hours[-1] - before.hours < LASTING and abs(size) < LARGE
-        if surprise[best] < (MIN_Z_YOUNG if young else MIN_Z) or begin > n - MIN_AFTER:
+        young = hours[-1] - before.hours < self._lasting
+        least = MIN_Z_RAMP if ramp else MIN_Z_YOUNG if young else MIN_Z
+        if surprise[best] < least or begin > n - MIN_AFTER:
             return None
         size *= float(hours[-1] - before.hours) if ramp else 1.0
         if abs(size) < MIN_SIZE:

@@ -74,7 +74,7 @@ class WearMonitor:
         self._gatherer = MotionGatherer(len(self._names))
         self._meter = MeterGatherer()
         self.joints = [DriftTest() for _ in self._names]
-        self.robot = DriftTest()
+        self.robot = DriftTest(whole=True)
 
     def step(self, part: MotionSums) -> None:
         """Take a part of measured torque.

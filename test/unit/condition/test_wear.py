@@ -61,13 +61,13 @@ def test_a_load_that_acts_one_way_is_no_wear():
 
 def test_the_meter_alone_watches_the_whole_robot():
     monitor, rng = WearMonitor(NAMES), np.random.default_rng(0)
-    for number in range(720 * 40):
-        hours = number / 720
+    for number in range(180 * 90):
+        hours = number / 180
         friction = rng.uniform(0, 600)
         losses = 30.0 + 20.0 * np.sin(hours)  # the constant losses wander
-        worn = 0.15 * (hours >= 30)
+        worn = 0.15 * (hours >= 60)
         residual = losses + worn * friction + 5 * rng.standard_normal()
-        monitor.step_meter(number * PART, 5.0, 5 * residual, 5 * friction, 40.0)
+        monitor.step_meter(number * 4 * PART, 20.0, 20 * residual, 20 * friction, 40.0)
     (alarm,) = monitor.alarms
     assert alarm.joint == ""
     assert alarm.drift.size == pytest.approx(0.15, abs=0.03)
