@@ -23,6 +23,7 @@ from robot_energy.blocks import (
     MeterLocation,
     Phase,
     PowerBlock,
+    Quality,
     differences,
     sum_over_joints,
 )
@@ -38,6 +39,7 @@ from robot_energy.model import RobotModel
 from robot_energy.physics.drivetrain import Drivetrain, motor_standstill
 
 MAX_ROWS = 1000  # of a part that friction is learned from; of more, every second, third, ...
+STUCK = np.uint32(Quality.TEMPERATURE_STUCK)  # what warms unseen would be taken for wear
 PART_NS = 5_000_000_000  # of stamps that are learned from together
 
 
@@ -258,7 +260,9 @@ class ConditionLearner:
         pieces = [self._piece(block, use) for block in blocks]
         part = self._motion(pieces)
         if part is not None:
-            self.wear.step(self.friction.step(part))
+            used = self.friction.step(part)
+            if not any((block.quality & STUCK).any() for block in blocks):
+                self.wear.step(used)
             self._taught = (self.friction.table(), self.friction.valid)
         last = blocks[-1]
         for window in self._compared(pieces, use):

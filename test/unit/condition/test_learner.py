@@ -1,6 +1,7 @@
 """The learner in the pipeline: the rig at work, cut in any way, restarted."""
 
 import json
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -123,3 +124,17 @@ def test_a_file_of_the_first_format_keeps_all_but_its_records_of_wear():
     after = pipeline_of(WRONG, Learning.OBSERVE, True)
     after.power.condition.restore(read)
     assert after.power.condition.wear.records() == [[]] * len(PROFILE.lubricant)
+
+
+@pytest.mark.parametrize("quality", [Quality.OK, Quality.TEMPERATURE_STUCK])
+def test_friction_at_a_temperature_that_is_stuck_says_nothing_of_wear(quality):
+    output = rig(50.0).step(1500)
+    pipeline = pipeline_of(load("kr16"), Learning.OBSERVE, True)
+    learner, blocks = pipeline.power.condition, []
+    take, learner.step = learner.step, blocks.append
+    pipeline.step(joint_block(output.joints), output.temperatures, None)
+    for block in blocks:
+        take(replace(block, quality=block.quality | np.uint32(quality)))
+    learner.flush()
+    assert learner.friction.parts.all()
+    assert (np.array(learner.wear.state().hours) > 0).all() == (quality == Quality.OK)
