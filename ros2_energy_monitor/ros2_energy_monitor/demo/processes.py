@@ -49,7 +49,11 @@ class NodeProcesses:
             )
 
     def log(self, name: str) -> Path:
-        """Return the file with a node's output."""
+        """Return the file with a node's output.
+
+        Args:
+            name: Of the node, as it was started.
+        """
         return self._folder / f"{name}.log"
 
     def ended(self) -> list[str]:
