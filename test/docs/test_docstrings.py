@@ -91,7 +91,9 @@ def public_functions(tree: ast.Module) -> Iterator[tuple[str, Function, str]]:
                     yield f"{node.name}.{item.name}", item, ast.get_docstring(item) or ""
 
 
-def gaps_of_function(name: str, function: Function, docstring: str, errors: set[str]):
+def gaps_of_function(
+    name: str, function: Function, docstring: str, errors: set[str]
+) -> Iterator[tuple[str, str]]:
     """Kind and place of all that one docstring lacks."""
     every = [*function.args.posonlyargs, *function.args.args, *function.args.kwonlyargs]
     given = [item for item in every if item.arg not in ("self", "cls")]
