@@ -19,7 +19,7 @@ PACKAGES = (
 
 ARRAY = re.compile(r"\b(Float|Int|NDArray|ndarray)\b")
 REAL = re.compile(r"\b(float|Float|np\.float64)\b")
-SHAPE = re.compile(r"\bshape\b|\(n|\(\.\.\.|\(N|\(\d+,|per (joint|sample)|one per|of each")
+SHAPE = re.compile(r"\b[Ss]hape\b|\(n|\(\.\.\.|\(N|\(\d+,|per (joint|sample)|one per|of each")
 UNIT = re.compile(r"\[[^\]]+\]")
 AS_IN = re.compile(r"\bas in `([\w.]+)`")  # the interface that describes arguments and result
 SOURCE = re.compile(r"\bSource:|\beq\.|\[A|\[B|doi|DOI|paper [AB]")
@@ -30,9 +30,8 @@ Function = ast.FunctionDef | ast.AsyncFunctionDef
 def section(docstring: str, *titles: str) -> str | None:
     """Text of a Google section, without its title."""
     found = re.search(
-        rf"^ *(?:{'|'.join(titles)}):[ ]*\n((?:\s+.*\n?|\n)*?)(?=^\S|^ *[A-Z]\w+:\s*$|\Z)",
-        docstring, flags=re.MULTILINE,
-    )  # fmt: skip
+        rf"^(?:{'|'.join(titles)}): *\n((?: .*\n|\n)*)", docstring + "\n", flags=re.MULTILINE
+    )
     return found.group(1) if found else None
 
 
@@ -96,10 +95,11 @@ def gaps_of_function(
 ) -> Iterator[tuple[str, str]]:
     """Kind and place of all that one docstring lacks."""
     every = [*function.args.posonlyargs, *function.args.args, *function.args.kwonlyargs]
+    every += [item for item in (function.args.vararg, function.args.kwarg) if item]
     given = [item for item in every if item.arg not in ("self", "cls")]
     if function.name == "_" or any("overload" in ast.unparse(d) for d in function.decorator_list):
         return
-    described = entries(section(docstring, "Args", "Attributes") or "")
+    described = entries(section(docstring, "Args") or section(docstring, "Attributes") or "")
     elsewhere = AS_IN.search(docstring)
     if elsewhere:  # the interface describes them
         given = []
@@ -115,6 +115,10 @@ def gaps_of_function(
             yield "shape", f"{name}({argument.arg})"
         if REAL.search(kind) and not UNIT.search(text):
             yield "unit", f"{name}({argument.arg})"
+    names = {item.arg for item in every}
+    for argument in entries(section(docstring, "Args") or ""):
+        if argument not in names:
+            yield "unknown", f"{name}({argument})"
     gives = function.returns is not None and ast.unparse(function.returns) not in (
         "None", "NoReturn", "Never"
     )  # fmt: skip
@@ -199,6 +203,13 @@ def test_interfaces_that_docstrings_refer_to_exist():
             'def f(a: int) -> int:\n    """Do.\n\n    Args:\n        a: Number.\n    """',
             ["returns"],
         ),
+        (
+            'def f(a: Float) -> Float:\n    """Do.\n\n    Args:\n        a: Speed. [m/s]\n\n'
+            '    Returns:\n        Same shape.\n    """',
+            ["shape"],
+        ),
+        ('def f(*a: int) -> None:\n    """Do."""', ["argument"]),
+        ('def f() -> None:\n    """Do.\n\n    Args:\n        a: Number.\n    """', ["unknown"]),
         ('def f(a: int) -> int:\n    """Do; arguments and result as in `A.f`."""', []),
         ('def f() -> None:\n    """Do."""\n    raise BagError("x")', ["raises"]),
         (
