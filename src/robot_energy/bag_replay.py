@@ -158,7 +158,7 @@ def replay(
     meter = MeterIngest(source, bag.typestore)
     pipeline = EnergyPipeline(model, settings.with_meter(*meter.source.limits))
     if loads:
-        pipeline.auxiliary = AuxiliaryAccount(loads, _limits(loaded, settings))
+        pipeline.ledger.auxiliary = AuxiliaryAccount(loads, _limits(loaded, settings))
     if learned is not None:
         pipeline.power.condition.restore(learned)
     temperatures = TemperatureIngest(
@@ -259,7 +259,7 @@ def _outputs(
     with closing(steps):
         for step in steps:
             for name, (readings, states) in step.auxiliary.items():
-                pipeline.take_auxiliary(name, readings, states)
+                pipeline.ledger.take_auxiliary(name, readings, states)
             if step.inputs is None or step.stages is None:
                 yield pipeline.advance(step.torque, step.temperatures, step.meter), step.changes
             else:  # as they are in the process that has read

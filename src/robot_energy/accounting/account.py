@@ -10,10 +10,12 @@ from __future__ import annotations
 from collections import Counter, deque
 from collections.abc import Callable
 from copy import copy
+from dataclasses import replace
 
 import numpy as np
 
 from robot_energy.accounting.account_record import carry_into, record_of, totals_of
+from robot_energy.accounting.auxiliary import AccountMark, AuxiliaryAccount
 from robot_energy.accounting.averaging import Averager, MeanBlock
 from robot_energy.accounting.band_calibration import BandCalibration
 from robot_energy.accounting.comparison import Comparison
@@ -69,6 +71,7 @@ class EnergyAccount:
         trace: Resets, restarts, changes of the model.
         restarts: How often the account was continued from a record.
         on_compared: Called with what became comparable, for plots.
+        auxiliary: Account of the loads outside of the cabinet; None where none are counted.
     """
 
     def __init__(self, n_joints: int, settings: AccountSettings | None = None) -> None:
@@ -79,6 +82,7 @@ class EnergyAccount:
         self.on_compared: Callable[[Compared], None] | None = None
         self.judgement = MeterDiagnostics(self._settings.meter_unit)
         self.repeated = 0
+        self.auxiliary: AuxiliaryAccount | None = None
         self._begin()
 
     def _begin(self) -> None:
@@ -95,6 +99,8 @@ class EnergyAccount:
         self.calibration = BandCalibration()
         self.trace = EventLog()
         self.restarts = 0
+        if self.auxiliary is not None:
+            self.auxiliary.begin()
         self._unplaced: deque[SupplyBlock] = deque()
         self._resume_ns: int | None = None  # newest sample counted before a restart
 
@@ -105,6 +111,24 @@ class EnergyAccount:
             block: Readings in order of arrival.
         """
         self.comparison.measure(block)
+
+    def take_auxiliary(
+        self, name: str, readings: MeterBlock | None, states: MeterBlock | None
+    ) -> None:
+        """Take what came from one load outside of the cabinet.
+
+        Args:
+            name: Of the load; `auxiliary` counts it.
+            readings: Of its meter, in order of arrival.
+            states: Numbers of its states, as powers in W.
+        """
+        if self.auxiliary is None:
+            return
+        load = self.auxiliary[name]
+        if readings is not None:
+            load.measure(readings)
+        if states is not None:
+            load.switch(states.stamp_ns, states.power)
 
     def step(self, block: PowerBlock) -> MeanBlock | None:
         """Count power samples.
@@ -129,7 +153,9 @@ class EnergyAccount:
             self.on_compared(compared)
         return means
 
-    def _counters(self) -> tuple[list[SumMark], CountMark, Int, Coverage, int]:
+    def _counters(
+        self,
+    ) -> tuple[list[SumMark], CountMark, Int, Coverage, int, AccountMark | None]:
         """All counters as they stand."""
         return (
             [each.mark() for each in (self.registers, self.shaft, self.comparison)],
@@ -137,11 +163,13 @@ class EnergyAccount:
             self.shaft.compared_ns.copy(),
             copy(self.registers.time),
             self.comparison.compared_ns,
+            self.auxiliary.mark() if self.auxiliary is not None else None,
         )
 
     def _take_back(
-        self, sums: list[SumMark], counts: CountMark, shaft_ns: Int, time: Coverage, meter_ns: int
-    ) -> None:
+        self, sums: list[SumMark], counts: CountMark, shaft_ns: Int, time: Coverage, meter_ns: int,
+        loads: AccountMark | None,
+    ) -> None:  # fmt: skip
         """Go back to what `_counters` gave; the time until the next sample is a gap."""
         for each, mark in zip((self.registers, self.shaft, self.comparison), sums, strict=True):
             each.go_back(mark)
@@ -149,6 +177,8 @@ class EnergyAccount:
         self.shaft.compared_ns = shaft_ns
         self.registers.set_time(time)
         self.comparison.compared_ns = meter_ns
+        if self.auxiliary is not None and loads is not None:
+            self.auxiliary.go_back(loads)
         self.interrupt()
 
     def _counted(self, block: PowerBlock) -> tuple[MeanBlock | None, Compared | None]:
@@ -171,7 +201,16 @@ class EnergyAccount:
             means = self._averager.step(block, intervals, shaft, compared)
         self.calibration.meter(self.comparison.location)
         self.calibration.step(block, intervals, self.registers.deviations, compared, means)
+        means = self._with_loads(means)
+        if self.auxiliary is not None:
+            self.auxiliary.step(block)
         return means, compared
+
+    def _with_loads(self, means: MeanBlock | None) -> MeanBlock | None:
+        """Add what is known of the auxiliary loads at the ends of the periods."""
+        if means is None or self.auxiliary is None:
+            return means
+        return replace(means, loads=self.auxiliary.shown(means.stamp_ns))
 
     def _compare(self, block: PowerBlock) -> Compared:
         """Compare as far as possible; power waits until it is known where the meter sits."""
@@ -266,6 +305,8 @@ class EnergyAccount:
         self.registers.interrupt()
         self.comparison.interrupt()
         self.calibration.interrupt()
+        if self.auxiliary is not None:
+            self.auxiliary.interrupt()
         self._unplaced.clear()
         self._resume_ns = self.registers.time.end_ns
 
@@ -299,6 +340,8 @@ class EnergyAccount:
         self.shaft.reset()
         self.comparison.reset()
         self.counts.reset()
+        if self.auxiliary is not None:
+            self.auxiliary.reset()
 
     def open_interval(self, name: str) -> EnergyInterval:
         """Begin a job interval at the newest counted sample.
@@ -348,10 +391,13 @@ class EnergyAccount:
         return block[slice(first, None)]
 
     def flush(self) -> MeanBlock | None:
-        """Return the mean of the period that is still open."""
+        """Return the mean of the period that is still open, and decide what waits for loads."""
         means = None if self._averager is None else self._averager.flush()
         if means is not None:
             self.calibration.finish(means)
+        means = self._with_loads(means)
+        if self.auxiliary is not None:
+            self.auxiliary.flush()
         return means
 
     @property

@@ -29,7 +29,7 @@ from robot_energy.timeline.stamps import MAX_STAMP_NS, MIN_STAMP_NS
 from robot_energy.uncertainty.deviation import CABINET_DEVIATIONS, JOINT_DEVIATIONS
 from robot_energy.units import MAX_COUNTER
 
-FORMAT_VERSION = 3  # 1 had no node, 2 no calibration
+FORMAT_VERSION = 4  # 1 had no node, 2 no calibration, 3 no auxiliary loads
 SHAFT_KEYS = tuple(f"shaft_{name}" for name in SHAFT_REGISTERS)
 CABINET_DEVIATION_KEYS = tuple(f"deviation_{name}" for name in CABINET_DEVIATIONS)
 JOINT_DEVIATION_KEYS = tuple(f"deviation_{name}" for name in JOINT_DEVIATIONS)
@@ -64,6 +64,8 @@ SINGLE = (
     "gap_ns",
     "gap_count",
     "jumps",
+    "outlet_cabinet_energy_microjoule",
+    "outlet_ns",
 )  # totals that are one number
 
 
@@ -82,6 +84,47 @@ class RecordPart(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
 
+class LoadTotals(RecordPart):
+    """What was counted of one auxiliary load.
+
+    Attributes:
+        energy_microjoule: While its power is known. [uJ]
+        outlet_energy_microjoule: While the power of every load is known. [uJ]
+        known_ns: Time for which its power is known. [ns]
+        missing_ns: Time for which it is not. [ns]
+        missing_count: How often it ceased to be known.
+    """
+
+    energy_microjoule: Integer = 0
+    outlet_energy_microjoule: Integer = 0
+    known_ns: Integer = 0
+    missing_ns: Integer = 0
+    missing_count: Integer = 0
+
+    def __sub__(self, earlier: LoadTotals) -> LoadTotals:
+        """Return what was counted since earlier totals of the same load, within limits."""
+        return LoadTotals(
+            **{
+                name: saturated(getattr(self, name) - getattr(earlier, name))
+                for name in LoadTotals.model_fields
+            }
+        )
+
+
+class LoadStateTotals(RecordPart):
+    """What was counted of one auxiliary load in one of its states.
+
+    Attributes:
+        energy_microjoule: While the power of the load is known. [uJ]
+        remainder: What that holds beyond whole microjoules. [2^-40 uJ]
+        ns: That time. [ns]
+    """
+
+    energy_microjoule: Integer = 0
+    remainder: Remainder = 0
+    ns: Count = 0
+
+
 class Totals(RecordPart):
     """All counters at an instant, or what they counted between two; exact integers.
 
@@ -96,6 +139,10 @@ class Totals(RecordPart):
         gap_ns: Time that could not be. [ns]
         gap_count: Number of gaps.
         jumps: Jumps of the stamps, backward or forward by more than a gap can be.
+        outlet_cabinet_energy_microjoule: Of the cabinet, net, while the power of every auxiliary
+            load is known. [uJ]
+        outlet_ns: That time. [ns]
+        auxiliary: What was counted of each auxiliary load, by its name.
     """
 
     cabinet_energy_microjoule: dict[str, Integer]
@@ -108,6 +155,15 @@ class Totals(RecordPart):
     gap_ns: Integer
     gap_count: Integer
     jumps: Integer
+    outlet_cabinet_energy_microjoule: Integer = 0
+    outlet_ns: Integer = 0
+    auxiliary: dict[str, LoadTotals] = Field(default_factory=dict[str, LoadTotals])
+
+    @property
+    def outlet_energy_microjoule(self) -> int:
+        """From the outlet, while the power of every auxiliary load is known. [uJ]"""
+        loads = (load.outlet_energy_microjoule for load in self.auxiliary.values())
+        return self.outlet_cabinet_energy_microjoule + sum(loads)
 
     def __sub__(self, earlier: Totals) -> Totals:
         """Return what was counted since earlier totals of the same registers, within limits."""
@@ -126,13 +182,17 @@ class Totals(RecordPart):
                 for a, b in zip(self.shaft_compared_ns, earlier.shaft_compared_ns, strict=True)
             ),
             **{name: saturated(getattr(self, name) - getattr(earlier, name)) for name in SINGLE},
+            auxiliary={
+                name: load - earlier.auxiliary[name] for name, load in self.auxiliary.items()
+            },
         )
 
-    def arranged(self, order: Sequence[int]) -> Totals:
+    def arranged(self, order: Sequence[int], loads: Sequence[str] = ()) -> Totals:
         """Return it with joints in another order and registers that are new at zero.
 
         Args:
             order: Where each joint of the result stands here.
+            loads: Names of the auxiliary loads of the result.
 
         Raises:
             StateFileError: If a register is unknown or has another number of joints.
@@ -157,6 +217,7 @@ class Totals(RecordPart):
                     for name in JOINT_KEYS
                 },
                 "shaft_compared_ns": tuple(self.shaft_compared_ns[index] for index in order),
+                "auxiliary": {name: self.auxiliary.get(name, LoadTotals()) for name in loads},
             }
         )
 
@@ -170,6 +231,10 @@ class Remainders(RecordPart):
     predicted_at_meter: Remainder
     phases: dict[str, Remainder]
     learned: Remainder = 0
+    outlet_cabinet: Remainder = 0
+    auxiliary: dict[str, tuple[Remainder, Remainder]] = Field(
+        default_factory=dict[str, tuple[int, int]]
+    )
 
     def arranged(self, order: Sequence[int]) -> Remainders:
         """Return them with joints in another order and new registers at zero.
@@ -306,9 +371,10 @@ class AccountRecord(RecordPart):
         closed_intervals: The latest closed ones, oldest first.
         trace: Resets, restarts, changes of the model; the latest of each kind.
         calibration: Of the bands; None before format 3.
+        auxiliary_states: What was counted in each state of auxiliary loads, by load and state.
     """
 
-    format_version: Literal[1, 2, 3] = FORMAT_VERSION
+    format_version: Literal[1, 2, 3, 4] = FORMAT_VERSION
     identity: Identity
     energy_start_ns: Stamp | None
     end_ns: Stamp | None
@@ -326,6 +392,9 @@ class AccountRecord(RecordPart):
     closed_intervals: tuple[EnergyInterval, ...]
     trace: tuple[TraceEntry, ...]
     calibration: Calibrated | None = None
+    auxiliary_states: dict[str, dict[str, LoadStateTotals]] = Field(
+        default_factory=dict[str, dict[str, LoadStateTotals]]
+    )
     _repairs: tuple[str, ...] = PrivateAttr(())
 
     @property
@@ -339,11 +408,12 @@ class AccountRecord(RecordPart):
             raise ValueError("energy_start_ns and end_ns must be known together")
         return self
 
-    def arranged(self, joint_names: Sequence[str]) -> AccountRecord:
+    def arranged(self, joint_names: Sequence[str], loads: Sequence[str] = ()) -> AccountRecord:
         """Return the record for the same joints in another order, with every register.
 
         Args:
             joint_names: The same names in any order.
+            loads: Names of the auxiliary loads that are counted from now on.
 
         Raises:
             StateFileError: If a register is unknown or has another number of joints.
@@ -351,14 +421,14 @@ class AccountRecord(RecordPart):
         order = [self.identity.joint_names.index(name) for name in joint_names]
 
         def interval(entry: OpenInterval) -> OpenInterval:
-            return entry.model_copy(update={"base": entry.base.arranged(order)})
+            return entry.model_copy(update={"base": entry.base.arranged(order, loads)})
 
         def closed(entry: EnergyInterval) -> EnergyInterval:
-            return entry.model_copy(update={"counted": entry.counted.arranged(order)})
+            return entry.model_copy(update={"counted": entry.counted.arranged(order, loads)})
 
         return self.model_copy(
             update={
-                "totals": self.totals.arranged(order),
+                "totals": self.totals.arranged(order, loads),
                 "remainders": self.remainders.arranged(order),
                 "open_intervals": tuple(map(interval, self.open_intervals)),
                 "closed_intervals": tuple(map(closed, self.closed_intervals)),
