@@ -23,6 +23,7 @@ from rclpy.parameter import Parameter as RosParameter
 
 from robot_energy.condition.learner import Learning
 from robot_energy.errors import ParameterError
+from robot_energy.inputs.auxiliary import AuxiliaryInputs
 from robot_energy.inputs.meter.source import MeterInputs
 from robot_energy.inputs.parameters import Parameter, assemble, parameter, refuse_renamed
 from robot_energy.inputs.sources import GapInputs, JointStateInputs, TemperatureInputs
@@ -102,7 +103,7 @@ class FrictionParameters(TemperatureInputs, Common):
 
 
 @dataclass(frozen=True, kw_only=True)
-class AccountParameters(MeterInputs, Common):
+class AccountParameters(AuxiliaryInputs, MeterInputs, Common):
     """What the nodes that keep an energy account share."""
 
     power_rate: float = parameter(

@@ -9,6 +9,7 @@ the time in which every load is known: outlet = cabinet + loads, in exact intege
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 from robot_energy.accounting.exact_sum import REMAINDER_BITS, ExactSum, SumMark
 from robot_energy.accounting.load_curve import UNKNOWN, LoadCurve
 from robot_energy.blocks import NANOSECOND, Float, Int, PowerBlock
-from robot_energy.inputs.meter.power_curve import MeterLimits
+from robot_energy.inputs.auxiliary import LoadTopics
 from robot_energy.model.auxiliary import AuxiliaryLoad
 from robot_energy.timeline.coverage import MAX_GAP_NS
 from robot_energy.timeline.pieces import CoveredPieces
@@ -32,10 +33,9 @@ class AuxiliaryAccount:
 
     Args:
         loads: Of the model file; at least one.
-        limits: Of the readings of each meter, by the name of its load; usual ones by default.
+        topics: What is said of meter and states of each, by its name; usual by default.
+        max_gap: Longest time between two readings of a meter that is bridged. [s]
         planned: Whether to go by states alone, as for a prediction.
-        stale_after: Silence after which the states of a load are stale, by its name; never by
-            default. [s]
 
     Attributes:
         curves: Power of each load, in the order of the model file.
@@ -53,13 +53,18 @@ class AuxiliaryAccount:
     def __init__(
         self,
         loads: Sequence[AuxiliaryLoad],
-        limits: Mapping[str, MeterLimits] | None = None,
+        topics: Mapping[str, LoadTopics] | None = None,
+        max_gap: float = 2.0,
         planned: bool = False,
-        stale_after: Mapping[str, float] | None = None,
     ) -> None:
-        given, silence = limits or {}, stale_after or {}
+        given = {one.name: (topics or {}).get(one.name, LoadTopics(None, None)) for one in loads}
         self.curves = [
-            LoadCurve(one, given.get(one.name), planned, silence.get(one.name, 0.0))
+            LoadCurve(
+                one,
+                replace(given[one.name].limits, max_gap=max_gap),
+                planned,
+                given[one.name].stale_after,
+            )
             for one in loads
         ]
         self.offset = np.cumsum([0, *(len(curve.load.states) for curve in self.curves)])

@@ -13,7 +13,9 @@ from hypothesis import strategies as st
 from accounts import steady
 from robot_energy.accounting.auxiliary import AuxiliaryAccount
 from robot_energy.blocks import MeterBlock, MeterLocation, MeterMeaning, PowerBlock
-from robot_energy.inputs.meter.power_curve import MeterLimits
+from robot_energy.inputs.auxiliary import LoadTopics
+from robot_energy.inputs.meter.kinds import FLOAT64
+from robot_energy.inputs.meter.source import MeterSource
 from robot_energy.model.auxiliary import AuxiliaryLoad
 
 SECOND = 1_000_000_000
@@ -88,9 +90,8 @@ def test_a_meter_outweighs_the_power_of_the_state_and_states_get_their_mean():
 
 def test_a_silent_meter_is_missing_and_never_zero_watts():
     """Readings over 3 s and, after a silence, over 2 s of 10 s."""
-    limits = {"pump": MeterLimits(max_gap=1.5)}
     account = AuxiliaryAccount(
-        [load(metered=True, state="on"), load("panel", {"on": 35.0})], limits
+        [load(metered=True, state="on"), load("panel", {"on": 35.0})], max_gap=1.5
     )
     account["pump"].measure(means([11, 12, 13], [500.0] * 3))
     account.step(steady(10.0, 15.0))
@@ -126,8 +127,10 @@ def test_a_prediction_goes_by_states_alone():
 
 
 def test_a_counter_that_wraps_goes_on():
-    limits = {"pump": MeterLimits(wraps_at=1000.0)}
-    account = AuxiliaryAccount([load(metered=True, state="on")], limits)
+    meter = MeterSource(topic="pump", type=FLOAT64, unit="J", location="grid", wraps_at=1000.0)
+    account = AuxiliaryAccount(
+        [load(metered=True, state="on")], {"pump": LoadTopics(meter, None)}
+    )
     energy = (700.0 + 50.0 * np.arange(21)) % 1000.0
     account["pump"].measure(counted(np.arange(5, 26), energy))
     account.step(steady(10.0, 22.0))
