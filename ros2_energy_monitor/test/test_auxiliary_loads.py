@@ -235,3 +235,151 @@ def test_three_nodes_count_them_as_one_node_does(bench, offline, cell):
         lambda: listener.take() or expected["/energy/registers"][-1] in listener.rows["/energy/registers"],
         "the last registers",
     )
+
+
+class Player:
+    """Plays the recording, with loads as a test wishes."""
+
+    def __init__(self, bench, messages):
+        self.bench, self._rows, self._sent = bench, messages["/joint_states"], 0
+        self._states = bench.publisher(JointState, "joint_states")
+        self.pump = bench.publisher(PowerReading, PUMP.lstrip("/"))
+        self.state = bench.publisher(Temperature, "auxiliary/extruder/state")
+
+    def until(self, node, seconds):
+        """Publish joint states up to a time of the recording, and wait for them."""
+        sent = min(round(250 * seconds), len(self._rows))
+        while self._sent < sent:
+            stop = min(self._sent + BURST, sent)
+            for row in self._rows[self._sent : stop]:
+                self._states.publish(row)
+            before = node.joint_states.received + stop - self._sent
+            self.bench.spin_until(lambda n=before: node.joint_states.received >= n, "joint states")
+            self._sent = stop
+
+    def read(self, node, seconds, power):
+        """Let the meter of the pump say a power, the mean of the second before."""
+        message = PowerReading(
+            meaning=PowerReading.MEANING_MEAN_OVER_INTERVAL,
+            location=PowerReading.LOCATION_GRID,
+            power=power,
+            energy=math.nan,
+            interval=1.0,
+        )
+        self._send(node, self.pump, message, seconds, node._loads.loads[0].meters[0])
+
+    def say(self, node, seconds, number):
+        """Let the extruder say the number of its state."""
+        message = Temperature(temperature=number)
+        self._send(node, self.state, message, seconds, node._loads.loads[1].states[0])
+
+    def _send(self, node, publisher, message, seconds, inbox):
+        stamp = START_NS + round(seconds * 1e9)
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, 10**9)
+        before = inbox.received
+        publisher.publish(message)
+        self.bench.spin_until(lambda: inbox.received > before, inbox.topic)
+
+
+def test_nonsense_is_unknown_flagged_and_counted(bench, messages, cell):
+    node = bench.add(EnergyMonitor, model=cell, state_folder="", **DATED)
+    latest, diagnosed = bench.latest(PowerState, "energy/power"), bench.diagnosed()
+    play = Player(bench, messages)
+    play.until(node, 0.5)
+    bench.spin_until(lambda: latest() and latest().auxiliary[0].remarks, "a first power state")
+    pump, extruder, panel = latest().auxiliary
+    unsaid = LoadPower.STATE_UNKNOWN  # of the pump, whose meter says its power all the same
+    assert pump.remarks == LoadPower.METER_MISSING | unsaid
+    assert extruder.remarks == LoadPower.STATE_ASSUMED
+    assert math.isnan(pump.power)
+    assert math.isnan(latest().outlet_power)
+    assert (extruder.power, panel.power) == (5.0, 35.0)  # the state of the model file
+    play.read(node, 0.5, 700.0)
+    play.say(node, 0.6, 2.0)
+    play.until(node, 1.2)
+    bench.spin_until(lambda: latest().auxiliary[1].state == 2, "the state of the extruder")
+    pump, extruder, _ = latest().auxiliary
+    assert (pump.power, pump.remarks, extruder.remarks) == (700.0, unsaid, 0)
+    assert extruder.power == extruder.model_power == 180.0
+    assert latest().outlet_power == pytest.approx(latest().predicted_grid_power + 915.0)
+    play.read(node, 1.2, math.nan)
+    play.say(node, 1.2, 250.0)
+    play.until(node, 1.8)
+    bench.spin_until(lambda: latest().auxiliary[1].state < 0, "an unknown state")
+    pump, extruder, _ = latest().auxiliary
+    assert pump.remarks == LoadPower.METER_REFUSED | unsaid
+    assert extruder.remarks == LoadPower.STATE_UNKNOWN
+    assert all(math.isnan(one.power) for one in (pump, extruder))
+    status = diagnosed.wait("energy_monitor: auxiliary loads", "the state of extruder is not known")
+    values = diagnosed.values(status)
+    assert values["extruder.state_unknown_numbers"] == 1
+    assert values["pump.meter_readings_rejected.meter_not_finite"] == 1
+    assert "is refused" in status.message
+    node.close()  # what waits for the meter is missing now
+    totals = node.ledger.totals()
+    for one in totals.auxiliary.values():
+        assert one.known_ns + one.missing_ns == totals.observed_ns
+    assert totals.auxiliary["pump"].missing_ns > 0
+    assert totals.auxiliary["extruder"].missing_ns > 0
+
+
+def test_registers_and_intervals_go_on_after_a_restart(bench, messages, cell, tmp_path):
+    folder = str(tmp_path / "state")
+    node = bench.add(EnergyMonitor, model=cell, state_folder=folder, checkpoint_period=0.1, **DATED)
+    latest = bench.latest(EnergyRegisters, "energy/registers")
+    play = Player(bench, messages)
+    play.read(node, 0.0, 100.0)
+    for second in (1, 2, 3):
+        play.read(node, float(second), 700.0)
+    play.until(node, 1.5)
+    opened = bench.tester.create_client(OpenInterval, "energy_monitor/open_interval")
+    answer = opened.call_async(OpenInterval.Request(name="print"))
+    bench.spin_until(answer.done, "an open interval")
+    assert answer.result().success
+    play.until(node, 2.9)
+    bench.spin_until(
+        lambda: latest() and latest().persisted and latest().auxiliary[0].known_time > 1.4,
+        "registers on disk",
+    )
+    before = latest()
+    balance(before)
+    bench.remove(node)  # nothing is flushed, as by a kill
+    again = bench.add(EnergyMonitor, model=cell, state_folder=folder, checkpoint_period=0.1, **DATED)
+    totals = again.ledger.totals()
+    for load, entry in zip(before.auxiliary, totals.auxiliary.values(), strict=True):
+        assert entry.energy_microjoule * 1e-6 >= load.energy
+        assert entry.known_ns + entry.missing_ns == totals.observed_ns
+    play.read(again, 4.0, 700.0)
+    play.read(again, 5.0, 700.0)
+    play.until(again, 6.0)
+    bench.spin_until(lambda: latest().observed_time > 4.0, "registers that go on")
+    closed = bench.tester.create_client(CloseInterval, "energy_monitor/close_interval")
+    answer = closed.call_async(CloseInterval.Request(name="print"))
+    bench.spin_until(answer.done, "a closed interval")
+    interval = answer.result().interval
+    assert [one.name for one in interval.auxiliary] == ["pump", "extruder", "panel"]
+    assert interval.auxiliary[2].energy == pytest.approx(35.0 * interval.auxiliary[2].known_time)
+    parts = interval.outlet_cabinet_energy + sum(one.outlet_energy for one in interval.auxiliary)
+    assert interval.outlet_energy == pytest.approx(parts, abs=1e-9)
+    assert interval.auxiliary[0].energy > 0
+    balance(latest())
+
+
+def test_states_without_a_header_are_dated_when_they_arrive(bench, messages, cell):
+    """A PLC that sends bare numbers; the robot's stamps are those of today."""
+    node = bench.add(EnergyMonitor, model=cell, state_folder="")
+    latest = bench.latest(PowerState, "energy/power")
+    state = bench.publisher(UInt8, "auxiliary/extruder/state")
+    state.publish(UInt8(data=1))
+    bench.spin_until(lambda: node._loads.loads[1].states[0].received, "a state")
+    states = bench.publisher(JointState, "joint_states")
+    first = JointState(name=[f"joint_a{axis}" for axis in range(1, 7)], position=[0.0] * 6)
+
+    def stand():
+        first.header.stamp = bench.tester.get_clock().now().to_msg()
+        states.publish(first)
+        bench.executor.spin_once(timeout_sec=0.01)
+        return latest() and latest().auxiliary[1].state == 1
+
+    bench.spin_until(stand, "the state of the extruder")
+    assert latest().auxiliary[1].power == 400.0
