@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
-import numpy as np
 import pytest
 from ros2_energy_msgs.msg import (
     EnergyRegisters,
@@ -21,7 +19,6 @@ from std_msgs.msg import UInt8
 from robot_energy.bag import BagReader, BagWriter
 from robot_energy.bag_replay import replay
 from robot_energy.cdr import Encoder, stamp_columns
-from robot_energy.cdr.types import typestore
 from robot_energy.inputs.inputs_file import read_inputs
 from robot_energy.model import load, save
 from robot_energy.model.auxiliary import AuxiliaryLoad
@@ -185,12 +182,16 @@ def test_energy_monitor_equals_replay_to_the_bit(bench, offline, cell):
     )
     node.close()
     bench.spin_until(
-        lambda: listener.take() or expected["/energy/registers"][-1] in listener.rows["/energy/registers"],
+        lambda: (
+            listener.take()
+            or expected["/energy/registers"][-1] in listener.rows["/energy/registers"]
+        ),
         "the last registers",
     )
     bench.spin_until(
-        lambda: listener.take()
-        or len(listener.rows["/energy/power"]) >= len(expected["/energy/power"]),
+        lambda: (
+            listener.take() or len(listener.rows["/energy/power"]) >= len(expected["/energy/power"])
+        ),
         "all power states",
     )
     live = [decoded(PowerState, row) for row in listener.rows["/energy/power"]]
@@ -232,7 +233,10 @@ def test_three_nodes_count_them_as_one_node_does(bench, offline, cell):
     friction.close()
     power.close()
     bench.spin_until(
-        lambda: listener.take() or expected["/energy/registers"][-1] in listener.rows["/energy/registers"],
+        lambda: (
+            listener.take()
+            or expected["/energy/registers"][-1] in listener.rows["/energy/registers"]
+        ),
         "the last registers",
     )
 
@@ -344,7 +348,9 @@ def test_registers_and_intervals_go_on_after_a_restart(bench, messages, cell, tm
     before = latest()
     balance(before)
     bench.remove(node)  # nothing is flushed, as by a kill
-    again = bench.add(EnergyMonitor, model=cell, state_folder=folder, checkpoint_period=0.1, **DATED)
+    again = bench.add(
+        EnergyMonitor, model=cell, state_folder=folder, checkpoint_period=0.1, **DATED
+    )
     totals = again.ledger.totals()
     for load, entry in zip(before.auxiliary, totals.auxiliary.values(), strict=True):
         assert entry.energy_microjoule * 1e-6 >= load.energy

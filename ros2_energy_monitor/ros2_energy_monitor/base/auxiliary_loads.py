@@ -53,12 +53,16 @@ class LoadInput:
         self.name = name
         known, found = typestore(), dict[str, list[Inbox]]()
         for what, source in (("meter", topics.meter), ("state", topics.state)):
-            kind = None if source is None else wanted_class(node, source.type, f"the {what} of {name}")
+            kind = (
+                None if source is None else wanted_class(node, source.type, f"the {what} of {name}")
+            )
             found[what] = []
             if source is None or kind is None:
                 continue
             known = extended(known, definitions_of(kind))
-            quality = latched(STATES) if what == "state" and keeps_state else best_effort(SLOW_DEPTH)
+            quality = (
+                latched(STATES) if what == "state" and keeps_state else best_effort(SLOW_DEPTH)
+            )
             # States come when they change: their silence is no fault.
             renewed = renew_after if what == "meter" else None
             found[what] = [
@@ -66,7 +70,9 @@ class LoadInput:
             ]
         self.meters, self.states = found["meter"], found["state"]
         self.ingest = LoadIngest(
-            LoadTopics(topics.meter if self.meters else None, topics.state if self.states else None),
+            LoadTopics(
+                topics.meter if self.meters else None, topics.state if self.states else None
+            ),
             known,
         )
 

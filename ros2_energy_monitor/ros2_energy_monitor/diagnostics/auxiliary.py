@@ -71,7 +71,9 @@ def _judge(
         if curve.metered:  # the power is known all the same
             found.notes.append(f"the state of {name} is not known{last}")
         else:
-            found.add(level, f"the state of {name} is not known: its power is missing{last}", remedy)
+            found.add(
+                level, f"the state of {name} is not known: its power is missing{last}", remedy
+            )
     elif Remark.STATE_ASSUMED in remarks:
         where = ", ".join(f"{one.topic}, which has {counted(one)}" for one in topics.states)
         found.notes.append(

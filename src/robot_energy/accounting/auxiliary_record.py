@@ -105,6 +105,4 @@ def carry_loads(account: AuxiliaryAccount, record: AccountRecord) -> None:
 
 
 def _add(sums: ExactSum, microjoule: list[int], remainder: list[int]) -> None:
-    sums.add_sums(
-        np.array(microjoule, dtype=np.int64), np.array(remainder, dtype=np.int64)
-    )
+    sums.add_sums(np.array(microjoule, dtype=np.int64), np.array(remainder, dtype=np.int64))

@@ -86,8 +86,10 @@ class LoadCurve:
         pieces = later[-1] if later else self._pieces.join(first)
         self._pieces = pieces[slice(-MAX_KEPT, None)]
         counts = block.meaning is MeterMeaning.CUMULATIVE
-        value = block.energy if counts else np.where(
-            np.abs(block.power) > self._max_power, np.nan, block.power
+        value = (
+            block.energy
+            if counts
+            else np.where(np.abs(block.power) > self._max_power, np.nan, block.power)
         )
         refused = np.concatenate([self._refused_ns, block.stamp_ns[~np.isfinite(value)]])
         self._refused_ns = np.sort(refused[-MAX_KEPT:])

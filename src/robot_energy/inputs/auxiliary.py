@@ -79,9 +79,7 @@ class LoadTopics:
         """What is said of the readings of the meter, but for the longest gap."""
         if self.meter is None:
             return MeterLimits()
-        return MeterLimits(
-            max_power=self.meter.max_power, wraps_at=self.meter.wraps_at_joule
-        )
+        return MeterLimits(max_power=self.meter.max_power, wraps_at=self.meter.wraps_at_joule)
 
 
 @dataclass(frozen=True, kw_only=True)

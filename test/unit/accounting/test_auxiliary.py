@@ -128,9 +128,7 @@ def test_a_prediction_goes_by_states_alone():
 
 def test_a_counter_that_wraps_goes_on():
     meter = MeterSource(topic="pump", type=FLOAT64, unit="J", location="grid", wraps_at=1000.0)
-    account = AuxiliaryAccount(
-        [load(metered=True, state="on")], {"pump": LoadTopics(meter, None)}
-    )
+    account = AuxiliaryAccount([load(metered=True, state="on")], {"pump": LoadTopics(meter, None)})
     energy = (700.0 + 50.0 * np.arange(21)) % 1000.0
     account["pump"].measure(counted(np.arange(5, 26), energy))
     account.step(steady(10.0, 22.0))
