@@ -352,8 +352,8 @@ def test_registers_and_intervals_go_on_after_a_restart(bench, messages, cell, tm
         EnergyMonitor, model=cell, state_folder=folder, checkpoint_period=0.1, **DATED
     )
     totals = again.ledger.totals()
-    for load, entry in zip(before.auxiliary, totals.auxiliary.values(), strict=True):
-        assert entry.energy_microjoule * 1e-6 >= load.energy
+    for published, entry in zip(before.auxiliary, totals.auxiliary.values(), strict=True):
+        assert entry.energy_microjoule * 1e-6 >= published.energy
         assert entry.known_ns + entry.missing_ns == totals.observed_ns
     play.read(again, 4.0, 700.0)
     play.read(again, 5.0, 700.0)

@@ -257,8 +257,9 @@ def _outputs(
         steps = read_ahead(steps)
     with closing(steps):
         for step in steps:
-            for name, (readings, states) in step.auxiliary.items():
-                pipeline.ledger.take_auxiliary(name, readings, states)
+            if pipeline.ledger.auxiliary is not None:
+                for name, (readings, states) in step.auxiliary.items():
+                    pipeline.ledger.auxiliary.take(name, readings, states)
             if step.inputs is None or step.stages is None:
                 yield pipeline.advance(step.torque, step.temperatures, step.meter), step.changes
             else:  # as they are in the process that has read

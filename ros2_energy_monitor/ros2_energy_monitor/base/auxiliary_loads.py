@@ -105,7 +105,7 @@ class AuxiliaryLoads:
     """
 
     def __init__(self, node: MonitorNode[AccountParameters], ledger: EnergyAccount) -> None:
-        self._node, self._ledger = node, ledger
+        self._node = node
         given, loads = node.parameters, node.model.auxiliary or ()
         self.loads: list[LoadInput] = []
         sources: dict[str, LoadTopics] = {}
@@ -120,8 +120,8 @@ class AuxiliaryLoads:
             self.loads.append(
                 LoadInput(node, load.name, topics, state.latched, given.resubscribe_after)
             )
-        if loads:
-            ledger.auxiliary = AuxiliaryAccount(loads, sources, given.meter_max_gap)
+        self._account = AuxiliaryAccount(loads, sources, given.meter_max_gap) if loads else None
+        ledger.auxiliary = self._account
         for sentence in given.unknown_loads(loads):
             node.get_logger().warning(sentence)
         self.inputs = [
@@ -165,4 +165,5 @@ class AuxiliaryLoads:
             )
 
     def _taking(self, name: str, read: Callable[[], LoadReadings]) -> Callable[[], None]:
-        return lambda: self._ledger.take_auxiliary(name, *read())
+        account = self._account
+        return lambda: account.take(name, *read()) if account is not None else None

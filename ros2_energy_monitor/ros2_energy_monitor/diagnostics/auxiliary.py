@@ -87,7 +87,8 @@ def _judge(
         publishers = ", ".join(f"{one.topic} has {counted(one)}" for one in topics.meters)
         found.add(
             WARN,
-            f"no reading of the meter of {name} has come: its power is missing ({publishers or where})",
+            f"no reading of the meter of {name} has come ({publishers or where}): its power is "
+            "missing",
             "start its driver, or set its topic in auxiliary_meters",
         )
     elif Remark.METER_STALE in remarks:

@@ -276,6 +276,6 @@ def test_loads_outside_of_the_cabinet_get_objects_of_their_own(serve, eventually
         )
     )
     assert pump.Value.Value == 800.0
-    assert pump.StatusCode_.is_good()
+    assert pump.StatusCode.is_good()
     assert energy.Value.Value == pytest.approx(2.0)
-    assert lamp.StatusCode_.name == "BadNoData"
+    assert lamp.StatusCode.name == "BadNoData"

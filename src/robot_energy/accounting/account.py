@@ -24,17 +24,12 @@ from robot_energy.accounting.exact_sum import ExactSum, SumMark
 from robot_energy.accounting.job_intervals import JobIntervals
 from robot_energy.accounting.meter_checks import MeterDiagnostics
 from robot_energy.accounting.plain_text import MAX_REASON, plain
-from robot_energy.accounting.record import (
-    AccountRecord,
-    EnergyInterval,
-    Identity,
-    Totals,
-    TraceEntry,
-)
+from robot_energy.accounting.record import AccountRecord, EnergyInterval, Identity, TraceEntry
 from robot_energy.accounting.registers import CABINET_REGISTERS, Registers
 from robot_energy.accounting.sample_counts import CountMark, SampleCounts, greatest
 from robot_energy.accounting.settings import AccountSettings
 from robot_energy.accounting.shaft_comparison import ShaftEnergySums
+from robot_energy.accounting.totals import Totals
 from robot_energy.blocks import (
     Int,
     MeterBlock,
@@ -49,6 +44,7 @@ from robot_energy.timeline.pieces import Compared
 from robot_energy.timeline.stamps import MAX_STAMP_NS, MIN_STAMP_NS
 from robot_energy.uncertainty.band import EnergyBand
 
+_Counters = tuple[list[SumMark], CountMark, Int, Coverage, int, AccountMark | None]
 REPEATED_NS = 1_000_000_000  # after a restart, stamps up to this old were counted before it
 
 
@@ -112,24 +108,6 @@ class EnergyAccount:
         """
         self.comparison.measure(block)
 
-    def take_auxiliary(
-        self, name: str, readings: MeterBlock | None, states: MeterBlock | None
-    ) -> None:
-        """Take what came from one load outside of the cabinet.
-
-        Args:
-            name: Of the load; `auxiliary` counts it.
-            readings: Of its meter, in order of arrival.
-            states: Numbers of its states, as powers in W.
-        """
-        if self.auxiliary is None:
-            return
-        load = self.auxiliary[name]
-        if readings is not None:
-            load.measure(readings)
-        if states is not None:
-            load.switch(states.stamp_ns, states.power)
-
     def step(self, block: PowerBlock) -> MeanBlock | None:
         """Count power samples.
 
@@ -147,15 +125,13 @@ class EnergyAccount:
         try:
             means, compared = self._counted(block)
         except Exception:
-            self._take_back(*before)
+            self._take_back(before)
             raise
         if self.on_compared is not None and compared is not None:
             self.on_compared(compared)
         return means
 
-    def _counters(
-        self,
-    ) -> tuple[list[SumMark], CountMark, Int, Coverage, int, AccountMark | None]:
+    def _counters(self) -> _Counters:
         """All counters as they stand."""
         return (
             [each.mark() for each in (self.registers, self.shaft, self.comparison)],
@@ -166,17 +142,13 @@ class EnergyAccount:
             self.auxiliary.mark() if self.auxiliary is not None else None,
         )
 
-    def _take_back(
-        self, sums: list[SumMark], counts: CountMark, shaft_ns: Int, time: Coverage, meter_ns: int,
-        loads: AccountMark | None,
-    ) -> None:  # fmt: skip
+    def _take_back(self, counters: _Counters) -> None:
         """Go back to what `_counters` gave; the time until the next sample is a gap."""
+        sums, counts, self.shaft.compared_ns, time, self.comparison.compared_ns, loads = counters
         for each, mark in zip((self.registers, self.shaft, self.comparison), sums, strict=True):
             each.go_back(mark)
         self.counts.go_back(counts)
-        self.shaft.compared_ns = shaft_ns
         self.registers.set_time(time)
-        self.comparison.compared_ns = meter_ns
         if self.auxiliary is not None and loads is not None:
             self.auxiliary.go_back(loads)
         self.interrupt()

@@ -15,18 +15,16 @@ from robot_energy.accounting.auxiliary_record import (
 )
 from robot_energy.accounting.event_log import EventLog
 from robot_energy.accounting.exact_sum import PER_JOULE, add_saturating
-from robot_energy.accounting.record import (
+from robot_energy.accounting.record import AccountRecord, Identity, Remainders
+from robot_energy.accounting.registers import CABINET_REGISTERS, JOINT_REGISTERS
+from robot_energy.accounting.totals import (
     CABINET_DEVIATION_KEYS,
     CABINET_KEYS,
     JOINT_DEVIATION_KEYS,
     SHAFT_KEYS,
-    AccountRecord,
-    Identity,
-    Remainders,
     Totals,
     saturated,
 )
-from robot_energy.accounting.registers import CABINET_REGISTERS, JOINT_REGISTERS
 from robot_energy.blocks import Float, Int, Phase, Quality
 from robot_energy.timeline.coverage import Coverage
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from robot_energy.accounting.exact_sum import REMAINDER_BITS, ExactSum, SumMark
 from robot_energy.accounting.load_curve import UNKNOWN, LoadCurve
-from robot_energy.blocks import NANOSECOND, Float, Int, PowerBlock
+from robot_energy.blocks import NANOSECOND, Float, Int, MeterBlock, PowerBlock
 from robot_energy.inputs.auxiliary import LoadTopics
 from robot_energy.model.auxiliary import AuxiliaryLoad
 from robot_energy.timeline.coverage import MAX_GAP_NS
@@ -156,6 +156,20 @@ class AuxiliaryAccount:
     def __getitem__(self, name: str) -> LoadCurve:
         """Return the curve of a load."""
         return next(curve for curve in self.curves if curve.load.name == name)
+
+    def take(self, name: str, readings: MeterBlock | None, states: MeterBlock | None) -> None:
+        """Take what came from one load.
+
+        Args:
+            name: Of the load.
+            readings: Of its meter, in order of arrival.
+            states: Numbers of its states, as powers in W.
+        """
+        load = self[name]
+        if readings is not None:
+            load.measure(readings)
+        if states is not None:
+            load.switch(states.stamp_ns, states.power)
 
     def step(self, block: PowerBlock) -> None:
         """Take power of the cabinet.

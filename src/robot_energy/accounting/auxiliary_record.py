@@ -6,7 +6,8 @@ import numpy as np
 
 from robot_energy.accounting.auxiliary import AuxiliaryAccount
 from robot_energy.accounting.exact_sum import ExactSum
-from robot_energy.accounting.record import AccountRecord, LoadStateTotals, LoadTotals
+from robot_energy.accounting.record import AccountRecord
+from robot_energy.accounting.totals import LoadStateTotals, LoadTotals
 
 
 def load_totals(account: AuxiliaryAccount, final: bool) -> dict[str, LoadTotals]:

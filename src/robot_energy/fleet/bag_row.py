@@ -16,7 +16,7 @@ from fsspec.core import url_to_fs  # type: ignore[import-untyped]
 
 from robot_energy import __version__
 from robot_energy.accounting.account_record import totals_of
-from robot_energy.accounting.record import Totals
+from robot_energy.accounting.totals import Totals
 from robot_energy.api.replay import run_replay
 from robot_energy.bag.metadata import FILE_NAME
 from robot_energy.bag_replay import Replay

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.exact_sum import PER_JOULE
-from robot_energy.accounting.record import Totals
 from robot_energy.accounting.registers import JOINT_REGISTERS, SHAFT_REGISTERS
+from robot_energy.accounting.totals import Totals
 from robot_energy.blocks import NANOSECOND
 from robot_energy.cdr.decode import Encoder, stamp_columns
 from robot_energy.model.auxiliary import AuxiliaryLoad

@@ -19,13 +19,13 @@ from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.exact_sum import PER_JOULE
 from robot_energy.accounting.plain_text import MAX_TEXT
 from robot_energy.accounting.record import (
-    DEVIATION_KEYS,
     FORMAT_VERSION,
     AccountRecord,
     Identity,
     TraceEntry,
     TraceKind,
 )
+from robot_energy.accounting.totals import DEVIATION_KEYS
 from robot_energy.errors import RegisterError, StateFileError
 from robot_energy.model import RobotModel
 from robot_energy.shown_text import shown
@@ -355,7 +355,7 @@ class AccountStore:
         for name in sorted(record.totals.auxiliary.keys() - loads.keys()):
             joule = record.totals.auxiliary[name].energy_microjoule / PER_JOULE
             self.notices.append(
-                f"the model has no auxiliary load '{name}' any more, which had counted {joule:.1f} J"
+                f"the model has no auxiliary load '{name}' any more; it had counted {joule:.1f} J"
             )
             self._note("model_changed", self.notices[-1])
         return list(loads)
