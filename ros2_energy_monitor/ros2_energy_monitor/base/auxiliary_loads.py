@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
+from typing import Any
+
+from rclpy.node import Node
 
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.auxiliary import AuxiliaryAccount
@@ -44,7 +47,7 @@ class LoadInput:
 
     def __init__(
         self,
-        node: MonitorNode[AccountParameters],
+        node: Node,
         name: str,
         topics: LoadTopics,
         keeps_state: bool,
@@ -93,6 +96,7 @@ class AuxiliaryLoads:
 
     Args:
         node: The node that subscribes.
+        given: Its parameters.
         ledger: The energy account, which counts the loads from now on.
 
     Attributes:
@@ -104,9 +108,10 @@ class AuxiliaryLoads:
         ParameterError: If messages lack what the parameters name.
     """
 
-    def __init__(self, node: MonitorNode[AccountParameters], ledger: EnergyAccount) -> None:
-        self._node = node
-        given, loads = node.parameters, node.model.auxiliary or ()
+    def __init__(
+        self, node: MonitorNode[Any], given: AccountParameters, ledger: EnergyAccount
+    ) -> None:
+        self._node, loads = node, node.model.auxiliary or ()
         self.loads: list[LoadInput] = []
         sources: dict[str, LoadTopics] = {}
         resolve = node.resolve_topic_name

@@ -73,7 +73,7 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
         self._friction_writer = FrictionWriter(self.model)
         self._torque = torque_publisher(self, depth) if self.parameters.publish_torque else None
         self._friction = friction_publisher(self)
-        self._loads = AuxiliaryLoads(self, self.ledger)
+        self._loads = AuxiliaryLoads(self, self.parameters, self.ledger)
         self._account_publisher = AccountPublisher(self, self.model, self.ledger, self.parameters)
         self.exit_stack.callback(self._account_publisher.close)
         self._account_publisher.open()

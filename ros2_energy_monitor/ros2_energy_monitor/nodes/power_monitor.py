@@ -58,7 +58,7 @@ class PowerMonitor(MonitorNode[PowerParameters]):
         self._friction = FrictionReader(self.model)
         self._stage = PowerStage(self.model, settings)
         self.ledger = EnergyAccount(len(self.model.joints), settings)
-        self._loads = AuxiliaryLoads(self, self.ledger)
+        self._loads = AuxiliaryLoads(self, self.parameters, self.ledger)
         self._account_publisher = AccountPublisher(self, self.model, self.ledger, self.parameters)
         self.exit_stack.callback(self._account_publisher.close)
         self._account_publisher.open()

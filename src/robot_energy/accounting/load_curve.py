@@ -182,7 +182,8 @@ class LoadCurve:
             measured, age, meter = self._newest(stamp_ns)
             remarks = remarks | meter
         power = measured if self.metered else model
-        return np.stack([state, remarks, model, measured, age, power], axis=1)
+        rows = [state.astype(float), remarks.astype(float), model, measured, age, power]
+        return np.stack(rows, axis=1)
 
     def _newest(self, stamp_ns: Int) -> tuple[Float, Float, Int]:
         """Power of the newest reading, its age [s] and remarks at instants, shape (W,) each."""
