@@ -197,6 +197,11 @@ class RobotParameters:
         "Whether the rig has effects that no model file has a term for, such as elastic joints.",
         False,
     )
+    auxiliary: bool = parameter(
+        "Whether a pump and an extruder run next to the robot: their meters on "
+        "auxiliary/NAME/power, the numbers of their states on auxiliary/NAME/state.",
+        False,
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
