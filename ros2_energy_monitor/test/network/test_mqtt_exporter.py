@@ -292,7 +292,7 @@ def test_the_node_names_the_exporters_there_are(bench):
 def test_loads_outside_of_the_cabinet_are_in_values_and_discovery(
     broker, subscriber, exporter, eventually
 ):
-    port = broker()
+    port = broker().port
     got, newest = subscriber(port), Newest(stale_after=60.0)
     message, counted = power(), registers()
     states = ["off", "on"]

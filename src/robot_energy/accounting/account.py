@@ -240,7 +240,7 @@ class EnergyAccount:
 
     def totals(self) -> Totals:
         """Return all counters as they stand."""
-        return totals_of(self)
+        return totals_of(self, self.auxiliary)
 
     def state(self, identity: Identity) -> AccountRecord:
         """Return all that must be kept across a restart.

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from robot_energy.accounting.auxiliary import AuxiliaryAccount
 from robot_energy.accounting.auxiliary_record import (
     carry_loads,
     load_remainders,
@@ -34,15 +35,14 @@ if TYPE_CHECKING:
 _ORDER = (*CABINET_REGISTERS, *JOINT_REGISTERS, *CABINET_DEVIATION_KEYS, *JOINT_DEVIATION_KEYS)
 
 
-def totals_of(account: EnergyAccount, final: bool = False) -> Totals:
+def totals_of(account: EnergyAccount, loads: AuxiliaryAccount | None) -> Totals:
     """Return all counters of an account as they stand.
 
     Args:
         account: The account.
-        final: Whether time that waits for meters of auxiliary loads is missing, as after the end
-            of a process.
+        loads: Account of the auxiliary loads, as it stands or flushed; None without loads.
     """
-    time, comparison, loads = account.registers.time, account.comparison, account.auxiliary
+    time, comparison = account.registers.time, account.comparison
     cabinet, joints = _by_name(account.registers.microjoule, account.shaft.microjoule)
     return Totals(
         cabinet_energy_microjoule=cabinet,
@@ -57,7 +57,7 @@ def totals_of(account: EnergyAccount, final: bool = False) -> Totals:
         jumps=time.jumps,
         outlet_cabinet_energy_microjoule=int(loads.together.microjoule[0]) if loads else 0,
         outlet_ns=loads.together_ns if loads else 0,
-        auxiliary=load_totals(loads, final) if loads else {},
+        auxiliary=load_totals(loads) if loads else {},
     )
 
 
@@ -68,7 +68,8 @@ def record_of(account: EnergyAccount, identity: Identity) -> AccountRecord:
         account: The account.
         identity: Whose they are.
     """
-    registers, comparison, loads = account.registers, account.comparison, account.auxiliary
+    registers, comparison = account.registers, account.comparison
+    loads = account.auxiliary.flushed() if account.auxiliary is not None else None
     cabinet, joints = _by_name(registers.remainder, account.shaft.remainder)
     phases = [phase.name for phase in Phase]
     phase_energy = account.phase_energy_sum
@@ -77,7 +78,7 @@ def record_of(account: EnergyAccount, identity: Identity) -> AccountRecord:
         identity=identity,
         energy_start_ns=account.start_ns,
         end_ns=account.end_ns,
-        totals=totals_of(account, final=True),
+        totals=totals_of(account, loads),
         remainders=Remainders(
             cabinet=cabinet,
             joints=joints,

@@ -9,11 +9,11 @@ the time in which every load is known: outlet = cabinet + loads, in exact intege
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import deepcopy
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robot_energy.accounting.exact_sum import REMAINDER_BITS, ExactSum, SumMark
 from robot_energy.accounting.load_curve import UNKNOWN, LoadCurve
@@ -135,15 +135,11 @@ class AuxiliaryAccount:
         self.together_ns += together_ns
         self.observed_ns += observed_ns
 
-    @property
-    def waiting_ns(self) -> int:
-        """Observed time that is not decided: meters or states may still report it. [ns]"""
-        return int((self._waiting.end_ns - self._waiting.start_ns).sum())
-
-    @property
-    def was_known(self) -> NDArray[np.bool_]:
-        """Whether each load is known at the end of what is decided, shape (n,)."""
-        return self._was_known
+    def flushed(self) -> AuxiliaryAccount:
+        """Return a copy in which all that waits is decided, as it is if the process ends now."""
+        done = deepcopy(self)
+        done.flush()
+        return done
 
     def shown(self, stamp_ns: Int) -> Float:
         """Return what is known of all loads at instants, shape (W, n, ``COLUMNS``).

@@ -10,22 +10,19 @@ from robot_energy.accounting.record import AccountRecord
 from robot_energy.accounting.totals import LoadStateTotals, LoadTotals
 
 
-def load_totals(account: AuxiliaryAccount, final: bool) -> dict[str, LoadTotals]:
+def load_totals(account: AuxiliaryAccount) -> dict[str, LoadTotals]:
     """Return what was counted of each load, by its name.
 
     Args:
         account: The loads.
-        final: Whether time that still waits for a meter is missing, as after the end of a process.
     """
-    waiting = account.waiting_ns if final else 0
-    ceased = account.was_known & (waiting > 0)
     return {
         curve.load.name: LoadTotals(
             energy_microjoule=int(account.energy.microjoule[place]),
             outlet_energy_microjoule=int(account.together.microjoule[1 + place]),
             known_ns=int(account.known_ns[place]),
-            missing_ns=int(account.missing_ns[place]) + waiting,
-            missing_count=int(account.missing_count[place]) + int(ceased[place]),
+            missing_ns=int(account.missing_ns[place]),
+            missing_count=int(account.missing_count[place]),
         )
         for place, curve in enumerate(account.curves)
     }
