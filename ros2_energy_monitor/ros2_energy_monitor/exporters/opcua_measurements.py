@@ -41,7 +41,11 @@ class Measurement:
     load: str = ""
 
     def value(self, message: Any) -> float:
-        """Return the value in a message; NaN where the load is not in it."""
+        """Return the value in a message; NaN where the load is not in it.
+
+        Args:
+            message: PowerState or EnergyRegisters.
+        """
         owner = message
         if self.load:
             owner = next((one for one in message.auxiliary if one.name == self.load), None)
