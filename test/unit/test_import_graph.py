@@ -23,10 +23,10 @@ MODULES = {
         time_series units
     """,
     "robot_energy.accounting": """
-        account account_record auxiliary averaging band_calibration comparison
-        energy_calibration energy_curve event_log exact_sum integration job_intervals meter_checks
-        plain_text prediction_errors record record_repair registers sample_counts settings
-        shaft_comparison
+        account account_record auxiliary auxiliary_record averaging band_calibration comparison
+        energy_calibration energy_curve event_log exact_sum integration job_intervals load_curve
+        meter_checks plain_text prediction_errors record record_repair registers sample_counts
+        settings shaft_comparison totals
     """,
     "robot_energy.advice": """
         claims dataset_evidence evidence run speeds
@@ -135,7 +135,8 @@ MODULES = {
     """,
     "robot_energy.page": """
         access alarms energy_flow event_stream headless_browser history hub job_rows json_numbers
-        messages metrics monitoring recording robot_state saved_page settings web_app web_server
+        load_rows messages metrics monitoring recording robot_state saved_page settings web_app
+        web_server
     """,
     "robot_energy.physics": """
         cabinet derivative drive drivetrain effort effort_check electrical_power equations friction

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from robot_energy.blocks import NANOSECOND
+from robot_energy.page.energy_flow import known_label
 from robot_energy.report.document import Column, Document
 from robot_energy.report.formats import EnergyFormat, fixed, percent, seconds
 from robot_energy.results.auxiliary import AuxiliaryReport, LoadEnergy
@@ -70,9 +71,7 @@ def flow_labels(report: AuxiliaryReport | None) -> list[tuple[str, float]]:
     """
     return [
         (
-            load.name
-            if not load.missing_ns
-            else f"{load.name}, {load.known_ns * NANOSECOND:.0f} s known",
+            known_label(load.name, load.known_ns * NANOSECOND, load.missing_ns * NANOSECOND),
             load.known_energy,
         )
         for load in (report.loads if report is not None else ())
