@@ -1,0 +1,60 @@
+"""Rows of numbers that each hold for several samples."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class HeldRows:
+    """What is computed at some samples only, and holds until the next one of them.
+
+    Attributes:
+        values: Shape (M, K).
+        row: Which of them holds at each sample, shape (N,).
+        begins: Whether it was computed at that sample, shape (N,); else it goes on, at the
+            first sample of a block from the block before.
+    """
+
+    values: NDArray[np.float64]
+    row: NDArray[np.int64]
+    begins: NDArray[np.bool_]
+
+    @classmethod
+    def every(cls, values: NDArray[np.float64]) -> HeldRows:
+        """Make rows that hold for one sample each.
+
+        Args:
+            values: Shape (N, K).
+        """
+        size = len(values)
+        return cls(values, np.arange(size), np.ones(size, dtype=np.bool_))
+
+    def __getitem__(self, rows: slice | NDArray[np.bool_] | NDArray[np.int64]) -> HeldRows:
+        """Return what holds at some samples."""
+        return HeldRows(self.values, self.row[rows], self.begins[rows])
+
+    @staticmethod
+    def concatenate(parts: Sequence[HeldRows]) -> HeldRows:
+        """Join what holds at blocks of samples.
+
+        Args:
+            parts: At least one.
+        """
+        sizes = np.cumsum([0, *(len(part.values) for part in parts)]).tolist()
+        return HeldRows(
+            np.concatenate([part.values for part in parts]),
+            np.concatenate([part.row + size for part, size in zip(parts, sizes, strict=False)]),
+            np.concatenate([part.begins for part in parts]),
+        )
+
+    def __array__(
+        self, dtype: np.dtype[Any] | None = None, copy: bool | None = None
+    ) -> NDArray[Any]:
+        """Return what holds at each sample, shape (N, K)."""
+        return self.values[self.row].astype(dtype or np.float64, copy=False)
