@@ -51,7 +51,7 @@ def power_block(stamp_ns: Int, grid: Float, segment: int | Int = 0) -> PowerBloc
         brake_power=np.maximum(-grid, 0.0) * 0.5,
         capacitor_power=np.zeros(size),
         grid_power=grid,
-        deviation=HeldRows.every(deviations(grid)),
+        deviation=HeldRows(np.nan_to_num(deviations(grid)), np.arange(size), np.isfinite(grid)),
     )
 
 

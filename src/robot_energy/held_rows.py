@@ -25,16 +25,6 @@ class HeldRows:
     row: NDArray[np.int64]
     begins: NDArray[np.bool_]
 
-    @classmethod
-    def every(cls, values: NDArray[np.float64]) -> HeldRows:
-        """Make rows that hold for one sample each.
-
-        Args:
-            values: Shape (N, K).
-        """
-        size = len(values)
-        return cls(values, np.arange(size), np.ones(size, dtype=np.bool_))
-
     def __getitem__(self, rows: slice | NDArray[np.bool_] | NDArray[np.int64]) -> HeldRows:
         """Return what holds at some samples."""
         return HeldRows(self.values, self.row[rows], self.begins[rows])

@@ -146,10 +146,10 @@ class BandCalibration:
         if second == self._second:
             return []
         self._second = second
-        noted = HeldEnergies(*map(np.concatenate, zip(*self._noted, strict=True)))
-        self._noted.clear()
-        if len(noted.stamp_ns):
-            self._note(*noted)
+        if self._noted:
+            noted = HeldEnergies(*map(np.concatenate, zip(*self._noted, strict=True)))
+            self._noted.clear()
+            self._note(noted)
         waiting = Compared.concatenate(self._waiting)
         due = int(np.searchsorted(waiting.available_ns, second * SECOND_NS, side="right"))
         self._waiting = [waiting[slice(due, None)]]
@@ -159,10 +159,11 @@ class BandCalibration:
             del self._deviations[old]
         return scored
 
-    def _note(
-        self, stamp_ns: Int, phase: NDArray[np.uint8], duration_ns: Int, energy: Float
-    ) -> None:
+    def _note(self, noted: HeldEnergies) -> None:
         """Keep deviations and phases until the meter reads."""
+        stamp_ns, phase, duration_ns, energy = noted
+        if not len(stamp_ns):
+            return
         columns = energy.shape[1]
         whole = np.empty((len(stamp_ns), columns + 1), dtype=np.int64, order="F")
         whole[:, :columns] = np.rint(energy * NANOJOULE)

@@ -80,7 +80,6 @@ class Registers(ExactSum):
         """Begin all registers and times at zero, at the newest sample."""
         super().reset()
         self._trapezoid.reset()
-        self.held.interrupt()
 
     def interrupt(self) -> None:
         """Let the time up to the next sample be a gap."""
