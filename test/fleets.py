@@ -24,9 +24,13 @@ EXACT = {
 }
 
 
-@cache
 def fleet(robots, faults=True) -> FleetTables:
     """A week of some robots; with faults one has another payload, one stands by at night."""
+    return _fleet(robots, faults)
+
+
+@cache
+def _fleet(robots, faults) -> FleetTables:
     return fleet_tables(FleetPlan(robots=robots, weeks=1, seed=3, faults=faults))
 
 

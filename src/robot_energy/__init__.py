@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from robot_energy.blocks import Phase, Quality
     from robot_energy.errors import (
         BagError,
+        DatasetError,
         ImplausibleIdentificationError,
         LogFormatError,
         MissingTopicError,
@@ -44,6 +45,7 @@ if TYPE_CHECKING:
         ShapeError,
         UnknownJointError,
     )
+    from robot_energy.fleet.api import fleet_identify, fleet_report, fleet_run
     from robot_energy.model import RobotModel
     from robot_energy.model import load as load_model
     from robot_energy.model import save as save_model
@@ -57,6 +59,7 @@ if TYPE_CHECKING:
         PhaseEnergy,
     )
     from robot_energy.results.evaluation import EvaluationReport
+    from robot_energy.results.fleet import FleetFriction, FleetReport, FleetRunReport
     from robot_energy.results.optimization import OptimizationReport
     from robot_energy.results.prediction import PredictionReport
     from robot_energy.results.replay import ReplayReport
@@ -78,16 +81,18 @@ _NAMES = {
     "api.replay": ("ReplayResult", "replay"),
     "blocks": ("Phase", "Quality"),
     "errors": (
-        "BagError", "ImplausibleIdentificationError", "LogFormatError", "MissingTopicError",
-        "ModelFileError", "MotionError", "NotIdentifiableError", "ParameterError", "PayloadError",
-        "ReportError", "RobotDescriptionError", "RobotEnergyError", "ShapeError",
-        "UnknownJointError",
+        "BagError", "DatasetError", "ImplausibleIdentificationError", "LogFormatError",
+        "MissingTopicError", "ModelFileError", "MotionError", "NotIdentifiableError",
+        "ParameterError", "PayloadError", "ReportError", "RobotDescriptionError",
+        "RobotEnergyError", "ShapeError", "UnknownJointError",
     ),
+    "fleet.api": ("fleet_identify", "fleet_report", "fleet_run"),
     "model": ("RobotModel", "load_model:load", "save_model:save"),
     "pipeline": ("EnergyPipeline", "PipelineSettings:Settings"),
     "results.advice": ("AdviceReport",),
     "results.energy": ("EnergyBreakdown", "JointEnergy", "MeterComparison", "PhaseEnergy"),
     "results.evaluation": ("EvaluationReport",),
+    "results.fleet": ("FleetFriction", "FleetReport", "FleetRunReport"),
     "results.optimization": ("OptimizationReport",),
     "results.prediction": ("PredictionReport",),
     "results.replay": ("ReplayReport",),
@@ -99,15 +104,16 @@ _EXPORTS = {
     for public, _, original in (name.partition(":") for name in names)
 }
 __all__ = [
-    "AdviceReport", "AdviceResult", "BagError", "EnergyBreakdown", "EnergyPipeline",
-    "EvaluationReport", "IdentificationResult",
+    "AdviceReport", "AdviceResult", "BagError", "DatasetError", "EnergyBreakdown",
+    "EnergyPipeline", "EvaluationReport", "FleetFriction", "FleetReport", "FleetRunReport",
+    "IdentificationResult",
     "ImplausibleIdentificationError", "JointEnergy", "LogFormatError", "MeterComparison",
     "MissingTopicError", "ModelFileError", "MotionError", "NotIdentifiableError", "OnlineMonitor",
     "OptimizationReport", "OptimizationResult", "ParameterError", "PayloadError", "Phase",
     "PhaseEnergy", "PipelineSettings", "PredictionReport", "PredictionResult", "Quality",
     "ReplayReport", "ReplayResult", "ReportError", "RobotDescriptionError", "RobotEnergyError",
     "RobotModel", "ShapeError", "TimeSeries", "UnknownJointError", "advise", "evaluate",
-    "identify_all",
+    "fleet_identify", "fleet_report", "fleet_run", "identify_all",
     "identify_cabinet", "identify_dynamics", "identify_friction", "identify_thermal", "load_model",
     "optimize", "physics", "predict", "replay", "save_model",
 ]  # fmt: skip

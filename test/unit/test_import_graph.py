@@ -8,6 +8,7 @@ cycle arises.
 import ast
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -60,7 +61,7 @@ MODULES = {
         temporary_folder
     """,
     "robot_energy.fleet": """
-        bag_figures bag_joints bag_list bag_row dataset findings hour_sums identify joint_sums
+        api bag_figures bag_joints bag_list bag_row dataset findings hour_sums identify joint_sums
         merged_friction merged_laws meter_errors report run sisters tables wear_history
     """,
     "robot_energy.identify": """
@@ -246,12 +247,15 @@ def files():
     }
 
 
+@cache
 def imports(path):
+    found = []
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.ImportFrom) and node.module:
-            yield node.module
+            found.append(node.module)
         elif isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
+            found += [alias.name for alias in node.names]
+    return tuple(found)
 
 
 def part(module):

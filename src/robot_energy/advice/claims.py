@@ -20,6 +20,7 @@ from robot_energy.optimization.deviations import FORM_FED_BACK
 from robot_energy.optimization.rest_states import RestState, break_even, rest_cost
 from robot_energy.physics.friction import FrictionModel
 from robot_energy.pipeline.friction_certainty import FrictionCertainty
+from robot_energy.report.formats import percent
 from robot_energy.uncertainty.band import Z90
 
 LONG_REST = 60.0  # s; from here on the drives are left on for nothing
@@ -216,15 +217,16 @@ def regenerative(evidence: RecordedEvidence, model: RobotModel) -> Claim | None:
     columns = np.concatenate([share * evidence.brake_columns, [std * evidence.brake_energy]])
     if not evidence.fine:
         columns = np.append(columns, share * FORM_FED_BACK * evidence.brake_energy)
+    part = percent(evidence.brake_energy / max(evidence.grid_energy, 1.0))
     return Claim(
         "regenerative",
         share * evidence.brake_energy,
         columns,
         "assumed",
         f"{evidence.brake_energy / 3.6e6:.3g} kWh went into the brake resistor, "
-        f"{evidence.brake_energy / max(evidence.grid_energy, 1.0):.1%} of the energy from the grid",
-        f"a regenerative supply that returns {share:.0%}; or one DC bus for several robots, which "
-        "keeps as much at most, and only while another robot drives",
+        f"{part} of the energy from the grid",
+        f"a regenerative supply that returns {percent(share, digits=0)}; or one DC bus for several "
+        "robots, which keeps as much at most, and only while another robot drives",
     )
 
 

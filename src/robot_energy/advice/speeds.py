@@ -15,6 +15,7 @@ from robot_energy.api.replay import ReplayOptions
 from robot_energy.blocks import NANOSECOND
 from robot_energy.errors import MotionError
 from robot_energy.model import RobotModel
+from robot_energy.report.formats import percent
 from robot_energy.uncertainty.band import Z90
 
 MAX_PART = 30.0  # s of one bag that are looked at
@@ -61,13 +62,14 @@ def speeds(
         return None
     whole = float(np.max(evidence.observed_time - evidence.rest_time))
     scale = whole / moving
+    less = percent(one.relative or 0.0)
     return Claim(
         "speeds",
         one.energy * scale,
         np.array([one.half / Z90 * scale]),
         "predicted",
         f"the moves from {start:.1f} to {end:.1f} s of {paths[0]}, taken for all {whole / 60:.3g} "
-        f"min of motion, need {one.relative or 0.0:.1%} less at other speeds, no slower in all",
+        f"min of motion, need {less} less at other speeds, no slower in all",
         "set the speeds and accelerations of each move that the next command prints",
         shlex.join(
             ["robot-energy", "optimize", paths[0], "--model", named, "--temperature",

@@ -144,6 +144,10 @@ def optimize(
         )
     chain = PowerChain(used, _temperatures(temperature, used))
     form = read_form(program, used, chain.robot, topic, TimeRange(start, end), tool, max_feed)
+    if time_law and isinstance(form, GcodeForm):
+        raise MotionError(
+            f"'{program}' states no time laws", "moves or a trajectory", "leave time laws out"
+        )
     if free_rests and cycle_time is None:
         cycle_time = float(form.moves.duration(form.base).sum() + form.needed.sum())
     states = (ASSUMED if standby else ()) if isinstance(standby, bool) else tuple(standby)
@@ -192,10 +196,6 @@ def optimize(
             changed = changed.moved(placed.joint_position, chain.robot)
             moved = task_of(changed)
         chosen, task = changed, replace(task, variants=variants)
-    if time_law and isinstance(form, GcodeForm):
-        raise MotionError(
-            f"'{program}' states no time laws", "moves or a trajectory", "leave time laws out"
-        )
     if time_law:
         limits = law_limits(chain, chosen.acceleration, chosen.jerk)
         laws = timed_moves(chain, chosen.moves, chosen.base, limits, progress=progress)

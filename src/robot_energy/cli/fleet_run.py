@@ -6,17 +6,26 @@ import sys
 import time
 from argparse import Namespace
 from collections.abc import Callable, Generator, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from robot_energy.cli.numbers import positive
 from robot_energy.cli.replay_options import add_jobs, add_replay, options_of
-from robot_energy.cli.terminal import add_command, console, progress
+from robot_energy.cli.terminal import (
+    add_command,
+    add_json,
+    check_outputs,
+    console,
+    progress,
+    write_json,
+    wrote,
+)
 from robot_energy.shown_text import shown
 
 if TYPE_CHECKING:
     from robot_energy.fleet.bag_list import FleetBag, FleetModels
     from robot_energy.fleet.run import FleetRun
+    from robot_energy.results.fleet import FleetRunReport
 
 DESCRIPTION = """\
 Replay many bags, one task each, and put one row of each into a dataset of Parquet files by
@@ -66,6 +75,7 @@ def add_parser(commands: Any) -> None:
         help="look again every so many seconds for new bags, until stopped; what is still being "
         "written is left until it is complete",
     )
+    add_json(parser)
     where = parser.add_argument_group("where it runs")
     where.add_argument("--scheduler", metavar="URL", help="of Dask, such as tcp://10.0.0.5:8786")
     where.add_argument(
@@ -104,33 +114,28 @@ def run(args: Namespace) -> int:
     from robot_energy.cli.replay_options import DAMAGED
     from robot_energy.fleet.bag_list import FleetModels
     from robot_energy.fleet.dataset import Dataset
-    from robot_energy.fleet.run import FleetRun, in_turn, on_dask, run_fleet
+    from robot_energy.fleet.run import FleetRun, run_fleet, where_asked
 
-    begun, models, dataset = time.monotonic(), FleetModels(), Dataset(args.out)
+    check_outputs(args)
+    models, dataset = FleetModels(), Dataset(args.out)
     bags = None if args.watch else _bags(args, models)
     scratch = int(args.scratch * 1e9)
     done = FleetRun()
     with dataset.locked():
         nothing = bags is not None and all(dataset.has(bag.name) for bag in bags)
-        if nothing or (args.workers == 0 and args.scheduler is None):
-            pool = nullcontext(in_turn(scratch))
-        else:
-            pool = on_dask(args.scheduler, args.workers or _cores(), args.memory, scratch)
-        with pool as replays:
+        where = (None, 0) if nothing else (args.scheduler, args.workers)
+        with where_asked(*where, args.memory, scratch) as replays:
             for round_ in [bags] if bags is not None else _rounds(args, models):
                 if args.watch:
                     done.bags = done.there = 0
                 with _shown(round_, done) as show:
                     run_fleet(round_, models.models, dataset, replays, done, show)
                 dataset.pack(PACKED_WATCHING if args.watch else 2)
-    _print(args, done, time.monotonic() - begun)
+                if args.json is not None:
+                    write_json(args.json, done.report(dataset).to_dict())
+    if args.json != "-":
+        _print(args, done.report(dataset))
     return DAMAGED if done.refused else 0
-
-
-def _cores() -> int:
-    import os
-
-    return len(os.sched_getaffinity(0))
 
 
 def _bags(args: Namespace, models: FleetModels) -> list[FleetBag]:
@@ -173,8 +178,8 @@ def _shown(
             last = time.monotonic()
             left = elapsed * (whole * (1.0 - share)) / (share * whole - skipped)
             count = now.there + now.read + len(now.refused)
-            print(f"{count} of {len(bags)} bags, {share:.0%}, {_time(left)} left", file=sys.stderr,
-                  flush=True)  # fmt: skip
+            text = f"{count} of {len(bags)} bags, {100 * share:.0f} %, {_time(left)} left"
+            print(text, file=sys.stderr, flush=True)
 
         yield show
 
@@ -184,22 +189,25 @@ def _time(seconds: float) -> str:
     return f"{minutes // 60} h {minutes % 60} min" if minutes >= 60 else f"{minutes} min"
 
 
-def _print(args: Namespace, done: FleetRun, elapsed: float) -> None:
+def _print(args: Namespace, report: FleetRunReport) -> None:
     from robot_energy.fleet.run import why_refused
 
-    out = console()
+    out, time_ = console(), report.observed_time
     out.print(
-        f"{done.bags} bags: {done.read} replayed, {done.there} there already, "
-        f"{len(done.refused)} refused; dataset {shown(args.out)}",
+        f"{report.bags} bags: {report.replayed} replayed, {report.there} there already, "
+        f"{len(report.refused)} refused; dataset {shown(args.out)}",
         soft_wrap=True,
     )
-    if done.read:
-        hours = done.observed_time / 3600.0
+    if report.replayed:
+        hours = time_ / 3600.0
         out.print(
-            f"{hours:.3f} recorded hours in {elapsed:.1f} s ({done.observed_time / elapsed:.0f} "
-            f"recorded seconds per second); {done.written / 1e3 / max(hours, 1e-9):.0f} kB of rows "
-            f"per recorded hour; most memory of a worker {done.peak_memory / 1e6:.0f} MB",
+            f"{hours:.3f} recorded hours in {report.elapsed_time:.1f} s "
+            f"({time_ / report.elapsed_time:.0f} recorded seconds per second); "
+            f"{report.row_size / 1e3 / max(hours, 1e-9):.0f} kB of rows per recorded hour; "
+            f"most memory of a worker {report.peak_memory / 1e6:.0f} MB",
             soft_wrap=True,
         )
-    for reason, count in why_refused(done)[:SHOWN]:
+    for reason, count in why_refused(report.refused)[:SHOWN]:
         out.print(f"  {count} refused: {reason}", soft_wrap=True)
+    if args.json is not None:
+        wrote(out, args.json, "all figures as JSON")

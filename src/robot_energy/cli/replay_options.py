@@ -153,4 +153,4 @@ def add_jobs(parser: ArgumentParser) -> None:
 def options_of(args: Namespace) -> dict[str, Any]:
     """Return what was given, under the names of `ReplayOptions`."""
     given = {name: getattr(args, name) for name in ("robot", *TOPICS, *PART, *SETTINGS)}
-    return given | {"jobs": getattr(args, "jobs", None), "processes": getattr(args, "processes", 1)}
+    return given | {name: getattr(args, name) for name in ("jobs", "processes") if name in args}

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import logging
+import os
 import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Generator, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field
 from itertools import islice
 from typing import Any, cast
@@ -17,6 +18,7 @@ from robot_energy.fleet.bag_list import FleetBag
 from robot_energy.fleet.bag_row import BagRow, refused, replay_bag
 from robot_energy.fleet.dataset import Dataset
 from robot_energy.model import RobotModel
+from robot_energy.results.fleet import FleetRunReport, RefusedBag
 
 HTTP = "127.0.0.1:0"  # reachable from this machine alone
 ALLOWED_FAILURES = 20  # deaths of workers under one bag before the bag is given up
@@ -41,7 +43,7 @@ class FleetRun:
         bags: That were asked for.
         there: Of them, that the dataset held already, unchanged.
         read: Replayed.
-        refused: Address and reason of those that could not be used.
+        refused: Those that could not be used, by address.
         observed_time: Predicted, of the bags replayed. [s]
         written: Size of their rows. [bytes]
         peak_memory: Most memory that one worker has held. [bytes]
@@ -51,11 +53,24 @@ class FleetRun:
     bags: int = 0
     there: int = 0
     read: int = 0
-    refused: dict[str, str] = field(default_factory=dict[str, str])
+    refused: dict[str, RefusedBag] = field(default_factory=dict[str, RefusedBag])
     observed_time: float = 0.0
     written: int = 0
     peak_memory: int = 0
     done_size: int = 0
+    begun: float = field(default_factory=time.monotonic)
+
+    def report(self, dataset: Dataset) -> FleetRunReport:
+        """Return what was done until now.
+
+        Args:
+            dataset: Where the rows went.
+        """
+        elapsed = time.monotonic() - self.begun
+        return FleetRunReport(
+            str(dataset.folder), self.bags, self.there, self.read, tuple(self.refused.values()),
+            self.observed_time, elapsed, self.written, self.peak_memory,
+        )  # fmt: skip
 
 
 def run_fleet(
@@ -97,7 +112,8 @@ def run_fleet(
     for bag, row in replays(missing(), models):
         dataset.add(row.name, row.robot, row.date, row.data)
         if row.reason:
-            done.refused[bag.place.address] = row.reason
+            address = bag.place.address
+            done.refused[address] = RefusedBag(address, row.robot, row.reason)
         else:
             done.read += 1
             done.refused.pop(bag.place.address, None)
@@ -121,6 +137,26 @@ def in_turn(max_scratch: int = MAX_SCRATCH) -> Replays:
             yield bag, replay_bag(bag, models[bag.model_digest], max_scratch)
 
     return replays
+
+
+def where_asked(
+    scheduler: str | None = None,
+    workers: int | None = None,
+    memory: str = "2GB",
+    max_scratch: int = MAX_SCRATCH,
+) -> AbstractContextManager[Replays]:
+    """Return where bags are replayed, as asked for.
+
+    Args:
+        scheduler: As of `on_dask`.
+        workers: Processes to start; None: one for each core; 0 without a scheduler: in this
+            process, one bag after the other.
+        memory: As of `on_dask`.
+        max_scratch: As of `on_dask`.
+    """
+    if workers == 0 and scheduler is None:
+        return nullcontext(in_turn(max_scratch))
+    return on_dask(scheduler, workers or len(os.sched_getaffinity(0)), memory, max_scratch)
 
 
 @contextmanager
@@ -257,11 +293,11 @@ def _same(model: RobotModel) -> RobotModel:
     return model
 
 
-def why_refused(done: FleetRun) -> list[tuple[str, int]]:
+def why_refused(refused: Iterable[RefusedBag]) -> list[tuple[str, int]]:
     """Return the reasons of refused bags without their addresses, the most frequent first.
 
     Args:
-        done: A run.
+        refused: The bags.
     """
-    reasons = Counter(reason.replace(address, "BAG") for address, reason in done.refused.items())
+    reasons = Counter(one.reason.replace(one.bag, "BAG") for one in refused)
     return reasons.most_common()

@@ -90,7 +90,7 @@ def recorded_motion(
     )
     trajectory.notes = (
         f"{path} is a recording: its positions passed a filter of {CUTOFF:g} Hz; a rest is where "
-        f"every joint is slower than {STILL:.0%} of its greatest velocity",
+        f"every joint is slower than {100 * STILL:.0f} % of its greatest velocity",
         f"of {length:.4g} s recorded, those from the first to the last rest are used: "
         f"{kept.start * step:.4g} to {(kept.stop - 1) * step:.4g} s",
         *result.problems,

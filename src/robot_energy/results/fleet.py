@@ -25,6 +25,35 @@ class RefusedBag(Result):
 
 
 @dataclass(frozen=True)
+class FleetRunReport(Result):
+    """What a run over the bags of a fleet has done.
+
+    Attributes:
+        dataset: Where the rows are.
+        bags: That were asked for, how many.
+        there: Of them, that the dataset held already, unchanged.
+        replayed: How many.
+        refused: Bags that could not be used.
+        observed_time: Predicted, of the bags replayed. [s]
+        elapsed_time: That the run took. [s]
+        row_size: Of the rows written. [bytes]
+        peak_memory: Most memory that one worker has held. [bytes]
+    """
+
+    NAME: ClassVar[str] = "fleet_run"
+
+    dataset: str
+    bags: int
+    there: int
+    replayed: int
+    refused: tuple[RefusedBag, ...]
+    observed_time: float
+    elapsed_time: float
+    row_size: int
+    peak_memory: int
+
+
+@dataclass(frozen=True)
 class RobotEnergy(Result):
     """Energy of one robot, in what was recorded of it.
 

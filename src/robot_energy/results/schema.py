@@ -26,7 +26,7 @@ from robot_energy.results.drives import DrivesReport
 from robot_energy.results.dynamics import DynamicsReport
 from robot_energy.results.evaluation import EvaluationReport
 from robot_energy.results.excitation import ExcitationReport
-from robot_energy.results.fleet import FleetFriction, FleetReport
+from robot_energy.results.fleet import FleetFriction, FleetReport, FleetRunReport
 from robot_energy.results.identification import (
     CabinetReport,
     FrictionReport,
@@ -58,6 +58,7 @@ RESULTS: dict[str, type[Result]] = {
         ModelReport,
         CheckReport,
         EvaluationReport,
+        FleetRunReport,
         FleetReport,
         FleetFriction,
     )

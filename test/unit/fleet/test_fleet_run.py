@@ -168,6 +168,27 @@ def test_a_bag_that_cannot_be_used_is_a_row_with_its_reason(hall, sequential):
     assert len(runs) == 4  # copies of a bag of one robot count once
 
 
+def test_command_and_function_give_the_same_dataset_and_report(hall, sequential, tmp_path):
+    words = ["fleet", "run", str(hall), "--model", "kr16", "--effort", "motor_torque"]
+    file = tmp_path / "run.json"
+    out = str(tmp_path / "by_command")
+    assert main([*words, "--workers", "0", "--out", out, "--json", str(file)]) == 3
+    own = re.fleet_run(hall, tmp_path / "own", "kr16", workers=0, effort="motor_torque")
+    assert content(tmp_path / "own") == content(tmp_path / "by_command") == content(sequential[0])
+    written = json.loads(file.read_text())
+    plain = json.loads(json.dumps(own.to_dict()))
+    same = plain.keys() - {"dataset", "elapsed_time", "peak_memory"}
+    assert {name: written[name] for name in same} == {name: plain[name] for name in same}
+    assert (written["bags"], written["replayed"], written["there"]) == (10, 9, 0)
+    (refused,) = written["refused"]
+    assert (Path(refused["bag"]).name, refused["robot"]) == ("broken.mcap", "r0")
+    assert re.fleet_report(tmp_path / "own").bags == 3
+    with pytest.raises(TypeError, match="effrot"):
+        re.fleet_run(hall, tmp_path / "own", "kr16", effrot="motor_torque")
+    with pytest.raises(re.NotIdentifiableError):
+        re.fleet_identify(tmp_path / "own", "ur5e")
+
+
 def test_registers_are_those_of_a_replay(hall, sequential):
     own = re.replay(WARM, "kr16", effort="motor_torque")
     row = scan(sequential[0]).filter(pl.col("bag").str.contains("bag4")).collect()
@@ -223,7 +244,7 @@ def test_a_bag_on_another_file_system_gives_the_same_figures(sequential, tmp_pat
     finally:
         system.rm("/far", recursive=True)
     assert (done.read, small.read) == (1, 0)
-    assert "GB" in next(iter(small.refused.values()))
+    assert "GB" in next(iter(small.refused.values())).reason
     far, near = scan(tmp_path / "d").collect(), scan(sequential[0]).collect()
     near = near.filter(pl.col("bag").str.contains("bag4"))
     own = {"name", "key", "bag", "robot"}

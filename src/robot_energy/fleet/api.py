@@ -1,0 +1,119 @@
+"""Fleets: many bags into one dataset, its report, and one friction model from it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from robot_energy.api.identify import IdentificationResult
+from robot_energy.api.inputs import ModelName, model_of
+from robot_energy.api.replay import ReplayOptions
+from robot_energy.fleet import report
+from robot_energy.fleet.bag_list import FleetModels, list_bags
+from robot_energy.fleet.dataset import Dataset, read_tables
+from robot_energy.fleet.identify import identify_fleet
+from robot_energy.fleet.run import FleetRun, run_fleet, where_asked
+from robot_energy.identify.stats.systematic import DEFAULT_LIMITS, SensorLimits
+from robot_energy.page.settings import load_settings
+from robot_energy.presets import ROBOTS
+from robot_energy.results.fleet import FleetFriction, FleetReport, FleetRunReport
+
+# Of one replay; a task has none of them.
+NOT_HERE = {"learned", "out", "overwrite", "progress"}
+
+
+def fleet_run(
+    bags: str | Path,
+    out: str | Path,
+    model: str | Path | None = None,
+    *,
+    name: str | None = None,
+    split_files: bool = False,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    memory: str = "2GB",
+    progress: Callable[[FleetRun], None] = lambda done: None,
+    **options: Any,
+) -> FleetRunReport:
+    """Replay many bags into one dataset: those that it does not hold yet.
+
+    Args:
+        bags: Folder, pattern, bag, or CSV table of bags.
+        out: Folder of the dataset.
+        model: Model file, or name of a shipped model, of bags for which a table names none.
+        name: Name of the robot of all bags; None: that of the folder in which a bag is.
+        split_files: Whether each MCAP file is a bag of its own.
+        workers: Processes to start; None: one for each core; 0: in this process.
+        scheduler: Address of a Dask scheduler, instead of processes of this host.
+        memory: Of each process at most.
+        progress: Called after each bag.
+        **options: How bags are read: those of `robot_energy.replay`, but for ``out``,
+            ``overwrite``, ``learned``.
+
+    Returns:
+        What was done, with the bags that could not be used.
+
+    Raises:
+        DatasetError: If bags or dataset cannot be used, or the scheduler is lost.
+        RobotEnergyError: If a model cannot be used.
+        TypeError: If there is no such option.
+    """
+    known = ReplayOptions.__annotations__.keys() - NOT_HERE
+    if unknown := options.keys() - known:
+        found = ", ".join(sorted(unknown))
+        raise TypeError(f"fleet_run has no option {found}; expected: {', '.join(sorted(known))}")
+    models, dataset = FleetModels(), Dataset(out)
+    named = None if model is None else str(model)
+    if robot := options.get("robot"):
+        named = ROBOTS[robot].model_or(named)
+    listed = list_bags(str(bags), models, named, options, name, split_files)
+    with dataset.locked(), where_asked(scheduler, workers, memory) as replays:
+        done = run_fleet(listed, models.models, dataset, replays, progress=progress)
+        dataset.pack()
+    return done.report(dataset)
+
+
+def fleet_report(
+    dataset: str | Path,
+    page_settings: str | Path | None = None,
+    shifts: Sequence[int] = report.SHIFTS,
+) -> FleetReport:
+    """Report on the dataset of a fleet: energy, standby, model error, wear, unlike robots.
+
+    Args:
+        dataset: Folder that `fleet_run` wrote.
+        page_settings: File of prices and emissions; None for none.
+        shifts: Hours of the day, local time, at which a shift begins; rising. [h]
+
+    Returns:
+        The report.
+
+    Raises:
+        RobotEnergyError: If dataset or settings cannot be used.
+    """
+    settings = load_settings(str(page_settings or ""))
+    return report.fleet_report(read_tables(dataset), str(dataset), settings, shifts)
+
+
+def fleet_identify(
+    dataset: str | Path, model: ModelName, *, sensors: SensorLimits = DEFAULT_LIMITS
+) -> IdentificationResult[FleetFriction]:
+    """Identify one friction model from all bags of a fleet, through the sums of its dataset.
+
+    Args:
+        dataset: Folder that `fleet_run` wrote.
+        model: With which its bags were run: the model, its file, or the name of a shipped one.
+        sensors: Limits of the constant errors of the sensors.
+
+    Returns:
+        Laws per axis with held-out errors, and the model with them.
+
+    Raises:
+        NotIdentifiableError: If no bag was run with this model, or no joint moves enough.
+        ImplausibleIdentificationError: If what was found contradicts physics.
+        RobotEnergyError: If dataset or model cannot be used.
+    """
+    tables = read_tables(dataset)
+    found, written = identify_fleet(tables, model_of(model), str(dataset), sensors)
+    return IdentificationResult(written, found)
