@@ -20,7 +20,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.held_rows import HeldRows
+from robot_energy.held_rows import HeldRows, joined
 
 Float = NDArray[np.floating[Any]]  # float64 throughout; numpy types many results this wide
 Int = NDArray[np.int64]
@@ -132,10 +132,7 @@ class Block:
         if len(blocks) == 1:
             return first
         return first._with(
-            {
-                name: _joined(value, [block.__dict__[name] for block in blocks])
-                for name, value in first.__dict__.items()
-            }
+            {name: joined([block.__dict__[name] for block in blocks]) for name in first.__dict__}
         )
 
     @classmethod
@@ -161,13 +158,6 @@ class Block:
         block = object.__new__(type(self))
         block.__dict__.update(entries)
         return block
-
-
-def _joined(first: Any, values: list[Any]) -> Any:
-    """Join what blocks hold of one attribute; of what is one per block, take the first."""
-    if isinstance(first, np.ndarray):
-        return np.concatenate(values)
-    return HeldRows.concatenate(values) if isinstance(first, HeldRows) else first
 
 
 @dataclass(frozen=True)

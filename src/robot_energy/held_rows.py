@@ -21,12 +21,12 @@ class HeldRows:
             first sample of a block from the block before.
     """
 
-    values: NDArray[np.float64]
+    values: NDArray[np.floating[Any]]
     row: NDArray[np.int64]
     begins: NDArray[np.bool_]
 
     def __getitem__(self, rows: slice | NDArray[np.bool_] | NDArray[np.int64]) -> HeldRows:
-        """Return what holds at some samples."""
+        """Return what holds at some of the samples."""
         return HeldRows(self.values, self.row[rows], self.begins[rows])
 
     @staticmethod
@@ -35,6 +35,9 @@ class HeldRows:
 
         Args:
             parts: At least one.
+
+        Returns:
+            One for all their samples.
         """
         sizes = np.cumsum([0, *(len(part.values) for part in parts)]).tolist()
         return HeldRows(
@@ -48,3 +51,17 @@ class HeldRows:
     ) -> NDArray[Any]:
         """Return what holds at each sample, shape (N, K)."""
         return self.values[self.row].astype(dtype or np.float64, copy=False)
+
+
+def joined(values: Sequence[Any]) -> Any:
+    """Join what blocks of samples hold of one attribute.
+
+    Args:
+        values: Of each block, at least one.
+
+    Returns:
+        Their samples one after the other; of what is one per block, the first.
+    """
+    if isinstance(values[0], np.ndarray):
+        return np.concatenate(values)
+    return HeldRows.concatenate(values) if isinstance(values[0], HeldRows) else values[0]

@@ -17,7 +17,6 @@ import math
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robot_energy.accounting.averaging import MeanBlock
 from robot_energy.accounting.energy_calibration import EnergyCalibration
@@ -135,8 +134,7 @@ class BandCalibration:
                 self._forget()
             if stop > start:
                 if held is not None:
-                    rows = noted[number]
-                    self._noted.append(HeldEnergies(*(each[rows] for each in held)))
+                    self._noted.append(held[noted[number]])
                 self._waiting.append(compared[pieces[number]])
                 self._set(self._scored(int(stamp[stop - 1])), means, periods[number])
 
@@ -147,7 +145,7 @@ class BandCalibration:
             return []
         self._second = second
         if self._noted:
-            noted = HeldEnergies(*map(np.concatenate, zip(*self._noted, strict=True)))
+            noted = HeldEnergies.concatenate(self._noted)
             self._noted.clear()
             self._note(noted)
         waiting = Compared.concatenate(self._waiting)
@@ -161,7 +159,7 @@ class BandCalibration:
 
     def _note(self, noted: HeldEnergies) -> None:
         """Keep deviations and phases until the meter reads."""
-        stamp_ns, phase, duration_ns, energy = noted
+        stamp_ns, duration_ns, energy = noted.stamp_ns, noted.duration_ns, noted.energy
         if not len(stamp_ns):
             return
         columns = energy.shape[1]
@@ -170,7 +168,7 @@ class BandCalibration:
         whole[:, columns] = duration_ns
         table = np.zeros((len(stamp_ns), len(PARTS) + len(Phase)), dtype=np.int64, order="F")
         table[:, : len(PARTS)] = whole[:, PARTS]
-        table[np.arange(len(stamp_ns)), len(PARTS) + phase] = duration_ns
+        table[np.arange(len(stamp_ns)), len(PARTS) + noted.phase] = duration_ns
         slot = stamp_ns // SLOT_NS
         starts = _starts(slot)
         self._slot = np.concatenate([self._slot, slot[starts]])

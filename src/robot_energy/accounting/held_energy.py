@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.accounting.integration import MAX_ENERGY
-from robot_energy.blocks import NANOSECOND, Float, Int, PowerBlock
+from robot_energy.blocks import NANOSECOND, Block, Float, Int, PowerBlock
 
 
-class HeldEnergies(NamedTuple):
+@dataclass(frozen=True)
+class HeldEnergies(Block):
     """Rows that have ended, with their integrals.
 
     Attributes:
@@ -21,7 +23,6 @@ class HeldEnergies(NamedTuple):
         energy: Shape (M, K). [J]
     """
 
-    stamp_ns: Int
     phase: NDArray[np.uint8]
     duration_ns: Int
     energy: Float

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -66,7 +66,7 @@ class RawBatch:
         return cls(topic, msgtype, times, buffer, np.cumsum(length) - length, length)
 
     @classmethod
-    def joined(cls, parts: Sequence[Mapping[str, RawBatch]]) -> Mapping[str, RawBatch]:
+    def joined(cls, parts: Sequence[dict[str, RawBatch]]) -> dict[str, RawBatch]:
         """Join batches that came one after the other, topic by topic.
 
         Args:

@@ -72,6 +72,9 @@ class FrictionSamples(Block):
         Args:
             blocks: In the order of time, at least one; the first sample begins a slot.
             slot_ns: Length of a slot. [ns]
+
+        Returns:
+            The samples.
         """
         stamp = np.concatenate([block.stamp_ns for block in blocks])
         slot = stamp // slot_ns

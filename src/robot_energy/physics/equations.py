@@ -48,6 +48,9 @@ class Balance:
 
         Args:
             rows: Shape (M,).
+
+        Returns:
+            Shape (M,) each. [W]
         """
         return Balance(*(flow[rows] for flow in self.__dict__.values()))
 

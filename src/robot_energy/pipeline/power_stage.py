@@ -251,9 +251,9 @@ class PowerStage:
         if len(rows):
             held = self._deviation.columns(
                 *(each.T.take(rows, axis=1).T for each in of_motors),
-                block.payload_mass[rows],
-                balance.at(rows),
-                block.stamp_ns[rows],
+                payload_mass=block.payload_mass[rows],
+                balance=balance.at(rows),
+                stamp_ns=block.stamp_ns[rows],
             )
             if not begins[0]:
                 held = np.concatenate([self._held, held])
