@@ -18,15 +18,15 @@ import robot_energy
 SOURCES = Path(robot_energy.__file__).parent.parent
 MODULES = {
     "robot_energy": """
-        __main__ bag_replay blocks config_file energy_bag errors freed_memory kinds log_formats
-        prediction read_ahead recorded_jobs replay_steps replay_topics schema_errors shown_text
-        time_series units
+        __main__ bag_replay blocks config_file energy_bag errors freed_memory held_rows kinds
+        log_formats prediction read_ahead recorded_jobs replay_steps replay_topics schema_errors
+        shown_text time_series units
     """,
     "robot_energy.accounting": """
         account account_record auxiliary auxiliary_record averaging band_calibration comparison
-        energy_calibration energy_curve event_log exact_sum integration job_intervals load_curve
-        meter_checks plain_text prediction_errors record record_repair registers sample_counts
-        settings shaft_comparison totals
+        energy_calibration energy_curve event_log exact_sum held_energy integration job_intervals
+        load_curve meter_checks plain_text prediction_errors record record_repair registers
+        sample_counts settings shaft_comparison totals
     """,
     "robot_energy.advice": """
         claims dataset_evidence evidence run speeds
@@ -194,7 +194,7 @@ MODULES = {
 }
 # From the ground up; each line may import from itself and from the lines above it.
 LAYERS = (
-    ("errors", "units", "kinds", "blocks", "shown_text", "freed_memory"),
+    ("errors", "units", "kinds", "held_rows", "blocks", "shown_text", "freed_memory"),
     ("files",),
     ("config_file", "schema_errors", "model"),
     ("physics", "timeline", "cdr"),

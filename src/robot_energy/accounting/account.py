@@ -160,7 +160,7 @@ class EnergyAccount:
             if fresh is None:
                 return None, None
             block = fresh
-        intervals = self.registers.step(block)
+        intervals, held = self.registers.step(block)
         shaft = self.shaft.step(block, intervals)
         compared = self._compare(block)
         self.judgement.step(compared)
@@ -172,7 +172,7 @@ class EnergyAccount:
         if self._averager is not None:
             means = self._averager.step(block, intervals, shaft, compared)
         self.calibration.meter(self.comparison.location)
-        self.calibration.step(block, intervals, self.registers.deviations, compared, means)
+        self.calibration.step(block, held, self.registers.held.open_ns, compared, means)
         means = self._with_loads(means)
         if self.auxiliary is not None:
             self.auxiliary.step(block)
@@ -375,7 +375,7 @@ class EnergyAccount:
     @property
     def energy_band(self) -> EnergyBand:
         """How sure the predicted net energy from the grid is."""
-        return self.calibration.energy_band(self.registers.joule[self.registers.deviations])
+        return self.calibration.energy_band(self.registers.deviation)
 
     def phase_energy(self, phase: Phase) -> float:
         """Return the predicted energy drawn from the grid in a phase, >= 0. [J]

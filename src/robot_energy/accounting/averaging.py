@@ -119,7 +119,8 @@ class _Pieces:
     Attributes:
         stamp_ns: Last sample, shape (W,). [ns]
         shown: At that sample, what ``SHOWN`` names and the payload, shape (W, 6 n + 1).
-        energy: In the order of the registers, then measured at the shafts, shape (W, R + n). [J]
+        energy: In the order of the registers, then deviations and measured at the shafts, shape
+            (W, R + K + n). [J]
         quality: All bits met, shape (W,).
         counted: Time integrated, time of each phase and the number of the last sample in each
             phase, -1 for none, shape (W, 1 + 2 phases). [ns] and [-]
@@ -207,11 +208,11 @@ class Averager:
     ) -> _Pieces:  # fmt: skip
         """Sum up the pieces that begin at rows, after so many free rows."""
         size, n_joints = lead + len(bounds), block.rigid_power.shape[1]
-        width = intervals.energy.shape[1]
+        width, deviation = intervals.energy.shape[1], np.asarray(block.deviation)
         pieces = _Pieces(
             np.empty(size, dtype=np.int64),
             np.empty((size, len(SHOWN) * n_joints + 1)),
-            np.empty((size, width + n_joints)),
+            np.empty((size, width + deviation.shape[1] + n_joints)),
             np.empty(size, dtype=np.uint32),
             np.empty((size, 1 + 2 * len(Phase)), dtype=np.int64),
         )
@@ -224,7 +225,9 @@ class Averager:
         pieces.shown[lead:, -1] = block.payload_mass[last]
         duration_ns = np.add.reduceat(intervals.duration_ns, bounds)
         pieces.energy[lead:, :width] = np.add.reduceat(intervals.energy, bounds, axis=0)
-        pieces.energy[lead:, width:] = (
+        deviation *= (intervals.duration_ns * NANOSECOND)[:, None]
+        pieces.energy[lead:, width:-n_joints] = np.add.reduceat(deviation, bounds, axis=0)
+        pieces.energy[lead:, -n_joints:] = (
             np.where(duration_ns > 0, np.nan, 0.0)[:, None]
             if shaft is None
             else np.add.reduceat(shaft, bounds, axis=0)
