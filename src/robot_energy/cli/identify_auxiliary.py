@@ -42,8 +42,8 @@ def add_parser(commands: Any) -> None:
     parser.add_argument(
         "--outlet-meter",
         action="store_true",
-        help="the power meter of the recordings sits at the outlet of the cell: it sees the cabinet "
-        "and all loads",
+        help="the power meter of the recordings sits at the outlet of the cell: it sees the "
+        "cabinet and all loads",
     )
     add_sensors(parser)
     add_results(parser, "these powers")

@@ -5,7 +5,14 @@ from __future__ import annotations
 from robot_energy.blocks import NANOSECOND
 from robot_energy.page.energy_flow import known_label
 from robot_energy.report.document import Column, Document
-from robot_energy.report.formats import EnergyFormat, fixed, percent, seconds
+from robot_energy.report.formats import (
+    EnergyFormat,
+    fixed,
+    percent,
+    seconds,
+    signed_percent,
+    uncertain,
+)
 from robot_energy.results.auxiliary import AuxiliaryReport, LoadEnergy
 from robot_energy.results.load_states import LoadStatesReport
 
@@ -109,7 +116,7 @@ def states_document(report: LoadStatesReport, page: Document) -> None:
             held.what,
             fixed(1)(held.rms),
             fixed(1)(held.rms_before),
-            percent(held.energy_error) if held.energy_error is not None else DASH,
+            signed_percent(held.energy_error),
             "yes" if fit.used else "no",
         )
         for fit in report.fits

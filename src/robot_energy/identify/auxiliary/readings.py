@@ -1,4 +1,4 @@
-"""Readings that lie inside one state of auxiliary loads: of their own meters, or of the outlet's."""
+"""Readings that lie inside one state of auxiliary loads, of their own meters or of the outlet."""
 
 from __future__ import annotations
 

@@ -51,7 +51,7 @@ class StateFit:
 
 
 @dataclass(frozen=True)
-class HeldOut:
+class HeldOutStates:
     """What the fit has not seen, by the new figures and by those of the given model.
 
     Attributes:
@@ -89,7 +89,7 @@ class LoadsFit:
     loads: tuple[str, ...]
     source: str
     states: tuple[StateFit, ...]
-    held_out: HeldOut | None
+    held_out: HeldOutStates | None
     used: bool
     notes: tuple[str, ...] = field(default=())
 
@@ -292,7 +292,7 @@ def _regressed(
 
 def _outlet_held_out(
     loads: Sequence[AuxiliaryLoad], parts: Sequence[StateReadings], gain: float
-) -> HeldOut | None:
+) -> HeldOutStates | None:
     """Held-out differences from the mean, since the constant of a recording is not predicted."""
     errors: list[tuple[Float, Float, Float]] = []
     weights: list[Float] = []
@@ -333,12 +333,10 @@ def _folds(
 
 def _held_out(
     errors: Sequence[tuple[Float, Float, Float]], weights: Sequence[Float], recordings: int
-) -> HeldOut | None:
+) -> HeldOutStates | None:
     if not errors or not sum(map(len, weights)):
         return None
-    measured, new, before = (
-        np.concatenate([each[place] for each in errors]) for place in range(3)
-    )
+    measured, new, before = (np.concatenate([each[place] for each in errors]) for place in range(3))
     time = np.concatenate(weights)
     energy = float(measured @ time)
 
@@ -351,9 +349,7 @@ def _held_out(
         return float((predicted - measured) @ time) / energy if sound else float("nan")
 
     what = "recordings" if recordings > 1 else "end of the recording"
-    return HeldOut(
-        what, len(time), energy, error(new), error(before), rms(new), rms(before)
-    )
+    return HeldOutStates(what, len(time), energy, error(new), error(before), rms(new), rms(before))
 
 
 def _visits(parts: Sequence[StateReadings]) -> Int:
