@@ -114,6 +114,9 @@ def read_loads(
         loads: Of the model file.
         inputs: Inputs of the node that the bag is to be read like; None: the usual topics.
 
+    Returns:
+        Curves of the meters and changes of the states, by the names of the loads.
+
     Raises:
         BagError: If the bag cannot be read.
         MissingTopicError: If a topic is there with another type, or several times.

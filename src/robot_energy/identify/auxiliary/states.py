@@ -104,6 +104,9 @@ def fit_own(load: AuxiliaryLoad, parts: Sequence[StateReadings], gain: float) ->
         parts: Readings of each recording.
         gain: Standard deviation of the gain of the meter. [-]
 
+    Returns:
+        Powers of its states, and how they do on what the fit has not seen.
+
     Raises:
         NotIdentifiableError: If no state has enough readings.
     """
@@ -144,6 +147,10 @@ def fit_outlet(
         loads: Those without a meter of their own, in the order of the columns of the states.
         parts: Readings of each recording.
         gain: Standard deviation of the gain of the meter. [-]
+
+    Returns:
+        Powers of all states but the first of each load, and how their differences do on what
+        the fit has not seen.
 
     Raises:
         NotIdentifiableError: If states do not alternate, or only together.
