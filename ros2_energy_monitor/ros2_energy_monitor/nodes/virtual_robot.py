@@ -33,6 +33,9 @@ def make_rig(parameters: RobotParameters, start_stamp_ns: int) -> VirtualRig:
         parameters: Of the virtual robot.
         start_stamp_ns: Stamp of the first sample. [ns]
 
+    Returns:
+        The rig, at rest before its first sample.
+
     Raises:
         RigError: If the figures make no sense together.
     """
@@ -119,7 +122,14 @@ class VirtualRobot(Node):
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until it is interrupted."""
+    """Run the node until it is interrupted.
+
+    Args:
+        args: Command line without the program; None for that of the process.
+
+    Returns:
+        Exit code of `run`.
+    """
     return run(VirtualRobot, args)
 
 

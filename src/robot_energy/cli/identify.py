@@ -18,7 +18,11 @@ from robot_energy.cli import (
 
 
 def add_parser(commands: Any) -> None:
-    """Add the sub-command and what can be identified."""
+    """Add the sub-command and what can be identified.
+
+    Args:
+        commands: What `ArgumentParser.add_subparsers` returned.
+    """
     parser: ArgumentParser = commands.add_parser(
         "identify",
         help="a model of your robot from recordings",

@@ -113,7 +113,11 @@ def sources_by_type(
 
 
 def possible_temperatures(bag: BagReader) -> list[str]:
-    """Return topics that may well hold temperatures, but do not say so by their type."""
+    """Return topics that may well hold temperatures, but do not say so by their type.
+
+    Args:
+        bag: The open bag.
+    """
     return [
         topic
         for topic, info in sorted(bag.topics.items())

@@ -404,3 +404,12 @@ def test_a_command_keeps_to_one_thread_of_blas():
     )
     environment = {k: v for k, v in os.environ.items() if not k.endswith("NUM_THREADS")}
     subprocess.run([sys.executable, "-c", code], check=True, env=environment, capture_output=True)
+
+
+def test_the_parser_imports_no_numpy():
+    """Not even for commands of other packages: every command begins with it."""
+    code = (
+        "import sys; from robot_energy.cli.main import build_parser; build_parser(); "
+        "sys.exit('numpy' in sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
