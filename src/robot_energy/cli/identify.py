@@ -7,6 +7,7 @@ from typing import Any
 
 from robot_energy.cli import (
     identify_all,
+    identify_auxiliary,
     identify_cabinet,
     identify_drives,
     identify_dynamics,
@@ -36,5 +37,6 @@ def add_parser(commands: Any) -> None:
         identify_cabinet,
         identify_drives,
         identify_thermal,
+        identify_auxiliary,
     ):
         module.add_parser(subjects)
