@@ -184,6 +184,7 @@ def run_pytest(
         COVERAGE_FILE=str(BUILD / "test" / "coverage"),
         # Python 3.12 counts lines by sys.monitoring, which costs less.
         **({"COVERAGE_CORE": "sysmon"} if sys.version_info >= (3, 12) else {}),
+        OPENBLAS_NUM_THREADS="1",  # two lanes share the processors
         ROS_DOMAIN_ID=str(domain),
         ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST",
     )

@@ -15,6 +15,7 @@ from robot_energy.blocks import (
     MeterMeaning,
     PowerBlock,
 )
+from robot_energy.held_rows import HeldRows
 from robot_energy.uncertainty.band import BUS, FORM, LOSS_GRID
 from robot_energy.uncertainty.deviation import CABINET_DEVIATIONS
 
@@ -50,7 +51,7 @@ def power_block(stamp_ns: Int, grid: Float, segment: int | Int = 0) -> PowerBloc
         brake_power=np.maximum(-grid, 0.0) * 0.5,
         capacitor_power=np.zeros(size),
         grid_power=grid,
-        deviation=deviations(grid),
+        deviation=HeldRows(np.nan_to_num(deviations(grid)), np.arange(size), np.isfinite(grid)),
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 from importlib import import_module
@@ -13,6 +14,8 @@ from ros2_energy_monitor.executables import EXECUTABLES
 
 def main() -> int:
     """Run the executable whose name the script has, else that of the first argument."""
+    # Before numpy is imported: matrices are small, and more threads only wait for each other.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     script = Path(sys.argv[0]).name
     name = script if script in EXECUTABLES else "".join(sys.argv[1:2])
     if name not in EXECUTABLES:

@@ -20,6 +20,8 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from robot_energy.held_rows import HeldRows, joined
+
 Float = NDArray[np.floating[Any]]  # float64 throughout; numpy types many results this wide
 Int = NDArray[np.int64]
 Bits = NDArray[np.uint32]
@@ -111,7 +113,7 @@ class Block:
         """Return the samples ``rows``; what is one per block stays."""
         return self._with(
             {
-                name: value[rows] if isinstance(value, np.ndarray) else value
+                name: value[rows] if isinstance(value, np.ndarray | HeldRows) else value
                 for name, value in self.__dict__.items()
             }
         )
@@ -130,12 +132,7 @@ class Block:
         if len(blocks) == 1:
             return first
         return first._with(
-            {
-                name: np.concatenate([block.__dict__[name] for block in blocks])
-                if isinstance(value, np.ndarray)
-                else value
-                for name, value in first.__dict__.items()
-            }
+            {name: joined([block.__dict__[name] for block in blocks]) for name in first.__dict__}
         )
 
     @classmethod
@@ -321,7 +318,7 @@ class PowerBlock(Block):
         brake_power: Dissipated in the brake resistor, >= 0, shape (N,). [W]
         capacitor_power: Into the DC-link capacitor, signed, shape (N,). [W]
         grid_power: Drawn from the grid; negative while fed back, shape (N,). [W]
-        deviation: How sure it is, see `robot_energy.uncertainty.deviation`, shape (N, K). [W]
+        deviation: How sure it is, see `robot_energy.uncertainty.deviation`, K columns. [W]
     """
 
     segment: Int
@@ -344,7 +341,7 @@ class PowerBlock(Block):
     brake_power: Float
     capacitor_power: Float
     grid_power: Float
-    deviation: Float
+    deviation: HeldRows
 
     @property
     def shaft_power(self) -> Float:

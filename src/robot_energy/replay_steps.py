@@ -17,7 +17,7 @@ from robot_energy.bag import BagReader
 from robot_energy.bag.mcap_records import LogTimes
 from robot_energy.blocks import JointBlock, MeterBlock, TemperatureBlock, TorqueBlock
 from robot_energy.cdr.batch import RawBatch
-from robot_energy.inputs.bag_topics import LoadTopics
+from robot_energy.inputs.auxiliary import LoadTopics
 from robot_energy.inputs.joint_states.joint_states import JointStateIngest
 from robot_energy.inputs.meter.meter import MeterIngest
 from robot_energy.inputs.temperatures.temperatures import TemperatureIngest
@@ -31,7 +31,8 @@ if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
 SECOND_NS = 1_000_000_000
-ROWS = 4096  # samples in one step at most
+ROWS = 8192  # samples in one step at most
+MESSAGES = 8192  # of parts that are read together, at most
 
 
 LoadReadings = tuple[MeterBlock | None, MeterBlock | None]
@@ -72,6 +73,12 @@ class LoadIngest:
     def flush(self) -> LoadReadings:
         """Return what still waits, as at the end of a bag."""
         return self._each(lambda reader: reader.flush())
+
+    def restart(self) -> None:
+        """Drop what waits, as after an error."""
+        for reader in (self.meter, self.state):
+            if reader is not None:
+                reader.restart()
 
     def _each(self, take: Callable[[MeterIngest], MeterBlock | None]) -> LoadReadings:
         meter, state = (None if r is None else take(r) for r in (self.meter, self.state))
@@ -158,7 +165,7 @@ def read_steps(
     ]
     wanted = (*states, topics.payload, *(topics.temperatures or ()), *metered, *auxiliary)
     start, end = next((spans[name] for name in states if name in spans), (bag.start_ns, bag.end_ns))
-    for part in bag.parts([name for name in wanted if name], spans):
+    for part in _joined(bag.parts([name for name in wanted if name], spans)):
         readings = [part[topic] for topic in topics.temperatures or () if topic in part]
         metering = [part[topic] for topic in metered if topic in part]
         batches = [part[topic] for topic in states if topic in part]
@@ -209,6 +216,25 @@ def torque_steps(
         if step.inputs is not None:
             step.torque, step.stages = stage.flush(), (stage, payload)
         yield step
+
+
+def _joined(parts: Iterator[dict[str, RawBatch]]) -> Iterator[dict[str, RawBatch]]:
+    """Join small parts, as each costs a step of every stage; log times still rise in a batch."""
+    held: list[dict[str, RawBatch]] = []
+    messages = 0
+    for part in parts:
+        count = sum(map(len, part.values()))
+        falls = held and any(
+            t in held[-1] and batch.log_time_ns[0] < held[-1][t].log_time_ns[-1]
+            for t, batch in part.items()
+        )
+        if held and (messages + count > MESSAGES or falls):
+            yield RawBatch.joined(held)
+            held, messages = [], 0
+        held.append(part)
+        messages += count
+    if held:
+        yield RawBatch.joined(held)
 
 
 def _cut(

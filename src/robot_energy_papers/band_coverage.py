@@ -186,7 +186,7 @@ def _covered(plant: str, run: str, bag: Path, model: RobotModel, kept: Calibrate
     comparison, calibration = after.ledger.comparison, after.ledger.calibration
     registers, before = after.ledger.registers, BandCalibration()
     before.restore(kept)
-    band = before.energy_band(registers.joule[registers.deviations])
+    band = before.energy_band(registers.deviation)
     measured = comparison.measured_energy
     known = np.isfinite(means.measured_power)
     half = Z90 * power_std(means.deviation[known])

@@ -347,17 +347,17 @@ def meter_only(
     profile: PlantProfile,
     seed: int,
     days: int,
-    joint: int | None = None,
+    joints: tuple[int, ...] = (),
     rise: float = 0.15,
     begin: float = 96.0,
 ) -> tuple[float, ...]:
-    """Watch a plant by its power meter alone; one axis may wear at once, in the plant itself.
+    """Watch a plant by its power meter alone; axes may wear at once, in the plant itself.
 
     Args:
         profile: The plant.
         seed: Of work, payloads, weather and sensors.
         days: How many.
-        joint: The axis that wears; None for none.
+        joints: The axes that wear.
         rise: Of its friction. [-]
         begin: When it begins. [h]
 
@@ -368,8 +368,8 @@ def meter_only(
     monitor = WearMonitor([str(number) for number in range(profile.n_joints)])
 
     whole = np.ones(profile.n_joints)
-    worn = whole if joint is None else whole + rise * (np.arange(profile.n_joints) == joint)
-    begun = 0.0 if joint is None else begin
+    worn = whole + rise * np.isin(np.arange(profile.n_joints), joints)
+    begun = begin if joints else 0.0
     done = 0.0
 
     def wear(_: Float) -> Float:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from robot_energy.accounting.integration import SampleIntervals
+from robot_energy.accounting.load_curve import COLUMNS
 from robot_energy.accounting.registers import CABINET_REGISTERS, JOINT_REGISTERS
 from robot_energy.blocks import (
     NANOSECOND,
@@ -49,6 +50,8 @@ class MeanBlock(Block):
         predicted_power_at_meter: Mean over the same intervals, shape (W,). [W]
         comparison_coverage: Compared share of the time they span, shape (W,). [-]
         measurement_age: From the newest compared interval to the stamp, shape (W,). [s]
+        loads: Of each auxiliary load at the stamp, in the order of
+            `robot_energy.accounting.load_curve.COLUMNS`, shape (W, loads, 6).
     """
 
     quality: Bits
@@ -72,6 +75,7 @@ class MeanBlock(Block):
     predicted_power_at_meter: Float
     comparison_coverage: Float
     measurement_age: Float
+    loads: Float
 
     def mean(self, name: str) -> Float:
         """Return the mean of a cabinet register's power.
@@ -115,7 +119,8 @@ class _Pieces:
     Attributes:
         stamp_ns: Last sample, shape (W,). [ns]
         shown: At that sample, what ``SHOWN`` names and the payload, shape (W, 6 n + 1).
-        energy: In the order of the registers, then measured at the shafts, shape (W, R + n). [J]
+        energy: In the order of the registers, then deviations and measured at the shafts, shape
+            (W, R + K + n). [J]
         quality: All bits met, shape (W,).
         counted: Time integrated, time of each phase and the number of the last sample in each
             phase, -1 for none, shape (W, 1 + 2 phases). [ns] and [-]
@@ -203,11 +208,11 @@ class Averager:
     ) -> _Pieces:  # fmt: skip
         """Sum up the pieces that begin at rows, after so many free rows."""
         size, n_joints = lead + len(bounds), block.rigid_power.shape[1]
-        width = intervals.energy.shape[1]
+        width, deviation = intervals.energy.shape[1], np.asarray(block.deviation)
         pieces = _Pieces(
             np.empty(size, dtype=np.int64),
             np.empty((size, len(SHOWN) * n_joints + 1)),
-            np.empty((size, width + n_joints)),
+            np.empty((size, width + deviation.shape[1] + n_joints)),
             np.empty(size, dtype=np.uint32),
             np.empty((size, 1 + 2 * len(Phase)), dtype=np.int64),
         )
@@ -220,7 +225,9 @@ class Averager:
         pieces.shown[lead:, -1] = block.payload_mass[last]
         duration_ns = np.add.reduceat(intervals.duration_ns, bounds)
         pieces.energy[lead:, :width] = np.add.reduceat(intervals.energy, bounds, axis=0)
-        pieces.energy[lead:, width:] = (
+        deviation *= (intervals.duration_ns * NANOSECOND)[:, None]
+        pieces.energy[lead:, width:-n_joints] = np.add.reduceat(deviation, bounds, axis=0)
+        pieces.energy[lead:, -n_joints:] = (
             np.where(duration_ns > 0, np.nan, 0.0)[:, None]
             if shaft is None
             else np.add.reduceat(shaft, bounds, axis=0)
@@ -297,6 +304,7 @@ class Averager:
             predicted_power_at_meter=measured[:, 1],
             comparison_coverage=measured[:, 2],
             measurement_age=measured[:, 3],
+            loads=np.empty((len(stamp), 0, len(COLUMNS))),
         )
 
     def _show(self, stamp: Int) -> Float:

@@ -17,11 +17,10 @@ import math
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robot_energy.accounting.averaging import MeanBlock
 from robot_energy.accounting.energy_calibration import EnergyCalibration
-from robot_energy.accounting.integration import SampleIntervals
+from robot_energy.accounting.held_energy import HeldEnergies
 from robot_energy.accounting.record import Calibrated
 from robot_energy.blocks import Float, Int, MeterLocation, Phase, PowerBlock, differences
 from robot_energy.timeline.pieces import Compared
@@ -91,7 +90,7 @@ class BandCalibration:
     def _forget(self) -> None:
         """Drop what is not scored yet."""
         self._second: int | None = None  # up to which all is scored
-        self._noted: list[tuple[Int, NDArray[np.uint8], Int, Float]] = []
+        self._noted: list[HeldEnergies] = []
         self._waiting: list[Compared] = []
         self._slot: Int = np.empty(0, dtype=np.int64)
         self._slots: Int = np.empty((0, len(PARTS) + len(Phase)), dtype=np.int64)
@@ -103,8 +102,8 @@ class BandCalibration:
     def step(
         self,
         block: PowerBlock,
-        intervals: SampleIntervals,
-        deviations: slice,
+        held: HeldEnergies | None,
+        open_ns: int,
         compared: Compared,
         means: MeanBlock | None,
     ) -> None:
@@ -112,8 +111,8 @@ class BandCalibration:
 
         Args:
             block: Power samples.
-            intervals: Their intervals.
-            deviations: Columns of the intervals that hold the deviations.
+            held: Integrals of deviations that became complete.
+            open_ns: Where the next one began. [ns]
             compared: In the order of time.
             means: Periods that ended; their bands are written in place.
         """
@@ -128,14 +127,14 @@ class BandCalibration:
         periods = _between_falls(
             np.empty(0, dtype=np.int64) if means is None else means.stamp_ns, len(jumps)
         )
+        begun = np.array([open_ns]) if held is None else np.append(held.stamp_ns, open_ns)
+        noted = _between_falls(begun, len(jumps))
         for number, (start, stop) in enumerate(pairwise(bounds)):
             if number:
                 self._forget()
             if stop > start:
-                rows = slice(start, stop)
-                energy = intervals.energy[rows, deviations]
-                noted = (stamp[rows], block.phase[rows], intervals.duration_ns[rows], energy)
-                self._noted.append(noted)
+                if held is not None:
+                    self._noted.append(held[noted[number]])
                 self._waiting.append(compared[pieces[number]])
                 self._set(self._scored(int(stamp[stop - 1])), means, periods[number])
 
@@ -145,11 +144,10 @@ class BandCalibration:
         if second == self._second:
             return []
         self._second = second
-        stamp, phase, duration, energy = (
-            np.concatenate(columns) for columns in zip(*self._noted, strict=True)
-        )
-        self._noted.clear()
-        self._note(stamp, phase, duration, energy)
+        if self._noted:
+            noted = HeldEnergies.concatenate(self._noted)
+            self._noted.clear()
+            self._note(noted)
         waiting = Compared.concatenate(self._waiting)
         due = int(np.searchsorted(waiting.available_ns, second * SECOND_NS, side="right"))
         self._waiting = [waiting[slice(due, None)]]
@@ -159,17 +157,18 @@ class BandCalibration:
             del self._deviations[old]
         return scored
 
-    def _note(
-        self, stamp_ns: Int, phase: NDArray[np.uint8], duration_ns: Int, energy: Float
-    ) -> None:
+    def _note(self, noted: HeldEnergies) -> None:
         """Keep deviations and phases until the meter reads."""
+        stamp_ns, duration_ns, energy = noted.stamp_ns, noted.duration_ns, noted.energy
+        if not len(stamp_ns):
+            return
         columns = energy.shape[1]
         whole = np.empty((len(stamp_ns), columns + 1), dtype=np.int64, order="F")
         whole[:, :columns] = np.rint(energy * NANOJOULE)
         whole[:, columns] = duration_ns
         table = np.zeros((len(stamp_ns), len(PARTS) + len(Phase)), dtype=np.int64, order="F")
         table[:, : len(PARTS)] = whole[:, PARTS]
-        table[np.arange(len(stamp_ns)), len(PARTS) + phase] = duration_ns
+        table[np.arange(len(stamp_ns)), len(PARTS) + noted.phase] = duration_ns
         slot = stamp_ns // SLOT_NS
         starts = _starts(slot)
         self._slot = np.concatenate([self._slot, slot[starts]])

@@ -21,8 +21,8 @@ SETTLED = 512  # rows that wait to be added together: few calls for each of many
 ROUND_WHOLE = 1.5 * 2.0**52  # adding and subtracting this rounds to an integer,
 ROUND_REMAINDER = 1.5 * 2.0 ** (52 - REMAINDER_BITS)  # and this to the remainder's unit
 
-SumMark = tuple[Int, Int, tuple[Float, ...], int]
-"""Where sums stand: microjoules, remainders, energies that wait and their rows."""
+SumMark = tuple[Int, Int, tuple[tuple[int, Float], ...], int]
+"""Where sums stand: microjoules, remainders, energies that wait by first column, their rows."""
 
 
 def add_saturating(total: Int, more: Int) -> None:
@@ -48,7 +48,7 @@ class ExactSum:
     def __init__(self, size: int) -> None:
         self._microjoule: Int = np.zeros(size, dtype=np.int64)  # replaced, never changed
         self._remainder: Int = np.zeros(size, dtype=np.int64)
-        self._waiting: tuple[Float, ...] = ()  # energies that are not added yet
+        self._waiting: tuple[tuple[int, Float], ...] = ()  # not added yet, by first column
         self._rows = 0  # of them
         self._scratch: Float = np.empty((2, 0))
 
@@ -76,16 +76,17 @@ class ExactSum:
         """
         self._microjoule, self._remainder, self._waiting, self._rows = mark
 
-    def add(self, energy: Float) -> None:
+    def add(self, energy: Float, first: int = 0) -> None:
         """Add the energies of intervals.
 
         Whole microjoules and remainders are rounded to multiples of their units, whose
         sums are exact in floats as well, whatever the order. So a few rows may wait for others.
 
         Args:
-            energy: Finite, below 2 MJ each, not written to afterwards, shape (N, size). [J]
+            energy: Finite, below 2 MJ each, not written to afterwards, shape (N, R). [J]
+            first: The register of the first column.
         """
-        self._waiting = (*self._waiting, energy)
+        self._waiting = (*self._waiting, (first, energy))
         self._rows += len(energy)
         if self._rows >= SETTLED:
             self._settle()
@@ -95,17 +96,24 @@ class ExactSum:
         if not self._waiting:
             return
         waiting, self._waiting, self._rows = self._waiting, (), 0
-        energy = waiting[0] if len(waiting) == 1 else np.concatenate(waiting)
+        for first in dict.fromkeys(first for first, _ in waiting):
+            parts = [energy for column, energy in waiting if column == first]
+            self._add(parts[0] if len(parts) == 1 else np.concatenate(parts), first)
+
+    def _add(self, energy: Float, begin: int) -> None:
+        """Add energies to the registers from one on."""
+        end = begin + energy.shape[1]
         start = 0
         while start < len(energy):
             full = bool((np.abs(self._microjoule) > NEAR_FULL).any())
             part = energy[start : start + (1 if full else BLOCK)]  # cutting makes no difference
             start += len(part)
-            more, remainder = np.empty_like(self._microjoule), self._remainder.copy()
+            more, remainder = np.zeros_like(self._microjoule), self._remainder.copy()
             size = max(1, CACHED // len(part))
-            for first in range(0, len(more), size):
-                columns = slice(first, first + size)
-                more[columns] = self._whole(part[:, columns].T, remainder[columns])
+            for first in range(begin, end, size):
+                columns = slice(first, min(first + size, end))
+                given = part[:, first - begin : columns.stop - begin].T
+                more[columns] = self._whole(given, remainder[columns])
             self._carry(more, remainder, full)
 
     def _whole(self, energy: Float, remainder: Int) -> Int:

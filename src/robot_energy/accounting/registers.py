@@ -1,8 +1,8 @@
 """The energy registers of one robot: cabinet and joints, drawn and given.
 
 Each interval between two finite samples of one segment adds its trapezoid (paper A,
-eq. 7) to exact sums. So do the deviations of the power, whose sums say how sure the
-energies are.
+eq. 7) to exact sums. The deviations of the power, whose sums say how sure the energies are, are
+held for 10 ms each and added when these have passed.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from robot_energy.accounting.exact_sum import ExactSum
+from robot_energy.accounting.held_energy import HeldEnergies, HeldIntegrator
 from robot_energy.accounting.integration import SampleIntervals, TrapezoidIntegrator
 from robot_energy.blocks import Float, PowerBlock
 from robot_energy.timeline.coverage import Coverage
@@ -33,6 +34,7 @@ class Registers(ExactSum):
 
     Attributes:
         deviations: Where the deviations lie.
+        held: Integrates the deviations.
     """
 
     def __init__(self, n_joints: int) -> None:
@@ -41,6 +43,7 @@ class Registers(ExactSum):
         self.n_joints = n_joints
         self.deviations = slice(energies, None)
         self._trapezoid = TrapezoidIntegrator()
+        self.held = HeldIntegrator()
 
     @property
     def time(self) -> Coverage:
@@ -56,18 +59,22 @@ class Registers(ExactSum):
         self._trapezoid.time = time
 
     @np.errstate(invalid="ignore")
-    def step(self, block: PowerBlock) -> SampleIntervals:
+    def step(self, block: PowerBlock) -> tuple[SampleIntervals, HeldEnergies | None]:
         """Integrate a block.
 
         Args:
             block: Power samples; NaN samples are gaps.
 
         Returns:
-            The intervals, whose energies are in the order of `microjoule`.
+            The intervals, whose energies are in the order of `microjoule`, and the integrals of
+            the deviations that became complete.
         """
         intervals = self._trapezoid.step(block.stamp_ns, block.segment, _columns(block))
         self.add(intervals.energy)
-        return intervals
+        held = self.held.step(block, intervals.duration_ns)
+        if held is not None:
+            self.add(held.energy, self.deviations.start)
+        return intervals, held
 
     def reset(self) -> None:
         """Begin all registers and times at zero, at the newest sample."""
@@ -77,6 +84,12 @@ class Registers(ExactSum):
     def interrupt(self) -> None:
         """Let the time up to the next sample be a gap."""
         self._trapezoid.interrupt()
+        self.held.interrupt()
+
+    @property
+    def deviation(self) -> Float:
+        """Integrals of the deviations up to the newest sample, shape (K,). [J]"""
+        return self.joule[self.deviations] + self.held.open_energy
 
     def cabinet(self, name: str) -> float:
         """Return a register of the cabinet. [J]
@@ -101,8 +114,7 @@ def _columns(block: PowerBlock) -> Float:
     grid, n_joints = block.grid_power, block.rigid_power.shape[1]
     first = len(CABINET_REGISTERS)
     last = first + len(JOINT_REGISTERS) * n_joints
-    columns = np.empty((len(block), last + block.deviation.shape[1]), order="F")
-    columns[:, last:] = block.deviation
+    columns = np.empty((len(block), last), order="F")
     columns[:, 0] = np.maximum(grid, 0.0)
     columns[:, 1] = np.maximum(-grid, 0.0)
     columns[:, 2] = block.brake_power

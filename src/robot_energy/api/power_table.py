@@ -135,7 +135,7 @@ def _table(
     rigid, friction, loss, shaft = joints
     known: dict[str, Any] = {
         **cabinet,
-        "predicted_power_std": power_std(block.deviation),
+        "predicted_power_std": power_std(np.asarray(block.deviation)),
         **({} if compared is None else _measured(block.stamp_ns, compared)),
         "rigid_power": sum_over_joints(rigid),
         "friction_power": sum_over_joints(friction),

@@ -65,6 +65,39 @@ class RawBatch:
         buffer = np.frombuffer(b"".join(messages), dtype=np.uint8)
         return cls(topic, msgtype, times, buffer, np.cumsum(length) - length, length)
 
+    @classmethod
+    def joined(cls, parts: Sequence[dict[str, RawBatch]]) -> dict[str, RawBatch]:
+        """Join batches that came one after the other, topic by topic.
+
+        Args:
+            parts: At least one; batches by topic.
+
+        Returns:
+            One batch per topic, in a buffer that holds all of them.
+        """
+        if len(parts) == 1:
+            return parts[0]
+        buffers: dict[int, tuple[int, NDArray[np.uint8]]] = {}
+        size = 0
+        found: dict[str, list[RawBatch]] = {}
+        for part in parts:
+            for topic, batch in part.items():
+                found.setdefault(topic, []).append(batch)
+                if id(batch.buffer) not in buffers:
+                    buffers[id(batch.buffer)] = size, batch.buffer
+                    size += len(batch.buffer)
+        buffer = np.concatenate([each for _, each in buffers.values()])
+        return {
+            topic: replace(
+                batches[0],
+                log_time_ns=np.concatenate([b.log_time_ns for b in batches]),
+                buffer=buffer,
+                offset=np.concatenate([b.offset + buffers[id(b.buffer)][0] for b in batches]),
+                length=np.concatenate([b.length for b in batches]),
+            )
+            for topic, batches in found.items()
+        }
+
     def __len__(self) -> int:
         """Return the number of messages."""
         return len(self.offset)

@@ -198,6 +198,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         The exit code: 0 done, 1 unexpected error, 2 input refused, 3 done with a damaged
         bag, 128 + the number of the signal that ended it.
     """
+    # Before numpy is imported: matrices are small, and more threads only wait for each other.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper) and not stream.encoding.lower().startswith("utf"):
             stream.reconfigure(errors="backslashreplace")  # names may hold any letter

@@ -13,11 +13,23 @@ speed and temperature. A part of five seconds is taken or refused as a whole.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
-from robot_energy.blocks import DOUBTFUL, NANOSECOND, Float, PowerBlock
+from robot_energy.blocks import (
+    DOUBTFUL,
+    NANOSECOND,
+    Bits,
+    Block,
+    Float,
+    Int,
+    PowerBlock,
+    differences,
+)
 from robot_energy.condition.buckets import (
     DEGC_BUCKETS,
     SPEED_BUCKETS,
@@ -36,6 +48,43 @@ MIN_BUCKET_TIME = 2.0  # in each direction, before a bucket counts [s]
 SHRINK_TIME = 10.0  # a bucket with this time lies half way to the joint's mean [s]
 ABOVE_STANDSTILL = 5.0  # slower motion than so many standstill velocities says little [-]
 GRID = 1e-6  # multipliers are rounded to it: no rounding error of a sum shows in a register
+
+
+@dataclass(frozen=True)
+class FrictionSamples(Block):
+    """What is learned from of power samples; as in `robot_energy.blocks.PowerBlock`."""
+
+    segment: Int
+    quality: Bits
+    phase: NDArray[np.uint8]
+    motor_velocity: Float
+    shaft_power_measured: Float
+    rigid_power: Float
+    friction_power: Float
+    motor_temperature_degc: Float
+    grid_power: Float
+    loss_grid: Float
+
+    @classmethod
+    def of(cls, blocks: Sequence[PowerBlock], slot_ns: int) -> Self:
+        """Take the first sample of each slot of time.
+
+        Args:
+            blocks: In the order of time, at least one; the first sample begins a slot.
+            slot_ns: Length of a slot. [ns]
+
+        Returns:
+            The samples.
+        """
+        stamp = np.concatenate([block.stamp_ns for block in blocks])
+        slot = stamp // slot_ns
+        rows = differences(slot, int(slot[0]) - 1).nonzero()[0]
+        entries: dict[str, NDArray[Any]] = {"stamp_ns": stamp[rows]}
+        for name in cls.__annotations__:
+            columns = [block.__dict__[name].T for block in blocks]
+            whole = columns[0] if len(columns) == 1 else np.concatenate(columns, axis=-1)
+            entries[name] = whole.take(rows, axis=-1).T
+        return cls(**entries)
 
 
 @dataclass(frozen=True)
@@ -81,7 +130,7 @@ class MotionReader:
         self._fallback_degc = fallback_degc
 
     @np.errstate(divide="ignore", invalid="ignore", over="ignore")
-    def read(self, block: PowerBlock, friction_power: Float) -> MotionSums | None:
+    def read(self, block: PowerBlock | FrictionSamples, friction_power: Float) -> MotionSums | None:
         """Sum up the samples of one part.
 
         Args:

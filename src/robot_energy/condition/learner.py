@@ -1,8 +1,8 @@
 """What a running monitor learns of its robot, and how it is used.
 
 The samples of one part, five seconds of stamps, are learned from together once a later part
-begins, and what was learned holds from there on. So nothing depends on how the input is cut, and a
-replay learns what the monitor has learned.
+begins, and what was learned holds from there on. Of every 10 ms, the first sample is enough. So
+nothing depends on how the input is cut, and a replay learns what the monitor has learned.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 from itertools import groupby
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +27,7 @@ from robot_energy.blocks import (
     sum_over_joints,
 )
 from robot_energy.condition.buckets import interpolated
-from robot_energy.condition.joint_friction import FrictionLearner, MotionReader, MotionSums
+from robot_energy.condition.joint_friction import FrictionLearner, FrictionSamples, MotionReader
 from robot_energy.condition.meter_fit import MeterFit
 from robot_energy.condition.meter_windows import METER_WAIT, MeterWindows, Window
 from robot_energy.condition.record import ConditionRecord
@@ -38,9 +37,9 @@ from robot_energy.inputs.meter.power_curve import MeterCurve
 from robot_energy.model import RobotModel
 from robot_energy.physics.drivetrain import Drivetrain, motor_standstill
 
-MAX_ROWS = 1000  # of a part that friction is learned from; of more, every second, third, ...
+SLOT_NS = 10_000_000  # of each, the first sample is learned from [ns]
+PART_NS = 5_000_000_000  # of stamps that are learned from together, whole slots [ns]
 STUCK = np.uint32(Quality.TEMPERATURE_STUCK)  # what warms unseen would be taken for wear
-PART_NS = 5_000_000_000  # of stamps that are learned from together
 
 
 class Learning(StrEnum):
@@ -76,14 +75,6 @@ class _InUse:
     def any(self) -> bool:
         """Whether a figure differs from that of the model file."""
         return bool(self.by_torque.any() or self.factor != 1.0 or self.offset != 0.0)
-
-
-class _Piece(NamedTuple):
-    """Samples of a part, with friction by the model file and its learned multiplier, or None."""
-
-    block: PowerBlock
-    friction: Float
-    known: Float | None
 
 
 class ConditionLearner:
@@ -256,41 +247,23 @@ class ConditionLearner:
         for _, alike in groupby(self._readings, lambda r: (r.meaning, r.location)):
             self._windows.measure(MeterBlock.concatenate(list(alike)))
         self._readings.clear()
-        use = self._use
-        pieces = [self._piece(block, use) for block in blocks]
-        part = self._motion(pieces)
+        samples = FrictionSamples.of(blocks, SLOT_NS)
+        use, friction, known = self._use, samples.friction_power, None
+        if use.any:
+            velocity, degc = samples.motor_velocity, samples.motor_temperature_degc
+            known = self._multiplier(use, velocity, degc)
+            if self.applies:
+                friction = friction / known  # by the model file
+        part = self.reader.read(samples, friction)
         if part is not None:
             used = self.friction.step(part)
             if not any((block.quality & STUCK).any() for block in blocks):
                 self.wear.step(used)
             self._taught = (self.friction.table(), self.friction.valid)
-        last = blocks[-1]
-        for window in self._compared(pieces, use):
-            self._learn_from_meter(window, last.motor_temperature_degc[-1])
-        self.end_ns = int(last.stamp_ns[-1])
+        for window in self._compared(samples, self._powers(samples, friction, known, use)):
+            self._learn_from_meter(window, samples.motor_temperature_degc[-1])
+        self.end_ns = int(blocks[-1].stamp_ns[-1])
         self._use = self._figures()
-
-    def _piece(self, block: PowerBlock, use: _InUse) -> _Piece:
-        friction, known = block.friction_power, None
-        if use.any:
-            known = self._multiplier(use, block.motor_velocity, block.motor_temperature_degc)
-            if self.applies:
-                friction = friction / known
-        return _Piece(block, friction, known)
-
-    def _motion(self, pieces: list[_Piece]) -> MotionSums | None:
-        """Sum up what measured torque says in every second, third, ... sample of a part."""
-        step = max(1, sum(len(piece.block) for piece in pieces) // MAX_ROWS)
-        chosen: list[tuple[_Piece, slice]] = []
-        first = 0
-        for piece in pieces:
-            chosen.append((piece, slice(first, None, step)))
-            first = (first - len(piece.block)) % step
-        if all(np.isnan(piece.block.shaft_power_measured[rows]).all() for piece, rows in chosen):
-            return None
-        blocks = [piece.block[rows] for piece, rows in chosen]
-        friction = [piece.friction[rows] for piece, rows in chosen]
-        return self.reader.read(PowerBlock.concatenate(blocks), np.concatenate(friction))
 
     def _learn_from_meter(self, window: Window, motor_temperature_degc: Float) -> None:
         """Take one window of the meter; wear of the whole robot is of joints without torque."""
@@ -301,34 +274,33 @@ class ConditionLearner:
             degc = float(self.reader.temperature(motor_temperature_degc).mean())
             self.wear.step_meter(window.stamp_ns, window.duration, residual, friction, degc)
 
-    def _compared(self, pieces: list[_Piece], use: _InUse) -> Iterator[Window]:
+    def _compared(self, samples: FrictionSamples, power: Float) -> Iterator[Window]:
         """Compare with the meter."""
         if self._windows.location is MeterLocation.UNKNOWN:
             return
-        stamp, segment = (
-            np.concatenate([getattr(piece.block, name) for piece in pieces])
-            for name in ("stamp_ns", "segment")
-        )
-        power = np.concatenate([self._powers(piece, use) for piece in pieces], axis=1)
-        until = (int(stamp[-1]) // PART_NS + 1) * PART_NS - METER_WAIT
-        yield from self._windows.step(stamp, segment, power.T, until)
+        until = (int(samples.stamp_ns[-1]) // PART_NS + 1) * PART_NS - METER_WAIT
+        yield from self._windows.step(samples.stamp_ns, samples.segment, power, until)
 
-    def _powers(self, piece: _Piece, use: _InUse) -> Float:
-        """Predicted power, friction the meter can learn of, what was added; shape (3, N). [W]"""
-        block, friction, known = piece
-        seen = block.phase != Phase.GENERATING  # else the brake resistor takes the difference
+    def _powers(
+        self, samples: FrictionSamples, friction: Float, known: Float | None, use: _InUse
+    ) -> Float:
+        """Predicted power, friction the meter can learn of, what was added; shape (N, 3). [W]"""
+        seen = samples.phase != Phase.GENERATING  # else the brake resistor takes the difference
         if use.by_torque.any():
             friction_seen = friction * np.where(use.by_torque, 0.0, 1.0)
         else:
             friction_seen = friction
         learnable = np.where(seen, sum_over_joints(friction_seen), 0.0)
-        added = np.zeros(len(block))
+        added = np.zeros(len(samples))
         if self.applies:
             added += (use.factor - 1.0) * learnable + use.offset
         elif known is not None:  # what torque has taught is not learned again
             taught = sum_over_joints(np.where(use.by_torque, (known - 1.0) * friction, 0.0))
             added -= np.where(seen, taught, 0.0)
-        return np.stack([block.supply.power_at(self._windows.location), learnable, added])
+        predicted = samples.grid_power
+        if self._windows.location is MeterLocation.DC_BUS:
+            predicted = predicted - samples.loss_grid
+        return np.stack([predicted, learnable, added], axis=1)
 
     def _multiplier(self, use: _InUse, velocity: Float, degc: Float) -> Float:
         if not use.by_torque.any():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robot_energy.blocks import (
     NANOSECOND,
@@ -20,22 +21,30 @@ from robot_energy.blocks import (
 )
 from robot_energy.condition.learner import ConditionLearner, Learning
 from robot_energy.condition.thermal_observer import ThermalObserver
+from robot_energy.held_rows import HeldRows
 from robot_energy.inputs.meter.power_curve import MeterCurve
 from robot_energy.inputs.temperatures.stuck import StuckTemperatureDetector
 from robot_energy.model import RobotModel
 from robot_energy.physics.cabinet import CabinetStage
 from robot_energy.physics.drive import drive_from_model
 from robot_energy.physics.drivetrain import motor_standstill
+from robot_energy.physics.equations import Balance
 from robot_energy.physics.friction import FrictionModel
 from robot_energy.pipeline.fallback_use import FallbackUse
 from robot_energy.pipeline.friction_certainty import FrictionCertainty
 from robot_energy.pipeline.friction_stage import FrictionStage
 from robot_energy.pipeline.friction_timeline import FrictionTimeline
 from robot_energy.pipeline.settings import Settings
-from robot_energy.uncertainty.deviation import PowerDeviation
+from robot_energy.uncertainty.deviation import (
+    CABINET_DEVIATIONS,
+    JOINT_DEVIATIONS,
+    PowerDeviation,
+)
 
 MAX_POWER = 1e6  # no robot draws a megawatt: the joint states are wrong [W]
 NEVER = 1e9  # s, some thirty years
+HELD_NS = 10_000_000  # of each, deviations are computed at the first sample [ns]
+NO_SLOT = -1  # before the first sample
 
 
 class PowerStage:
@@ -72,6 +81,9 @@ class PowerStage:
         self._wait_ns = round(settings.temperature_wait / NANOSECOND)
         self._timeline = FrictionTimeline(FrictionStage(model).initial())
         self._last_ns: int | None = None  # newest torque that was released
+        columns = len(CABINET_DEVIATIONS) + len(JOINT_DEVIATIONS) * len(model.joints)
+        self._held: Float = np.zeros((1, columns))  # deviations that hold
+        self._slot, self._finite = NO_SLOT, True  # of the newest sample
         self._waiting: TorqueBlock | None = None
         self.fallback_use = FallbackUse(model.temperature.fallback_degc)
         self.thermal = ThermalObserver(model, on=not self._assumed)
@@ -149,6 +161,7 @@ class PowerStage:
                 parts.append(self._power(block[slice(start, stop)] if cuts else block))
                 self.condition.step(parts[-1])
             if stop in jumps:
+                self._slot = NO_SLOT
                 self._timeline.jump_back(int(stamp[stop]))
         return PowerBlock.concatenate(parts)
 
@@ -192,18 +205,9 @@ class PowerStage:
         phase[standing.all(axis=1)] = Phase.HOLD
         phase[bus + balance.loss_dc < 0] = Phase.GENERATING
         phase[~finite] = Phase.UNKNOWN
-        deviation = self._deviation.columns(
-            np.where(standing, 0.0, speed),
-            torque,
-            rigid_power,
-            friction_power,
-            drive_loss,
-            viscous,
-            (deviations[0], deviations[1]),
-            block.payload_mass,
-            balance,
-            block.stamp_ns,
-        )
+        turning = np.where(standing, 0.0, speed)
+        of_motors = (turning, torque, rigid_power, friction_power, drive_loss, viscous, *deviations)
+        deviation = self._deviations(block, of_motors, balance, finite)
         power = PowerBlock(
             stamp_ns=block.stamp_ns,
             segment=block.segment,
@@ -230,6 +234,33 @@ class PowerStage:
         )
         self.thermal.take(power, measured_degc[-1])
         return power
+
+    def _deviations(
+        self, block: TorqueBlock, of_motors: tuple[Float, ...], balance: Balance,
+        finite: NDArray[np.bool_],
+    ) -> HeldRows:  # fmt: skip
+        """Deviations of the power from the first finite sample of each 10 ms on, or after NaN."""
+        slot = block.stamp_ns // HELD_NS
+        begins = differences(slot, self._slot) != 0
+        if not (self._finite and finite.all()):
+            begins[0] |= not self._finite
+            begins[1:] |= ~finite[:-1]
+            begins &= finite
+        self._slot, self._finite = int(slot[-1]), bool(finite[-1])
+        rows = begins.nonzero()[0]
+        if len(rows):
+            held = self._deviation.columns(
+                *(each[rows] for each in of_motors),
+                payload_mass=block.payload_mass[rows],
+                balance=balance.at(rows),
+                stamp_ns=block.stamp_ns[rows],
+            )
+            if not begins[0]:
+                held = np.concatenate([self._held, held])
+            self._held = held[-1:]
+        else:
+            held = self._held
+        return HeldRows(held, np.cumsum(begins) - int(begins[0]), begins)
 
     def _coefficients(self, stamp_ns: Int, quality: Bits) -> tuple[Float, ...]:
         """Friction valid at each stamp: Coulomb, viscous, its deviations, temperature, reading.

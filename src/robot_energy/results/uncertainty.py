@@ -63,7 +63,7 @@ def uncertainty_of(account: EnergyAccount, joint_names: Sequence[str]) -> Energy
     """
     registers, calibration, band = account.registers, account.calibration, account.energy_band
     net = registers.cabinet("grid_import") - registers.cabinet("grid_return")
-    variances = energy_variances(registers.joule[registers.deviations])
+    variances = energy_variances(registers.deviation)
     total = float(variances.sum())
     found = [
         Contribution(name, variance**0.5, variance / total if total else None)

@@ -132,7 +132,8 @@ class PowerDeviation:
         friction_power: Float,
         drive_loss: Float,
         viscous: Float,
-        viscous_std: tuple[Float, Float],
+        viscous_std: Float,
+        shared_std: Float,
         payload_mass: Float,
         balance: Balance,
         stamp_ns: Int,
@@ -146,8 +147,8 @@ class PowerDeviation:
             friction_power: Shape (N, n). [W]
             drive_loss: Shape (N, n). [W]
             viscous: Coefficient in use, shape (N, n). [N m s/rad]
-            viscous_std: Its deviation, NaN for that of the prior, and the part that errs alike
-                at all joints, shape (N, n) each. [N m s/rad]
+            viscous_std: Its deviation, NaN for that of the prior, shape (N, n). [N m s/rad]
+            shared_std: The part of it that errs alike at all joints, shape (N, n). [N m s/rad]
             payload_mass: In force, shape (N,). [kg]
             balance: Of the bus.
             stamp_ns: Shape (N,). [ns]
@@ -162,7 +163,7 @@ class PowerDeviation:
         friction, drive = columns[:, first : first + n_joints], columns[:, first + n_joints :]
         speed, shaft = np.abs(motor_velocity), np.abs(rigid_power + friction_power)
         squared = speed**2
-        std, shared = viscous_std
+        std, shared = viscous_std, shared_std
         if np.isnan(std.sum()):
             std = np.where(np.isnan(std), self._viscous_prior * viscous, std)
             shared = np.nan_to_num(shared)

@@ -6,7 +6,6 @@ from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
 
-from robot_energy.bag.ownership import foreign_entries
 from robot_energy.files.output_files import HTML, JSON, PICTURE, TEXT, is_own_file
 from robot_energy.files.output_folder import OutputFolder
 
@@ -51,4 +50,6 @@ def _foreign(folder: Path) -> list[str]:
 
 
 def _is_bag(path: Path) -> bool:
+    from robot_energy.bag.ownership import foreign_entries  # imports much, at every command
+
     return path.is_dir() and not path.is_symlink() and not foreign_entries(path)

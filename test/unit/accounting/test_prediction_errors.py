@@ -40,6 +40,9 @@ def test_power_error_is_that_of_each_reading_in_any_cutting(cuts):
     for rows in np.split(np.arange(len(whole)), edges):
         sums.step(whole[rows])
     assert (sums.rms, sums.measured_rms) == pytest.approx(by_hand(whole), rel=1e-12)
+    uncut = PowerErrorSums()
+    uncut.step(whole)
+    assert (sums.rms, sums.measured_rms) == (uncut.rms, uncut.measured_rms)  # to the bit
 
 
 def test_power_errors_of_two_recordings_are_those_of_all_their_readings():

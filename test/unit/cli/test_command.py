@@ -394,3 +394,22 @@ def test_a_missing_extra_is_named(
 def test_joint_states_of_a_shipped_model_name_it(capsys):
     assert main(["replay", str(ROOT / "bags/kr16_cold"), "--model", "ur5e"]) == 2
     assert "kr16" in capsys.readouterr().err
+
+
+def test_a_command_keeps_to_one_thread_of_blas():
+    code = (
+        "from robot_energy.cli import main; main(['kinds']); import numpy, threadpoolctl; "
+        "assert [one['num_threads'] for one in threadpoolctl.threadpool_info() "
+        "if one['user_api'] == 'blas'] == [1]"
+    )
+    environment = {k: v for k, v in os.environ.items() if not k.endswith("NUM_THREADS")}
+    subprocess.run([sys.executable, "-c", code], check=True, env=environment, capture_output=True)
+
+
+def test_the_parser_imports_no_numpy():
+    """Not even for commands of other packages: every command begins with it."""
+    code = (
+        "import sys; from robot_energy.cli.main import build_parser; build_parser(); "
+        "sys.exit('numpy' in sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

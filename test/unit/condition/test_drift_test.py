@@ -12,6 +12,7 @@ from robot_energy.condition.wear_records import (
     WearRecord,
     degc_shares,
     features_of,
+    programs,
 )
 
 HOUR_NS = 3_600_000_000_000
@@ -136,3 +137,36 @@ def test_it_continues_as_if_nothing_had_happened():
         again.step(each)
     assert again.records == whole.records
     assert again.drift == whole.drift
+
+
+def programs_in_turn(hours_each, shown):
+    """Four programs in turn, each with a level of its own, and 15 % more friction from 50 h on."""
+    rng = np.random.default_rng(4)
+    level, work = rng.normal(0.0, 0.03, 4), rng.dirichlet(np.ones(SPEED_BUCKETS), 4)
+    for number in range(12 * 52):
+        hours = number / 12
+        now = int(hours / hours_each) % 4
+        excess = level[now] + np.log1p(0.15 * (hours >= 50.0)) + 0.003 * rng.standard_normal()
+        yield record(number, excess)._replace(work=tuple(work[now if shown else 0]))
+
+
+def test_another_program_is_no_wear_but_wear_is_found_in_it():
+    """Without the times at each speed, the levels of the programs are taken for wear."""
+    found = outcome(programs_in_turn(9.0, True))[1]
+    assert len(found) == 1
+    assert 50.0 < found[0] < 51.0
+    assert outcome(programs_in_turn(9.0, False))[1][0] < 50.0
+
+
+def test_how_far_programs_differ_is_learned():
+    test = outcome(programs_in_turn(1.0, True))[0]
+    assert 0.01 < np.sqrt(test.contrasts.program) < 0.06
+    kept = Contrasts.restored(test.contrasts.state())
+    assert kept.program == test.contrasts.program
+
+
+def test_programs_are_numbered_by_their_times_at_each_speed():
+    one, other = (0.1, 0.2, 0.3, 0.4), (0.3, 0.2, 0.3, 0.2)
+    near = (0.11, 0.19, 0.31, 0.39)
+    rows = [record(0, 0.0)._replace(work=work) for work in (one, other, near, other, one)]
+    assert programs(rows).tolist() == [0, 1, 0, 1, 0]

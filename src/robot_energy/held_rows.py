@@ -1,0 +1,67 @@
+"""Rows of numbers that each hold for several samples."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class HeldRows:
+    """What is computed at some samples only, and holds until the next one of them.
+
+    Attributes:
+        values: Shape (M, K).
+        row: Which of them holds at each sample, shape (N,).
+        begins: Whether it was computed at that sample, shape (N,); else it goes on, at the
+            first sample of a block from the block before.
+    """
+
+    values: NDArray[np.floating[Any]]
+    row: NDArray[np.int64]
+    begins: NDArray[np.bool_]
+
+    def __getitem__(self, rows: slice | NDArray[np.bool_] | NDArray[np.int64]) -> HeldRows:
+        """Return what holds at some of the samples."""
+        return HeldRows(self.values, self.row[rows], self.begins[rows])
+
+    @staticmethod
+    def concatenate(parts: Sequence[HeldRows]) -> HeldRows:
+        """Join what holds at blocks of samples.
+
+        Args:
+            parts: At least one.
+
+        Returns:
+            One for all their samples.
+        """
+        sizes = np.cumsum([0, *(len(part.values) for part in parts)]).tolist()
+        return HeldRows(
+            np.concatenate([part.values for part in parts]),
+            np.concatenate([part.row + size for part, size in zip(parts, sizes, strict=False)]),
+            np.concatenate([part.begins for part in parts]),
+        )
+
+    def __array__(
+        self, dtype: np.dtype[Any] | None = None, copy: bool | None = None
+    ) -> NDArray[Any]:
+        """Return what holds at each sample, shape (N, K)."""
+        return self.values[self.row].astype(dtype or np.float64, copy=False)
+
+
+def joined(values: Sequence[Any]) -> Any:
+    """Join what blocks of samples hold of one attribute.
+
+    Args:
+        values: Of each block, at least one.
+
+    Returns:
+        Their samples one after the other; of what is one per block, the first.
+    """
+    if isinstance(values[0], np.ndarray):
+        return np.concatenate(values)
+    return HeldRows.concatenate(values) if isinstance(values[0], HeldRows) else values[0]
