@@ -33,7 +33,7 @@ from robot_energy_papers.interval_coverage import (
 from robot_energy_papers.job_pool import Progress, Steps, job_pool
 from robot_energy_papers.learning_study import LearningRow, learning_study
 from robot_energy_papers.thermal_study import ROBOTS, HiddenPlant, hidden_sensors
-from robot_energy_papers.wear_study import WearRow, detection
+from robot_energy_papers.wear_shift import WearRow, detection
 
 WEAR, BEFORE, AFTER = 0.15, 8.0, 2.0  # of friction [-]; work before and after it [h]
 FRESH = 100  # first plant on which no constant of the bands was chosen

@@ -10,8 +10,9 @@ cycle runs on the rig and through the pipeline. Of every part of that cycle the 
 along the motion are kept, by direction and bucket of speed. At any gear and motor temperature
 the parts are then sums of these with the laws of plant and model, exactly. The thermal
 network of the rig runs on through all days with the heat of each cycle. So every hour is
-computed and none repeated: hall, payloads, lag of gear and sensor, offsets and noise are of that
-hour. What the rig would do and this does not: noise of velocity and stamps is that of one cycle.
+computed and none repeated: hall, payloads, collisions, lag of gear and sensor, offsets and noise
+are of that hour. What the rig would do and this does not: noise of velocity and stamps is that of
+one cycle.
 """
 
 from __future__ import annotations
@@ -48,6 +49,8 @@ HOTTEST = (
 )
 WAITS = (0.0, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0)  # s of waiting per second of a cycle
 MAX_STEP = 40.0  # s of the thermal network at once
+COLLIDE_EVERY = 14_400.0  # s of work between two collisions of an axis, mean
+COLLISION = 3.0  # greatest impulse of one, over that of the model's friction in a part
 READINGS = 5  # of the temperature sensors that a part averages
 START_NS = 1_700_000_000_000_000_000
 
@@ -116,6 +119,7 @@ class WearRows:
         self._config = RigConfig.hard()
         self._random = np.random.default_rng([seed, 0x77656172])
         self._law = FrictionModel.from_model(self.model)
+        self._bumps = np.random.default_rng([seed, 0x62756D70])
         self._friction = PlantFriction(profile, self._config, 1.0 / RATE)
         self._changes = changes
         self.payloads = self._payloads(self._random, LOADS)
@@ -329,6 +333,7 @@ class WearRows:
             measured, model = self.torques(one, state.gear_degc, state.motor_degc, degc, state.worn)
             scatter = sensors.torque_noise * np.sqrt(one.time / RATE)
             measured = measured + scatter * self._random.standard_normal(scatter.shape)
+            measured += self._collisions(model.shape[0], model.shape[2])[:, :, :, None] * model
             for number in range(len(one.time)):
                 at = state.start + (number + 1) * self._part
                 parts.append(
@@ -342,6 +347,12 @@ class WearRows:
                     )
                 )
         return parts
+
+    def _collisions(self, parts: int, n_joints: int) -> Float:
+        """Torque from outside over the model's friction, mostly none, shape (parts, 2, n). [-]"""
+        hit = self._bumps.random((parts, 1, n_joints)) < self._part / COLLIDE_EVERY
+        way = self._bumps.integers(2, size=(parts, 1, n_joints)) == np.arange(2)[:, None]
+        return hit * way * self._bumps.uniform(-COLLISION, COLLISION, (parts, 1, n_joints))
 
     def torques(
         self, load: CycleSums, gear_degc: Float, motor_degc: Float, seen_degc: Float, worn: Float

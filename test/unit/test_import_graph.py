@@ -190,7 +190,7 @@ MODULES = {
         interval_coverage job_pool kr16_sensitivity learning_study machines mantis map_sensitivity
         models more_recordings pages paper_a paper_a_numbers paper_a_page paper_b paper_b_numbers
         paper_b_page savings savings_numbers savings_page savings_study sensitivity soaked_rigs
-        thermal_study wall wall_sensitivity wear_cycle wear_rows wear_study
+        thermal_study wall wall_sensitivity wear_cycle wear_rows wear_shift wear_study
     """,
     "robot_energy_papers.cli": """
         reproduce study_folder

@@ -255,22 +255,23 @@ class ConditionLearner:
             if self.applies:
                 friction = friction / known  # by the model file
         part = self.reader.read(samples, friction)
+        stuck = any((block.quality & STUCK).any() for block in blocks)
         if part is not None:
             used = self.friction.step(part)
-            if not any((block.quality & STUCK).any() for block in blocks):
+            if not stuck:
                 self.wear.step(used)
             self._taught = (self.friction.table(), self.friction.valid)
         for window in self._compared(samples, self._powers(samples, friction, known, use)):
-            self._learn_from_meter(window, samples.motor_temperature_degc[-1])
+            self._learn_from_meter(window, samples.motor_temperature_degc[-1], stuck)
         self.end_ns = int(blocks[-1].stamp_ns[-1])
         self._use = self._figures()
 
-    def _learn_from_meter(self, window: Window, motor_temperature_degc: Float) -> None:
+    def _learn_from_meter(self, window: Window, motor_temperature_degc: Float, stuck: bool) -> None:
         """Take one window of the meter; wear of the whole robot is of joints without torque."""
         predicted, friction, correction = window.energies.tolist()
         residual = window.measured - predicted + correction
         self.meter.step(window.duration, window.measured, residual, friction)
-        if not self.friction.parts.any():
+        if not (stuck or self.friction.parts.any()):
             degc = float(self.reader.temperature(motor_temperature_degc).mean())
             self.wear.step_meter(window.stamp_ns, window.duration, residual, friction, degc)
 

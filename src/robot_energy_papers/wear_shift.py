@@ -1,0 +1,215 @@
+"""When wear of one axis is found on the rig, and what a thermometer that stands still does to it.
+
+Friction of one axis is multiplied in the plant, and the monitor sees joint states, temperatures
+and motor torque alone. The hall swings between 15 and 60 degC once a day, and the payload changes
+every half hour; half of the changes are unknown to the monitor.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from robot_energy.blocks import TemperatureBlock
+from robot_energy.condition.learner import Learning
+from robot_energy.condition.wear import WearMonitor
+from robot_energy.model import load
+from robot_energy.model.payload import payload
+from robot_energy.rig import PlantProfile, RigConfig, VirtualRig
+from robot_energy_papers.learning_study import joint_block, pipeline_of, work
+
+DAY = 24  # h
+COLD, HOT = 15.0, 60.0  # of the hall [degC]
+RATE = 25.0  # of the joint states [Hz]
+CHANGE_EVERY = 30  # min between two payloads
+HIDDEN = 3.0  # greatest mass that the monitor does not get [kg]
+
+
+@dataclass(frozen=True)
+class WearRow:
+    """One axis that was made to wear.
+
+    Attributes:
+        joint: Its index.
+        found: Time from the beginning of wear until the alarm; NaN if there was none. [h]
+        motion: Motion of this axis in that time. [h]
+        named: Axes with an alarm that somebody should look at.
+        size: Change stated at the end. [-]
+        std: Its standard deviation. [-]
+    """
+
+    joint: int
+    found: float
+    motion: float
+    named: tuple[int, ...]
+    size: float
+    std: float
+
+
+class Shift:
+    """A rig at work in a hall that swings, with payloads that change, watched by a monitor.
+
+    Args:
+        profile: The plant.
+        seed: Of work, noise and payloads.
+        hard: Whether all effects without a term in models are on.
+
+    Attributes:
+        monitor: The learner's monitor of wear.
+    """
+
+    def __init__(self, profile: PlantProfile, seed: int, hard: bool = True) -> None:
+        self._model = load(profile.body)
+        config = RigConfig.hard() if hard else RigConfig()
+        start = (COLD + HOT) / 2
+        self._rig = VirtualRig(
+            profile, work(profile, seed), config, seed, start, start, rate_hz=RATE
+        )
+        self._pipeline = pipeline_of(self._model, Learning.OBSERVE, True)
+        self._random = np.random.default_rng(seed)
+        self._minute = 0
+        self._held = float("nan")
+        learner = self._pipeline.power.condition
+        self.monitor: WearMonitor = learner.wear
+
+    def run(self, minutes: int, wear: np.ndarray | None = None, stuck: int | None = None) -> None:
+        """Work on.
+
+        Args:
+            minutes: How long.
+            wear: Factor on the friction of each axis, shape (n,); None leaves it. [-]
+            stuck: Axis whose thermometer stands still; None for none.
+        """
+        for _ in range(minutes):
+            swing = np.sin(2 * np.pi * self._minute / (60 * DAY))
+            ambient = (COLD + HOT) / 2 + (HOT - COLD) / 2 * swing
+            self._rig.change(ambient_degc=float(ambient), wear=wear)
+            if self._minute % CHANGE_EVERY == 0:
+                self._carry()
+            output = self._rig.step(round(60 * RATE))
+            temperatures = self._held_still(output.temperatures, stuck)
+            self._pipeline.step(joint_block(output.joints), temperatures, output.meter)
+            self._minute += 1
+
+    def _held_still(self, block: TemperatureBlock, stuck: int | None) -> TemperatureBlock:
+        """Return readings of which one axis keeps its first."""
+        if stuck is None:
+            self._held = float("nan")
+            return block
+        degc = block.motor_temperature_degc.copy()
+        if np.isnan(self._held):
+            self._held = float(degc[0, stuck])
+        degc[:, stuck] = self._held
+        return replace(block, motor_temperature_degc=degc)
+
+    def _carry(self) -> None:
+        """Take another payload, known to the monitor or not."""
+        if not self._model.payload:
+            return
+        body = self._model.payload[0]
+        kind = self._random.integers(4)
+        known = body.mass * (self._random.uniform(0.2, 1.0) if kind == 2 else 1.0)
+        true = known + (self._random.uniform(0.0, HIDDEN) if kind == 3 else 0.0)
+        carried = [
+            payload(body.link, float(mass), body.centre_of_mass, body.inertia)
+            for mass in (true, known)
+        ]
+        self._rig.change(payload=carried[:1])
+        self._pipeline.torque.set_payload(carried[1])
+
+    @property
+    def alarms(self) -> tuple[int, ...]:
+        """Axes whose friction has risen, by the monitor."""
+        tests = self.monitor.joints
+        return tuple(
+            joint for joint, test in enumerate(tests) if test.changes and not test.drift.fell
+        )
+
+
+def detection(
+    profile: PlantProfile,
+    joint: int,
+    rise: float,
+    before: float,
+    after: float,
+    per_hour: float = 0.0,
+    seed: int = 0,
+    hard: bool = True,
+) -> WearRow:
+    """Let one axis wear, at once or slowly, and see when it is found.
+
+    Args:
+        profile: The plant.
+        joint: The axis.
+        rise: Of its friction at once. [-]
+        before: Time without wear. [h]
+        after: Time with it. [h]
+        per_hour: Further rise in an hour. [-]
+        seed: Of work, noise and payloads.
+        hard: Whether all effects without a term in models are on.
+
+    Returns:
+        What was found.
+    """
+    shift = Shift(profile, seed, hard)
+    shift.run(round(60 * before))
+    test = shift.monitor.joints[joint]
+    found, motion, worn = float("nan"), float("nan"), np.ones(profile.n_joints)
+    begun = shift.monitor.state().hours[joint]
+    for minute in range(1, round(60 * after) + 1):
+        worn[joint] = 1.0 + rise + per_hour * minute / 60
+        shift.run(1, worn)
+        if np.isnan(found) and joint in shift.alarms:
+            found, motion = minute / 60, shift.monitor.state().hours[joint] - begun
+    return WearRow(joint, found, motion, shift.alarms, test.drift.size, test.drift.std)
+
+
+@dataclass(frozen=True)
+class StuckRow:
+    """An axis whose thermometer stood still for hours, and no wear at all.
+
+    Attributes:
+        joint: Its index.
+        refused: Share of the motion during the fault of which no record of wear was made. [-]
+        changes: Axes of which a change was said, a rise or a fall.
+    """
+
+    joint: int
+    refused: float
+    changes: tuple[int, ...]
+
+
+def stuck_thermometer(
+    profile: PlantProfile,
+    joint: int,
+    before: float,
+    during: float,
+    after: float,
+    seed: int = 0,
+    hard: bool = True,
+) -> StuckRow:
+    """Let the thermometer of one axis stand still, and see whether this is taken for wear.
+
+    Args:
+        profile: The plant.
+        joint: The axis.
+        before: Time until the fault. [h]
+        during: Of the fault. [h]
+        after: Time with a good thermometer again. [h]
+        seed: Of work, noise and payloads.
+        hard: Whether all effects without a term in models are on.
+
+    Returns:
+        What was said.
+    """
+    shift = Shift(profile, seed, hard)
+    shift.run(round(60 * before))
+    usual = shift.monitor.state().hours[joint] / before
+    begun = shift.monitor.state().hours[joint]
+    shift.run(round(60 * during), stuck=joint)
+    used = shift.monitor.state().hours[joint] - begun
+    shift.run(round(60 * after))
+    tests = shift.monitor.joints
+    said = tuple(number for number, test in enumerate(tests) if test.changes)
+    return StuckRow(joint, 1.0 - used / (usual * during), said)
