@@ -14,7 +14,7 @@ from robot_energy.errors import StateFileError
 from robot_energy.timeline.stamps import MAX_STAMP_NS, MIN_STAMP_NS
 from robot_energy.units import MAX_COUNTER
 
-FORMAT_VERSION = 2  # 1 had no contrasts; its records of wear are dropped, all else is kept
+FORMAT_VERSION = 3  # 1 had no contrasts: its records of wear are dropped; 2 had no programs
 
 Number = Annotated[float, Field(allow_inf_nan=False)]
 Count = Annotated[int, Field(ge=0, le=MAX_COUNTER)]
