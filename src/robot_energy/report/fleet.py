@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from datetime import UTC, datetime
 
-from robot_energy.page.settings import JOULE_PER_KWH, PageSettings
+from robot_energy.page.settings import PageSettings
 from robot_energy.report.document import Column, Document, Tiles
 from robot_energy.report.fleet_figures import (
     energy_of_robots,
@@ -26,6 +26,7 @@ from robot_energy.report.headline import duration
 from robot_energy.report.identification import friction_document
 from robot_energy.results.fleet import FleetFinding, FleetFriction, FleetReport, RobotEnergy
 from robot_energy.results.identification import FrictionReport
+from robot_energy.units import JOULE_PER_KWH
 
 HOUR = 3600.0  # s
 MAX_REFUSED = 50  # bags that are listed

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from robot_energy.page.settings import JOULE_PER_KWH
 from robot_energy.report.canvas import (
     COLOURS,
     PART_COLOURS,
@@ -20,6 +19,7 @@ from robot_energy.report.canvas import (
     panels,
 )
 from robot_energy.results.fleet import FrictionCurve, ModelError, RobotEnergy
+from robot_energy.units import JOULE_PER_KWH
 
 PANELS = 2  # in a row: they must be read on a phone
 MAX_BARS = 40  # robots that are drawn
