@@ -7,21 +7,20 @@ its residual says how large the scatter is. Both sums stay as small after years.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from robot_energy.blocks import Float, Int
+from robot_energy.blocks import Float
 from robot_energy.condition.buckets import SPEED_BUCKETS
+from robot_energy.condition.programs import OWN, columns
 from robot_energy.condition.record import ContrastEntry, filled, flat
 from robot_energy.condition.wear_records import (
     DEGC_BUCKETS,
     FEATURES,
-    LOADS,
     RECORD_TIME,
     WearRecord,
-    programs,
-    warmths,
 )
 
 # Standard deviations of the coefficients, before any record.
@@ -33,10 +32,8 @@ WARMER = 0.05  # of its slope over warmth at each speed [-]
 NUISANCE = (0.1, 0.5, 0.2, 0.03, 0.01, 0.01)  # per load, difference, scatter, and kelvins
 WARM_SHARE = 0.5  # of these, times warmth
 
-PROGRAM = 0.03  # of what one program differs from another at equal features [-]
-PROGRAM_WARMER = 0.3  # share of it that comes with warmth [-]
-PROGRAM_SLOPES = (0.1, 0.5, 0.5)  # of one program, per load, difference, scatter [-]
-PRIOR_PROGRAMS = 3.0  # pairs of programs that this is worth
+PROGRAM = (0.05, 0.1, 0.5, 0.5)  # of one program: level, slopes of load, difference, scatter [-]
+PRIOR_PROGRAMS = 3.0  # programs that this level is worth
 
 LEAST_SCATTER = 0.001  # of a record of `RECORD_TIME` [-]
 DRIFTING = 0.001  # what neighbours differ by for slow causes [-]
@@ -49,8 +46,8 @@ class Baseline:
     """What is known of the baseline.
 
     Attributes:
-        mean: Coefficients, shape (FEATURES,). [-]
-        covariance: Of these, shape (FEATURES, FEATURES). [-]
+        mean: Coefficients, shape (m,). [-]
+        covariance: Of these, shape (m, m). [-]
         scatter: Variance of a record, in units of `scatter`. [-]
     """
 
@@ -63,12 +60,10 @@ class Contrasts:
     """Sums over pairs of records that were merged.
 
     Attributes:
-        information: Shape (FEATURES, FEATURES). [-]
-        target: Shape (FEATURES,). [-]
+        information: Shape (m, m), m coefficients: `FEATURES`, and those of the programs. [-]
+        target: Shape (m,). [-]
         square: Of the differences of the excess. [-]
         count: Pairs. [-]
-        program_square: Of what programs differed by, weighted. [-]
-        program_weight: Sum of the weights. [-]
     """
 
     def __init__(self) -> None:
@@ -76,9 +71,27 @@ class Contrasts:
         self.target: Float = np.zeros(FEATURES)
         self.square = 0.0
         self.count = 0
-        self.program_square = 0.0
-        self.program_weight = 0.0
         self._baseline: Baseline | None = None
+
+    def rows(self, records: Sequence[WearRecord]) -> Float:
+        """Return what the coefficients are multiplied by, and make room for new programs.
+
+        Args:
+            records: Shape (N,).
+
+        Returns:
+            Shape (N, m). [-]
+        """
+        more = FEATURES + max(len(record.program) for record in records) - len(self.target)
+        if more > 0:
+            self.information = np.pad(self.information, ((0, more), (0, more)))
+            self.target = np.pad(self.target, (0, more))
+            self._baseline = None
+        found = np.zeros((len(records), len(self.target)))
+        found[:, :FEATURES] = [record.features for record in records]
+        for row, record in zip(found, records, strict=True):
+            row[FEATURES : FEATURES + len(record.program)] = record.program
+        return found
 
     def step(self, before: WearRecord, after: WearRecord) -> None:
         """Take two neighbours.
@@ -87,55 +100,36 @@ class Contrasts:
             before: The older one.
             after: The newer one.
         """
-        apart = np.subtract(after.features, before.features)
-        variance = scatter(before) + scatter(after) + DRIFTING**2
-        pair = [before, after]
-        number = programs(pair)
-        if number[1]:
-            self._compare_programs(after.excess - before.excess, apart, variance)
-        if self.program_weight:
-            own = self.of_programs(np.array([one.features for one in pair]), number)
-            variance += float(own[0, 0] + own[1, 1] - 2.0 * own[0, 1])
-        weight = 1.0 / variance
+        rows = self.rows([before, after])
+        apart = rows[1] - rows[0]
+        weight = 1.0 / (scatter(before) + scatter(after) + DRIFTING**2)
         self.information += weight * np.outer(apart, apart)
         self.target += weight * (after.excess - before.excess) * apart
         self.square += weight * (after.excess - before.excess) ** 2
         self.count += 1
         self._baseline = None
 
-    @property
-    def program(self) -> float:
-        """Variance of what a program adds to the baseline. [-]"""
-        square = PRIOR_PROGRAMS * PROGRAM**2 + self.program_square
-        return max(square / (PRIOR_PROGRAMS + self.program_weight), LEAST_SCATTER**2)
-
-    def of_programs(self, features: Float, number: Int) -> Float:
-        """Return the covariance of what programs add to the baseline.
-
-        A payload that the model does not have leaves a part of its torque in the mean of the
-        directions, another in every program: so each program has slopes of its own.
+    def forget(self, number: int) -> Float:
+        """Forget the coefficients of a program; what they said of the others is kept.
 
         Args:
-            features: Of records, shape (N, FEATURES). [-]
-            number: Of the program of each, shape (N,).
+            number: Of the program, from 1.
 
         Returns:
-            Shape (N, N). [-]
+            What they were, shape (OWN,). [-]
         """
-        level = np.sqrt(self.program) * np.ones(len(number))
-        loads = features[:, LOADS] - features[:, LOADS].mean(axis=0)
-        warm = PROGRAM_WARMER * level * warmths(features)
-        shapes = np.column_stack([level, warm, np.array(PROGRAM_SLOPES) * loads])
-        return (number[:, None] == number) * (shapes @ shapes.T)
-
-    def _compare_programs(self, difference: float, apart: Float, variance: float) -> None:
-        """Learn how far programs differ; a pair counts as far as all else in it is known."""
-        known = self.baseline()
-        rest = known.scatter * variance + float(apart @ known.covariance @ apart)
-        weight = PROGRAM**2 / (PROGRAM**2 + rest / 2.0)
-        off = difference - float(apart @ known.mean)
-        self.program_square += weight * (off**2 - rest) / 2.0
-        self.program_weight += weight
+        own = columns(number)
+        gone = np.arange(FEATURES + own.start, FEATURES + own.stop)
+        mean = self.baseline().mean[gone]
+        inner = self.information[np.ix_(gone, gone)] + np.diag(1.0 / np.square(PROGRAM))
+        shared = np.linalg.solve(inner, self.information[gone])
+        level = np.linalg.solve(inner, self.target[gone])
+        self.square -= float(self.target[gone] @ level)
+        self.target -= self.information[:, gone] @ level
+        self.information -= self.information[:, gone] @ shared
+        self.information[gone] = self.information[:, gone] = self.target[gone] = 0.0
+        self._baseline = None
+        return mean
 
     def baseline(self) -> Baseline:
         """Return what is known of the baseline."""
@@ -150,8 +144,6 @@ class Contrasts:
             target=flat(self.target),
             square=self.square,
             count=self.count,
-            program_square=self.program_square,
-            program_weight=self.program_weight,
         )
 
     @classmethod
@@ -170,17 +162,23 @@ class Contrasts:
         found = cls()
         if not entry.count:
             return found
-        found.information = filled(entry.information, found.information)
-        found.target = filled(entry.target, found.target)
+        size = max(len(entry.target), FEATURES)
+        found.information = filled(entry.information, np.zeros((size, size)))
+        found.target = filled(entry.target, np.zeros(size))
         found.square, found.count = entry.square, entry.count
-        found.program_square, found.program_weight = entry.program_square, entry.program_weight
         return found
 
     def _solved(self) -> Baseline:
+        size = len(self.target)
+        programs = (size - FEATURES) // OWN
+        own = np.tile(np.square(PROGRAM), programs)
+        levels = np.arange(FEATURES, size, OWN)
         share = 1.0
-        mean, covariance = np.zeros(FEATURES), _PRIOR
+        mean, covariance = np.zeros(size), _prior_of(own)
         for _ in range(3 if self.count else 0):
-            precision = _PRECISION + self.information / share
+            precision = self.information / share
+            precision[:FEATURES, :FEATURES] += _PRECISION
+            precision[range(FEATURES, size), range(FEATURES, size)] += 1.0 / own
             covariance = np.linalg.inv(precision)
             covariance = (covariance + covariance.T) / 2
             mean = covariance @ self.target / share
@@ -188,7 +186,16 @@ class Contrasts:
             free = self.count - float(np.sum(covariance * self.information)) / share
             share = (PRIOR_CONTRASTS + max(residual, 0.0)) / (PRIOR_CONTRASTS + max(free, 0.0))
             share = min(max(share, MIN_SHARE), MAX_SHARE)
+            found = float(np.sum(mean[levels] ** 2 + covariance[levels, levels]))
+            own[::OWN] = (PRIOR_PROGRAMS * PROGRAM[0] ** 2 + found) / (PRIOR_PROGRAMS + programs)
         return Baseline(mean, covariance, share)
+
+
+def _prior_of(own: Float) -> Float:
+    """Covariance of the coefficients, those of programs with variances of their own."""
+    covariance = np.diag(np.concatenate([np.zeros(FEATURES), own]))
+    covariance[:FEATURES, :FEATURES] = _PRIOR
+    return covariance
 
 
 def scatter(record: WearRecord) -> float:

@@ -13,7 +13,7 @@ and z is standard normal without a change. How large the wander is nobody says: 
 likelihoods l(s) of its sizes s, ``sqrt(2 (max(l + z^2 / 2) - max l))`` over all sizes, shapes and
 beginnings is compared with `MIN_Z_RAMP`, with `MIN_Z`, or with `MIN_Z_YOUNG` where hours of motion
 have not yet confirmed a step: a payload differs from all before by more than it scatters. Each
-program of the robot adds a level and slopes of its own to the baseline (`Contrasts.of_programs`).
+program of the robot but the first has a level and slopes of its own (`programs`).
 A change that was found stays in the model, so that the next one is looked for on top of it.
 
 Old records are merged in pairs. The difference of a pair says nothing of wear, but of the
@@ -29,7 +29,8 @@ import numpy as np
 
 from robot_energy.blocks import Float
 from robot_energy.condition.baseline import Contrasts, scatter
-from robot_energy.condition.wear_records import RECORD_TIME, WearRecord, programs
+from robot_energy.condition.programs import OWN, Programs, columns
+from robot_energy.condition.wear_records import DIGITS, RECORD_TIME, WearRecord
 
 WANDERS = (0.0005, 0.00125, 0.003, 0.008, 0.02, 0.05)  # of no known cause; the likeliest counts [-]
 WANDER_HOURS = 3.0  # of motion
@@ -103,6 +104,7 @@ class DriftTest:
         records: Kept ones, oldest first; the older, the longer.
         changes: Found ones, oldest first.
         contrasts: What merged records have said of the baseline.
+        programs: That were seen.
         drift: As it stands.
         refused: Records that were no numbers.
     """
@@ -113,6 +115,7 @@ class DriftTest:
         self.records: list[WearRecord] = []
         self.changes: list[FrictionChange] = []
         self.contrasts = Contrasts()
+        self.programs = Programs()
         self.drift = Drift()
         self.refused = 0
 
@@ -128,7 +131,10 @@ class DriftTest:
         if not np.isfinite([record.excess, record.variance, *record.features]).all():
             self.refused += 1
             return False
-        self.records.append(record)
+        known, forgotten = self.programs.step(record)
+        if forgotten is not None:
+            self._forget(forgotten)
+        self.records.append(known)
         self._merge()
         found = self._search()
         if found is not None:
@@ -138,6 +144,17 @@ class DriftTest:
         if self.changes:
             self.drift = self._drift()
         return found is not None
+
+    def _forget(self, number: int) -> None:
+        """Take out what the coefficients of a program have added to the records."""
+        own = columns(number)
+        mean = self.contrasts.forget(number)
+        for index, record in enumerate(self.records):
+            share = record.program[own]
+            if any(share):
+                program = (*record.program[: own.start], *(0.0,) * OWN, *record.program[own.stop :])
+                excess = round(record.excess - float(mean @ share), DIGITS)
+                self.records[index] = record._replace(excess=excess, program=program)
 
     def _look_again(self) -> None:
         """Date the newest change by what has come since."""
@@ -167,7 +184,11 @@ class DriftTest:
             self.drift = self._drift()
 
     def restore(
-        self, records: list[WearRecord], changes: list[FrictionChange], contrasts: Contrasts
+        self,
+        records: list[WearRecord],
+        changes: list[FrictionChange],
+        contrasts: Contrasts,
+        programs: Programs,
     ) -> None:
         """Continue from what was kept.
 
@@ -175,8 +196,10 @@ class DriftTest:
             records: Oldest first.
             changes: Oldest first.
             contrasts: Of the records that were merged.
+            programs: That were seen.
         """
-        self.records, self.changes, self.contrasts = records, changes, contrasts
+        self.records, self.changes = records, changes
+        self.contrasts, self.programs = contrasts, programs
         self.drift = self._drift() if changes and records else Drift()
 
     def _note(self, found: FrictionChange) -> None:
@@ -287,14 +310,11 @@ class DriftTest:
         Returns:
             Shapes (S, n, n) and (S,), and the excess less its expected baseline, shape (n,).
         """
-        features = np.array([record.features for record in self.records])
+        rows = self.contrasts.rows(self.records)
         hours = self._hours()
         baseline = self.contrasts.baseline()
-        excess = np.array([record.excess for record in self.records]) - features @ baseline.mean
-        covariance = features @ baseline.covariance @ features.T
-        program = programs(self.records)
-        if program.any():
-            covariance += self.contrasts.of_programs(features, program)
+        excess = np.array([record.excess for record in self.records]) - rows @ baseline.mean
+        covariance = rows @ baseline.covariance @ rows.T
         changes = self._shapes(self.records)
         covariance += CHANGE**2 * changes @ changes.T
         time = np.array([record.time for record in self.records])

@@ -86,6 +86,7 @@ class WearEntry(ConditionPart):
     variance: Number
     features: Numbers
     work: Numbers = (0.0,) * SPEED_BUCKETS
+    program: Numbers = ()
 
 
 class ChangeEntry(ConditionPart):
@@ -104,8 +105,14 @@ class ContrastEntry(ConditionPart):
     target: Numbers
     square: Number
     count: Count
-    program_square: Number = 0.0
-    program_weight: Number = 0.0
+
+
+class ProgramEntry(ConditionPart):
+    """One `robot_energy.condition.programs.KnownProgram`."""
+
+    work: Numbers
+    loads: Numbers
+    hours: Number
 
 
 class DriftRecord(ConditionPart):
@@ -114,6 +121,7 @@ class DriftRecord(ConditionPart):
     records: tuple[WearEntry, ...]
     changes: tuple[ChangeEntry, ...]
     contrasts: ContrastEntry
+    programs: tuple[ProgramEntry, ...] = ()
 
 
 class WearState(ConditionPart):

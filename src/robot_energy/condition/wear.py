@@ -11,7 +11,15 @@ from robot_energy.condition.baseline import Contrasts
 from robot_energy.condition.drift_test import Drift, DriftTest, FrictionChange
 from robot_energy.condition.joint_friction import MotionSums
 from robot_energy.condition.meter_records import MeterGatherer
-from robot_energy.condition.record import ChangeEntry, DriftRecord, WearEntry, WearState, filled
+from robot_energy.condition.programs import KnownProgram, Programs
+from robot_energy.condition.record import (
+    ChangeEntry,
+    DriftRecord,
+    ProgramEntry,
+    WearEntry,
+    WearState,
+    filled,
+)
 from robot_energy.condition.wear_records import FEATURES, MotionGatherer, WearRecord
 from robot_energy.errors import StateFileError
 
@@ -133,6 +141,7 @@ class WearMonitor:
                     records=tuple(WearEntry(**record._asdict()) for record in test.records),
                     changes=tuple(ChangeEntry(**vars(change)) for change in test.changes),
                     contrasts=test.contrasts.state(),
+                    programs=tuple(ProgramEntry(**vars(one)) for one in test.programs.known),
                 )
                 for test in (*self.joints, self.robot)
             ),
@@ -165,4 +174,5 @@ class WearMonitor:
                 [WearRecord(**dict(one)) for one in entry.records],
                 [FrictionChange(**dict(one)) for one in entry.changes],
                 Contrasts.restored(entry.contrasts),
+                Programs([KnownProgram(**dict(one)) for one in entry.programs]),
             )

@@ -12,13 +12,13 @@ weigh less (Huber).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from itertools import starmap, zip_longest
 from math import log
 from typing import NamedTuple
 
 import numpy as np
 
-from robot_energy.blocks import NANOSECOND, Float, Int
+from robot_energy.blocks import NANOSECOND, Float
 from robot_energy.condition.buckets import SPEED_BUCKETS, shares
 from robot_energy.condition.joint_friction import MotionSums
 
@@ -35,7 +35,6 @@ NUISANCES = 4 + len(LAGS)  # load, difference of directions, scatter, slope, abo
 SLOPE_TIME = 1000.0  # the slope of the temperature is what it rises in this time [s]
 MAX_SLOPE = 50.0  # more is a faulty sensor [K]
 FEATURES = DEGC_BUCKETS + 2 * SPEED_BUCKETS + 2 * NUISANCES
-SAME_PROGRAM = 0.03  # by how much the shares of time of one program may differ [-]
 LOADS = slice(DEGC_BUCKETS + 2 * SPEED_BUCKETS, DEGC_BUCKETS + 2 * SPEED_BUCKETS + 3)
 MIN_RATIO = 0.05  # of measured over model friction
 DIGITS = 6  # kept of each figure, so that a record is the same after a restart
@@ -54,6 +53,8 @@ class WearRecord(NamedTuple):
             speed, these times warmth, nuisances, these times warmth, shape (FEATURES,).
         work: Shares of the time in motion in each bucket of speed, shape (SPEED_BUCKETS,). They
             belong to the program alone, whatever the robot carries and however warm it is.
+        program: What the coefficients of each program are multiplied by; those that are missing
+            are zero.
     """
 
     stamp_ns: int
@@ -63,6 +64,7 @@ class WearRecord(NamedTuple):
     variance: float
     features: tuple[float, ...]
     work: tuple[float, ...] = (0.0,) * SPEED_BUCKETS
+    program: tuple[float, ...] = ()
 
     def merged(self, later: WearRecord) -> WearRecord:
         """Return this and a later record as one; all its figures are means over time.
@@ -84,6 +86,7 @@ class WearRecord(NamedTuple):
             (1.0 - share) ** 2 * self.variance + share**2 * later.variance,
             tuple(map(mean, self.features, later.features)),
             tuple(map(mean, self.work, later.work)),
+            tuple(starmap(mean, zip_longest(self.program, later.program, fillvalue=0.0))),
         )
 
 
@@ -198,39 +201,6 @@ def features_of(degc: Float, speed: Float, nuisances: list[float]) -> tuple[floa
     both = [*speed.tolist(), *(warmth * speed).tolist()]
     values = [*degc.tolist(), *both, *nuisances, *(warmth * value for value in nuisances)]
     return tuple(round(value, DIGITS) for value in values)
-
-
-def warmths(features: Float) -> Float:
-    """Return how warm the motor was in records.
-
-    Args:
-        features: Shape (N, FEATURES). [-]
-
-    Returns:
-        Shape (N,). [-]
-    """
-    degc = DEGC_STEP * features[:, :DEGC_BUCKETS] @ np.arange(DEGC_BUCKETS)
-    return (degc - MIDDLE_DEGC) / DEGC_SCALE
-
-
-def programs(records: Sequence[WearRecord]) -> Int:
-    """Number the programs of records by what share of its time the joint spends at each speed.
-
-    Args:
-        records: Of one joint, shape (N,).
-
-    Returns:
-        Equal numbers for records of one program, shape (N,).
-    """
-    work = np.array([record.work for record in records])
-    numbers, first = np.zeros(len(work), dtype=np.int64), work[:1]
-    for row, shares_of_time in enumerate(work):
-        apart = np.abs(first - shares_of_time).max(axis=1)
-        numbers[row] = number = int(np.argmin(apart))
-        if apart[number] > SAME_PROGRAM:
-            numbers[row] = len(first)
-            first = np.concatenate([first, work[row : row + 1]])
-    return numbers
 
 
 def degc_shares(motor_temperature_degc: Float) -> Float:

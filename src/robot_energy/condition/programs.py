@@ -1,0 +1,93 @@
+"""The programs of a robot, as far as the friction of one joint can tell them apart.
+
+Two programs load a gear in other poses. So at equal features their friction differs, and a payload
+that the model does not have leaves another part of its torque in the mean of the directions. Each
+program but the first therefore has coefficients of its own in the baseline: a level, and slopes of
+load, difference of the directions and scatter. A program is recognised by the share of its time
+that the joint spends at each speed, which neither load nor temperature changes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from robot_energy.condition.wear_records import DIGITS, LOADS, WearRecord
+
+SAME_PROGRAM = 0.03  # by how much the shares of time of one program may differ [-]
+OWN = 1 + LOADS.stop - LOADS.start  # coefficients of a program: level and slopes
+MAX_PROGRAMS = 20  # with coefficients of their own; the one not seen for longest is forgotten
+
+
+@dataclass
+class KnownProgram:
+    """A program that was seen.
+
+    Attributes:
+        work: Shares of the time in motion in each bucket of speed, shape (SPEED_BUCKETS,). [-]
+        loads: Load, difference and scatter of its first record; its level is at these. [-]
+        hours: Hours of motion when it was last seen. [h]
+    """
+
+    work: tuple[float, ...]
+    loads: tuple[float, ...]
+    hours: float
+
+
+class Programs:
+    """Tells to which program a record belongs.
+
+    Args:
+        known: Seen before, in the order of their coefficients; the first has none.
+    """
+
+    def __init__(self, known: Sequence[KnownProgram] = ()) -> None:
+        self.known = list(known)
+
+    def step(self, record: WearRecord) -> tuple[WearRecord, int | None]:
+        """Take a record.
+
+        Args:
+            record: Newer than all before, of any program.
+
+        Returns:
+            The record with what its own coefficients are multiplied by, and which program had to
+            be forgotten for it; None if none.
+        """
+        forgotten: int | None = None
+        number = self._nearest(record.work)
+        if number is None:
+            new = KnownProgram(record.work, record.features[LOADS], record.hours)
+            if len(self.known) <= MAX_PROGRAMS:
+                number = len(self.known)
+                self.known.append(new)
+            else:
+                hours = [one.hours for one in self.known[1:]]
+                number = forgotten = 1 + int(np.argmin(hours))
+                self.known[number] = new
+        known = self.known[number]
+        known.hours = record.hours
+        if number == 0:
+            return record._replace(program=()), None
+        before = (0.0,) * (OWN * (number - 1))
+        off = np.subtract(record.features[LOADS], known.loads)
+        own = (1.0, *(round(value, DIGITS) for value in off.tolist()))
+        return record._replace(program=before + own), forgotten
+
+    def _nearest(self, work: tuple[float, ...]) -> int | None:
+        if not self.known:
+            return None
+        apart = np.abs(np.subtract([one.work for one in self.known], work)).max(axis=1)
+        number = int(np.argmin(apart))
+        return number if apart[number] <= SAME_PROGRAM else None
+
+
+def columns(number: int) -> slice:
+    """Return where the coefficients of a program stand among those of all programs.
+
+    Args:
+        number: Of the program, from 1.
+    """
+    return slice(OWN * (number - 1), OWN * number)
