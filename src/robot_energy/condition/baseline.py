@@ -37,6 +37,10 @@ PRIOR_PROGRAMS = 3.0  # programs that this level is worth
 
 LEAST_SCATTER = 0.001  # of a record of `RECORD_TIME` [-]
 DRIFTING = 0.001  # what neighbours differ by for slow causes [-]
+PAYLOAD = 0.003  # what no feature says of a payload, before any record [-]
+PRIOR_PAYLOADS = 10.0  # pairs that this is worth
+BRIEF_HOURS = 0.5  # how long it is the same, of motion
+MAX_OFF = 4.0  # standard deviations of a pair; what is farther off counts as much
 PRIOR_CONTRASTS = 6.0  # weight of the stated scatter against that of the contrasts
 MIN_SHARE, MAX_SHARE = 0.01, 100.0  # of the stated variance
 
@@ -64,6 +68,8 @@ class Contrasts:
         target: Shape (m,). [-]
         square: Of the differences of the excess. [-]
         count: Pairs. [-]
+        payload_square: Of what no feature explains for half an hour, weighted. [-]
+        payload_weight: Sum of the weights. [-]
     """
 
     def __init__(self) -> None:
@@ -71,6 +77,8 @@ class Contrasts:
         self.target: Float = np.zeros(FEATURES)
         self.square = 0.0
         self.count = 0
+        self.payload_square = 0.0
+        self.payload_weight = 0.0
         self._baseline: Baseline | None = None
 
     def rows(self, records: Sequence[WearRecord]) -> Float:
@@ -102,12 +110,33 @@ class Contrasts:
         """
         rows = self.rows([before, after])
         apart = rows[1] - rows[0]
-        weight = 1.0 / (scatter(before) + scatter(after) + DRIFTING**2)
+        pair = np.array([[one.hours, one.time] for one in (before, after)]).T
+        shared = correlated(*pair, BRIEF_HOURS)
+        share = shared[0, 0] + shared[1, 1] - 2.0 * shared[0, 1]  # of twice the variance
+        own = scatter(before) + scatter(after)
+        self._learn_payload(after.excess - before.excess, apart, own, float(share))
+        weight = 1.0 / (own + DRIFTING**2 + self.payload * share)
         self.information += weight * np.outer(apart, apart)
         self.target += weight * (after.excess - before.excess) * apart
         self.square += weight * (after.excess - before.excess) ** 2
         self.count += 1
         self._baseline = None
+
+    @property
+    def payload(self) -> float:
+        """Variance of what no feature says of a payload. [-]"""
+        square = PRIOR_PAYLOADS * PAYLOAD**2 + self.payload_square
+        return max(square / (PRIOR_PAYLOADS + self.payload_weight), 0.0)
+
+    def _learn_payload(self, difference: float, apart: Float, own: float, share: float) -> None:
+        """A pair counts as far as all else in it is known."""
+        known = self.baseline()
+        rest = known.scatter * own + DRIFTING**2 + float(apart @ known.covariance @ apart)
+        now = self.payload * share
+        weight = now / (now + rest)
+        off = min((difference - float(apart @ known.mean)) ** 2, MAX_OFF**2 * (rest + now))
+        self.payload_square += weight * (off - rest) / share
+        self.payload_weight += weight
 
     def forget(self, number: int) -> Float:
         """Forget the coefficients of a program; what they said of the others is kept.
@@ -144,6 +173,8 @@ class Contrasts:
             target=flat(self.target),
             square=self.square,
             count=self.count,
+            payload_square=self.payload_square,
+            payload_weight=self.payload_weight,
         )
 
     @classmethod
@@ -166,6 +197,7 @@ class Contrasts:
         found.information = filled(entry.information, np.zeros((size, size)))
         found.target = filled(entry.target, np.zeros(size))
         found.square, found.count = entry.square, entry.count
+        found.payload_square, found.payload_weight = entry.payload_square, entry.payload_weight
         return found
 
     def _solved(self) -> Baseline:
@@ -205,6 +237,22 @@ def scatter(record: WearRecord) -> float:
         record: Of any length.
     """
     return record.variance + LEAST_SCATTER**2 * RECORD_TIME / record.time
+
+
+def correlated(hours: Float, time: Float, memory: float) -> Float:
+    """Covariance of the means over records of what forgets exponentially; its variance is one.
+
+    Args:
+        hours: Middle of each record, shape (n,). [h]
+        time: Its length, shape (n,). [s]
+        memory: Correlation time. [h]
+
+    Returns:
+        Shape (n, n). [-]
+    """
+    length = time / 3600.0 / memory
+    spread = np.sqrt(2.0 * (length - 1.0 + np.exp(-length))) / length
+    return np.exp(-np.abs(hours[:, None] - hours) / memory) * spread[:, None] * spread
 
 
 def _prior() -> Float:

@@ -28,14 +28,13 @@ from math import erfc, exp, sqrt
 import numpy as np
 
 from robot_energy.blocks import Float
-from robot_energy.condition.baseline import Contrasts, scatter
+from robot_energy.condition.baseline import BRIEF_HOURS, Contrasts, correlated, scatter
 from robot_energy.condition.programs import OWN, Programs, columns
 from robot_energy.condition.wear_records import DIGITS, RECORD_TIME, WearRecord
 
 WANDERS = (0.0005, 0.00125, 0.003, 0.008, 0.02, 0.05)  # of no known cause; the likeliest counts [-]
 WANDER_HOURS = 3.0  # of motion
 BRIEF = 0.5  # part of the scatter, that lasts a while; share of its variance [-]
-BRIEF_HOURS = 0.5  # of motion
 CHANGE = 1.0  # of a change that was found, before its size is known [-]
 
 MIN_Z_RAMP = 4.7
@@ -320,8 +319,9 @@ class DriftTest:
         time = np.array([record.time for record in self.records])
         own = baseline.scatter * np.array([scatter(one) for one in self.records])
         typical = float(np.median(own * time)) / RECORD_TIME
-        covariance += np.diag(own) + BRIEF * typical * _correlated(hours, time, BRIEF_HOURS)
-        wander = _correlated(hours, time, WANDER_HOURS)
+        brief = BRIEF * typical + self.contrasts.payload
+        covariance += np.diag(own) + brief * correlated(hours, time, BRIEF_HOURS)
+        wander = correlated(hours, time, WANDER_HOURS)
         sizes = np.square(WANDERS)[:, None, None]
         factors = np.linalg.cholesky(covariance + sizes * wander)
         white = np.linalg.solve(factors, excess[:, None])[:, :, 0]
@@ -331,19 +331,3 @@ class DriftTest:
 
     def _hours(self) -> Float:
         return np.array([record.hours for record in self.records])
-
-
-def _correlated(hours: Float, time: Float, memory: float) -> Float:
-    """Covariance of the means over records of what forgets exponentially; its variance is one.
-
-    Args:
-        hours: Middle of each record, shape (n,). [h]
-        time: Its length, shape (n,). [s]
-        memory: Correlation time. [h]
-
-    Returns:
-        Shape (n, n). [-]
-    """
-    length = time / 3600.0 / memory
-    spread = np.sqrt(2.0 * (length - 1.0 + np.exp(-length))) / length
-    return np.exp(-np.abs(hours[:, None] - hours) / memory) * spread[:, None] * spread

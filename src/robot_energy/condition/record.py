@@ -105,6 +105,8 @@ class ContrastEntry(ConditionPart):
     target: Numbers
     square: Number
     count: Count
+    payload_square: Number = 0.0
+    payload_weight: Number = 0.0
 
 
 class ProgramEntry(ConditionPart):
