@@ -3,8 +3,8 @@
 Two programs load a gear in other poses. So at equal features their friction differs, and a payload
 that the model does not have leaves another part of its torque in the mean of the directions. Each
 program but the first therefore has coefficients of its own in the baseline: a level, and slopes of
-load, difference of the directions and scatter. A program is recognised by the share of its time
-that the joint spends at each speed, which neither load nor temperature changes.
+load, difference of the directions and scatter. A program is recognised by how long every joint
+moves at each speed, which neither load nor temperature changes.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 
 from robot_energy.condition.wear_records import DIGITS, LOADS, WearRecord
 
-SAME_PROGRAM = 0.03  # by how much the shares of time of one program may differ [-]
+SAME_PROGRAM = 0.05  # by how much the times of one program may differ [-]
 OWN = 1 + LOADS.stop - LOADS.start  # coefficients of a program: level and slopes
 MAX_PROGRAMS = 20  # with coefficients of their own; the one not seen for longest is forgotten
 
@@ -26,7 +26,7 @@ class KnownProgram:
     """A program that was seen.
 
     Attributes:
-        work: Shares of the time in motion in each bucket of speed, shape (SPEED_BUCKETS,). [-]
+        work: That of its first record. [-]
         loads: Load, difference and scatter of its first record; its level is at these. [-]
         hours: Hours of motion when it was last seen. [h]
     """
@@ -56,6 +56,8 @@ class Programs:
             The record with what its own coefficients are multiplied by, and which program had to
             be forgotten for it; None if none.
         """
+        if not record.work:
+            return record, None
         forgotten: int | None = None
         number = self._nearest(record.work)
         if number is None:
@@ -70,11 +72,11 @@ class Programs:
         known = self.known[number]
         known.hours = record.hours
         if number == 0:
-            return record._replace(program=()), None
+            return record._replace(program=(), work=()), None
         before = (0.0,) * (OWN * (number - 1))
         off = np.subtract(record.features[LOADS], known.loads)
         own = (1.0, *(round(value, DIGITS) for value in off.tolist()))
-        return record._replace(program=before + own), forgotten
+        return record._replace(program=before + own, work=()), forgotten
 
     def _nearest(self, work: tuple[float, ...]) -> int | None:
         if not self.known:

@@ -9,7 +9,6 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from robot_energy.blocks import Float
-from robot_energy.condition.buckets import SPEED_BUCKETS
 from robot_energy.errors import StateFileError
 from robot_energy.timeline.stamps import MAX_STAMP_NS, MIN_STAMP_NS
 from robot_energy.units import MAX_COUNTER
@@ -85,7 +84,7 @@ class WearEntry(ConditionPart):
     excess: Number
     variance: Number
     features: Numbers
-    work: Numbers = (0.0,) * SPEED_BUCKETS
+    work: Numbers = ()
     program: Numbers = ()
 
 

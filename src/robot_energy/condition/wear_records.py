@@ -51,8 +51,8 @@ class WearRecord(NamedTuple):
         variance: Of the excess by scatter alone. [-]
         features: Shares of the friction torque in each bucket of temperature, in each bucket of
             speed, these times warmth, nuisances, these times warmth, shape (FEATURES,).
-        work: Shares of the time in motion in each bucket of speed, shape (SPEED_BUCKETS,). They
-            belong to the program alone, whatever the robot carries and however warm it is.
+        work: Time of every joint in each bucket of speed over `time`; it belongs to the program,
+            whatever the robot carries and however warm it is. Empty once the program is known.
         program: What the coefficients of each program are multiplied by; those that are missing
             are zero.
     """
@@ -63,7 +63,7 @@ class WearRecord(NamedTuple):
     excess: float
     variance: float
     features: tuple[float, ...]
-    work: tuple[float, ...] = (0.0,) * SPEED_BUCKETS
+    work: tuple[float, ...] = ()
     program: tuple[float, ...] = ()
 
     def merged(self, later: WearRecord) -> WearRecord:
@@ -85,7 +85,7 @@ class WearRecord(NamedTuple):
             mean(self.excess, later.excess),
             (1.0 - share) ** 2 * self.variance + share**2 * later.variance,
             tuple(map(mean, self.features, later.features)),
-            tuple(map(mean, self.work, later.work)),
+            (),
             tuple(starmap(mean, zip_longest(self.program, later.program, fillvalue=0.0))),
         )
 
@@ -177,7 +177,7 @@ class MotionGatherer:
             ],
         )
         time = float(self._times[:, joint].sum())
-        work = np.sum([part.time[:, joint].sum(axis=0) for part in sums], axis=0) / time
+        work = np.sum([part.time.sum(axis=0) for part in sums], axis=0).reshape(-1) / time
         return WearRecord(
             round(np.mean([part.stamp_ns for part in sums])),
             round(float(self.hours[joint]) - time / 7200.0, DIGITS),
