@@ -133,6 +133,8 @@ class DriftTest:
         known, forgotten = self.programs.step(record)
         if forgotten is not None:
             self._forget(forgotten)
+        if known is None:
+            return False
         self.records.append(known)
         self._merge()
         found = self._search()

@@ -16,7 +16,7 @@ import numpy as np
 
 from robot_energy.condition.wear_records import DIGITS, LOADS, WearRecord
 
-SAME_PROGRAM = 0.05  # by how much the times of one program may differ [-]
+SAME_PROGRAM = 0.08  # by how much the times of one program may differ [-]
 OWN = 1 + LOADS.stop - LOADS.start  # coefficients of a program: level and slopes
 MAX_PROGRAMS = 20  # with coefficients of their own; the one not seen for longest is forgotten
 
@@ -45,21 +45,27 @@ class Programs:
 
     def __init__(self, known: Sequence[KnownProgram] = ()) -> None:
         self.known = list(known)
+        self._new: tuple[float, ...] = ()
 
-    def step(self, record: WearRecord) -> tuple[WearRecord, int | None]:
+    def step(self, record: WearRecord) -> tuple[WearRecord | None, int | None]:
         """Take a record.
 
         Args:
             record: Newer than all before, of any program.
 
         Returns:
-            The record with what its own coefficients are multiplied by, and which program had to
-            be forgotten for it; None if none.
+            The record with what its own coefficients are multiplied by; None if it is of no
+            program, as when the program changed meanwhile. And which program had to be forgotten
+            for it; None if none.
         """
         if not record.work:
             return record, None
         forgotten: int | None = None
-        number = self._nearest(record.work)
+        number = _nearest(record.work, [one.work for one in self.known])
+        before, self._new = self._new, ()
+        if number is None and self.known and _nearest(record.work, [before]) is None:
+            self._new = record.work
+            return None, None  # of a new program once the next record agrees
         if number is None:
             new = KnownProgram(record.work, record.features[LOADS], record.hours)
             if len(self.known) <= MAX_PROGRAMS:
@@ -78,12 +84,12 @@ class Programs:
         own = (1.0, *(round(value, DIGITS) for value in off.tolist()))
         return record._replace(program=before + own, work=()), forgotten
 
-    def _nearest(self, work: tuple[float, ...]) -> int | None:
-        if not self.known:
-            return None
-        apart = np.abs(np.subtract([one.work for one in self.known], work)).max(axis=1)
-        number = int(np.argmin(apart))
-        return number if apart[number] <= SAME_PROGRAM else None
+
+def _nearest(work: tuple[float, ...], known: Sequence[tuple[float, ...]]) -> int | None:
+    """The one that hardly differs."""
+    apart = [max(map(abs, np.subtract(one, work)), default=0.0) for one in known if one]
+    number = int(np.argmin(apart)) if apart else None
+    return None if number is None or apart[number] > SAME_PROGRAM else number
 
 
 def columns(number: int) -> slice:
