@@ -39,6 +39,7 @@ LEAST_SCATTER = 0.001  # of a record of `RECORD_TIME` [-]
 DRIFTING = 0.001  # what neighbours differ by for slow causes [-]
 PAYLOAD = 0.003  # what no feature says of a payload, before any record [-]
 PRIOR_PAYLOADS = 10.0  # pairs that this is worth
+MIN_PAYLOAD = 0.003  # where programs change [-]
 BRIEF_HOURS = 0.5  # how long it is the same, of motion
 MAX_OFF = 4.0  # standard deviations of a pair; what is farther off counts as much
 PRIOR_CONTRASTS = 6.0  # weight of the stated scatter against that of the contrasts
@@ -123,10 +124,16 @@ class Contrasts:
         self._baseline = None
 
     @property
+    def programs(self) -> int:
+        """Programs with coefficients of their own."""
+        return (len(self.target) - FEATURES) // OWN
+
+    @property
     def payload(self) -> float:
         """Variance of what no feature says of a payload. [-]"""
         square = PRIOR_PAYLOADS * PAYLOAD**2 + self.payload_square
-        return max(square / (PRIOR_PAYLOADS + self.payload_weight), 0.0)
+        least = MIN_PAYLOAD if self.programs else 0.0
+        return max(square / (PRIOR_PAYLOADS + self.payload_weight), least**2)
 
     def _learn_payload(self, difference: float, apart: Float, own: float, share: float) -> None:
         """A pair counts as far as all else in it is known."""
@@ -202,8 +209,7 @@ class Contrasts:
 
     def _solved(self) -> Baseline:
         size = len(self.target)
-        programs = (size - FEATURES) // OWN
-        own = np.tile(np.square(PROGRAM), programs)
+        own = np.tile(np.square(PROGRAM), self.programs)
         levels = np.arange(FEATURES, size, OWN)
         share = 1.0
         mean, covariance = np.zeros(size), _prior_of(own)
@@ -219,7 +225,9 @@ class Contrasts:
             share = (PRIOR_CONTRASTS + max(residual, 0.0)) / (PRIOR_CONTRASTS + max(free, 0.0))
             share = min(max(share, MIN_SHARE), MAX_SHARE)
             found = float(np.sum(mean[levels] ** 2 + covariance[levels, levels]))
-            own[::OWN] = (PRIOR_PROGRAMS * PROGRAM[0] ** 2 + found) / (PRIOR_PROGRAMS + programs)
+            own[::OWN] = (PRIOR_PROGRAMS * PROGRAM[0] ** 2 + found) / (
+                PRIOR_PROGRAMS + self.programs
+            )
         return Baseline(mean, covariance, share)
 
 

@@ -37,7 +37,7 @@ WANDER_HOURS = 3.0  # of motion
 BRIEF = 0.5  # part of the scatter, that lasts a while; share of its variance [-]
 CHANGE = 1.0  # of a change that was found, before its size is known [-]
 
-MIN_Z_RAMP = 4.7
+MIN_Z_RAMP, MIN_Z_RAMP_PROGRAMS = 4.7, 6.5  # of a ramp; where programs change
 MIN_Z = 6.5  # of a step that has lasted; another program or payload does up to 5.8
 MIN_Z_YOUNG = 12.0  # of a younger one; a payload that is not understood does up to 9.5
 LASTING, LASTING_WHOLE = 6.0, 24.0  # what is younger is young; of a joint, of a whole robot [h]
@@ -258,7 +258,8 @@ class DriftTest:
         begin = int(begins[best % len(begins)])
         before, after = self.records[begin - 1], self.records[begin]
         young = hours[-1] - before.hours < self._lasting
-        least = MIN_Z_RAMP if ramp else MIN_Z_YOUNG if young else MIN_Z
+        ramps_need = MIN_Z_RAMP_PROGRAMS if self.contrasts.programs else MIN_Z_RAMP
+        least = ramps_need if ramp else MIN_Z_YOUNG if young else MIN_Z
         if surprise[best] < least or begin > n - MIN_AFTER:
             return None
         size *= float(hours[-1] - before.hours) if ramp else 1.0

@@ -16,7 +16,7 @@ import numpy as np
 
 from robot_energy.condition.wear_records import DIGITS, LOADS, WearRecord
 
-SAME_PROGRAM = 0.08  # by how much the times of one program may differ [-]
+SAME_PROGRAM = 0.05  # by how much the times of one program may differ [-]
 OWN = 1 + LOADS.stop - LOADS.start  # coefficients of a program: level and slopes
 MAX_PROGRAMS = 20  # with coefficients of their own; the one not seen for longest is forgotten
 
