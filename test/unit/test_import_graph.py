@@ -56,7 +56,7 @@ MODULES = {
     """,
     "robot_energy.condition": """
         baseline buckets drift_test joint_friction learner meter_fit meter_records meter_windows
-        record thermal_observer wear wear_records
+        programs record thermal_observer wear wear_records
     """,
     "robot_energy.files": """
         first_bytes output_files output_folder output_streams placement regular_file

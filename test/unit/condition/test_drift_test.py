@@ -3,16 +3,18 @@
 import numpy as np
 import pytest
 
+from robot_energy.condition import programs
 from robot_energy.condition.baseline import Contrasts
 from robot_energy.condition.buckets import SPEED_BUCKETS
 from robot_energy.condition.drift_test import MAX_RECORDS, DriftTest
+from robot_energy.condition.programs import OWN
 from robot_energy.condition.wear_records import (
     DEGC_BUCKETS,
+    FEATURES,
     RECORD_TIME,
     WearRecord,
     degc_shares,
     features_of,
-    programs,
 )
 
 HOUR_NS = 3_600_000_000_000
@@ -129,7 +131,8 @@ def test_it_continues_as_if_nothing_had_happened():
     whole, _ = outcome(series(700, lambda hours: 0.15 * (hours >= 40.0)))
     before, _ = outcome(series(500, lambda hours: 0.15 * (hours >= 40.0)))
     again = DriftTest()
-    again.restore(before.records, before.changes, Contrasts.restored(before.contrasts.state()))
+    contrasts = Contrasts.restored(before.contrasts.state())
+    again.restore(before.records, before.changes, contrasts, before.programs)
     assert again.drift == before.drift
     rng = np.random.default_rng(0)
     rng.standard_normal(500)
@@ -139,34 +142,45 @@ def test_it_continues_as_if_nothing_had_happened():
     assert again.drift == whole.drift
 
 
-def programs_in_turn(hours_each, shown):
+def programs_in_turn(hours_each, shown, hours=52.0):
     """Four programs in turn, each with a level of its own, and 15 % more friction from 50 h on."""
     rng = np.random.default_rng(4)
     level, work = rng.normal(0.0, 0.03, 4), rng.dirichlet(np.ones(SPEED_BUCKETS), 4)
-    for number in range(12 * 52):
-        hours = number / 12
-        now = int(hours / hours_each) % 4
-        excess = level[now] + np.log1p(0.15 * (hours >= 50.0)) + 0.003 * rng.standard_normal()
-        yield record(number, excess)._replace(work=tuple(work[now if shown else 0]))
+    for number in range(round(12 * hours)):
+        now = int(number / 12 / hours_each) % 4
+        excess = level[now] + np.log1p(0.15 * (number >= 600)) + 0.003 * rng.standard_normal()
+        yield record(number, excess)._replace(work=tuple(work[now]) if shown else ())
 
 
 def test_another_program_is_no_wear_but_wear_is_found_in_it():
-    """Without the times at each speed, the levels of the programs are taken for wear."""
+    """Without the motion of the axes, the levels of the programs are taken for wear."""
     found = outcome(programs_in_turn(9.0, True))[1]
     assert len(found) == 1
     assert 50.0 < found[0] < 51.0
     assert outcome(programs_in_turn(9.0, False))[1][0] < 50.0
 
 
-def test_how_far_programs_differ_is_learned():
-    test = outcome(programs_in_turn(1.0, True))[0]
-    assert 0.01 < np.sqrt(test.contrasts.program) < 0.06
+def test_levels_of_programs_survive_merging_and_a_restart():
+    """The level of each program against that of the first, from records long merged."""
+    test = outcome(programs_in_turn(3.0, True, 48.0))[0]
+    level = np.random.default_rng(4).normal(0.0, 0.03, 4)
+    columns = [FEATURES + OWN * number for number in range(3)]
+    found = test.contrasts.baseline().mean[columns]
+    np.testing.assert_allclose(found, level[1:] - level[0], atol=0.002)
     kept = Contrasts.restored(test.contrasts.state())
-    assert kept.program == test.contrasts.program
+    np.testing.assert_array_equal(kept.baseline().mean, test.contrasts.baseline().mean)
 
 
-def test_programs_are_numbered_by_their_times_at_each_speed():
-    one, other = (0.1, 0.2, 0.3, 0.4), (0.3, 0.2, 0.3, 0.2)
-    near = (0.11, 0.19, 0.31, 0.39)
-    rows = [record(0, 0.0)._replace(work=work) for work in (one, other, near, other, one)]
-    assert programs(rows).tolist() == [0, 1, 0, 1, 0]
+def test_a_program_that_is_forgotten_takes_no_level_along(monkeypatch):
+    """Five programs in turn, and room for two: old ones are forgotten, and nothing is found."""
+    monkeypatch.setattr(programs, "MAX_PROGRAMS", 2)
+    assert outcome(programs_in_turn(3.0, True, 48.0))[1] == []
+
+
+def test_a_record_between_two_programs_is_dropped():
+    one, between, other = (0.1, 0.2, 0.3, 0.4), (0.2, 0.2, 0.3, 0.3), (0.3, 0.2, 0.3, 0.2)
+    seen = programs.Programs()
+    works = (one, one, between, other, other, other, one)
+    found = [seen.step(record(0, 0.0)._replace(work=work))[0] for work in works]
+    assert [row is None for row in found] == [False, False, True, True, False, False, False]
+    assert [len(row.program) for row in found if row] == [0, 0, OWN, OWN, 0]
