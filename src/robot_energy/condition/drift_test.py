@@ -29,7 +29,7 @@ import numpy as np
 
 from robot_energy.blocks import Float
 from robot_energy.condition.baseline import BRIEF_HOURS, Contrasts, correlated, scatter
-from robot_energy.condition.programs import OWN, Programs, columns
+from robot_energy.condition.programs import OWN, ProgramTable, columns
 from robot_energy.condition.wear_records import DIGITS, RECORD_TIME, WearRecord
 
 WANDERS = (0.0005, 0.00125, 0.003, 0.008, 0.02, 0.05)  # of no known cause; the likeliest counts [-]
@@ -114,7 +114,7 @@ class DriftTest:
         self.records: list[WearRecord] = []
         self.changes: list[FrictionChange] = []
         self.contrasts = Contrasts()
-        self.programs = Programs()
+        self.programs = ProgramTable()
         self.drift = Drift()
         self.refused = 0
 
@@ -189,7 +189,7 @@ class DriftTest:
         records: list[WearRecord],
         changes: list[FrictionChange],
         contrasts: Contrasts,
-        programs: Programs,
+        programs: ProgramTable,
     ) -> None:
         """Continue from what was kept.
 
@@ -265,8 +265,9 @@ class DriftTest:
         size *= float(hours[-1] - before.hours) if ramp else 1.0
         if abs(size) < MIN_SIZE:
             return None
-        start = float(before.hours if ramp else (before.hours + after.hours) / 2)
-        stamp_ns = (before.stamp_ns + after.stamp_ns) // 2
+        share = before.time / (before.time + after.time)  # so it falls between two neighbours
+        start = float(before.hours + (0.0 if ramp else share * (after.hours - before.hours)))
+        stamp_ns = before.stamp_ns + round(share * (after.stamp_ns - before.stamp_ns))
         return FrictionChange(stamp_ns, start, float(hours[-1]) if ramp else start, size)
 
     def _shapes(self, records: list[WearRecord]) -> Float:

@@ -36,7 +36,7 @@ class KnownProgram:
     hours: float
 
 
-class Programs:
+class ProgramTable:
     """Tells to which program a record belongs.
 
     Args:

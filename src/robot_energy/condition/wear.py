@@ -11,7 +11,7 @@ from robot_energy.condition.baseline import Contrasts
 from robot_energy.condition.drift_test import Drift, DriftTest, FrictionChange
 from robot_energy.condition.joint_friction import MotionSums
 from robot_energy.condition.meter_records import MeterGatherer
-from robot_energy.condition.programs import KnownProgram, Programs
+from robot_energy.condition.programs import KnownProgram, ProgramTable
 from robot_energy.condition.record import (
     ChangeEntry,
     DriftRecord,
@@ -174,5 +174,5 @@ class WearMonitor:
                 [WearRecord(**dict(one)) for one in entry.records],
                 [FrictionChange(**dict(one)) for one in entry.changes],
                 Contrasts.restored(entry.contrasts),
-                Programs([KnownProgram(**dict(one)) for one in entry.programs]),
+                ProgramTable([KnownProgram(**dict(one)) for one in entry.programs]),
             )

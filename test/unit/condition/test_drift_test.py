@@ -179,7 +179,7 @@ def test_a_program_that_is_forgotten_takes_no_level_along(monkeypatch):
 
 def test_a_record_between_two_programs_is_dropped():
     one, between, other = (0.1, 0.2, 0.3, 0.4), (0.2, 0.2, 0.3, 0.3), (0.3, 0.2, 0.3, 0.2)
-    seen = programs.Programs()
+    seen = programs.ProgramTable()
     works = (one, one, between, other, other, other, one)
     found = [seen.step(record(0, 0.0)._replace(work=work))[0] for work in works]
     assert [row is None for row in found] == [False, False, True, True, False, False, False]
