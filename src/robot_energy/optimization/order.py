@@ -1,8 +1,8 @@
 """Order of independent moves: the cheapest round trip through all configurations.
 
 Each configuration keeps its rest and is visited once; the first stays the first. The energy between
-two configurations is that of the move as the program makes it; a move in which the robot would touch
-itself is never made. Up to `EXACT` configurations the
+two configurations is that of the move as the program makes it; a move in which the robot would
+touch itself is never made. Up to `EXACT` configurations the
 best order is found by dynamic programming over sets (Held and Karp); beyond, parts of the order are
 turned round as long as that saves energy, which finds a good order, not surely the best.
 """

@@ -3,8 +3,8 @@
 The workpiece, or the base the other way, is shifted in a box without being turned. Each
 configuration follows by inverse kinematics from where it is now, so elbow and wrist keep their
 sides; a place that a configuration cannot reach within its limits is left out. Between two
-configurations joints move in step, so limits hold there as well. Where the URDF has collision shapes,
-a place is left out where the robot would touch itself, on the way too.
+configurations joints move in step, so limits hold there as well. Where the URDF has collision
+shapes, a place is left out where the robot would touch itself, on the way too.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Self-collision of one robot by the collision shapes of its URDF.
 
-Boxes, cylinders and spheres are looked at, by Coal through Pinocchio; meshes are never opened. Links
-that one joint connects, and links of one body, are not compared with each other, nor are shapes that
-overlap in the neutral pose (all joints at zero): there shapes are larger than the links.
+Boxes, cylinders and spheres are looked at, by Coal through Pinocchio; meshes are never opened.
+Links that one joint connects, and links of one body, are not compared with each other, nor are
+shapes that overlap in the neutral pose (all joints at zero): they are larger than the links.
 """
 
 from __future__ import annotations
