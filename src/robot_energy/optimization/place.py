@@ -107,7 +107,7 @@ class _Search:
         self.tried = self.reachable = self.touching = 0
         energy, self._period, _ = self._costs(form.joint_position[None])
         self._least = float(energy[0])
-        self._found = form.joint_position
+        self._found: Float = form.joint_position
 
     def best(self, offsets: Float, offset: Float) -> tuple[Float, Float]:
         """Return configurations and offset of the best place so far."""
