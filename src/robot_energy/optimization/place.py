@@ -126,7 +126,7 @@ class _Search:
         usable = (period <= self._period[0] * (1 + 1e-9)) & (torque <= TORQUE_SHARE)
         self.reachable += int(usable.sum())
         cheaper = np.flatnonzero(usable & (energy < self._least))
-        for row in cheaper[np.argsort(energy[cheaper])].tolist():
+        for row in map(int, cheaper[np.argsort(energy[cheaper])]):
             if self._collision is None or touching_moves(self._collision, places[row]) is None:
                 self._least, self._found = float(energy[row]), places[row]
                 return self._found, kept[row]
