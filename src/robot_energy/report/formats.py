@@ -260,6 +260,18 @@ def counted(count: int, one: str, many: str = "") -> str:
     return f"{count} {one if count == 1 else many or one + 's'}"
 
 
+def some_names(names: Iterable[str], limit: int = 5) -> str:
+    """Return names in one line, each once; how many more there are beyond a limit.
+
+    Args:
+        names: In their order.
+        limit: How many are named, >= 1.
+    """
+    once = list(dict.fromkeys(names))
+    more = [f"{len(once) - limit} more"] if len(once) > limit else []
+    return ", ".join([*once[:limit], *more])
+
+
 def grouped(notes: Sequence[str]) -> list[str]:
     """Return notes of the form ``name: text`` with one line for all names of the same text.
 
