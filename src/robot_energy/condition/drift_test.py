@@ -37,9 +37,10 @@ WANDER_HOURS = 3.0  # of motion
 BRIEF = 0.5  # part of the scatter, that lasts a while; share of its variance [-]
 CHANGE = 1.0  # of a change that was found, before its size is known [-]
 
-MIN_Z_RAMP, MIN_Z_RAMP_PROGRAMS = 4.7, 6.5  # of a ramp; where programs change
-MIN_Z = 6.5  # of a step that has lasted; another program or payload does up to 5.8
+MIN_Z_RAMP = 4.7
+MIN_Z = 6.5  # of a step that has lasted; another payload does up to 5.8
 MIN_Z_YOUNG = 12.0  # of a younger one; a payload that is not understood does up to 9.5
+PROGRAMS_CHANGE = 1.5  # times these, once more than one program was seen
 LASTING, LASTING_WHOLE = 6.0, 24.0  # what is younger is young; of a joint, of a whole robot [h]
 MIN_SIZE = 0.005  # of a change [-]
 MIN_HOURS, MIN_HOURS_WHOLE = 3.0, 48.0  # before anything is found; no payload but one was seen [h]
@@ -258,8 +259,8 @@ class DriftTest:
         begin = int(begins[best % len(begins)])
         before, after = self.records[begin - 1], self.records[begin]
         young = hours[-1] - before.hours < self._lasting
-        ramps_need = MIN_Z_RAMP_PROGRAMS if self.contrasts.programs else MIN_Z_RAMP
-        least = ramps_need if ramp else MIN_Z_YOUNG if young else MIN_Z
+        least = MIN_Z_RAMP if ramp else MIN_Z_YOUNG if young else MIN_Z
+        least *= PROGRAMS_CHANGE if self.contrasts.programs else 1.0
         if surprise[best] < least or begin > n - MIN_AFTER:
             return None
         size *= float(hours[-1] - before.hours) if ramp else 1.0
