@@ -12,9 +12,9 @@ covariance without wear, y the excess less its expected baseline and u the shape
 and z is standard normal without a change. How large the wander is nobody says: with log
 likelihoods l(s) of its sizes s, ``sqrt(2 (max(l + z^2 / 2) - max l))`` over all sizes, shapes and
 beginnings is compared with `MIN_Z_RAMP`, with `MIN_Z`, or with `MIN_Z_YOUNG` where hours of motion
-have not yet confirmed a step: a payload differs from all before by more than it scatters. Each
-program of the robot but the first has a level and slopes of its own (`programs`).
-A change that was found stays in the model, so that the next one is looked for on top of it.
+have not yet confirmed a small step: a payload differs from all before by more than it scatters.
+Each program of the robot but the first has a level and slopes of its own (`programs`). A change
+that was found stays in the model, so that the next one is looked for on top of it.
 
 Old records are merged in pairs. The difference of a pair says nothing of wear, but of the
 baseline and of the scatter; it is kept in the sums of `Contrasts`, so that merging loses neither.
@@ -32,15 +32,16 @@ from robot_energy.condition.baseline import BRIEF_HOURS, Contrasts, correlated, 
 from robot_energy.condition.programs import OWN, ProgramTable, columns
 from robot_energy.condition.wear_records import DIGITS, RECORD_TIME, WearRecord
 
-WANDERS = (0.0005, 0.00125, 0.003, 0.008, 0.02, 0.05)  # of no known cause; the likeliest counts [-]
+WANDERS = (0.0005, 0.00125, 0.003, 0.008, 0.016)  # of no known cause; the likeliest counts [-]
+PROGRAM_WANDER = 0.05  # one more of these, once another program was seen [-]
 WANDER_HOURS = 3.0  # of motion
 BRIEF = 0.5  # part of the scatter, that lasts a while; share of its variance [-]
 CHANGE = 1.0  # of a change that was found, before its size is known [-]
 
-MIN_Z_RAMP = 4.7
-MIN_Z = 6.5  # of a step that has lasted; another payload does up to 5.8
-MIN_Z_YOUNG = 12.0  # of a younger one; a payload that is not understood does up to 9.5
-PROGRAMS_CHANGE = 1.5  # times these, once more than one program was seen
+# Deviations of a ramp, of a step that has lasted, of a young one.
+MIN_Z_RAMP, MIN_Z, MIN_Z_YOUNG = 4.7, 5.0, 10.0
+MANY_Z_RAMP, MANY_Z, MANY_Z_YOUNG = 7.0, 9.75, 12.0  # once another program was seen
+LARGE = 0.08  # a young step that is larger counts as one that has lasted; no payload does it [-]
 LASTING, LASTING_WHOLE = 6.0, 24.0  # what is younger is young; of a joint, of a whole robot [h]
 MIN_SIZE = 0.005  # of a change [-]
 MIN_HOURS, MIN_HOURS_WHOLE = 3.0, 48.0  # before anything is found; no payload but one was seen [h]
@@ -259,8 +260,7 @@ class DriftTest:
         begin = int(begins[best % len(begins)])
         before, after = self.records[begin - 1], self.records[begin]
         young = hours[-1] - before.hours < self._lasting
-        least = MIN_Z_RAMP if ramp else MIN_Z_YOUNG if young else MIN_Z
-        least *= PROGRAMS_CHANGE if self.contrasts.programs else 1.0
+        least = self._least(ramp, young, abs(size) >= LARGE)
         if surprise[best] < least or begin > n - MIN_AFTER:
             return None
         size *= float(hours[-1] - before.hours) if ramp else 1.0
@@ -270,6 +270,12 @@ class DriftTest:
         start = float(before.hours + (0.0 if ramp else share * (after.hours - before.hours)))
         stamp_ns = before.stamp_ns + round(share * (after.stamp_ns - before.stamp_ns))
         return FrictionChange(stamp_ns, start, float(hours[-1]) if ramp else start, size)
+
+    def _least(self, ramp: bool, young: bool, large: bool) -> float:
+        """How far a change must stand out; a program can do what a payload cannot. [-]"""
+        if self.contrasts.programs:
+            return MANY_Z_RAMP if ramp else MANY_Z_YOUNG if young else MANY_Z
+        return MIN_Z_RAMP if ramp else MIN_Z_YOUNG if young and not large else MIN_Z
 
     def _shapes(self, records: list[WearRecord]) -> Float:
         """What each change that was found adds to records, means, shape (n, changes). [-]"""
@@ -327,7 +333,8 @@ class DriftTest:
         brief = BRIEF * typical + self.contrasts.payload
         covariance += np.diag(own) + brief * correlated(hours, time, BRIEF_HOURS)
         wander = correlated(hours, time, WANDER_HOURS)
-        sizes = np.square(WANDERS)[:, None, None]
+        wanders = (*WANDERS, PROGRAM_WANDER) if self.contrasts.programs else WANDERS
+        sizes = np.square(wanders)[:, None, None]
         factors = np.linalg.cholesky(covariance + sizes * wander)
         white = np.linalg.solve(factors, excess[:, None])[:, :, 0]
         likelihood = -0.5 * (white**2).sum(axis=1)
