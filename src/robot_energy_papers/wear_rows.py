@@ -244,7 +244,8 @@ class WearRows:
         """When the program changes that begins now. [s]"""
         if self._changes is None:
             return math.inf
-        return now + 3600.0 * float(np.exp(plan.uniform(*np.log(self._changes))))
+        least, most = map(math.log, self._changes)
+        return now + 3600.0 * math.exp(plan.uniform(least, most))
 
     def _network(self, job: _Job, gear_degc: Float, motor_degc: Float) -> ThermalNetwork:
         """The thermal network for the cycles of a program."""

@@ -92,9 +92,11 @@ class Shift:
             self._pipeline.step(joint_block(output.joints), temperatures, output.meter)
             self._minute += 1
 
-    def _held_still(self, block: TemperatureBlock, stuck: int | None) -> TemperatureBlock:
+    def _held_still(
+        self, block: TemperatureBlock | None, stuck: int | None
+    ) -> TemperatureBlock | None:
         """Return readings of which one axis keeps its first."""
-        if stuck is None:
+        if stuck is None or block is None:
             self._held = float("nan")
             return block
         degc = block.motor_temperature_degc.copy()

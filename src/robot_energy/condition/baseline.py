@@ -111,11 +111,11 @@ class Contrasts:
         """
         rows = self.rows([before, after])
         apart = rows[1] - rows[0]
-        pair = np.array([[one.hours, one.time] for one in (before, after)]).T
-        shared = correlated(*pair, BRIEF_HOURS)
-        share = shared[0, 0] + shared[1, 1] - 2.0 * shared[0, 1]  # of twice the variance
+        hours, time = np.array([[one.hours, one.time] for one in (before, after)]).T
+        shared = correlated(hours, time, BRIEF_HOURS)
+        share = float(shared[0, 0] + shared[1, 1] - 2.0 * shared[0, 1])
         own = scatter(before) + scatter(after)
-        self._learn_payload(after.excess - before.excess, apart, own, float(share))
+        self._learn_payload(after.excess - before.excess, apart, own, share)
         weight = 1.0 / (own + DRIFTING**2 + self.payload * share)
         self.information += weight * np.outer(apart, apart)
         self.target += weight * (after.excess - before.excess) * apart
@@ -155,9 +155,9 @@ class Contrasts:
             What they were, shape (OWN,). [-]
         """
         own = columns(number)
-        gone = np.arange(FEATURES + own.start, FEATURES + own.stop)
+        gone = slice(FEATURES + own.start, FEATURES + own.stop)
         mean = self.baseline().mean[gone]
-        inner = self.information[np.ix_(gone, gone)] + np.diag(1.0 / np.square(PROGRAM))
+        inner = self.information[gone, gone] + np.diag(1.0 / np.square(PROGRAM))
         shared = np.linalg.solve(inner, self.information[gone])
         level = np.linalg.solve(inner, self.target[gone])
         self.square -= float(self.target[gone] @ level)

@@ -40,7 +40,7 @@ CHANGE = 1.0  # of a change that was found, before its size is known [-]
 
 # Deviations of a ramp, of a step that has lasted, of a young one.
 MIN_Z_RAMP, MIN_Z, MIN_Z_YOUNG = 4.7, 5.0, 10.0
-MANY_Z_RAMP, MANY_Z, MANY_Z_YOUNG = 7.0, 9.75, 12.0  # once another program was seen
+MANY_Z_RAMP, MANY_Z, MANY_Z_YOUNG = 7.0, 9.75, 18.0  # once another program was seen
 LARGE = 0.08  # a young step that is larger counts as one that has lasted; no payload does it [-]
 LASTING, LASTING_WHOLE = 6.0, 24.0  # what is younger is young; of a joint, of a whole robot [h]
 MIN_SIZE = 0.005  # of a change [-]

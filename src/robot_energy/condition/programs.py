@@ -87,7 +87,7 @@ class ProgramTable:
 
 def _nearest(work: tuple[float, ...], known: Sequence[tuple[float, ...]]) -> int | None:
     """The one that hardly differs."""
-    apart = [max(map(abs, np.subtract(one, work)), default=0.0) for one in known if one]
+    apart = [float(np.abs(np.subtract(one, work)).max()) for one in known if one]
     number = int(np.argmin(apart)) if apart else None
     return None if number is None or apart[number] > SAME_PROGRAM else number
 
