@@ -47,7 +47,7 @@ class Balance:
         """Return the flows at some samples.
 
         Args:
-            rows: Shape (M,).
+            rows: Which samples, shape (M,).
 
         Returns:
             Shape (M,) each. [W]
