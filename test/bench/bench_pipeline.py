@@ -130,7 +130,7 @@ def _without_bands(chain: EnergyPipeline) -> EnergyPipeline:
     columns = len(CABINET_DEVIATIONS) + len(JOINT_DEVIATIONS) * len(chain.model.joints)
     deviation: Any = chain.power._deviation  # nothing public switches it off
     calibration: Any = chain.ledger.calibration
-    deviation.columns = lambda speed, *_: np.zeros((len(speed), columns), order="F")
+    deviation.columns = lambda speed, *_, **__: np.zeros((len(speed), columns), order="F")
     calibration.step = lambda *_: None
     return chain
 
