@@ -20,7 +20,15 @@ START_NS = 1_700_000_000_000_000_000
 
 @cache
 def encoder_of(msgtype, names):
-    return Encoder(msgtype, {"model_id": "abc", "joints.name": names})
+    arrays = ("auxiliary", "auxiliary_states") if msgtype == ENERGY_REGISTERS else ("auxiliary",)
+    constants = {"model_id": "abc", "joints.name": names}
+    return Encoder(msgtype, constants, dict.fromkeys(arrays, 0))
+
+
+def zeros(encoder, n):
+    """All fields at zero, without auxiliary loads."""
+    nothing = np.empty((n, 0), dtype=np.uint8)
+    return {name: nothing if name.startswith("auxil") else 0.0 for name in encoder.fields}
 
 
 def batch(msgtype, rows):
@@ -34,7 +42,7 @@ def power_states(seconds, power, names=JOINTS, period=0.1, measured=None, **valu
     ends = START_NS + (np.asarray(seconds) * 1e9).astype(np.int64)
     n, power = len(ends), np.broadcast_to(np.asarray(power, dtype=float), len(ends))
     encoder = encoder_of(POWER_STATE, tuple(names))
-    columns = dict.fromkeys(encoder.fields, 0.0)
+    columns = zeros(encoder, n)
     columns |= {
         name: np.uint32(0) if name == "quality" else np.uint8(0)
         for name in ("phase", "meter_location", "band", "quality")
@@ -55,7 +63,7 @@ def power_states(seconds, power, names=JOINTS, period=0.1, measured=None, **valu
 def registers(energy, stamp=10.0, start=0.0, names=JOINTS, **values):
     """One register message; all of the energy is friction of the first joint."""
     encoder = encoder_of(ENERGY_REGISTERS, tuple(names))
-    columns = dict.fromkeys(encoder.fields, 0.0)
+    columns = zeros(encoder, 1)
     friction = np.zeros((1, len(names)))
     friction[0, 0] = energy
     columns |= {
@@ -72,9 +80,9 @@ def registers(energy, stamp=10.0, start=0.0, names=JOINTS, **values):
     return batch(ENERGY_REGISTERS, encoder.encode(columns | values, 1))
 
 
-def recorded(bag="kr16_cold", settings=None):
+def recorded(bag="kr16_cold", settings=None, auxiliary=None):
     """The page of a bundled bag, and the replay that filled it."""
-    model = load("kr16")
+    model = load("kr16").changed(auxiliary=auxiliary)
     page = RecordedPage(bag, model, settings or PageSettings())
     result = run_replay(BAGS / bag, model, power_period=page.period, on_output=page.take)
     page.finish(result)

@@ -54,6 +54,7 @@ ARGUMENTS = {  # name: default, what it is
     "separate": ("false", "Whether to start three processes"),
     "respawn": ("false", "Whether to restart what ends"),
     "virtual": ("false", "Whether to start a virtual robot"),
+    "auxiliary": ("false", "Whether a pump and an extruder run next to the virtual robot"),
     "dashboard": ("false", "Whether to serve the energy page of all robots"),
     "autostart": (AS_CONFIGURED, "Whether the nodes configure and activate themselves"),
     "params_file": ("", "Parameter file that is read after those of this package"),
@@ -67,13 +68,17 @@ ARGUMENTS = {  # name: default, what it is
     "log_level": ("info", "debug, info, warn, error or fatal"),
 }
 CHOICES = {  # of those that take no free text
-    **dict.fromkeys(("separate", "respawn", "virtual", "dashboard", "use_sim_time"), BOOLEANS),
+    **dict.fromkeys(
+        ("separate", "respawn", "virtual", "auxiliary", "dashboard", "use_sim_time"), BOOLEANS
+    ),
     "autostart": [AS_CONFIGURED, *BOOLEANS],
     "effort": [AS_CONFIGURED, *(str(meaning) for meaning in EffortMeaning)],
     "learning": [AS_CONFIGURED, *map(str, Learning)],
     "log_level": LEVELS,
 }
-OF_THE_ROBOT = ("namespace", "joint_states", "motor_temperatures", "power_meter", "log_level")
+OF_THE_ROBOT = (
+    *("namespace", "joint_states", "motor_temperatures", "power_meter", "auxiliary", "log_level"),
+)
 
 
 def share(*parts: str) -> PathJoinSubstitution:

@@ -20,6 +20,7 @@ ARGUMENTS = {  # name: default, what it is, what it can be
     "namespace": ("", "Namespace of the node", None),
     "params_file": ("", "Parameter file that is read after that of this package", None),
     **{name: ("", f"Topic to publish as; empty for {name}", None) for name in TOPICS},
+    "auxiliary": ("false", "Whether a pump and an extruder run next to the robot", BOOLEANS),
     "use_sim_time": ("false", "Whether the node takes the time from /clock", BOOLEANS),
     "log_level": ("info", "debug, info, warn, error or fatal", LEVELS),
 }
@@ -35,7 +36,12 @@ def robots(context) -> list[Node]:
         executable=NAME,
         name=NAME,
         namespace=value["namespace"],
-        parameters=[config, *further, {"use_sim_time": is_true(value["use_sim_time"])}],
+        parameters=[
+            config,
+            {"auxiliary": is_true(value["auxiliary"])},
+            *further,
+            {"use_sim_time": is_true(value["use_sim_time"])},
+        ],
         remappings=[(name, value[name]) for name in TOPICS if value[name]],
         arguments=["--ros-args", "--log-level", value["log_level"]],
         output="screen",

@@ -200,7 +200,7 @@ def test_arguments_without_free_text_have_choices(describe):
     choices = choices_of(describe(FILES[0]))
     assert set(choices) == {
         "separate", "respawn", "virtual", "dashboard", "use_sim_time", "autostart", "effort",
-        "learning", "log_level",
+        "auxiliary", "learning", "log_level",
     }  # fmt: skip
     assert "joint_torque" in choices["effort"]
     assert "yes" not in choices["use_sim_time"]

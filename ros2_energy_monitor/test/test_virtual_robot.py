@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from ros2_energy_msgs.msg import MotorTemperatures, PowerReading
 from sensor_msgs.msg import JointState
+from std_msgs.msg import UInt8
 
 from robot_energy.errors import RigError
+from robot_energy.rig.auxiliary import PUMP_OFF, LoadPlayer, auxiliary_loads
 from ros2_energy_monitor.base.parameters import RobotParameters
 from ros2_energy_monitor.base.publishers import best_effort
 from ros2_energy_monitor.nodes.virtual_robot import VirtualRobot, make_rig
@@ -59,3 +61,31 @@ def test_a_drawn_plant_takes_other_torques_for_the_same_motion():
 def test_an_impossible_warm_up_is_refused():
     with pytest.raises(RigError, match="thermal_speedup"):
         make_rig(RobotParameters(thermal_speedup=1e6), 10**18)
+
+
+def test_pump_and_extruder_on_request(bench):
+    bench.add(VirtualRobot, auxiliary=True)
+    power = bench.latest(PowerReading, "auxiliary/pump/power")
+    state = bench.latest(UInt8, "auxiliary/extruder/state")
+    bench.spin_until(lambda: power() and state(), "readings and states")
+    assert power().power == pytest.approx(PUMP_OFF, rel=0.02)
+    assert state().data == 0
+
+
+def test_loads_without_an_end_are_those_of_one_run():
+    """In any steps, over three periods: the same readings, and every state."""
+    start_ns, seconds = 10**18, 75.0
+    whole = auxiliary_loads(start_ns, seconds, 4)
+    player = LoadPlayer(start_ns, 4)
+    ends = np.cumsum([0.5, 12.0, 17.5, 0.2, 29.8, 15.0])
+    steps = [player.step_until(start_ns + round(end * 1e9)) for end in ends]
+    for name, load in whole.items():
+        stamps = np.concatenate([step[name].readings.stamp_ns for step in steps])
+        assert np.array_equal(stamps, load.readings.stamp_ns), name
+        for field in ("power", "energy"):
+            found = np.concatenate([getattr(step[name].readings, field) for step in steps])
+            np.testing.assert_allclose(found, getattr(load.readings, field), atol=1.01)
+        changed = np.concatenate([step[name].changed_ns for step in steps])
+        state = np.concatenate([step[name].state for step in steps])
+        at = np.searchsorted(changed, load.changed_ns, side="right") - 1
+        assert np.array_equal(state[at], load.state), name

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from robot_energy.api.identify import (
         IdentificationResult,
         identify_all,
+        identify_auxiliary,
         identify_cabinet,
         identify_dynamics,
         identify_friction,
@@ -71,9 +72,8 @@ _NAMES = {
     "advice.run": ("AdviceResult", "advise"),
     "api.evaluate": ("evaluate",),
     "api.identify": (
-        "IdentificationResult", "identify_all", "identify_cabinet", "identify_dynamics",
-        "identify_friction",
-        "identify_thermal",
+        "IdentificationResult", "identify_all", "identify_auxiliary", "identify_cabinet",
+        "identify_dynamics", "identify_friction", "identify_thermal",
     ),
     "api.online_monitor": ("OnlineMonitor",),
     "api.optimize": ("OptimizationResult", "optimize"),
@@ -114,8 +114,8 @@ __all__ = [
     "ReplayReport", "ReplayResult", "ReportError", "RobotDescriptionError", "RobotEnergyError",
     "RobotModel", "ShapeError", "TimeSeries", "UnknownJointError", "advise", "evaluate",
     "fleet_identify", "fleet_report", "fleet_run", "identify_all",
-    "identify_cabinet", "identify_dynamics", "identify_friction", "identify_thermal", "load_model",
-    "optimize", "physics", "predict", "replay", "save_model",
+    "identify_auxiliary", "identify_cabinet", "identify_dynamics", "identify_friction",
+    "identify_thermal", "load_model", "optimize", "physics", "predict", "replay", "save_model",
 ]  # fmt: skip
 
 

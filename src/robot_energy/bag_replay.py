@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -21,10 +21,9 @@ from robot_energy.condition.record import ConditionRecord
 from robot_energy.energy_bag import EnergyBagWriter
 from robot_energy.errors import BagError, UnknownJointError
 from robot_energy.files.output_folder import check_folder
-from robot_energy.inputs.bag_topics import LoadTopics, find_auxiliary, find_meter
+from robot_energy.inputs.bag_topics import find_auxiliary, find_meter
 from robot_energy.inputs.joint_states.joint_states import JointStateIngest
 from robot_energy.inputs.meter.meter import MeterIngest
-from robot_energy.inputs.meter.power_curve import MeterLimits
 from robot_energy.inputs.sources import Inputs, JointStateSource
 from robot_energy.inputs.temperatures.temperatures import TemperatureIngest
 from robot_energy.messages import PayloadReader
@@ -158,7 +157,7 @@ def replay(
     meter = MeterIngest(source, bag.typestore)
     pipeline = EnergyPipeline(model, settings.with_meter(*meter.source.limits))
     if loads:
-        pipeline.auxiliary = AuxiliaryAccount(loads, _limits(loaded, settings))
+        pipeline.ledger.auxiliary = AuxiliaryAccount(loads, loaded, settings.meter_max_gap)
     if learned is not None:
         pipeline.power.condition.restore(learned)
     temperatures = TemperatureIngest(
@@ -258,8 +257,9 @@ def _outputs(
         steps = read_ahead(steps)
     with closing(steps):
         for step in steps:
-            for name, (readings, states) in step.auxiliary.items():
-                pipeline.take_auxiliary(name, readings, states)
+            if pipeline.ledger.auxiliary is not None:
+                for name, (readings, states) in step.auxiliary.items():
+                    pipeline.ledger.auxiliary.take(name, readings, states)
             if step.inputs is None or step.stages is None:
                 yield pipeline.advance(step.torque, step.temperatures, step.meter), step.changes
             else:  # as they are in the process that has read
@@ -289,15 +289,6 @@ def _spans(bag: BagReader, result: Replay, time_range: TimeRange) -> dict[str, L
         **dict.fromkeys((*(topics.joint_states or ()), *metered), (first, last)),
         **dict.fromkeys(topics.temperatures or (), (earlier, last)),
         **({topics.payload: (0, last)} if topics.payload else {}),
-    }
-
-
-def _limits(loaded: Mapping[str, LoadTopics], settings: Settings) -> dict[str, MeterLimits]:
-    """What is said of the readings of each load's meter."""
-    return {
-        name: MeterLimits(settings.meter_max_gap, load.meter.max_power, load.meter.wraps_at_joule)
-        for name, load in loaded.items()
-        if load.meter is not None
     }
 
 

@@ -52,8 +52,9 @@ class EnergyBagWriter:
     ) -> None:
         self._torque = TorqueWriter(model.joint_names, model.model_id)
         self._friction = FrictionWriter(model)
-        self._power = PowerStateWriter(model.joint_names, model.model_id)
-        self._registers = RegistersWriter(model.joint_names, model.model_id)
+        loads = model.auxiliary or ()
+        self._power = PowerStateWriter(model.joint_names, model.model_id, loads)
+        self._registers = RegistersWriter(model.joint_names, model.model_id, loads)
         self._payload = PayloadWriter(model.model_id)
         self._payloads = 0  # changes written
         self._counted_ns: int | None = None

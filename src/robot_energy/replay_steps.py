@@ -17,7 +17,7 @@ from robot_energy.bag import BagReader
 from robot_energy.bag.mcap_records import LogTimes
 from robot_energy.blocks import JointBlock, MeterBlock, TemperatureBlock, TorqueBlock
 from robot_energy.cdr.batch import RawBatch
-from robot_energy.inputs.bag_topics import LoadTopics
+from robot_energy.inputs.auxiliary import LoadTopics
 from robot_energy.inputs.joint_states.joint_states import JointStateIngest
 from robot_energy.inputs.meter.meter import MeterIngest
 from robot_energy.inputs.temperatures.temperatures import TemperatureIngest
@@ -73,6 +73,12 @@ class LoadIngest:
     def flush(self) -> LoadReadings:
         """Return what still waits, as at the end of a bag."""
         return self._each(lambda reader: reader.flush())
+
+    def restart(self) -> None:
+        """Drop what waits, as after an error."""
+        for reader in (self.meter, self.state):
+            if reader is not None:
+                reader.restart()
 
     def _each(self, take: Callable[[MeterIngest], MeterBlock | None]) -> LoadReadings:
         meter, state = (None if r is None else take(r) for r in (self.meter, self.state))

@@ -23,10 +23,10 @@ MODULES = {
         shown_text time_series units
     """,
     "robot_energy.accounting": """
-        account account_record auxiliary averaging band_calibration comparison
+        account account_record auxiliary auxiliary_record averaging band_calibration comparison
         energy_calibration energy_curve event_log exact_sum held_energy integration job_intervals
-        meter_checks plain_text prediction_errors record record_repair registers sample_counts
-        settings shaft_comparison
+        load_curve meter_checks plain_text prediction_errors record record_repair registers
+        sample_counts settings shaft_comparison totals
     """,
     "robot_energy.advice": """
         claims dataset_evidence evidence run speeds
@@ -47,9 +47,10 @@ MODULES = {
     """,
     "robot_energy.cli": """
         advise check completion export fleet fleet_identify fleet_report fleet_run identify
-        identify_all identify_cabinet identify_drives identify_dynamics identify_excitation
-        identify_friction identify_inputs identify_thermal import_logs info kinds layouts main
-        models monitoring numbers optimize page predict replay replay_options report robots schema
+        identify_all identify_auxiliary identify_cabinet identify_drives identify_dynamics
+        identify_excitation identify_friction identify_inputs identify_thermal import_logs info
+        kinds layouts main models monitoring numbers optimize page predict replay replay_options
+        report robots schema
         simulate stopping terminal test tool_options
     """,
     "robot_energy.condition": """
@@ -66,6 +67,9 @@ MODULES = {
     """,
     "robot_energy.identify": """
         bounds causes plausibility provenance run_all steps turns
+    """,
+    "robot_energy.identify.auxiliary": """
+        readings states
     """,
     "robot_energy.identify.cabinet": """
         cabinet dc_link link_errors link_readings meter_delay supply
@@ -135,7 +139,8 @@ MODULES = {
     """,
     "robot_energy.page": """
         access alarms energy_flow event_stream headless_browser history hub job_rows json_numbers
-        messages metrics monitoring recording robot_state saved_page settings web_app web_server
+        load_rows messages metrics monitoring recording robot_state saved_page settings web_app
+        web_server
     """,
     "robot_energy.physics": """
         cabinet derivative drive drivetrain effort effort_check electrical_power equations friction
@@ -160,8 +165,8 @@ MODULES = {
     """,
     "robot_energy.results": """
         advice auxiliary base check condition drives dynamics energy evaluation excitation fleet
-        identification model optimization optimization_figures prediction replay schema thermal
-        uncertainty
+        identification load_states model optimization optimization_figures prediction replay schema
+        thermal uncertainty
     """,
     "robot_energy.rig": """
         auxiliary config lubricant output plant profile random_plant record sensors supply thermal

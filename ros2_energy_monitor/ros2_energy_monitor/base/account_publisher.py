@@ -32,9 +32,9 @@ class AccountPublisher:
         self, node: Node, model: RobotModel, ledger: EnergyAccount, parameters: AccountParameters
     ) -> None:
         self._node, self._ledger, self._joint_names = node, ledger, model.joint_names
-        self._uncounted = [load.name for load in model.auxiliary or ()]
-        self._power_writer = PowerStateWriter(model.joint_names, model.model_id)
-        self._registers_writer = RegistersWriter(model.joint_names, model.model_id)
+        loads = model.auxiliary or ()
+        self._power_writer = PowerStateWriter(model.joint_names, model.model_id, loads)
+        self._registers_writer = RegistersWriter(model.joint_names, model.model_id, loads)
         self._power: PacedPublisher | None = None
         self._ticks = round(parameters.tick_rate / parameters.power_rate)
         self._registers: RowPublisher | None = None
@@ -54,11 +54,6 @@ class AccountPublisher:
         Raises:
             RegisterError: If the state files cannot be used.
         """
-        if self._uncounted:
-            self._node.get_logger().warning(
-                f"the node does not count the auxiliary loads {', '.join(self._uncounted)} of the "
-                "model; `robot-energy replay` of a recording does"
-            )
         power = RowPublisher(self._node, PowerState, "energy/power", reliable(100))
         self._power = PacedPublisher(power, self._ticks)
         self._registers = RowPublisher(

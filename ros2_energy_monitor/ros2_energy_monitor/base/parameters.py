@@ -23,6 +23,7 @@ from rclpy.parameter import Parameter as RosParameter
 
 from robot_energy.condition.learner import Learning
 from robot_energy.errors import ParameterError
+from robot_energy.inputs.auxiliary import AuxiliaryInputs
 from robot_energy.inputs.meter.source import MeterInputs
 from robot_energy.inputs.parameters import Parameter, assemble, parameter, refuse_renamed
 from robot_energy.inputs.sources import GapInputs, JointStateInputs, TemperatureInputs
@@ -102,7 +103,7 @@ class FrictionParameters(TemperatureInputs, Common):
 
 
 @dataclass(frozen=True, kw_only=True)
-class AccountParameters(MeterInputs, Common):
+class AccountParameters(AuxiliaryInputs, MeterInputs, Common):
     """What the nodes that keep an energy account share."""
 
     power_rate: float = parameter(
@@ -194,6 +195,11 @@ class RobotParameters:
     )
     hard: bool = parameter(
         "Whether the rig has effects that no model file has a term for, such as elastic joints.",
+        False,
+    )
+    auxiliary: bool = parameter(
+        "Whether a pump and an extruder run next to the robot: their meters on "
+        "auxiliary/NAME/power, the numbers of their states on auxiliary/NAME/state.",
         False,
     )
 

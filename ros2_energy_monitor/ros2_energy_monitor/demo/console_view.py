@@ -65,7 +65,11 @@ class ConsoleView:
             self._powers[key] = value if math.isnan(old) else old + share * (value - old)
 
     def take_diagnostics(self, message: DiagnosticArray) -> None:
-        """Take the statuses of the monitors; those of other nodes are left out."""
+        """Take the statuses of the monitors; those of other nodes are left out.
+
+        Args:
+            message: Statuses of any nodes.
+        """
         for status in message.status:
             known = status.name in self._status or len(self._status) < MAX_STATUSES
             if "_monitor: " in status.name and known:
@@ -77,7 +81,11 @@ class ConsoleView:
         return None not in (self._power, self.registers, self.friction)
 
     def line(self, now: float) -> str:
-        """Return the state in one line."""
+        """Return the state in one line.
+
+        Args:
+            now: Time on the clock of `take_power`. [s]
+        """
         power, registers = self._power, self.registers
         if power is None:
             return self._waiting(now)

@@ -98,7 +98,7 @@ def live_energies(
     Args:
         expected: The recording.
         model: Model file for all three.
-        rate: Times the speed of nature.
+        rate: Times the speed of nature, > 0. [-]
         log: Folder for the logs of the nodes.
         stop: Ends it early.
 

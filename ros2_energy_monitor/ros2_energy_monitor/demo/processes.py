@@ -49,7 +49,11 @@ class NodeProcesses:
             )
 
     def log(self, name: str) -> Path:
-        """Return the file with a node's output."""
+        """Return the file with a node's output.
+
+        Args:
+            name: Of the node, as it was started.
+        """
         return self._folder / f"{name}.log"
 
     def ended(self) -> list[str]:
@@ -57,7 +61,14 @@ class NodeProcesses:
         return [name for name, child in self._running.items() if child.poll() is not None]
 
     def stop(self, *names: str) -> dict[str, int]:
-        """Interrupt some nodes or all, kill what does not end, and return the exit codes."""
+        """Interrupt some nodes or all, and kill what does not end.
+
+        Args:
+            names: Of the nodes, as they were started; none for all.
+
+        Returns:
+            Exit code of each node by its name.
+        """
         chosen = {name: self._running.pop(name) for name in names or tuple(self._running)}
         for child in chosen.values():
             if child.poll() is None:

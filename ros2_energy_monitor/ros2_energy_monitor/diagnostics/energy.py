@@ -89,7 +89,15 @@ def joint_state_source(
 
 
 def unknown_joints(topics: str, names: Iterable[str]) -> list[str]:
-    """Name joints that a topic brings and the model does not know, one sentence each."""
+    """Name joints that a topic brings and the model lacks.
+
+    Args:
+        topics: Names of the topics that bring them, for the sentence.
+        names: The joints, in any order.
+
+    Returns:
+        One sentence for each, sorted by name.
+    """
     return [
         f"{topics} also names '{name}', which the model does not know: ignored"
         for name in sorted(names)
@@ -111,6 +119,9 @@ def temperature_source(
         stage: The friction that follows.
         model: The robot's model.
         newest_ns: Gives the newest stamp of the joint states, where they are known. [ns]
+
+    Returns:
+        Makes the status of the motor temperatures.
     """
 
     def findings() -> StatusBuilder:
@@ -175,7 +186,15 @@ def temperature_source(
 def stuck_temperatures(
     watch: StuckTemperatureDetector, model: RobotModel
 ) -> Callable[[StatusBuilder], None]:
-    """Check whether the temperatures follow the losses of the motors."""
+    """Check whether the temperatures follow the losses of the motors.
+
+    Args:
+        watch: Compares losses and readings.
+        model: The robot's model, for the names of the joints.
+
+    Returns:
+        A check that adds how many are stuck, and a warning with their names.
+    """
 
     def check(found: StatusBuilder) -> None:
         stuck = [name for name, is_so in zip(model.joint_names, watch.stuck, strict=True) if is_so]
@@ -191,7 +210,14 @@ def stuck_temperatures(
 
 
 def fallback_temperatures(use: FallbackUse) -> Callable[[StatusBuilder], None]:
-    """Check whether samples had to do without temperatures that do arrive."""
+    """Check whether samples had to do without temperatures that do arrive.
+
+    Args:
+        use: Counts the samples with the fallback temperature.
+
+    Returns:
+        A check that adds their number, and a warning if it has grown since the check before.
+    """
     before = 0
 
     def check(found: StatusBuilder) -> None:
@@ -206,7 +232,13 @@ def fallback_temperatures(use: FallbackUse) -> Callable[[StatusBuilder], None]:
 
 
 def stray_stamps(epochs: EpochSplitter, what: str, found: StatusBuilder) -> None:
-    """Check the stamps of a stream of messages."""
+    """Check the stamps of a stream of messages.
+
+    Args:
+        epochs: Jumps and outliers of the stamps.
+        what: Name of the messages, such as ``messages on /power``.
+        found: Where a warning is added.
+    """
     sentence = sentence_of(epochs, what, within=RECENT)
     if sentence:
         found.add(WARN, sentence)
@@ -227,6 +259,9 @@ def energy_source(
         readings: What became of them.
         meter_timeout: Silence beyond which the meter counts as missing. [s]
         inputs: Each checks another input of the node.
+
+    Returns:
+        Makes the status of energy and meter.
     """
     names = ("meter_voltage_", "meter_current_") if len(meter) > 1 else ("meter_",)
     watches = [

@@ -53,7 +53,12 @@ class InputWatch:
         self._absent = 0  # reports since the start without a publisher
 
     def check(self, found: StatusBuilder, prefix: str = "") -> None:
-        """Add the key values of the input and what is wrong with it."""
+        """Add the key values of the input and what is wrong with it.
+
+        Args:
+            found: Status to which they are added.
+            prefix: Before every key, where a status has several inputs.
+        """
         inbox, account, before = self._inbox, self._account, self._before
         after = _Counts(
             account.received,
@@ -147,7 +152,12 @@ def counted(inbox: Inbox) -> str:
 
 
 def accounting(account: RejectionLog, prefix: str = "") -> dict[str, Number]:
-    """Return received messages, and what sums to them: accepted, waiting, rejected by reason."""
+    """Return received messages, and what sums to them: accepted, waiting, rejected by reason.
+
+    Args:
+        account: What became of the messages.
+        prefix: Before every key, where a status has several accounts.
+    """
     return {
         f"{prefix}received": account.received,
         f"{prefix}accepted": account.accepted,

@@ -64,10 +64,7 @@ class ModelCheck:
     ) -> None:
         self._needed_ns, self._guard = round(motion / NANOSECOND), guard
         self._model, self._effort = model, effort
-        own = {one.name for one in fields(parameters)}  # nodes do not read auxiliary loads
-        self._inputs = Inputs(
-            **{one.name: getattr(parameters, one.name) for one in fields(Inputs) if one.name in own}
-        )
+        self._inputs = Inputs(**{one.name: getattr(parameters, one.name) for one in fields(Inputs)})
         self._pipeline, self._temperatures = pipeline, temperatures
         self._standstill = np.array([joint.standstill_velocity for joint in model.joints])
         self._outputs: deque[tuple[Output, int, int]] = deque()  # with samples, time in motion

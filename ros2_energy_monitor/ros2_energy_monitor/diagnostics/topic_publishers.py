@@ -66,7 +66,12 @@ class TopicPublishers:
 
 
 def policies(reason: str) -> str:
-    """Return the mismatched policies from what the middleware says about them."""
+    """Return the mismatched policies from what the middleware says about them.
+
+    Args:
+        reason: Text of `rclpy.qos.qos_check_compatible`: parts between semicolons, the mismatches
+            after ``ERROR:``.
+    """
     parts = [part.strip() for part in reason.split(";")]
     found = [part.removeprefix("ERROR: ") for part in parts if part.startswith("ERROR: ")]
     return ", ".join(found).lower()

@@ -85,7 +85,7 @@ class MqttExporter(Exporter):
         self._base = f"{parameters.topic}/{robot}"
         self._connected, self._failure, self._losses = threading.Event(), "", 0
         self._announced = False
-        self._status, self._joints = "", ()
+        self._status, self._parts = "", ((), ())
         self._sent: dict[Topic, tuple[Any, float]] = {}
         self._dropped = self._published = 0
         client = self._client = mqtt.Client(
@@ -155,7 +155,7 @@ class MqttExporter(Exporter):
                 continue
             self._sent[topic] = (message, now)
             if topic is Topic.POWER and self._given.discovery:
-                self._announce_joints(message)
+                self._announce_parts(message)
             text = json.dumps(exported(message, topic), allow_nan=False)
             self._send(f"{self._base}/{topic.value}", text, retain=topic is Topic.REGISTERS)
         current = any(newest.is_current(topic, now) for topic in Topic)
@@ -223,16 +223,19 @@ class MqttExporter(Exporter):
 
     def _announce(self) -> None:
         """Send the discovery messages; once more after each connection, as a broker may forget."""
-        self._announced, self._joints = True, ()
+        self._announced, self._parts = True, ((), ())
         if self._given.discovery:
             for value in VALUES:
                 self._discover(value.name, self._sensor(value))
 
-    def _announce_joints(self, message: Any) -> None:
+    def _announce_parts(self, message: Any) -> None:
         names = tuple(joint.name for joint in message.joints[:MAX_JOINTS])
-        if names == self._joints:
+        loads = tuple(load.name for load in message.auxiliary[:MAX_JOINTS])
+        if (names, loads) == self._parts:
             return
-        self._joints = names
+        self._parts = names, loads
+        for at, name in enumerate(loads):
+            self._announce_load(at, re.sub(r"[^A-Za-z0-9_-]", "_", name), name)
         for at, name in enumerate(names):
             known = re.sub(r"[^A-Za-z0-9_-]", "_", name)
             self._discover(
@@ -244,6 +247,23 @@ class MqttExporter(Exporter):
                     "device_class": "temperature",
                     "state_class": "measurement",
                     **self._of(Topic.POWER),
+                },
+            )
+
+    def _announce_load(self, at: int, known: str, name: str) -> None:
+        for topic, key, unit, kind in (
+            (Topic.POWER, "power", "W", "measurement"),
+            (Topic.REGISTERS, "energy_kwh", "kWh", "total"),
+        ):
+            self._discover(
+                f"auxiliary_{known}_{key}",
+                {
+                    "name": f"{'Power' if topic is Topic.POWER else 'Energy'} of {name}",
+                    "value_template": f"{{{{ value_json.auxiliary[{at}].{key} }}}}",
+                    "unit_of_measurement": unit,
+                    "device_class": DEVICE_CLASS[unit],
+                    "state_class": kind,
+                    **self._of(topic),
                 },
             )
 

@@ -24,19 +24,24 @@ from datetime import UTC, datetime
 from typing import Any
 
 from robot_energy import __version__
-from robot_energy.blocks import MeterLocation
 from robot_energy.errors import ExporterError
 from robot_energy.inputs.parameters import parameter
-from robot_energy.units import ENERGY_UNITS
+from robot_energy.model.auxiliary import MAX_LOADS
 from ros2_energy_monitor.base.credentials import read_credentials, require_private
 from ros2_energy_monitor.base.optional_packages import require
 from ros2_energy_monitor.diagnostics.reporter import ERROR, StatusBuilder
 from ros2_energy_monitor.exporters.exporter import Exporter, Newest
-from ros2_energy_monitor.exporters.values import Topic, stamp_of
+from ros2_energy_monitor.exporters.opcua_measurements import (
+    MEASUREMENTS,
+    OBJECTS,
+    Measurement,
+    data_value,
+    load_measurements,
+)
+from ros2_energy_monitor.exporters.values import Topic
 
 NAMESPACE = "urn:robot-energy:opcua"
 UNITS = "http://www.opcfoundation.org/UA/units/un/cefact"
-WATT, WATT_HOUR = (5723220, "W", "watt"), (5720146, "W·h", "watt hour")
 NONE, SIGN, ENCRYPT = "none", "sign", "sign_and_encrypt"
 ENDED = 10.0  # longest wait for the end of the server [s]
 
@@ -64,68 +69,6 @@ class OpcUaParameters:
     period: float = parameter("Time from one update to the next [s].", 1.0, 0.1, 3600.0)
 
 
-@dataclass(frozen=True)
-class Measurement:
-    """One variable.
-
-    Attributes:
-        origin: predicted or measured.
-        name: Browse name.
-        topic: Of which message.
-        field: Of the message.
-        factor: From the field to the value. [-]
-        double: Whether it is a Double; a Float otherwise.
-        unit: Engineering unit: number, symbol, name.
-        number: MeasurementID; None where no public text states one.
-    """
-
-    origin: str
-    name: str
-    topic: Topic
-    field: str
-    factor: float
-    double: bool
-    unit: tuple[int, str, str]
-    number: int | None = None
-
-
-def _of(origin: str, power: str, energy: str) -> tuple[Measurement, ...]:
-    factor = 1.0 / ENERGY_UNITS["Wh"]
-    low, high = "AcActiveEnergyTotalImportLp", "AcActiveEnergyTotalImportHp"
-    return (
-        Measurement(origin, "AcActivePowerTotal", Topic.POWER, power, 1.0, False, WATT, 1412),
-        Measurement(origin, low, Topic.REGISTERS, energy, factor, False, WATT_HOUR, 1001),
-        Measurement(origin, high, Topic.REGISTERS, energy, factor, True, WATT_HOUR),
-    )
-
-
-def _band(
-    name: str, topic: Topic, field: str, factor: float, unit: tuple[int, str, str]
-) -> Measurement:
-    """Part of a 90 % band; the standard has none."""
-    return Measurement(PREDICTED, name, topic, field, factor, True, unit)
-
-
-PREDICTED, MEASURED = "predicted", "measured"
-OBJECTS = {
-    PREDICTED: ("PredictedEnergy", "computed by a model from joint states and temperatures"),
-    MEASURED: ("MeasuredEnergy", "read from a meter at the mains supply of the cabinet"),
-}
-MEASUREMENTS = (
-    *_of(PREDICTED, "predicted_grid_power", "predicted_import_energy"),
-    _band("ActivePowerBandLower", Topic.POWER, "predicted_power_lower", 1.0, WATT),
-    _band("ActivePowerBandUpper", Topic.POWER, "predicted_power_upper", 1.0, WATT),
-    _band(
-        "ActiveEnergyBandHalfWidth",
-        Topic.REGISTERS,
-        "predicted_energy_band",
-        1.0 / ENERGY_UNITS["Wh"],
-        WATT_HOUR,
-    ),
-    *_of(MEASURED, "measured_power", "measured_energy"),
-)
-
-
 class OpcUaExporter(Exporter):
     """Serves the measurements, read-only, from a thread of its own.
 
@@ -146,6 +89,7 @@ class OpcUaExporter(Exporter):
         _check(parameters)
         self._secret = read_credentials(parameters.credentials_file)
         self._nodes: dict[Measurement, Any] = {}
+        self._loads: dict[str, tuple[Measurement, ...]] = {}  # as power states name them
         self._loop: asyncio.AbstractEventLoop | None = None
         self._ready, self._ended = threading.Event(), threading.Event()
         self._stop: asyncio.Event | None = None
@@ -167,7 +111,12 @@ class OpcUaExporter(Exporter):
         if loop is None or not self._ready.is_set() or now - self._last < self._given.period:
             return
         self._last = now
-        values = {one: data_value(one, newest, now) for one in MEASUREMENTS}
+        power = newest.message(Topic.POWER)
+        for name in [] if power is None else [load.name for load in power.auxiliary]:
+            if name not in self._loads and len(self._loads) < MAX_LOADS:
+                self._loads[name] = load_measurements(name)
+        wanted = [*MEASUREMENTS, *(one for each in self._loads.values() for one in each)]
+        values = {one: data_value(one, newest, now) for one in wanted}
         asyncio.run_coroutine_threadsafe(self._write(values), loop)
 
     def stop(self) -> None:
@@ -201,6 +150,7 @@ class OpcUaExporter(Exporter):
 
     async def _serve(self) -> None:
         self._loop, self._stop = asyncio.get_running_loop(), asyncio.Event()
+        self._writing = asyncio.Lock()
         server = self._asyncua.Server(user_manager=_ReadOnlyUsers(self._secret, self._user))
         await server.init()
         await self._configure(server)
@@ -234,6 +184,19 @@ class OpcUaExporter(Exporter):
             await server.load_certificate(given.certificate_file)
             await server.load_private_key(given.key_file)
 
+    async def _build_load(self, name: str) -> None:
+        """Add the object of a load that a message has named."""
+        ua, space, title = self._asyncua.ua, self._space, f"AuxiliaryEnergy.{name}"
+        place = await self._place.add_object(
+            ua.NodeId(f"{self._robot}.{title}", space),
+            ua.QualifiedName(title, space),
+            objecttype=self._kind.nodeid,
+        )
+        await place.add_property(space, "ApplicationTag", f"{self._robot} {name}")
+        await place.add_property(space, "Origin", "load outside of the cabinet")
+        for one in self._loads[name]:
+            self._nodes[one] = await self._variable(place, space, title, one)
+
     async def _build(self, server: Any) -> None:
         ua = self._asyncua.ua
         space = await server.register_namespace(NAMESPACE)
@@ -242,7 +205,8 @@ class OpcUaExporter(Exporter):
             return ua.QualifiedName(browse, space)
 
         kind = await server.nodes.base_object_type.add_object_type(space, "EnergyMeasurement")
-        robot = await server.nodes.objects.add_object(space, self._robot)
+        self._kind, self._space = kind, space
+        robot = self._place = await server.nodes.objects.add_object(space, self._robot)
         await robot.add_property(space, "SoftwareVersion", __version__)
         for origin, (title, text) in OBJECTS.items():
             place = await robot.add_object(
@@ -271,10 +235,13 @@ class OpcUaExporter(Exporter):
         return node
 
     async def _write(self, values: dict[Measurement, tuple[float, str, float]]) -> None:
-        for one, value in values.items():
-            await self._server.write_attribute_value(
-                self._nodes[one].nodeid, self._value(one, value)
-            )
+        async with self._writing:
+            for one, value in values.items():
+                if one not in self._nodes:
+                    await self._build_load(one.load)
+                await self._server.write_attribute_value(
+                    self._nodes[one].nodeid, self._value(one, value)
+                )
         self._updates += 1
 
     def _value(self, one: Measurement, value: tuple[float, str, float]) -> Any:
@@ -288,30 +255,6 @@ class OpcUaExporter(Exporter):
             SourceTimestamp=datetime.fromtimestamp(stamp, UTC) if stamp else None,
             ServerTimestamp=datetime.now(UTC),
         )
-
-
-def data_value(one: Measurement, newest: Newest, now: float) -> tuple[float, str, float]:
-    """Return value, status and source time [s] of a measurement.
-
-    Args:
-        one: The measurement.
-        newest: The newest messages.
-        now: Steady time. [s]
-    """
-    message = newest.message(one.topic)
-    if message is None:
-        return math.nan, "BadWaitingForInitialData", 0.0
-    stamp = stamp_of(message.header.stamp)
-    if not newest.is_current(one.topic, now):
-        return math.nan, "BadNoCommunication", stamp
-    value = getattr(message, one.field) * one.factor
-    power = newest.message(Topic.POWER)
-    if one.origin is MEASURED and (power is None or power.meter_location != MeterLocation.GRID):
-        return math.nan, "BadNotConnected", stamp
-    if not math.isfinite(value):
-        return math.nan, "BadNotConnected" if one.origin is MEASURED else "BadNoData", stamp
-    doubtful = one.origin is PREDICTED and power is not None and power.quality != 0
-    return value, "UncertainSubNormal" if doubtful else "Good", stamp
 
 
 class _ReadOnlyUsers:

@@ -72,6 +72,8 @@ VALUES = (
     _power("predicted_power_lower", "Grid power, lower end of the 90 % band"),
     _power("predicted_power_upper", "Grid power, upper end of the 90 % band"),
     _energy("predicted_energy_band", "Energy from the grid, half of the 90 % band", False),
+    _power("outlet_power", "Power from the outlet, with the loads outside of the cabinet"),
+    _energy("outlet_energy", "Energy from the outlet while all loads are known", False),
 )
 
 
@@ -108,10 +110,37 @@ def exported(message: Any, topic: Topic) -> dict[str, Any]:
             }
             for joint in message.joints[:MAX_JOINTS]
         ]
+        found["auxiliary"] = [
+            {
+                "name": load.name,
+                "state": state_name(load),
+                "power": number(load.power),
+                "remarks": int(load.remarks),
+            }
+            for load in message.auxiliary[:MAX_JOINTS]
+        ]
     else:
         found["energy_start"] = stamp_of(message.energy_start)
         found["persisted"] = bool(message.persisted)
+        found["auxiliary"] = [
+            {
+                "name": load.name,
+                "energy_kwh": load.energy / ENERGY_UNITS["kWh"],
+                "known_time": load.known_time,
+                "missing_time": load.missing_time,
+            }
+            for load in message.auxiliary[:MAX_JOINTS]
+        ]
     return found
+
+
+def state_name(load: Any) -> str | None:
+    """Return the name of the state of a load; None where it is not known.
+
+    Args:
+        load: LoadPower.
+    """
+    return load.states[load.state] if 0 <= load.state < len(load.states) else None
 
 
 def stamp_of(stamp: Any) -> float:

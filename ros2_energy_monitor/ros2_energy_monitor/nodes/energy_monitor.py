@@ -11,6 +11,7 @@ from robot_energy.inputs.joint_states.joint_states import JointStateIngest
 from robot_energy.messages import FrictionWriter, TorqueWriter
 from robot_energy.pipeline import EnergyPipeline, Output
 from ros2_energy_monitor.base.account_publisher import AccountPublisher
+from ros2_energy_monitor.base.auxiliary_loads import AuxiliaryLoads
 from ros2_energy_monitor.base.condition_publisher import ConditionPublisher
 from ros2_energy_monitor.base.inputs import (
     joint_state_inboxes,
@@ -25,6 +26,7 @@ from ros2_energy_monitor.base.parameters import EnergyParameters
 from ros2_energy_monitor.base.publishers import friction_publisher, torque_publisher
 from ros2_energy_monitor.base.run_node import run
 from ros2_energy_monitor.base.settings import settings_of
+from ros2_energy_monitor.diagnostics.auxiliary import auxiliary_sources
 from ros2_energy_monitor.diagnostics.energy import (
     energy_source,
     fallback_temperatures,
@@ -71,6 +73,7 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
         self._friction_writer = FrictionWriter(self.model)
         self._torque = torque_publisher(self, depth) if self.parameters.publish_torque else None
         self._friction = friction_publisher(self)
+        self._loads = AuxiliaryLoads(self, self.parameters, self.ledger)
         self._account_publisher = AccountPublisher(self, self.model, self.ledger, self.parameters)
         self.exit_stack.callback(self._account_publisher.close)
         self._account_publisher.open()
@@ -112,6 +115,7 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
             *((inbox, self.ingest.account) for inbox in states),
             *temperature_inputs(self._temperature, self.temperatures),
             *((inbox, self._meter.account) for inbox in self.readings),
+            *self._loads.inputs,
         ]
         self.orders = [self.ingest.order]
         self.sources = [
@@ -136,6 +140,7 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
                 stuck_temperatures(self._pipeline.power.watch, self.model),
                 fallback_temperatures(self._pipeline.power.fallback_use),
             ),
+            *auxiliary_sources(self.ledger, self._loads),
             self._account_publisher.checkpoints.findings,
             self._condition.findings,
             self._model_check.findings,
@@ -165,6 +170,7 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
         """
         states = self.drain([self.joint_states, *self._further])
         temperatures, readings = self.drain(self.temperatures), self.drain(self.readings)
+        self._loads.take(self._loads.drain())
         self._publish(
             self.guard.feed(
                 "motor_temperatures",
@@ -196,6 +202,7 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
             )
         )
         self.guard.run("meter", lambda: self._pipeline.step(meter=self._meter.flush()))
+        self._loads.flush()
         self._joints(0, self.ingest.flush)
         self._publish(self.guard.run("joint_states", self._pipeline.flush, self._restart))
         self.guard.run("registers", self._account_publisher.deactivate)
@@ -234,7 +241,14 @@ class EnergyMonitor(MonitorNode[EnergyParameters]):
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until it is interrupted."""
+    """Run the node until it is interrupted.
+
+    Args:
+        args: Command line without the program; None for that of the process.
+
+    Returns:
+        Exit code of `run`.
+    """
     return run(EnergyMonitor, args)
 
 

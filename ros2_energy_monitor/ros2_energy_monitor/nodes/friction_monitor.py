@@ -83,7 +83,14 @@ class FrictionMonitor(MonitorNode[FrictionParameters]):
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until it is interrupted."""
+    """Run the node until it is interrupted.
+
+    Args:
+        args: Command line without the program; None for that of the process.
+
+    Returns:
+        Exit code of `run`.
+    """
     return run(FrictionMonitor, args)
 
 

@@ -51,7 +51,7 @@ class Player:
     Args:
         node: The node that publishes.
         bag: The bag.
-        rate: Times the speed of nature, > 0.
+        rate: Times the speed of nature, > 0. [-]
         topics: Which to play; None for all that can be.
 
     Attributes:

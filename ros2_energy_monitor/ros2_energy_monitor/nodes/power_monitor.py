@@ -15,6 +15,7 @@ from robot_energy.blocks import FrictionBlock, MeterBlock, PowerBlock, TorqueBlo
 from robot_energy.messages import FrictionReader, TorqueReader
 from robot_energy.pipeline import PowerStage
 from ros2_energy_monitor.base.account_publisher import AccountPublisher
+from ros2_energy_monitor.base.auxiliary_loads import AuxiliaryLoads
 from ros2_energy_monitor.base.condition_publisher import ConditionPublisher
 from ros2_energy_monitor.base.inbox import Inbox
 from ros2_energy_monitor.base.inputs import messages_in, meter_input
@@ -23,6 +24,7 @@ from ros2_energy_monitor.base.parameters import PowerParameters
 from ros2_energy_monitor.base.publishers import FRICTION_DEPTH, latched, reliable
 from ros2_energy_monitor.base.run_node import run
 from ros2_energy_monitor.base.settings import settings_of
+from ros2_energy_monitor.diagnostics.auxiliary import auxiliary_sources
 from ros2_energy_monitor.diagnostics.energy import (
     energy_source,
     fallback_temperatures,
@@ -56,6 +58,7 @@ class PowerMonitor(MonitorNode[PowerParameters]):
         self._friction = FrictionReader(self.model)
         self._stage = PowerStage(self.model, settings)
         self.ledger = EnergyAccount(len(self.model.joints), settings)
+        self._loads = AuxiliaryLoads(self, self.parameters, self.ledger)
         self._account_publisher = AccountPublisher(self, self.model, self.ledger, self.parameters)
         self.exit_stack.callback(self._account_publisher.close)
         self._account_publisher.open()
@@ -80,6 +83,7 @@ class PowerMonitor(MonitorNode[PowerParameters]):
             (self.torques, self._torque.account),
             (self.frictions, self._friction.account),
             *((inbox, self._meter.account) for inbox in self.readings),
+            *self._loads.inputs,
         ]
         self.orders = [self._torque.order]
         torque = InputWatch(
@@ -109,6 +113,7 @@ class PowerMonitor(MonitorNode[PowerParameters]):
                 fallback_temperatures(self._stage.fallback_use),
                 self._clocks,
             ),
+            *auxiliary_sources(self.ledger, self._loads),
             self._account_publisher.checkpoints.findings,
             self._condition.findings,
         ]
@@ -130,6 +135,7 @@ class PowerMonitor(MonitorNode[PowerParameters]):
         """
         torques = self.drain([self.torques])
         frictions, readings = self.drain([self.frictions]), self.drain(self.readings)
+        self._loads.take(self._loads.drain())
         self.guard.feed(
             "joint_friction",
             [(self._friction.account, messages_in(frictions))],
@@ -159,6 +165,7 @@ class PowerMonitor(MonitorNode[PowerParameters]):
         self.tick()
         self.guard.run("joint_friction", lambda: self._use_friction(self._friction.flush()))
         self.guard.run("meter", lambda: self._use_meter(self._meter.flush()))
+        self._loads.flush()
         self._publish(
             self.guard.run("joint_torque", lambda: self._use_torque(self._torque.flush()))
         )
@@ -196,7 +203,14 @@ class PowerMonitor(MonitorNode[PowerParameters]):
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until it is interrupted."""
+    """Run the node until it is interrupted.
+
+    Args:
+        args: Command line without the program; None for that of the process.
+
+    Returns:
+        Exit code of `run`.
+    """
     return run(PowerMonitor, args)
 
 

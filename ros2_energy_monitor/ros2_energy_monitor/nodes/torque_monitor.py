@@ -92,7 +92,14 @@ class TorqueMonitor(MonitorNode[TorqueParameters]):
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until it is interrupted."""
+    """Run the node until it is interrupted.
+
+    Args:
+        args: Command line without the program; None for that of the process.
+
+    Returns:
+        Exit code of `run`.
+    """
     return run(TorqueMonitor, args)
 
 

@@ -12,12 +12,14 @@ from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from ros2_energy_msgs.msg import MotorTemperatures, PowerReading
 from sensor_msgs.msg import JointState
+from std_msgs.msg import UInt8
 
 from robot_energy.motion import random_program, tool_above
 from robot_energy.rig import RigConfig, VirtualRig, load_profile, random_profile
-from robot_energy.rig.record import RigEncoder
+from robot_energy.rig.auxiliary import LOADS, LoadPlayer
+from robot_energy.rig.record import RigEncoder, load_messages
 from ros2_energy_monitor.base.parameters import RobotParameters, declare
-from ros2_energy_monitor.base.publishers import PacedPublisher, RowPublisher, reliable
+from ros2_energy_monitor.base.publishers import PacedPublisher, RowPublisher, latched, reliable
 from ros2_energy_monitor.base.run_node import run
 
 BODY = "kr16"
@@ -30,6 +32,9 @@ def make_rig(parameters: RobotParameters, start_stamp_ns: int) -> VirtualRig:
     Args:
         parameters: Of the virtual robot.
         start_stamp_ns: Stamp of the first sample. [ns]
+
+    Returns:
+        The rig, at rest before its first sample.
 
     Raises:
         RigError: If the figures make no sense together.
@@ -57,7 +62,7 @@ def make_rig(parameters: RobotParameters, start_stamp_ns: int) -> VirtualRig:
 
 
 class VirtualRobot(Node):
-    """Publishes ``joint_states``, ``motor_temperatures`` and ``power_meter``.
+    """Publishes ``joint_states``, ``motor_temperatures`` and ``power_meter``; loads on request.
 
     Every tick computes the samples that are due; the joint states among them go out one a period,
     up to a tick later, so that they come as evenly as those of a driver. Stamps are those of the
@@ -85,6 +90,14 @@ class VirtualRobot(Node):
             self, MotorTemperatures, "motor_temperatures", reliable(10)
         )
         self._meter = RowPublisher(self, PowerReading, "power_meter", reliable(100))
+        self._player: LoadPlayer | None = None
+        self._loads: dict[str, RowPublisher] = {}
+        if self.parameters.auxiliary:
+            self._player = LoadPlayer(self.rig.stamp_ns, self.parameters.seed)
+            for name in LOADS:
+                power, state = f"auxiliary/{name}/power", f"auxiliary/{name}/state"
+                self._loads[f"/{power}"] = RowPublisher(self, PowerReading, power, reliable(100))
+                self._loads[f"/{state}"] = RowPublisher(self, UInt8, state, latched(1))
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(1.0 / tick_rate, self.tick, clock=steady)
         self.create_timer(self.rig.period, self._joints.tick, clock=steady)
@@ -102,10 +115,21 @@ class VirtualRobot(Node):
         if output.meter is not None:
             self._meter.publish(self._encoder.meter(output.meter))
         self._joints.add(self._encoder.joint_states(output.joints))
+        if self._player is not None:
+            done = self._player.step_until(self.rig.stamp_ns)
+            for topic, _, rows in load_messages(self._encoder, done):
+                self._loads[topic].publish(rows)
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until it is interrupted."""
+    """Run the node until it is interrupted.
+
+    Args:
+        args: Command line without the program; None for that of the process.
+
+    Returns:
+        Exit code of `run`.
+    """
     return run(VirtualRobot, args)
 
 

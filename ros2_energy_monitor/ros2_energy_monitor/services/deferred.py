@@ -62,14 +62,22 @@ class DeferredService:
             pass
 
     def close(self, answer: Any) -> None:
-        """Answer the request that waits, and end; the node destroys the service itself."""
+        """Answer the request that waits, and end; the node destroys the service itself.
+
+        Args:
+            answer: A response of the service; it is not sent if no request waits.
+        """
         self.finish(answer)
         if self._service is not None:
             del self._service.send_response  # its reference to this object
         self._service = self._send = self._done = None
 
     def finish(self, answer: Any) -> None:
-        """Answer the request that waits, if one does."""
+        """Answer the request that waits, if one does.
+
+        Args:
+            answer: A response of the service; it is not sent if no request waits.
+        """
         header, self._header = self._header, None
         if header is not None and self._send is not None:
             self._send(answer, header)

@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 
 from builtin_interfaces.msg import Time
 from rclpy.node import Node
-from ros2_energy_msgs.msg import EnergyInterval, JointEnergy
+from ros2_energy_msgs.msg import EnergyInterval, JointEnergy, LoadEnergy
 from ros2_energy_msgs.srv import CloseInterval, ListIntervals, OpenInterval, ResetRegisters
 
 from robot_energy.accounting import record
@@ -100,8 +100,9 @@ class RegisterServices:
     def _message(self, interval: record.EnergyInterval) -> EnergyInterval:
         fields = interval_fields(interval, self._names, self._ledger.calibration)
         joints = [JointEnergy(**joint) for joint in fields.pop("joints")]
+        loads = [LoadEnergy(**load) for load in fields.pop("auxiliary")]
         start, end = _time(fields.pop("start_ns")), _time(fields.pop("end_ns"))
-        return EnergyInterval(start=start, end=end, joints=joints, **fields)
+        return EnergyInterval(start=start, end=end, joints=joints, auxiliary=loads, **fields)
 
 
 def _time(stamp_ns: int) -> Time:

@@ -11,7 +11,7 @@ import threading
 import time
 
 import pytest
-from ros2_energy_msgs.msg import EnergyRegisters, JointPower, PowerState
+from ros2_energy_msgs.msg import EnergyRegisters, JointPower, LoadEnergy, LoadPower, PowerState
 
 from robot_energy.errors import CredentialsError, ExporterError
 from ros2_energy_monitor.diagnostics.reporter import StatusBuilder
@@ -287,3 +287,32 @@ def test_the_node_exports_what_the_monitors_publish(bench, broker, subscriber):
 def test_the_node_names_the_exporters_there_are(bench):
     with pytest.raises(Exception, match="one of 'mqtt', 'opcua'"):
         bench.add(EnergyExporter, exporters=["sparkplug"])
+
+
+def test_loads_outside_of_the_cabinet_are_in_values_and_discovery(
+    broker, subscriber, exporter, eventually
+):
+    port = broker().port
+    got, newest = subscriber(port), Newest(stale_after=60.0)
+    message, counted = power(), registers()
+    states = ["off", "on"]
+    message.outlet_power = math.nan
+    message.auxiliary = [
+        LoadPower(name="pump", states=states, state=1, power=800.0),
+        LoadPower(name="lamp", states=states, state=-1, power=math.nan, remarks=2),
+    ]
+    counted.auxiliary = [LoadEnergy(name="pump", energy=3.6e6, known_time=10.0)]
+    newest.take(Topic.POWER, message, time.monotonic())
+    newest.take(Topic.REGISTERS, counted, time.monotonic())
+    one = exporter(port)
+    eventually(
+        feeding(one, newest, lambda: got.json(f"{BASE}/power") and got.json(f"{BASE}/registers")),
+        "values",
+    )
+    pump, lamp = got.json(f"{BASE}/power")["auxiliary"]
+    assert pump == {"name": "pump", "state": "on", "power": 800.0, "remarks": 0}
+    assert (lamp["state"], lamp["power"], lamp["remarks"]) == (None, None, 2)
+    assert got.json(f"{BASE}/registers")["auxiliary"][0]["energy_kwh"] == pytest.approx(1.0)
+    sensor = "homeassistant/sensor/robot_energy_kr16/auxiliary_pump_power/config"
+    eventually(lambda: got.json(sensor), "discovery of the pump")
+    assert got.json(sensor)["value_template"] == "{{ value_json.auxiliary[0].power }}"

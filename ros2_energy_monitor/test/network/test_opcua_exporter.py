@@ -7,7 +7,7 @@ import math
 import time
 
 import pytest
-from ros2_energy_msgs.msg import EnergyRegisters, PowerState
+from ros2_energy_msgs.msg import EnergyRegisters, LoadEnergy, LoadPower, PowerState
 
 from robot_energy.errors import CredentialsError, ExporterError
 from ros2_energy_monitor.diagnostics.reporter import StatusBuilder
@@ -253,3 +253,29 @@ def test_a_port_in_use_is_in_the_diagnostics(serve, eventually):
     second.check(found)
     assert "the OPC UA server does not run" in found.message
     second.stop()
+
+
+def test_loads_outside_of_the_cabinet_get_objects_of_their_own(serve, eventually):
+    out, url = serve()
+    newest = Newest(stale_after=60.0)
+    message, counted = power(), registers()
+    message.auxiliary = [
+        LoadPower(name="pump", power=800.0),
+        LoadPower(name="lamp", power=math.nan, remarks=2),
+    ]
+    counted.auxiliary = [LoadEnergy(name="pump", energy=7200.0), LoadEnergy(name="lamp")]
+    newest.take(Topic.POWER, message, time.monotonic())
+    newest.take(Topic.REGISTERS, counted, time.monotonic())
+    updated(out, newest, eventually)
+    pump, energy, lamp = asyncio.run(
+        read(
+            url,
+            ("AuxiliaryEnergy.pump", POWER),
+            ("AuxiliaryEnergy.pump", ENERGY),
+            ("AuxiliaryEnergy.lamp", POWER),
+        )
+    )
+    assert pump.Value.Value == 800.0
+    assert pump.StatusCode.is_good()
+    assert energy.Value.Value == pytest.approx(2.0)
+    assert lamp.StatusCode.name == "BadNoData"

@@ -10,10 +10,12 @@ from __future__ import annotations
 from collections import Counter, deque
 from collections.abc import Callable
 from copy import copy
+from dataclasses import replace
 
 import numpy as np
 
 from robot_energy.accounting.account_record import carry_into, record_of, totals_of
+from robot_energy.accounting.auxiliary import AccountMark, AuxiliaryAccount
 from robot_energy.accounting.averaging import Averager, MeanBlock
 from robot_energy.accounting.band_calibration import BandCalibration
 from robot_energy.accounting.comparison import Comparison
@@ -22,17 +24,12 @@ from robot_energy.accounting.exact_sum import ExactSum, SumMark
 from robot_energy.accounting.job_intervals import JobIntervals
 from robot_energy.accounting.meter_checks import MeterDiagnostics
 from robot_energy.accounting.plain_text import MAX_REASON, plain
-from robot_energy.accounting.record import (
-    AccountRecord,
-    EnergyInterval,
-    Identity,
-    Totals,
-    TraceEntry,
-)
+from robot_energy.accounting.record import AccountRecord, EnergyInterval, Identity, TraceEntry
 from robot_energy.accounting.registers import CABINET_REGISTERS, Registers
 from robot_energy.accounting.sample_counts import CountMark, SampleCounts, greatest
 from robot_energy.accounting.settings import AccountSettings
 from robot_energy.accounting.shaft_comparison import ShaftEnergySums
+from robot_energy.accounting.totals import Totals
 from robot_energy.blocks import (
     Int,
     MeterBlock,
@@ -47,6 +44,7 @@ from robot_energy.timeline.pieces import Compared
 from robot_energy.timeline.stamps import MAX_STAMP_NS, MIN_STAMP_NS
 from robot_energy.uncertainty.band import EnergyBand
 
+_Counters = tuple[list[SumMark], CountMark, Int, Coverage, int, AccountMark | None]
 REPEATED_NS = 1_000_000_000  # after a restart, stamps up to this old were counted before it
 
 
@@ -69,6 +67,7 @@ class EnergyAccount:
         trace: Resets, restarts, changes of the model.
         restarts: How often the account was continued from a record.
         on_compared: Called with what became comparable, for plots.
+        auxiliary: Account of the loads outside of the cabinet; None where none are counted.
     """
 
     def __init__(self, n_joints: int, settings: AccountSettings | None = None) -> None:
@@ -79,6 +78,7 @@ class EnergyAccount:
         self.on_compared: Callable[[Compared], None] | None = None
         self.judgement = MeterDiagnostics(self._settings.meter_unit)
         self.repeated = 0
+        self.auxiliary: AuxiliaryAccount | None = None
         self._begin()
 
     def _begin(self) -> None:
@@ -95,6 +95,8 @@ class EnergyAccount:
         self.calibration = BandCalibration()
         self.trace = EventLog()
         self.restarts = 0
+        if self.auxiliary is not None:
+            self.auxiliary.begin()
         self._unplaced: deque[SupplyBlock] = deque()
         self._resume_ns: int | None = None  # newest sample counted before a restart
 
@@ -123,13 +125,13 @@ class EnergyAccount:
         try:
             means, compared = self._counted(block)
         except Exception:
-            self._take_back(*before)
+            self._take_back(before)
             raise
         if self.on_compared is not None and compared is not None:
             self.on_compared(compared)
         return means
 
-    def _counters(self) -> tuple[list[SumMark], CountMark, Int, Coverage, int]:
+    def _counters(self) -> _Counters:
         """All counters as they stand."""
         return (
             [each.mark() for each in (self.registers, self.shaft, self.comparison)],
@@ -137,18 +139,18 @@ class EnergyAccount:
             self.shaft.compared_ns.copy(),
             copy(self.registers.time),
             self.comparison.compared_ns,
+            self.auxiliary.mark() if self.auxiliary is not None else None,
         )
 
-    def _take_back(
-        self, sums: list[SumMark], counts: CountMark, shaft_ns: Int, time: Coverage, meter_ns: int
-    ) -> None:
+    def _take_back(self, counters: _Counters) -> None:
         """Go back to what `_counters` gave; the time until the next sample is a gap."""
+        sums, counts, self.shaft.compared_ns, time, self.comparison.compared_ns, loads = counters
         for each, mark in zip((self.registers, self.shaft, self.comparison), sums, strict=True):
             each.go_back(mark)
         self.counts.go_back(counts)
-        self.shaft.compared_ns = shaft_ns
         self.registers.set_time(time)
-        self.comparison.compared_ns = meter_ns
+        if self.auxiliary is not None and loads is not None:
+            self.auxiliary.go_back(loads)
         self.interrupt()
 
     def _counted(self, block: PowerBlock) -> tuple[MeanBlock | None, Compared | None]:
@@ -171,7 +173,16 @@ class EnergyAccount:
             means = self._averager.step(block, intervals, shaft, compared)
         self.calibration.meter(self.comparison.location)
         self.calibration.step(block, held, self.registers.held.open_ns, compared, means)
+        means = self._with_loads(means)
+        if self.auxiliary is not None:
+            self.auxiliary.step(block)
         return means, compared
+
+    def _with_loads(self, means: MeanBlock | None) -> MeanBlock | None:
+        """Add what is known of the auxiliary loads at the ends of the periods."""
+        if means is None or self.auxiliary is None:
+            return means
+        return replace(means, loads=self.auxiliary.shown(means.stamp_ns))
 
     def _compare(self, block: PowerBlock) -> Compared:
         """Compare as far as possible; power waits until it is known where the meter sits."""
@@ -229,7 +240,7 @@ class EnergyAccount:
 
     def totals(self) -> Totals:
         """Return all counters as they stand."""
-        return totals_of(self)
+        return totals_of(self, self.auxiliary)
 
     def state(self, identity: Identity) -> AccountRecord:
         """Return all that must be kept across a restart.
@@ -266,6 +277,8 @@ class EnergyAccount:
         self.registers.interrupt()
         self.comparison.interrupt()
         self.calibration.interrupt()
+        if self.auxiliary is not None:
+            self.auxiliary.interrupt()
         self._unplaced.clear()
         self._resume_ns = self.registers.time.end_ns
 
@@ -299,6 +312,8 @@ class EnergyAccount:
         self.shaft.reset()
         self.comparison.reset()
         self.counts.reset()
+        if self.auxiliary is not None:
+            self.auxiliary.reset()
 
     def open_interval(self, name: str) -> EnergyInterval:
         """Begin a job interval at the newest counted sample.
@@ -348,10 +363,13 @@ class EnergyAccount:
         return block[slice(first, None)]
 
     def flush(self) -> MeanBlock | None:
-        """Return the mean of the period that is still open."""
+        """Return the mean of the period that is still open, and decide what waits for loads."""
         means = None if self._averager is None else self._averager.flush()
         if means is not None:
             self.calibration.finish(means)
+        means = self._with_loads(means)
+        if self.auxiliary is not None:
+            self.auxiliary.flush()
         return means
 
     @property

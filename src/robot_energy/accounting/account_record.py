@@ -7,20 +7,25 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from robot_energy.accounting.auxiliary import AuxiliaryAccount
+from robot_energy.accounting.auxiliary_record import (
+    carry_loads,
+    load_remainders,
+    load_totals,
+    state_totals,
+)
 from robot_energy.accounting.event_log import EventLog
 from robot_energy.accounting.exact_sum import PER_JOULE, add_saturating
-from robot_energy.accounting.record import (
+from robot_energy.accounting.record import AccountRecord, Identity, Remainders
+from robot_energy.accounting.registers import CABINET_REGISTERS, JOINT_REGISTERS
+from robot_energy.accounting.totals import (
     CABINET_DEVIATION_KEYS,
     CABINET_KEYS,
     JOINT_DEVIATION_KEYS,
     SHAFT_KEYS,
-    AccountRecord,
-    Identity,
-    Remainders,
     Totals,
     saturated,
 )
-from robot_energy.accounting.registers import CABINET_REGISTERS, JOINT_REGISTERS
 from robot_energy.blocks import Float, Int, Phase, Quality
 from robot_energy.timeline.coverage import Coverage
 
@@ -30,11 +35,12 @@ if TYPE_CHECKING:
 _ORDER = (*CABINET_REGISTERS, *JOINT_REGISTERS, *CABINET_DEVIATION_KEYS, *JOINT_DEVIATION_KEYS)
 
 
-def totals_of(account: EnergyAccount) -> Totals:
+def totals_of(account: EnergyAccount, loads: AuxiliaryAccount | None) -> Totals:
     """Return all counters of an account as they stand.
 
     Args:
         account: The account.
+        loads: Account of the auxiliary loads, as it stands or flushed; None without loads.
     """
     time, comparison = account.registers.time, account.comparison
     cabinet, joints = _by_name(account.registers.microjoule, account.shaft.microjoule)
@@ -49,6 +55,9 @@ def totals_of(account: EnergyAccount) -> Totals:
         gap_ns=time.gap_ns,
         gap_count=time.gap_count,
         jumps=time.jumps,
+        outlet_cabinet_energy_microjoule=int(loads.together.microjoule[0]) if loads else 0,
+        outlet_ns=loads.together_ns if loads else 0,
+        auxiliary=load_totals(loads) if loads else {},
     )
 
 
@@ -60,6 +69,7 @@ def record_of(account: EnergyAccount, identity: Identity) -> AccountRecord:
         identity: Whose they are.
     """
     registers, comparison = account.registers, account.comparison
+    loads = account.auxiliary.flushed() if account.auxiliary is not None else None
     cabinet, joints = _by_name(registers.remainder, account.shaft.remainder)
     phases = [phase.name for phase in Phase]
     phase_energy = account.phase_energy_sum
@@ -68,7 +78,7 @@ def record_of(account: EnergyAccount, identity: Identity) -> AccountRecord:
         identity=identity,
         energy_start_ns=account.start_ns,
         end_ns=account.end_ns,
-        totals=totals_of(account),
+        totals=totals_of(account, loads),
         remainders=Remainders(
             cabinet=cabinet,
             joints=joints,
@@ -76,6 +86,8 @@ def record_of(account: EnergyAccount, identity: Identity) -> AccountRecord:
             predicted_at_meter=int(comparison.remainder[1]),
             phases=dict(zip(phases, phase_energy.remainder.tolist(), strict=True)),
             learned=int(account.learned_energy_sum.remainder[0]),
+            outlet_cabinet=int(loads.together.remainder[0]) if loads else 0,
+            auxiliary=load_remainders(loads) if loads else {},
         ),
         phase_energy_microjoule=dict(zip(phases, phase_energy.microjoule.tolist(), strict=True)),
         phase_observed_ns=dict(zip(phases, account.phase_ns.tolist(), strict=True)),
@@ -92,6 +104,7 @@ def record_of(account: EnergyAccount, identity: Identity) -> AccountRecord:
         closed_intervals=closed,
         trace=account.trace.entries,
         calibration=account.calibration.state(),
+        auxiliary_states=state_totals(loads) if loads else {},
     )
 
 
@@ -139,6 +152,8 @@ def carry_into(account: EnergyAccount, record: AccountRecord) -> None:
     account.learned_energy_sum.add_sums(
         _integers(record.learned_energy_microjoule), _integers(rest.learned)
     )
+    if account.auxiliary is not None:
+        carry_loads(account.auxiliary, record)
     account.intervals.restore(
         record.open_intervals, record.closed_intervals, record.next_interval_id
     )

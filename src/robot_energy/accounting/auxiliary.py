@@ -9,123 +9,23 @@ the time in which every load is known: outlet = cabinet + loads, in exact intege
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import deepcopy
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from robot_energy.accounting.exact_sum import REMAINDER_BITS, ExactSum
+from robot_energy.accounting.exact_sum import REMAINDER_BITS, ExactSum, SumMark
+from robot_energy.accounting.load_curve import UNKNOWN, LoadCurve
 from robot_energy.blocks import NANOSECOND, Float, Int, MeterBlock, PowerBlock
-from robot_energy.inputs.meter.power_curve import MeterCurve, MeterLimits
+from robot_energy.inputs.auxiliary import LoadTopics
 from robot_energy.model.auxiliary import AuxiliaryLoad
 from robot_energy.timeline.coverage import MAX_GAP_NS
 from robot_energy.timeline.pieces import CoveredPieces
 
-PATIENCE_NS = 60_000_000_000  # for a meter that has not reported yet
-STATE_WAIT_NS = 1_000_000_000  # for a state that was set but has not arrived
-UNKNOWN = -1  # number of a state that nobody has said
-
-
-class LoadCurve:
-    """Power of one load over time, as far as its meter and its states say it.
-
-    Args:
-        load: The load.
-        limits: Of the readings of its meter.
-        planned: Whether to go by states alone, as for a prediction.
-
-    Attributes:
-        load: The load.
-        metered: Whether its meter says its power.
-        switched: Whether states arrive by messages.
-        curve: What became of the readings of the meter.
-    """
-
-    def __init__(self, load: AuxiliaryLoad, limits: MeterLimits, planned: bool) -> None:
-        self.load = load
-        self.metered = load.metered and not planned
-        self.switched = False
-        self.curve = MeterCurve(limits.max_gap, limits.max_power, limits.wraps_at)
-        self._power = np.array([figure.value for figure in load.states.values()] + [np.nan])
-        self._pieces = CoveredPieces.empty()
-        first = UNKNOWN if load.initial is None else load.state_names.index(load.initial)
-        self._changed_ns: Int = np.array([np.iinfo(np.int64).min])
-        self._state: Int = np.array([first])
-
-    def measure(self, block: MeterBlock) -> None:
-        """Take readings of the meter.
-
-        Args:
-            block: Readings in order of arrival.
-        """
-        first, *later = self.curve.step(block)
-        self._pieces = later[-1] if later else self._pieces.join(first)
-
-    def switch(self, stamp_ns: Int, state: Float) -> None:
-        """Take states; a number that the load does not have makes its state unknown.
-
-        Args:
-            stamp_ns: Since when, shape (N,). [ns]
-            state: Number of each, shape (N,). [-]
-        """
-        with np.errstate(invalid="ignore"):
-            known = (state == np.floor(state)) & (state >= 0) & (state < len(self.load.states))
-        number = np.where(known, state, UNKNOWN).astype(np.int64)
-        order = np.argsort(stamp_ns, kind="stable")
-        earlier = self._changed_ns <= stamp_ns[order[0]] if len(order) else slice(None)
-        self.switched = True
-        self._changed_ns = np.concatenate([self._changed_ns[earlier], stamp_ns[order]])
-        self._state = np.concatenate([self._state[earlier], number[order]])
-
-    def known_until(self, newest_ns: int) -> int:
-        """Return until when the power is known, though more may arrive. [ns]
-
-        Args:
-            newest_ns: Newest sample of the robot. [ns]
-        """
-        until = newest_ns - STATE_WAIT_NS if self.switched else newest_ns
-        if not self.metered:
-            return until
-        reported = int(self._pieces.end_ns[-1]) if len(self._pieces) else newest_ns - PATIENCE_NS
-        return min(until, max(reported, newest_ns - PATIENCE_NS))
-
-    @property
-    def edges(self) -> Int:
-        """Where its power or its state may jump. [ns]"""
-        pieces = self._pieces.edges if self.metered else np.empty(0, dtype=np.int64)
-        return np.concatenate([pieces, self._changed_ns])
-
-    def energy(self, low: Int, high: Int) -> tuple[Float, NDArray[np.bool_], Int]:
-        """Return the energy of intervals without an edge inside.
-
-        Args:
-            low: Where each begins, shape (M,). [ns]
-            high: Where each ends, shape (M,). [ns]
-
-        Returns:
-            Energy, 0 where it is not known [J]; whether it is known; number of the state,
-            `UNKNOWN` where nobody said it; shape (M,) each.
-        """
-        state = self._state[np.searchsorted(self._changed_ns, low, side="right") - 1]
-        time = (high - low) * NANOSECOND
-        if self.metered:
-            if not len(self._pieces):
-                return np.zeros(len(low)), np.zeros(len(low), dtype=np.bool_), state
-            row, known = self._pieces.index(low, high)
-            power = 0.5 * (self._pieces.value(row, low) + self._pieces.value(row, high))
-        else:
-            power = self._power[state]
-            known = np.isfinite(power)
-        return np.where(known, power * time, 0.0), known, state
-
-    def forget(self, before_ns: int) -> None:
-        """Drop what lies before an instant, but for the state in force then.
-
-        Args:
-            before_ns: The instant. [ns]
-        """
-        self._pieces = self._pieces[self._pieces.end_ns > before_ns]
-        first = int(np.searchsorted(self._changed_ns, before_ns, side="right")) - 1
-        self._changed_ns, self._state = self._changed_ns[first:], self._state[first:]
+_COUNTS = ("known_ns", "missing_ns", "missing_count", "state_ns", "together_ns", "observed_ns")
+AccountMark = tuple[list[SumMark], list[Any], Any]
+"""Where an account stands: its sums, its counts, and what waits."""
 
 
 class AuxiliaryAccount:
@@ -133,7 +33,8 @@ class AuxiliaryAccount:
 
     Args:
         loads: Of the model file; at least one.
-        limits: Of the readings of each meter, by the name of its load; usual ones by default.
+        topics: What is said of meter and states of each, by its name; usual by default.
+        max_gap: Longest time between two readings of a meter that is bridged. [s]
         planned: Whether to go by states alone, as for a prediction.
 
     Attributes:
@@ -152,28 +53,119 @@ class AuxiliaryAccount:
     def __init__(
         self,
         loads: Sequence[AuxiliaryLoad],
-        limits: Mapping[str, MeterLimits] | None = None,
+        topics: Mapping[str, LoadTopics] | None = None,
+        max_gap: float = 2.0,
         planned: bool = False,
     ) -> None:
-        usual = MeterLimits()
+        given = {one.name: (topics or {}).get(one.name, LoadTopics(None, None)) for one in loads}
         self.curves = [
-            LoadCurve(load, (limits or {}).get(load.name, usual), planned) for load in loads
+            LoadCurve(
+                one,
+                replace(given[one.name].limits, max_gap=max_gap),
+                planned,
+                given[one.name].stale_after,
+            )
+            for one in loads
         ]
-        n_loads = len(self.curves)
-        self.energy, self.together = ExactSum(n_loads), ExactSum(1 + n_loads)
-        self.known_ns, self.missing_ns, self.missing_count = np.zeros((3, n_loads), dtype=np.int64)
         self.offset = np.cumsum([0, *(len(curve.load.states) for curve in self.curves)])
-        self.state_energy = ExactSum(int(self.offset[-1]))
-        self.state_ns: Int = np.zeros(int(self.offset[-1]), dtype=np.int64)
-        self.together_ns = 0
-        self.observed_ns = 0
-        self._was_known = np.ones(n_loads, dtype=np.bool_)
+        self._was_known = np.ones(len(self.curves), dtype=np.bool_)
         self._waiting = CoveredPieces.empty()  # power of the cabinet
         self._last: tuple[int, int, float] | None = None  # stamp, segment, power
+        self.begin()
+
+    def begin(self) -> None:
+        """Begin with all counts at zero; what readings and states say is kept."""
+        n_loads, n_states = len(self.curves), int(self.offset[-1])
+        self.energy, self.together = ExactSum(n_loads), ExactSum(1 + n_loads)
+        self.state_energy = ExactSum(n_states)
+        self._zero()
+
+    def reset(self) -> None:
+        """Set all counts to zero; what still waits is counted later."""
+        for each in self._sums:
+            each.reset()
+        self._zero()
+
+    def interrupt(self) -> None:
+        """Count nothing from the last to the next sample."""
+        self._last = None
+
+    def _zero(self) -> None:
+        # Replaced and never changed, as `mark` keeps them.
+        self.known_ns, self.missing_ns, self.missing_count = np.zeros(
+            (3, len(self.curves)), dtype=np.int64
+        )
+        self.state_ns: Int = np.zeros(int(self.offset[-1]), dtype=np.int64)
+        self.together_ns = self.observed_ns = 0
+
+    @property
+    def _sums(self) -> tuple[ExactSum, ...]:
+        return self.energy, self.together, self.state_energy
+
+    def mark(self) -> AccountMark:
+        """Return where the account stands, for `go_back`."""
+        counts = [getattr(self, name) for name in _COUNTS]
+        return [each.mark() for each in self._sums], counts, (self._waiting, self._was_known)
+
+    def go_back(self, mark: AccountMark) -> None:
+        """Drop what was counted since.
+
+        Args:
+            mark: From `mark`.
+        """
+        sums, counts, (self._waiting, self._was_known) = mark
+        for each, where in zip(self._sums, sums, strict=True):
+            each.go_back(where)
+        for name, value in zip(_COUNTS, counts, strict=True):
+            setattr(self, name, value)
+
+    def add_times(self, counts: Int, state_ns: Int, together_ns: int, observed_ns: int) -> None:
+        """Put what was counted earlier before these counts.
+
+        Args:
+            counts: Known and missing time [ns] and count of each load, shape (3, n).
+            state_ns: Time in each state, shape (states,). [ns]
+            together_ns: Time for which all loads are known. [ns]
+            observed_ns: Observed time. [ns]
+        """
+        self.known_ns, self.missing_ns, self.missing_count = counts + np.stack(
+            [self.known_ns, self.missing_ns, self.missing_count]
+        )
+        self.state_ns = self.state_ns + state_ns
+        self.together_ns += together_ns
+        self.observed_ns += observed_ns
+
+    def flushed(self) -> AuxiliaryAccount:
+        """Return a copy in which all that waits is decided, as it is if the process ends now."""
+        done = deepcopy(self)
+        done.flush()
+        return done
+
+    def shown(self, stamp_ns: Int) -> Float:
+        """Return what is known of all loads at instants, shape (W, n, ``COLUMNS``).
+
+        Args:
+            stamp_ns: The instants, shape (W,). [ns]
+        """
+        return np.stack([curve.shown(stamp_ns) for curve in self.curves], axis=1)
 
     def __getitem__(self, name: str) -> LoadCurve:
         """Return the curve of a load."""
         return next(curve for curve in self.curves if curve.load.name == name)
+
+    def take(self, name: str, readings: MeterBlock | None, states: MeterBlock | None) -> None:
+        """Take what came from one load.
+
+        Args:
+            name: Of the load.
+            readings: Of its meter, in order of arrival.
+            states: Numbers of its states, as powers in W.
+        """
+        load = self[name]
+        if readings is not None:
+            load.measure(readings)
+        if states is not None:
+            load.switch(states.stamp_ns, states.power)
 
     def step(self, block: PowerBlock) -> None:
         """Take power of the cabinet.
@@ -236,17 +228,19 @@ class AuxiliaryAccount:
             said = np.flatnonzero(known[:, place] & (state != UNKNOWN))
             column = int(self.offset[place]) + state[said]
             by_state[said, column] = energy[said]
-            np.add.at(self.state_ns, column, time[said])
+            held = np.zeros_like(self.state_ns)
+            np.add.at(held, column, time[said])
+            self.state_ns = self.state_ns + held
             curve.forget(end)
         every = known.all(axis=1)
         parts = np.stack(columns, axis=1)
         self.energy.add(np.ascontiguousarray(parts[:, 1:]))
         self.together.add(parts[every])
         self.state_energy.add(by_state)
-        self.known_ns += time @ known
-        self.missing_ns += time @ ~known
+        self.known_ns = self.known_ns + time @ known
+        self.missing_ns = self.missing_ns + time @ ~known
         before = np.vstack([self._was_known, known[:-1]])
-        self.missing_count += (before & ~known).sum(axis=0)
+        self.missing_count = self.missing_count + (before & ~known).sum(axis=0)
         self._was_known = known[-1].copy()
         self.together_ns += int(time[every].sum())
         self.observed_ns += int(time.sum())

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from robot_energy.accounting.integration import SampleIntervals
+from robot_energy.accounting.load_curve import COLUMNS
 from robot_energy.accounting.registers import CABINET_REGISTERS, JOINT_REGISTERS
 from robot_energy.blocks import (
     NANOSECOND,
@@ -49,6 +50,8 @@ class MeanBlock(Block):
         predicted_power_at_meter: Mean over the same intervals, shape (W,). [W]
         comparison_coverage: Compared share of the time they span, shape (W,). [-]
         measurement_age: From the newest compared interval to the stamp, shape (W,). [s]
+        loads: Of each auxiliary load at the stamp, in the order of
+            `robot_energy.accounting.load_curve.COLUMNS`, shape (W, loads, 6).
     """
 
     quality: Bits
@@ -72,6 +75,7 @@ class MeanBlock(Block):
     predicted_power_at_meter: Float
     comparison_coverage: Float
     measurement_age: Float
+    loads: Float
 
     def mean(self, name: str) -> Float:
         """Return the mean of a cabinet register's power.
@@ -300,6 +304,7 @@ class Averager:
             predicted_power_at_meter=measured[:, 1],
             comparison_coverage=measured[:, 2],
             measurement_age=measured[:, 3],
+            loads=np.empty((len(stamp), 0, len(COLUMNS))),
         )
 
     def _show(self, stamp: Int) -> Float:

@@ -8,7 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from robot_energy.accounting.plain_text import MAX_NAME, plain
-from robot_energy.accounting.record import EnergyInterval, OpenInterval, Totals
+from robot_energy.accounting.record import EnergyInterval, OpenInterval
+from robot_energy.accounting.totals import Totals
 from robot_energy.errors import RegisterError
 from robot_energy.shown_text import shown
 from robot_energy.units import MAX_COUNTER

@@ -8,42 +8,34 @@ one is brought to its limit, and `AccountRecord.repairs` says so.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, Literal, Self
+from typing import Literal, Self
 
 from pydantic import (
-    BaseModel,
-    ConfigDict,
     Field,
     PrivateAttr,
     ValidationError,
     model_validator,
 )
 
-from robot_energy.accounting.exact_sum import REMAINDER_BITS
-from robot_energy.accounting.plain_text import MAX_NAME, MAX_TEXT
-from robot_energy.accounting.record_repair import one_line, repaired
-from robot_energy.accounting.registers import CABINET_REGISTERS, JOINT_REGISTERS, SHAFT_REGISTERS
+from robot_energy.accounting.record_repair import repaired
+from robot_energy.accounting.totals import (
+    CABINET_KEYS,
+    JOINT_KEYS,
+    Count,
+    Integer,
+    LoadStateTotals,
+    Name,
+    Power,
+    RecordPart,
+    Remainder,
+    Stamp,
+    Text,
+    Totals,
+)
 from robot_energy.errors import StateFileError
 from robot_energy.shown_text import shown
-from robot_energy.timeline.stamps import MAX_STAMP_NS, MIN_STAMP_NS
-from robot_energy.uncertainty.deviation import CABINET_DEVIATIONS, JOINT_DEVIATIONS
-from robot_energy.units import MAX_COUNTER
 
-FORMAT_VERSION = 3  # 1 had no node, 2 no calibration
-SHAFT_KEYS = tuple(f"shaft_{name}" for name in SHAFT_REGISTERS)
-CABINET_DEVIATION_KEYS = tuple(f"deviation_{name}" for name in CABINET_DEVIATIONS)
-JOINT_DEVIATION_KEYS = tuple(f"deviation_{name}" for name in JOINT_DEVIATIONS)
-DEVIATION_KEYS = frozenset((*CABINET_DEVIATION_KEYS, *JOINT_DEVIATION_KEYS))
-CABINET_KEYS = (*CABINET_REGISTERS, *CABINET_DEVIATION_KEYS)
-JOINT_KEYS = (*JOINT_REGISTERS, *SHAFT_KEYS, *JOINT_DEVIATION_KEYS)
-
-Integer = Annotated[int, Field(ge=-MAX_COUNTER, le=MAX_COUNTER)]
-Count = Annotated[int, Field(ge=0, le=MAX_COUNTER)]
-Stamp = Annotated[int, Field(ge=MIN_STAMP_NS, le=MAX_STAMP_NS)]
-Remainder = Annotated[int, Field(ge=0, le=2**REMAINDER_BITS - 1)]
-Name = Annotated[str, one_line(MAX_NAME)]
-Text = Annotated[str, one_line(MAX_TEXT)]
-Power = Annotated[float, Field(allow_inf_nan=False)]
+FORMAT_VERSION = 4  # 1 had no node, 2 no calibration, 3 no auxiliary loads
 TraceKind = Literal[
     "reset",
     "restart",
@@ -56,111 +48,6 @@ TraceKind = Literal[
 ]
 
 
-SINGLE = (
-    "measured_energy_microjoule",
-    "predicted_energy_at_meter_microjoule",
-    "compared_ns",
-    "observed_ns",
-    "gap_ns",
-    "gap_count",
-    "jumps",
-)  # totals that are one number
-
-
-def saturated(value: int) -> int:
-    """Return a counter, at its limit if it is beyond.
-
-    Args:
-        value: The counter; its limits are plus and minus ``MAX_COUNTER``.
-    """
-    return max(-MAX_COUNTER, min(value, MAX_COUNTER))
-
-
-class RecordPart(BaseModel):
-    """Base of all records: frozen, strict, no unknown keys."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
-
-
-class Totals(RecordPart):
-    """All counters at an instant, or what they counted between two; exact integers.
-
-    Attributes:
-        cabinet_energy_microjoule: By the names of ``CABINET_KEYS``. [uJ]
-        joint_energy_microjoule: By the names of ``JOINT_KEYS``, joints in order. [uJ]
-        shaft_compared_ns: Time with a measured shaft power of each joint. [ns]
-        measured_energy_microjoule: By the meter, while compared. [uJ]
-        predicted_energy_at_meter_microjoule: Over the same time. [uJ]
-        compared_ns: That time. [ns]
-        observed_ns: Time integrated. [ns]
-        gap_ns: Time that could not be. [ns]
-        gap_count: Number of gaps.
-        jumps: Jumps of the stamps, backward or forward by more than a gap can be.
-    """
-
-    cabinet_energy_microjoule: dict[str, Integer]
-    joint_energy_microjoule: dict[str, tuple[Integer, ...]]
-    shaft_compared_ns: tuple[Integer, ...]
-    measured_energy_microjoule: Integer
-    predicted_energy_at_meter_microjoule: Integer
-    compared_ns: Integer
-    observed_ns: Integer
-    gap_ns: Integer
-    gap_count: Integer
-    jumps: Integer
-
-    def __sub__(self, earlier: Totals) -> Totals:
-        """Return what was counted since earlier totals of the same registers, within limits."""
-        cabinet, joints = earlier.cabinet_energy_microjoule, earlier.joint_energy_microjoule
-        return Totals(
-            cabinet_energy_microjoule={
-                name: saturated(value - cabinet[name])
-                for name, value in self.cabinet_energy_microjoule.items()
-            },
-            joint_energy_microjoule={
-                name: tuple(saturated(a - b) for a, b in zip(values, joints[name], strict=True))
-                for name, values in self.joint_energy_microjoule.items()
-            },
-            shaft_compared_ns=tuple(
-                saturated(a - b)
-                for a, b in zip(self.shaft_compared_ns, earlier.shaft_compared_ns, strict=True)
-            ),
-            **{name: saturated(getattr(self, name) - getattr(earlier, name)) for name in SINGLE},
-        )
-
-    def arranged(self, order: Sequence[int]) -> Totals:
-        """Return it with joints in another order and registers that are new at zero.
-
-        Args:
-            order: Where each joint of the result stands here.
-
-        Raises:
-            StateFileError: If a register is unknown or has another number of joints.
-        """
-        cabinet, joints = self.cabinet_energy_microjoule, self.joint_energy_microjoule
-        unknown = (set(cabinet) - {*CABINET_KEYS}) | (set(joints) - {*JOINT_KEYS})
-        if unknown:
-            raise StateFileError(
-                f"the state has a register '{min(unknown)}'",
-                "registers of this release",
-                "use the release that wrote it",
-            )
-        rows = [self.shaft_compared_ns, *joints.values()]
-        if any(len(values) != len(order) for values in rows):
-            raise StateFileError("a register of the state lacks joints", "one value per joint")
-        zero = (0,) * len(order)
-        return self.model_copy(
-            update={
-                "cabinet_energy_microjoule": {name: cabinet.get(name, 0) for name in CABINET_KEYS},
-                "joint_energy_microjoule": {
-                    name: tuple(joints.get(name, zero)[index] for index in order)
-                    for name in JOINT_KEYS
-                },
-                "shaft_compared_ns": tuple(self.shaft_compared_ns[index] for index in order),
-            }
-        )
-
-
 class Remainders(RecordPart):
     """What the totals hold beyond whole microjoules, in units of 2^-40 microjoule."""
 
@@ -170,6 +57,10 @@ class Remainders(RecordPart):
     predicted_at_meter: Remainder
     phases: dict[str, Remainder]
     learned: Remainder = 0
+    outlet_cabinet: Remainder = 0
+    auxiliary: dict[str, tuple[Remainder, Remainder]] = Field(
+        default_factory=dict[str, tuple[int, int]]
+    )
 
     def arranged(self, order: Sequence[int]) -> Remainders:
         """Return them with joints in another order and new registers at zero.
@@ -306,9 +197,10 @@ class AccountRecord(RecordPart):
         closed_intervals: The latest closed ones, oldest first.
         trace: Resets, restarts, changes of the model; the latest of each kind.
         calibration: Of the bands; None before format 3.
+        auxiliary_states: What was counted in each state of auxiliary loads, by load and state.
     """
 
-    format_version: Literal[1, 2, 3] = FORMAT_VERSION
+    format_version: Literal[1, 2, 3, 4] = FORMAT_VERSION
     identity: Identity
     energy_start_ns: Stamp | None
     end_ns: Stamp | None
@@ -326,6 +218,9 @@ class AccountRecord(RecordPart):
     closed_intervals: tuple[EnergyInterval, ...]
     trace: tuple[TraceEntry, ...]
     calibration: Calibrated | None = None
+    auxiliary_states: dict[str, dict[str, LoadStateTotals]] = Field(
+        default_factory=dict[str, dict[str, LoadStateTotals]]
+    )
     _repairs: tuple[str, ...] = PrivateAttr(())
 
     @property
@@ -339,11 +234,12 @@ class AccountRecord(RecordPart):
             raise ValueError("energy_start_ns and end_ns must be known together")
         return self
 
-    def arranged(self, joint_names: Sequence[str]) -> AccountRecord:
+    def arranged(self, joint_names: Sequence[str], loads: Sequence[str] = ()) -> AccountRecord:
         """Return the record for the same joints in another order, with every register.
 
         Args:
             joint_names: The same names in any order.
+            loads: Names of the auxiliary loads that are counted from now on.
 
         Raises:
             StateFileError: If a register is unknown or has another number of joints.
@@ -351,14 +247,14 @@ class AccountRecord(RecordPart):
         order = [self.identity.joint_names.index(name) for name in joint_names]
 
         def interval(entry: OpenInterval) -> OpenInterval:
-            return entry.model_copy(update={"base": entry.base.arranged(order)})
+            return entry.model_copy(update={"base": entry.base.arranged(order, loads)})
 
         def closed(entry: EnergyInterval) -> EnergyInterval:
-            return entry.model_copy(update={"counted": entry.counted.arranged(order)})
+            return entry.model_copy(update={"counted": entry.counted.arranged(order, loads)})
 
         return self.model_copy(
             update={
-                "totals": self.totals.arranged(order),
+                "totals": self.totals.arranged(order, loads),
                 "remainders": self.remainders.arranged(order),
                 "open_intervals": tuple(map(interval, self.open_intervals)),
                 "closed_intervals": tuple(map(closed, self.closed_intervals)),

@@ -20,6 +20,7 @@ from robot_energy.units import DqScaling
 
 if TYPE_CHECKING:
     from robot_energy.check.evidence import Evidence
+    from robot_energy.identify.auxiliary.states import LoadsFit
     from robot_energy.identify.dynamics.dynamics import DynamicsSettings
     from robot_energy.identify.run_all import FullIdentification
     from robot_energy.results.dynamics import DynamicsReport
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
         FrictionReport,
         IdentificationReport,
     )
+    from robot_energy.results.load_states import LoadStatesReport
     from robot_energy.results.thermal import ThermalReport
 
 Found = TypeVar("Found", bound=Result)
@@ -198,6 +200,83 @@ def identify_cabinet(
     check_cabinet(found.cabinet)
     written = _made_from(found.model, "Constant losses of the cabinet identified.", paths)
     return IdentificationResult(written, cabinet_report(found))
+
+
+def identify_auxiliary(
+    bags: Names,
+    model: ModelName,
+    *,
+    outlet_meter: bool = False,
+    inputs: str | Path | None = None,
+    sensors: SensorLimits | None = None,
+    progress: Stages = silent,
+) -> IdentificationResult[LoadStatesReport]:
+    """Identify the power of each state of loads outside of the cabinet (paper B, figure 1).
+
+    Args:
+        bags: Recordings of one cell with the states of its loads, and their meters or that of the
+            outlet.
+        model: Model with the loads: the model, its file, or the name of a shipped one.
+        outlet_meter: Whether the power meter sits at the outlet and sees the loads as well; then
+            those without a meter of their own are found while the robot stands still.
+        inputs: Parameter file of a monitor: read the bags as that node reads its topics.
+        sensors: Limits of the constant errors of the sensors; None for the usual ones.
+        progress: Called with what is going on; gives a function of the share done.
+
+    Returns:
+        Powers with intervals and held-out errors, and the model with them.
+
+    Raises:
+        NotIdentifiableError: If no state of any load can be found.
+        RobotEnergyError: If recordings or model cannot be used.
+    """
+    from robot_energy.identify.auxiliary.readings import (
+        outlet_readings,
+        own_readings,
+        read_loads,
+    )
+    from robot_energy.identify.auxiliary.states import fit_outlet, fit_own, with_states
+    from robot_energy.identify.stats.systematic import DEFAULT_LIMITS
+    from robot_energy.results.load_states import LoadStatesReport
+
+    used, paths = model_of(model), _paths(bags)
+    loads = used.auxiliary or ()
+    if not loads:
+        raise NotIdentifiableError(
+            "the model has no auxiliary loads", "the key auxiliary with loads and their states"
+        )
+    source = BagSource(paths, None, inputs, progress=progress, sensors=sensors)
+    _, read = source.meaning()
+    gain = (sensors or DEFAULT_LIMITS).std.meter
+    held = [read_loads(path, loads, read) for path in paths]
+    fits: list[LoadsFit] = []
+    refused: list[str] = []
+    for load in loads:
+        if load.metered:
+            try:
+                fits.append(fit_own(load, [own_readings(part, load) for part in held], gain))
+            except NotIdentifiableError as error:
+                refused.append(str(error))
+    others = [load for load in loads if not load.metered and len(load.states) > 1]
+    if others and outlet_meter:
+        recordings = source.recordings(used)
+        parts = [
+            outlet_readings(part, [load for load in loads if load.metered or load in others], own)
+            for part, own in zip(recordings, held, strict=True)
+        ]
+        try:
+            fits.append(fit_outlet(others, parts, gain))
+        except NotIdentifiableError as error:
+            refused.append(str(error))
+    elif others:
+        names = ", ".join(load.name for load in others)
+        refused.append(f"{names}: no meter of their own, and --outlet-meter is not given")
+    if not fits:
+        raise NotIdentifiableError("; ".join(refused), "recordings with meters and states")
+    written = _made_from(
+        with_states(used, fits, _names(paths)), "Powers of auxiliary loads identified.", paths
+    )
+    return IdentificationResult(written, LoadStatesReport(tuple(fits), tuple(refused)))
 
 
 def identify_dynamics(

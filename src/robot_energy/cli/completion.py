@@ -17,7 +17,11 @@ zsh:  write it to a file _robot-energy in a folder of $fpath
 
 
 def add_parser(commands: Any) -> None:
-    """Add the sub-command."""
+    """Add the sub-command.
+
+    Args:
+        commands: What `ArgumentParser.add_subparsers` returned.
+    """
     text = "print the completion script of a shell"
     description = "Print a script that completes commands, options and files."
     parser = add_command(commands, "completion", run, text, description, EPILOG)
@@ -25,7 +29,14 @@ def add_parser(commands: Any) -> None:
 
 
 def run(args: Namespace) -> int:
-    """Print the script; return the exit code."""
+    """Print the script.
+
+    Args:
+        args: Of the command, with the name of the shell.
+
+    Returns:
+        Exit code 0.
+    """
     import shtab
 
     from robot_energy.cli.main import build_parser

@@ -32,7 +32,11 @@ examples:
 
 
 def add_parser(commands: Any) -> None:
-    """Add the sub-command."""
+    """Add the sub-command.
+
+    Args:
+        commands: What `ArgumentParser.add_subparsers` returned.
+    """
     text = "the power of a recorded bag over time, as CSV or Parquet"
     parser = add_command(commands, "export", run, text, DESCRIPTION, EPILOG)
     parser.add_argument("bag", help=BAG)
@@ -52,6 +56,7 @@ def run(args: Namespace) -> int:
         0, or 3 if the bag is damaged and was read in part.
 
     Raises:
+        ReportError: If the name of the table has neither suffix, or Parquet lacks its library.
         RobotEnergyError: If model, bag or output cannot be used.
     """
     from robot_energy.api.replay import replay

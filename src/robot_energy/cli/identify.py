@@ -7,6 +7,7 @@ from typing import Any
 
 from robot_energy.cli import (
     identify_all,
+    identify_auxiliary,
     identify_cabinet,
     identify_drives,
     identify_dynamics,
@@ -17,7 +18,11 @@ from robot_energy.cli import (
 
 
 def add_parser(commands: Any) -> None:
-    """Add the sub-command and what can be identified."""
+    """Add the sub-command and what can be identified.
+
+    Args:
+        commands: What `ArgumentParser.add_subparsers` returned.
+    """
     parser: ArgumentParser = commands.add_parser(
         "identify",
         help="a model of your robot from recordings",
@@ -32,5 +37,6 @@ def add_parser(commands: Any) -> None:
         identify_cabinet,
         identify_drives,
         identify_thermal,
+        identify_auxiliary,
     ):
         module.add_parser(subjects)

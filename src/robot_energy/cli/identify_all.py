@@ -41,7 +41,11 @@ examples:
 
 
 def add_parser(commands: Any) -> None:
-    """Add the sub-command."""
+    """Add the sub-command.
+
+    Args:
+        commands: Sub-parsers of ``identify``.
+    """
     text = "everything the recordings allow, with one report"
     parser = add_command(commands, "all", run, text, DESCRIPTION, EPILOG)
     add_bags(
@@ -70,6 +74,12 @@ def add_parser(commands: Any) -> None:
 
 def run(args: Namespace) -> int:
     """Identify, test and report.
+
+    Args:
+        args: Of the command.
+
+    Returns:
+        Exit code 0, also where the new model is not better: the report says so.
 
     Raises:
         RobotEnergyError: If bags or model cannot be used, or nothing can be identified.

@@ -36,7 +36,11 @@ example:
 
 
 def add_parser(commands: Any) -> None:
-    """Add the sub-command."""
+    """Add the sub-command.
+
+    Args:
+        commands: Sub-parsers of ``identify``.
+    """
     text = "constant losses of the grid side and the DC side, energy of the DC link"
     parser = add_command(commands, "cabinet", run, text, DESCRIPTION, EPILOG)
     add_bags(parser, effort="")
@@ -47,6 +51,12 @@ def add_parser(commands: Any) -> None:
 
 def run(args: Namespace) -> int:
     """Identify and report.
+
+    Args:
+        args: Of the command.
+
+    Returns:
+        Exit code 0.
 
     Raises:
         RobotEnergyError: If recordings or model cannot be used.

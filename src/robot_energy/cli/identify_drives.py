@@ -51,7 +51,11 @@ examples:
 
 
 def add_parser(commands: Any) -> None:
-    """Add the sub-command."""
+    """Add the sub-command.
+
+    Args:
+        commands: Sub-parsers of ``identify``.
+    """
     text = "electrical power of the drives from torque and speed"
     parser = add_command(commands, "drives", run, text, DESCRIPTION, EPILOG)
     add_bags(
@@ -86,6 +90,12 @@ def add_parser(commands: Any) -> None:
 
 def run(args: Namespace) -> int:
     """Identify and report.
+
+    Args:
+        args: Of the command, with bags or logs.
+
+    Returns:
+        Exit code 0.
 
     Raises:
         RobotEnergyError: If recordings, logs or model cannot be used, or nothing can be

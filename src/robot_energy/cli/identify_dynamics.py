@@ -49,7 +49,11 @@ examples:
 
 
 def add_parser(subjects: Any) -> None:
-    """Add the subject."""
+    """Add the subject.
+
+    Args:
+        subjects: Sub-parsers of ``identify``.
+    """
     text = "inertias, rotors and friction from positions and motor torque"
     parser = add_command(subjects, "dynamics", run, text, DESCRIPTION, EPILOG)
     add_bags(parser, required=False, effort="what the effort in the joint states of bags means")
@@ -102,7 +106,13 @@ def add_parser(subjects: Any) -> None:
 
 
 def run(args: Namespace) -> int:
-    """Identify.
+    """Identify bodies, rotors and friction, test them on held-out data and report.
+
+    Args:
+        args: Of the command, with bags or a log.
+
+    Returns:
+        Exit code 0.
 
     Raises:
         RobotEnergyError: If mapping, files or recording cannot be used, or what they give

@@ -40,7 +40,11 @@ examples:
 
 
 def add_parser(subjects: Any) -> None:
-    """Add the subject."""
+    """Add the subject.
+
+    Args:
+        subjects: Sub-parsers of ``identify``.
+    """
     text = "a motion to record for the dynamics"
     parser = add_command(subjects, "excitation", run, text, DESCRIPTION, EPILOG)
     parser.add_argument("--model", required=True, metavar="FILE|NAME", help="model of the robot")
@@ -110,6 +114,12 @@ def add_parser(subjects: Any) -> None:
 
 def run(args: Namespace) -> int:
     """Find the motion and write it.
+
+    Args:
+        args: Of the command.
+
+    Returns:
+        Exit code 0.
 
     Raises:
         RobotEnergyError: If the model cannot be used or no motion is found.

@@ -45,7 +45,11 @@ examples:
 
 
 def add_parser(commands: Any) -> None:
-    """Add the sub-command."""
+    """Add the sub-command.
+
+    Args:
+        commands: Sub-parsers of ``identify``.
+    """
     text = "friction over motor temperature"
     parser = add_command(commands, "friction", run, text, DESCRIPTION, EPILOG)
     add_bags(parser, required=False)
@@ -77,7 +81,13 @@ def _span(text: str) -> Span:
 
 
 def run(args: Namespace) -> int:
-    """Identify and report.
+    """Identify and report; with a split of temperatures, test on those that the fit has not seen.
+
+    Args:
+        args: Of the command, with bags or a log.
+
+    Returns:
+        Exit code 0.
 
     Raises:
         RobotEnergyError: If recordings, log or model cannot be used.

@@ -131,7 +131,11 @@ def add_results(parser: ArgumentParser, what: str, plot: str = "") -> None:
 
 
 def add_link_voltages(parser: ArgumentParser) -> None:
-    """Add the voltages of the DC link, which a grid meter cannot determine."""
+    """Add the voltages of the DC link, which a grid meter cannot determine.
+
+    Args:
+        parser: Of the command.
+    """
     parser.add_argument(
         "--link-voltages",
         nargs=2,
@@ -195,6 +199,12 @@ def add_share_shape(parser: ArgumentParser) -> None:
 def link_voltages(args: Namespace) -> tuple[float, float] | None:
     """Return the voltages of the DC link, None if they were not given.
 
+    Args:
+        args: Of the command, with those of `add_link_voltages`.
+
+    Returns:
+        Rectified mains, and the voltage at which the brake chopper starts. [V]
+
     Raises:
         ModelFileError: If they do not rise from above 0.
     """
@@ -212,6 +222,9 @@ def link_voltages(args: Namespace) -> tuple[float, float] | None:
 def check_results(args: Namespace) -> None:
     """Refuse files that cannot be written, before the work.
 
+    Args:
+        args: Of the command, with those of `add_results` and with all that it reads.
+
     Raises:
         ReportError: If one of them cannot be.
     """
@@ -224,6 +237,10 @@ def check_results(args: Namespace) -> None:
 
 def check_source(args: Namespace, needs_effort: bool = False) -> None:
     """Refuse bags together with logs, or without what they need.
+
+    Args:
+        args: Of the command, with bags and a log.
+        needs_effort: Whether the command uses the effort in the joint states of bags.
 
     Raises:
         ModelFileError: Saying which options belong together.
@@ -258,5 +275,9 @@ def bags_of(args: Namespace, bags: Sequence[str | Path] | None = None) -> BagSou
 
 
 def source_of(args: Namespace) -> str:
-    """Return the names of the recordings, for the model file."""
+    """Return the names of the recordings, for the model file.
+
+    Args:
+        args: Of the command, with bags or a log.
+    """
     return ", ".join(Path(name).name for name in args.bags or args.log)

@@ -13,7 +13,11 @@ if TYPE_CHECKING:
 
 
 def add_parser(commands: Any) -> None:
-    """Add the sub-command and the formats of logs."""
+    """Add the sub-command and the formats of logs.
+
+    Args:
+        commands: What `ArgumentParser.add_subparsers` returned.
+    """
     parser: ArgumentParser = commands.add_parser(
         "import",
         help="turn logs (UR RTDE, any CSV) into bags",
@@ -31,6 +35,12 @@ def add_parser(commands: Any) -> None:
 
 def run(args: Namespace) -> int:
     """Import logs of one recording.
+
+    Args:
+        args: Of the command, with those of the format of its logs.
+
+    Returns:
+        Exit code 0, also where some rows could not be used: they are counted and printed.
 
     Raises:
         RobotEnergyError: If logs, mapping or bag cannot be used.

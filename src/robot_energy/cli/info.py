@@ -15,7 +15,11 @@ DAMAGED = 3
 
 
 def add_parser(commands: Any) -> None:
-    """Add the sub-command."""
+    """Add the sub-command.
+
+    Args:
+        commands: What `ArgumentParser.add_subparsers` returned.
+    """
     text = "topics, types, counts and time span of a bag"
     description = "Print the topics of a bag and what replay can use them for."
     parser = add_command(commands, "info", run, text, description)

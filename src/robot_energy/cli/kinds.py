@@ -9,7 +9,11 @@ from robot_energy.cli.terminal import add_command
 
 
 def add_parser(commands: Any) -> None:
-    """Add the sub-command."""
+    """Add the sub-command.
+
+    Args:
+        commands: What `ArgumentParser.add_subparsers` returned.
+    """
     add_command(
         commands,
         "kinds",
@@ -22,7 +26,14 @@ def add_parser(commands: Any) -> None:
 
 
 def run(args: Namespace) -> int:
-    """Print the tables of kinds."""
+    """Print the tables of kinds.
+
+    Args:
+        args: Of the command; none is used.
+
+    Returns:
+        Exit code 0.
+    """
     from robot_energy.report.kinds import kinds_listing
 
     print(kinds_listing(), end="")

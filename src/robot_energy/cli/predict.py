@@ -43,7 +43,11 @@ examples:
 
 
 def add_parser(commands: Any) -> None:
-    """Add the sub-command."""
+    """Add the sub-command.
+
+    Args:
+        commands: What `ArgumentParser.add_subparsers` returned.
+    """
     text = "the energy of motion programs before they are run"
     parser = add_command(commands, "predict", run, text, DESCRIPTION, EPILOG)
     parser.add_argument("program", nargs="+", metavar="PROGRAM", help="program of motion")
@@ -107,7 +111,15 @@ def add_parser(commands: Any) -> None:
 def run(args: Namespace) -> int:
     """Predict and print.
 
+    Args:
+        args: Of the command.
+
+    Returns:
+        Exit code 0.
+
     Raises:
+        MotionError: If more predictions are asked for than one command makes, or a program or
+            what goes with it cannot be used.
         RobotEnergyError: If a model or program cannot be used.
     """
     from robot_energy.errors import MotionError

@@ -58,7 +58,11 @@ examples:
 
 
 def add_parser(commands: Any) -> None:
-    """Add the sub-command."""
+    """Add the sub-command.
+
+    Args:
+        commands: What `ArgumentParser.add_subparsers` returned.
+    """
     text = "where the energy of a recorded bag went"
     parser = add_command(commands, "replay", run, text, DESCRIPTION, EPILOG)
     parser.add_argument("bag", help=BAG)

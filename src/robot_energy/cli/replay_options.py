@@ -151,6 +151,10 @@ def add_jobs(parser: ArgumentParser) -> None:
 
 
 def options_of(args: Namespace) -> dict[str, Any]:
-    """Return what was given, under the names of `ReplayOptions`."""
+    """Return what was given, under the names of `ReplayOptions`.
+
+    Args:
+        args: Of the command, with those of `add_replay`; jobs and processes where it has them.
+    """
     given = {name: getattr(args, name) for name in ("robot", *TOPICS, *PART, *SETTINGS)}
     return given | {name: getattr(args, name) for name in ("jobs", "processes") if name in args}

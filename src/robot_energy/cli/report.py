@@ -33,7 +33,11 @@ examples:
 
 
 def add_parser(commands: Any) -> None:
-    """Add the sub-command."""
+    """Add the sub-command.
+
+    Args:
+        commands: What `ArgumentParser.add_subparsers` returned.
+    """
     text = "one page about recorded bags, or about the JSON of a result"
     parser = add_command(commands, "report", run, text, DESCRIPTION, EPILOG)
     parser.add_argument("source", nargs="+", metavar="BAG|JSON", help=f"{BAG}; or a JSON file")

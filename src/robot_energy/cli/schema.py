@@ -16,7 +16,11 @@ identification, model, check. Without a name: one schema for all of them.
 
 
 def add_parser(commands: Any) -> None:
-    """Add the sub-command."""
+    """Add the sub-command.
+
+    Args:
+        commands: What `ArgumentParser.add_subparsers` returned.
+    """
     text = "print the JSON Schema of results"
     parser = add_command(commands, "schema", run, text, DESCRIPTION)
     parser.add_argument("name", nargs="?", metavar="RESULT", help="one result (default: all)")

@@ -35,7 +35,11 @@ example:
 
 
 def add_parser(commands: Any) -> None:
-    """Add the sub-command."""
+    """Add the sub-command.
+
+    Args:
+        commands: What `ArgumentParser.add_subparsers` returned.
+    """
     text = "record the virtual test rig to a bag"
     parser = add_command(commands, "simulate", run, text, DESCRIPTION, EPILOG)
     parser.add_argument(
@@ -120,7 +124,14 @@ def add_parser(commands: Any) -> None:
 def run(args: Namespace) -> int:
     """Record the rig.
 
+    Args:
+        args: Of the command.
+
+    Returns:
+        Exit code 0.
+
     Raises:
+        RigError: If the seed is negative, or the figures of the rig do not fit together.
         RobotEnergyError: If the rig cannot be set up so, or the bag not be written.
     """
     from robot_energy.errors import RigError

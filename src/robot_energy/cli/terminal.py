@@ -127,7 +127,11 @@ def add_command(
 
 
 def add_json(parser: Any) -> None:
-    """Add the option of all commands that have a result."""
+    """Add the option of all commands that have a result.
+
+    Args:
+        parser: Of the command, or a group of its options.
+    """
     parser.add_argument(
         "--json",
         metavar="FILE",
@@ -212,7 +216,15 @@ def check_bag(
 
 
 def write_json(path: str, summary: Mapping[str, Any]) -> None:
-    """Write a JSON document whole or not at all; ``-`` is the standard output."""
+    """Write a JSON document whole or not at all; ``-`` is the standard output.
+
+    Args:
+        path: The file.
+        summary: Its content, as `Result.to_dict` gives it: no number is infinite or NaN.
+
+    Raises:
+        ReportError: If the file cannot be written.
+    """
     write_file(path, json_bytes(summary), JSON, "the JSON report")
 
 
@@ -284,7 +296,12 @@ def wrote(out: Console, path: str | Path, what: str, done: bool = True) -> None:
 
 
 def sign(args: Namespace, page: Document) -> None:
-    """Add the command line that makes a page, as it was typed."""
+    """Add the command line that makes a page, as it was typed.
+
+    Args:
+        args: Of the command line, with its words as `main` keeps them.
+        page: The page; the terminal does not show what is added.
+    """
     with page.only("page"):
         page.paragraph("This report was made by")
         page.command(shlex.join(["robot-energy", *getattr(args, "command", ())]))

@@ -15,6 +15,7 @@ from robot_energy.fleet.dataset import Dataset, read_tables
 from robot_energy.fleet.identify import identify_fleet
 from robot_energy.fleet.run import FleetRun, run_fleet, where_asked
 from robot_energy.identify.stats.systematic import DEFAULT_LIMITS, SensorLimits
+from robot_energy.model import RobotModel
 from robot_energy.page.settings import load_settings
 from robot_energy.presets import ROBOTS
 from robot_energy.results.fleet import FleetFriction, FleetReport, FleetRunReport
@@ -26,7 +27,7 @@ NOT_HERE = {"learned", "out", "overwrite", "progress"}
 def fleet_run(
     bags: str | Path,
     out: str | Path,
-    model: str | Path | None = None,
+    model: ModelName | None = None,
     *,
     name: str | None = None,
     split_files: bool = False,
@@ -41,7 +42,8 @@ def fleet_run(
     Args:
         bags: Folder, pattern, bag, or CSV table of bags.
         out: Folder of the dataset.
-        model: Model file, or name of a shipped model, of bags for which a table names none.
+        model: Of bags for which a table names none: the model, its file, or the name of a
+            shipped one.
         name: Name of the robot of all bags; None: that of the folder in which a bag is.
         split_files: Whether each MCAP file is a bag of its own.
         workers: Processes to start; None: one for each core; 0: in this process.
@@ -64,7 +66,7 @@ def fleet_run(
         found = ", ".join(sorted(unknown))
         raise TypeError(f"fleet_run has no option {found}; expected: {', '.join(sorted(known))}")
     models, dataset = FleetModels(), Dataset(out)
-    named = None if model is None else str(model)
+    named = models.add(model) if isinstance(model, RobotModel) else model and str(model)
     if robot := options.get("robot"):
         named = ROBOTS[robot].model_or(named)
     listed = list_bags(str(bags), models, named, options, name, split_files)

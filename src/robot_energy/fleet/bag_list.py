@@ -136,12 +136,25 @@ class FleetModels:
             ModelFileError: If it cannot be used.
         """
         if name not in self._digests:
-            model = load(name)
-            late = {"auxiliary"} if model.auxiliary is None else None  # as before there was one
-            own = digest(model.model_dump(mode="json", exclude=late), model.urdf_xml)
-            self._digests[name] = own
-            self.models[own] = model
+            self.add(load(name), name)
         return self._digests[name]
+
+    def add(self, model: RobotModel, name: str = "") -> str:
+        """Keep a model.
+
+        Args:
+            model: The model.
+            name: Under which `digest_of` finds it; empty for that of its file.
+
+        Returns:
+            The name.
+        """
+        name = name or model.source
+        late = {"auxiliary"} if model.auxiliary is None else None  # as before there was one
+        own = digest(model.model_dump(mode="json", exclude=late), model.urdf_xml)
+        self._digests[name] = own
+        self.models[own] = model
+        return name
 
 
 def find_bags(where: str, split: bool = False, complete: bool = False) -> Iterator[BagPlace]:

@@ -15,8 +15,7 @@ from typing import Any, cast
 from fsspec.core import url_to_fs  # type: ignore[import-untyped]
 
 from robot_energy import __version__
-from robot_energy.accounting.account_record import totals_of
-from robot_energy.accounting.record import Totals
+from robot_energy.accounting.totals import Totals
 from robot_energy.api.replay import run_replay
 from robot_energy.bag.metadata import FILE_NAME
 from robot_energy.bag_replay import Replay
@@ -161,7 +160,7 @@ def _replayed(bag: FleetBag, bag_hash: str, path: Path, model: RobotModel, scrat
             taker(output)
 
     result = run_replay(path, model, on_output=take, keep_compared=True, **options)
-    report, totals = replay_report(result), totals_of(result.ledger)
+    report, totals = replay_report(result), result.ledger.totals()
     rows = joints.table(result.pipeline.power.condition.wear)
     start_ns = report.time.start_ns
     day = UNKNOWN_DATE

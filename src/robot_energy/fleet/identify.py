@@ -78,7 +78,11 @@ def identify_fleet(
         except NotIdentifiableError as error:
             refused.append(str(error))
     if not fits:
-        raise NotIdentifiableError("; ".join(refused), "at least one joint that moves")
+        raise NotIdentifiableError(
+            "; ".join(refused) or "no bag of the dataset has measured torque",
+            "at least one joint that moves, with measured torque",
+            "run the bags with --effort",
+        )
     check_friction(fits)
     written = with_friction(model, fits, source)
     done = f"Friction identified from {span}."

@@ -13,12 +13,13 @@ from dataclasses import dataclass, field
 from itertools import islice
 from typing import Any, cast
 
-from robot_energy.errors import DatasetError
+from robot_energy.errors import DatasetError, ParameterError
 from robot_energy.fleet.bag_list import FleetBag
 from robot_energy.fleet.bag_row import BagRow, refused, replay_bag
 from robot_energy.fleet.dataset import Dataset
 from robot_energy.model import RobotModel
 from robot_energy.results.fleet import FleetRunReport, RefusedBag
+from robot_energy.shown_text import shown
 
 HTTP = "127.0.0.1:0"  # reachable from this machine alone
 ALLOWED_FAILURES = 20  # deaths of workers under one bag before the bag is given up
@@ -29,6 +30,8 @@ LOST = "10s"  # after which a worker that is gone and does not come back is repl
 HEAL_EVERY = 2.0  # s; the workers are also counted so often
 TIMEOUT = "30s"  # for the scheduler to answer
 MAX_SCRATCH = 20_000_000_000  # bytes
+MAX_WORKERS = 1024  # of one host
+MIN_MEMORY = 500_000_000  # of a worker [bytes]
 
 Models = dict[str, RobotModel]
 Source = Iterator[tuple[FleetBag, BagRow]]
@@ -153,7 +156,22 @@ def where_asked(
             process, one bag after the other.
         memory: As of `on_dask`.
         max_scratch: As of `on_dask`.
+
+    Raises:
+        ParameterError: If the number of workers, or their memory, makes no sense.
     """
+    from dask.utils import parse_bytes
+
+    if workers is not None and not 0 <= workers <= MAX_WORKERS:
+        raise ParameterError(f"the number of workers is {workers}", f"0 to {MAX_WORKERS}")
+    try:
+        size = parse_bytes(memory)
+    except ValueError:
+        size = 0
+    if size < MIN_MEMORY:
+        raise ParameterError(
+            f"the memory of a worker is '{shown(memory)}'", "a size such as 2GB, 500MB or more"
+        )
     if workers == 0 and scheduler is None:
         return nullcontext(in_turn(max_scratch))
     return on_dask(scheduler, workers or len(os.sched_getaffinity(0)), memory, max_scratch)

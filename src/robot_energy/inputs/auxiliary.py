@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
+from robot_energy.inputs.meter.power_curve import MeterLimits
 from robot_energy.inputs.meter.source import BY_TYPE, MeterSource
 from robot_energy.inputs.parameters import HEADER, RECEIVE, named_groups, parameter
+from robot_energy.model.auxiliary import AuxiliaryLoad
 
 STATE_TYPE = "std_msgs/msg/UInt8"
 
@@ -26,6 +28,19 @@ class StateSource:
         choices=(BY_TYPE, HEADER, RECEIVE),
     )
 
+    latched: bool = parameter(
+        "Whether its publisher keeps the last state for late subscribers (transient local); a "
+        "monitor that starts later then has it at once. Only such publishers are read then.",
+        False,
+    )
+    stale_after: float = parameter(
+        "Silence after which the state of the model file is in force again; 0: a state holds "
+        "until the next one [s].",
+        0.0,
+        0.0,
+        86_400.0,
+    )
+
     @property
     def source(self) -> MeterSource:
         """How to read the numbers: as those of a meter, where 1 stands for state 1."""
@@ -38,6 +53,33 @@ class StateSource:
             location="grid",
             stamp_source=self.stamp_source,
         )
+
+
+@dataclass(frozen=True)
+class LoadTopics:
+    """Where meter and states of one load come from.
+
+    Attributes:
+        meter: Its meter; None if there is none.
+        state: The numbers of its states; None if there are none.
+        stale_after: Of the states, see `StateSource`. [s]
+    """
+
+    meter: MeterSource | None
+    state: MeterSource | None
+    stale_after: float = 0.0
+
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """Full names of all topics."""
+        return tuple(t for source in (self.meter, self.state) if source for t in source.topics)
+
+    @property
+    def limits(self) -> MeterLimits:
+        """What is said of the readings of the meter, but for the longest gap."""
+        if self.meter is None:
+            return MeterLimits()
+        return MeterLimits(max_power=self.meter.max_power, wraps_at=self.meter.wraps_at_joule)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,3 +96,33 @@ class AuxiliaryInputs:
         "Topics of states that are set here: a name for each, which is not that of a load with a "
         "meter above. Other loads may send UInt8 on auxiliary/NAME/state.",
     )
+
+    def meter_of(self, load: AuxiliaryLoad) -> MeterSource | None:
+        """Return the meter of a load; None if it has none.
+
+        Args:
+            load: Of the model file.
+        """
+        usual = MeterSource(topic=f"auxiliary/{load.name}/power")
+        return self.auxiliary_meters.get(load.name, usual) if load.metered else None
+
+    def state_of(self, load: AuxiliaryLoad) -> StateSource:
+        """Return where the states of a load come from.
+
+        Args:
+            load: Of the model file.
+        """
+        given = {source.load: source for source in self.auxiliary_states.values()}
+        return given.get(load.name, StateSource(topic=f"auxiliary/{load.name}/state"))
+
+    def unknown_loads(self, loads: Collection[AuxiliaryLoad]) -> list[str]:
+        """Return a sentence for each entry that names none of the loads.
+
+        Args:
+            loads: Of the model file.
+        """
+        named = {*self.auxiliary_meters, *(one.load for one in self.auxiliary_states.values())}
+        return [
+            f"the inputs name the auxiliary load '{name}', which the model lacks"
+            for name in sorted(named - {load.name for load in loads})
+        ]

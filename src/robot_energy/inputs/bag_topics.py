@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from robot_energy.bag import BagReader
 from robot_energy.errors import MissingTopicError
-from robot_energy.inputs.auxiliary import AuxiliaryInputs, StateSource
+from robot_energy.inputs.auxiliary import AuxiliaryInputs, LoadTopics
 from robot_energy.inputs.meter.kinds import meter_kind
 from robot_energy.inputs.meter.source import MeterSource
 from robot_energy.inputs.sources import TemperatureSource
@@ -113,7 +113,11 @@ def sources_by_type(
 
 
 def possible_temperatures(bag: BagReader) -> list[str]:
-    """Return topics that may well hold temperatures, but do not say so by their type."""
+    """Return topics that may well hold temperatures, but do not say so by their type.
+
+    Args:
+        bag: The open bag.
+    """
     return [
         topic
         for topic, info in sorted(bag.topics.items())
@@ -180,24 +184,6 @@ def find_meter(
     ]
 
 
-@dataclass(frozen=True)
-class LoadTopics:
-    """What of one load a bag holds.
-
-    Attributes:
-        meter: Its meter; None if there is none.
-        state: The numbers of its states; None if there are none.
-    """
-
-    meter: MeterSource | None
-    state: MeterSource | None
-
-    @property
-    def topics(self) -> tuple[str, ...]:
-        """Full names of all topics."""
-        return tuple(t for source in (self.meter, self.state) if source for t in source.topics)
-
-
 def find_auxiliary(
     bag: BagReader, loads: Sequence[AuxiliaryLoad], inputs: AuxiliaryInputs | None
 ) -> tuple[dict[str, LoadTopics], list[str]]:
@@ -215,26 +201,17 @@ def find_auxiliary(
     Raises:
         MissingTopicError: If a topic is there with another type, or several times.
     """
-    meters = dict(inputs.auxiliary_meters) if inputs is not None else {}
-    given = inputs.auxiliary_states.values() if inputs is not None else ()
-    states = {source.load: source for source in given}
+    inputs = inputs or AuxiliaryInputs()
     found: dict[str, LoadTopics] = {}
     notes: list[str] = []
     for load in loads:
-        meter = None
-        if load.metered:
-            usual = MeterSource(topic=f"auxiliary/{load.name}/power")
-            wanted = meters.get(load.name, usual)
-            meter = _in_bag(bag, wanted)
-            if meter is None:
-                topics = " and ".join(wanted.topics)
-                notes.append(f"the bag has no {topics}: the power of {load.name} is not known")
-        usual_state = StateSource(topic=f"auxiliary/{load.name}/state")
-        state = states.get(load.name, usual_state)
-        found[load.name] = LoadTopics(meter, _in_bag(bag, state.source))
-    for name in sorted({*meters, *states} - set(found)):
-        notes.append(f"the inputs name the auxiliary load '{name}', which the model lacks")
-    return found, notes
+        wanted, state = inputs.meter_of(load), inputs.state_of(load)
+        meter = None if wanted is None else _in_bag(bag, wanted)
+        if wanted is not None and meter is None:
+            topics = " and ".join(wanted.topics)
+            notes.append(f"the bag has no {topics}: the power of {load.name} is not known")
+        found[load.name] = LoadTopics(meter, _in_bag(bag, state.source), state.stale_after)
+    return found, [*notes, *inputs.unknown_loads(loads)]
 
 
 def _in_bag(bag: BagReader, source: MeterSource) -> MeterSource | None:

@@ -134,9 +134,12 @@ def parameter(
     Args:
         description: What it means, with its unit in brackets.
         default: Value where none is given.
-        low: Least value allowed.
-        high: Greatest value allowed.
+        low: Least value allowed; None for no bound. [unit of the parameter]
+        high: Greatest value allowed; None for no bound. [unit of the parameter]
         choices: The texts allowed, or a table of kinds; empty for any.
+
+    Returns:
+        A field of a dataclass, which carries all this.
     """
     metadata = {"description": description, "low": low, "high": high, "choices": choices}
     return field(default=default, metadata=metadata)
@@ -153,13 +156,16 @@ def named_groups(
     *names: str,
     check: Callable[[Mapping[str, D]], None] = lambda groups: None,
 ) -> Mapping[str, D]:
-    """A field that holds any number of ``cls`` by name, where the names are a parameter.
+    """Describe a field that holds any number of ``cls`` by name; the names are a parameter.
 
     Args:
         cls: The dataclass of one group; all its fields must have defaults.
         description: What the list of names means.
         names: The groups there are where none are named.
         check: Raises a `ParameterError` if the groups do not fit together.
+
+    Returns:
+        A field of a dataclass, which carries all this.
     """
     metadata = {
         "group": cls,

@@ -20,7 +20,12 @@ Value = TypeVar("Value")
 
 
 def remember_names(kept: set[str], names: Iterable[str]) -> None:
-    """Add names, as they can be shown, while there is room for them."""
+    """Add names, as they can be shown, while there is room for them.
+
+    Args:
+        kept: The names so far; it is changed.
+        names: As messages hold them.
+    """
     for name in names:
         if len(kept) >= MAX_NAMES:
             return
@@ -39,11 +44,23 @@ class ByNames(Generic[Value]):
         return len(self._values)
 
     def get(self, names: tuple[str, ...]) -> Value | None:
-        """Return what is known of a list of names, None if that is nothing."""
+        """Return what is known of a list of names, None if that is nothing.
+
+        Args:
+            names: The list, in its order.
+        """
         return self._values.get(names)
 
     def put(self, names: tuple[str, ...], value: Value) -> Value:
-        """Remember a value and return it; when there is no room, the others are forgotten."""
+        """Remember a value; when there is no room, the others are forgotten.
+
+        Args:
+            names: The list, in its order.
+            value: What was found out about it.
+
+        Returns:
+            The value.
+        """
         size = sum(map(len, names)) + len(names)
         if len(self._values) >= MAX_NAMES or self._characters + size > MAX_KEPT_CHARACTERS:
             self._values.clear()
@@ -71,7 +88,12 @@ class RejectionLog:
     waiting: int = 0
 
     def reject(self, reason: str, count: int = 1) -> None:
-        """Count rejected messages."""
+        """Count rejected messages.
+
+        Args:
+            reason: One word or several with underscores, such as ``wrong_length``.
+            count: How many; nothing is noted for 0.
+        """
         if count:
             self.rejected[reason] += count
 

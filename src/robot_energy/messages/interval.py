@@ -11,7 +11,12 @@ from robot_energy.accounting.band_calibration import BandCalibration
 from robot_energy.accounting.exact_sum import PER_JOULE
 from robot_energy.accounting.record import EnergyInterval
 from robot_energy.blocks import NANOSECOND
-from robot_energy.messages.registers import JOINT_FIELDS, SHAFT_FIELDS
+from robot_energy.messages.registers import (
+    JOINT_FIELDS,
+    SHAFT_FIELDS,
+    load_fields,
+    outlet_fields,
+)
 
 
 def interval_fields(
@@ -25,7 +30,8 @@ def interval_fields(
         calibration: Of the bands of the account.
 
     Returns:
-        Fields by name; ``joints`` is a list of the fields of `JointEnergy`.
+        Fields by name; ``joints`` is a list of the fields of `JointEnergy`, ``auxiliary`` one of
+        those of `LoadEnergy`.
     """
     counted, nan = interval.counted, math.nan
     cabinet = {name: value / PER_JOULE for name, value in counted.cabinet_energy_microjoule.items()}
@@ -58,6 +64,8 @@ def interval_fields(
         "predicted_peak_power": nan if peak is None else peak,
         "predicted_mean_power": net / observed if observed else nan,
         "measured_mean_power": measured / compared if compared else nan,
+        **outlet_fields(counted),
+        "auxiliary": load_fields(counted),
         "joints": [
             {
                 "name": name,

@@ -120,7 +120,11 @@ class PayloadWriter:
         self._model_id = model_id
 
     def encode(self, change: PayloadChange) -> NDArray[np.uint8]:
-        """Return one serialised message, shape (1, size)."""
+        """Return one serialised message, shape (1, size).
+
+        Args:
+            change: The payload, and the stamp from which it holds.
+        """
         body = change.payload
         values = (body.mass, *body.centre_of_mass, *body.inertia)
         encoder = Encoder(PAYLOAD, {"header.frame_id": body.link, "model_id": self._model_id})

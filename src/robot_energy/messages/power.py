@@ -8,11 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.accounting.averaging import MeanBlock
+from robot_energy.accounting.load_curve import COLUMNS
 from robot_energy.blocks import MeterLocation, sum_over_joints
 from robot_energy.cdr.decode import Encoder, stamp_columns
+from robot_energy.model.auxiliary import AuxiliaryLoad
 from robot_energy.uncertainty.band import power_std
 
 POWER_STATE = "ros2_energy_msgs/msg/PowerState"
+LOAD_KINDS = {"state": np.int16, "remarks": np.uint8}  # of fields that are no float64
 
 
 class PowerStateWriter:
@@ -21,11 +24,20 @@ class PowerStateWriter:
     Args:
         joint_names: Joints in model order.
         model_id: Identity of the model file.
+        loads: Auxiliary loads in model order.
     """
 
-    def __init__(self, joint_names: Sequence[str], model_id: str) -> None:
+    def __init__(
+        self, joint_names: Sequence[str], model_id: str, loads: Sequence[AuxiliaryLoad] = ()
+    ) -> None:
         self._encoder = Encoder(
-            POWER_STATE, {"model_id": model_id, "joints.name": tuple(joint_names)}
+            POWER_STATE,
+            {
+                "model_id": model_id,
+                "joints.name": tuple(joint_names),
+                "auxiliary.name": tuple(load.name for load in loads),
+                "auxiliary.states": tuple(load.state_names for load in loads),
+            },
         )
 
     def encode(self, block: MeanBlock, location: MeterLocation) -> NDArray[np.uint8]:
@@ -67,6 +79,7 @@ class PowerStateWriter:
                 "capacitor_power": block.mean("capacitor"),
                 "returned_power": block.mean("grid_return"),
                 "payload_mass": block.payload_mass,
+                "outlet_power": predicted + block.loads[:, :, COLUMNS.index("power")].sum(axis=1),
                 "joints.motor_velocity": block.motor_velocity,
                 "joints.motor_torque": block.motor_torque,
                 "joints.motor_torque_measured": block.motor_torque_measured,
@@ -79,6 +92,12 @@ class PowerStateWriter:
                 "joints.motor_temperature_degc": block.motor_temperature_degc,
                 "joints.coulomb": block.coulomb,
                 "joints.viscous": block.viscous,
+                **{
+                    f"auxiliary.{name}": block.loads[:, :, place].astype(
+                        LOAD_KINDS.get(name, np.float64)
+                    )
+                    for place, name in enumerate(COLUMNS)
+                },
             },
             len(block),
         )

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.accounting.account import EnergyAccount
+from robot_energy.accounting.exact_sum import PER_JOULE
 from robot_energy.accounting.registers import JOINT_REGISTERS, SHAFT_REGISTERS
+from robot_energy.accounting.totals import Totals
 from robot_energy.blocks import NANOSECOND
 from robot_energy.cdr.decode import Encoder, stamp_columns
+from robot_energy.model.auxiliary import AuxiliaryLoad
 
 ENERGY_REGISTERS = "ros2_energy_msgs/msg/EnergyRegisters"
 JOINT_FIELDS = {
@@ -34,11 +38,22 @@ class RegistersWriter:
     Args:
         joint_names: Joints in model order.
         model_id: Identity of the model file.
+        loads: Auxiliary loads in model order, those of the accounts that are encoded.
     """
 
-    def __init__(self, joint_names: Sequence[str], model_id: str) -> None:
+    def __init__(
+        self, joint_names: Sequence[str], model_id: str, loads: Sequence[AuxiliaryLoad] = ()
+    ) -> None:
+        states = [(load.name, state) for load in loads for state in load.state_names]
         self._encoder = Encoder(
-            ENERGY_REGISTERS, {"model_id": model_id, "joints.name": tuple(joint_names)}
+            ENERGY_REGISTERS,
+            {
+                "model_id": model_id,
+                "joints.name": tuple(joint_names),
+                "auxiliary.name": tuple(load.name for load in loads),
+                "auxiliary_states.load": tuple(load for load, _ in states),
+                "auxiliary_states.state": tuple(state for _, state in states),
+            },
         )
 
     def encode(self, ledger: EnergyAccount, persisted: bool = False) -> NDArray[np.uint8] | None:
@@ -83,6 +98,56 @@ class RegistersWriter:
                     for name in SHAFT_REGISTERS
                 },
                 "joints.shaft_compared_time": ledger.shaft.compared_ns[None, :] * NANOSECOND,
+                **_load_columns(ledger),
             },
             1,
         )
+
+
+def load_fields(counted: Totals) -> list[dict[str, Any]]:
+    """Return the fields of ``LoadEnergy`` of every auxiliary load, in order.
+
+    Args:
+        counted: By all counters, or between two instants.
+    """
+    return [
+        {
+            "name": name,
+            "energy": load.energy_microjoule / PER_JOULE,
+            "known_time": load.known_ns * NANOSECOND,
+            "missing_time": load.missing_ns * NANOSECOND,
+            "missing_count": load.missing_count,
+            "outlet_energy": load.outlet_energy_microjoule / PER_JOULE,
+        }
+        for name, load in counted.auxiliary.items()
+    ]
+
+
+def outlet_fields(counted: Totals) -> dict[str, float]:
+    """Return the fields of the outlet; NaN where no auxiliary loads are counted.
+
+    Args:
+        counted: By all counters, or between two instants.
+    """
+    unit = 1.0 / PER_JOULE if counted.auxiliary else np.nan
+    return {
+        "outlet_energy": counted.outlet_energy_microjoule * unit,
+        "outlet_cabinet_energy": counted.outlet_cabinet_energy_microjoule * unit,
+        "outlet_time": counted.outlet_ns * NANOSECOND,
+    }
+
+
+def _load_columns(ledger: EnergyAccount) -> dict[str, Any]:
+    totals, loads = ledger.totals(), ledger.auxiliary
+    rows = load_fields(totals)
+    kinds = {"missing_count": np.uint64}
+    states = (loads.state_energy.joule, loads.state_ns * NANOSECOND) if loads else np.empty((2, 0))
+    return {
+        **outlet_fields(totals),
+        **{
+            f"auxiliary.{name}": np.array([[row[name] for row in rows]], kinds.get(name, float))
+            for name in ("energy", "known_time", "missing_time", "missing_count", "outlet_energy")
+        },
+        "auxiliary_states.energy": states[0][None, :],
+        "auxiliary_states.time": states[1][None, :],
+    }

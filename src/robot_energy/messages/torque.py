@@ -47,7 +47,11 @@ class TorqueWriter:
         )
 
     def encode(self, block: TorqueBlock) -> NDArray[np.uint8]:
-        """Return one serialised message per sample, shape (N, size)."""
+        """Return one serialised message per sample, shape (N, size).
+
+        Args:
+            block: N samples of torque, in model order.
+        """
         columns = {name: getattr(block, name) for name in ARRAYS}
         return self._encoder.encode(
             {
@@ -91,7 +95,11 @@ class TorqueReader(ModelMessageReader[TorqueBlock]):
         self._breaks = 0  # segments that ended by the writer's word alone
 
     def decode(self, batch: RawBatch) -> TorqueBlock | None:
-        """Return the samples of a batch in order of arrival, or None if there are none."""
+        """Return the samples of a batch in order of arrival, or None if there are none.
+
+        Args:
+            batch: Messages of one topic, in order of arrival.
+        """
         block = self._read(batch)
         return None if block is None else self._taken(self._stream.step(block))
 

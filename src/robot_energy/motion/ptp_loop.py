@@ -28,7 +28,7 @@ class Program:
         override: Share of full speed, in (0, 1]. [-]
         speed_share: Share of the speed under that override, of the move to the next via, in
             (0, 1], one value or shape (K,). [-]
-        acceleration_share: The same of the acceleration. [-]
+        acceleration_share: The same of the acceleration, one value or shape (K,). [-]
 
     Attributes:
         via: As given, shape (K, n). [rad] or [m]

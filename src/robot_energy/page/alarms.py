@@ -63,6 +63,8 @@ SUBJECT_REMEDIES = {
     "asks for a larger joint_state_depth",
     "motor temperatures": "check the topics under temperature_sources, and their units",
     "energy": "check the topic of the meter, its unit and what it states (meter.*)",
+    "auxiliary loads": "check the topics of their meters and states (auxiliary_meters, "
+    "auxiliary_states)",
     "registers": "check space and permissions of the state folder; one monitor writes to it",
     "node": "read the log of the node; set the node active where a life cycle manager runs it",
 }

@@ -146,6 +146,17 @@ def unit_for(largest: float, base: float = 1.0) -> float:
     return base * 10.0 ** min(0, max(-3, digits - MAX_SHOWN + 1))
 
 
+def known_label(name: str, known_time: float, missing_time: float) -> str:
+    """Return the name of a load, with the time its energy is of where part of it is missing.
+
+    Args:
+        name: Of the load.
+        known_time: For which its power is known. [s]
+        missing_time: For which it is not. [s]
+    """
+    return f"{name}, {known_time:.0f} s known" if missing_time else name
+
+
 def flow_picture(parts: FlowParts, base: float = 1.0) -> FlowPicture | None:
     """Return the flows of a balance.
 

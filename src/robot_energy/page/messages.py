@@ -11,6 +11,7 @@ from robot_energy.cdr import Decoder, RawBatch, Run, stamp_ns
 from robot_energy.messages.friction import JOINT_FRICTION
 from robot_energy.messages.power import POWER_STATE
 from robot_energy.messages.registers import ENERGY_REGISTERS, JOINT_FIELDS
+from robot_energy.page.load_rows import LOAD_ENERGIES, LOAD_POWERS
 from robot_energy.timeline.stamps import valid_stamps
 
 STAMP = ("header.stamp.sec", "header.stamp.nanosec")
@@ -37,6 +38,7 @@ ENERGIES = (
     "loss_grid_energy",
     "capacitor_energy",
 )
+OUTLET = ("outlet_energy", "outlet_cabinet_energy", "outlet_time")
 TIMES = ("observed_time", "gap_time", "comparison_time", "gap_count")
 JOINT_ENERGIES = tuple(JOINT_FIELDS.values())
 MAX_JOINTS = 100  # of a robot whose messages are taken
@@ -52,13 +54,16 @@ class PageReaders:
             (
                 *identity, "quality", "phase", "period", "meter_location", *POWERS, *TOTALS,
                 *STATE, "joints.name", *(f"joints.{name}" for name in JOINT_POWERS + JOINT_STATE),
+                "outlet_power", "auxiliary.name", "auxiliary.states",
+                *(f"auxiliary.{name}" for name in LOAD_POWERS),
             ),
         )  # fmt: skip
         self._registers = Decoder(
             ENERGY_REGISTERS,
             (
                 *identity, "energy_start.sec", "energy_start.nanosec", "persisted", *ENERGIES,
-                *TIMES, "joints.name", *(f"joints.{name}" for name in JOINT_ENERGIES),
+                *TIMES, *OUTLET, "joints.name", *(f"joints.{name}" for name in JOINT_ENERGIES),
+                "auxiliary.name", *(f"auxiliary.{name}" for name in LOAD_ENERGIES),
             ),
         )  # fmt: skip
         self._friction = Decoder(
@@ -93,7 +98,7 @@ class PageReaders:
             "start_ns": int(stamp_ns(run, "energy_start")[-1]),
             "persisted": bool(run.array("persisted")[-1]),
             "model_id": run.columns["model_id"],
-            **{name: float(run.array(name)[-1]) for name in ENERGIES + TIMES},
+            **{name: float(run.array(name)[-1]) for name in ENERGIES + TIMES + OUTLET},
             "joints": [
                 {
                     "name": name,
@@ -103,6 +108,16 @@ class PageReaders:
                     },
                 }
                 for place, name in enumerate(names)
+            ],
+            "auxiliary": [
+                {
+                    "name": name,
+                    **{
+                        field: float(run.array(f"auxiliary.{field}")[-1, place])
+                        for field in LOAD_ENERGIES
+                    },
+                }
+                for place, name in enumerate(run.names("auxiliary.name"))
             ],
         }
 
@@ -137,8 +152,9 @@ def _usable(decoder: Decoder, batch: RawBatch, names: str) -> list[Run]:
     kept: list[Run] = []
     for run in decoder.decode(batch).runs:
         joints = cast("tuple[str, ...]", run.columns[names])
+        loads = cast("tuple[str, ...]", run.columns.get("auxiliary.name", ()))
         valid = valid_stamps(stamp_ns(run))
-        if len(joints) > MAX_JOINTS or not valid.any():
+        if max(len(joints), len(loads)) > MAX_JOINTS or not valid.any():
             continue
         if valid.all():
             kept.append(run)

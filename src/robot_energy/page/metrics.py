@@ -73,6 +73,17 @@ METRICS = {
                ("robot", "joint")),
         Metric("robot_joint_temperature_celsius", "celsius", "Motor temperature in use.",
                ("robot", "joint")),
+        Metric("robot_auxiliary_energy_joules", "joules",
+               "Energy of a load outside of the cabinet while its power is known.",
+               ("robot", "load")),
+        Metric("robot_auxiliary_missing_seconds", "seconds",
+               "Observed time for which the power of the load is not known.",
+               ("robot", "load"), True),
+        Metric("robot_auxiliary_power_watts", "watts",
+               "Power of a load outside of the cabinet; NaN where unknown or stale.",
+               ("robot", "load")),
+        Metric("robot_outlet_energy_joules", "joules",
+               "Energy of cabinet and loads while all are known; NaN without loads."),
         Metric("robot_coverage_ratio", "ratio", "Share of the period with valid joint states."),
         Metric("robot_phase", "", "1 for the phase the robot is in.", ("robot", "phase")),
         Metric("robot_energy_up", "", "1 while power states arrive."),
@@ -129,7 +140,7 @@ class _Robots(Collector):
                 families[name].add_metric((robot["name"], *labels), _number(value))
             registers = robot["registers"]
             if registers is not None:
-                for name, labels, value in _counters(registers):
+                for name, labels, value in _counters(registers, robot["auxiliary"]):
                     if value is not None:  # a counter that is not known has no sample
                         families[name].add_metric(
                             (robot["name"], *labels), value, created=registers["energy_start"]
@@ -140,13 +151,15 @@ class _Robots(Collector):
 Sample = tuple[str, Labels, float | None]
 
 
-def _counters(registers: Mapping[str, Any]) -> Iterator[Sample]:
+def _counters(registers: Mapping[str, Any], loads: Sequence[Mapping[str, Any]]) -> Iterator[Sample]:
     for part, register in REGISTERS.items():
         yield "robot_energy_joules", (part,), registers[register]
     for joint in registers["joints"]:
         label = (joint["name"],)
         yield "robot_joint_friction_energy_joules", label, joint["friction_energy"]
         yield "robot_joint_drive_loss_energy_joules", label, joint["drive_loss_energy"]
+    for load in loads:
+        yield "robot_auxiliary_missing_seconds", (load["name"],), load["missing_time"]
     yield "robot_energy_observed_seconds", (), registers["observed_time"]
     yield "robot_energy_gap_seconds", (), registers["gap_time"]
 
@@ -162,6 +175,9 @@ def _gauges(robot: Mapping[str, Any]) -> Iterator[Sample]:
         label = (joint["name"],)
         yield "robot_joint_friction_power_watts", label, joint["friction_power"]
         yield "robot_joint_temperature_celsius", label, joint["motor_temperature_degc"]
+    for load in robot["auxiliary"]:
+        yield "robot_auxiliary_power_watts", (load["name"],), load["power"]
+        yield "robot_auxiliary_energy_joules", (load["name"],), load["energy"]
     yield "robot_coverage_ratio", (), robot["coverage"]
     for phase in Phase:
         yield "robot_phase", (phase.name.lower(),), float(power.get("phase") == phase.name)
@@ -174,6 +190,7 @@ def _gauges(robot: Mapping[str, Any]) -> Iterator[Sample]:
         for source, name in AT_METER.items():
             yield "robot_energy_at_meter_joules", (source,), registers[name]
         yield "robot_energy_band_joules", (), registers["predicted_energy_band"]
+        yield "robot_outlet_energy_joules", (), registers["outlet_energy"]
 
 
 def _number(value: float | None) -> float:

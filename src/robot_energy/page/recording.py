@@ -50,8 +50,9 @@ class RecordedPage:
         self.hub = PageHub(title, settings, live=False)
         self._robot = self.hub.robots[title] = RobotState(title, settings, live=False)
         self._names = model.joint_names
-        self._power = PowerStateWriter(model.joint_names, model.model_id)
-        self._registers = RegistersWriter(model.joint_names, model.model_id)
+        loads = model.auxiliary or ()
+        self._power = PowerStateWriter(model.joint_names, model.model_id, loads)
+        self._registers = RegistersWriter(model.joint_names, model.model_id, loads)
         self._friction = FrictionWriter(model)
         self._location = MeterLocation.UNKNOWN
 

@@ -12,15 +12,17 @@ import numpy as np
 from robot_energy.blocks import NANOSECOND, Float, MeterLocation, Phase, Quality, TemperatureOrigin
 from robot_energy.cdr import RawBatch, Run, stamp_ns
 from robot_energy.page.alarms import QUALITY_REMEDIES, PageFinding
-from robot_energy.page.energy_flow import FlowParts, flow_picture
+from robot_energy.page.energy_flow import FlowParts, flow_picture, known_label
 from robot_energy.page.history import HistoryRing
 from robot_energy.page.job_rows import job_rows, last_job
 from robot_energy.page.json_numbers import plain
+from robot_energy.page.load_rows import load_alarms, load_rows, newest_loads
 from robot_energy.page.messages import (
     ENERGIES,
     JOINT_ENERGIES,
     JOINT_POWERS,
     JOINT_STATE,
+    OUTLET,
     POWERS,
     STATE,
     TIMES,
@@ -190,6 +192,8 @@ class RobotState:
             **{name: plain(newest[name], 4) if newest and seen else None for name in STATE},
             "means": self._means() if seen else None,
             "joints": self._joints(now),
+            "auxiliary": self._loads(seen),
+            "outlet_power": plain(newest["outlet_power"], 5) if newest and seen else None,
             "flow": self._power_flow() if seen else None,
             "energy_flow": self._energy_flow(),
             "phases": [
@@ -253,6 +257,8 @@ class RobotState:
             "period": float(covered[-1]),
             "quality": int(np.bitwise_or.reduce(run.array("quality"))),
             "phase": int(phase[-1]),
+            "auxiliary": newest_loads(run),
+            "outlet_power": float(run.array("outlet_power")[-1]),
             "meter_location": location if location < len(MeterLocation) else 0,
             **{name: float(run.array(name)[-1]) for name in POWERS + TOTALS + STATE},
             **{
@@ -285,7 +291,12 @@ class RobotState:
         n = len(self._joint_names)
         rigid, friction, loss = mean[: 3 * n].reshape(3, n).tolist()
         totals = mean[3 * n :][: len(TOTALS)].tolist()
-        parts = FlowParts(self._shown_names(), rigid, friction, loss, *totals)
+        loads = [
+            (shown(load["name"]), load["power"])
+            for load in (self._newest or {}).get("auxiliary", ())
+            if math.isfinite(load["power"])
+        ]
+        parts = FlowParts(self._shown_names(), rigid, friction, loss, *totals, auxiliary=loads)
         picture = flow_picture(parts)
         return None if picture is None else picture.plain()
 
@@ -304,9 +315,18 @@ class RobotState:
             brake=found["brake_energy"],
             capacitor=found["capacitor_energy"],
             returned=found["predicted_return_energy"],
-        )
+            auxiliary=[
+                (known_label(shown(load["name"]), load["known_time"], load["missing_time"]),
+                 load["energy"])
+                for load in found["auxiliary"]
+            ],
+        )  # fmt: skip
         picture = flow_picture(parts, JOULE_PER_WH)
         return None if picture is None else picture.plain(JOULE_PER_WH)
+
+    def _loads(self, live: bool) -> list[dict[str, Any]]:
+        newest, registers = self._newest or {}, self._registers or {}
+        return load_rows(newest.get("auxiliary", ()), registers.get("auxiliary", ()), live)
 
     def _shown_names(self) -> list[str]:
         return [shown(name) for name in self._joint_names]
@@ -356,7 +376,7 @@ class RobotState:
             "time": found["stamp_ns"] * NANOSECOND,
             "energy_start": found["start_ns"] * NANOSECOND,
             "persisted": found["persisted"],
-            **{name: plain(found[name]) for name in ENERGIES + TIMES},
+            **{name: plain(found[name]) for name in ENERGIES + TIMES + OUTLET},
             "joints": [
                 {
                     "name": shown(joint["name"]),
@@ -393,4 +413,5 @@ class RobotState:
         for bit, (message, remedy) in QUALITY_REMEDIES.items():
             if bit in quality:
                 alarms.append(PageFinding("WARN", bit.name or "", message, remedy).plain())
-        return alarms
+        loads = self._newest["auxiliary"] if seen and self._newest else ()
+        return [*alarms, *(one.plain() for one in load_alarms(loads))]

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from robot_energy.accounting.account import EnergyAccount
-from robot_energy.accounting.auxiliary import AuxiliaryAccount
 from robot_energy.accounting.averaging import MeanBlock
 from robot_energy.blocks import (
     FrictionBlock,
@@ -50,9 +49,6 @@ class EnergyPipeline:
         model: The robot's model.
         settings: Windows, waiting and averaging.
 
-    Attributes:
-        auxiliary: Account of the loads outside of the cabinet; None where none are counted.
-
     Raises:
         RobotEnergyError: If the model cannot be used.
     """
@@ -64,7 +60,6 @@ class EnergyPipeline:
         self.friction = FrictionStage(model)
         self.power = PowerStage(model, settings)
         self.ledger = EnergyAccount(len(model.joints), settings)
-        self.auxiliary: AuxiliaryAccount | None = None
 
     def step(
         self,
@@ -116,30 +111,8 @@ class EnergyPipeline:
         means = self._count(power)
         return Output(torque, friction, power, means, meter)
 
-    def take_auxiliary(
-        self, name: str, readings: MeterBlock | None, states: MeterBlock | None
-    ) -> None:
-        """Take what came from one load outside of the cabinet.
-
-        Args:
-            name: Of the load; `auxiliary` counts it.
-            readings: Of its meter, in order of arrival.
-            states: Numbers of its states, as powers in W.
-        """
-        if self.auxiliary is None:
-            return
-        load = self.auxiliary[name]
-        if readings is not None:
-            load.measure(readings)
-        if states is not None:
-            load.switch(states.stamp_ns, states.power)
-
     def _count(self, power: PowerBlock | None) -> MeanBlock | None:
-        if power is None:
-            return None
-        if self.auxiliary is not None:
-            self.auxiliary.step(power)
-        return self.ledger.step(power)
+        return None if power is None else self.ledger.step(power)
 
     def restart(self) -> None:
         """Drop the samples that wait, as after an error; the account and the settings stay."""
@@ -166,7 +139,5 @@ class EnergyPipeline:
         blocks = [part for part in parts if part is not None]
         power = PowerBlock.concatenate(blocks) if blocks else None
         means = [self._count(power), self.ledger.flush()]
-        if self.auxiliary is not None:
-            self.auxiliary.flush()
         ended = [mean for mean in means if mean is not None]
         return Output(torque, None, power, MeanBlock.concatenate(ended) if ended else None)

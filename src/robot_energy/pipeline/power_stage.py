@@ -250,7 +250,7 @@ class PowerStage:
         rows = begins.nonzero()[0]
         if len(rows):
             held = self._deviation.columns(
-                *(each.T.take(rows, axis=1).T for each in of_motors),
+                *(each[rows] for each in of_motors),
                 payload_mass=block.payload_mass[rows],
                 balance=balance.at(rows),
                 stamp_ns=block.stamp_ns[rows],

@@ -106,18 +106,32 @@ def panels(figure: Any, count: int, columns: int = 3) -> Any:
 
 
 def named_ticks(axis: Any, places: Any, names: Iterable[str]) -> None:
-    """Put names from outside beside the places of an axis, made safe to show."""
+    """Put names from outside beside the places of an axis, made safe to show.
+
+    Args:
+        axis: The x or y axis of matplotlib.
+        places: Where they stand, in data coordinates.
+        names: As many as there are places.
+    """
     axis.set_ticks(places, [typeset(shown(name, MAX_TICK)) for name in names])
 
 
 def panel_grid(count: int, columns: int = 3) -> tuple[int, int]:
-    """Return the columns and rows that a number of panels takes."""
+    """Return the columns and rows that a number of panels takes.
+
+    Args:
+        count: How many panels, 1 or more.
+        columns: How many may stand side by side.
+    """
     wide = min(count, columns)
     return wide, -(-count // wide)
 
 
 def check_format(path: Path) -> None:
     """Refuse a file that is no picture.
+
+    Args:
+        path: The file.
 
     Raises:
         ReportError: If the suffix is not one of the formats.

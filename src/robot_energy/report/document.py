@@ -48,11 +48,19 @@ class Column:
         return f"{self.name} [{self.unit}]" if self.unit else self.name
 
     def cell(self, row: Any) -> str:
-        """Return what stands in a row."""
+        """Return what stands in a row.
+
+        Args:
+            row: An object with the attribute that the column shows, or one that its function takes.
+        """
         return self._text(self._of(row))
 
     def sum(self, rows: Sequence[Any]) -> str:
-        """Return what stands in the row of sums; a dash where a value is not known."""
+        """Return what stands in the row of sums; a dash where a value is not known.
+
+        Args:
+            rows: All rows of the table.
+        """
         if callable(self.total):
             found = self.total(rows)
             return found if isinstance(found, str) else self._text(found)
@@ -146,7 +154,14 @@ class Document:
 
     @contextmanager
     def only(self, where: Where) -> Generator[None]:
-        """Show what is added in the block on pages alone, or on the terminal alone."""
+        """Show what is added in the block on pages alone, or on the terminal alone.
+
+        Args:
+            where: ``page`` or ``terminal``; ``both`` shows it everywhere, also in an outer block.
+
+        Yields:
+            Nothing.
+        """
         before, self._where = self._where, where
         try:
             yield
@@ -154,15 +169,27 @@ class Document:
             self._where = before
 
     def add(self, part: Part) -> None:
-        """Add a part at the end."""
+        """Add a part at the end.
+
+        Args:
+            part: The part.
+        """
         self.parts.append((self._where, part))
 
     def shown(self, where: Where) -> list[Part]:
-        """Return the parts that a page or a terminal shows."""
+        """Return the parts that a page or a terminal shows.
+
+        Args:
+            where: ``page`` or ``terminal``.
+        """
         return [part for place, part in self.parts if place in ("both", where)]
 
     def heading(self, text: str, depth: int = 2) -> None:
         """Begin a section; pages list those of depth 2 at the top.
+
+        Args:
+            text: The heading.
+            depth: 2 for a section, 3 and 4 for those inside it.
 
         Raises:
             ReportError: If the depth is not 2, 3 or 4.
@@ -172,24 +199,45 @@ class Document:
         self.paragraph(text, HEADINGS[depth])
 
     def paragraph(self, text: str = "", kind: Kind = "plain") -> None:
-        """Add text; pages set what stands between backticks as code, and leave out no text."""
+        """Add text; pages set what stands between backticks as code, and leave out no text.
+
+        Args:
+            text: One or more sentences.
+            kind: How it is set: plain, strong, as a heading, a note, a problem or a command.
+        """
         self.add(Text(text, kind))
 
     def note(self, text: str) -> None:
-        """Add a sentence that must not be overlooked: a warning, or what is not known."""
+        """Add a sentence that must not be overlooked: a warning, or what is not known.
+
+        Args:
+            text: The sentence.
+        """
         self.paragraph(text, "note")
 
     def notes(self, texts: Sequence[str]) -> None:
-        """Add several of them."""
+        """Add several of them.
+
+        Args:
+            texts: One sentence each.
+        """
         for text in texts:
             self.note(text)
 
     def command(self, text: str) -> None:
-        """Add a command line that makes what is shown."""
+        """Add a command line that makes what is shown.
+
+        Args:
+            text: The command line.
+        """
         self.paragraph(text, "command")
 
     def pairs(self, rows: Sequence[tuple[str, str]]) -> None:
-        """Add names and values."""
+        """Add names and values.
+
+        Args:
+            rows: Name and value of each row.
+        """
         self.add(Table("", (), rows))
 
     def figure(self, draw: Draw, caption: str) -> None:

@@ -61,7 +61,11 @@ def drives_document(report: DrivesReport, page: Document) -> None:
 
 
 def mapped(fit: DrivesFit | None) -> list[AxisFit]:
-    """Return the axes with an efficiency map."""
+    """Return the axes with an efficiency map.
+
+    Args:
+        fit: Of the drives; None if there is none.
+    """
     return [] if fit is None else [axis for axis in fit.axes if axis.map is not None]
 
 

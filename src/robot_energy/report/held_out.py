@@ -23,7 +23,11 @@ LABELS = {GIVEN: "as given"}
 
 
 def stages_shown(test: HeldOutEnergy) -> list[str]:
-    """Return the model as given and the steps that changed a held-out prediction."""
+    """Return the model as given and the steps that changed a held-out prediction.
+
+    Args:
+        test: The test.
+    """
     taken = {subject for entry in test.tested for subject in entry.taken}
     return [GIVEN, *(stage for stage in test.stages if stage in taken)]
 
@@ -80,7 +84,12 @@ def _torque_verdict(test: HeldOutEnergy) -> tuple[str, bool]:
 
 
 def verdict_line(test: HeldOutEnergy | None, page: Document) -> None:
-    """Add the verdict; as a note where the new model is not better."""
+    """Add the verdict; as a note where the new model is not better.
+
+    Args:
+        test: The test; None if there was none.
+        page: Where it is added.
+    """
     text, better = verdict(test)
     page.paragraph(text, "strong" if better else "note")
 

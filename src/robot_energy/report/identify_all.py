@@ -43,7 +43,11 @@ TITLES = {
 
 
 def identification_lead(report: IdentificationReport) -> str:
-    """Return what was identified, and of what data."""
+    """Return what was identified, and of what data.
+
+    Args:
+        report: Of the identification.
+    """
     bags = (*report.recordings, *report.tests)
     origins = sorted({entry.origin for entry in bags if entry.origin})
     count = counted(len(report.recordings), "recording")

@@ -82,7 +82,11 @@ def fitted_table(
 
 
 def width_of(laid_out: Group) -> int:
-    """Return the width of the widest table of `fitted_table`. [characters]"""
+    """Return the width of the widest table of `fitted_table`. [characters]
+
+    Args:
+        laid_out: What `fitted_table` returned.
+    """
     tables = (part for part in laid_out.renderables if isinstance(part, Table))
     return max((table.width or 0 for table in tables), default=0)
 

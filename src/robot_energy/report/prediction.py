@@ -32,7 +32,11 @@ MINUTE = 60.0  # s
 
 
 def labels(runs: Sequence[PredictionReport]) -> list[str]:
-    """Return a name for each run: what tells it from the others."""
+    """Return a name for each run: what tells it from the others.
+
+    Args:
+        runs: Predictions that are shown together.
+    """
     programs = {run.program for run in runs}
     temperatures = {_temperatures(run) for run in runs}
     return [

@@ -53,7 +53,15 @@ def table(
     rows: Sequence[Sequence[str]],
     total: Sequence[str] | None = None,
 ) -> None:
-    """First column left, the others right; a last row of sums below a rule; nothing is cut."""
+    """Print a table: first column left, the others right, sums below a rule; nothing is cut.
+
+    Args:
+        console: Where to.
+        title: Above the table; empty for none.
+        columns: Headings.
+        rows: Cells, as many in each row as there are headings.
+        total: Cells of the row of sums; None for none.
+    """
     columns, *rows = (_cells(row, console) for row in (columns, *rows))
     total = None if total is None else _cells(total, console)
     if title:

@@ -41,8 +41,8 @@ def torque_over_time(
 
     Args:
         names: Of the joints.
-        time: Shape (K,). [s]
-        measured: Motor torque, shape (K, n). [N m]
+        time: Of each sample, shape (n_samples,). [s]
+        measured: Motor torque, shape (n_samples, n_joints). [N m]
         curves: Predictions.
         path: File to write: PNG, SVG or PDF by its suffix.
         residual: Whether to draw predicted minus measured instead.

@@ -20,7 +20,11 @@ Number = float | None  # None where nothing is known
 
 
 def known(value: float) -> Number:
-    """Return a number, or None where it is not finite."""
+    """Return a number, or None where it is not finite.
+
+    Args:
+        value: Of any quantity. [its own unit]
+    """
     return float(value) if math.isfinite(value) else None
 
 

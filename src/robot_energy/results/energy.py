@@ -277,7 +277,11 @@ def joints_of(
 
 
 def unbalanced(energy: EnergyBreakdown) -> list[str]:
-    """Return a sentence if the parts of the energy do not sum to what the grid gave."""
+    """Return a sentence if the parts of the energy do not sum to what the grid gave.
+
+    Args:
+        energy: The parts, with what is left of the balance. [J]
+    """
     if energy.balanced:
         return []
     return [

@@ -205,7 +205,11 @@ class IdentificationReport(Result):
     notes: tuple[str, ...] = ()
 
     def taken(self, subject: str) -> bool:
-        """Whether the model has new figures of a subject."""
+        """Whether the model has new figures of a subject.
+
+        Args:
+            subject: Such as ``friction``, as the steps name it.
+        """
         return any(step.subject == subject and step.taken for step in self.steps)
 
 

@@ -133,7 +133,7 @@ def prediction_report(result: Prediction, motion: LoadedMotion | None = None) ->
     model, account = result.model, result.ledger
     temperature = result.motor_temperature_degc.tolist()
     common = common_figures(account, model, temperature, None)
-    time, auxiliary = account.registers.time, auxiliary_report(result.pipeline.auxiliary)
+    time, auxiliary = account.registers.time, auxiliary_report(account.auxiliary)
     return PredictionReport(
         **common,
         program=result.program,

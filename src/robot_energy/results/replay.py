@@ -208,7 +208,7 @@ def replay_report(
     learner = result.pipeline.power.condition
     temperature = result.pipeline.friction.latest().motor_temperature_degc[0].tolist()
     common = common_figures(account, result.model, temperature, change)
-    inputs, auxiliary = _inputs(result), auxiliary_report(result.pipeline.auxiliary)
+    inputs, auxiliary = _inputs(result), auxiliary_report(result.ledger.auxiliary)
     return ReplayReport(
         **common,
         bag=str(result.bag),

@@ -33,6 +33,7 @@ from robot_energy.results.identification import (
     FrictionStudyReport,
     IdentificationReport,
 )
+from robot_energy.results.load_states import LoadStatesReport
 from robot_energy.results.model import ModelReport
 from robot_energy.results.optimization import OptimizationReport
 from robot_energy.results.prediction import PredictionsReport
@@ -51,6 +52,7 @@ RESULTS: dict[str, type[Result]] = {
         FrictionStudyReport,
         ThermalReport,
         CabinetReport,
+        LoadStatesReport,
         DrivesReport,
         DynamicsReport,
         ExcitationReport,

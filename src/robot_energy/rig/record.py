@@ -237,7 +237,7 @@ def record(
     counts = dict.fromkeys(types, 0)
     energy, peak, end = 0.0, 0.0, first.truth
     waiting: list[Message] = []
-    for topic, time_ns, rows in _of_loads(encoder, loads):
+    for topic, time_ns, rows in load_messages(encoder, loads):
         waiting += [(t, topic, r.tobytes()) for t, r in zip(time_ns.tolist(), rows, strict=True)]
         counts[topic] += len(rows)
     with BagWriter(path, compression, overwrite, origin=ORIGIN) as bag:
@@ -265,10 +265,18 @@ def record(
     )
 
 
-def _of_loads(
+def load_messages(
     encoder: RigEncoder, loads: Mapping[str, LoadRecord]
 ) -> Iterator[tuple[str, Int, NDArray[np.uint8]]]:
-    """Messages of auxiliary loads."""
+    """Return the messages of auxiliary loads.
+
+    Args:
+        encoder: Serializes the readings.
+        loads: What each did, by its name.
+
+    Yields:
+        Topic, log times [ns] and messages of the meter, then of the states, of each load.
+    """
     state = Encoder(STATE)
     for name, load in loads.items():
         readings = load.readings

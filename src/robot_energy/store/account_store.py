@@ -16,15 +16,16 @@ from pathlib import Path
 from typing import Any, cast
 
 from robot_energy.accounting.account import EnergyAccount
+from robot_energy.accounting.exact_sum import PER_JOULE
 from robot_energy.accounting.plain_text import MAX_TEXT
 from robot_energy.accounting.record import (
-    DEVIATION_KEYS,
     FORMAT_VERSION,
     AccountRecord,
     Identity,
     TraceEntry,
     TraceKind,
 )
+from robot_energy.accounting.totals import DEVIATION_KEYS
 from robot_energy.errors import RegisterError, StateFileError
 from robot_energy.model import RobotModel
 from robot_energy.shown_text import shown
@@ -342,9 +343,22 @@ class AccountStore:
                 self._note("register_added", "how sure the energies are counts from here")
             for name in sorted(added - DEVIATION_KEYS):
                 self._note("register_added", f"register '{name}' counts from here")
-            return record.arranged(mine.joint_names)
+            return record.arranged(mine.joint_names, self._loads(record))
         self._began_anew(f"{reason}: {', '.join(self._slots.set_aside())}")
         return None
+
+    def _loads(self, record: AccountRecord) -> list[str]:
+        """Names of the auxiliary loads that are counted; what changed is noted."""
+        loads = self.ledger.totals().auxiliary
+        for name in sorted(loads.keys() - record.totals.auxiliary.keys()):
+            self._note("register_added", f"auxiliary load '{name}' counts from here")
+        for name in sorted(record.totals.auxiliary.keys() - loads.keys()):
+            joule = record.totals.auxiliary[name].energy_microjoule / PER_JOULE
+            self.notices.append(
+                f"the model has no auxiliary load '{name}' any more; it had counted {joule:.1f} J"
+            )
+            self._note("model_changed", self.notices[-1])
+        return list(loads)
 
     def _note_repairs(self, record: AccountRecord) -> None:
         for what in record.repairs:

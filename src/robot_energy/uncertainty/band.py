@@ -57,7 +57,7 @@ def half_width(
     Args:
         rest: Standard deviation of all but the temperature, any shape (...). [W] or [J]
         temperature: Standard deviation from the temperature, same shape. [W] or [J]
-        scale: Half width over standard deviation. [-]
+        scale: Half width over standard deviation, one value or same shape. [-]
 
     Returns:
         Same shape and unit.

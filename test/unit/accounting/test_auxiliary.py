@@ -10,11 +10,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from accounts import steady
+from accounts import IDENTITY, NAMES, steady
+from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.auxiliary import AuxiliaryAccount
+from robot_energy.accounting.load_curve import COLUMNS, LoadCurve, Remark
+from robot_energy.accounting.record import AccountRecord
 from robot_energy.blocks import MeterBlock, MeterLocation, MeterMeaning, PowerBlock
+from robot_energy.inputs.auxiliary import LoadTopics
+from robot_energy.inputs.meter.kinds import FLOAT64
 from robot_energy.inputs.meter.power_curve import MeterLimits
+from robot_energy.inputs.meter.source import MeterSource
 from robot_energy.model.auxiliary import AuxiliaryLoad
+from robot_energy.store import load_account
+from robots import two_link
 
 SECOND = 1_000_000_000
 PUMP = {"off": 10.0, "on": 800.0}
@@ -88,9 +96,8 @@ def test_a_meter_outweighs_the_power_of_the_state_and_states_get_their_mean():
 
 def test_a_silent_meter_is_missing_and_never_zero_watts():
     """Readings over 3 s and, after a silence, over 2 s of 10 s."""
-    limits = {"pump": MeterLimits(max_gap=1.5)}
     account = AuxiliaryAccount(
-        [load(metered=True, state="on"), load("panel", {"on": 35.0})], limits
+        [load(metered=True, state="on"), load("panel", {"on": 35.0})], max_gap=1.5
     )
     account["pump"].measure(means([11, 12, 13], [500.0] * 3))
     account.step(steady(10.0, 15.0))
@@ -126,8 +133,8 @@ def test_a_prediction_goes_by_states_alone():
 
 
 def test_a_counter_that_wraps_goes_on():
-    limits = {"pump": MeterLimits(wraps_at=1000.0)}
-    account = AuxiliaryAccount([load(metered=True, state="on")], limits)
+    meter = MeterSource(topic="pump", type=FLOAT64, unit="J", location="grid", wraps_at=1000.0)
+    account = AuxiliaryAccount([load(metered=True, state="on")], {"pump": LoadTopics(meter, None)})
     energy = (700.0 + 50.0 * np.arange(21)) % 1000.0
     account["pump"].measure(counted(np.arange(5, 26), energy))
     account.step(steady(10.0, 22.0))
@@ -191,3 +198,137 @@ def test_no_cutting_makes_a_difference(cuts, lag):
     assert run(sorted({0, *(cut for cut in cuts if cut < len(block)), len(block)}), lag) == run(
         whole, 0
     )
+
+
+def test_silent_states_fall_back_to_the_model_file():
+    """On at 12 s, once more at 14 s; silent for 3 s from 17 s on: off, as the model file says."""
+    account = AuxiliaryAccount([load(state="off")], {"pump": LoadTopics(None, None, 3.0)})
+    curve = account["pump"]
+    curve.switch(np.array([12, 14]) * SECOND, np.array([1.0, 1.0]))
+    rows = curve.shown(np.array([16, 17, 19]) * SECOND)
+    assert rows[:, COLUMNS.index("state")].tolist() == [1, 0, 0]
+    remarks = [Remark.OK, Remark.STATE_ASSUMED, Remark.STATE_ASSUMED]
+    assert rows[:, COLUMNS.index("remarks")].tolist() == remarks
+    account.step(steady(10.0, 20.0))
+    account.flush()
+    assert account.energy.joule == pytest.approx([5 * 800.0 + 5 * 10.0])
+
+
+def test_what_is_shown_is_the_newest_reading_until_it_is_stale():
+    """Means of 1 s up to 13 s are shown for 2 s more; a refused one is unknown at once."""
+    curve = LoadCurve(load(metered=True, state="on"), MeterLimits(max_power=1000.0))
+    curve.measure(means([11, 12, 13], [500.0, 510.0, 520.0]))
+
+    def at(*seconds):
+        rows = curve.shown((np.array(seconds) * SECOND).astype(np.int64))
+        return rows[:, COLUMNS.index("power")], rows[:, COLUMNS.index("remarks")].astype(int)
+
+    power, remarks = at(10.0, 12.5, 15.0, 15.1)
+    assert np.array_equal(power, [np.nan, 510.0, 520.0, np.nan], equal_nan=True)
+    known = [one & ~Remark.STATE_ASSUMED for one in remarks]
+    assert known == [Remark.METER_MISSING, 0, 0, Remark.METER_STALE]
+    curve.measure(means([14, 14.5], [5000.0, np.nan]))
+    power, remarks = at(13.9, 14.2)
+    assert np.array_equal(power, [520.0, np.nan], equal_nan=True)
+    assert remarks[1] & Remark.METER_REFUSED
+    curve.measure(means([15], [530.0]))
+    assert at(15.0)[0] == [530.0]
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(1, 1999), st.integers(0, 2), st.booleans())
+def test_a_restart_anywhere_loses_only_what_waited(cut, lag, killed):
+    """After it: known and missing time are the observed time, and nothing fell."""
+    loads = [load(metered=True, state="on"), load("lamp", {"a": 1.0, "b": 4.0}, state="a")]
+    block = steady(10.0, 30.0)
+    stamps = np.arange(11, 31)
+    seen = stamps + lag <= block.stamp_ns[cut] / SECOND
+
+    def fresh():
+        ledger = EnergyAccount(2)
+        ledger.auxiliary = AuxiliaryAccount(loads)
+        return ledger
+
+    ledger = fresh()
+    ledger.auxiliary["pump"].measure(means(stamps[seen], np.full(seen.sum(), 500.0)))
+    ledger.step(block[slice(0, cut)])
+    if not killed:
+        ledger.flush()
+    shown = ledger.totals()
+    text = ledger.state(IDENTITY).to_json()
+    record = AccountRecord.from_json(text).arranged(NAMES, ["pump", "lamp"])
+    again = fresh()
+    again.restore(record)
+    again.auxiliary["pump"].measure(means(stamps[~seen], np.full((~seen).sum(), 500.0)))
+    again.step(block[slice(cut, None)])
+    again.flush()
+    totals = again.totals()
+    for name, one in totals.auxiliary.items():
+        assert one.known_ns + one.missing_ns == totals.observed_ns, name
+        assert one.known_ns >= shown.auxiliary[name].known_ns
+        assert one.energy_microjoule >= shown.auxiliary[name].energy_microjoule
+    pump = totals.auxiliary["pump"]
+    assert pump.energy_microjoule == pytest.approx(pump.known_ns * 500.0 / 1000.0, abs=2)
+    known = again.auxiliary.energy.microjoule
+    assert totals.outlet_ns <= min(one.known_ns for one in totals.auxiliary.values())
+    assert totals.outlet_energy_microjoule == pytest.approx(
+        totals.outlet_ns * (100.0 + 500.0 + 1.0) / 1000.0, abs=4
+    )
+    assert known.tolist() == [one.energy_microjoule for one in totals.auxiliary.values()]
+
+
+def test_job_intervals_and_resets_hold_the_loads():
+    ledger = EnergyAccount(2)
+    ledger.auxiliary = AuxiliaryAccount([load("panel", {"on": 35.0})])
+    ledger.step(steady(10.0, 12.0))
+    ledger.open_interval("job")
+    ledger.step(steady(12.01, 15.0))
+    ledger.reset("a new shift")
+    ledger.step(steady(15.01, 16.0))
+    job = ledger.close_interval("job").counted
+    assert job.auxiliary["panel"].energy_microjoule == pytest.approx(4 * 35e6, abs=2)
+    assert job.outlet_energy_microjoule == pytest.approx(4 * 135e6, abs=3)
+    assert ledger.totals().auxiliary["panel"].energy_microjoule == pytest.approx(35e6, abs=2)
+
+
+def test_a_load_that_the_model_lost_is_said_and_one_it_gained_counts_from_here(tmp_path):
+    model = two_link()
+
+    def kept(*loads):
+        ledger = EnergyAccount(2)
+        ledger.auxiliary = AuxiliaryAccount(loads)
+        store = load_account(ledger, model, tmp_path)
+        store.open()
+        return ledger, store
+
+    ledger, store = kept(load("panel", {"on": 35.0}))
+    ledger.step(steady(10.0, 12.0))
+    assert store.close()
+    ledger, store = kept(load("oven", {"on": 900.0}))
+    assert any(
+        "no auxiliary load 'panel' any more; it had counted 70.0 J" in n for n in store.notices
+    )
+    assert list(ledger.totals().auxiliary) == ["oven"]
+    assert any("'oven' counts from here" in entry.text for entry in ledger.trace.entries)
+    store.close()
+
+
+def test_an_error_in_the_middle_of_a_step_takes_all_of_it_back(monkeypatch):
+    ledger = EnergyAccount(2)
+    ledger.auxiliary = AuxiliaryAccount([load("panel", {"on": 35.0})])
+    ledger.step(steady(10.0, 12.0))
+    before = ledger.totals()
+
+    def fail(_self, _time):
+        raise RuntimeError("injected")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(AuxiliaryAccount, "_decide", fail)
+        with pytest.raises(RuntimeError):
+            ledger.step(steady(12.01, 13.0))
+    assert ledger.totals().auxiliary == before.auxiliary
+    assert ledger.totals().observed_ns == before.observed_ns
+    ledger.step(steady(13.01, 14.0))
+    ledger.flush()
+    totals = ledger.totals()
+    assert totals.auxiliary["panel"].known_ns == totals.observed_ns

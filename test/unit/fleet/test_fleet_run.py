@@ -189,6 +189,22 @@ def test_command_and_function_give_the_same_dataset_and_report(hall, sequential,
         re.fleet_identify(tmp_path / "own", "ur5e")
 
 
+def test_a_model_in_memory_is_that_of_its_file(hall, tmp_path):
+    bag, model = hall / "r1" / "bag1", re.load_model("kr16")
+    assert re.fleet_run(bag, tmp_path / "d", model, workers=0).replayed == 1
+    assert re.fleet_run(bag, tmp_path / "d", "kr16", workers=0).there == 1
+    with pytest.raises(re.NotIdentifiableError, match="no bag of the dataset has measured torque"):
+        re.fleet_identify(tmp_path / "d", model)
+
+
+@pytest.mark.parametrize(
+    "words", [{"workers": -1}, {"workers": 10**9}, {"memory": "lots"}, {"memory": "20"}]
+)
+def test_workers_that_cannot_be_are_refused(words, hall, tmp_path):
+    with pytest.raises(re.ParameterError):
+        re.fleet_run(hall / "r1" / "bag1", tmp_path / "d", "kr16", **words)
+
+
 def test_registers_are_those_of_a_replay(hall, sequential):
     own = re.replay(WARM, "kr16", effort="motor_torque")
     row = scan(sequential[0]).filter(pl.col("bag").str.contains("bag4")).collect()

@@ -20,6 +20,7 @@ from terminal_tables import TERMINALS, lost_figures, recorded_documents
 
 SHIPPED = ROOT / "src/doc/results.schema.json"
 BAG, MOVES = ROOT / "bags/kr16_cold", ROOT / "src/examples/programs/kr16_pick_and_place.yaml"
+CELL = ROOT / "src/examples/auxiliary/mantis_cell.yaml"
 FAST = ["--starts", "1", "--iterations", "1", "--harmonics", "2", "--no-floor"]
 COMMANDS = {
     "replay": ["replay", BAG, "--model", "kr16", "--effort", "motor_torque"],
@@ -32,6 +33,7 @@ COMMANDS = {
     "friction_study": ["identify", "friction", "--log", "runs.csv", "--mapping", "runs.yaml",
                        "--train", "40:", "--test", ":35"],
     "thermal": ["identify", "thermal", "--log", "heat.csv", "--mapping", "heat.yaml"],
+    "auxiliary": ["identify", "auxiliary", "cell", "--model", CELL],
     "cabinet": ["identify", "cabinet", BAG, "--model", "kr16"],
     "drives": ["identify", "drives", BAG, "--model", "kr16", "--effort", "motor_torque"],
     "dynamics": ["identify", "dynamics", BAG, "--model", "kr16", "--effort", "motor_torque"],
@@ -137,6 +139,9 @@ def test_a_command_fits_the_schema_and_the_terminal(name, tmp_path, monkeypatch,
     runs(tmp_path)
     if name.startswith("fleet"):
         dataset(tmp_path / "fleet", 2, faults=False)
+    if name == "auxiliary":
+        simulate = ["simulate", "--robot", "mantis", "--auxiliary", "--duration", "40"]
+        assert main([*simulate, "--out", "cell"]) == 0
     with recorded_documents() as documents:
         assert main([*map(str, COMMANDS[name]), "--json", "x.json"]) == 0
     assert documents or name in ("check", "fleet_run")  # which print lines without tables

@@ -142,9 +142,9 @@ def fit_cabinet(recordings: Sequence[Recording], beside: Beside | None = None) -
         )
     location = locations.pop()
     cabinet = metered[0].model.cabinet
-    resting = [_holding(part) for part in metered]
+    resting = [holding(part) for part in metered]
     held = [
-        _readings(part, rest, SETTLED, BEFORE_MOTION)
+        readings_inside(part, rest, SETTLED, BEFORE_MOTION)
         for part, rest in zip(metered, resting, strict=True)
     ]
     seen = "; ".join(
@@ -162,7 +162,7 @@ def fit_cabinet(recordings: Sequence[Recording], beside: Beside | None = None) -
         hold = _level(rested, metered[0].sensors.std.meter)
     generating = None
     if location is MeterLocation.GRID and cabinet.regeneration_efficiency is None:
-        fed = [_readings(part, _feeding(part), INSIDE, INSIDE) for part in metered]
+        fed = [readings_inside(part, _feeding(part), INSIDE, INSIDE) for part in metered]
         generating = _level([(rows, rows.mean_power) for rows in fed], metered[0].sensors.std.meter)
     if hold is None and generating is None:
         raise NotIdentifiableError(
@@ -291,10 +291,13 @@ def with_cabinet(model: RobotModel, fit: CabinetFit, source: str) -> RobotModel:
     return model.changed(cabinet=cabinet)
 
 
-def _holding(recording: Recording) -> NDArray[np.bool_]:
-    """Where no joint moves in most samples around, by the noise of the velocities.
+def holding(recording: Recording) -> NDArray[np.bool_]:
+    """Return where no joint moves in most samples around, by the noise of the velocities.
 
     Not while the drives feed back, nor while a DC link that the model knows takes or gives.
+
+    Args:
+        recording: Run with a model.
     """
     power = recording.power
     resting = still_joints(recording).all(axis=1) & np.isin(power.phase, (Phase.HOLD, Phase.MOTION))
@@ -311,10 +314,17 @@ def _feeding(recording: Recording) -> NDArray[np.bool_]:
     return np.asarray(excess > CLEAR * np.maximum(power.loss_dc, 50.0))
 
 
-def _readings(
+def readings_inside(
     recording: Recording, phase: NDArray[np.bool_], after: int, before: int
 ) -> CoveredPieces:
-    """Pieces of the meter's curve that lie inside one phase, away from its ends. [ns]"""
+    """Return the pieces of the meter's curve that lie inside one phase, away from its ends.
+
+    Args:
+        recording: With its meter.
+        phase: Whether each sample is in the phase, shape (N,).
+        after: From the begin of the phase to a piece at least. [ns]
+        before: From a piece to the end of the phase at least. [ns]
+    """
     meter = recording.meter
     if meter is None:
         return CoveredPieces.empty()

@@ -93,7 +93,8 @@ class TorqueModel:
 
         Args:
             motion: N samples of it.
-            regressor: Of the same samples, shape (N, n, P).
+            regressor: Of the same samples, shape (N, n, P): joint torque over each parameter.
+                [N m] or [N], over the unit of the parameter
 
         Returns:
             Shape (N, n). [N m] or [N]

@@ -47,13 +47,26 @@ class PositionJumpDetector:
 
     @classmethod
     def of(cls, n_joints: int, limits: JointLimits | None) -> PositionJumpDetector:
-        """Watch all joints of a robot, by its limits if they are known."""
+        """Watch all joints of a robot, by its limits if they are known.
+
+        Args:
+            n_joints: Number of joints of the model.
+            limits: Limits from the URDF; without them (None) no joint has a limit or turns without
+                end.
+
+        Returns:
+            A fresh detector.
+        """
         if limits is None:
             return cls(np.full(n_joints, np.inf), np.zeros(n_joints, dtype=np.bool_))
         return cls(limits.velocity, limits.wraps)
 
     def joint(self, index: int) -> PositionJumpDetector:
-        """Return a fresh watch of one of the joints."""
+        """Return a fresh watch of one of the joints.
+
+        Args:
+            index: Of the joint, 0 to n - 1.
+        """
         one = slice(index, index + 1)
         return PositionJumpDetector(self._allowed[one] / MAX_STEP_RATIO, self._wraps[one])
 
@@ -117,5 +130,9 @@ class PositionJumpDetector:
 
 
 def shortest(step: Float) -> Float:
-    """Return steps of a joint that turns without end, the short way round. [rad]"""
+    """Return steps of a joint that turns without end, the short way round. [rad]
+
+    Args:
+        step: Differences of its positions, any shape (...). [rad]
+    """
     return step - FULL_TURN * np.rint(step / FULL_TURN)

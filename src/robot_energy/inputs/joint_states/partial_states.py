@@ -352,5 +352,10 @@ def _values(block: JointBlock, joint: int, rows: Int | slice) -> Float:
 
 
 def differ(position: Float, other: Float) -> NDArray[np.bool_]:
-    """Whether two positions of one stamp contradict each other, elementwise."""
+    """Whether two positions of one stamp contradict each other, elementwise.
+
+    Args:
+        position: Of some joints, any shape (...). [rad] or [m]
+        other: Of the same joints, from another message, same shape (...). [rad] or [m]
+    """
     return np.abs(position - other) > SAME * (1 + np.abs(other))

@@ -87,7 +87,14 @@ class PublisherConflictFilter:
         return held
 
     def step(self, samples: JointBlock) -> JointBlock | None:
-        """Take samples of one epoch in time order; return those that can be used."""
+        """Take samples of one epoch in time order.
+
+        Args:
+            samples: One or more.
+
+        Returns:
+            Those that can be used, with some that waited before; None if there are none.
+        """
         leaps = self._steps.leaps(samples.stamp_ns, samples.joint_position)
         disputed = self._disputed(samples)
         if leaps is None and disputed is None and self._steps.calm and not self._to_watch:

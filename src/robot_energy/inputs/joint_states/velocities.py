@@ -59,7 +59,14 @@ class VelocityCheck:
         return 0 if self._held is None else 1
 
     def step(self, block: JointBlock) -> JointBlock | None:
-        """Take messages in order of arrival; return those that can be used, None for none."""
+        """Take messages in order of arrival.
+
+        Args:
+            block: One or more, one sample each.
+
+        Returns:
+            Those that can be used, with the one that waited before; None if there are none.
+        """
         if self._fastest is None:
             return block
         fast = np.abs(block.joint_velocity) > self._fastest

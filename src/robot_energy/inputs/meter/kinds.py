@@ -122,7 +122,11 @@ OTHER = MeterKind(
 
 
 def meter_kind(msgtype: str) -> MeterKind:
-    """Return the kind of a message type; `OTHER` for a type that the table lacks."""
+    """Return the kind of a message type; `OTHER` for a type that the table lacks.
+
+    Args:
+        msgtype: Full name of the type, such as ``std_msgs/msg/Float64``.
+    """
     return METER_KINDS.get(msgtype, OTHER)
 
 

@@ -33,7 +33,11 @@ class MeterLimits:
     wraps_at: float | None = None
 
     def pieces(self, block: MeterBlock) -> list[CoveredPieces]:
-        """Return the pieces of a whole recording's readings, epoch by epoch."""
+        """Return the pieces of a whole recording's readings, epoch by epoch.
+
+        Args:
+            block: All readings, in order of arrival.
+        """
         return MeterCurve(self.max_gap, self.max_power, self.wraps_at).step(block)
 
 

@@ -59,12 +59,23 @@ class Adapter(Protocol):
         ...
 
     def read(self, run: Run) -> Said | str:
-        """Return what the messages say, or the reason why they cannot be used."""
+        """Read messages of one layout.
+
+        Args:
+            run: m messages with the same names and lengths, decoded into columns.
+
+        Returns:
+            What the messages say, or the reason why they cannot be used.
+        """
         ...
 
 
 class MotorTemperaturesAdapter:
-    """``MotorTemperatures``: parallel arrays of names and values."""
+    """``MotorTemperatures``: parallel arrays of names and values.
+
+    Args:
+        source: Its parameters; none is used.
+    """
 
     fields = (*HEADER, "joint_names", "temperature_degc")
 
@@ -72,12 +83,16 @@ class MotorTemperaturesAdapter:
         pass  # the messages say everything
 
     def read(self, run: Run) -> Said | str:
-        """Return what the messages say, or the reason why they cannot be used."""
+        """Return what the messages say; argument and result as in `Adapter.read`."""
         return _named(run.names("joint_names"), run.array("temperature_degc"))
 
 
 class TemperatureAdapter:
-    """``Temperature``: one value; its joint is that of the topic, or said by ``frame_id``."""
+    """``Temperature``: one value; its joint is that of the topic, or said by ``frame_id``.
+
+    Args:
+        source: Its parameters; with a joint and no names, all values are of that joint.
+    """
 
     fields = (*HEADER, "header.frame_id", "temperature")
 
@@ -85,13 +100,17 @@ class TemperatureAdapter:
         self._joint = source.joints[0] if source.joints and not source.names else None
 
     def read(self, run: Run) -> Said | str:
-        """Return what the messages say, or the reason why they cannot be used."""
+        """Return what the messages say; argument and result as in `Adapter.read`."""
         frame = str(run.columns["header.frame_id"])
         return _named((self._joint or frame,), run.array("temperature")[:, None])
 
 
 class FloatArrayAdapter:
-    """``Float64MultiArray``: values alone, in the order of the source's joints."""
+    """``Float64MultiArray``: values alone, in the order of the source's joints.
+
+    Args:
+        source: Its parameters, with the joints in the order of the values.
+    """
 
     fields = ("data",)
 
@@ -99,12 +118,16 @@ class FloatArrayAdapter:
         self._joints = source.joints
 
     def read(self, run: Run) -> Said | str:
-        """Return what the messages say, or the reason why they cannot be used."""
+        """Return what the messages say; argument and result as in `Adapter.read`."""
         return _named(self._joints, run.array("data"))
 
 
 class DynamicJointStateAdapter:
-    """``DynamicJointState``: for each joint some interfaces, one of which is meant."""
+    """``DynamicJointState``: for each joint some interfaces, one of which is meant.
+
+    Args:
+        source: Its parameters, with the interface that is the temperature.
+    """
 
     fields = (
         *HEADER,
@@ -117,7 +140,7 @@ class DynamicJointStateAdapter:
         self._interface = source.interface
 
     def read(self, run: Run) -> Said | str:
-        """Return what the messages say, or the reason why they cannot be used."""
+        """Return what the messages say; argument and result as in `Adapter.read`."""
         joints = run.names("joint_names")
         interfaces = cast("tuple[tuple[str, ...], ...]", run.columns[self.fields[3]])
         values = cast("Any", run.columns[self.fields[4]])  # (m, j, k), or (m, k) for each joint
@@ -140,6 +163,9 @@ class DynamicJointStateAdapter:
 class InterfaceValuesAdapter:
     """``Float64Values``: values whose keys, ``joint/interface``, came on a topic beside it.
 
+    Args:
+        source: Its parameters, with the interface that is the temperature.
+
     Attributes:
         keys: The keys in force; None before the first.
     """
@@ -151,7 +177,7 @@ class InterfaceValuesAdapter:
         self._interface = source.interface
 
     def read(self, run: Run) -> Said | str:
-        """Return what the messages say, or the reason why they cannot be used."""
+        """Return what the messages say; argument and result as in `Adapter.read`."""
         if self.keys is None:
             return "before_names"
         values = run.array("values")
@@ -168,6 +194,9 @@ class DiagnosticsAdapter:
     """``DiagnosticArray``: texts such as ``45.2`` or ``45.2 C`` under a status and a key.
 
     A unit in the text counts more than that of the source, as it stands beside the value.
+
+    Args:
+        source: Its parameters: joints, and the names of statuses and the keys of each.
     """
 
     fields = (*HEADER, "status.name", "status.values.key", "status.values.value")
@@ -184,7 +213,7 @@ class DiagnosticsAdapter:
         )
 
     def read(self, run: Run) -> Said | str:
-        """Return what the messages say, or the reason why they cannot be used."""
+        """Return what the messages say; argument and result as in `Adapter.read`."""
         columns = [cast("Sequence[Any]", run.columns[field]) for field in self.fields[2:]]
         statuses = list(zip(*columns, strict=True))
         found: dict[str, float] = {}

@@ -118,11 +118,19 @@ class TemperatureIngest:
         return [sentence for sentence in found if sentence]
 
     def account_of(self, topic: str) -> RejectionLog:
-        """Return the account of the first source that reads values from a topic."""
+        """Return the account of the first source that reads values from a topic.
+
+        Args:
+            topic: Full name of the topic; a source must read it.
+        """
         return next(each.account for each in self.readers if topic == each.source.topic)
 
     def arrivals(self, batches: Sequence[RawBatch]) -> list[tuple[RejectionLog, int]]:
-        """Return every account, with how many messages of some batches belong to it."""
+        """Return every account, with how many messages of some batches belong to it.
+
+        Args:
+            batches: At most one of each topic, values and names alike.
+        """
         counts = {batch.topic: len(batch) for batch in batches}
         pairs = [(each.account, each.source.topic) for each in self.readers]
         pairs += [(each.keys_account, each.source.keys_topic) for each in self.readers]

@@ -27,7 +27,8 @@ function withoutLive(shown) {
     { level: "STALE", name: shown.name, message: alarm[0], remedy: alarm[1] },
     ...shown.alarms.filter((one) => one.name !== shown.name),
   ];
-  return { ...shown, alarms, means: null, flow: null, joints: shown.joints.map(blank), power: silenced(shown.power) };
+  const auxiliary = shown.auxiliary.map((load) => ({ ...load, state: null, power: null }));
+  return { ...shown, alarms, auxiliary, outlet_power: null, means: null, flow: null, joints: shown.joints.map(blank), power: silenced(shown.power) };
 }
 
 function showStatus() {

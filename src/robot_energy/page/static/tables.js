@@ -73,7 +73,15 @@ export function showTables(robot) {
     n(number(joint.motor_torque, 2)), n(number(joint.motor_velocity, 1)),
     n(number(joint.coulomb, 3)), n(number(known(joint.viscous) ? 1000 * joint.viscous : null, 3)),
   ]));
+  byId("auxiliary-card").hidden = !robot.auxiliary.length;
+  fillRows(byId("auxiliary"), robot.auxiliary.map((load) => [
+    load.name, load.state ?? DASH, n(number(load.power, 1)), n(energy(load.energy), load.energy),
+    n(duration(load.known_time)), n(duration(load.missing_time)),
+  ]));
   const { registers } = robot;
+  const outlet = known(registers?.outlet_energy)
+    ? ` From the outlet, cabinet and loads, while all are known (${duration(registers.outlet_time)}): ${energy(registers.outlet_energy)}.` : "";
+  setText(byId("auxiliary-note"), `Outlet now: ${known(robot.outlet_power) ? watts(robot.outlet_power) : "not known"}.${outlet}`);
   fillRows(byId("registers"), registers ? [
     ...REGISTERS.map(([key, label]) => [label, n(energy(registers[key])), n(number(registers[key], 3), registers[key])]),
     ...TIMES.map(([key, label]) => [label, n(duration(registers[key])), n(number(registers[key], 3), registers[key])]),

@@ -1,0 +1,174 @@
+"""Loads outside of the cabinet in a node: their topics, their account."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any
+
+from rclpy.node import Node
+
+from robot_energy.accounting.account import EnergyAccount
+from robot_energy.accounting.auxiliary import AuxiliaryAccount
+from robot_energy.cdr.batch import RawBatch
+from robot_energy.cdr.types import extended, typestore
+from robot_energy.inputs.auxiliary import LoadTopics
+from robot_energy.inputs.meter.meter import MeterIngest
+from robot_energy.replay_steps import LoadIngest, LoadReadings
+from ros2_energy_monitor.base.inbox import Inbox
+from ros2_energy_monitor.base.inputs import SLOW_DEPTH, messages_in, wanted_class
+from ros2_energy_monitor.base.message_definitions import definitions_of
+from ros2_energy_monitor.base.monitor_node import MonitorNode
+from ros2_energy_monitor.base.parameters import AccountParameters
+from ros2_energy_monitor.base.publishers import best_effort, latched
+
+STATES = 10  # that a latched topic keeps
+
+
+class LoadInput:
+    """Topics of one load.
+
+    Args:
+        node: The node that subscribes.
+        name: Of the load.
+        topics: Its sources, with full names; those whose messages are not installed are left out.
+        keeps_state: Whether the publisher of the states keeps the last one.
+        renew_after: Silence after which a topic is subscribed again. [s]
+
+    Attributes:
+        name: Of the load.
+        ingest: What reads the topics.
+        meters: Inboxes of its meter; one, or voltage and current.
+        states: Inboxes of its states, at most one.
+
+    Raises:
+        ParameterError: If the messages lack what the sources name.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        name: str,
+        topics: LoadTopics,
+        keeps_state: bool,
+        renew_after: float,
+    ) -> None:
+        self.name = name
+        known, found = typestore(), dict[str, list[Inbox]]()
+        for what, source in (("meter", topics.meter), ("state", topics.state)):
+            kind = (
+                None if source is None else wanted_class(node, source.type, f"the {what} of {name}")
+            )
+            found[what] = []
+            if source is None or kind is None:
+                continue
+            known = extended(known, definitions_of(kind))
+            quality = (
+                latched(STATES) if what == "state" and keeps_state else best_effort(SLOW_DEPTH)
+            )
+            # States come when they change: their silence is no fault.
+            renewed = renew_after if what == "meter" else None
+            found[what] = [
+                Inbox(node, kind, topic, quality, renew_after=renewed) for topic in source.topics
+            ]
+        self.meters, self.states = found["meter"], found["state"]
+        self.ingest = LoadIngest(
+            LoadTopics(
+                topics.meter if self.meters else None, topics.state if self.states else None
+            ),
+            known,
+        )
+
+    @property
+    def inboxes(self) -> list[Inbox]:
+        """Of meter and states."""
+        return [*self.meters, *self.states]
+
+    @property
+    def readers(self) -> list[tuple[MeterIngest, list[Inbox]]]:
+        """What reads meter and states, with the inboxes of each."""
+        both = ((self.ingest.meter, self.meters), (self.ingest.state, self.states))
+        return [(reader, inboxes) for reader, inboxes in both if reader is not None]
+
+
+class AuxiliaryLoads:
+    """All loads of a model, counted by the energy account of a node.
+
+    Args:
+        node: The node that subscribes.
+        given: Its parameters.
+        ledger: The energy account, which counts the loads from now on.
+
+    Attributes:
+        loads: Their topics, in the order of the model.
+        inputs: The meters with the accounts of their messages. What meters say while the node is
+            inactive is of no use; the last state is.
+
+    Raises:
+        ParameterError: If messages lack what the parameters name.
+    """
+
+    def __init__(
+        self, node: MonitorNode[Any], given: AccountParameters, ledger: EnergyAccount
+    ) -> None:
+        self._node, loads = node, node.model.auxiliary or ()
+        self.loads: list[LoadInput] = []
+        sources: dict[str, LoadTopics] = {}
+        resolve = node.resolve_topic_name
+        for load in loads:
+            meter, state = given.meter_of(load), given.state_of(load)
+            wanted = state.source.resolved(resolve) if len(load.states) > 1 else None
+            topics = LoadTopics(
+                None if meter is None else meter.resolved(resolve), wanted, state.stale_after
+            )
+            sources[load.name] = topics
+            self.loads.append(
+                LoadInput(node, load.name, topics, state.latched, given.resubscribe_after)
+            )
+        self._account = AuxiliaryAccount(loads, sources, given.meter_max_gap) if loads else None
+        ledger.auxiliary = self._account
+        for sentence in given.unknown_loads(loads):
+            node.get_logger().warning(sentence)
+        self.inputs = [
+            (inbox, load.ingest.meter.account)
+            for load in self.loads
+            if load.ingest.meter is not None
+            for inbox in load.meters
+        ]
+
+    def drain(self) -> list[list[RawBatch]]:
+        """Take the messages that wait, one list for each load; `take` uses them."""
+        return [self._node.drain(load.inboxes) for load in self.loads]
+
+    def take(self, drained: Sequence[list[RawBatch]]) -> None:
+        """Use messages, each load by itself.
+
+        Args:
+            drained: From `drain`.
+        """
+        for load, batches in zip(self.loads, drained, strict=True):
+            if batches:
+                part = {batch.topic: batch for batch in batches}
+                self._node.guard.feed(
+                    f"auxiliary.{load.name}",
+                    [
+                        (
+                            reader.account,
+                            messages_in([part[i.topic] for i in inboxes if i.topic in part]),
+                        )
+                        for reader, inboxes in load.readers
+                    ],
+                    self._taking(load.name, partial(load.ingest.step, part)),
+                    load.ingest.restart,
+                )
+
+    def flush(self) -> None:
+        """Use what still waits, as before the node becomes inactive."""
+        for load in self.loads:
+            self._node.guard.run(
+                f"auxiliary.{load.name}", self._taking(load.name, load.ingest.flush)
+            )
+
+    def _taking(self, name: str, read: Callable[[], LoadReadings]) -> Callable[[], None]:
+        account = self._account
+        return lambda: account.take(name, *read()) if account is not None else None

@@ -1,0 +1,131 @@
+"""The variables of the OPC UA server: what each is, and what a message says of it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from robot_energy.blocks import MeterLocation
+from robot_energy.units import ENERGY_UNITS
+from ros2_energy_monitor.exporters.exporter import Newest
+from ros2_energy_monitor.exporters.values import Topic, stamp_of
+
+WATT, WATT_HOUR = (5723220, "W", "watt"), (5720146, "W·h", "watt hour")
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """One variable.
+
+    Attributes:
+        origin: predicted or measured.
+        name: Browse name.
+        topic: Of which message.
+        field: Of the message.
+        factor: From the field to the value. [-]
+        double: Whether it is a Double; a Float otherwise.
+        unit: Engineering unit: number, symbol, name.
+        number: MeasurementID; None where no public text states one.
+        load: Name of the load outside of the cabinet that it is of; empty for the robot.
+    """
+
+    origin: str
+    name: str
+    topic: Topic
+    field: str
+    factor: float
+    double: bool
+    unit: tuple[int, str, str]
+    number: int | None = None
+    load: str = ""
+
+    def value(self, message: Any) -> float:
+        """Return the value in a message; NaN where the load is not in it.
+
+        Args:
+            message: PowerState or EnergyRegisters.
+        """
+        owner = message
+        if self.load:
+            owner = next((one for one in message.auxiliary if one.name == self.load), None)
+        return math.nan if owner is None else getattr(owner, self.field) * self.factor
+
+
+def _of(origin: str, power: str, energy: str) -> tuple[Measurement, ...]:
+    factor = 1.0 / ENERGY_UNITS["Wh"]
+    low, high = "AcActiveEnergyTotalImportLp", "AcActiveEnergyTotalImportHp"
+    return (
+        Measurement(origin, "AcActivePowerTotal", Topic.POWER, power, 1.0, False, WATT, 1412),
+        Measurement(origin, low, Topic.REGISTERS, energy, factor, False, WATT_HOUR, 1001),
+        Measurement(origin, high, Topic.REGISTERS, energy, factor, True, WATT_HOUR),
+    )
+
+
+def _band(
+    name: str, topic: Topic, field: str, factor: float, unit: tuple[int, str, str]
+) -> Measurement:
+    """Part of a 90 % band; the standard has none."""
+    return Measurement(PREDICTED, name, topic, field, factor, True, unit)
+
+
+PREDICTED, MEASURED, LOAD = "predicted", "measured", "load"
+OBJECTS = {
+    PREDICTED: ("PredictedEnergy", "computed by a model from joint states and temperatures"),
+    MEASURED: ("MeasuredEnergy", "read from a meter at the mains supply of the cabinet"),
+}
+MEASUREMENTS = (
+    *_of(PREDICTED, "predicted_grid_power", "predicted_import_energy"),
+    _band("ActivePowerBandLower", Topic.POWER, "predicted_power_lower", 1.0, WATT),
+    _band("ActivePowerBandUpper", Topic.POWER, "predicted_power_upper", 1.0, WATT),
+    _band(
+        "ActiveEnergyBandHalfWidth",
+        Topic.REGISTERS,
+        "predicted_energy_band",
+        1.0 / ENERGY_UNITS["Wh"],
+        WATT_HOUR,
+    ),
+    *_of(MEASURED, "measured_power", "measured_energy"),
+)
+
+
+def load_measurements(name: str) -> tuple[Measurement, ...]:
+    """Return the measurements of a load outside of the cabinet.
+
+    Args:
+        name: Of the load.
+    """
+    energy = 1.0 / ENERGY_UNITS["Wh"]
+    return (
+        Measurement(
+            LOAD, "AcActivePowerTotal", Topic.POWER, "power", 1.0, False, WATT, 1412, name
+        ),
+        Measurement(
+            LOAD, "AcActiveEnergyTotalImportHp", Topic.REGISTERS, "energy", energy, True,
+            WATT_HOUR, None, name,
+        ),
+    )  # fmt: skip
+
+
+def data_value(one: Measurement, newest: Newest, now: float) -> tuple[float, str, float]:
+    """Return value, status and source time [s] of a measurement.
+
+    Args:
+        one: The measurement.
+        newest: The newest messages.
+        now: Steady time. [s]
+    """
+    message = newest.message(one.topic)
+    if message is None:
+        return math.nan, "BadWaitingForInitialData", 0.0
+    stamp = stamp_of(message.header.stamp)
+    if not newest.is_current(one.topic, now):
+        return math.nan, "BadNoCommunication", stamp
+    value = one.value(message)
+    power = newest.message(Topic.POWER)
+    if one.origin is MEASURED and (power is None or power.meter_location != MeterLocation.GRID):
+        return math.nan, "BadNotConnected", stamp
+    if not math.isfinite(value):
+        return math.nan, "BadNotConnected" if one.origin is MEASURED else "BadNoData", stamp
+    doubtful = one.origin is PREDICTED and power is not None and power.quality != 0
+    return value, "UncertainSubNormal" if doubtful else "Good", stamp

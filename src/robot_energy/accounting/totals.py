@@ -1,0 +1,198 @@
+"""All counters of an energy account at an instant, as plain values with units in their names."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from robot_energy.accounting.exact_sum import REMAINDER_BITS
+from robot_energy.accounting.plain_text import MAX_NAME, MAX_TEXT
+from robot_energy.accounting.record_repair import one_line
+from robot_energy.accounting.registers import CABINET_REGISTERS, JOINT_REGISTERS, SHAFT_REGISTERS
+from robot_energy.errors import StateFileError
+from robot_energy.timeline.stamps import MAX_STAMP_NS, MIN_STAMP_NS
+from robot_energy.uncertainty.deviation import CABINET_DEVIATIONS, JOINT_DEVIATIONS
+from robot_energy.units import MAX_COUNTER
+
+SHAFT_KEYS = tuple(f"shaft_{name}" for name in SHAFT_REGISTERS)
+CABINET_DEVIATION_KEYS = tuple(f"deviation_{name}" for name in CABINET_DEVIATIONS)
+JOINT_DEVIATION_KEYS = tuple(f"deviation_{name}" for name in JOINT_DEVIATIONS)
+DEVIATION_KEYS = frozenset((*CABINET_DEVIATION_KEYS, *JOINT_DEVIATION_KEYS))
+CABINET_KEYS = (*CABINET_REGISTERS, *CABINET_DEVIATION_KEYS)
+JOINT_KEYS = (*JOINT_REGISTERS, *SHAFT_KEYS, *JOINT_DEVIATION_KEYS)
+
+Integer = Annotated[int, Field(ge=-MAX_COUNTER, le=MAX_COUNTER)]
+Count = Annotated[int, Field(ge=0, le=MAX_COUNTER)]
+Stamp = Annotated[int, Field(ge=MIN_STAMP_NS, le=MAX_STAMP_NS)]
+Remainder = Annotated[int, Field(ge=0, le=2**REMAINDER_BITS - 1)]
+Name = Annotated[str, one_line(MAX_NAME)]
+Text = Annotated[str, one_line(MAX_TEXT)]
+Power = Annotated[float, Field(allow_inf_nan=False)]
+
+
+SINGLE = (
+    "measured_energy_microjoule",
+    "predicted_energy_at_meter_microjoule",
+    "compared_ns",
+    "observed_ns",
+    "gap_ns",
+    "gap_count",
+    "jumps",
+    "outlet_cabinet_energy_microjoule",
+    "outlet_ns",
+)  # totals that are one number
+
+
+def saturated(value: int) -> int:
+    """Return a counter, at its limit if it is beyond.
+
+    Args:
+        value: The counter; its limits are plus and minus ``MAX_COUNTER``.
+    """
+    return max(-MAX_COUNTER, min(value, MAX_COUNTER))
+
+
+class RecordPart(BaseModel):
+    """Base of all records: frozen, strict, no unknown keys."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+
+
+class LoadTotals(RecordPart):
+    """What was counted of one auxiliary load.
+
+    Attributes:
+        energy_microjoule: While its power is known. [uJ]
+        outlet_energy_microjoule: While the power of every load is known. [uJ]
+        known_ns: Time for which its power is known. [ns]
+        missing_ns: Time for which it is not. [ns]
+        missing_count: How often it ceased to be known.
+    """
+
+    energy_microjoule: Integer = 0
+    outlet_energy_microjoule: Integer = 0
+    known_ns: Integer = 0
+    missing_ns: Integer = 0
+    missing_count: Integer = 0
+
+    def __sub__(self, earlier: LoadTotals) -> LoadTotals:
+        """Return what was counted since earlier totals of the same load, within limits."""
+        return LoadTotals(
+            **{
+                name: saturated(getattr(self, name) - getattr(earlier, name))
+                for name in LoadTotals.model_fields
+            }
+        )
+
+
+class LoadStateTotals(RecordPart):
+    """What was counted of one auxiliary load in one of its states.
+
+    Attributes:
+        energy_microjoule: While the power of the load is known. [uJ]
+        remainder: What that holds beyond whole microjoules. [2^-40 uJ]
+        ns: That time. [ns]
+    """
+
+    energy_microjoule: Integer = 0
+    remainder: Remainder = 0
+    ns: Count = 0
+
+
+class Totals(RecordPart):
+    """All counters at an instant, or what they counted between two; exact integers.
+
+    Attributes:
+        cabinet_energy_microjoule: By the names of ``CABINET_KEYS``. [uJ]
+        joint_energy_microjoule: By the names of ``JOINT_KEYS``, joints in order. [uJ]
+        shaft_compared_ns: Time with a measured shaft power of each joint. [ns]
+        measured_energy_microjoule: By the meter, while compared. [uJ]
+        predicted_energy_at_meter_microjoule: Over the same time. [uJ]
+        compared_ns: That time. [ns]
+        observed_ns: Time integrated. [ns]
+        gap_ns: Time that could not be. [ns]
+        gap_count: Number of gaps.
+        jumps: Jumps of the stamps, backward or forward by more than a gap can be.
+        outlet_cabinet_energy_microjoule: Of the cabinet, net, while the power of every auxiliary
+            load is known. [uJ]
+        outlet_ns: That time. [ns]
+        auxiliary: What was counted of each auxiliary load, by its name.
+    """
+
+    cabinet_energy_microjoule: dict[str, Integer]
+    joint_energy_microjoule: dict[str, tuple[Integer, ...]]
+    shaft_compared_ns: tuple[Integer, ...]
+    measured_energy_microjoule: Integer
+    predicted_energy_at_meter_microjoule: Integer
+    compared_ns: Integer
+    observed_ns: Integer
+    gap_ns: Integer
+    gap_count: Integer
+    jumps: Integer
+    outlet_cabinet_energy_microjoule: Integer = 0
+    outlet_ns: Integer = 0
+    auxiliary: dict[str, LoadTotals] = Field(default_factory=dict[str, LoadTotals])
+
+    @property
+    def outlet_energy_microjoule(self) -> int:
+        """From the outlet, while the power of every auxiliary load is known. [uJ]"""
+        loads = (load.outlet_energy_microjoule for load in self.auxiliary.values())
+        return self.outlet_cabinet_energy_microjoule + sum(loads)
+
+    def __sub__(self, earlier: Totals) -> Totals:
+        """Return what was counted since earlier totals of the same registers, within limits."""
+        cabinet, joints = earlier.cabinet_energy_microjoule, earlier.joint_energy_microjoule
+        return Totals(
+            cabinet_energy_microjoule={
+                name: saturated(value - cabinet[name])
+                for name, value in self.cabinet_energy_microjoule.items()
+            },
+            joint_energy_microjoule={
+                name: tuple(saturated(a - b) for a, b in zip(values, joints[name], strict=True))
+                for name, values in self.joint_energy_microjoule.items()
+            },
+            shaft_compared_ns=tuple(
+                saturated(a - b)
+                for a, b in zip(self.shaft_compared_ns, earlier.shaft_compared_ns, strict=True)
+            ),
+            **{name: saturated(getattr(self, name) - getattr(earlier, name)) for name in SINGLE},
+            auxiliary={
+                name: load - earlier.auxiliary[name] for name, load in self.auxiliary.items()
+            },
+        )
+
+    def arranged(self, order: Sequence[int], loads: Sequence[str] = ()) -> Totals:
+        """Return it with joints in another order and registers that are new at zero.
+
+        Args:
+            order: Where each joint of the result stands here.
+            loads: Names of the auxiliary loads of the result.
+
+        Raises:
+            StateFileError: If a register is unknown or has another number of joints.
+        """
+        cabinet, joints = self.cabinet_energy_microjoule, self.joint_energy_microjoule
+        unknown = (set(cabinet) - {*CABINET_KEYS}) | (set(joints) - {*JOINT_KEYS})
+        if unknown:
+            raise StateFileError(
+                f"the state has a register '{min(unknown)}'",
+                "registers of this release",
+                "use the release that wrote it",
+            )
+        rows = [self.shaft_compared_ns, *joints.values()]
+        if any(len(values) != len(order) for values in rows):
+            raise StateFileError("a register of the state lacks joints", "one value per joint")
+        zero = (0,) * len(order)
+        return self.model_copy(
+            update={
+                "cabinet_energy_microjoule": {name: cabinet.get(name, 0) for name in CABINET_KEYS},
+                "joint_energy_microjoule": {
+                    name: tuple(joints.get(name, zero)[index] for index in order)
+                    for name in JOINT_KEYS
+                },
+                "shaft_compared_ns": tuple(self.shaft_compared_ns[index] for index in order),
+                "auxiliary": {name: self.auxiliary.get(name, LoadTotals()) for name in loads},
+            }
+        )

@@ -1,0 +1,1 @@
+"""Power of the states of loads outside of the cabinet."""

@@ -1,0 +1,219 @@
+"""Readings that lie inside one state of auxiliary loads, of their own meters or of the outlet."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from robot_energy.accounting.load_curve import UNKNOWN
+from robot_energy.bag import BagReader
+from robot_energy.blocks import Float, Int, MeterBlock
+from robot_energy.errors import NotIdentifiableError
+from robot_energy.identify.cabinet.cabinet import BEFORE_MOTION, SETTLED, holding, readings_inside
+from robot_energy.identify.data.recordings import Recording
+from robot_energy.inputs.auxiliary import LoadTopics
+from robot_energy.inputs.bag_topics import find_auxiliary
+from robot_energy.inputs.sources import Inputs
+from robot_energy.model.auxiliary import AuxiliaryLoad
+from robot_energy.replay_steps import LoadIngest
+from robot_energy.timeline.pieces import CoveredPieces
+
+AFTER_CHANGE = 500_000_000  # ns after a state has changed, until its power counts
+
+
+@dataclass(frozen=True)
+class StateChanges:
+    """When a load changed its state.
+
+    Attributes:
+        stamp_ns: Since when, rising, shape (K,). [ns]
+        state: Number since then, shape (K,); `UNKNOWN` before the first message.
+    """
+
+    stamp_ns: Int
+    state: Int
+
+    @classmethod
+    def of(cls, load: AuxiliaryLoad, block: MeterBlock | None) -> StateChanges:
+        """Return the changes of a load.
+
+        Args:
+            load: The load.
+            block: Numbers of its states as powers, in order of arrival; None for none.
+        """
+        stamp = np.array([np.iinfo(np.int64).min])
+        state = np.array([0 if len(load.states) == 1 else UNKNOWN])
+        if block is not None and len(load.states) > 1:
+            order = np.argsort(block.stamp_ns, kind="stable")
+            number = block.power[order]
+            fits = (number == np.floor(number)) & (number >= 0) & (number < len(load.states))
+            stamp = np.concatenate([stamp, block.stamp_ns[order]])
+            state = np.concatenate([state, np.where(fits, number, UNKNOWN).astype(np.int64)])
+        news = np.append(True, np.diff(state) != 0)
+        return cls(stamp[news], state[news])
+
+    def inside(self, pieces: CoveredPieces) -> Int:
+        """Return which change each piece lies behind, -1 where its state is not one alone.
+
+        Args:
+            pieces: Of a meter's curve.
+        """
+        first = np.searchsorted(self.stamp_ns, pieces.start_ns - AFTER_CHANGE, side="right") - 1
+        last = np.searchsorted(self.stamp_ns, pieces.end_ns, side="left") - 1
+        return np.where((first == last) & (self.state[first] != UNKNOWN), first, -1)
+
+
+@dataclass(frozen=True)
+class StateReadings:
+    """Readings of one recording, each inside one state of every load.
+
+    Attributes:
+        power: Shape (N,). [W]
+        duration: Shape (N,). [s]
+        state: Number of the state of each load, shape (N, loads).
+        visit: Number of the uninterrupted stretch of states, rising, shape (N,).
+        shown: What the meter showed, which its gain concerns, shape (N,). [W]
+    """
+
+    power: Float
+    duration: Float
+    state: Int
+    visit: Int
+    shown: Float
+
+    def __len__(self) -> int:
+        return len(self.power)
+
+    def __getitem__(self, rows: slice | Int) -> StateReadings:
+        return StateReadings(*(each[rows] for each in self.__dict__.values()))
+
+
+@dataclass(frozen=True)
+class LoadRecording:
+    """What a bag holds of the loads.
+
+    Attributes:
+        pieces: Curve of each load's meter, by its name; none for a load without.
+        changes: Of its states.
+    """
+
+    pieces: Mapping[str, CoveredPieces]
+    changes: Mapping[str, StateChanges]
+
+
+def read_loads(
+    path: str | Path, loads: Sequence[AuxiliaryLoad], inputs: Inputs | None
+) -> LoadRecording:
+    """Read meters and states of loads.
+
+    Args:
+        path: MCAP file or rosbag2 folder.
+        loads: Of the model file.
+        inputs: Inputs of the node that the bag is to be read like; None: the usual topics.
+
+    Returns:
+        Curves of the meters and changes of the states, by the names of the loads.
+
+    Raises:
+        BagError: If the bag cannot be read.
+        MissingTopicError: If a topic is there with another type, or several times.
+    """
+    bag = BagReader(path)
+    topics, _ = find_auxiliary(bag, loads, inputs)
+    readers = {name: LoadIngest(each, bag.typestore) for name, each in topics.items()}
+    blocks: dict[tuple[str, int], list[MeterBlock]] = {}
+    wanted = sorted({topic for each in topics.values() for topic in each.topics})
+    for part in bag.parts(wanted) if wanted else ():
+        for name, reader in readers.items():
+            for place, block in enumerate(reader.step(part)):
+                if block is not None:
+                    blocks.setdefault((name, place), []).append(block)
+    for name, reader in readers.items():
+        for place, block in enumerate(reader.flush()):
+            if block is not None:
+                blocks.setdefault((name, place), []).append(block)
+    whole = {key: MeterBlock.concatenate(found) for key, found in blocks.items()}
+    gap = 2.0 if inputs is None else inputs.meter_max_gap
+    return LoadRecording(
+        {load.name: _pieces(topics[load.name], whole.get((load.name, 0)), gap) for load in loads},
+        {load.name: StateChanges.of(load, whole.get((load.name, 1))) for load in loads},
+    )
+
+
+def own_readings(recording: LoadRecording, load: AuxiliaryLoad) -> StateReadings:
+    """Return the readings of a load's own meter that lie inside one state.
+
+    Args:
+        recording: What a bag holds.
+        load: The load.
+    """
+    pieces, changes = recording.pieces[load.name], recording.changes[load.name]
+    row = changes.inside(pieces)
+    used = np.flatnonzero(row >= 0)
+    kept = pieces[used]
+    power = kept.mean_power
+    return StateReadings(power, kept.duration, changes.state[row[used]][:, None], row[used], power)
+
+
+def outlet_readings(
+    recording: Recording, loads: Sequence[AuxiliaryLoad], held: LoadRecording
+) -> StateReadings:
+    """Return what a meter of the outlet shows beside the cabinet while the robot stands still.
+
+    Loads with a meter of their own are taken off by it.
+
+    Args:
+        recording: With the meter, run through the stages.
+        loads: Of the model file.
+        held: What the same bag holds of them.
+
+    Raises:
+        NotIdentifiableError: If the recording has no meter.
+    """
+    if recording.meter is None:
+        raise NotIdentifiableError(
+            f"{recording.path.name} has no power meter", "a meter of the outlet"
+        )
+    pieces = readings_inside(recording, holding(recording), SETTLED, BEFORE_MOTION)
+    power, shown = pieces.mean_power, pieces.mean_power
+    stamp = recording.power.stamp_ns
+    row = np.clip(np.searchsorted(stamp, (pieces.start_ns + pieces.end_ns) // 2), 0, len(stamp) - 1)
+    power = power - recording.power.grid_power[row]
+    known = np.isfinite(power)
+    rows: list[Int] = []
+    states: list[Int] = []
+    for load in loads:
+        if load.metered:
+            own, inside = held.pieces[load.name].index(pieces.start_ns, pieces.end_ns)
+            known &= inside
+            if len(held.pieces[load.name]):
+                middle = (pieces.start_ns + pieces.end_ns) // 2
+                power = power - held.pieces[load.name].value(own, middle)
+            continue
+        change = held.changes[load.name].inside(pieces)
+        known &= change >= 0
+        rows.append(change)
+        states.append(held.changes[load.name].state[change])
+    if not rows:
+        raise NotIdentifiableError(
+            "every auxiliary load has a meter of its own", "a load without one"
+        )
+    used = np.flatnonzero(known)
+    where = np.stack(rows, axis=1)[used]
+    apart = (np.diff(where, axis=0) != 0).any(axis=1) if len(used) > 1 else np.empty(0, bool)
+    visit = np.concatenate([[0], np.cumsum(apart)])[: len(used)]
+    return StateReadings(
+        power[used], pieces.duration[used], np.stack(states, axis=1)[used], visit, shown[used]
+    )
+
+
+def _pieces(topics: LoadTopics, block: MeterBlock | None, max_gap: float) -> CoveredPieces:
+    """The longest stretch of a meter's curve whose stamps do not go back."""
+    if block is None:
+        return CoveredPieces.empty()
+    limits = topics.limits
+    limits = type(limits)(max_gap, limits.max_power, limits.wraps_at)
+    return max(limits.pieces(block), key=len)

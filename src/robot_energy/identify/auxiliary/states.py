@@ -1,0 +1,391 @@
+"""Power of each state of an auxiliary load, with its interval, and tried on held-out readings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from robot_energy.blocks import Float, Int
+from robot_energy.errors import NotIdentifiableError
+from robot_energy.identify.auxiliary.readings import StateReadings
+from robot_energy.identify.bounds import identified
+from robot_energy.identify.stats.regression import Fit, regress
+from robot_energy.identify.stats.systematic import METER, total, with_systematic
+from robot_energy.model import RobotModel
+from robot_energy.model.auxiliary import AuxiliaryLoad
+from robot_energy.model.figure import PositiveFigure
+
+MIN_READINGS = 5  # of a state
+CHUNKS = 8  # that the readings of a state are cut into where it was in force fewer times
+TRAIN_SHARE = 0.6  # of the only recording; the rest is the test
+OWN, OUTLET = "own meter", "meter of the outlet"
+
+
+@dataclass(frozen=True)
+class StateFit:
+    """Power of one state.
+
+    Attributes:
+        load: Name of the load.
+        state: Of the state.
+        power: [W]
+        std: Its standard deviation; None where one reading says nothing of its scatter. [W]
+        parts: Deviations by cause. [W]
+        readings: Behind it.
+        visits: How often the state was in force.
+        time: Of these readings. [s]
+        before: Power in the given model. [W]
+    """
+
+    load: str
+    state: str
+    power: float
+    std: float | None
+    parts: dict[str, float]
+    readings: int
+    visits: int
+    time: float
+    before: float
+
+
+@dataclass(frozen=True)
+class HeldOutStates:
+    """What the fit has not seen, by the new figures and by those of the given model.
+
+    Attributes:
+        what: What that was: ``recordings`` or ``end of the recording``.
+        readings: How many.
+        energy: Measured. [J]
+        energy_error: Predicted less measured, over measured. [-]
+        energy_error_before: The same with the given model. [-]
+        rms: Error of the power. [W]
+        rms_before: The same with the given model. [W]
+    """
+
+    what: str
+    readings: int
+    energy: float
+    energy_error: float
+    energy_error_before: float
+    rms: float
+    rms_before: float
+
+
+@dataclass(frozen=True)
+class LoadsFit:
+    """States of one load with a meter, or of all loads behind the meter of the outlet.
+
+    Attributes:
+        loads: Their names.
+        source: `OWN` or `OUTLET`.
+        states: What was found; states without enough readings are left out.
+        held_out: None where too little was left to try it.
+        used: Whether the model takes it: held-out readings are predicted better.
+        notes: What the readings do not tell, one sentence each.
+    """
+
+    loads: tuple[str, ...]
+    source: str
+    states: tuple[StateFit, ...]
+    held_out: HeldOutStates | None
+    used: bool
+    notes: tuple[str, ...] = field(default=())
+
+
+def fit_own(load: AuxiliaryLoad, parts: Sequence[StateReadings], gain: float) -> LoadsFit:
+    """Identify the states of a load from its own meter.
+
+    The power of a state is its energy over its time.
+
+    Args:
+        load: The load.
+        parts: Readings of each recording.
+        gain: Standard deviation of the gain of the meter. [-]
+
+    Returns:
+        Powers of its states, and how they do on what the fit has not seen.
+
+    Raises:
+        NotIdentifiableError: If no state has enough readings.
+    """
+    states, notes = _states(load, parts, gain)
+    if not states:
+        raise NotIdentifiableError(
+            f"no state of {load.name} has {MIN_READINGS} readings of its meter",
+            "readings that lie inside one state, half a second after its change",
+            "record its meter and its state, in every state for some seconds",
+        )
+    before = np.array([figure.value for figure in load.states.values()])
+    powers = before.copy()
+    errors: list[tuple[Float, Float, Float]] = []  # measured, new, before: energies
+    weights: list[Float] = []
+    for train, test in _folds(parts):
+        found, _ = _states(load, train, gain)
+        powers[:] = before
+        for one in found:
+            powers[load.state_names.index(one.state)] = one.power
+        for part in test:
+            number = part.state[:, 0]
+            errors.append((part.power, powers[number], before[number]))
+            weights.append(part.duration)
+    held = _held_out(errors, weights, len(parts))
+    used = held is None or held.rms < held.rms_before or load_is_assumed(load)
+    return LoadsFit((load.name,), OWN, states, held, used, notes)
+
+
+def fit_outlet(
+    loads: Sequence[AuxiliaryLoad], parts: Sequence[StateReadings], gain: float
+) -> LoadsFit:
+    """Identify states from a meter of the outlet, while the robot stands still.
+
+    What cabinet and loads draw at rest is unknown but constant in a recording, so only
+    differences between states show: the first state of each load keeps the power of the model.
+
+    Args:
+        loads: Those without a meter of their own, in the order of the columns of the states.
+        parts: Readings of each recording.
+        gain: Standard deviation of the gain of the meter. [-]
+
+    Returns:
+        Powers of all states but the first of each load, and how their differences do on what
+        the fit has not seen.
+
+    Raises:
+        NotIdentifiableError: If states do not alternate, or only together.
+    """
+    fit, columns = _regressed(loads, parts, gain)
+    states: list[StateFit] = []
+    whole = np.concatenate([part.state for part in parts])
+    time = np.concatenate([part.duration for part in parts])
+    visit = _visits(parts)
+    for place, (load, number) in enumerate(columns):
+        entry = loads[load]
+        names, figures = entry.state_names, list(entry.states.values())
+        own = whole[:, load] == number
+        first = figures[_reference(whole[:, load])].value
+        parts_of = fit.parts_of(len(parts) + place)
+        states.append(
+            StateFit(
+                entry.name,
+                names[number],
+                first + float(fit.values[len(parts) + place]),
+                _known(total(parts_of)),
+                parts_of,
+                int(own.sum()),
+                len(np.unique(visit[own])),
+                float(time[own].sum()),
+                figures[number].value,
+            )
+        )
+    notes = tuple(
+        f"a meter of the outlet shows differences alone: {load.name} "
+        f"{load.state_names[_reference(whole[:, place])]} keeps the power of the model"
+        for place, load in enumerate(loads)
+    )
+    held = _outlet_held_out(loads, parts, gain)
+    used = held is None or held.rms < held.rms_before or any(map(load_is_assumed, loads))
+    return LoadsFit(tuple(load.name for load in loads), OUTLET, tuple(states), held, used, notes)
+
+
+def with_states(model: RobotModel, fits: Sequence[LoadsFit], source: str) -> RobotModel:
+    """Return a model with the identified powers that are used.
+
+    Args:
+        model: Any model with these loads.
+        fits: What was identified.
+        source: Where the data come from.
+    """
+    found = {(s.load, s.state): s for fit in fits if fit.used for s in fit.states}
+
+    def figure(load: str, name: str, old: PositiveFigure) -> PositiveFigure:
+        one = found.get((load, name))
+        return old if one is None else identified(one.power, one.std, source)
+
+    loads = tuple(
+        load.model_copy(
+            update={
+                "states": {name: figure(load.name, name, old) for name, old in load.states.items()}
+            }
+        )
+        for load in model.auxiliary or ()
+    )
+    return model.changed(auxiliary=loads)
+
+
+def load_is_assumed(load: AuxiliaryLoad) -> bool:
+    """Whether no power of a load was ever measured.
+
+    Args:
+        load: Of the model file.
+    """
+    return all(figure.tag == "assumed" for figure in load.states.values())
+
+
+def _states(
+    load: AuxiliaryLoad, parts: Sequence[StateReadings], gain: float
+) -> tuple[tuple[StateFit, ...], tuple[str, ...]]:
+    power, time = (
+        np.concatenate([getattr(part, name) for part in parts]) for name in ("power", "duration")
+    )
+    state, visit = np.concatenate([part.state[:, 0] for part in parts]), _visits(parts)
+    found: list[StateFit] = []
+    missing: list[str] = []
+    for number, (name, figure) in enumerate(load.states.items()):
+        rows = np.flatnonzero(state == number)
+        if len(rows) < MIN_READINGS:
+            missing.append(name)
+            continue
+        visits = len(np.unique(visit[rows]))
+        root = np.sqrt(time[rows])
+        target, columns = power[rows] * root, root[:, None]
+        fit = regress(columns, target, _chunks(visit[rows], visits), (name,), "ols", load.name)
+        parts_of = with_systematic(fit, columns, {METER: [gain * target]}).parts_of(0)
+        found.append(
+            StateFit(
+                load.name,
+                name,
+                float(fit.values[0]),
+                _known(total(parts_of)),
+                parts_of,
+                len(rows),
+                visits,
+                float(time[rows].sum()),
+                figure.value,
+            )
+        )
+    notes = (
+        (
+            f"{load.name} keeps its power in {', '.join(missing)}: fewer than {MIN_READINGS} "
+            "readings lie inside",
+        )
+        if missing
+        else ()
+    )
+    return tuple(found), notes
+
+
+def _regressed(
+    loads: Sequence[AuxiliaryLoad], parts: Sequence[StateReadings], gain: float
+) -> tuple[Fit, list[tuple[int, int]]]:
+    """Fit of a constant for each recording, then of each state but the first of each load."""
+    state = np.concatenate([part.state for part in parts])
+    run = np.concatenate([np.full(len(part), place) for place, part in enumerate(parts)])
+    names = [f"recording {place + 1}" for place in range(len(parts))]
+    columns = [(run == place).astype(float) for place in range(len(parts))]
+    wanted: list[tuple[int, int]] = []
+    for place, load in enumerate(loads):
+        seen = np.unique(state[:, place]).tolist()
+        reference = _reference(state[:, place])
+        for number in seen:
+            if number != reference:
+                wanted.append((place, number))
+                names.append(f"{load.name} {load.state_names[number]}")
+                columns.append((state[:, place] == number).astype(float))
+    if not wanted or len(state) < MIN_READINGS + len(names):
+        raise NotIdentifiableError(
+            f"{len(state)} readings of the outlet lie inside rest, in "
+            f"{len(wanted) + len(loads)} states of {', '.join(load.name for load in loads)}",
+            "loads that change their states while the robot stands still",
+            "let the robot stand with active drives and switch each load on its own, several times",
+        )
+    matrix = np.stack(columns, axis=1)
+    power = np.concatenate([part.power for part in parts])
+    fit = regress(matrix, power, _visits(parts), names, "irls", "the readings of the outlet")
+    shown = np.concatenate([part.shown for part in parts])
+    return with_systematic(fit, matrix, {METER: [gain * shown]}), wanted
+
+
+def _outlet_held_out(
+    loads: Sequence[AuxiliaryLoad], parts: Sequence[StateReadings], gain: float
+) -> HeldOutStates | None:
+    """Held-out differences from the mean, since the constant of a recording is not predicted."""
+    errors: list[tuple[Float, Float, Float]] = []
+    weights: list[Float] = []
+    for train, test in _folds(parts):
+        try:
+            fit, columns = _regressed(loads, train, gain)
+        except NotIdentifiableError:
+            return None
+        for part in test:
+            new, before = np.zeros((2, len(part)))
+            for place, (load, number) in enumerate(columns):
+                rows = part.state[:, load] == number
+                figures = list(loads[load].states.values())
+                reference = _reference(np.concatenate([each.state[:, load] for each in train]))
+                new[rows] += fit.values[len(train) + place]
+                before[rows] += figures[number].value - figures[reference].value
+            rest = part.power - np.average(part.power, weights=part.duration)
+            errors.append(
+                (
+                    rest,
+                    new - np.average(new, weights=part.duration),
+                    before - np.average(before, weights=part.duration),
+                )
+            )
+            weights.append(part.duration)
+    return _held_out(errors, weights, len(parts))
+
+
+def _folds(
+    parts: Sequence[StateReadings],
+) -> list[tuple[list[StateReadings], list[StateReadings]]]:
+    """What to fit from and what to predict: each recording from the others, or the end of one."""
+    if len(parts) > 1:
+        return [([*parts[:place], *parts[place + 1 :]], [part]) for place, part in enumerate(parts)]
+    cut = int(TRAIN_SHARE * len(parts[0]))
+    return [([parts[0][slice(0, cut)]], [parts[0][slice(cut, None)]])]
+
+
+def _held_out(
+    errors: Sequence[tuple[Float, Float, Float]], weights: Sequence[Float], recordings: int
+) -> HeldOutStates | None:
+    if not errors or not sum(map(len, weights)):
+        return None
+    measured, new, before = (np.concatenate([each[place] for each in errors]) for place in range(3))
+    time = np.concatenate(weights)
+    energy = float(measured @ time)
+
+    def rms(predicted: Float) -> float:
+        return float(np.sqrt(np.average((predicted - measured) ** 2, weights=time)))
+
+    def error(predicted: Float) -> float:
+        # Differences from their mean have no energy to refer to.
+        sound = abs(energy) > 1e-6 * float(np.abs(measured) @ time)
+        return float((predicted - measured) @ time) / energy if sound else float("nan")
+
+    what = "recordings" if recordings > 1 else "end of the recording"
+    return HeldOutStates(what, len(time), energy, error(new), error(before), rms(new), rms(before))
+
+
+def _visits(parts: Sequence[StateReadings]) -> Int:
+    """Numbers of the stretches of states, different in every recording."""
+    start, found = 0, list[Int]()
+    for part in parts:
+        found.append(part.visit + start)
+        start += int(part.visit.max(initial=0)) + 1
+    return np.concatenate(found)
+
+
+def _chunks(visit: Int, visits: int) -> Int:
+    """Blocks of readings: the visits, cut further where they are few."""
+    if visits >= CHUNKS:
+        return visit
+    per_visit = -(-CHUNKS // visits)
+    chunk = np.empty_like(visit)
+    start = 0
+    for number in np.unique(visit):
+        rows = np.flatnonzero(visit == number)
+        for part in np.array_split(rows, min(per_visit, len(rows))):
+            chunk[part] = start
+            start += 1
+    return chunk
+
+
+def _reference(state: Int) -> int:
+    return int(state.min())
+
+
+def _known(std: float) -> float | None:
+    return std if np.isfinite(std) else None

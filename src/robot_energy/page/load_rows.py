@@ -1,0 +1,91 @@
+"""Loads outside of the cabinet as the page shows them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, cast
+
+from robot_energy.accounting.load_curve import Remark
+from robot_energy.cdr import Run
+from robot_energy.page.alarms import PageFinding
+from robot_energy.page.json_numbers import plain
+from robot_energy.shown_text import shown
+
+LOAD_POWERS = ("state", "remarks", "power", "model_power", "measured_power")
+LOAD_ENERGIES = ("energy", "known_time", "missing_time", "missing_count", "outlet_energy")
+SENTENCES = {
+    Remark.STATE_UNKNOWN: (
+        "its state is not known",
+        "let it publish the number of its state, or set the key state in the model file",
+    ),
+    Remark.METER_MISSING: (
+        "no reading of its meter has come: its power is missing",
+        "start the driver of the meter, or name its topic under auxiliary_meters",
+    ),
+    Remark.METER_STALE: (
+        "the newest reading of its meter is too old",
+        "look whether the driver of the meter still publishes",
+    ),
+    Remark.METER_REFUSED: (
+        "the newest reading of its meter was refused",
+        "check unit and scale of the meter, and its driver",
+    ),
+}
+Load = dict[str, Any]
+
+
+def newest_loads(run: Run) -> list[Load]:
+    """Return name, state and powers of each load in the newest power state of a run.
+
+    Args:
+        run: Power states with the fields of ``LOAD_POWERS``.
+    """
+    names = run.names("auxiliary.name")
+    states = cast("tuple[tuple[str, ...], ...]", run.columns["auxiliary.states"]) if names else ()
+    found: list[Load] = []
+    for place, (name, known) in enumerate(zip(names, states, strict=True)):
+        row = {key: float(run.array(f"auxiliary.{key}")[-1, place]) for key in LOAD_POWERS}
+        number = int(row.pop("state"))
+        state = known[number] if 0 <= number < len(known) else None
+        found.append({"name": name, "state": state, **row})
+    return found
+
+
+def load_rows(newest: Sequence[Load], counted: Sequence[Load], live: bool) -> list[Load]:
+    """Return the loads as plain values; None where unknown.
+
+    Args:
+        newest: From `newest_loads`.
+        counted: Name and energies of each in the newest registers.
+        live: Whether the newest are current.
+    """
+    energies = {load["name"]: load for load in counted}
+    powers = {load["name"]: load for load in newest}
+    rows: list[Load] = []
+    for name in dict.fromkeys([*powers, *energies]):
+        now, energy = powers.get(name, {}) if live else {}, energies.get(name, {})
+        rows.append(
+            {
+                "name": shown(name),
+                "state": shown(now["state"]) if now.get("state") else None,
+                **{key: plain(now.get(key), 5) for key in ("power", "measured_power")},
+                **{key: plain(energy.get(key)) for key in LOAD_ENERGIES},
+            }
+        )
+    return rows
+
+
+def load_alarms(newest: Sequence[Load]) -> list[PageFinding]:
+    """Return what is wrong with the power of loads.
+
+    Args:
+        newest: From `newest_loads`, current ones.
+    """
+    return [
+        PageFinding("WARN", shown(load["name"]), message, remedy)
+        for load in newest
+        if not math.isfinite(load["power"])
+        for remark, (message, remedy) in SENTENCES.items()
+        if remark in Remark(int(load["remarks"]))
+    ]
