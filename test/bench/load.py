@@ -20,6 +20,7 @@ from sensor_msgs.msg import JointState
 from robot_energy.cdr.decode import Encoder, stamp_columns
 
 WARM_UP = 2.0  # s
+PERIOD = 2 * np.pi / 0.7  # of `motion`: the positions go on where they begin again [s]
 
 
 def main() -> None:
@@ -41,7 +42,7 @@ def main() -> None:
     encoder = Encoder(
         "sensor_msgs/msg/JointState", {"name": JOINTS}, {"position": 6, "velocity": 6, "effort": 0}
     )
-    _, position, velocity = motion(rate * 4, float(rate))
+    _, position, velocity = motion(round(rate * PERIOD), float(rate))
     deadline = time.monotonic() + 20
     while publisher.get_subscription_count() < 1:
         executor.spin_once(0.05)

@@ -21,6 +21,9 @@ from robot_energy.pipeline.settings import Settings
 from robot_energy.pipeline.torque_stage import TorqueStage
 
 
+TOGETHER_NS = 80_000_000  # of stamps that go through the stages together [ns]
+
+
 @dataclass(frozen=True)
 class Output:
     """What one step of the pipeline gave; None where nothing was complete.
@@ -43,7 +46,8 @@ class Output:
 class EnergyPipeline:
     """Torque, friction, power and the energy account, wired directly.
 
-    Any cutting of the same input into steps gives the same output.
+    Any cutting of the same input into steps gives the same output. A step costs nearly the same
+    for one sample and for a hundred, so joint states wait for others of the same 80 ms.
 
     Args:
         model: The robot's model.
@@ -60,6 +64,8 @@ class EnergyPipeline:
         self.friction = FrictionStage(model)
         self.power = PowerStage(model, settings)
         self.ledger = EnergyAccount(len(model.joints), settings)
+        self._waiting: list[JointBlock] = []
+        self._slot: int | None = None  # of 80 ms, of the newest joint state
 
     def step(
         self,
@@ -82,8 +88,21 @@ class EnergyPipeline:
         """
         torque = None
         if joints is not None:
-            torque = self.torque.plan(joints) if planned else self.torque.step(joints)
+            torque = self.torque.plan(joints) if planned else self._gather(joints)
         return self.advance(torque, temperatures, meter)
+
+    def _gather(self, joints: JointBlock) -> TorqueBlock | None:
+        """Compute torques once a sample is of other 80 ms than the one before."""
+        if not len(joints):
+            return None
+        self.torque.arrived(joints)
+        self._waiting.append(joints)
+        slot = int(joints.stamp_ns[-1]) // TOGETHER_NS
+        if slot == self._slot:
+            return None
+        self._slot = slot
+        waiting, self._waiting = self._waiting, []
+        return self.torque.step(JointBlock.concatenate(waiting))
 
     def advance(
         self,
@@ -116,12 +135,16 @@ class EnergyPipeline:
 
     def restart(self) -> None:
         """Drop the samples that wait, as after an error; the account and the settings stay."""
+        self._waiting.clear()
         self.torque.restart()
         self.power.restart()
 
     def flush(self) -> Output:
         """Complete what still waits, as at the end of a bag."""
-        return self.finish(self.torque.flush())
+        waiting, self._waiting = self._waiting, []
+        parts = [self.torque.step(JointBlock.concatenate(waiting)) if waiting else None]
+        found = [part for part in (*parts, self.torque.flush()) if part is not None]
+        return self.finish(TorqueBlock.concatenate(found) if found else None)
 
     def finish(self, torque: TorqueBlock | None) -> Output:
         """Complete what still waits behind the torque.
