@@ -21,7 +21,7 @@ from robot_energy.pipeline.settings import Settings
 from robot_energy.pipeline.torque_stage import TorqueStage
 
 
-TOGETHER_NS = 80_000_000  # of stamps that go through the stages together [ns]
+TOGETHER_NS = 60_000_000  # of stamps that go through the stages together, at least [ns]
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class EnergyPipeline:
     """Torque, friction, power and the energy account, wired directly.
 
     Any cutting of the same input into steps gives the same output. A step costs nearly the same
-    for one sample and for a hundred, so joint states wait for others of the same 80 ms.
+    for one sample and for a hundred, so joint states wait until there are 60 ms of them.
 
     Args:
         model: The robot's model.
@@ -65,7 +65,7 @@ class EnergyPipeline:
         self.power = PowerStage(model, settings)
         self.ledger = EnergyAccount(len(model.joints), settings)
         self._waiting: list[JointBlock] = []
-        self._slot: int | None = None  # of 80 ms, of the newest joint state
+        self._done_ns: int | None = None  # newest joint state that did not wait [ns]
 
     def step(
         self,
@@ -92,15 +92,15 @@ class EnergyPipeline:
         return self.advance(torque, temperatures, meter)
 
     def _gather(self, joints: JointBlock) -> TorqueBlock | None:
-        """Compute torques once a sample is of other 80 ms than the one before."""
+        """Compute torques, if there is enough for a step or the stamps have jumped."""
         if not len(joints):
             return None
         self.torque.arrived(joints)
         self._waiting.append(joints)
-        slot = int(joints.stamp_ns[-1]) // TOGETHER_NS
-        if slot == self._slot:
+        newest = int(joints.stamp_ns[-1])
+        if self._done_ns is not None and 0 <= newest - self._done_ns < TOGETHER_NS:
             return None
-        self._slot = slot
+        self._done_ns = newest
         waiting, self._waiting = self._waiting, []
         return self.torque.step(JointBlock.concatenate(waiting))
 
