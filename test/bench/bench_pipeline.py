@@ -95,13 +95,13 @@ def _additions(model: RobotModel) -> tuple[dict[str, float], dict[str, bool]]:
     has a parameter, the observer a key of the model file; bands cannot be switched off, so this
     script puts zeros in the place of the deviations and scores no reading.
     """
-    observed = _with_thermal(model)
+    observed = with_thermal(model)
     variants: dict[str, Callable[[], EnergyPipeline]] = {
         "all": lambda: _chain(observed, Learning.OBSERVE),
-        "bands": lambda: _without_bands(_chain(observed, Learning.OBSERVE)),
+        "bands": lambda: without_bands(_chain(observed, Learning.OBSERVE)),
         "learner": lambda: _chain(observed, Learning.OFF),
         "thermal observer": lambda: _chain(model, Learning.OBSERVE),
-        "all three": lambda: _without_bands(_chain(model, Learning.OFF)),
+        "all three": lambda: without_bands(_chain(model, Learning.OFF)),
     }
     inputs = _ticks(20.0)
     times: dict[str, list[float]] = {name: [] for name in variants}
@@ -125,7 +125,7 @@ def _chain(model: RobotModel, learning: Learning) -> EnergyPipeline:
     return EnergyPipeline(model, Settings(learning=learning, effort=EffortMeaning.MOTOR_TORQUE))
 
 
-def _without_bands(chain: EnergyPipeline) -> EnergyPipeline:
+def without_bands(chain: EnergyPipeline) -> EnergyPipeline:
     """Replace the deviations of each sample by zeros, and leave readings without a score."""
     columns = len(CABINET_DEVIATIONS) + len(JOINT_DEVIATIONS) * len(chain.model.joints)
     deviation: Any = chain.power._deviation  # nothing public switches it off
@@ -135,7 +135,8 @@ def _without_bands(chain: EnergyPipeline) -> EnergyPipeline:
     return chain
 
 
-def _with_thermal(model: RobotModel) -> RobotModel:
+def with_thermal(model: RobotModel) -> RobotModel:
+    """Give every joint a thermal network, so that temperatures are estimated."""
     figure = {"value": 1.0, "tag": "assumed", "source": "bench"}
     entry = {"capacity": {**figure, "value": 8e3}, "conductance": {**figure, "value": 4.0}}
     joints = [

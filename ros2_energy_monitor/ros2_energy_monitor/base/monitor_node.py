@@ -37,7 +37,9 @@ from ros2_energy_monitor.diagnostics.reporter import Reporter, Source, StatusBui
 P = TypeVar("P", bound=Common)
 ROBOT_DESCRIPTION = "robot_description"
 REPORT_PERIOD = 1.0  # [s]
-TAKEN_EVERY = 0.08  # queues are emptied at the last tick within it; a step costs the same for few [s]
+TAKEN_EVERY = (
+    0.08  # queues are emptied at the last tick within it; a step costs the same for few [s]
+)
 
 
 class MonitorNode(ManagedNode, Generic[P]):
