@@ -17,13 +17,13 @@ if TYPE_CHECKING:
     from robot_energy.api.evaluate import evaluate
     from robot_energy.api.identify import (
         IdentificationResult,
-        identify_all,
         identify_auxiliary,
         identify_cabinet,
         identify_dynamics,
         identify_friction,
         identify_thermal,
     )
+    from robot_energy.api.identify_all import identify_all
     from robot_energy.api.online_monitor import OnlineMonitor
     from robot_energy.api.optimize import OptimizationResult, optimize
     from robot_energy.api.predict import PredictionResult, predict
@@ -72,9 +72,10 @@ _NAMES = {
     "advice.run": ("AdviceResult", "advise"),
     "api.evaluate": ("evaluate",),
     "api.identify": (
-        "IdentificationResult", "identify_all", "identify_auxiliary", "identify_cabinet",
-        "identify_dynamics", "identify_friction", "identify_thermal",
+        "IdentificationResult", "identify_auxiliary", "identify_cabinet", "identify_dynamics",
+        "identify_friction", "identify_thermal",
     ),
+    "api.identify_all": ("identify_all",),
     "api.online_monitor": ("OnlineMonitor",),
     "api.optimize": ("OptimizationResult", "optimize"),
     "api.predict": ("PredictionResult", "predict"),

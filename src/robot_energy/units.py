@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import Literal
 
+JOULE_PER_WH, JOULE_PER_KWH = 3.6e3, 3.6e6
 # What one of each is in SI.
 POWER_UNITS = {"W": 1.0, "kW": 1e3, "mW": 1e-3}
-ENERGY_UNITS = {"J": 1.0, "kJ": 1e3, "Wh": 3.6e3, "kWh": 3.6e6}
+ENERGY_UNITS = {"J": 1.0, "kJ": 1e3, "Wh": JOULE_PER_WH, "kWh": JOULE_PER_KWH}
 MAX_COUNTER = 2**63 - 1  # where every counter stays: the largest that int64 and a file hold
 DqScaling = Literal["peak", "rms", "power_invariant"]
 # Power over the sum of products of current and voltage in the frame of the rotor: of amplitudes

@@ -20,7 +20,7 @@ import numpy as np
 from robot_energy.accounting.averaging import MeanBlock
 from robot_energy.accounting.band_calibration import BandCalibration
 from robot_energy.accounting.record import Calibrated
-from robot_energy.api.identify import identify_all
+from robot_energy.api.identify_all import identify_all
 from robot_energy.bag_replay import Replay, replay
 from robot_energy.blocks import Float
 from robot_energy.model import RobotModel

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.api.identify import identify_all
+from robot_energy.api.identify_all import identify_all
 from robot_energy.blocks import Float
 from robot_energy.model import RobotModel
 from robot_energy.motion import Program, random_program, tool_above

@@ -21,9 +21,10 @@ def test_half_an_hour_is_booked_to_the_microjoule(missed):
 def test_a_sum_in_floats_is_noticed(missed, monkeypatch):
     """The reference is no copy of what it checks: a sum that rounds is found."""
 
-    def add(self, energy):
+    def add(self, energy, first=0):
         more = (energy.sum(axis=0) * 1e6).astype("int64")
-        self._microjoule = self._microjoule + more
+        self._microjoule = self._microjoule.copy()
+        self._microjoule[first : first + len(more)] += more
 
     monkeypatch.setattr(ExactSum, "add", add)
     assert "largest error" in missed(1)[0]

@@ -32,7 +32,8 @@ MODULES = {
         claims dataset_evidence evidence run speeds
     """,
     "robot_energy.api": """
-        condition evaluate identify inputs online_monitor optimize power_table predict replay
+        condition evaluate identify identify_all inputs online_monitor optimize power_table predict
+        replay
     """,
     "robot_energy.bag": """
         mcap_block mcap_file mcap_records mcap_summary metadata ownership packed reader sources

@@ -14,6 +14,7 @@ from ros2_energy_msgs.msg import EnergyRegisters, JointFriction, PowerState
 from robot_energy.report.formats import summing
 from robot_energy.report.layout import fitted_table, width_of
 from robot_energy.shown_text import MAX_LINE, shown
+from robot_energy.units import JOULE_PER_WH
 from ros2_energy_monitor.diagnostics.reporter import ALL_IS_WELL
 
 PHASES = {
@@ -24,7 +25,6 @@ PHASES = {
 }
 # What predicted_grid_power is the sum of, in the order of the power chain.
 PARTS = ("rigid", "friction", "drives", "supply", "brake", "capacitor")
-JOULE_PER_WH = 3600.0
 SMOOTHING = 0.5  # time constant of the powers shown [s]
 MAX_STATUSES = 64  # kept, so that a topic of ever new names cannot fill the memory
 STARTING = 5.0  # trouble of monitors that have sent no power yet is shown after this [s]

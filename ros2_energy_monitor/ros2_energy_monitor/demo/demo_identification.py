@@ -51,7 +51,7 @@ def identify_plant(bags: Path, out: Path) -> str:
         RobotEnergyError: If nothing can be identified.
     """
     # Slow to import, and of no use to the live part.
-    from robot_energy.api.identify import identify_all
+    from robot_energy.api.identify_all import identify_all
     from robot_energy.report.document import Document
     from robot_energy.report.identify_all import identification_overview
     from robot_energy.report.printing import print_document

@@ -12,11 +12,11 @@ from robot_energy.errors import BagError
 from robot_energy.model import RobotModel, load
 from robot_energy.physics.friction import with_fixed_friction
 from robot_energy.report.printing import table
+from robot_energy.units import JOULE_PER_WH
 from ros2_energy_monitor.demo.demo_identification import bundled
 
 COLD_DEGC, WARM_DEGC = 22.0, 60.0  # where a fixed model would have been identified
 BAGS = {"drawn_test_cold": WARM_DEGC, "drawn_test_warm": COLD_DEGC}  # the fixed model in its figure
-JOULE_PER_WH = 3600.0
 
 
 @dataclass(frozen=True)

@@ -204,7 +204,7 @@ class Comparison(ExactSum):
                 self._predicted_epoch += 1
                 self._led = int(stamp_ns[stop]), self.curve.account.accepted
         done.append(self._advance())
-        self._note_idle(int(stamp_ns[-1]), any(map(len, done)))
+        self._note_idle(int(stamp_ns[0]), int(stamp_ns[-1]), any(map(len, done)))
         return Compared.concatenate(done)
 
     def _match(self, now_ns: int) -> None:
@@ -244,11 +244,12 @@ class Comparison(ExactSum):
         epoch = self._epochs.setdefault(self._predicted_epoch, _Epoch())
         epoch.predicted, epoch.done_ns = old.predicted, old.done_ns
 
-    def _note_idle(self, newest_ns: int, compared: bool) -> None:
-        """Keep account of a stretch in which nothing is compared."""
-        curve, idle = self.curve, self.idle
+    def _note_idle(self, first_ns: int, newest_ns: int, compared: bool) -> None:
+        """Keep account of a stretch in which nothing is compared, from the first sample on."""
+        curve = self.curve
+        idle = self.idle or Idle(first_ns, first_ns, 0, 0, None)
         ahead_ns = None if curve.newest_ns is None else curve.newest_ns - newest_ns
-        if compared or idle is None or newest_ns < idle.since_ns:
+        if compared or newest_ns < idle.since_ns:
             self.idle = Idle(newest_ns, newest_ns, curve.account.accepted, curve.gaps, ahead_ns)
         else:
             self.idle = replace(idle, until_ns=newest_ns, ahead_ns=ahead_ns)

@@ -22,6 +22,7 @@ from robot_energy.physics.friction import FrictionModel
 from robot_energy.pipeline.friction_certainty import FrictionCertainty
 from robot_energy.report.formats import percent
 from robot_energy.uncertainty.band import Z90
+from robot_energy.units import JOULE_PER_KWH
 
 LONG_REST = 60.0  # s; from here on the drives are left on for nothing
 NIGHT = 3600.0  # s; a rest as long as that is a night or a break in production
@@ -122,7 +123,7 @@ def standby(
                 [FORM_OF_POSE * held_more, METER * saved if metered else 0.0],
             ]
         )
-        others.append(f"{state.name} {saved / 3.6e6:.3g} kWh")
+        others.append(f"{state.name} {saved / JOULE_PER_KWH:.3g} kWh")
         if best is None or saved > best[0]:
             best = saved, columns, state, used
     if best is None:
@@ -223,7 +224,7 @@ def regenerative(evidence: RecordedEvidence, model: RobotModel) -> Claim | None:
         share * evidence.brake_energy,
         columns,
         "assumed",
-        f"{evidence.brake_energy / 3.6e6:.3g} kWh went into the brake resistor, "
+        f"{evidence.brake_energy / JOULE_PER_KWH:.3g} kWh went into the brake resistor, "
         f"{part} of the energy from the grid",
         f"a regenerative supply that returns {percent(share, digits=0)}; or one DC bus for several "
         "robots, which keeps as much at most, and only while another robot drives",

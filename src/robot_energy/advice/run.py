@@ -20,8 +20,8 @@ from robot_energy.model import RobotModel
 from robot_energy.optimization.rest_states import ASSUMED, RestState
 from robot_energy.results.advice import Advice, AdviceBasis, AdviceReport
 from robot_energy.results.model import model_used
+from robot_energy.units import JOULE_PER_KWH
 
-KWH = 3.6e6  # J
 DAY = 86_400.0  # s
 WORKING_DAYS = 250.0  # a year, assumed where the recordings do not say
 LABELS = {
@@ -211,6 +211,7 @@ def _advice(claim: Claim, basis: AdviceBasis) -> Advice:
     per_day = per_hour * basis.hours_per_day
     per_year = per_day * basis.days_per_year
     year = claim.energy * per_year
+    kwh = year / JOULE_PER_KWH
     pairs = [pair for pair in OVERLAPS if claim.name in pair]
     return Advice(
         name=claim.name,
@@ -223,8 +224,8 @@ def _advice(claim: Claim, basis: AdviceBasis) -> Advice:
         energy_per_day=claim.energy * per_day,
         energy_per_year=year,
         half_per_year=claim.half * per_year,
-        cost_per_year=None if basis.price_per_kwh is None else year / KWH * basis.price_per_kwh,
-        co2_per_year=None if basis.co2_kg_per_kwh is None else year / KWH * basis.co2_kg_per_kwh,
+        cost_per_year=None if basis.price_per_kwh is None else kwh * basis.price_per_kwh,
+        co2_per_year=None if basis.co2_kg_per_kwh is None else kwh * basis.co2_kg_per_kwh,
         sure=claim.sure,
         found=claim.found,
         change=claim.change,

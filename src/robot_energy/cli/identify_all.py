@@ -84,7 +84,7 @@ def run(args: Namespace) -> int:
     Raises:
         RobotEnergyError: If bags or model cannot be used, or nothing can be identified.
     """
-    from robot_energy.api.identify import identify_all
+    from robot_energy.api.identify_all import identify_all
     from robot_energy.report.document import Document
     from robot_energy.report.identify_all import identification_document, identification_lead
 

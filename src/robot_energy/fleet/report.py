@@ -16,7 +16,7 @@ from robot_energy.fleet.bag_joints import BagJoints, bag_joints
 from robot_energy.fleet.findings import RobotsCompared, compare
 from robot_energy.fleet.sisters import MIN_SISTERS, Levels
 from robot_energy.fleet.tables import FleetTables
-from robot_energy.page.settings import JOULE_PER_KWH, PageSettings
+from robot_energy.page.settings import PageSettings
 from robot_energy.results.fleet import (
     FleetFinding,
     FleetReport,
@@ -27,6 +27,7 @@ from robot_energy.results.fleet import (
     RobotEnergy,
     ShiftEnergy,
 )
+from robot_energy.units import JOULE_PER_KWH
 
 DEGC_STEP = 10.0  # of the table of the model's error [K]
 CURVE_STEP = 5.0  # of the curves of friction [K]

@@ -7,6 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from robot_energy.shown_text import shown
+from robot_energy.units import JOULE_PER_WH
+
 MAX_SHOWN = 5  # digits of the largest flow
 GRID, BUS, CABINET, BRAKE = "grid", "bus", "cabinet", "brake"
 FRICTION, DRIVES, MOTION, CAPACITOR = "friction", "drives", "motion", "capacitor"
@@ -224,3 +227,34 @@ def flow_picture(parts: FlowParts, base: float = 1.0) -> FlowPicture | None:
     kept = [flow for flow in flows if flow.units > 0]
     used = {node for flow in kept for node in (flow.source, flow.target)}
     return FlowPicture(unit, net, kept, {node: labels[node] for node in labels if node in used})
+
+
+def registers_picture(registers: dict[str, Any]) -> FlowPicture | None:
+    """Return the flows of the energies since the registers were set to zero.
+
+    Args:
+        registers: As `PageReaders.registers` returns them. [J]
+
+    Returns:
+        The flows, in units that read well in Wh; None where an energy is unknown.
+    """
+    joints = registers["joints"]
+    parts = FlowParts(
+        [shown(joint["name"]) for joint in joints],
+        [joint["rigid_energy"] for joint in joints],
+        [joint["friction_energy"] for joint in joints],
+        [joint["drive_loss_energy"] for joint in joints],
+        loss_dc=registers["loss_dc_energy"],
+        loss_grid=registers["loss_grid_energy"],
+        brake=registers["brake_energy"],
+        capacitor=registers["capacitor_energy"],
+        returned=registers["predicted_return_energy"],
+        auxiliary=[
+            (
+                known_label(shown(load["name"]), load["known_time"], load["missing_time"]),
+                load["energy"],
+            )
+            for load in registers["auxiliary"]
+        ],
+    )
+    return flow_picture(parts, JOULE_PER_WH)

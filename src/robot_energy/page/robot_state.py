@@ -12,7 +12,7 @@ import numpy as np
 from robot_energy.blocks import NANOSECOND, Float, MeterLocation, Phase, Quality, TemperatureOrigin
 from robot_energy.cdr import RawBatch, Run, stamp_ns
 from robot_energy.page.alarms import QUALITY_REMEDIES, PageFinding
-from robot_energy.page.energy_flow import FlowParts, flow_picture, known_label
+from robot_energy.page.energy_flow import FlowParts, flow_picture, registers_picture
 from robot_energy.page.history import HistoryRing
 from robot_energy.page.job_rows import job_rows, last_job
 from robot_energy.page.json_numbers import plain
@@ -29,10 +29,10 @@ from robot_energy.page.messages import (
     TOTALS,
     PageReaders,
 )
-from robot_energy.page.settings import JOULE_PER_KWH, CostCounter, PageSettings
+from robot_energy.page.settings import CostCounter, PageSettings
 from robot_energy.shown_text import shown
+from robot_energy.units import JOULE_PER_KWH, JOULE_PER_WH
 
-JOULE_PER_WH = 3600.0
 STALE_AFTER = 2.0  # without power states all live figures are stale [s]
 STALE_PERIODS = 3.0  # the same, where a power state covers more time [periods]
 MEAN_OVER = 1.0  # of the powers in tables and in the flow picture [s]
@@ -301,27 +301,7 @@ class RobotState:
         return None if picture is None else picture.plain()
 
     def _energy_flow(self) -> dict[str, Any] | None:
-        found = self._registers
-        if found is None:
-            return None
-        joints = found["joints"]
-        parts = FlowParts(
-            [shown(joint["name"]) for joint in joints],
-            [joint["rigid_energy"] for joint in joints],
-            [joint["friction_energy"] for joint in joints],
-            [joint["drive_loss_energy"] for joint in joints],
-            loss_dc=found["loss_dc_energy"],
-            loss_grid=found["loss_grid_energy"],
-            brake=found["brake_energy"],
-            capacitor=found["capacitor_energy"],
-            returned=found["predicted_return_energy"],
-            auxiliary=[
-                (known_label(shown(load["name"]), load["known_time"], load["missing_time"]),
-                 load["energy"])
-                for load in found["auxiliary"]
-            ],
-        )  # fmt: skip
-        picture = flow_picture(parts, JOULE_PER_WH)
+        picture = None if self._registers is None else registers_picture(self._registers)
         return None if picture is None else picture.plain(JOULE_PER_WH)
 
     def _loads(self, live: bool) -> list[dict[str, Any]]:

@@ -10,10 +10,10 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator, model_valida
 
 from robot_energy.config_file import load
 from robot_energy.errors import PageError
+from robot_energy.units import JOULE_PER_KWH
 
 DAYS = ("mon", "tue", "wed", "thu", "fri", "sat", "sun")
 MAX_PERIODS = 50
-JOULE_PER_KWH = 3.6e6
 SECOND_NS = 1_000_000_000
 
 Price = Annotated[float, Field(ge=0.0, le=100.0, allow_inf_nan=False)]

@@ -10,8 +10,7 @@ from robot_energy.report.canvas import SERIES, Target, canvas, named_ticks
 from robot_energy.report.document import Column, Document
 from robot_energy.report.formats import energy_text, fixed, percent, significant
 from robot_energy.results.advice import Advice, AdviceReport
-
-KWH = 3.6e6  # J
+from robot_energy.units import JOULE_PER_KWH
 
 
 def advice_document(report: AdviceReport, page: Document) -> None:
@@ -61,9 +60,10 @@ def advice_document(report: AdviceReport, page: Document) -> None:
 def _verdict(report: AdviceReport) -> str:
     if not report.advice:
         return "No saving is claimed: what was found is smaller than its own uncertainty"
+    saved = significant(3)(report.energy_per_year / JOULE_PER_KWH)
     return (
-        f"{significant(3)(report.energy_per_year / KWH)} kWh a year can be saved, without what "
-        "overlaps; predicted from recordings, nothing was tried"
+        f"{saved} kWh a year can be saved, without what overlaps; predicted from recordings, "
+        "nothing was tried"
     )
 
 
@@ -73,10 +73,12 @@ def _table(page: Document, title: str, rows: tuple[Advice, ...], report: AdviceR
     columns = [
         Column("change", "label"),
         Column("of the\nenergy", "relative", percent),
-        Column("an hour", lambda one: one.energy_per_hour / KWH, significant(3), "kWh"),
-        Column("a day", lambda one: one.energy_per_day / KWH, significant(3), "kWh"),
-        Column("a year", lambda one: one.energy_per_year / KWH, significant(3), "kWh"),
-        Column("90 %\nband", lambda one: one.half_per_year / KWH, significant(2), "+- kWh"),
+        Column("an hour", lambda one: one.energy_per_hour / JOULE_PER_KWH, significant(3), "kWh"),
+        Column("a day", lambda one: one.energy_per_day / JOULE_PER_KWH, significant(3), "kWh"),
+        Column("a year", lambda one: one.energy_per_year / JOULE_PER_KWH, significant(3), "kWh"),
+        Column(
+            "90 %\nband", lambda one: one.half_per_year / JOULE_PER_KWH, significant(2), "+- kWh"
+        ),
         Column("rests on", "sure"),
     ]
     if report.basis.price_per_kwh is not None:
@@ -92,8 +94,8 @@ def _savings(rows: tuple[Advice, ...], path: Target) -> None:
     with canvas(path, (8.0, 1.2 + 0.45 * len(rows)), "savings in a year") as figure:
         axes: Any = figure.subplots()
         place = np.arange(len(rows))[::-1]
-        energy = np.array([one.energy_per_year for one in rows]) / KWH
-        half = np.array([one.half_per_year for one in rows]) / KWH
+        energy = np.array([one.energy_per_year for one in rows]) / JOULE_PER_KWH
+        half = np.array([one.half_per_year for one in rows]) / JOULE_PER_KWH
         colours = [SERIES[2] if one.claimed else SERIES[6] for one in rows]
         axes.barh(place, energy, 0.6, color=colours)
         axes.errorbar(energy, place, xerr=half, fmt="none", ecolor="#16202b", capsize=3)

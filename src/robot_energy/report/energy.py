@@ -9,10 +9,11 @@ from dataclasses import fields
 from robot_energy.model.drive_models import DRIVE_MODELS
 from robot_energy.page.energy_flow import FlowParts, flow_picture
 from robot_energy.report.document import Column, Document, FlowDiagram
-from robot_energy.report.formats import WATT_HOUR, EnergyFormat, energy_text, fixed, percent
+from robot_energy.report.formats import EnergyFormat, energy_text, fixed, percent
 from robot_energy.results.energy import EnergyBreakdown, EnergyReport, JointEnergy
 from robot_energy.results.uncertainty import EnergyUncertainty
 from robot_energy.shown_text import shown
+from robot_energy.units import JOULE_PER_WH
 
 QUALITY_NAMES = {
     "temperature_missing": "temperature missing, fallback used",
@@ -95,7 +96,7 @@ def add_flow(
         returned=total("grid_return"),
         auxiliary=auxiliary,
     )
-    picture = flow_picture(parts, WATT_HOUR)
+    picture = flow_picture(parts, JOULE_PER_WH)
     if picture is not None and picture.flows:
         page.add(FlowDiagram(picture, caption))
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from datetime import UTC, datetime
 
-from robot_energy.page.settings import JOULE_PER_KWH, PageSettings
+from robot_energy.page.settings import PageSettings
 from robot_energy.report.document import Column, Document, Tiles
 from robot_energy.report.fleet_figures import (
     energy_of_robots,
@@ -20,15 +20,18 @@ from robot_energy.report.formats import (
     percent,
     signed_percent,
     significant,
+    some_names,
     uncertain,
 )
 from robot_energy.report.headline import duration
 from robot_energy.report.identification import friction_document
 from robot_energy.results.fleet import FleetFinding, FleetFriction, FleetReport, RobotEnergy
 from robot_energy.results.identification import FrictionReport
+from robot_energy.units import JOULE_PER_KWH
 
 HOUR = 3600.0  # s
 MAX_REFUSED = 50  # bags that are listed
+MAX_SENTENCES = 10  # on robots to look at; the table has all
 CAUSES = {
     "payload": "payload",
     "wear": "wear",
@@ -67,7 +70,7 @@ def fleet_headline(report: FleetReport) -> str:
     energy = sum(one.grid_energy for one in report.robots)
     standby = sum(one.standby_energy for one in report.robots)
     time = sum(one.observed_time for one in report.robots)
-    concerned = ", ".join(dict.fromkeys(one.robot for one in report.findings))
+    concerned = some_names([one.robot for one in report.findings])
     return (
         f"{counted(len(report.robots), 'robot')}, {counted(report.bags, 'bag')}, {duration(time)}: "
         f"{number(energy / JOULE_PER_KWH, 2)} kWh from the grid, predicted, "
@@ -111,7 +114,7 @@ def _tiles(report: FleetReport, settings: PageSettings) -> Tiles:
         (
             "Robots to look at",
             f"{len(concerned)} of {len(report.robots)}",
-            ", ".join(concerned) if concerned else "none differs or has changed",
+            some_names(concerned) or "none differs or has changed",
         ),
         (
             "Energy from the grid",
@@ -157,9 +160,11 @@ def _findings(report: FleetReport, page: Document) -> None:
     page.heading("Robots to look at")
     if not report.findings:
         page.paragraph("No robot differs from its sisters, and none has changed.")
-    for one in report.findings:
+    for one in report.findings[:MAX_SENTENCES]:
         good = one.kind in ("wear", "energy", "friction") and one.size < 0
         page.paragraph(f"{one.robot}: {one.sentence}", "note" if good else "problem")
+    if more := len(report.findings[MAX_SENTENCES:]):
+        page.paragraph(f"{counted(more, 'finding')} more in the table")
     if report.findings:
         page.rows(
             "How much, and how sure",
@@ -271,7 +276,8 @@ def _friction(report: FleetReport, page: Document) -> None:
         page.figure(
             lambda path: friction_by_temperature(curves, path),
             "Measured friction torque over that of the model, by mean motor temperature of a "
-            "bag: median of the robots, the middle eight tenths of them, and robots to look at.",
+            "bag: median of the robots, the middle eight tenths of them, and the first six robots "
+            "to look at.",
         )
         page.figure(
             lambda path: friction_by_week(curves, path),

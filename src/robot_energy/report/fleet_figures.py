@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from robot_energy.page.settings import JOULE_PER_KWH
 from robot_energy.report.canvas import (
     COLOURS,
     PART_COLOURS,
@@ -20,9 +19,11 @@ from robot_energy.report.canvas import (
     panels,
 )
 from robot_energy.results.fleet import FrictionCurve, ModelError, RobotEnergy
+from robot_energy.units import JOULE_PER_KWH
 
 PANELS = 2  # in a row: they must be read on a phone
 MAX_BARS = 40  # robots that are drawn
+MAX_LINES = 6  # robots to look at, in a panel
 SECOND_NS = 1_000_000_000
 
 
@@ -128,6 +129,7 @@ def _drawn(axes: Any, x: Any, middle: Any, robots: Sequence[str], lines: Any) ->
     low, median, high = (np.array(values, dtype=np.float64) for values in middle)
     axes.fill_between(x, low, high, color=COLOURS["predicted"], alpha=0.15, linewidth=0)
     axes.plot(x, median, color=COLOURS["predicted"])
-    for colour, (robot, values) in enumerate(zip(robots, lines, strict=True), 1):
+    named = zip(robots[:MAX_LINES], lines[:MAX_LINES], strict=True)
+    for colour, (robot, values) in enumerate(named, 1):
         known = np.array(values, dtype=np.float64)
         axes.plot(x, known, "o-", color=SERIES[colour % len(SERIES)], markersize=3, label=robot)

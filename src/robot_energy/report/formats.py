@@ -11,10 +11,10 @@ import re
 from collections.abc import Callable, Iterable, Sequence
 
 from robot_energy.page.energy_flow import rounded_parts
+from robot_energy.units import JOULE_PER_WH
 
 NOTHING = "-"
 MAX_PLAIN = 1e9  # greater numbers have an exponent
-WATT_HOUR = 3600.0  # J
 SMALL = 1e-3  # below it figures with a standard deviation have a power of ten
 RAISED = str.maketrans(
     "0123456789+-", "\u2070\u00b9\u00b2\u00b3\u2074\u2075\u2076\u2077\u2078\u2079\u207a\u207b"
@@ -51,7 +51,7 @@ class EnergyFormat:
         self.unit, self.factor = next((u for u in units if largest >= u[1]), units[-1])
         lead = largest / self.factor if largest > 0 else 1.0
         self.digits = _digits(lead)
-        self.watt_hour_digits = _digits(max(largest, 1.0) / WATT_HOUR)
+        self.watt_hour_digits = _digits(max(largest, 1.0) / JOULE_PER_WH)
 
     def joule(self, energy: float | None) -> str:
         """Return an energy in the report's unit.
@@ -78,7 +78,7 @@ class EnergyFormat:
         """
         if energy is None:
             return NOTHING
-        return f"{number(energy / WATT_HOUR, self.watt_hour_digits)} Wh"
+        return f"{number(energy / JOULE_PER_WH, self.watt_hour_digits)} Wh"
 
     def watt_hour_parts(self, energies: Sequence[float]) -> list[str]:
         """Return parts of an energy in Wh; as shown they sum to the whole.
@@ -86,7 +86,7 @@ class EnergyFormat:
         Args:
             energies: The parts. [J]
         """
-        texts = summing([energy / WATT_HOUR for energy in energies], self.watt_hour_digits)
+        texts = summing([energy / JOULE_PER_WH for energy in energies], self.watt_hour_digits)
         return [f"{text} Wh" for text in texts]
 
 
@@ -258,6 +258,18 @@ def counted(count: int, one: str, many: str = "") -> str:
         many: Its plural; empty for that with an s.
     """
     return f"{count} {one if count == 1 else many or one + 's'}"
+
+
+def some_names(names: Iterable[str], limit: int = 5) -> str:
+    """Return names in one line, each once; how many more there are beyond a limit.
+
+    Args:
+        names: In their order.
+        limit: How many are named, >= 1.
+    """
+    once = list(dict.fromkeys(names))
+    more = [f"{len(once) - limit} more"] if len(once) > limit else []
+    return ", ".join([*once[:limit], *more])
 
 
 def grouped(notes: Sequence[str]) -> list[str]:

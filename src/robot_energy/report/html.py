@@ -29,8 +29,9 @@ from robot_energy.report.document import (
     Text,
     Tiles,
 )
-from robot_energy.report.formats import WATT_HOUR, number, percent, typeset
+from robot_energy.report.formats import number, percent, typeset
 from robot_energy.shown_text import shown_lines
+from robot_energy.units import JOULE_PER_WH
 
 NUMBER = ' class="n"'
 PROSE = 24  # characters from which a cell is read as a sentence
@@ -142,18 +143,18 @@ def _tile(name: str, value: str, note: str) -> str:
 def _flow(diagram: FlowDiagram) -> str:
     """The picture, drawn by the script of the live page, and the same as a table."""
     picture = diagram.picture
-    digits = max(0, round(-math.log10(picture.unit / WATT_HOUR)))
+    digits = max(0, round(-math.log10(picture.unit / JOULE_PER_WH)))
     drawn = sum(flow.units for flow in picture.flows if flow.source == GRID)
     rows = [
         (
             picture.labels[flow.source],
             picture.labels[flow.target],
-            number(flow.units * picture.unit / WATT_HOUR, digits),
+            number(flow.units * picture.unit / JOULE_PER_WH, digits),
             percent(flow.units / drawn if drawn else None),
         )
         for flow in picture.flows
     ]
-    data = escaped(json_text(picture.plain(WATT_HOUR)))
+    data = escaped(json_text(picture.plain(JOULE_PER_WH)))
     table = _table(Table("", ("from", "to", "Wh", "share"), rows))
     return (
         f'<figure class="flow"><div class="figure" data-flow="{data}"></div>'

@@ -10,11 +10,11 @@ import numpy as np
 
 from robot_energy.blocks import Float
 from robot_energy.report.canvas import MAX_TICK, SERIES, Axes, Target, canvas
-from robot_energy.report.formats import WATT_HOUR
 from robot_energy.report.headline import error_of, observed_time
 from robot_energy.report.jobs import job_kinds, mean_energy
 from robot_energy.results.replay import ReplayReport
 from robot_energy.shown_text import shown
+from robot_energy.units import JOULE_PER_WH
 
 MARKERS = "osD^v"  # of the jobs of one robot
 
@@ -46,7 +46,7 @@ def trend(groups: Mapping[str, Sequence[ReplayReport]], path: Target) -> None:
                 _line(axes[1], place, [net / time if time else None for net, time in power], style)
             for marker, kind in zip(cycle(MARKERS), job_kinds(group), strict=False):
                 jobs = [[job for job in one.jobs if job.name == kind] for one in group]
-                values = [mean_energy(one) / WATT_HOUR if one else None for one in jobs]
+                values = [mean_energy(one) / JOULE_PER_WH if one else None for one in jobs]
                 label = shown(f"{name}: {kind}" if len(groups) > 1 else kind, 2 * MAX_TICK)
                 _line(axes[1], place, values, style | {"marker": marker, "label": label})
         axes[0].axhline(0.0, color="#9a9a9a", linewidth=0.8)

@@ -53,14 +53,17 @@ def test_arrays_of_messages_take_one_axis_more():
     """Names of unequal length put the numbers at irregular distances."""
     msgtype = "ros2_energy_msgs/msg/PowerState"
     fixed = {"phase": 2, "meter_location": 1, "band": 1}
-    encoder = Encoder(msgtype, {"model_id": "kr16", "joints.name": NAMES, **fixed})
+    encoder = Encoder(
+        msgtype, {"model_id": "kr16", "joints.name": NAMES, **fixed}, {"auxiliary": 0}
+    )
     assert "joints.shaft_power" in encoder.fields
     assert "phase" not in encoder.fields
-    shape = {f: (5, 3) if f.startswith("joints.") else (5,) for f in encoder.fields}
+    axes = {"joints": (3,), "auxiliary": (0,)}
+    shape = {f: (5, *axes.get(f.split(".")[0], ())) for f in encoder.fields}
     columns = {}
     for k, (field, size) in enumerate(shape.items()):
         values = np.arange(np.prod(size)).reshape(size) + 100 * k
-        whole = "stamp" in field or field == "quality"
+        whole = "stamp" in field or field == "quality" or not values.size
         columns[field] = values if whole else values / 7
     rows = encoder.encode(columns, 5)
     paths = [p for p in leaf_paths(compile_schema(msgtype, _store())) if p != "header.frame_id"]

@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 
 import polars as pl
 import pytest
@@ -15,6 +16,9 @@ from robot_energy.fleet.report import fleet_report
 from robot_energy.fleet.tables import FleetTables
 from robot_energy.model import load
 from robot_energy.page.settings import PageSettings, PricePeriod
+from robot_energy.report.document import Document
+from robot_energy.report.fleet import fleet_document, fleet_headline
+from robot_energy.report.html import page_html
 from robot_energy_papers.fleet_study import judged
 from robot_energy_papers.generated_fleet import FleetPlan
 
@@ -70,6 +74,17 @@ def test_a_dataset_on_disk_gives_the_same_report(tmp_path, report, tables):
     assert [one.robot for one in again.robots] == [one.robot for one in report.robots]
     for before, one in zip(report.robots, again.robots, strict=True):
         assert one.grid_energy == pytest.approx(before.grid_energy, rel=1e-9)
+
+
+def test_many_robots_to_look_at_fit_on_a_page(report):
+    one = report.findings[0]
+    many = tuple(replace(one, robot=f"robot-{number:03d}") for number in range(40))
+    page = Document("Fleet")
+    fleet_document(replace(report, findings=many), page, PageSettings())
+    text = page_html(page)
+    assert text.count("robot-039") == 1  # in the table alone
+    assert "30 findings more" in text
+    assert fleet_headline(replace(report, findings=many)).count("robot-0") < 10
 
 
 def test_standby_costs_what_the_hour_costs(tables, report):

@@ -1,0 +1,44 @@
+"""Lines of Python in the packages, and how many of them the monitor nodes load.
+
+Run it in the environment of the set-up: ``python .ci/lines.py``.
+"""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+PACKAGES = {
+    "robot_energy": ROOT / "src/robot_energy",
+    "robot_energy_papers": ROOT / "src/robot_energy_papers",
+    "ros2_energy_monitor": ROOT / "ros2_energy_monitor/ros2_energy_monitor",
+}
+NODES = ("torque_monitor", "friction_monitor", "power_monitor", "energy_monitor")
+
+
+def lines(path: Path) -> int:
+    """Return the number of lines of a file."""
+    return len(path.read_text(encoding="utf-8").splitlines())
+
+
+def main() -> None:
+    """Print the table."""
+    sys.path[:0] = [str(folder.parent) for folder in PACKAGES.values()]
+    for node in NODES:
+        importlib.import_module(f"ros2_energy_monitor.nodes.{node}")
+    loaded = {Path(module.__file__).resolve() for module in list(sys.modules.values())
+              if getattr(module, "__file__", None)}  # fmt: skip
+    print(f"{'package':<20} {'lines':>7} {'of the monitor nodes':>21}")
+    sums = [0, 0]
+    for name, folder in PACKAGES.items():
+        files = list(folder.rglob("*.py"))
+        counts = [sum(map(lines, files)), sum(lines(one) for one in files if one in loaded)]
+        sums = [before + count for before, count in zip(sums, counts, strict=True)]
+        print(f"{name:<20} {counts[0]:7d} {counts[1]:21d}")
+    print(f"{'all':<20} {sums[0]:7d} {sums[1]:21d}")
+
+
+if __name__ == "__main__":
+    main()
