@@ -234,22 +234,23 @@ def identify_auxiliary(
 
     used, paths = model_of(model), paths_of(bags)
     loads = used.auxiliary or ()
-    if not loads:
+    if not any(load.metered or len(load.states) > 1 for load in loads):
         raise NotIdentifiableError(
-            "the model has no auxiliary loads", "the key auxiliary with loads and their states"
+            "the model has no auxiliary load with a meter or with several states",
+            "the key auxiliary with loads, their states and the topics of both",
         )
     source = BagSource(paths, None, inputs, progress=progress, sensors=sensors)
     _, read = source.meaning()
     gain = (sensors or DEFAULT_LIMITS).std.meter
     held = [read_loads(path, loads, read) for path in paths]
     fits: list[LoadsFit] = []
-    refused: list[str] = []
+    refused: list[NotIdentifiableError] = []
     for load in loads:
         if load.metered:
             try:
                 fits.append(fit_own(load, [own_readings(part, load) for part in held], gain))
             except NotIdentifiableError as error:
-                refused.append(str(error))
+                refused.append(error)
     others = [load for load in loads if not load.metered and len(load.states) > 1]
     if others and outlet_meter:
         recordings = source.recordings(used)
@@ -260,16 +261,26 @@ def identify_auxiliary(
         try:
             fits.append(fit_outlet(others, parts, gain))
         except NotIdentifiableError as error:
-            refused.append(str(error))
+            refused.append(error)
     elif others:
         names = ", ".join(load.name for load in others)
-        refused.append(f"{names}: no meter of their own, and --outlet-meter is not given")
+        refused.append(
+            NotIdentifiableError(
+                f"no meter of {names}",
+                "a meter of each load, or one at the outlet that sees the cabinet as well",
+                "state --outlet-meter where the power meter of the recordings sits there",
+            )
+        )
     if not fits:
-        raise NotIdentifiableError("; ".join(refused), "recordings with meters and states")
+        raise NotIdentifiableError(
+            "; ".join(dict.fromkeys(one.found for one in refused)),
+            refused[0].expected,
+            refused[0].remedy,
+        )
     written = _made_from(
         with_states(used, fits, _names(paths)), "Powers of auxiliary loads identified.", paths
     )
-    return IdentificationResult(written, LoadStatesReport(tuple(fits), tuple(refused)))
+    return IdentificationResult(written, LoadStatesReport(tuple(fits), tuple(map(str, refused))))
 
 
 def identify_dynamics(

@@ -28,6 +28,7 @@ from robot_energy.optimization.run import Optimum, optimise
 from robot_energy.optimization.task import Task, make_task
 from robot_energy.optimization.timed_form import TimedForm
 from robot_energy.optimization.timed_moves import law_limits, timed_moves
+from robot_energy.physics.collision import SelfCollision, touching_moves
 from robot_energy.results.optimization import OptimizationReport
 from robot_energy.results.optimization_figures import optimization_report, with_supply
 
@@ -181,15 +182,17 @@ def optimize(
                 "point-to-point moves, whose place or order can change",
             )
         changed = form
+        shapes = _shapes(used, form, name, notes)
         if any_order:
-            changed = form.reordered(best_order(form, chain, task.wait_power), chain.robot)
+            order = best_order(form, chain, task.wait_power, shapes)
+            changed = form.reordered(order, chain.robot)
             moved = task_of(changed)
             variants["order"] = moved.table.cost(moved.base)
         if place is not None:
             box = np.asarray(place, dtype=np.float64)
-            placed = alone = best_place(changed, chain, box, link, task.wait_power)
+            placed = alone = best_place(changed, chain, box, link, task.wait_power, shapes)
             if any_order:
-                alone = best_place(form, chain, box, link, task.wait_power)
+                alone = best_place(form, chain, box, link, task.wait_power, shapes)
             at_place = task_of(form.moved(alone.joint_position, chain.robot))
             variants["place"] = at_place.table.cost(at_place.base)
             notes.append(_where(placed))
@@ -212,10 +215,38 @@ def optimize(
 
 def _where(placed: Placement) -> str:
     shift = ", ".join(f"{1e3 * value:+.0f}" for value in placed.offset)
+    touching = f"; at {placed.touching} cheaper ones the robot would touch itself"
     return (
         f"the workpiece is shifted by {shift} mm in the base frame, the best of {placed.tried} "
-        f"places, {placed.reachable} of them within all limits; collisions were not checked"
+        f"places, {placed.reachable} of them within all limits{touching * (placed.touching > 0)}"
     )
+
+
+def _shapes(
+    model: RobotModel, form: PtpForm, program: str, notes: list[str]
+) -> SelfCollision | None:
+    """Shapes of the robot for moves that are new; None where the URDF has none."""
+    shapes = SelfCollision(model)
+    if not shapes.pairs:
+        notes.append(
+            "collisions were not checked: the URDF has no boxes, cylinders or spheres as collision "
+            "shapes of links that could touch each other"
+        )
+        return None
+    found = touching_moves(shapes, form.joint_position)
+    if found is not None:
+        raise MotionError(
+            f"in move {form.labels[found[0]]} of '{program}' as it is, links '{found[1]}' and "
+            f"'{found[2]}' touch each other by the collision shapes of the URDF",
+            "a program in which the robot does not touch itself",
+            "correct the program or the shapes",
+        )
+    meshes = f"; meshes of {', '.join(shapes.without)} were not" if shapes.without else ""
+    notes.append(
+        f"self-collision was checked by the shapes of {', '.join(shapes.links)}{meshes}; what "
+        "stands around the robot was not looked at"
+    )
+    return shapes
 
 
 def _temperatures(given: float | tuple[float, float], model: RobotModel) -> Float:

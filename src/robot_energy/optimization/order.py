@@ -1,7 +1,8 @@
 """Order of independent moves: the cheapest round trip through all configurations.
 
 Each configuration keeps its rest and is visited once; the first stays the first. The energy between
-two configurations is that of the move as the program makes it. Up to `EXACT` configurations the
+two configurations is that of the move as the program makes it; a move in which the robot would
+touch itself is never made. Up to `EXACT` configurations the
 best order is found by dynamic programming over sets (Held and Karp); beyond, parts of the order are
 turned round as long as that saves energy, which finds a good order, not surely the best.
 """
@@ -17,19 +18,27 @@ from robot_energy.errors import MotionError
 from robot_energy.optimization.candidates import Candidates, PtpMoves
 from robot_energy.optimization.chain import PowerChain
 from robot_energy.optimization.ptp_form import PtpForm
+from robot_energy.physics.collision import SelfCollision
 
 EXACT = 11  # configurations
 MAX_CONFIGURATIONS = 60
 MIN_CHANGE = 1e-6  # J; less is rounding
 
 
-def best_order(form: PtpForm, chain: PowerChain, wait_power: float = 0.0) -> Int:
+def best_order(
+    form: PtpForm,
+    chain: PowerChain,
+    wait_power: float = 0.0,
+    collision: SelfCollision | None = None,
+) -> Int:
     """Return the cheapest order of the configurations of a program that is not slower.
 
     Args:
         form: The program; its moves have the same shares of speed and acceleration.
         chain: The robot at its temperatures.
         wait_power: Power of the wait that takes what is left of the cycle. [W]
+        collision: Shapes of the robot, which touches itself in no move of the program as it is;
+            None: not looked at.
 
     Returns:
         Indices of the configurations, shape (K,); as it is if no other order saves energy.
@@ -53,6 +62,10 @@ def best_order(form: PtpForm, chain: PowerChain, wait_power: float = 0.0) -> Int
     )
     use = chain.moves(PtpMoves(via[start], via[goal], form.full_limits), every)
     energy = (use.energy - wait_power * use.duration).reshape(count, count)
+    if collision is not None:
+        for first, second in combinations(range(count), 2):
+            if collision.touching_on_the_way(via[first], via[second]) is not None:
+                energy[first, second] = energy[second, first] = np.inf
     order = _exact(energy) if count <= EXACT else _turned(energy)
     now = np.arange(count)
     duration = use.duration.reshape(count, count)

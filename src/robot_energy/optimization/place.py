@@ -3,7 +3,8 @@
 The workpiece, or the base the other way, is shifted in a box without being turned. Each
 configuration follows by inverse kinematics from where it is now, so elbow and wrist keep their
 sides; a place that a configuration cannot reach within its limits is left out. Between two
-configurations joints move in step, so limits hold there as well.
+configurations joints move in step, so limits hold there as well. Where the URDF has collision
+shapes, a place is left out where the robot would touch itself, on the way too.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from robot_energy.motion.inverse_kinematics import InverseKinematics
 from robot_energy.optimization.candidates import Candidates, PtpMoves
 from robot_energy.optimization.chain import TORQUE_SHARE, PowerChain
 from robot_energy.optimization.ptp_form import PtpForm
+from robot_energy.physics.collision import SelfCollision, touching_moves
 
 POINTS = 5  # along each axis of the box, in each of two rounds
 SMALL = 1e-6  # m, below which an axis of the box is none
@@ -33,16 +35,23 @@ class Placement:
         joint_position: Configurations there, shape (K, n). [rad] or [m]
         tried: Places that were looked at.
         reachable: Of them, within all limits and no slower.
+        touching: Of these, cheaper than what was found, but the robot would touch itself.
     """
 
     offset: Float
     joint_position: Float
     tried: int
     reachable: int
+    touching: int = 0
 
 
 def best_place(
-    form: PtpForm, chain: PowerChain, box: Float, link: str, wait_power: float = 0.0
+    form: PtpForm,
+    chain: PowerChain,
+    box: Float,
+    link: str,
+    wait_power: float = 0.0,
+    collision: SelfCollision | None = None,
 ) -> Placement:
     """Look for the place where the program as it is needs least energy.
 
@@ -53,6 +62,7 @@ def best_place(
             fixed. [m]
         link: Frame that holds the work.
         wait_power: Power of the wait that takes what is left of the cycle. [W]
+        collision: Shapes of the robot; None: not looked at.
 
     Returns:
         The place; where it is now if none is better.
@@ -65,20 +75,27 @@ def best_place(
         raise MotionError(
             f"the box has half widths {box.tolist()} m", "three lengths >= 0 m, one of them > 0"
         )
-    search = _Search(form, chain, link, wait_power)
+    search = _Search(form, chain, link, wait_power, collision)
     steps = [np.linspace(-1.0, 1.0, POINTS) if side >= SMALL else np.zeros(1) for side in box]
     best, offset = search.best(np.array(list(product(*steps))) * box, np.zeros(3))
     finer = box / (POINTS - 1)
     around = np.clip(offset + np.array(list(product(*steps))) * finer, -box, box)
     best, offset = search.best(around, offset)
-    return Placement(offset, best, search.tried, search.reachable)
+    return Placement(offset, best, search.tried, search.reachable, search.touching)
 
 
 class _Search:
     """Costs of the program at many places at once."""
 
-    def __init__(self, form: PtpForm, chain: PowerChain, link: str, wait_power: float) -> None:
-        self._wait = wait_power
+    def __init__(
+        self,
+        form: PtpForm,
+        chain: PowerChain,
+        link: str,
+        wait_power: float,
+        collision: SelfCollision | None,
+    ) -> None:
+        self._wait, self._collision = wait_power, collision
         self._form, self._chain = form, chain
         self._poses = [chain.robot.link_pose(via, link) for via in form.joint_position]
         self._kinematics = [
@@ -87,7 +104,7 @@ class _Search:
             else InverseKinematics(chain.robot, link)
             for pose in self._poses
         ]
-        self.tried = self.reachable = 0
+        self.tried = self.reachable = self.touching = 0
         energy, self._period, _ = self._costs(form.joint_position[None])
         self._least = float(energy[0])
         self._found = form.joint_position
@@ -108,10 +125,12 @@ class _Search:
         energy, period, torque = self._costs(np.array(places))
         usable = (period <= self._period[0] * (1 + 1e-9)) & (torque <= TORQUE_SHARE)
         self.reachable += int(usable.sum())
-        energy = np.where(usable, energy, np.inf)
-        row = int(np.argmin(energy))
-        if energy[row] < self._least:
-            self._least, self._found, offset = float(energy[row]), places[row], kept[row]
+        cheaper = np.flatnonzero(usable & (energy < self._least))
+        for row in cheaper[np.argsort(energy[cheaper])].tolist():
+            if self._collision is None or touching_moves(self._collision, places[row]) is None:
+                self._least, self._found = float(energy[row]), places[row]
+                return self._found, kept[row]
+            self.touching += 1
         return self._found, offset
 
     def _at(self, offset: Float) -> Float:

@@ -1,6 +1,6 @@
 """Rigid-body dynamics of one robot in the joint order of its model file.
 
-The only module that imports Pinocchio.
+With `collision` the only module that imports Pinocchio.
 """
 
 from __future__ import annotations

@@ -326,7 +326,7 @@ def _inputs(page: Document, report: ReplayReport) -> None:
     page.rows(
         "Inputs",
         [
-            Column("", lambda entry: INPUT_NAMES.get(entry[0], entry[0])),
+            Column("", lambda entry: _input_name(entry[0])),
             Column("received", lambda entry: entry[1].received),
             Column("accepted", lambda entry: entry[1].accepted),
             Column(
@@ -358,3 +358,9 @@ SECTIONS: dict[str, Section] = {
     "Model and provenance": _model,
 }
 """Parts of a report about one recording, in their order; one that adds nothing has no heading."""
+
+
+def _input_name(key: str) -> str:
+    """The name of an input in the table, such as ``pump, meter`` for ``pump_meter_messages``."""
+    load, _, what = key.removesuffix("_messages").rpartition("_")
+    return INPUT_NAMES.get(key) or f"{load}, {what}"

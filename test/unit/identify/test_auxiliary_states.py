@@ -168,9 +168,9 @@ def test_loads_that_switch_together_are_refused(tmp_path):
 
 
 def test_what_is_missing_is_named(cells):
-    with pytest.raises(NotIdentifiableError, match="no auxiliary loads"):
+    with pytest.raises(NotIdentifiableError, match="no auxiliary load"):
         identify_auxiliary(cells, "mantis")
-    with pytest.raises(NotIdentifiableError, match="--outlet-meter is not given"):
+    with pytest.raises(NotIdentifiableError, match="State --outlet-meter"):
         identify_auxiliary(cells, cell_of_lamp_and_fan())
 
 

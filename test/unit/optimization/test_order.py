@@ -9,7 +9,10 @@ import yaml
 import robot_energy as re
 from places import ROOT
 from robot_energy.errors import MotionError
-from robot_energy.optimization.order import _exact, _round, _turned
+from robot_energy.model import load
+from robot_energy.optimization.chain import PowerChain
+from robot_energy.optimization.order import _exact, _round, _turned, best_order
+from robot_energy.optimization.ptp_form import PtpForm
 
 MOVES = ROOT / "src/examples/programs/kr16_pick_and_place.yaml"
 
@@ -54,3 +57,26 @@ def test_moves_with_speeds_of_their_own_keep_their_order(tmp_path):
     path = mixed(tmp_path, speed_share=[1.0, 0.5, 1.0, 1.0])
     with pytest.raises(MotionError, match="shares of their own"):
         re.optimize(path, "kr16", 40.0, any_order=True)
+
+
+class Wall:
+    """No robot: moves between two configurations touch."""
+
+    def __init__(self, first, second):
+        self._pair = {first.tobytes(), second.tobytes()}
+
+    def touching_on_the_way(self, start, goal):
+        touching = {start.tobytes(), goal.tobytes()} == self._pair
+        return ("hand", "wall") if touching else None
+
+
+def test_a_move_in_which_the_robot_touches_itself_is_never_made(tmp_path):
+    model = load("kr16")
+    chain = PowerChain(model, np.full((1, 6), 40.0))
+    form = PtpForm(mixed(tmp_path), chain.robot)
+    free = best_order(form, chain)
+    via = form.joint_position[free]
+    kept = best_order(form, chain, 0.0, Wall(via[2], via[3]))
+    pairs = [{int(a), int(b)} for a, b in zip(kept, np.roll(kept, -1), strict=True)]
+    assert {int(free[2]), int(free[3])} not in pairs
+    assert sorted(kept.tolist()) == [0, 1, 2, 3]

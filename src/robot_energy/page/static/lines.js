@@ -1,7 +1,8 @@
 // Power over time: mean lines, the range from lowest to highest, and a cursor to read values.
 import { clock, drawn, energy, known, number, percent, byId, setText, watts } from "./format.js";
 
-const LEFT = 52;
+const MIN_LEFT = 52;
+const DIGIT = 7; // width of one in the labels of the axis
 const BOTTOM = 24;
 const GRID = 0; // channels: predicted grid power, measured, predicted at the meter
 const MEASURED = 1;
@@ -57,13 +58,15 @@ export function drawLines(host, ring, meter, span, stale) {
   const first = ring.number[0];
   const last = ring.number[ring.number.length - 1];
   const right = width - 8;
-  const x = (number) => LEFT + ((number - first + 0.5) / Math.max(1, last - first + 1)) * (right - LEFT);
+  const label = (level) => `${number(level, step < 1 ? 1 : 0)}${level + step > top + step / 2 ? " W" : ""}`;
+  const left = Math.max(MIN_LEFT, DIGIT * label(top).length + 12);
+  const x = (number) => left + ((number - first + 0.5) / Math.max(1, last - first + 1)) * (right - left);
   const y = (power) => 8 + (1 - (power - floor) / (top - floor)) * (height - BOTTOM - 8);
   const svg = drawn("svg", { viewBox: `0 0 ${width} ${height}`, height, role: "img", tabindex: "0",
     "aria-label": `Power over time, ${watts(Math.min(...lows))} to ${watts(Math.max(...highs))}; arrow keys read values` });
   for (let level = floor; level <= top + step / 2; level += step) {
-    svg.append(drawn("line", { class: "rule", x1: LEFT, x2: right, y1: y(level), y2: y(level) }),
-      drawn("text", { class: "soft", x: LEFT - 7, y: y(level) + 4, "text-anchor": "end" }, `${number(level, step < 1 ? 1 : 0)}${level + step > top + step / 2 ? " W" : ""}`));
+    svg.append(drawn("line", { class: "rule", x1: left, x2: right, y1: y(level), y2: y(level) }),
+      drawn("text", { class: "soft", x: left - 7, y: y(level) + 4, "text-anchor": "end" }, label(level)));
   }
   const ticks = width < 560 ? 3 : 6;
   for (let tick = 0; tick < ticks; tick += 1) {
@@ -80,7 +83,7 @@ export function drawLines(host, ring, meter, span, stale) {
   const seconds = span ? span.seconds : null;
   const covered = known(seconds) ? seconds / ((last - first + 1) * ring.width) : null;
   setText(byId("lines-note"), `In this span ${energy(span?.energy)} from the grid, predicted; ${percent(Math.min(1, covered), 0)} of it covered.${stale ? " No new figures arrive." : ""}`);
-  attachCursor(svg, ring, main, x, { first, last, left: LEFT, right, bottom: height - BOTTOM });
+  attachCursor(svg, ring, main, x, { first, last, left, right, bottom: height - BOTTOM });
 }
 
 function pieces(ring) {

@@ -263,7 +263,7 @@ def joint_limits(root: ET.Element, joint_names: Sequence[str]) -> JointLimits:
     )
 
 
-def for_dynamics(root: ET.Element) -> str:
+def for_dynamics(root: ET.Element, keep: str = "") -> str:
     """Return the URDF with what the dynamics need alone, and in the way the parser accepts.
 
     Limits play no part in the dynamics and are opened wide, since the parser refuses joints
@@ -272,6 +272,7 @@ def for_dynamics(root: ET.Element) -> str:
 
     Args:
         root: From `parse`; changed in place.
+        keep: Element of links that is kept as well.
     """
     wide = {"lower": -UNLIMITED, "upper": UNLIMITED, "velocity": UNLIMITED, "effort": UNLIMITED}
     for element in list(root):
@@ -279,7 +280,7 @@ def for_dynamics(root: ET.Element) -> str:
             root.remove(element)
             continue
         for part in list(element):
-            if part.tag not in _OF_DYNAMICS[element.tag]:
+            if part.tag not in (*_OF_DYNAMICS[element.tag], keep):
                 element.remove(part)
     for joint in root.findall("joint"):
         if joint.get("type") == "continuous":
