@@ -20,7 +20,6 @@ from robot_energy.pipeline.power_stage import PowerStage
 from robot_energy.pipeline.settings import Settings
 from robot_energy.pipeline.torque_stage import TorqueStage
 
-
 TOGETHER_NS = 60_000_000  # of stamps that go through the stages together, at least [ns]
 
 
