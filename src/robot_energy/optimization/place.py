@@ -107,7 +107,7 @@ class _Search:
         self.tried = self.reachable = self.touching = 0
         energy, self._period, _ = self._costs(form.joint_position[None])
         self._least = float(energy[0])
-        self._found = form.joint_position
+        self._found: Float = form.joint_position
 
     def best(self, offsets: Float, offset: Float) -> tuple[Float, Float]:
         """Return configurations and offset of the best place so far."""
@@ -126,7 +126,7 @@ class _Search:
         usable = (period <= self._period[0] * (1 + 1e-9)) & (torque <= TORQUE_SHARE)
         self.reachable += int(usable.sum())
         cheaper = np.flatnonzero(usable & (energy < self._least))
-        for row in cheaper[np.argsort(energy[cheaper])].tolist():
+        for row in map(int, cheaper[np.argsort(energy[cheaper])]):
             if self._collision is None or touching_moves(self._collision, places[row]) is None:
                 self._least, self._found = float(energy[row]), places[row]
                 return self._found, kept[row]

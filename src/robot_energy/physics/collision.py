@@ -3,6 +3,8 @@
 Boxes, cylinders and spheres are looked at, by Coal through Pinocchio; meshes are never opened.
 Links that one joint connects, and links of one body, are not compared with each other, nor are
 shapes that overlap in the neutral pose (all joints at zero): they are larger than the links.
+
+Source: URDF specification, element `collision`; Pinocchio, `GeometryModel`.
 """
 
 from __future__ import annotations
